@@ -61,8 +61,6 @@ def _round(link: Impairment, timing: Timing) -> Round:
 class SenderNode(Node):
     """Publishes a query each period."""
 
-    subscribes: ClassVar[tuple[type[Packet], ...]] = ()
-    publishes: ClassVar[tuple[type[Packet], ...]] = (EnvironmentQuery,)
     wakes_on_arrival: ClassVar[bool] = False
     wake_ns: int | None = None  # an attribute in place of the property
 
@@ -98,8 +96,6 @@ class WatchedLink(Link[Packet]):
 class ReceiverNode(Node):
     """Records the times of packets, in ns, until it has enough."""
 
-    subscribes: ClassVar[tuple[type[Packet], ...]] = (EnvironmentQuery,)
-    publishes: ClassVar[tuple[type[Packet], ...]] = ()
     wakes_on_arrival: ClassVar[bool] = True
     wake_ns: int | None = None
 

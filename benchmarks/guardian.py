@@ -23,6 +23,8 @@ from forcebound.devices.truth_file import TruthFile
 from forcebound.messages.control import GetStatus
 from forcebound.monitor.control import ask_launcher
 from forcebound.monitor.measure import Round, Timing
+from forcebound.roles import LAUNCHER
+from forcebound.topology import ONE_HAND
 
 DURATION = 60.0
 ROOT = Path(__file__).parent.parent
@@ -165,7 +167,7 @@ def _seconds_to_zero(folder: Path, launch: "subprocess.Popen[bytes]") -> float:
         return found is not None and any(found.torque)
 
     _awaited(has_torque, launch)
-    (run_dir,) = (each.parent for each in folder.glob("*/control-launcher"))
+    (run_dir,) = (each.parent for each in folder.glob(f"*/{ONE_HAND.nodes[LAUNCHER].socket}"))
     device = ask_launcher(run_dir, GetStatus()).nodes["device"].pid
     _awaited(has_torque, launch)
     start_ns = time.monotonic_ns()

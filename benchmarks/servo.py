@@ -16,12 +16,14 @@ from functools import partial
 from pathlib import Path
 from typing import ClassVar
 
+from msgspec.structs import replace
+
 from benchmarks.harness import Figure, Result, alternate, at, chain, compare, compiled, missed
 from forcebound.devices import DeviceModel
 from forcebound.devices.phantom import PhantomPremium15
 from forcebound.environments.wall import Wall
 from forcebound.errors import RunError
-from forcebound.messages.packets import DeviceState, ForceCommand, Packet, Telemetry
+from forcebound.messages.packets import DeviceState, ForceCommand, Packet
 from forcebound.monitor.measure import READY, WARMUP, Round, Timing, apart, wake_ups
 from forcebound.network.sockets import Network
 from forcebound.nodes import Node
@@ -32,8 +34,9 @@ from forcebound.operators import Operator
 from forcebound.operators.sinusoidal import SinusoidalHand
 from forcebound.process import Runner, Stop
 from forcebound.process import run as run_node
-from forcebound.processes import PROCESSES
 from forcebound.realtime import Settings, enter, freeze_garbage, wait_until
+from forcebound.roles import CONTROLLER, DEVICE, ROLES
+from forcebound.topology import ONE_HAND, Graph
 from forcebound.workers import serving
 
 DURATION = 24.0
@@ -63,7 +66,7 @@ def run(duration: float, rate: float) -> Result:
 
 
 def _c_loop(program: Path, settings: Settings, timing: Timing) -> Round:
-    priority = PROCESSES["device"].priority
+    priority = ROLES[DEVICE].priority
     words = (program, settings.core, settings.policy, priority, timing[0], WARMUP, timing[1])
     done = subprocess.run(list(map(str, words)), capture_output=True, timeout=READY + timing[1])
     if done.returncode:
@@ -82,8 +85,6 @@ def _ticks(settings: Settings, timing: Timing) -> Round:
 class AnswerNode(Node):
     """Controller and environment in one: answers each state with the force of a wall."""
 
-    subscribes: ClassVar[tuple[type[Packet], ...]] = (DeviceState, Telemetry)
-    publishes: ClassVar[tuple[type[Packet], ...]] = (ForceCommand,)
     wakes_on_arrival: ClassVar[bool] = True
     wake_ns: int | None = None
 
@@ -107,8 +108,13 @@ class AnswerNode(Node):
 
 
 def answer_states(folder: Path, settings: Settings) -> None:
-    """Answer the states of a device until killed."""
-    run_node(AnswerNode(), "controller", folder, {}, settings, Stop())
+    """Take the telemetry of a device, too, and answer its states until killed."""
+    streams = [
+        replace(stream, receiver=CONTROLLER) if stream.topic == "telemetry" else stream
+        for stream in ONE_HAND.streams
+    ]
+    graph = Graph(ONE_HAND.nodes, tuple(streams))
+    run_node(AnswerNode(), CONTROLLER, folder, {}, settings, Stop(), graph=graph)
 
 
 def ticks(

@@ -20,9 +20,9 @@ from forcebound.config.graph import (
 )
 from forcebound.config.schema import SUBSTITUTION, properties
 from forcebound.geometry.proxy import Surface
-from forcebound.messages.packets import LINKS
 from forcebound.network.impairment import GilbertElliott, Impairment, Outage, Slot
 from forcebound.nodes.servo import ServoSettings
+from forcebound.topology import LINKS
 
 _HEAD = """# Keys of launch files
 

@@ -35,7 +35,7 @@ class PacketError(ForceboundError, ValueError):
     """Received bytes are not the promised packet.
 
     Attributes:
-        reason: One word for counting: ``"malformed"``, ``"version"``, ``"keys"`` or ``"value"``.
+        reason: One word for counting: ``"malformed"``, ``"version"`` or ``"value"``.
     """
 
     def __init__(self, reason: str, message: str) -> None:

@@ -8,7 +8,6 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from forcebound.messages.packets import (
-    LINKS,
     TOPIC_OF,
     EnvironmentQuery,
     EnvironmentReply,
@@ -16,6 +15,7 @@ from forcebound.messages.packets import (
     Packet,
     Telemetry,
 )
+from forcebound.topology import LINKS
 
 if TYPE_CHECKING:
     import numpy as np

@@ -6,7 +6,7 @@ How it works:
    process on another core costs more than the messages themselves; launcher and recorder stay
    off that core (:func:`choose_core`, :func:`leave_core`).
 2. On that core the nodes run under SCHED_FIFO, the device above the controller above the
-   environment (:data:`forcebound.processes.PROCESSES`). Never without a core of their own: FIFO
+   environment (:data:`forcebound.roles.ROLES`). Never without a core of their own: FIFO
    processes that wander between cores are slower than ordinary ones.
 3. The kernel may be late by the timer slack, 50 us by default; 1 ns costs nothing and needs no
    right.
@@ -18,7 +18,7 @@ How it works:
    still when the wait is short.
 
 Nothing here is required for a correct run, only for a punctual one. What is not permitted becomes a
-:class:`~forcebound.processes.Fact`, with what to do about it, and the run goes on.
+:class:`~forcebound.roles.Fact`, with what to do about it, and the run goes on.
 """
 
 import ctypes
@@ -31,7 +31,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from forcebound.errors import ConfigError
-from forcebound.processes import NODES, PROCESSES, Fact
+from forcebound.roles import ROLES, Fact
 
 PR_SET_PDEATHSIG = 1  # <linux/prctl.h>
 PR_SET_TIMERSLACK = 29  # <linux/prctl.h>
@@ -134,14 +134,14 @@ def enter(settings: Settings, role: str) -> list[Fact]:
 
     Args:
         settings: What is wanted.
-        role: ``"device"``, ``"controller"`` or ``"environment"``; any other role (the recorder)
-            is kept off the chain's core and scheduled ordinarily.
+        role: Of this process. One without a priority (the recorder) is kept off the chain's core
+            and scheduled ordinarily.
 
     Returns:
         What was set and what was not permitted.
     """
     _libc.prctl(PR_SET_TIMERSLACK, ctypes.c_ulong(TIMER_SLACK_NS))
-    if role not in NODES:
+    if not ROLES[role].priority:
         leave_core(settings.core)
         return []
     facts = [_pin(settings.core), _schedule(settings, role)]
@@ -206,7 +206,7 @@ def die_with_parent(signal_number: int) -> None:
 def permits_fifo() -> bool:
     """Return whether this process may use SCHED_FIFO, by doing so for an instant."""
     policy, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
-    highest = max(process.priority for process in PROCESSES.values())
+    highest = max(role.priority for role in ROLES.values())
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(highest))
     except OSError:
@@ -243,7 +243,7 @@ def _schedule(settings: Settings, role: str) -> Fact:
     if settings.core is None or os.sched_getaffinity(0) != {settings.core}:
         why = "because SCHED_FIFO without a core of its own is slower"
         return Fact("fifo_without_core", f"{ordinary}, {why}")
-    priority = PROCESSES[role].priority
+    priority = ROLES[role].priority
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
     except PermissionError:

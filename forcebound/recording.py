@@ -1,8 +1,8 @@
 """Recordings: an MCAP file of every packet of a run, and its reader.
 
-One channel per topic (``/device_state`` ...), JSON messages, and a jsonschema with units for each,
-so that a recording opens in Foxglove and PlotJuggler. A metadata record ``forcebound``
-holds the resolved launch file, the versions and the seed as text.
+One channel per name of a stream (``/device_state``, ``/left/device_state`` ...), JSON messages, and
+a jsonschema with units for each, so that a recording opens in Foxglove and PlotJuggler. A metadata
+record ``forcebound`` holds the resolved launch file, the versions and the seed as text.
 
 * **A killed recorder loses only the packets after the last** :meth:`Recorder.flush`. MCAP collects
   messages in compressed chunks, and a chunk is in the file only when it is finished; ``flush``
@@ -47,8 +47,9 @@ from forcebound.messages.packets import (
     Vector,
     field_types,
 )
-from forcebound.recording_schema import is_optional, plain_type, schema
+from forcebound.recording_schema import ABSENT, is_optional, plain_type, schema
 from forcebound.telemetry import FIELDS, TelemetryCollector, TelemetryColumns
+from forcebound.topology import HAND, ONE_HAND, Graph, Stream
 
 ENERGY_BEFORE = "energy_before"  # key of the metadata, and of the status of a device
 
@@ -63,6 +64,7 @@ class Recorder:
         metadata: Texts by key, for example the resolved launch file, the versions, the seed.
         clock_offset_ns: Added to a packet's ``time_ns`` to give its log time, in ns. A live run
             passes wall clock minus monotonic clock at its start, virtual time 0.
+        graph: Whose streams are recorded.
 
     Raises:
         ConfigError: If the file cannot be created.
@@ -73,6 +75,7 @@ class Recorder:
         path: str | PathLike[str],
         metadata: Mapping[str, str],
         clock_offset_ns: int = 0,
+        graph: Graph = ONE_HAND,
     ) -> None:
         try:
             self._file = Path(path).open("wb")  # noqa: SIM115 - open until close()
@@ -84,27 +87,30 @@ class Recorder:
         self._writer.start(profile="", library="forcebound")
         self._writer.add_metadata(METADATA_NAME, dict(sorted(metadata.items())))
         # All topics from the start: the file does not depend on which packet happens to come first.
-        self._channels = {packet: self._register(topic) for packet, topic in TOPIC_OF.items()}
+        self._channels = {
+            (TOPICS[stream.topic], stream.hand or HAND): self._register(stream)
+            for stream in {each.name: each for each in graph.streams}.values()
+        }
         self.flush()
 
     def _register(
-        self, topic: str
+        self, stream: Stream
     ) -> tuple[int, tuple[str, ...], Callable[[Packet], tuple[Any, ...]]]:
-        packet = TOPICS[topic].packet
+        packet = TOPICS[stream.topic]
         schema_id = self._writer.register_schema(
             f"forcebound.{packet.__name__}", "jsonschema", json.dumps(schema(packet)).encode()
         )
-        channel = self._writer.register_channel(f"/{topic}", "json", schema_id)
+        channel = self._writer.register_channel(f"/{stream.name}", "json", schema_id)
         names = tuple(field_types(packet))
         return channel, names, attrgetter(*names)
 
     def write(self, packet: Packet) -> None:
         """Record one packet; in the file after the next :meth:`flush` or a full chunk (1 MiB)."""
-        channel, names, values_of = self._channels[type(packet)]
+        channel, names, values_of = self._channels[type(packet), packet.hand]
         document = {
             name: value
             for name, value in zip(names, values_of(packet), strict=True)
-            if value is not None
+            if value is not None and value != ""
         }
         log_time = packet.time_ns + self._clock_offset_ns
         # The sequence of an MCAP message has 32 bits; the packet's own is in the message.
@@ -184,7 +190,7 @@ class Recording:
         for topic in topics:
             if topic not in TOPICS:
                 raise ConfigError(f"no topic {topic!r}; there are {', '.join(TOPICS)}")
-        for _, packet in self._decoded({topic: _decoder(TOPICS[topic].packet) for topic in topics}):
+        for _, packet in self._decoded({topic: _decoder(TOPICS[topic]) for topic in topics}):
             yield packet
 
     @cached_property
@@ -322,7 +328,8 @@ def _decoder(packet: type[Packet]) -> Callable[[bytes], Packet]:
 
     def read_message(data: bytes) -> Packet:
         values = zip(readers, values_of(decode(data)), strict=True)
-        return build(*(value if reader is None else reader(value) for reader, value in values))
+        *read, hand = (v if reader is None else reader(v) for reader, v in values)
+        return build(*read, hand=hand)
 
     return read_message
 
@@ -331,6 +338,7 @@ def _message(packet: type[Packet], names: Sequence[str], absent: UnsetType | Non
     """Return the class of a recorded message with these fields; ``absent`` is no value."""
     hints = get_type_hints(packet, include_extras=True)
     fields = [_recorded_field(name, hints[name], absent) for name in names]
+    fields = [(*field, ABSENT[field[0]]) if field[0] in ABSENT else field for field in fields]
     return defstruct(f"Recorded{packet.__name__}", fields, kw_only=True, gc=False)
 
 

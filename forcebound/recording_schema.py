@@ -16,8 +16,10 @@ from forcebound.messages.packets import (
     Vector,
     field_types,
 )
+from forcebound.topology import HAND
 
 DESCRIPTIONS: dict[str, str] = {
+    "hand": "hand to whose loop the packet belongs; absent: the only one, or all",
     "seq": "count of this packet at its sender, from 0",
     "time_ns": "sender's monotonic clock, ns",
     "elapsed": "time since the force engaged for the first time, s; 0 before",
@@ -53,6 +55,7 @@ DESCRIPTIONS: dict[str, str] = {
     "proxy": "where the tip would be if it could enter nothing, m; absent: free motion",
     "normal": "outward unit normal at the proxy",
     "objects": "what there is to draw, m",
+    "proxies": "where the virtual tips are, m, by hand; a hand in free motion has none",
     "environment": "name of an environment; in a query, of the serving one",
     "node": "process that sent the event",
     "event": "kind of event, one word",
@@ -61,9 +64,12 @@ DESCRIPTIONS: dict[str, str] = {
     "data": "details for programs",
 }  # meaning and unit of the packets' fields, for the schemas
 
+#: Fields that a message may lack beside those without a value, and what that means.
+ABSENT: dict[str, Any] = {"hand": HAND, "proxies": {}}
+
 _UNITS_OF = {
     "s": ("elapsed", "loop_delay", "reply_age"),
-    "m": ("position", "true_position", "proxy", "objects", "cut_position"),
+    "m": ("position", "true_position", "proxy", "proxies", "objects", "cut_position"),
     "rad": ("joints",),
     "N m": ("torques",),
     "m/s": ("velocity",),
@@ -90,7 +96,7 @@ def schema(packet: type[Packet]) -> dict[str, Any]:
             name: _field_schema(hint) | {"description": DESCRIPTIONS[name]}
             for name, hint in types.items()
         },
-        "required": [name for name, hint in types.items() if not is_optional(hint)],
+        "required": [n for n, hint in types.items() if not is_optional(hint) and n not in ABSENT],
     }
 
 

@@ -16,7 +16,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from heapq import heappop, heappush
 from random import Random
-from typing import Annotated
+from typing import Annotated, TypeAlias
 
 from forcebound.errors import ConfigError
 from forcebound.messages.codec import encode
@@ -25,8 +25,12 @@ from forcebound.network.link import Link
 from forcebound.nodes import Node
 from forcebound.nodes.servo import ServoSettings
 from forcebound.quantities import NOT_NEGATIVE, Frequency, Time, check_ranges
+from forcebound.topology import HAND, ONE_HAND, Graph
 
 _ARRIVAL, _WAKE = 0, 1  # order of entries of the same time
+
+# What tells the streams of a graph apart: the class of their packets, and their hand.
+_Key: TypeAlias = tuple[type[Packet], str]
 
 
 @dataclass(frozen=True)
@@ -74,14 +78,15 @@ class Simulation:
     """A graph of nodes in virtual time.
 
     Args:
-        nodes: The nodes; each topic has one publisher and at most one subscriber among them.
-        links: Impaired links by topic; a topic that is not here has a perfect link, which delivers
-            at once and keeps only the newest packet for a node that takes it later.
+        nodes: The nodes, in the order in which those of one instant are stepped.
+        links: Impaired links by stream; a stream that is not here has a perfect link, which
+            delivers at once and keeps only the newest packet for a node that takes it later.
         observe: Called with each packet at its sending, in order.
         observed: Packets to call it with.
+        graph: Which node receives what another one sends.
 
     Raises:
-        ConfigError: If a subscribed topic has no publisher.
+        ConfigError: If a node needs a stream that none of the nodes sends.
     """
 
     def __init__(
@@ -90,39 +95,42 @@ class Simulation:
         links: Mapping[str, Link[Packet]],
         observe: Callable[[Packet], None],
         observed: Collection[type[Packet]] = tuple(TOPIC_OF),
+        graph: Graph = ONE_HAND,
     ) -> None:
         self.nodes = nodes
+        self.graph = graph
         self._observe = observe
         self._observed = frozenset(observed)
-        self._mail: list[dict[type[Packet], Packet]] = [{} for _ in nodes]  # delivered, not taken
+        self._mail: list[dict[_Key, Packet]] = [{} for _ in nodes]  # delivered, not taken
         self._links: list[list[Link[Packet]]] = [[] for _ in nodes]
-        self._routes: dict[type[Packet], tuple[int, Link[Packet] | None, bool]] = {}
+        self._routes: dict[_Key, tuple[int, Link[Packet] | None, bool]] = {}
+        self._keys: dict[str, _Key] = {}  # of the streams that a node receives
         self._heap: list[tuple[int, int, int, int]] = []  # time, kind, number, node
         self._number = 0
         self._due: list[list[int | None]] = [[None] * len(nodes), [None] * len(nodes)]  # by kind
         self._now: deque[int] = deque()  # nodes to which something was delivered just now
         self.time_ns = 0
-        published = {packet for node in nodes for packet in node.publishes}
+        names = [node.events.node for node in nodes]
         for index, node in enumerate(nodes):
-            for packet in node.subscribes:
-                topic = TOPIC_OF[packet]
-                if packet not in published:
-                    raise ConfigError(f"no node of the graph publishes {topic}")
-                link = links.get(topic)
-                self._routes[packet] = (index, link, node.wakes_on_arrival)
+            for stream in graph.received(names[index]):
+                if stream.sender not in names:
+                    raise ConfigError(f"no node of the graph publishes {stream.name}")
+                key = self._keys[stream.name] = (TOPICS[stream.topic], stream.hand or HAND)
+                link = links.get(stream.name)
+                self._routes[key] = (index, link, node.wakes_on_arrival)
                 if link is not None:
                     self._links[index].append(link)
             self._schedule(_WAKE, index, node.wake_ns)
 
-    def link(self, topic: str) -> Link[Packet] | None:
-        """Return the model of the link of a topic; None if it is perfect."""
-        return self._routes[TOPICS[topic].packet][1]
+    def link(self, stream: str) -> Link[Packet] | None:
+        """Return the model of the link of a stream; None if it is perfect."""
+        return self._routes[self._keys[stream]][1]
 
-    def set_link(self, topic: str, link: Link[Packet]) -> None:
+    def set_link(self, stream: str, link: Link[Packet]) -> None:
         """Impair a link that was perfect."""
-        packet = TOPICS[topic].packet
-        index, _, wakes_on_arrival = self._routes[packet]
-        self._routes[packet] = (index, link, wakes_on_arrival)
+        key = self._keys[stream]
+        index, _, wakes_on_arrival = self._routes[key]
+        self._routes[key] = (index, link, wakes_on_arrival)
         self._links[index].append(link)
 
     def run(self, until_ns: int) -> None:
@@ -152,7 +160,8 @@ class Simulation:
             kind = type(packet)
             if kind in observed:
                 self._observe(packet)
-            route = routes.get(kind)
+            key = kind, packet.hand
+            route = routes.get(key)
             if route is None:
                 continue
             receiver, model, wakes_on_arrival = route
@@ -164,7 +173,7 @@ class Simulation:
                 if wakes_on_arrival:
                     self._schedule(_ARRIVAL, receiver, model.next_due_ns)
                 continue
-            self._mail[receiver][kind] = packet
+            self._mail[receiver][key] = packet
             if wakes_on_arrival and receiver not in self._now:
                 self._now.append(receiver)
         if links and node.wakes_on_arrival:

@@ -12,7 +12,7 @@ with atheris.instrument_imports(include=["forcebound.messages", "msgpack"]):  # 
     from forcebound.messages.codec import decode, encode
     from forcebound.messages.packets import TOPIC_OF
 
-REASONS = {"malformed", "version", "keys", "value"}
+REASONS = {"malformed", "version", "value"}
 
 
 def one(data: bytes) -> None:

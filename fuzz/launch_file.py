@@ -28,7 +28,7 @@ with atheris.instrument_imports(  # pyright: ignore[reportAttributeAccessIssue]
     from forcebound.errors import ConfigError
     from forcebound.launch.build import build_node
     from forcebound.launch.links import build_links
-    from forcebound.processes import NODES
+    from forcebound.topology import ONE_HAND
 
 FILE = Path(tempfile.mkdtemp(prefix="forcebound-fuzz-")) / "graph.yaml"
 SHIPPED = sorted((Path(__file__).parent.parent / "launch").glob("*.yaml"))
@@ -48,7 +48,7 @@ def one(data: bytes) -> None:
     build_links(config)
     if hasattr(config.device.model, "simulated_in"):
         return  # to build it opens a port
-    for kind in NODES:
+    for kind in ONE_HAND.loop:
         build_node(kind, config).close()
 
 

@@ -35,8 +35,9 @@ with atheris.instrument_imports(  # pyright: ignore[reportAttributeAccessIssue]
     from forcebound.errors import ConfigError
     from forcebound.files import content_of
     from forcebound.launch.results import RunResult
-    from forcebound.messages.packets import LINKS, TOPICS
+    from forcebound.messages.packets import TOPICS
     from forcebound.recording import read
+    from forcebound.topology import LINKS
 
 FILE = Path(tempfile.mkdtemp(prefix="forcebound-fuzz-")) / "run.mcap"
 DRAWN = 64  # one input in so many

@@ -4,7 +4,7 @@ import signal
 from dataclasses import dataclass
 from typing import TypeAlias
 
-from forcebound.processes import LOST
+from forcebound.roles import LOST
 
 DEVICE_LOST = "device_lost"  # the event
 
@@ -19,7 +19,9 @@ class Reported:
 
 @dataclass(frozen=True)
 class Engaged:
-    """The device has confirmed that the force engages."""
+    """A device has confirmed that the force engages."""
+
+    node: str
 
 
 @dataclass(frozen=True)
@@ -53,6 +55,8 @@ class StartRequested:
 class Resumed:
     """The user says that a lost device is in order, and in its home pose."""
 
+    node: str
+
 
 Event: TypeAlias = (
     Reported | Engaged | Ended | Interrupted | StopRequested | StartRequested | Resumed
@@ -61,7 +65,9 @@ Event: TypeAlias = (
 
 @dataclass(frozen=True)
 class Engage:
-    """Let the device engage the force."""
+    """Let a device engage the force."""
+
+    node: str
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,6 @@ from forcebound.config.resolved import with_parameters
 from forcebound.launch.build import change_environment, change_link
 from forcebound.launch.links import build_link
 from forcebound.messages.control import Configure, Parameters
-from forcebound.messages.packets import TOPIC_OF
 from forcebound.network.impairment import Impairment
 from forcebound.nodes.device import DeviceNode
 from forcebound.nodes.environment import EnvironmentNode
@@ -80,7 +79,7 @@ class Tuner:
 def _prefixes(graph: Runner | Simulation) -> Iterator[str]:
     """Prefixes of the parameters that belong to the nodes of a graph or process."""
     for node in graph.nodes:
-        yield from (f"links.{TOPIC_OF[packet]}." for packet in node.subscribes)
+        yield from (f"links.{each.name}." for each in graph.graph.received(node.events.node))
         if isinstance(node, EnvironmentNode):
             yield "environment."
         if isinstance(node, DeviceNode):

@@ -22,31 +22,42 @@ from forcebound.nodes.environment import EnvironmentNode
 from forcebound.nodes.lease import LEASE_NS
 from forcebound.nodes.servo import dissipation_of
 from forcebound.parts.user_module import describe_user_error
-from forcebound.processes import NODES
+from forcebound.roles import CONTROLLER, DEVICE, ENVIRONMENT
+from forcebound.topology import ONE_HAND, Graph
 
 
 def build_node(
-    kind: str,
+    name: str,
     config: GraphConfig,
-    environment_name: str = "environment",
+    environment_name: str = ENVIRONMENT,
     clock: Callable[[], int] | None = None,
+    graph: Graph = ONE_HAND,
 ) -> Node:
-    """Return the node of ``kind``, one of ``NODES``, with its parts, which are made if need be.
+    """Return a node of a graph with its parts, which are made if need be.
 
     Args:
-        kind: Of the node.
+        name: Of the node in the graph.
         config: Of the graph.
         environment_name: By which the graph knows this environment process from others.
         clock: Returns the time, in ns, for a device without stamps; None: virtual time.
+        graph: What the node belongs to.
+
+    Raises:
+        KeyError: If the graph has no such node.
     """
-    if kind == "device":
+    role = graph.nodes[name].role
+    if role == DEVICE:
         return build_device(config, clock)
-    if kind == "controller":
+    if role == CONTROLLER:
         return build_controller(config)
-    if kind == "environment":
-        computation, axes = _computation(config), config.device.axes
-        return EnvironmentNode(_served(config.environment), computation, environment_name, axes)
-    raise ValueError(f"expected a kind of node ({', '.join(NODES)}), got {kind!r}")
+    if role == ENVIRONMENT:
+        return _build_environment(config, environment_name)
+    raise KeyError(name)
+
+
+def _build_environment(config: GraphConfig, name: str) -> EnvironmentNode:
+    computation = _computation(config)
+    return EnvironmentNode(_served(config.environment), computation, name, config.device.axes)
 
 
 def build_controller(config: GraphConfig) -> ControllerNode:
@@ -56,7 +67,7 @@ def build_controller(config: GraphConfig) -> ControllerNode:
         ConfigError: If the controller's own code fails.
     """
     try:
-        controller = made("controller", config.controller).open(config.device.axes)
+        controller = made(CONTROLLER, config.controller).open(config.device.axes)
     except Exception as error:
         raise ConfigError(f"controller: open: {describe_user_error(error)}") from error
     return ControllerNode(controller, lease_ns(config), dead_lease_ns(config))
@@ -85,7 +96,7 @@ def build_device(
     Raises:
         DeviceError: If the device cannot be opened.
     """
-    model, servo = made("device", config.device.model), config.device.servo
+    model, servo = made(DEVICE, config.device.model), config.device.servo
     try:
         device = model.open(made("operator", config.operator), servo.opening_hold)
     except Exception as error:
@@ -110,7 +121,7 @@ def change_environment(node: EnvironmentNode, environment: EnvironmentConfig) ->
 
 
 def _served(environment: EnvironmentConfig) -> EnvironmentModel:
-    return replace(environment, model=made("environment", environment.model)).served
+    return replace(environment, model=made(ENVIRONMENT, environment.model)).served
 
 
 def _computation(config: GraphConfig) -> ComputationTime:

@@ -7,12 +7,12 @@
         +--- a node ended, an interrupt, too slow ----------+------------------------+
 
 While RUNNING, and only then, the end of a controller or an environment does not end the run: it is
-restarted (:mod:`forcebound.launch.restarts`), with zero force meanwhile. They may also be stopped
+restarted (:mod:`forcebound.launch.restarts`), with zero force until then. They may also be stopped
 and started on request; a node stopped on request stays stopped until a start request. A device
 that is lost and may wait (exit status ``LOST``) is started again when the user says that it is in
-order, and only then; its force engages anew. None of this delays the end of the run.
+order, and only then; its force engages again. None of this delays the end of the run.
 
-Stopping goes group by group (:mod:`forcebound.processes`): the device first, the recorder last. A
+Stopping goes group by group (:mod:`forcebound.roles`): the device first, the recorder last. A
 process that does not stop in time is killed. Only the first failure is reported.
 """
 
@@ -40,7 +40,8 @@ from forcebound.launch.actions import (
     describe_status,
 )
 from forcebound.launch.restarts import GIVE_UP_DEATHS, GIVE_UP_NS, Restarts
-from forcebound.processes import LOST, PROCESSES, RESTARTED, STOP_GROUPS
+from forcebound.roles import DEVICE, ENVIRONMENT, LOST, RECORDER, ROLES, STOP_GROUPS, Role
+from forcebound.topology import ONE_HAND, Graph
 
 ADVICE = (
     "the device is lost: zero force. Plug it in, switch it on, hold it in its home pose; then say"
@@ -87,13 +88,14 @@ class Lifecycle:
         limits: Time limits.
         remote_topics: Topics that come only when an environment on another machine answers. The
             start has no time limit while only these are missing.
+        graph: To which the processes belong.
 
     Attributes:
         phase: Present phase.
         failure: First failure; None without one.
         interrupted: Whether the run was ended on request.
-        is_lost: Whether the device is lost, and the run waits for the user's word.
-        is_returning: Whether it was started again, and its force does not engage yet.
+        lost: Devices that are lost, for which the run waits for the user's word.
+        returning: Devices that were started again, and whose force does not engage yet.
         restarts: Restarts done and planned.
     """
 
@@ -104,7 +106,9 @@ class Lifecycle:
         time_ns: int,
         limits: Limits,
         remote_topics: Collection[str] = (),
+        graph: Graph = ONE_HAND,
     ) -> None:
+        self._graph = graph
         self.phase = Phase.STARTING
         self._remote_topics = frozenset(remote_topics)
         self.failure: Failure | None = None
@@ -118,15 +122,25 @@ class Lifecycle:
         self._killed: set[str] = set()
         self._held: set[str] = set()  # stopped on request, not to be restarted
         self._leaving: dict[str, int] = {}  # stopping on request; killed at this time, in ns
-        self.is_lost = False
-        self.is_returning = False
+        self._engaged: set[str] = set()
+        self.lost: set[str] = set()
+        self.returning: set[str] = set()
         self.restarts = Restarts()
 
+    def _role(self, node: str) -> Role:
+        return ROLES[self._graph.nodes[node].role]
+
+    def _of_role(self, role: str) -> list[str]:
+        return [node for node in self._waiting if self._graph.nodes[node].role == role]
+
     @property
-    def is_engaging(self) -> bool:
-        """Whether the device is ready, and is to confirm that the force engages."""
-        returned = self.is_returning and self._waiting["device"] == ()
-        return self.phase is Phase.ENGAGING or (self.phase is Phase.RUNNING and returned)
+    def engaging(self) -> list[str]:
+        """Devices that are ready, and are to confirm that the force engages."""
+        if self.phase is Phase.ENGAGING:
+            return [node for node in self._of_role(DEVICE) if node not in self._engaged]
+        if self.phase is Phase.RUNNING:
+            return [node for node in sorted(self.returning) if self._waiting[node] == ()]
+        return []
 
     @property
     def deadline_ns(self) -> int | None:
@@ -150,7 +164,7 @@ class Lifecycle:
             return "starting" if self._waiting[node] is None else "running"
         if node in self.restarts.due_ns:
             return "restarting"
-        if node == "device" and self.is_lost:
+        if node in self.lost:
             return "lost"
         return "stopped" if node in self._held else "ended"
 
@@ -158,10 +172,10 @@ class Lifecycle:
         """Return why this node cannot be stopped or started on request now; None if it can."""
         if node not in self._waiting:
             known = ", ".join(self._waiting)
-            if node in RESTARTED:
+            if node in self._graph.nodes and self._role(node).is_restarted:
                 return f"the launcher of this graph does not run its {node}; it runs {known}"
             return f"no node {node!r} in this graph; its nodes are {known}"
-        if node not in RESTARTED:
+        if not self._role(node).is_restarted:
             return f"a run ends without its {node}; to end it, press Ctrl-C at its launcher"
         if self.phase is not Phase.RUNNING:
             phase = self.phase.name.lower()
@@ -188,18 +202,20 @@ class Lifecycle:
                 return self._on_stop_request(time_ns, node)
             case StartRequested(node) if self.refusal(node) is None:
                 return self._on_start_request(node)
-            case Resumed() if self.is_lost and self.phase is Phase.RUNNING:
-                return self._on_resume()
-            case Engaged() if self.phase is Phase.RUNNING:
-                self.is_returning = False
-            case Engaged() if self.phase is Phase.ENGAGING:
-                self.phase = Phase.RUNNING
-                duration_ns = self._duration_ns
-                self._phase_end_ns = None if duration_ns is None else time_ns + duration_ns
+            case Resumed(node) if node in self.lost and self.phase is Phase.RUNNING:
+                return self._on_resume(node)
+            case Engaged(node) if self.phase is Phase.RUNNING:
+                self.returning.discard(node)
+            case Engaged(node) if self.phase is Phase.ENGAGING:
+                self._engaged.add(node)
+                if not self.engaging:
+                    self.phase = Phase.RUNNING
+                    duration_ns = self._duration_ns
+                    self._phase_end_ns = None if duration_ns is None else time_ns + duration_ns
         if self.phase is Phase.STARTING and not self.not_ready:
             self.phase = Phase.ENGAGING
             self._phase_end_ns = time_ns + self._limits.engage_ns
-            return [Engage()]
+            return [Engage(node) for node in self.engaging]
         if (
             self.phase is Phase.STARTING
             and self._phase_end_ns is not None
@@ -209,11 +225,13 @@ class Lifecycle:
             message = (
                 "waiting for a remote environment; on its machine: forcebound node environment FILE"
             )
-            return [Announce("environment_awaited", "environment", message)]
+            return [Announce("environment_awaited", self._graph.of_role(ENVIRONMENT), message)]
         if self._phase_end_ns is not None and time_ns >= self._phase_end_ns:
             return self._on_deadline(time_ns)
         if self.phase is Phase.RUNNING:
-            engaging = [Engage()] if event == Reported("device", ()) and self.is_returning else []
+            engaging: list[Action] = []
+            if isinstance(event, Reported) and event.node in self.engaging:
+                engaging.append(Engage(event.node))
             return [*engaging, *self._kill_late(time_ns), *self._start_due(time_ns)]
         return []
 
@@ -271,17 +289,19 @@ class Lifecycle:
         self._fail(f"{node} ended unexpectedly {often}, the last time with {words}", node)
         return [death, *self._stop(time_ns)]
 
-    def _on_loss(self) -> list[Action]:
-        self.is_lost, self.is_returning = True, False
-        return [Announce(DEVICE_LOST, "device", ADVICE, is_fault=True)]
+    def _on_loss(self, node: str) -> list[Action]:
+        self.lost.add(node)
+        self.returning.discard(node)
+        return [Announce(DEVICE_LOST, node, ADVICE, is_fault=True)]
 
-    def _on_resume(self) -> list[Action]:
-        self.is_lost, self.is_returning = False, True
-        self.restarts.counts["device"] += 1
-        return self._start("device")
+    def _on_resume(self, node: str) -> list[Action]:
+        self.lost.discard(node)
+        self.returning.add(node)
+        self.restarts.counts[node] += 1
+        return self._start(node)
 
     def _on_departure(self, node: str, status: int, is_early: bool) -> list[Action]:
-        """Take the end of a node that was stopped; start it if that was requested meanwhile."""
+        """Take the end of a node that was stopped; start it if that was requested since."""
         words = describe_status(status)
         message = f"{node} stopped on request, with {words}"
         is_fault = status != 0 and not (status == -signal.SIGTERM and is_early)
@@ -297,12 +317,12 @@ class Lifecycle:
         self._alive.discard(node)
         is_early = self._waiting[node] is None  # possibly too early to handle a signal
         stopping = self.phase is Phase.STOPPING
-        if self.phase is Phase.RUNNING and node in RESTARTED:
+        if self.phase is Phase.RUNNING and self._role(node).is_restarted:
             if node in self._leaving:
                 return self._on_departure(node, status, is_early)
             return self._on_death(time_ns, node, status)
         if self.phase is Phase.RUNNING and status == LOST:
-            return self._on_loss()
+            return self._on_loss(node)
         if node in self._leaving:
             pass  # the run ended first
         elif stopping and is_early and -status in (signal.SIGTERM, signal.SIGKILL):
@@ -319,8 +339,9 @@ class Lifecycle:
         if self.phase is not Phase.STOPPING:
             self.interrupted = True
             return self._stop(time_ns)
-        # A second interrupt kills all except the device, which is about to write zero.
-        return [self._kill(node) for node in sorted(self._alive - {"device"} - self._killed)]
+        # A second interrupt kills all except the devices, which are about to write zero.
+        devices = self._of_role(DEVICE)
+        return [self._kill(node) for node in sorted(self._alive - {*devices} - self._killed)]
 
     def _on_deadline(self, time_ns: int) -> list[Action]:
         limits = self._limits
@@ -331,7 +352,8 @@ class Lifecycle:
             self._fail(f"not ready after {limits.start_ns * 1e-9:g} s: {reasons}")
             return self._stop(time_ns)
         if self.phase is Phase.ENGAGING:
-            self._fail("device does not answer the request to engage", "device")
+            silent = self.engaging[0]
+            self._fail(f"{silent} does not answer the request to engage", silent)
             return self._stop(time_ns)
         if self.phase is Phase.RUNNING:
             return self._stop(time_ns)
@@ -347,7 +369,7 @@ class Lifecycle:
     def _stop(self, time_ns: int) -> list[Action]:
         self.phase = Phase.STOPPING
         groups = [
-            [node for node in reversed(self._waiting) if PROCESSES[node].stop_group == group]
+            [node for node in reversed(self._waiting) if self._role(node).stop_group == group]
             for group in STOP_GROUPS
         ]
         self._stopping = [[], *groups]
@@ -364,7 +386,7 @@ class Lifecycle:
             self._phase_end_ns = None
             return []
         limits = self._limits
-        is_recorder = "recorder" in self._stopping[0]
+        is_recorder = any(node in self._stopping[0] for node in self._of_role(RECORDER))
         self._phase_end_ns = time_ns + (limits.recorder_stop_ns if is_recorder else limits.stop_ns)
         return [
             Terminate(node)

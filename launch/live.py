@@ -30,7 +30,6 @@ from forcebound.launch.run_directory import (
     RunDocument,
     own_run_directories,
     read_launch_document,
-    recorded_streams,
     run_directory,
     run_folders,
     updating,
@@ -42,12 +41,12 @@ from forcebound.launch.supervisor import Step, Supervisor
 from forcebound.messages.control import Configure, Parameters
 from forcebound.messages.packets import (
     TOPIC_OF,
-    TOPICS,
     EnvironmentReply,
     ForceCommand,
     Telemetry,
 )
-from forcebound.processes import PROCESSES
+from forcebound.roles import ENVIRONMENT, LAUNCHER
+from forcebound.topology import ONE_HAND
 
 # Hz, of the servo of a live run. A tick with its partners is longer than a shorter period; between
 # two ticks of a slower one nothing is heard of a request to engage or to stop. Not measured here:
@@ -95,24 +94,24 @@ def run_live(
     with run_directory() as run_dir:
         recording = run_dir / RECORDING if record is None else record.absolute()
         write_launch_document(run_dir, config)
-        topics = list(TOPICS)
+        recorded = list(ONE_HAND.names)
         if record is None:  # a summary needs no more
             contacts = [REPLY] if may_report_contacts(config.environment.model) else []
-            topics = [TELEMETRY, *contacts, EVENT]
+            recorded = [TELEMETRY, *contacts, EVENT]
         metadata = run_metadata(config)
-        streams = recorded_streams(run_dir, topics)
         run = RunDocument(
             os.getpid(),
             core,
             str(recording),
-            streams,
+            recorded,
             metadata,
             file,
             str(folder.resolve()),
         )
         run.write(run_dir)
         duration_ns = round((config.duration if duration is None else duration) * 1e9)
-        names = [name for name in PROCESSES if name != "environment" or _starts_here(config)]
+        elsewhere = {LAUNCHER} if _starts_here(config) else {LAUNCHER, ENVIRONMENT}
+        names = [name for name in run.graph.nodes if name not in elsewhere]
         commands = {name: node_command(name, run_dir) for name in names}
         cores = realtime.leave_core(core)
         try:
@@ -126,6 +125,7 @@ def run_live(
                 remote_topics=() if config.remote is None else REMOTE_TOPICS,
                 changes=partial(_changes, to_document(config), run_dir),
                 start_cores=cores,
+                graph=run.graph,
             )
             interrupted, failure = supervisor.run(), ""
         except RunError as error:

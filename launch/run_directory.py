@@ -12,7 +12,7 @@ import os
 import shutil
 import tempfile
 import time
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -27,10 +27,10 @@ from forcebound.files import read_bytes
 from forcebound.folders import is_own, runtime_folder, runtime_folders
 from forcebound.launch.run_lock import exclusive, shared
 from forcebound.messages.control import Configure
-from forcebound.messages.packets import TOPIC_OF, TOPICS, EnvironmentReply, Event, Telemetry
+from forcebound.messages.packets import TOPIC_OF, EnvironmentReply, Event, Telemetry
 from forcebound.network.sockets import IPC_PATH_LIMIT
-from forcebound.process import control_endpoint, event_endpoint, remote_endpoint, topic_endpoint
-from forcebound.processes import LAUNCHER, PROCESSES
+from forcebound.roles import LAUNCHER
+from forcebound.topology import ONE_HAND, Graph, endpoint, is_bound
 
 MAX_DOCUMENT = 10_000_000  # bytes of either document of a run; ten launch files have 3 MB
 
@@ -53,11 +53,12 @@ class RunDocument(msgspec.Struct, frozen=True):
     launcher: int  # process id of the launcher, with which they end
     core: int | None  # that the chain of nodes shares
     record: str  # absolute path of the recording
-    streams: list[tuple[str, str]]  # topic, endpoint; for each, the loop wakes the recorder
+    recorded: list[str]  # names of streams; for each, the loop wakes the recorder
     metadata: dict[str, str] = {}  # of the recording
     file: str = ""  # launch file with its arguments, to identify the graph
     folder: str = ""  # the files that a parameter names while the graph runs are in it or below
     is_graph: bool = True  # False: one environment for a graph on another machine
+    graph: Graph = ONE_HAND  # processes and streams, with their sockets in this directory
 
     def write(self, run_dir: Path) -> None:
         """Write this for the processes."""
@@ -74,6 +75,19 @@ class RunDocument(msgspec.Struct, frozen=True):
             return msgspec.json.decode(read_bytes(run_dir / RUN_FILE, MAX_DOCUMENT), type=cls)
         except (OSError, msgspec.MsgspecError) as error:
             raise ConfigError(f"{run_dir} is not the run directory of a running graph") from error
+
+
+def graph_in(run_dir: Path) -> Graph:
+    """Return the graph of a run; of one that begins or ends just now, that of one hand."""
+    try:
+        return RunDocument.read(run_dir).graph
+    except ConfigError:
+        return ONE_HAND
+
+
+def has_launcher(run_dir: Path) -> bool:
+    """Return whether a launcher answers in a run directory, or is about to."""
+    return is_bound(run_dir, graph_in(run_dir).nodes[LAUNCHER])
 
 
 def read_launch_document(run_dir: Path) -> dict[str, Any]:
@@ -133,27 +147,10 @@ def _try_lock(descriptor: int) -> bool:
     return True
 
 
-def recorded_streams(run_dir: Path, topics: Collection[str]) -> list[tuple[str, str]]:
-    """Return topic and endpoint of each stream for a recorder of these topics."""
-    streams = [(topic, topic_endpoint(run_dir, topic)) for topic in topics if topic != EVENT]
-    if REPLY in topics:
-        streams.append((REPLY, remote_endpoint(run_dir, REPLY)))
-    if EVENT in topics:
-        streams += [(EVENT, event_endpoint(run_dir, name)) for name in (*PROCESSES, LAUNCHER)]
-    return streams
-
-
 @contextmanager
 def run_directory() -> Iterator[Path]:
     """Create a private directory whose ``ipc`` endpoints are short enough; remove it at the end."""
-    longest = max(
-        len(endpoint(Path(), name))
-        for endpoint, names in (
-            (topic_endpoint, tuple(TOPICS)),
-            (control_endpoint, (*PROCESSES, LAUNCHER)),
-        )
-        for name in names
-    )
+    longest = max(len(endpoint(Path(), stream)) for stream in ONE_HAND.streams)
     remove_left_over(run_folders())
     folder = tempfile.mkdtemp(prefix=PREFIX, dir=runtime_folder())
     if len(os.fsencode(folder)) + longest > IPC_PATH_LIMIT:

@@ -6,7 +6,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 
 from forcebound.launch.lifecycle import Lifecycle, Phase
-from forcebound.processes import PROCESSES
+from forcebound.roles import ROLES
 
 ERASE = "\r\033[K"
 LONG = 3  # s of a start, after which it is said why it may take long
@@ -27,7 +27,8 @@ class Screen:
         """Write one line of a process, with its name in front."""
         prefix = f"[{name}]"
         if sys.stderr.isatty():
-            colour = PROCESSES[name].colour if name in PROCESSES else 0
+            role = name.rpartition("/")[2]
+            colour = ROLES[role].colour if role in ROLES else 0
             prefix = f"\033[{colour}m{prefix}\033[0m"
         below = f"{ERASE}{prefix} {line}\n{self._status}" if self._status else f"{prefix} {line}\n"
         self._write(below)

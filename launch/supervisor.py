@@ -8,8 +8,8 @@ No process survives the launcher: each gets a signal from the kernel when the la
 stopped guardian, is killed. Each is in a session of its own, so that Ctrl-C in the terminal
 reaches only the launcher, which then stops them in order.
 
-The launcher answers requests on a control socket of its own, ``control-launcher``, and publishes
-events like every process.
+The launcher answers requests on a control socket of its own and publishes events like every
+process.
 """
 
 import selectors
@@ -42,13 +42,13 @@ from forcebound.launch.actions import (
 from forcebound.launch.children import LAST_CHANCE, Child, Signals, name_begins
 from forcebound.launch.lifecycle import Lifecycle, Limits, Phase
 from forcebound.launch.screen import Screen, doing
-from forcebound.messages import control
+from forcebound.messages import control, packets
 from forcebound.messages.codec import encode
 from forcebound.network.control import ControlServer
 from forcebound.network.sockets import Network
 from forcebound.nodes.events import PARAMETERS_SET, PHASE_BEGINS, EventLog
-from forcebound.process import control_endpoint, event_endpoint
-from forcebound.processes import LAUNCHER
+from forcebound.roles import CONTROLLER, DEVICE, ENVIRONMENT, LAUNCHER
+from forcebound.topology import ONE_HAND, Graph, endpoint
 
 REQUEST_INTERVAL_NS = 20_000_000  # between two requests to a node that is not ready
 NOT_STARTED = 126  # exit status of a process that could not be started, as in a shell
@@ -78,6 +78,7 @@ class Supervisor:
         changes: Returns the parameters of a node that were changed since the run began.
         start_cores: Cores on which the processes start, which takes most of a second of each; none:
             those of the launcher, as for a process that restarts during a run.
+        graph: To which the processes belong.
     """
 
     def __init__(
@@ -91,7 +92,9 @@ class Supervisor:
         remote_topics: Collection[str] = (),
         changes: Callable[[str], control.Parameters] = lambda _: {},
         start_cores: Collection[int] = (),
+        graph: Graph = ONE_HAND,
     ) -> None:
+        self._graph = graph
         self._commands = commands
         self._start_cores = start_cores
         self._changes = changes
@@ -118,9 +121,11 @@ class Supervisor:
         """
         with ExitStack() as stack:
             network = stack.enter_context(Network())
-            self._publish = network.publisher(event_endpoint(self._run_dir, LAUNCHER)).send
+            graph, run_dir = self._graph, self._run_dir
+            own_events = graph.sent(LAUNCHER, packets.Event)
+            self._publish = network.publisher(endpoint(run_dir, own_events)).send
             server = network.control_server(
-                control_endpoint(self._run_dir, LAUNCHER), control.OF_LAUNCHER
+                endpoint(run_dir, graph.nodes[LAUNCHER]), control.OF_LAUNCHER
             )
             signals = stack.enter_context(Signals())
             self._selector = stack.enter_context(selectors.DefaultSelector())
@@ -131,12 +136,17 @@ class Supervisor:
                 for name in self._commands:
                     self._start(name)
             self._clients = {
-                name: network.control_client(control_endpoint(self._run_dir, name))
+                name: network.control_client(endpoint(run_dir, graph.nodes[name]))
                 for name in self._commands
             }
             now_ns = time.monotonic_ns()
             lifecycle = Lifecycle(
-                list(self._commands), self._duration_ns, now_ns, self._limits, self._remote_topics
+                list(self._commands),
+                self._duration_ns,
+                now_ns,
+                self._limits,
+                self._remote_topics,
+                graph,
             )
             self._loop(lifecycle, signals, server)
         if lifecycle.failure is not None:
@@ -211,7 +221,7 @@ class Supervisor:
         if self._not_started or self._has_requests:
             return 0.0
         is_starting = lifecycle.phase in (Phase.STARTING, Phase.ENGAGING)
-        if is_starting or lifecycle.is_returning or self._awaited(lifecycle):
+        if is_starting or lifecycle.returning or self._awaited(lifecycle):
             return REQUEST_INTERVAL_NS * 1e-9
         ends_ns = [] if lifecycle.deadline_ns is None else [lifecycle.deadline_ns]
         if self._script and lifecycle.phase is Phase.RUNNING and self._began_ns is not None:
@@ -222,10 +232,10 @@ class Supervisor:
         if lifecycle.phase is Phase.STARTING:
             for name in lifecycle.not_ready:
                 self._clients[name].ask(control.GetStatus())
-        elif lifecycle.is_engaging:
-            self._clients["device"].ask(control.Engage())
-        elif lifecycle.is_returning:
-            self._clients["device"].ask(control.GetStatus())
+        for name in lifecycle.engaging:
+            self._clients[name].ask(control.Engage())
+        for name in lifecycle.returning.difference(lifecycle.engaging):
+            self._clients[name].ask(control.GetStatus())
         for name in self._awaited(lifecycle):
             self._clients[name].ask(control.GetStatus())
 
@@ -245,10 +255,11 @@ class Supervisor:
                 is_stop = isinstance(request, control.StopNode)
                 advance(StopRequested(node) if is_stop else StartRequested(node))
             case control.ResumeDevice():
-                if not lifecycle.is_lost:
-                    state = lifecycle.state("device")
-                    return control.Refused(f"the device is not lost: it is {state}")
-                advance(Resumed())
+                device = self._graph.of_role(DEVICE)
+                if device not in lifecycle.lost:
+                    state = lifecycle.state(device)
+                    return control.Refused(f"the {device} is not lost: it is {state}")
+                advance(Resumed(device))
             case control.ConfigureNode(node, configure):
                 if node not in self._clients:
                     return control.Refused(f"the launcher of this graph does not run {node!r}")
@@ -273,7 +284,7 @@ class Supervisor:
                 case control.ProcessStatus() as status:
                     events.append(Reported(name, status.waiting_for))
                 case control.Engaged():
-                    events.append(Engaged())
+                    events.append(Engaged(name))
         return events
 
     def _ends(self) -> list[Event]:
@@ -286,16 +297,21 @@ class Supervisor:
                 end_group(child.process.pid, LAST_CHANCE)
                 self._running.discard(name)
                 child.read()  # its last lines, for the message of the failure
-                if name == "environment" and "controller" in self._clients:
-                    died = control.EnvironmentDied(name_begins(child.process.pid))
-                    self._clients["controller"].ask(died)
+                if self._graph.nodes[name].role == ENVIRONMENT:
+                    self._report_death(child.process.pid)
                 events.append(Ended(name, status))
         return events
 
+    def _report_death(self, pid: int) -> None:
+        """Report the end of an environment's process to the controllers."""
+        for name, client in self._clients.items():
+            if self._graph.nodes[name].role == CONTROLLER:
+                client.ask(control.EnvironmentDied(name_begins(pid)))
+
     def _do(self, action: Action) -> None:
         match action:
-            case Engage():
-                self._clients["device"].ask(control.Engage())
+            case Engage(name):
+                self._clients[name].ask(control.Engage())
             case Kill(name):
                 self._children[name].process.kill()
             case Terminate(name):

@@ -18,11 +18,12 @@ from forcebound.launch.links import build_links
 from forcebound.launch.results import RunResult, run_metadata
 from forcebound.messages.packets import TOPIC_OF, EnvironmentReply, Event, Packet, Telemetry
 from forcebound.nodes.events import PHASE_BEGINS, EventLog
-from forcebound.processes import LAUNCHER, NODES
 from forcebound.realtime import without_garbage_collection
 from forcebound.recording import Recorder
+from forcebound.roles import DEVICE, LAUNCHER
 from forcebound.simulation import LateTicks, Simulation
 from forcebound.telemetry import TelemetryCollector
+from forcebound.topology import ONE_HAND
 
 Progress = Callable[[int, int], None]  # takes what is done, and the total
 
@@ -131,10 +132,10 @@ class _Observer:
     def take_last_events(self, simulation: Simulation) -> None:
         now_ns = simulation.time_ns
         for node in simulation.nodes:
-            for topic in (TOPIC_OF[packet] for packet in node.subscribes):
-                link = simulation.link(topic)
+            for stream in simulation.graph.received(node.events.node):
+                link = simulation.link(stream.name)
                 if link is not None:
-                    self.take(node.events.link_counts(now_ns, topic, link.counts))
+                    self.take(node.events.link_counts(now_ns, stream.name, link.counts))
             for event in node.last_events(now_ns):
                 self.take(event)
 
@@ -147,7 +148,7 @@ def _open(config: GraphConfig, observer: _Observer, late_ticks: LateTicks | None
     """Return the graph, its force engaged."""
     lateness = None if late_ticks is None else late_ticks.of(config.device.servo)
     device = build_device(config, lateness=lateness)
-    others = [build_node(kind, config) for kind in NODES if kind != "device"]
+    others = [build_node(name, config) for name in ONE_HAND.loop if name != DEVICE]
     links = build_links(config)
     simulation = Simulation([*others, device], links, observer.take, observer.packets)
     for node in simulation.nodes:

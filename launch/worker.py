@@ -31,24 +31,23 @@ from forcebound.launch.run_directory import (
     RECORDING,
     RunDocument,
     read_launch_document,
-    recorded_streams,
     run_directory,
     write_launch_document,
 )
 from forcebound.messages.control import ProcessStatus, RecorderStatus
-from forcebound.messages.packets import TOPICS
 from forcebound.network.ends import RemoteEnd
 from forcebound.nodes.environment import EnvironmentNode
-from forcebound.processes import LOST, PROCESSES
+from forcebound.roles import CONTROLLER, DEVICE, ENVIRONMENT, LOST, RECORDER, ROLES
+from forcebound.topology import ONE_HAND
 
 _logger = logging.getLogger(__name__)
 
 
-def run_node(kind: str, run_dir: Path) -> int:
+def run_node(name: str, run_dir: Path) -> int:
     """Run one process of a graph, for its launcher, to its end; return its exit status.
 
     Args:
-        kind: ``"device"``, ``"controller"``, ``"environment"`` or ``"recorder"``.
+        name: Of the process in the graph.
         run_dir: Directory of the run.
 
     Raises:
@@ -58,15 +57,15 @@ def run_node(kind: str, run_dir: Path) -> int:
     with process.Stop() as stop:
         run = RunDocument.read(run_dir)
         never_wait_for_a_reader()
-        realtime.die_with_parent(PROCESSES[kind].death_signal)
+        realtime.die_with_parent(ROLES[run.graph.nodes[name].role].death_signal)
         try:
             if _has_launcher(run):  # it may have ended before the line above
                 config = restore(read_launch_document(run_dir))
-                return _run_or_lose(kind, config, run, run_dir, stop)
+                return _run_or_lose(name, config, run, run_dir, stop)
         except (ConfigError, DeviceError):
             raise
         except Exception:
-            _logger.exception("%s failed", kind)
+            _logger.exception("%s failed", name)
             return 1
         finally:
             if not _has_launcher(run):
@@ -92,17 +91,16 @@ def serve_environment(file: Path, arguments: Sequence[str] = ()) -> None:
             raise ConfigError(
                 "the launch file has no section remote: with the address of the graph"
             )
-        config.remote.check_here("environment")
-        end = config.remote.end("environment")
+        config.remote.check_here(ENVIRONMENT)
+        end = config.remote.end(ENVIRONMENT)
         with run_directory() as run_dir:
             core = realtime.choose_core(config.realtime.cores)
-            streams = recorded_streams(run_dir, list(TOPICS))
             description = " ".join((str(file), *arguments))
             run = RunDocument(
                 os.getpid(),
                 core,
                 str(run_dir / RECORDING),
-                streams,
+                list(ONE_HAND.names),
                 run_metadata(config),
                 description,
                 str(folder_of(file)),
@@ -110,17 +108,17 @@ def serve_environment(file: Path, arguments: Sequence[str] = ()) -> None:
             )
             write_launch_document(run_dir, config)  # for `forcebound param`
             run.write(run_dir)
-            _run("environment", config, run, run_dir, stop, end)
+            _run(ENVIRONMENT, config, run, run_dir, stop, end)
 
 
 def _run_or_lose(
-    kind: str, config: GraphConfig, run: RunDocument, run_dir: Path, stop: process.Stop
+    name: str, config: GraphConfig, run: RunDocument, run_dir: Path, stop: process.Stop
 ) -> int:
     """Run one process; return ``LOST`` for a device that failed and waits for its user."""
     try:
-        _run(kind, config, run, run_dir, stop)
+        _run(name, config, run, run_dir, stop)
     except DeviceError as failure:
-        on_loss = made("device", config.device.model).on_loss
+        on_loss = made(DEVICE, config.device.model).on_loss
         if on_loss != "wait" and not isinstance(failure, GuardianError):
             raise
         _logger.error("%s", failure)
@@ -141,14 +139,15 @@ def never_wait_for_a_reader() -> None:
 
 
 def _run(
-    kind: str,
+    name: str,
     config: GraphConfig,
     run: RunDocument,
     run_dir: Path,
     stop: process.Stop,
     remote_end: RemoteEnd | None = None,
 ) -> None:
-    if kind == "recorder":
+    role = run.graph.nodes[name].role
+    if role == RECORDER:
         _logger.info("recording to %s", run.record)
         _log_rejected(_record(run, run_dir, stop))
         return
@@ -161,13 +160,14 @@ def _run(
         deep_sleep=config.realtime.deep_sleep,
         spin_ns=round(config.realtime.spin * 1e9),
     )
-    if kind == "controller" and config.remote is not None:
+    if role == CONTROLLER and config.remote is not None:
         remote_end = config.remote.end("graph")
-    node = build_node(kind, config, environment_name(), time.monotonic_ns)
+    node = build_node(name, config, environment_name(), time.monotonic_ns, run.graph)
     if isinstance(node, EnvironmentNode):
         _logger.info("this environment is %s", node.name)
     links = build_links(config)  # a perfect link needs no model: its socket keeps the newest
-    status = process.run(node, kind, run_dir, links, settings, stop, Tuner(config), remote_end)
+    tuner = Tuner(config)
+    status = process.run(node, name, run_dir, links, settings, stop, tuner, remote_end, run.graph)
     if isinstance(node, EnvironmentNode):
         _logger.info("queries answered by %s: %d", node.name, node.answered)
     _log_rejected(status)
@@ -181,10 +181,11 @@ def _record(run: RunDocument, run_dir: Path, stop: process.Stop) -> RecorderStat
     """
     from forcebound.recording import Recorder  # slow to import; no other process needs it
 
-    recorder = Recorder(run.record, run.metadata, time.time_ns() - time.monotonic_ns())
+    offset_ns = time.time_ns() - time.monotonic_ns()
+    recorder = Recorder(run.record, run.metadata, offset_ns, run.graph)
     is_complete = False
     try:
-        status = process.record(recorder, "recorder", run_dir, run.streams, run.core, stop)
+        status = process.record(recorder, run_dir, run.graph, run.recorded, run.core, stop)
         is_complete = status.recording == process.COMPLETE
     finally:
         with suppress(OSError):  # a full disk, which was reported; the file stays readable

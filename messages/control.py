@@ -13,7 +13,7 @@ import msgspec
 from msgspec import Meta, Struct
 
 from forcebound.messages.packets import MAX_AXES, TOPIC_OF, Event, Scene, Vector
-from forcebound.processes import Fact
+from forcebound.roles import Fact
 
 UNCERTAIN = (TOPIC_OF[Event], TOPIC_OF[Scene])  # topics on which no packet may ever come
 

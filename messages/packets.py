@@ -5,7 +5,8 @@ needs four. Creating a packet checks nothing; decoding does.
 
 Every packet carries ``seq`` (counts from 0 at its sender) and ``time_ns`` (the sender's own
 monotonic clock). An answer echoes ``device_seq`` and ``device_time_ns`` of the device state that it
-answers, so a loop delay is measured on the device's clock alone.
+answers, so a loop delay is measured on the device's clock alone. ``hand`` names the hand to whose
+loop a packet belongs.
 
 Vectors are tuples of 1 to 6 floats, one per axis; the objects of a scene are in space, whatever the
 axes. Positions grow *into* the environment; a force is positive when it *resists* motion in the
@@ -17,13 +18,13 @@ from typing import Annotated, Any, Final, Literal, NamedTuple, TypeAlias, get_ty
 
 from msgspec import Meta, Struct
 
-VERSION: Final = 3  # of the wire format; every packet carries it
+VERSION: Final = 4  # of the wire format; every packet carries it
 
 MAX_AXES = 6
 MAX_COUNT = 2**63 - 1  # the largest 64-bit integer that every language has
 MAX_LENGTH = 64  # of any array or map on the wire
 MAX_NAME = 64  # characters of a name
-NAMES = ("environment", "node", "event")  # keys whose text is a name: printable, on one line
+NAMES = ("hand", "environment", "node", "event")  # keys whose text is printable, on one line
 MAX_TEXT = 500  # characters of a text for people
 
 Vector: TypeAlias = tuple[float, ...]
@@ -37,6 +38,7 @@ _Name: TypeAlias = Annotated[str, Meta(min_length=1, max_length=MAX_NAME)]
 _Text: TypeAlias = Annotated[str, Meta(max_length=MAX_TEXT)]
 _Digest: TypeAlias = Annotated[str, Meta(pattern="^[0-9a-f]{64}$")]
 _Texts: TypeAlias = Annotated[Mapping[str, _Text], Meta(max_length=MAX_LENGTH)]
+_Vectors: TypeAlias = Annotated[Mapping[str, _Vector], Meta(max_length=MAX_LENGTH)]
 _Counts: TypeAlias = Annotated[Mapping[str, _Count], Meta(max_length=MAX_LENGTH)]
 
 
@@ -50,7 +52,7 @@ class Contact(NamedTuple):
 Shape: TypeAlias = Literal["plane", "sphere", "box", "cylinder", "mesh", "points", "path"]
 
 
-class SceneObject(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True, gc=False):
+class SceneObject(Struct, frozen=True, omit_defaults=True, gc=False):
     """One thing that a display may draw.
 
     ``size``, in m, depends on the shape: of a sphere its radius; of a box its edges along its own
@@ -71,12 +73,15 @@ class SceneObject(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults
     points: Annotated[tuple[Point, ...], Meta(max_length=MAX_LENGTH)] = ()  # m, of a path
 
 
-class _Wire(
-    Struct, frozen=True, kw_only=True, tag_field="packet", forbid_unknown_fields=True, gc=False
-):
-    """Common keys of all packets on the wire: ``packet``, and the version as the last key."""
+class _Wire(Struct, frozen=True, kw_only=True, tag_field="packet", gc=False):
+    """Common keys of all packets on the wire: ``packet``, ``version`` and ``hand``.
 
-    version: Literal[3] = VERSION
+    A reader ignores keys that it does not know, and a key with a default may be missing: so a field
+    with a default can be added to a packet without a new version.
+    """
+
+    version: Literal[4] = VERSION
+    hand: Annotated[str, Meta(max_length=MAX_NAME)] = ""  # empty: of the only hand, or of all
 
 
 class DeviceState(_Wire, frozen=True, tag="device_state"):
@@ -170,12 +175,12 @@ class Telemetry(_Wire, frozen=True, tag="telemetry"):
 
 
 class Scene(_Wire, frozen=True, tag="scene"):
-    """What there is to draw, and where the virtual tip is."""
+    """What there is to draw, and where the virtual tips are."""
 
     seq: _Count
     time_ns: _Count
     objects: Annotated[tuple[SceneObject, ...], Meta(max_length=MAX_LENGTH)]
-    proxy: _Vector | None  # m; None: free motion
+    proxies: _Vectors = {}  # m, by hand; a hand in free motion has none
 
 
 class Event(_Wire, frozen=True, tag="event"):
@@ -195,28 +200,18 @@ Packet: TypeAlias = (
 )
 
 
-class Topic(NamedTuple):
-    """Packet, sender and receiver of a topic."""
-
-    packet: type[Packet]
-    sender: str | None  # a process; None: any of them
-    receiver: str | None  # the process that needs it; None: only observers
-
-
-TOPICS: dict[str, Topic] = {
-    "device_state": Topic(DeviceState, "device", "controller"),
-    "environment_query": Topic(EnvironmentQuery, "controller", "environment"),
-    "environment_reply": Topic(EnvironmentReply, "environment", "controller"),
-    "force_command": Topic(ForceCommand, "controller", "device"),
-    "telemetry": Topic(Telemetry, "device", None),
-    "scene": Topic(Scene, "environment", None),
-    "event": Topic(Event, None, None),
+#: Packets by their name on the wire, which is also that of their topic.
+TOPICS: dict[str, type[Packet]] = {
+    "device_state": DeviceState,
+    "environment_query": EnvironmentQuery,
+    "environment_reply": EnvironmentReply,
+    "force_command": ForceCommand,
+    "telemetry": Telemetry,
+    "scene": Scene,
+    "event": Event,
 }
 
-TOPIC_OF: dict[type[Packet], str] = {row.packet: topic for topic, row in TOPICS.items()}
-
-# The four hops of the loop, in order. Only their links can be impaired.
-LINKS = tuple(topic for topic, row in TOPICS.items() if row.receiver is not None)
+TOPIC_OF: dict[type[Packet], str] = {packet: topic for topic, packet in TOPICS.items()}
 
 
 def field_types(packet: type[Packet]) -> dict[str, Any]:

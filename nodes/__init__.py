@@ -3,7 +3,8 @@
 A node owns no clock, socket, thread or file. A runner (:mod:`forcebound.process` live,
 :mod:`forcebound.simulation` in virtual time) calls :meth:`Node.step` with the time and the packets
 that have arrived, publishes what it returns, and calls again when packets arrive or when
-:attr:`Node.wake_ns` has come. A node does not know which of the two runs it.
+:attr:`Node.wake_ns` has come. A node does not know which of the two runs it; which packets it
+receives, and who receives its own, says :mod:`forcebound.topology`.
 """
 
 from collections.abc import Sequence
@@ -23,8 +24,6 @@ class Node(Protocol):
     A node that derives from this class has the methods that most nodes do not need.
     """
 
-    subscribes: ClassVar[tuple[type[Packet], ...]]
-    publishes: ClassVar[tuple[type[Packet], ...]]
     wakes_on_arrival: ClassVar[bool]  # False: packets wait for the node's own time
     requests: ClassVar[tuple[type[Request], ...]] = ()  # that its :meth:`handle` takes
     events: EventLog  # of its process: the runner makes its own events with it, too

@@ -24,7 +24,6 @@ from forcebound.messages.packets import (
     DeviceState,
     EnvironmentQuery,
     EnvironmentReply,
-    Event,
     ForceCommand,
     Packet,
     Vector,
@@ -34,6 +33,8 @@ from forcebound.nodes.closing import close_part
 from forcebound.nodes.events import EventLog
 from forcebound.nodes.lease import LEASE_NS, Lease
 from forcebound.parts.user_module import describe_user_error
+from forcebound.roles import CONTROLLER
+from forcebound.topology import HAND, in_hand
 
 _logger = logging.getLogger(__name__)
 
@@ -48,21 +49,25 @@ class ControllerNode(Node):
         controller: Open; the node closes it.
         lease_ns: See :class:`forcebound.nodes.lease.Lease`.
         dead_lease_ns: See there.
+        hand: Its name.
     """
 
-    subscribes: ClassVar[tuple[type[Packet], ...]] = (DeviceState, EnvironmentReply)
-    publishes: ClassVar[tuple[type[Packet], ...]] = (EnvironmentQuery, ForceCommand, Event)
     wakes_on_arrival: ClassVar[bool] = True
     requests: ClassVar[tuple[type[Request], ...]] = (EnvironmentDied,)
     wake_ns: ClassVar[None] = None
 
     def __init__(
-        self, controller: Controller, lease_ns: int = LEASE_NS, dead_lease_ns: int | None = None
+        self,
+        controller: Controller,
+        lease_ns: int = LEASE_NS,
+        dead_lease_ns: int | None = None,
+        hand: str = HAND,
     ) -> None:
+        self._hand = hand
         self._controller = controller
         self._queries = 0
         self._commands = 0
-        self.events = EventLog("controller")
+        self.events = EventLog(in_hand(hand, CONTROLLER))
         self._rejected: dict[str, int] = {}
         self._lease = Lease(self.events, lease_ns, dead_lease_ns)
         self._reply_ns: int | None = None  # device's clock: state that the newest reply answers
@@ -106,7 +111,7 @@ class ControllerNode(Node):
 
     def close(self) -> None:
         """Close the controller."""
-        close_part(self._controller, "controller")
+        close_part(self._controller, CONTROLLER)
 
     def _take_state(self, state: DeviceState, time_ns: int, packets: list[Packet]) -> None:
         try:
@@ -134,6 +139,7 @@ class ControllerNode(Node):
                 self._lease.holder,
                 state.orientation,
                 state.buttons,
+                hand=self._hand,
             )
         )
 
@@ -172,7 +178,7 @@ class ControllerNode(Node):
     ) -> ForceCommand:
         seq = self._commands
         self._commands += 1
-        return ForceCommand(seq, time_ns, device_seq, device_time_ns, force, reply)
+        return ForceCommand(seq, time_ns, device_seq, device_time_ns, force, reply, hand=self._hand)
 
     def _fail(self, method: str, error: Exception, time_ns: int, packets: list[Packet]) -> None:
         self._failures += 1

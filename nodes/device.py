@@ -32,7 +32,7 @@ from forcebound.messages.control import (
     Refused,
     Request,
 )
-from forcebound.messages.packets import DeviceState, Event, ForceCommand, Packet, Telemetry, Vector
+from forcebound.messages.packets import DeviceState, Event, Packet, Telemetry, Vector
 from forcebound.nodes import Node
 from forcebound.nodes.bounded_device import BoundedDevice
 from forcebound.nodes.closing import close_part
@@ -41,6 +41,8 @@ from forcebound.nodes.events import EventLog
 from forcebound.nodes.safety import SafetyChain
 from forcebound.nodes.servo import ServoSettings
 from forcebound.nodes.velocity import low_pass, low_pass_gain
+from forcebound.roles import DEVICE
+from forcebound.topology import HAND, in_hand
 
 _logger = logging.getLogger(__name__)
 
@@ -70,10 +72,9 @@ class DeviceNode(Node):
         servo: Its settings.
         clock: Returns the time, in ns, for a device without stamps; None: virtual time.
         lateness: Returns how late the next write is to be, in ns; None: none is, on purpose.
+        hand: Its name.
     """
 
-    subscribes: ClassVar[tuple[type[Packet], ...]] = (ForceCommand,)
-    publishes: ClassVar[tuple[type[Packet], ...]] = (DeviceState, Telemetry, Event)
     wakes_on_arrival: ClassVar[bool] = False
     requests: ClassVar[tuple[type[Request], ...]] = (Engage, Point)
 
@@ -84,7 +85,9 @@ class DeviceNode(Node):
         servo: ServoSettings,
         clock: Callable[[], int] | None = None,
         lateness: Callable[[], int] | None = None,
+        hand: str = HAND,
     ) -> None:
+        self._hand = hand
         self._device = device
         self._servo = servo
         self._orientation, self._buttons = device.orientation, device.buttons
@@ -118,7 +121,7 @@ class DeviceNode(Node):
         self._read_ns = 0
         self._lateness = lateness
         self.deadline_misses = 0
-        self.events = EventLog("device")
+        self.events = EventLog(in_hand(hand, DEVICE))
         self._tells = DeviceEvents(self.events, servo.age_limit, servo.period_ns)
 
     @property
@@ -205,7 +208,7 @@ class DeviceNode(Node):
 
     def close(self) -> None:
         """Close the device."""
-        close_part(self._device, "device")
+        close_part(self._device, DEVICE)
 
     def step(self, time_ns: int, received: Sequence[Packet]) -> list[Packet]:
         """Run the instant that is due; see :class:`forcebound.nodes.Node`."""
@@ -247,6 +250,7 @@ class DeviceNode(Node):
             self._applied,
             self._orientation(),
             self._buttons(),
+            hand=self._hand,
         )
         self._chain.remember(state)
         self._writes_next = True
@@ -294,6 +298,7 @@ class DeviceNode(Node):
             cut_position,
             written.ahead_ns,
             None if reply_ns is None else (time_ns - reply_ns) * 1e-9,
+            hand=self._hand,
         )
         self._writes_next = False
         self._begin_next_tick(time_ns)

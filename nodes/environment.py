@@ -1,8 +1,8 @@
 """The environment node: serves one virtual environment.
 
-While an answer is computed no other query is answered, as in a real computation. Of the queries
-that arrive during that time only the newest waits. The injected computation time is added to that
-of the environment's own code.
+While an answer is computed no other query is answered, as in a real computation. Of the queries of
+a hand that arrive during that time only the newest waits. The injected computation time is added to
+that of the environment's own code.
 
 A query names the environment whose answers the graph accepts. If it names another one, this one is
 rejected: it emits an event and waits. It still answers once a second, so that the
@@ -24,7 +24,6 @@ from forcebound.messages.packets import (
     EnvironmentReply,
     Event,
     Packet,
-    Scene,
     Vector,
 )
 from forcebound.network.computation import ComputationTime
@@ -34,8 +33,8 @@ from forcebound.nodes import Node
 from forcebound.nodes.closing import close_part
 from forcebound.nodes.events import STATE_INTERVAL_NS, EventLog
 from forcebound.nodes.scene import SceneTeller
+from forcebound.roles import ENVIRONMENT
 
-USER = ""  # the one hand of a graph has no name
 PROBE_INTERVAL_NS = 1_000_000_000  # between two answers of an environment that is rejected
 
 _logger = logging.getLogger(__name__)
@@ -58,15 +57,13 @@ class EnvironmentNode(Node):
         ConfigError: If the environment cannot be opened.
     """
 
-    subscribes: ClassVar[tuple[type[Packet], ...]] = (EnvironmentQuery,)
-    publishes: ClassVar[tuple[type[Packet], ...]] = (EnvironmentReply, Scene, Event)
     wakes_on_arrival: ClassVar[bool] = True
 
     def __init__(
         self,
         model: EnvironmentModel,
         computation: ComputationTime | None = None,
-        name: str = "environment",
+        name: str = ENVIRONMENT,
         axes: int = 1,
     ) -> None:
         self._model = model
@@ -74,7 +71,7 @@ class EnvironmentNode(Node):
         self._environment = open_environment(model, axes)
         self._computation = ComputationTime() if computation is None else computation
         self._answering: tuple[EnvironmentQuery, _Answer] | None = None
-        self._waiting: EnvironmentQuery | None = None
+        self._waiting: dict[str, EnvironmentQuery] = {}  # by hand; the first is answered first
         self._done_ns = 0
         self._step_ns = 0  # the last step
         self._seq = 0
@@ -83,9 +80,9 @@ class EnvironmentNode(Node):
         self._emit_ns = 0
         self._refused_for: str | None = None  # the environment that serves instead
         self._probed_ns = 0
-        self.events = EventLog("environment")
+        self.events = EventLog(ENVIRONMENT)
         self._scene = SceneTeller(self._environment, self.events)
-        self._proxy: Vector | None = None  # of the last answer
+        self._proxies: dict[str, Vector] = {}  # of the last answer to each hand
         self.name = name
         self.faults = 0  # queries that the environment's code failed to answer
         self._rejected: dict[str, int] = {}
@@ -126,7 +123,7 @@ class EnvironmentNode(Node):
 
     def close(self) -> None:
         """Close the environment."""
-        close_part(self._environment, "environment")
+        close_part(self._environment, ENVIRONMENT)
 
     def step(self, time_ns: int, received: Sequence[Packet]) -> list[Packet]:
         """Take queries, give finished answers; see :class:`forcebound.nodes.Node`."""
@@ -139,7 +136,7 @@ class EnvironmentNode(Node):
         if self._seq != answered:
             self._scene.note_answer(time_ns)
         if was_due and (self._seq == answered or not self._scene.may_wait(time_ns)):
-            packets += self._scene.tell(time_ns, self._proxy)
+            packets += self._scene.tell(time_ns, self._proxies)
         return packets
 
     def _take(self, query: EnvironmentQuery, time_ns: int) -> None:
@@ -153,7 +150,7 @@ class EnvironmentNode(Node):
             self._refused_for = None
         elif not self._may_probe(query.environment, time_ns):
             return
-        self._waiting = query
+        self._waiting[query.hand] = query
 
     def _answers(self, time_ns: int) -> list[Packet]:
         """Return the answers that are ready, and events about them."""
@@ -166,8 +163,8 @@ class EnvironmentNode(Node):
         if self._answering is not None and time_ns >= self._done_ns:
             replies.append(self._reply(*self._answering, time_ns))
             self._answering = None
-        if self._answering is None and self._waiting is not None:
-            query, self._waiting = self._waiting, None
+        while self._answering is None and self._waiting:
+            query = self._waiting.pop(next(iter(self._waiting)))
             answer = self._answer(query)
             if answer is None:
                 if self.faults == 1:
@@ -224,9 +221,9 @@ class EnvironmentNode(Node):
         # with zero force, not in the end of the node.
         try:
             environment = self._environment
-            answer = environment.force(USER, query.position, query.velocity, query.elapsed)
+            answer = environment.force(query.hand, query.position, query.velocity, query.elapsed)
             force = _vector(answer, query)
-            contact = environment.contact(USER)
+            contact = environment.contact(query.hand)
             if contact is None:
                 return force, None, None
             proxy, normal = contact
@@ -240,7 +237,11 @@ class EnvironmentNode(Node):
     def _reply(self, query: EnvironmentQuery, answer: _Answer, time_ns: int) -> EnvironmentReply:
         seq = self._seq
         self._seq += 1
-        force, self._proxy, normal = answer
+        force, proxy, normal = answer
+        if proxy is None:
+            self._proxies.pop(query.hand, None)
+        else:
+            self._proxies[query.hand] = proxy
         return EnvironmentReply(
             seq,
             time_ns,
@@ -250,8 +251,9 @@ class EnvironmentNode(Node):
             query.time_ns,
             force,
             self.name,
-            self._proxy,
+            proxy,
             normal,
+            hand=query.hand,
         )
 
 

@@ -5,7 +5,7 @@ late subscribers receive it. It is made in a step of its own, after an answer ha
 """
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from forcebound.environments import Environment
 from forcebound.messages.codec import MAX_SCENE_BYTES, decode, encode
@@ -33,7 +33,7 @@ class SceneTeller:
         self._seq = 0
         self._due_ns = 0
         self._repeat_ns = 0
-        self._sent: tuple[Sequence[SceneObject], Vector | None] = ((), None)
+        self._sent: tuple[Sequence[SceneObject], Mapping[str, Vector]] = ((), {})
         self._left_out = 0
         self._wait_until_ns = 0  # until when a scene waits for a moment without an answer
         self.watch(environment)
@@ -55,12 +55,12 @@ class SceneTeller:
         """Whether an answer that leaves now goes first."""
         return time_ns < self._wait_until_ns
 
-    def tell(self, time_ns: int, proxy: Vector | None) -> list[Packet]:
+    def tell(self, time_ns: int, proxies: Mapping[str, Vector]) -> list[Packet]:
         """Return the scene if it has changed or is to be repeated, and events about it.
 
         Args:
             time_ns: Now, in ns.
-            proxy: Of the last answer, in m; None: free motion.
+            proxies: Of the last answer to each hand that is not in free motion, in m.
         """
         self.is_due = False
         self._due_ns = time_ns + PERIOD_NS
@@ -70,15 +70,15 @@ class SceneTeller:
                 self._has_scene = False
                 return []
             objects = tuple(drawn)
-            if (objects, proxy) == self._sent and time_ns < self._repeat_ns:
+            if (objects, proxies) == self._sent and time_ns < self._repeat_ns:
                 return []
-            scene = self._fitting(Scene(self._seq, time_ns, objects[:MAX_LENGTH], proxy))
+            scene = self._fitting(Scene(self._seq, time_ns, objects[:MAX_LENGTH], dict(proxies)))
         except Exception as error:  # of a user's own code, or no scene
             self._has_scene = False
             _logger.warning("the environment's scene: %s", describe_user_error(error))
             message = "the environment's scene cannot be sent: its log gives the reason"
             return [self._events.emit(time_ns, "scene_failed", message, is_fault=True)]
-        self._sent = (objects, proxy)
+        self._sent = (objects, dict(proxies))
         self._repeat_ns = time_ns + REPEAT_NS
         self._seq += 1
         return [scene, *self._count(time_ns, len(objects) - len(scene.objects))]
@@ -92,7 +92,7 @@ class SceneTeller:
         data = encode(scene)
         while len(data) > MAX_SCENE_BYTES:
             half = scene.objects[: len(scene.objects) // 2]
-            scene = Scene(scene.seq, scene.time_ns, half, scene.proxy)
+            scene = Scene(scene.seq, scene.time_ns, half, scene.proxies)
             data = encode(scene)
         checked = decode(data, Scene)
         assert isinstance(checked, Scene)

@@ -4,6 +4,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from addresses import topic_endpoint
+
 from forcebound.bounding import Dissipation
 from forcebound.controllers.direct import DirectController
 from forcebound.devices import Device
@@ -22,7 +24,6 @@ from forcebound.nodes.device import DeviceNode
 from forcebound.nodes.environment import EnvironmentNode
 from forcebound.nodes.servo import ServoSettings, dissipation_of
 from forcebound.operators.pressing import PressingHand
-from forcebound.process import topic_endpoint
 from forcebound.simulation import LateTicks, Simulation
 
 DISSIPATION = Dissipation(

@@ -55,6 +55,7 @@ QUERY = EnvironmentQuery(
     environment=None,
     orientation=(0.5, -0.5, 0.5, 0.5),
     buttons=5,
+    hand="left",
 )
 REPLY = EnvironmentReply(
     seq=41,
@@ -67,6 +68,7 @@ REPLY = EnvironmentReply(
     environment="wall-7f3a",
     proxy=(0.01, -0.002),
     normal=(-1.0, 0.0),
+    hand="left",
 )
 COMMAND = ForceCommand(
     seq=70000,
@@ -105,7 +107,7 @@ SCENE = Scene(
         SceneObject("ball", "sphere", (0.01, 0.0, 0.5), size=(0.05,), is_fixed=False),
         SceneObject("floor", "plane"),
     ),
-    proxy=(0.01, -0.002),
+    proxies={"left": (0.01, -0.002)},
 )
 EVENT = Event(
     seq=2,
@@ -134,7 +136,7 @@ GOLDEN: dict[str, Packet] = {
     "scene": SCENE,
     "event": EVENT,
 }
-REASONS = ("malformed", "version", "keys", "value")
+REASONS = ("malformed", "version", "value")
 
 numbers = st.floats()
 counts = st.integers(0, MAX_COUNT)
@@ -174,6 +176,7 @@ def packets(draw: st.DrawFn, kind: type[Packet] | None = None) -> Packet:
         Quaternion | None: st.none() | st.tuples(*[numbers] * 4),
         tuple[SceneObject, ...]: st.lists(objects, max_size=3).map(tuple),
         Mapping[str, str]: st.dictionaries(st.text(max_size=20), st.text(max_size=40), max_size=16),
+        Mapping[str, Vector]: st.dictionaries(names, vectors, max_size=3),
         Mapping[str, int]: st.dictionaries(st.text(max_size=20), counts, max_size=32),
     }
     values = {name: draw(strategies[hint]) for name, hint in field_types(chosen).items()}

@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from addresses import LAUNCHERS, topic_endpoint
 from numpy.typing import NDArray
 from waiting import PATIENCE
 
@@ -28,7 +29,6 @@ from forcebound.messages.packets import Event, Telemetry
 from forcebound.monitor.control import ask_launcher
 from forcebound.network import sockets
 from forcebound.network.sockets import Network
-from forcebound.process import topic_endpoint
 from forcebound.recording import Recording, read
 from forcebound.telemetry import TelemetryColumns
 
@@ -86,7 +86,7 @@ class LiveGraph:
 
     @property
     def run_dir(self) -> Path:
-        [run_dir] = (path.parent for path in self.runtime.glob("forcebound-*/control-launcher"))
+        [run_dir] = (path.parent for path in self.runtime.glob(LAUNCHERS))
         return run_dir
 
     @property
@@ -122,7 +122,7 @@ class LiveGraph:
 
     def wait_until_engaged(self) -> None:
         """Wait until the launcher says that the force is engaged."""
-        self.until(lambda: list(self.runtime.glob("forcebound-*/control-launcher")), "the launcher")
+        self.until(lambda: list(self.runtime.glob(LAUNCHERS)), "the launcher")
         self.until(lambda: self.status().phase == "running", "an engaged force")
 
     def wait_until_forced(self) -> None:

@@ -13,8 +13,8 @@ Step: TypeAlias = tuple[int, Event | None, list[Action]]  # when (ns), what happ
 READY = [Reported(name, ()) for name in NODES]
 RUNNING: list[Step] = [
     *((1, event, []) for event in READY[:-1]),
-    (2, READY[-1], [Engage()]),
-    (3, Engaged(), []),
+    (2, READY[-1], [Engage("device")]),
+    (3, Engaged("device"), []),
 ]
 
 

@@ -62,7 +62,9 @@ def test_the_page_shows_the_golden_bytes(packet: Packet) -> None:
 def test_the_page_has_a_row_for_every_key(packet: Packet) -> None:
     section = PAGE.split(f"### `{TOPIC_OF[type(packet)]}`")[1].split("\n##")[0]
     rows = re.findall(r"^\| `(\w+)` \|", section, re.MULTILINE)
-    assert rows == [name for name in field_types(type(packet)) if name not in ("seq", "time_ns")]
+    assert rows == [
+        name for name in field_types(type(packet)) if name not in ("seq", "time_ns", "hand")
+    ]
 
 
 @pytest.mark.parametrize("kind", TOPIC_OF, ids=TOPICS)
@@ -71,7 +73,7 @@ def test_what_is_encoded_comes_back(kind: type[Packet]) -> None:
     def round_trip(packet: Packet) -> None:
         data = encode(packet)
         assert same(decode(data), packet)
-        assert same(decode(memoryview(data), kind), packet)
+        assert same(decode(data, kind), packet)
 
     round_trip()
 

@@ -14,7 +14,6 @@ from golden_packets import (
     REPLY,
     SIMULATED_TELEMETRY,
     STATE,
-    TELEMETRY,
     as_map,
     is_sound,
     numbers,
@@ -26,7 +25,7 @@ from golden_packets import (
 )
 from hypothesis import given
 from hypothesis import strategies as st
-from msgspec.structs import replace
+from msgspec.structs import fields, replace
 
 from forcebound.errors import PacketError
 from forcebound.messages.codec import MAX_BYTES, decode, encode
@@ -34,7 +33,6 @@ from forcebound.messages.packets import (
     MAX_AXES,
     MAX_COUNT,
     TOPIC_OF,
-    TOPICS,
     VERSION,
     DeviceState,
     Packet,
@@ -147,12 +145,8 @@ def test_trailing_bytes_are_malformed(packet: Packet) -> None:
         b"\xdb\xff\xff\xff\xff",  # claims 4 GB of text
         b"\xc6\xff\xff\xff\xff",
         b"\xc9\xff\xff\xff\xff\x01",
-        b"\x81\xa1a\xdc\x00\x41" + b"\0" * 65,  # an array longer than any in a packet
-        b"\xde\x00\x41" + b"".join(b"\xa1%c\0" % i for i in range(65)),
-        b"\x81\xa1\xff\0",  # a key that is not UTF-8
         b"\x81\x01\x01",  # a key that is not text
         b"\x81\x91\x01\x01",  # a key that cannot be a key
-        b"\x81\xa1a\xc7\x0c\xff" + b"\xff" * 12,  # a time stamp out of range
         b"\x93\x01\x02\x03",
         b"\xa4text",
         b"\xc0",
@@ -182,7 +176,7 @@ def test_hostile_nesting_allocates_little() -> None:
 def test_another_version_is_refused_as_such(packet: Packet, version: object) -> None:
     error = refused_map(as_map(packet) | {"version": version})
     assert error.reason == "version"
-    assert f"expected version {VERSION}" in str(error)
+    assert str(VERSION) in str(error)
     assert repr(version) in str(error)
 
 
@@ -190,48 +184,40 @@ def test_another_version_may_have_other_keys() -> None:
     assert refused_map({"version": VERSION + 1, "name": "state"}).reason == "version"
 
 
-def test_every_key_is_needed(packet: Packet) -> None:
+def test_every_key_without_a_default_is_needed(packet: Packet) -> None:
+    needed = {field.name for field in fields(type(packet)) if field.required}
     for key in as_map(packet):
         message = as_map(packet)
         del message[key]
-        error = refused_map(message, type(packet))
-        assert error.reason == "keys"
-        assert repr(key) in str(error) or key == "packet"
+        if key in needed or (key in ("proxy", "normal") and message.keys() & {"proxy", "normal"}):
+            error = refused_map(message, type(packet))
+            assert error.reason == "value"
+            assert key in str(error)
+        else:
+            missing = decode(msgpack.packb(message), type(packet))
+            assert missing == replace(packet, **_defaults(packet, key))
 
 
-def test_no_other_key_is_accepted(packet: Packet) -> None:
-    error = refused_map(as_map(packet) | {"stiffness": 1.0})
-    assert error.reason == "keys"
-    assert "unknown 'stiffness'" in str(error)
+def _defaults(packet: Packet, key: str) -> dict[str, Any]:
+    """What a missing key stands for; the name of the packet is no field."""
+    known = {field.name: field for field in fields(type(packet))}
+    return {} if key == "packet" else {key: getattr(type(packet)(*_least(packet)), known[key].name)}
 
 
-def test_a_misspelt_key_is_named(packet: Packet) -> None:
-    message = as_map(packet)
-    message["time"] = message.pop("time_ns")
-    error = refused_map(message)
-    assert error.reason == "keys"
-    assert "missing 'time_ns' and unknown 'time'" in str(error)
+def _least(packet: Packet) -> list[Any]:
+    return [getattr(packet, field.name) for field in fields(type(packet)) if field.required]
 
 
-def test_a_key_given_twice_is_refused(packet: Packet) -> None:
-    message = as_map(packet)
+def test_keys_that_this_version_does_not_know_are_ignored(packet: Packet) -> None:
+    signals = {"signals": {"temperature": 36.6}, "deep": [[{}]], "more": b"x"}
+    assert decode(msgpack.packb(as_map(packet) | signals)) == packet
+
+
+def test_of_a_key_given_twice_the_last_counts() -> None:
+    message = as_map(COMMAND)
     body = b"".join(msgpack.packb(key) + msgpack.packb(value) for key, value in message.items())
-    count = len(message) + 1
-    for head in (b"\x80", b"\xde\0\0", b"\xdf\0\0\0\0"):
-        if count < 16 or len(head) > 1:
-            data = head[:-1] + bytes([head[-1] | count]) + body + msgpack.packb("seq") + b"\x09"
-            error = refusal(data)
-            assert error.reason == "keys"
-            assert "duplicate key" in str(error)
-
-
-def test_a_key_given_twice_does_not_stand_in_for_a_missing_one(packet: Packet) -> None:
-    for missing in as_map(packet):
-        pairs = [(key, value) for key, value in as_map(packet).items() if key != missing]
-        pairs.append(("time_ns" if missing == "seq" else "seq", 9))
-        body = b"".join(msgpack.packb(key) + msgpack.packb(value) for key, value in pairs)
-        error = refusal(msgpack.Packer().pack_map_header(len(pairs)) + body, type(packet))
-        assert error.reason == "keys"
+    data = msgpack.Packer().pack_map_header(len(message) + 1) + body
+    assert decode(data + msgpack.packb("seq") + b"\x09") == replace(COMMAND, seq=9)
 
 
 @pytest.mark.parametrize(
@@ -247,17 +233,15 @@ def test_a_name_that_a_terminal_would_obey_is_refused(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["devicestate", "", None, 1, ["device_state"]])
-def test_an_unknown_packet_is_refused_with_the_known_names(name: object) -> None:
-    error = refused_map(as_map(STATE) | {"packet": name})
-    assert error.reason == "keys"
-    assert all(topic in str(error) for topic in TOPICS)
+def test_an_unknown_packet_is_refused(name: object) -> None:
+    assert refused_map(as_map(STATE) | {"packet": name}).reason == "value"
 
 
 def test_another_packet_than_expected_is_refused(packet: Packet) -> None:
     for kind in TOPIC_OF:
         if kind is not type(packet):
             error = refusal(encode(packet), kind)
-            assert error.reason == "keys"
+            assert error.reason == "value"
             assert TOPIC_OF[kind] in str(error)
             assert TOPIC_OF[type(packet)] in str(error)
 
@@ -286,6 +270,7 @@ UNFIT: dict[Any, list[object]] = {
     bool: [0, 1, 1.0, "true", b"", [], {}],
     str: ["x" * 501, 0, b"name", ["name"], {}],
     Mapping[str, str]: [[], 0, "age", {"age": 1}, {"age": b"1"}, {"age": "x" * 501}],
+    Mapping[str, Vector]: [[], 0, "left", {"left": 1.0}, {"left": []}, {"left": None}],
     Mapping[str, int]: [[], 0, "age", {"age": -1}, {"age": True}, {"age": 0.5}, {"age": None}],
 }
 
@@ -300,20 +285,7 @@ def test_every_key_refuses_what_does_not_fit(packet: Packet) -> None:
         for value in unfit:
             error = refused_map(as_map(packet) | {name: value})
             assert error.reason == "value", (name, value)
-            assert f"{TOPIC_OF[type(packet)]}: {name}" in str(error)
-            assert " must be " in str(error)
-
-
-def test_a_refused_value_is_named_with_what_was_expected_and_what_came() -> None:
-    message = as_map(TELEMETRY) | {"device_seq": -1}
-    assert str(refused_map(message)) == ("telemetry: device_seq must be `int` >= 0, got -1")
-
-
-@pytest.mark.parametrize("value", [b"\0" * 200, msgpack.ExtType(5, b"12345678")])
-def test_packed_arrays_of_floats_are_refused_as_values(value: object) -> None:
-    error = refused_map(as_map(COMMAND) | {"force": value})
-    assert error.reason == "value"
-    assert "force must be `array`" in str(error)
+            assert name in str(error)
 
 
 @pytest.mark.parametrize(
@@ -330,19 +302,22 @@ def test_the_vectors_of_a_packet_have_one_length(packet: Packet) -> None:
         assert "vectors of one length" in str(error)
 
 
-def test_a_deep_value_is_refused_as_a_value() -> None:
+def test_a_deep_value_is_refused() -> None:
     message = as_map(COMMAND)
     del message["force"]
     rest = b"".join(msgpack.packb(key) + msgpack.packb(value) for key, value in message.items())
+    head = msgpack.Packer().pack_map_header(len(message) + 1)
     for depth in (900, 1000):  # the second is too deep for the stack where nothing is expected yet
         deep = msgpack.packb("force") + b"\x91" * depth + b"\x00"
         for body in (deep + rest, rest + deep):
-            error = refusal(b"\x88" + body)
-            assert error.reason == "value"
+            error = refusal(head + body)
+            assert error.reason in ("value", "malformed")
             assert len(str(error)) < 400
 
 
-def test_refusals_stay_short_whatever_came() -> None:
+def test_refusals_stay_short_and_printable_whatever_came() -> None:
     message = as_map(COMMAND)
-    for key, value in [("force", "x" * 3000), ("packet", "y" * 3000), ("z" * 3000, 0)]:
-        assert len(str(refused_map(message | {key: value}))) < 400
+    for key, value in [("force", "x" * 3000), ("packet", "\x1b[2J" * 700)]:
+        error = str(refused_map(message | {key: value}))
+        assert len(error) < 400
+        assert error.isprintable()

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from addresses import topic_endpoint
 from builders import MS, telemetry_packet
 from click.testing import CliRunner
 from launch_texts import GOOD, written
@@ -22,14 +23,14 @@ from forcebound.hops import Hops
 from forcebound.launch.run_directory import RUN_FILE, RunDocument
 from forcebound.launch.virtual import run_virtual
 from forcebound.messages.codec import encode
-from forcebound.messages.packets import LINKS, EnvironmentReply, Packet, Telemetry
+from forcebound.messages.packets import EnvironmentReply, Packet, Telemetry
 from forcebound.monitor.delay import DelayFigures, Measured, Percentiles, measure, watch
 from forcebound.network.impairment import Impairment
 from forcebound.network.sockets import Network
 from forcebound.network.trace import DelayTrace
-from forcebound.process import topic_endpoint
 from forcebound.recording import Recorder, read
 from forcebound.telemetry import TelemetryColumns
+from forcebound.topology import LINKS
 
 
 def test_the_delay_of_a_tick_is_that_of_its_answer(tmp_path: Path) -> None:

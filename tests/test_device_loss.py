@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from addresses import LAUNCHER_SOCKET
 from builders import telemetry_packet
 from live_graph import LiveGraph, live_graph
 from run_starts import running
@@ -33,7 +34,7 @@ from forcebound.launch.actions import (
 from forcebound.launch.lifecycle import ADVICE, Phase
 from forcebound.messages.packets import Telemetry
 from forcebound.monitor.control import resume_device
-from forcebound.processes import LOST
+from forcebound.roles import LOST
 from forcebound.telemetry import TelemetryColumns
 
 HOME = (0.0, -0.0693)  # m, of the tip
@@ -48,28 +49,28 @@ def test_a_lost_device_waits_for_the_word_and_engages_anew() -> None:
     assert lifecycle.advance(500, Ended("device", LOST)) == [ADVISED]
     assert (lifecycle.phase, lifecycle.state("device")) == (Phase.RUNNING, "lost")
     assert lifecycle.advance(600) == []
-    assert lifecycle.advance(700, Resumed()) == [Start("device"), STARTED]
+    assert lifecycle.advance(700, Resumed("device")) == [Start("device"), STARTED]
     assert lifecycle.restarts.counts == {"device": 1}
     assert lifecycle.advance(701, Reported("device", ("force_command",))) == []
-    assert lifecycle.is_returning
-    assert not lifecycle.is_engaging
-    assert lifecycle.advance(702, Reported("device", ())) == [Engage()]
-    assert lifecycle.is_engaging
-    assert lifecycle.advance(703, Engaged()) == []
-    assert not lifecycle.is_returning
+    assert lifecycle.returning
+    assert not lifecycle.engaging
+    assert lifecycle.advance(702, Reported("device", ())) == [Engage("device")]
+    assert lifecycle.engaging
+    assert lifecycle.advance(703, Engaged("device")) == []
+    assert not lifecycle.returning
     assert lifecycle.state("device") == "running"
 
 
 def test_a_device_that_cannot_be_opened_again_is_lost_again() -> None:
     lifecycle = running()
     lifecycle.advance(500, Ended("device", LOST))
-    lifecycle.advance(501, Resumed())
+    lifecycle.advance(501, Resumed("device"))
     assert lifecycle.advance(502, Ended("device", LOST)) == [ADVISED]
-    assert lifecycle.advance(503, Resumed()) == [Start("device"), STARTED]
+    assert lifecycle.advance(503, Resumed("device")) == [Start("device"), STARTED]
 
 
 def test_the_word_means_nothing_while_no_device_is_lost() -> None:
-    assert running().advance(500, Resumed()) == []
+    assert running().advance(500, Resumed("device")) == []
 
 
 def test_a_device_that_was_killed_or_crashed_ends_the_run() -> None:
@@ -172,5 +173,5 @@ def live_graph_at(
     with program(link, "--fault", "short") as board:
         until(link.exists, "the port")
         with live_graph("haply_2diy", *words, is_alone=False) as graph:
-            graph.until(lambda: list(graph.runtime.glob("*/control-launcher")), "the launcher")
+            graph.until(lambda: list(graph.runtime.glob(f"*/{LAUNCHER_SOCKET}")), "the launcher")
             yield graph, board

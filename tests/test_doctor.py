@@ -24,10 +24,10 @@ from observed_graph import (
 )
 
 from forcebound.messages.control import BounderReport, NodeStatus, RemoteStatus
-from forcebound.messages.packets import LINKS, TOPICS
 from forcebound.monitor.doctor import REASONS, examine
 from forcebound.monitor.observation import Observations, RecordingSeen, Seen
-from forcebound.processes import Fact
+from forcebound.roles import Fact
+from forcebound.topology import LINKS, ONE_HAND
 
 
 def test_of_a_healthy_graph_there_is_nothing_to_say() -> None:
@@ -101,8 +101,7 @@ def test_a_run_that_begins_or_ends_is_no_problem(phase: str) -> None:
 
 @pytest.mark.parametrize("topic", LINKS)
 def test_of_a_broken_chain_only_the_first_broken_hop_is_named(topic: str) -> None:
-    _, sender, receiver = TOPICS[topic]
-    assert sender is not None
+    receiver = ONE_HAND.named(topic)[0].receiver
     behind = LINKS[LINKS.index(topic) :]
     processes = {}
     for name, whole in PROCESSES.items():

@@ -18,8 +18,8 @@ from forcebound.launch.application import apply
 from forcebound.launch.build import build_device, build_node
 from forcebound.launch.links import build_links
 from forcebound.messages.packets import TOPIC_OF, Packet, Telemetry
-from forcebound.processes import NODES
 from forcebound.simulation import Simulation
+from forcebound.topology import ONE_HAND
 
 HOUR_NS = 3_600_000_000_000
 MINUTE_NS = 60_000_000_000
@@ -103,7 +103,7 @@ def an_hour(file: str | Path, report: Callable[[str], None]) -> None:
     config = load(file)
     watch = Watch()
     device = build_device(config)
-    others = [build_node(kind, config) for kind in NODES if kind != "device"]
+    others = [build_node(kind, config) for kind in ONE_HAND.loop if kind != "device"]
     simulation = Simulation([*others, device], build_links(config), watch)
     for node in simulation.nodes:
         node.events.is_logged = False
@@ -126,11 +126,11 @@ def an_hour(file: str | Path, report: Callable[[str], None]) -> None:
     assert watch.counts["device_state"] == HOUR_NS // 1_000_000
     seen = 0
     for node in simulation.nodes:
-        for topic in (TOPIC_OF[packet] for packet in node.subscribes):
-            link = simulation.link(topic)
+        for stream in ONE_HAND.received(node.events.node):
+            link = simulation.link(stream.name)
             if link is not None:
                 seen += 1
-                assert add_up(link.counts), (topic, link.counts)
+                assert add_up(link.counts), (stream.name, link.counts)
                 assert link.queued < 1000
     assert seen >= 2
 

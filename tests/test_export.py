@@ -37,7 +37,7 @@ def packets() -> list[Packet]:
             true_position=two,
             rejected={"age": 3},
         ),
-        Scene(0, 5, (SceneObject("ball", "sphere", size=(0.05,)),), None),
+        Scene(0, 5, (SceneObject("ball", "sphere", size=(0.05,)),)),
         EventLog("device").emit(7, "force_engages", 'so "answers", come', {"name": "value"}),
     ]
 

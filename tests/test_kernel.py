@@ -17,13 +17,13 @@ from forcebound.config.loader import load
 from forcebound.environments import ENVIRONMENTS
 from forcebound.environments.adversary import NegativeDamper
 from forcebound.launch.virtual import run_virtual
-from forcebound.messages.packets import LINKS
 from forcebound.network.impairment import Impairment
 from forcebound.operators.sinusoidal import SinusoidalHand
 from forcebound.operators.trajectory import TrajectoryHand
 from forcebound.sweep import kernel as lanes
 from forcebound.sweep.engine import run_all, ticks_of
 from forcebound.sweep.timing import timing_of
+from forcebound.topology import LINKS
 
 SAME = (
     "time",

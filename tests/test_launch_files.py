@@ -16,9 +16,8 @@ from forcebound.config.resolved import restore, run_document, to_document, with_
 from forcebound.config.schema import json_schema
 from forcebound.config.tree import scalar
 from forcebound.errors import ConfigError
-from forcebound.messages.packets import LINKS
 from forcebound.nodes.servo import ServoSettings
-from forcebound.processes import NODES
+from forcebound.topology import LINKS, ONE_HAND
 
 # --- what ships ----------------------------------------------------------------------------------
 
@@ -69,7 +68,7 @@ def test_a_resolved_document_is_plain_json_and_reads_back_the_same(shipped_name:
     assert with_parts(restore(json.loads(text))) == config
 
 
-@pytest.mark.parametrize("kind", NODES)
+@pytest.mark.parametrize("kind", ONE_HAND.loop)
 def test_a_node_process_loads_no_parser_of_launch_files_or_recordings(
     kind: str, tmp_path: Path
 ) -> None:

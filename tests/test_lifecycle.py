@@ -44,7 +44,7 @@ HISTORIES: dict[str, tuple[list[Step], str | None]] = {
             (1, Reported("device", ()), []),
             (2, Reported("controller", ("environment_reply",)), []),
             (3, Reported("environment", ()), []),
-            (4, Engaged(), []),
+            (4, Engaged("device"), []),
             (
                 100,
                 None,
@@ -209,10 +209,10 @@ def test_a_device_that_is_killed_while_it_still_starts_is_no_failure() -> None:
 
 def test_the_force_engages_once() -> None:
     lifecycle = Lifecycle(("device",), None, 0, LIMITS)
-    assert lifecycle.advance(1, Reported("device", ())) == [Engage()]
+    assert lifecycle.advance(1, Reported("device", ())) == [Engage("device")]
     assert lifecycle.advance(2, Reported("device", ())) == []
-    lifecycle.advance(3, Engaged())
-    assert lifecycle.advance(4, Engaged()) == []
+    lifecycle.advance(3, Engaged("device"))
+    assert lifecycle.advance(4, Engaged("device")) == []
     assert lifecycle.advance(5, Reported("device", ())) == []
 
 
@@ -247,7 +247,7 @@ def test_a_graph_waits_for_a_remote_environment_as_long_as_it_takes_and_says_so_
     assert lifecycle.advance(10**12, Reported("device", ("force_command",))) == []
     for node in LOCAL:
         actions = lifecycle.advance(10**12, Reported(node, ()))
-    assert actions == [Engage()]
+    assert actions == [Engage("device")]
 
 
 def test_what_is_missing_on_this_machine_is_not_waited_for_without_end() -> None:

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from addresses import control_endpoint
 from waiting import until
 
 from forcebound.config.loader import load
@@ -15,7 +16,7 @@ from forcebound.messages.control import Point, Pointed, Refused
 from forcebound.network.sockets import Network
 from forcebound.nodes.device import DeviceNode
 from forcebound.operators.pointer import PointerHand
-from forcebound.process import Runner, control_endpoint
+from forcebound.process import Runner
 
 MS = 1_000_000
 HAND = PointerHand(start=(0.01, -0.01), reach=0.05, smoothing=0.01, speed=0.5)

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import ClassVar
 
 import pytest
+from addresses import control_endpoint, topic_endpoint
 from builders import MS, query
 from fakes import DISSIPATION, FakeDevice, Sender, device_node
 from waiting import PATIENCE, until
@@ -27,7 +28,6 @@ from forcebound.messages.control import (
 )
 from forcebound.messages.packets import (
     DeviceState,
-    EnvironmentQuery,
     EnvironmentReply,
     ForceCommand,
     Packet,
@@ -44,14 +44,12 @@ from forcebound.nodes.device import DeviceNode
 from forcebound.nodes.environment import EnvironmentNode
 from forcebound.nodes.events import EventLog
 from forcebound.nodes.servo import ServoSettings
-from forcebound.process import Runner, Stop, control_endpoint, topic_endpoint
+from forcebound.process import Runner, Stop
 
 
 class ListeningNode(Node):
     """Keeps what it hears; answers nothing."""
 
-    subscribes: ClassVar[tuple[type[Packet], ...]] = (EnvironmentQuery,)
-    publishes: ClassVar[tuple[type[Packet], ...]] = (EnvironmentReply,)
     wakes_on_arrival: ClassVar[bool] = True
     wake_ns: int | None = None
 
@@ -69,8 +67,6 @@ class ListeningNode(Node):
 class BrokenServo(Node):
     """A servo with a programming mistake."""
 
-    subscribes: ClassVar[tuple[type[Packet], ...]] = ()
-    publishes: ClassVar[tuple[type[Packet], ...]] = ()
     wakes_on_arrival: ClassVar[bool] = False
     wake_ns: int | None = 0
 
@@ -136,8 +132,8 @@ def test_rejected_bytes_are_counted_by_reason_in_the_node(
     node, _ = device_node()
     device = runner(node, "device", run_dir, network)
     sender = Sender(network, run_dir, "force_command")
-    old = encode(ForceCommand(0, 0, 0, 0, (0.0,))).replace(b"\xa7version\x03", b"\xa7version\x02")
-    for junk, reason in ((old, "version"), (b"junk", "malformed"), (encode(query(1)), "keys")):
+    old = encode(ForceCommand(0, 0, 0, 0, (0.0,))).replace(b"\xa7version\x04", b"\xa7version\x03")
+    for junk, reason in ((old, "version"), (b"junk", "malformed"), (encode(query(1)), "value")):
 
         def counted(junk: bytes = junk, reason: str = reason) -> bool:
             sender.send(junk)
@@ -145,8 +141,8 @@ def test_rejected_bytes_are_counted_by_reason_in_the_node(
             return reason in device.status().rejected
 
         until(counted, reason)
-    assert node.status().rejected.keys() == {"malformed", "version", "keys"}
-    assert "expected version 3 of the wire format, got 2: use one version" in caplog.text
+    assert node.status().rejected.keys() == {"malformed", "version", "value"}
+    assert "expected version 4" in caplog.text
     assert device.status().waiting_for
 
 

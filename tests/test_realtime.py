@@ -13,7 +13,8 @@ from waiting import PATIENCE
 
 from forcebound import realtime
 from forcebound.errors import ConfigError
-from forcebound.processes import NODES, PROCESSES
+from forcebound.roles import ROLES
+from forcebound.topology import ONE_HAND
 
 PROGRAM = """
 import gc, json, os, sys
@@ -97,13 +98,13 @@ def test_most_of_a_wait_is_slept_however_long_the_spin(monkeypatch: pytest.Monke
 
 
 @pytest.mark.live
-@pytest.mark.parametrize("role", NODES)
+@pytest.mark.parametrize("role", ONE_HAND.loop)
 def test_a_node_of_the_chain_runs_as_it_says(role: str) -> None:
     became = enter(role, core=CORES[-1])
     assert became["cores"] == [CORES[-1]]
     assert str(CORES[-1]) in became["facts"]["core"]
     if became["policy"] == os.SCHED_FIFO:
-        assert became["priority"] == PROCESSES[role].priority
+        assert became["priority"] == ROLES[role].priority
         assert str(became["priority"]) in became["facts"]["fifo"]
     else:
         assert {"fifo_not_permitted", "fifo_refused"} & set(became["facts"])
@@ -158,5 +159,5 @@ def test_processors_are_kept_awake_only_on_request_and_a_refusal_is_a_hindrance(
 
 
 def test_the_device_goes_before_the_controller_before_the_environment() -> None:
-    order = [PROCESSES[name].priority for name in ("device", "controller", "environment")]
+    order = [ROLES[name].priority for name in ("device", "controller", "environment")]
     assert order[0] > order[1] > order[2] > 0

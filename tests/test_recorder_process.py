@@ -14,7 +14,8 @@ from forcebound import process, realtime
 from forcebound.messages.packets import EnvironmentQuery, Packet
 from forcebound.network import sockets
 from forcebound.network.sockets import Network
-from forcebound.process import Stop, topic_endpoint
+from forcebound.process import Stop
+from forcebound.topology import ONE_HAND
 
 
 class StoppingSink:
@@ -52,8 +53,7 @@ def test_the_recorder_keeps_everything_and_counts_what_it_cannot_read(
         real_wait = sockets.wait
         monkeypatch.setattr(sockets, "wait", send_now)
         topics = ["environment_query", "telemetry"]
-        streams = [(topic, topic_endpoint(run_dir, topic)) for topic in topics]
-        status = process.record(sink, "recorder", run_dir, streams, None, stop)
+        status = process.record(sink, run_dir, ONE_HAND, topics, None, stop)
     assert set(map(type, sink.packets)) == {EnvironmentQuery}
     assert status.received == {"environment_query": len(sink.packets), "telemetry": 0}
     assert status.waiting_for == ("telemetry",)
@@ -66,7 +66,7 @@ def test_a_recorder_that_is_to_end_with_the_device_has_what_the_device_sends_las
 ) -> None:
     monkeypatch.setattr(realtime, "enter", lambda settings, role: [])
     monkeypatch.setattr("forcebound.process.recorder.DRAIN_LIMIT_NS", round(PATIENCE * 1e9))
-    device = run_dir / "control-device"
+    device = run_dir / ONE_HAND.nodes["device"].socket
     device.touch()
     waits = count()
     with Stop() as stop, Network() as network:
@@ -84,6 +84,5 @@ def test_a_recorder_that_is_to_end_with_the_device_has_what_the_device_sends_las
 
         real_wait = sockets.wait
         monkeypatch.setattr(sockets, "wait", send_late)
-        streams = [("environment_query", topic_endpoint(run_dir, "environment_query"))]
-        process.record(sink, "recorder", run_dir, streams, None, stop)
+        process.record(sink, run_dir, ONE_HAND, ["environment_query"], None, stop)
     assert sink.packets[-1] == query(2)

@@ -52,7 +52,7 @@ def packets(ticks: int = 5) -> list[Packet]:
             full_telemetry(tick),
         ]
     ball = SceneObject("ball", "sphere", (0.1, 0.0, 0.0), size=(0.05,), points=((0.0, 0.0, 1.0),))
-    result.append(Scene(0, 5, (ball, SceneObject("floor", "plane")), (0.1,)))
+    result.append(Scene(0, 5, (ball, SceneObject("floor", "plane")), {"": (0.1,)}))
     result.append(EventLog("device").emit(7, "force_engages", "answers come", {"name": "value"}))
     return result
 

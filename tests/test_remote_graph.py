@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from addresses import event_endpoint, remote_endpoint, topic_endpoint
 from builders import MS, query
 from waiting import free_port, until
 
@@ -29,7 +30,7 @@ from forcebound.network.remote import RemoteLink
 from forcebound.network.sockets import Network, Publisher
 from forcebound.nodes.controller import ControllerNode
 from forcebound.nodes.environment import EnvironmentNode
-from forcebound.process import Runner, event_endpoint, remote_endpoint, topic_endpoint
+from forcebound.process import Runner
 
 
 def state(seq: int) -> DeviceState:
@@ -127,7 +128,7 @@ def test_another_machine_cannot_play_the_device(pair: Pair) -> None:
     def rejected() -> bool:
         pair.turn()
         pair.far.send(encode(state(1_000_000)))
-        return bool(pair.controller.status().rejected.get("keys"))
+        return bool(pair.controller.status().rejected.get("value"))
 
     until(rejected, "a rejected device state from the other machine")
     received = pair.controller.status().received["device_state"]

@@ -18,6 +18,7 @@ from forcebound.network.link import Link
 from forcebound.nodes.controller import ControllerNode
 from forcebound.nodes.lease import LEASE_NS
 from forcebound.process.inbox import Inbox
+from forcebound.topology import ONE_HAND
 
 TRUE, FALSE = 1.0, -1.0  # N, forces of the environment that serves and of the other one
 
@@ -38,7 +39,7 @@ class Graph:
     def __init__(self, peer: Peer, links: dict[str, Link[Packet]]) -> None:
         self.node = ControllerNode(DirectController())
         self.node.events.is_logged = False
-        self.inbox = Inbox(self.node.subscribes, links, self._reject, self.node.admit)
+        self.inbox = Inbox(ONE_HAND.received("controller"), links, self._reject, self.node.admit)
         self.forwarded: list[bytes] = []
         self.inbox.listen_remotely(EnvironmentReply, peer.link.channel, self.forwarded.append)
         self.peer = peer

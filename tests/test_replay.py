@@ -21,11 +21,11 @@ from forcebound.launch.results import run_metadata
 from forcebound.launch.virtual import run_virtual
 from forcebound.messages.packets import TOPICS, Telemetry
 from forcebound.operators.trajectory import TrajectoryHand
-from forcebound.processes import NODES
 from forcebound.recording import Recorder, read
 from forcebound.recordings.rerun import device_of, graph_of
 from forcebound.recordings.verification import Verified, verify
 from forcebound.simulation import LateTicks, Simulation
+from forcebound.topology import ONE_HAND
 
 
 def recorded(path: Path, *words: str, duration: float = 0.3) -> Path:
@@ -146,7 +146,7 @@ def test_a_recording_without_its_first_ticks_is_verified_in_full(
 ) -> None:
     path, config = tmp_path / "run.mcap", load("stiff_wall")
     device = build_device(config)
-    others = [build_node(kind, config) for kind in NODES if kind != "device"]
+    others = [build_node(kind, config) for kind in ONE_HAND.loop if kind != "device"]
     with Recorder(path, run_metadata(config)) as recorder:
         simulation = Simulation([*others, device], {}, recorder.write)
         simulation.run(50_000_000)

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 import pytest
+from addresses import LAUNCHER_SOCKET
 from click.testing import CliRunner
 
 from forcebound.cli import main
@@ -230,7 +231,7 @@ def test_a_node_by_hand_does_not_stand_in_the_way_of_the_graph_that_is_meant(
     tmp_path: Path, make_run: MakeRun
 ) -> None:
     by_hand, launched = make_run(tmp_path, "a"), make_run(tmp_path, "b")
-    (launched / "control-launcher").touch()
+    (launched / LAUNCHER_SOCKET).touch()
     assert find(None) == launched
     assert find(by_hand) == by_hand
 

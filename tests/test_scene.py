@@ -137,7 +137,7 @@ def test_a_stateless_model_may_tell_its_scene() -> None:
             return (BALL,)
 
     node = EnvironmentNode(Drawn())
-    assert scenes(answer(node, 0)) == [Scene(0, 0, (BALL,), None)]
+    assert scenes(answer(node, 0)) == [Scene(0, 0, (BALL,))]
     assert not may_report_contacts(Drawn())
     assert may_report_contacts(Floor())
     assert open_environment(Wall(), 1).scene() is None
@@ -165,7 +165,7 @@ def test_a_scene_follows_an_answer_and_never_goes_before_it() -> None:
     assert [type(packet) for packet in node.step(0, [query(0)])] == [EnvironmentReply]
     assert model.opened.asked == 0
     assert node.wake_ns == 0
-    assert node.step(0, []) == [Scene(0, 0, (BALL,), (0.01,))]
+    assert node.step(0, []) == [Scene(0, 0, (BALL,), {"": (0.01,)})]
     assert node.wake_ns is None
 
 
@@ -192,7 +192,7 @@ def test_a_scene_that_stays_is_repeated_once_a_second_and_with_another_proxy() -
     times = [s.time_ns // MS for tick in range(2500) for s in scenes(answer(node, tick * MS))]
     assert times == [0, 986, 1972]  # of the moments at which it is asked for
     (free,) = scenes(answer(node, 2540 * MS, 0.0))
-    assert free.proxy is None
+    assert free.proxies == {}
 
 
 def test_what_does_not_fit_is_left_out_and_said_once() -> None:
@@ -235,7 +235,7 @@ def test_other_parameters_open_a_new_environment_whose_scene_is_told() -> None:
     node = EnvironmentNode(Floor(objects=(7,)))
     answer(node, 0)
     node.change(Floor(), Impairment(0.0))
-    assert scenes(answer(node, 40 * MS)) == [Scene(0, 40 * MS, (BALL,), (0.01,))]
+    assert scenes(answer(node, 40 * MS)) == [Scene(0, 40 * MS, (BALL,), {"": (0.01,)})]
 
 
 def test_an_environment_without_a_scene_may_follow_one_whose_scene_is_due() -> None:

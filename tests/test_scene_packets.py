@@ -31,7 +31,7 @@ from forcebound.recording_schema import schema
 BALL = SceneObject("ball", "sphere", (0.1, 0.0, 0.0), size=(0.05,), is_fixed=False)
 BUNNY = SceneObject("bunny", "mesh", file="bunny.stl", digest="0123456789abcdef" * 4)
 PATH = SceneObject("path", "path", points=((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)))
-SCENE = Scene(0, 5, (BALL, BUNNY, PATH), (0.1,))
+SCENE = Scene(0, 5, (BALL, BUNNY, PATH), {"": (0.1,)})
 STATE = DeviceState(0, 0, 0.0, (0.1,), (0.0,), (0.0,), (0.5, -0.5, 0.5, 0.5), 3)
 REPLY = EnvironmentReply(0, 0, 0, 0, 0, 0, (1.0,), "e", (0.01,), (-1.0,))
 
@@ -62,26 +62,20 @@ def test_only_what_is_unusual_of_an_object_is_sent() -> None:
     ("changes", "said"),
     [
         ({"name": None}, "missing required field `name`"),
-        ({"radius": 0.1}, "unknown field `radius`"),
         ({"shape": "cone"}, "objects[0].shape"),
-        ({"position": [0.0, 0.0]}, "objects[0].position must be `array` of length 3"),
+        ({"position": [0.0, 0.0]}, "objects[0].position"),
         ({"size": [0.1] * 4}, "objects[0].size"),
         ({"size": [math.inf]}, "finite numbers"),
         ({"points": [[0.0, math.nan, 0.0]]}, "finite numbers"),
-        ({"points": [[0.0] * 3] * (MAX_LENGTH + 1)}, "malformed"),
+        ({"points": [[0.0] * 3] * (MAX_LENGTH + 1)}, "objects[0].points"),
         ({"digest": "0" * 63}, "objects[0].digest"),
         ({"name": "a\nb"}, "printable text"),
         ({"file": "\x1b[2J"}, "printable text"),
-        ({"is_fixed": 1}, "objects[0].is_fixed must be `bool`"),
+        ({"is_fixed": 1}, "objects[0].is_fixed"),
     ],
 )
 def test_an_object_that_is_none_is_refused(changes: dict[str, Any], said: str) -> None:
-    if said != "malformed":
-        assert said in refusal(scene_with(**changes))
-        return
-    with pytest.raises(PacketError) as caught:
-        decode(msgpack.packb(scene_with(**changes)))
-    assert caught.value.reason == said
+    assert said in refusal(scene_with(**changes))
 
 
 def test_a_scene_may_be_longer_than_other_packets_but_not_for_ever() -> None:
@@ -117,7 +111,7 @@ def test_a_contact_is_whole(key: str) -> None:
 def test_scenes_contacts_and_what_a_device_senses_come_back(tmp_path: Path) -> None:
     nowhere = replace(STATE, orientation=(math.nan, 0.0, 0.0, 0.0))
     lost = replace(REPLY, proxy=(math.nan,))
-    sent: list[Packet] = [STATE, nowhere, REPLY, lost, SCENE, replace(SCENE, proxy=None)]
+    sent: list[Packet] = [STATE, nowhere, REPLY, lost, SCENE, replace(SCENE, proxies={})]
     with Recorder(tmp_path / "run.mcap", {}) as recorder:
         for packet in sent:
             recorder.write(packet)
@@ -188,7 +182,7 @@ class OpenFloor(Environment):
         (
             '"plane", (0.01, 0.0, 0.0)',
             '"plane", (0.01,)',
-            "scene(): PacketError: scene: obj",
+            "scene(): PacketError: scene: ",
         ),
     ],
 )
@@ -232,7 +226,7 @@ def test_a_run_in_virtual_time_knows_its_contacts_with_and_without_a_recording(r
 
 def test_a_recorded_scene_follows_the_proxy(run: Run) -> None:
     scenes = [p for p in read(run.recorded).packets("scene") if isinstance(p, Scene)]
-    assert [scene.proxy for scene in scenes[:2]] == [None, (0.01,)]
+    assert [scene.proxies for scene in scenes[:2]] == [{}, {"": (0.01,)}]
     assert {scene.objects[0].shape for scene in scenes} == {"plane"}
     with run.recorded.open("rb") as file:
         written_scenes = [m for _, c, m in make_reader(file).iter_messages() if c.topic == "/scene"]

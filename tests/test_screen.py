@@ -20,7 +20,7 @@ def test_each_step_of_a_start_is_told() -> None:
     assert doing(lifecycle, 5.0) == "waiting: device has received nothing on force_command, 5 s"
     lifecycle.advance(3, Reported("device", ()))
     assert doing(lifecycle, 5.1) == "all ready: the force engages"
-    lifecycle.advance(4, Engaged())
+    lifecycle.advance(4, Engaged("device"))
     assert doing(lifecycle, 5.2) == ""
     lifecycle.advance(5, Interrupted())
     assert doing(lifecycle, 9.0) == "stopping: zero force, then the processes"

@@ -37,6 +37,7 @@ from forcebound.monitor.tuning import (
     found_elsewhere,
     set_parameters,
 )
+from forcebound.topology import ONE_HAND
 
 
 def check_notes(change: Change, *words: str) -> None:
@@ -100,7 +101,7 @@ def test_a_node_that_does_not_answer_is_named(
     monkeypatch.setattr(tuning, "ANSWER_TIMEOUT", 0.1)
     monkeypatch.setattr(snapshot, "STATUS_TIMEOUT", 0.1)
     begin(tmp_path, config)
-    (tmp_path / "control-environment").touch()
+    (tmp_path / ONE_HAND.nodes["environment"].socket).touch()
     with pytest.raises(RunError, match="environment did not answer"):
         set_parameters(tmp_path, {"environment.stiffness": 500})
 
@@ -164,7 +165,7 @@ class Answering:
         self.asked: list[tuple[str, Request]] = []
         self._run_dir, self._replies, self._answers = run_dir, replies, answers
         for name in answers:
-            (run_dir / f"control-{name}").touch()
+            (run_dir / ONE_HAND.nodes[name].socket).touch()
 
     def __call__(
         self, run_dir: Path, names: Collection[str], request: Request, timeout: float

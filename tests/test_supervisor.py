@@ -27,6 +27,7 @@ from forcebound.messages.control import Configure, ConfigureNode, Engage, GetSta
 from forcebound.monitor import control
 from forcebound.monitor.control import ask_launcher, start_node, stop_node
 from forcebound.network import sockets
+from forcebound.topology import ONE_HAND
 
 NODES = ("environment", "controller", "device", "recorder")
 
@@ -35,12 +36,14 @@ import os, signal, sys
 from forcebound.network import sockets
 from forcebound.network.sockets import Network
 from forcebound.messages.control import *
+from forcebound.topology import ONE_HAND, endpoint
 REQUESTS = (*OF_NODES, Engage, EnvironmentDied)
 name, run_dir, mode = sys.argv[1:]
 if mode == "starts no more" and os.path.exists(f"{run_dir}/engaged"):
     signal.pause()
 with Network() as network:
-    server = network.control_server(f"ipc://{run_dir}/control-{name}", REQUESTS)
+    address = endpoint(run_dir, ONE_HAND.nodes[name])
+    server = network.control_server(address, REQUESTS)
     if mode == "stubborn":
         signal.signal(signal.SIGTERM, signal.SIG_IGN)
     else:
@@ -226,7 +229,7 @@ def test_a_launcher_that_hangs_is_told_from_one_that_is_not_there(
     monkeypatch.setattr(control, "ANSWER_TIMEOUT", 0.1)
     with pytest.raises(ConfigError, match=r"no launcher answers in"):
         ask_launcher(run_dir, GetStatus())
-    (run_dir / "control-launcher").touch()
+    (run_dir / ONE_HAND.nodes["launcher"].socket).touch()
     with pytest.raises(RunError, match=r"has not answered for 0.1 s"):
         ask_launcher(run_dir, GetStatus())
 

@@ -24,6 +24,7 @@ import numpy as np
 import pytest
 import tornado.httpclient
 import tornado.websocket
+from addresses import LAUNCHERS
 from click.testing import CliRunner
 from live_graph import LiveGraph, live_graph
 from waiting import PATIENCE
@@ -88,7 +89,7 @@ def pointed(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[LiveGraph, Path]]
     """A running graph whose hand follows a pointer, and its run directory."""
     with live_graph("pointer_wall", is_alone=False) as graph:
         monkeypatch.setenv("XDG_RUNTIME_DIR", str(graph.runtime))
-        graph.until(lambda: list(graph.runtime.glob("forcebound-*/control-launcher")), "a launcher")
+        graph.until(lambda: list(graph.runtime.glob(LAUNCHERS)), "a launcher")
         graph.until(lambda: graph.status().phase == "running", "an engaged force")
         yield graph, graph.run_dir
 

@@ -20,6 +20,7 @@ struct Query {
   double elapsed;
   std::vector<double> position;
   Text environment;  // empty: nobody serves
+  Text hand;  // copied into the answer
 };
 int64_t now() { return std::chrono::steady_clock::now().time_since_epoch() / std::chrono::nanoseconds(1); }
 
@@ -38,18 +39,18 @@ Query read(const zmq::message_t& frame) {
   if (frame.size() > 4096 || frame.more()) throw Refused("malformed: over 4096 bytes, or several frames");
   const auto whole = msgpack::unpack(frame.data<char>(), frame.size(), end);
   const auto map = whole->as<std::map<Text, msgpack::object>>();
-  if (map.at("version").as<uint64_t>() != 3) throw Refused("version: this program speaks 3");
-  if (end != frame.size() || whole->via.map.size != 12 || map.at("packet").as<Text>() != "environment_query")
-    throw Refused("another packet, other keys, or trailing bytes");
+  if (map.at("version").as<uint64_t>() != 4) throw Refused("version: this program speaks 4");
+  if (end != frame.size() || map.at("packet").as<Text>() != "environment_query")
+    throw Refused("another packet, or trailing bytes");  // keys that we do not know are ignored
   const auto count = [&](const char* key) { return map.at(key).as<uint64_t>(); };
   const auto vector = [&](const char* key) { return map.at(key).as<std::vector<double>>(); };
-  const auto &environment = map.at("environment"), &orientation = map.at("orientation"), &buttons = map.at("buttons");
+  const auto& environment = map.at("environment");
   const Query query{count("seq"), count("time_ns"), count("device_seq"), count("device_time_ns"),
-    map.at("elapsed").as<double>(), vector("position"), environment.is_nil() ? "" : environment.as<Text>()};
+    map.at("elapsed").as<double>(), vector("position"), environment.is_nil() ? "" : environment.as<Text>(),
+    map.count("hand") ? map.at("hand").as<Text>() : ""};
   const auto axes = query.position.size(), speeds = vector("velocity").size();
-  const auto down = buttons.is_nil() ? 0 : count("buttons");  // this wall needs neither buttons nor orientation
-  if ((query.seq | query.time_ns | query.device_seq | query.device_time_ns | down) >> 63 || axes < 1 || axes > 6 ||
-      speeds != axes || (!orientation.is_nil() && vector("orientation").size() != 4) || environment.is_nil() != query.environment.empty()) throw Refused("value: out of range");
+  if ((query.seq | query.time_ns | query.device_seq | query.device_time_ns) >> 63 || axes < 1 || axes > 6 ||
+      speeds != axes || environment.is_nil() != query.environment.empty()) throw Refused("value: out of range");
   return query;
 }
 
@@ -97,7 +98,7 @@ int main(int argc, char** argv) try {
       socket.disconnect(endpoint), socket.connect(endpoint);
     }
     if (!newest) continue;
-    const auto& [seq, time_ns, device_seq, device_time_ns, elapsed, position, environment] = *newest;
+    const auto& [seq, time_ns, device_seq, device_time_ns, elapsed, position, environment, hand] = *newest;
     const bool refused = !environment.empty() && environment != name;
     if (environment != serving) say(refused ? "refused: " : "", environment.empty() ? "nobody" : environment, " serves the graph");
     serving = environment, heard_at = now();
@@ -109,7 +110,7 @@ int main(int argc, char** argv) try {
     msgpack::sbuffer bytes;
     msgpack::packer<msgpack::sbuffer> packer(bytes);
     const auto pack = [&](auto key, const auto& value) { packer.pack(key), packer.pack(value); };
-    packer.pack_map(12), pack("packet", "environment_reply"), pack("version", 3), pack("seq", answered++);
+    packer.pack_map(13), pack("packet", "environment_reply"), pack("version", 4), pack("hand", hand), pack("seq", answered++);
     pack("time_ns", now()), pack("force", force), pack("environment", name), pack("query_seq", seq);
     pack("query_time_ns", time_ns), pack("device_seq", device_seq), pack("device_time_ns", device_time_ns);
     if (inside) pack("proxy", proxy), pack("normal", normal);  // the contact, which an environment may tell

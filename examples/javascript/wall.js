@@ -8,8 +8,6 @@ import { Dealer } from "zeromq";
 
 const SECOND = 1_000_000_000n; // ns
 const BIG = { useBigInt64: true }; // 64-bit integers as BigInt: a Number spoils the echo
-const KEYS = ["packet", "version", "seq", "time_ns", "device_seq", "device_time_ns", "elapsed", "position",
-  "velocity", "environment", "orientation", "buttons"];
 
 process.on("uncaughtException", (error) => { console.error(`wall: ${error.message}`); process.exit(2); });
 const words = process.argv.slice(2);
@@ -59,18 +57,12 @@ function read(frames) {
   const [bytes] = frames;
   if (frames.length !== 1 || bytes.length > 4096) throw new Error("malformed: several frames, or over 4096 bytes");
   const query = decode(bytes, BIG); // throws at cut and at trailing bytes
-  const pairs = (bytes[0] & 0xf0) === 0x80 ? bytes[0] & 15 // as the head of a map says it, in three ways
-    : bytes[0] === 0xde ? bytes.readUInt16BE(1) : bytes[0] === 0xdf ? bytes.readUInt32BE(1) : -1;
-  if (pairs < 0) throw new Error("malformed: not a map");
-  if (!isCount(query.version) || Number(query.version) !== 3) throw new Error(`version ${query.version}: this program speaks 3`);
-  if (pairs !== KEYS.length || !KEYS.every((word) => Object.hasOwn(query, word)) // one twice: a pair less in the object
-    || query.packet !== "environment_query") throw new Error("keys: not those of a query");
+  if (typeof query !== "object" || query === null) throw new Error("malformed: not a map");
+  if (!isCount(query.version) || Number(query.version) !== 4) throw new Error(`version ${query.version}: this program speaks 4`);
+  if (query.packet !== "environment_query") throw new Error("value: another packet"); // other keys are ignored
   const { seq, time_ns, device_seq, device_time_ns, elapsed, position, velocity, environment } = query;
-  const { orientation, buttons } = query; // which this wall does not need
   if (![seq, time_ns, device_seq, device_time_ns].every(isCount) || ![position, velocity].every(isVector)
-    || !isNumber(elapsed) || position.length !== velocity.length || !isName(environment)
-    || !(buttons === null || isCount(buttons))
-    || !(orientation === null || (isVector(orientation) && orientation.length === 4))) {
+    || !isNumber(elapsed) || position.length !== velocity.length || !isName(environment)) {
     throw new Error("value: of another type, or out of range");
   }
   return query;
@@ -108,7 +100,7 @@ while (!stopped) {
   }
   if (!query) continue;
   heardAt = now();
-  const { environment, position, seq, time_ns, device_seq, device_time_ns } = query;
+  const { environment, position, seq, time_ns, device_seq, device_time_ns, hand = "" } = query;
   const refused = environment !== null && environment !== name;
   if (environment !== serving) say(`${refused ? "refused: " : ""}${environment ?? "nobody"} serves the graph`);
   serving = environment;
@@ -120,7 +112,7 @@ while (!stopped) {
   const [force, contact] = x > surface // the contact: where the tip would be outside, and the way out
     ? [along(stiffness * (x - surface), still), { proxy: along(surface, across), normal: along(-1, still) }]
     : [along(0, still), { proxy: null, normal: null }];
-  await socket.send(encode({ packet: "environment_reply", version: 3, seq: answered++, time_ns: now(), device_seq,
+  await socket.send(encode({ packet: "environment_reply", version: 4, hand, seq: answered++, time_ns: now(), device_seq,
     device_time_ns, query_seq: seq, query_time_ns: time_ns, force, environment: name, ...contact }, BIG))
     .catch(unlessNow);
   answeredAt = now();

@@ -7,6 +7,7 @@ import click
 
 from forcebound.cli import complete
 from forcebound.cli.common import Group, graph_option, json_option, print_json, run_option, show
+from forcebound.roles import ENVIRONMENT
 
 if TYPE_CHECKING:
     from forcebound.messages.control import Parameters
@@ -26,7 +27,7 @@ def stop(node: str, run: Path) -> None:
     from forcebound.monitor.control import stop_node
     from forcebound.monitor.snapshot import other_environment, snapshot
 
-    serving = other_environment(snapshot(run)) if node == "environment" else None
+    serving = other_environment(snapshot(run)) if node == ENVIRONMENT else None
     stop_node(run, node)
     effect = "the device applies zero force until replies arrive again"
     if serving is not None:

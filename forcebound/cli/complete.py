@@ -12,6 +12,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from forcebound.files import RECORDING_SUFFIX
+from forcebound.roles import CONTROLLER, ENVIRONMENT
 
 Offer = Callable[[click.Context, click.Parameter, str], list[CompletionItem]]
 
@@ -70,9 +71,9 @@ launch_files = _files("config.document", ".yaml", ".yml")
 sweeps = _files("sweep.plan", ".yaml", ".yml")
 parts = _files("", ".py")
 recordings = _files("", RECORDING_SUFFIX)
-topics, links = _of("messages.packets", "TOPICS"), _of("messages.packets", "LINKS")
+topics, links = _of("messages.packets", "TOPICS"), _of("topology", "LINKS")
 laws = _of("bounding", "LAWS")
-nodes = offering(lambda *_: ("environment", "controller"))  # that can be stopped
+nodes = offering(lambda *_: (ENVIRONMENT, CONTROLLER))  # that can be stopped
 
 
 def runs(context: click.Context, parameter: click.Parameter, begun: str) -> list[CompletionItem]:
@@ -108,7 +109,7 @@ def fields(context: click.Context, begun: str) -> Iterable[str]:
 
     # An option without its value ends the parsing, before arguments have their names.
     topic = context.params.get("topic") or context.args[0]
-    return field_types(TOPICS[topic].packet)
+    return field_types(TOPICS[topic])
 
 
 @offering

@@ -27,7 +27,8 @@ from forcebound.cli.view import check_tornado
 from forcebound.ending import end
 from forcebound.errors import ConfigError
 from forcebound.files import check_writable
-from forcebound.processes import PROCESSES
+from forcebound.roles import ENVIRONMENT
+from forcebound.topology import ONE_HAND
 
 if TYPE_CHECKING:
     from forcebound.config.graph import GraphConfig
@@ -146,7 +147,7 @@ def simulate(
 
 
 @click.command(short_help="Serve a graph on another machine.")
-@click.argument("kind", metavar="environment", type=click.Choice([*PROCESSES]))
+@click.argument("kind", metavar="environment", type=click.Choice([*ONE_HAND.nodes]))
 @click.argument("file", shell_complete=complete.launch_files)
 @arguments_argument(shell_complete=complete.settings)
 @click.option("--run-dir", type=click.Path(path_type=Path), hidden=True, help="Of a launcher.")
@@ -160,7 +161,7 @@ def node(kind: str, file: str, arguments: tuple[str, ...], run_dir: Path | None)
 
     if run_dir is not None:  # a launcher starts its processes so
         sys.exit(run_node(kind, run_dir))
-    if kind != "environment":
+    if kind != ENVIRONMENT:
         raise ConfigError(f"a {kind} runs in `forcebound launch`; by itself, only an environment")
     serve_environment(Path(file), arguments)
 

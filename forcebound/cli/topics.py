@@ -76,11 +76,11 @@ def echo(
     forcebound echo event --json
     forcebound echo telemetry --csv --duration 5s > telemetry.csv
     """
-    from forcebound.monitor.streams import check_fields, fields_of_packet, packets_of
+    from forcebound.monitor.streams import check_fields, fields_of_packet, packets_of, streams_of
 
     if as_csv + as_line + as_json > 1:
         raise click.UsageError("choose one of --csv, --line, --json")
-    check_fields(topic, fields)
+    check_fields(streams_of(run, (topic,))[topic], fields)
     write = _csv_writer() if as_csv else _show_block
     write = _show_line if as_line else print_json_line if as_json else write
     for received in islice(packets_of(run, (topic,), duration), count):
@@ -348,6 +348,4 @@ def foxglove(topics: tuple[str, ...], **options: Any) -> None:
     \b
     forcebound bridge foxglove
     """
-    from forcebound.messages.packets import TOPICS
-
-    _serve("foxglove", topics or tuple(TOPICS), **options)
+    _serve("foxglove", topics, **options)

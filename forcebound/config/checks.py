@@ -96,7 +96,7 @@ def check_environment(model: EnvironmentModel, axes: int) -> None:
                 _check_vector(normal, axes, "1")
         with user_code("scene()", "kind"):
             objects = tuple(opened.scene() or ())
-            decode(encode(Scene(0, 0, objects, None)), Scene)
+            decode(encode(Scene(0, 0, objects)), Scene)
 
 
 def check_controller(model: ControllerModel, axes: int) -> None:

@@ -28,8 +28,8 @@ from forcebound.config.resolved import to_document
 from forcebound.config.tree import Value, from_plain
 from forcebound.config.users_code import tried
 from forcebound.errors import ConfigError
-from forcebound.messages.packets import LINKS
 from forcebound.parts.user_module import file_of, names_file
+from forcebound.topology import LINKS
 
 
 def load(path: str | Path, overrides: Sequence[str] = ()) -> GraphConfig:

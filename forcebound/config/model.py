@@ -25,11 +25,11 @@ from forcebound.config.resolved import check_plain
 from forcebound.config.traces import trace_of
 from forcebound.config.tree import BROKEN, Value
 from forcebound.errors import ConfigError
-from forcebound.messages.packets import LINKS
 from forcebound.network.impairment import Impairment
 from forcebound.nodes.servo import ServoSettings
 from forcebound.parts.user_module import describe_user_error, kind_of
 from forcebound.quantities import CheckedText
+from forcebound.topology import LINKS
 
 
 def _check_law(law: str) -> None:

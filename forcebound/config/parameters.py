@@ -13,9 +13,9 @@ from forcebound.config.graph import GraphConfig
 from forcebound.config.names import LAW, ParameterName
 from forcebound.config.problems import shortened
 from forcebound.config.resolved import to_document
-from forcebound.messages.packets import LINKS, TOPICS
 from forcebound.network.impairment import Impairment
 from forcebound.parts.plain import plain
+from forcebound.topology import LINKS, ONE_HAND
 
 SECTIONS = ("links", "environment")  # of a launch file, whose entries are parameters
 
@@ -95,11 +95,11 @@ def _sections() -> str:
 
 def processes_of(names: Iterable[str]) -> set[str]:
     """Return the processes that parameters belong to: of a link, the one that receives."""
-    found = set()
-    for name in map(ParameterName.parse, names):
-        receiver = None if name.topic is None else TOPICS[name.topic].receiver
-        found.add(name.section if name.topic is None else receiver or "environment")
-    return found
+    receivers = {stream.name: str(stream.receiver) for stream in ONE_HAND.links}
+    return {
+        name.section if name.topic is None else receivers[name.topic]
+        for name in map(ParameterName.parse, names)
+    }
 
 
 def describe(settings: Mapping[str, Any]) -> str:

@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, Any
 from forcebound.errors import ConfigError
 from forcebound.files import RECORDING_SUFFIX, content_of, version_of
 from forcebound.hops import Hops
-from forcebound.messages.packets import LINKS, TOPIC_OF, Telemetry
+from forcebound.messages.packets import TOPIC_OF, Telemetry
 from forcebound.network.impairment import LOOP, Impairment
 from forcebound.network.trace import DelayTrace, read_csv
 from forcebound.telemetry import TelemetryColumns
+from forcebound.topology import LINKS
 
 if TYPE_CHECKING:
     import numpy as np

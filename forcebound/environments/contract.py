@@ -193,7 +193,7 @@ def _check_contact(environment: Environment, question: Question, found: Findings
 def _check_scene(environment: Environment, where: str, found: Findings) -> None:
     with found.noting("scene", "a tuple of SceneObject", where):
         objects = tuple(environment.scene() or ())
-        decode(encode(Scene(0, 0, objects, None)), Scene)
+        decode(encode(Scene(0, 0, objects)), Scene)
         names = [each.name for each in objects]
         for each in objects:
             if names.count(each.name) > 1:
@@ -238,7 +238,7 @@ def _objects(model: EnvironmentModel, axes: int) -> tuple[SceneObject, ...]:
             objects = tuple(environment.scene() or ())
         finally:
             environment.close()
-        decode(encode(Scene(0, 0, objects[:MAX_LENGTH], None)), Scene)
+        decode(encode(Scene(0, 0, objects[:MAX_LENGTH])), Scene)
     except Exception:  # the promises say why
         return ()
     return objects

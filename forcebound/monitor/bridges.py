@@ -15,7 +15,7 @@ take.
 import json
 import logging
 import time
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import TypeAlias
@@ -23,15 +23,15 @@ from typing import TypeAlias
 import msgspec
 
 from forcebound.errors import ConfigError
-from forcebound.messages.packets import TOPICS, Packet
-from forcebound.monitor.streams import check_topics, fields_of_packet, packets_of
+from forcebound.messages.packets import Packet
+from forcebound.monitor.streams import fields_of_packet, packets_of, streams_of
 from forcebound.network.sockets import Network
 from forcebound.recording_schema import schema
 
 #: Called with topic, packet and its time since the epoch, in ns.
 Send: TypeAlias = Callable[[str, Packet, int], None]
-#: Opens a port on loopback for some topics.
-Bridge: TypeAlias = Callable[[Collection[str], int], AbstractContextManager[Send]]
+#: Opens a port on loopback for packets by topic.
+Bridge: TypeAlias = Callable[[Mapping[str, type[Packet]], int], AbstractContextManager[Send]]
 
 
 def serve(
@@ -47,7 +47,7 @@ def serve(
     Args:
         bridge: :func:`plotjuggler` or :func:`foxglove`.
         run: Run directory of the graph.
-        topics: Of the packets.
+        topics: Of the packets; none: all.
         port: On loopback.
         duration: In s; None: no limit.
         say: Called with a line for people when the port is open.
@@ -55,16 +55,16 @@ def serve(
     Raises:
         ConfigError: If there is no such topic, the port is in use, or a package is missing.
     """
-    check_topics(topics)
+    streams = streams_of(run, topics)
     ahead_ns = time.time_ns() - time.monotonic_ns()
-    with bridge(topics, port) as send:
-        say(f"{', '.join(topics)} at port {port} of localhost; Ctrl-C ends it")
-        for topic, packet, _ in packets_of(run, topics, duration):
+    with bridge(streams, port) as send:
+        say(f"{', '.join(streams)} at port {port} of localhost; Ctrl-C ends it")
+        for topic, packet, _ in packets_of(run, streams, duration):
             send(topic, packet, packet.time_ns + ahead_ns)
 
 
 @contextmanager
-def plotjuggler(topics: Collection[str], port: int) -> Iterator[Send]:
+def plotjuggler(streams: Mapping[str, type[Packet]], port: int) -> Iterator[Send]:
     """Publish for PlotJuggler."""
     with Network() as network:
         publisher = network.publisher(f"tcp://127.0.0.1:{port}")
@@ -81,7 +81,7 @@ def frames(topic: str, packet: Packet, at_ns: int) -> tuple[bytes, bytes]:
 
 
 @contextmanager
-def foxglove(topics: Collection[str], port: int) -> Iterator[Send]:
+def foxglove(streams: Mapping[str, type[Packet]], port: int) -> Iterator[Send]:
     """Serve Foxglove."""
     try:
         import foxglove as sdk
@@ -92,8 +92,7 @@ def foxglove(topics: Collection[str], port: int) -> Iterator[Send]:
     logging.getLogger("foxglove.websocket.connected_client.poller").setLevel(logging.CRITICAL)
     context = sdk.Context()
     channels = {}
-    for topic in topics:
-        packet = TOPICS[topic].packet
+    for topic, packet in streams.items():
         described = sdk.Schema(
             name=f"forcebound.{packet.__name__}",
             encoding="jsonschema",

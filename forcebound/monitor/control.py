@@ -5,6 +5,7 @@ from collections.abc import Collection
 from pathlib import Path
 
 from forcebound.errors import ConfigError, RunError
+from forcebound.launch.run_directory import graph_in, has_launcher
 from forcebound.messages.control import (
     Answer,
     DeviceStatus,
@@ -18,8 +19,8 @@ from forcebound.messages.control import (
 )
 from forcebound.network import sockets
 from forcebound.network.sockets import Network
-from forcebound.process import control_endpoint, has_control
-from forcebound.processes import LAUNCHER
+from forcebound.roles import DEVICE, LAUNCHER
+from forcebound.topology import endpoint
 
 ANSWER_TIMEOUT = 5.0  # s for an answer to a request; milliseconds are usual
 STOP_TIMEOUT = 10.0  # s until a node has ended; after 2 s it is killed
@@ -40,7 +41,8 @@ def ask_all(
     """Return the answers of several processes to one request, asked at once; see :func:`ask`."""
     answers: dict[str, Answer | None] = dict.fromkeys(names)
     with Network() as network:
-        waiting = {name: network.control_client(control_endpoint(run_dir, name)) for name in names}
+        nodes = graph_in(run_dir).nodes
+        waiting = {name: network.control_client(endpoint(run_dir, nodes[name])) for name in names}
         unsent = set(names)
         end = time.monotonic() + timeout
         while True:
@@ -55,7 +57,7 @@ def ask_all(
 
 def device_status(run_dir: Path) -> DeviceStatus | None:
     """Return the status of the device of a running graph; None: it does not answer."""
-    answer = ask(run_dir, "device", GetStatus())
+    answer = ask(run_dir, graph_in(run_dir).of_role(DEVICE), GetStatus())
     return answer if isinstance(answer, DeviceStatus) else None
 
 
@@ -66,7 +68,7 @@ def ask_launcher(run_dir: Path, request: Request) -> LauncherStatus:
         ConfigError: If it refuses, or there is no launcher; the message says why.
         RunError: If it does not answer.
     """
-    if not has_control(run_dir, LAUNCHER):
+    if not has_launcher(run_dir):
         raise ConfigError(
             f"no launcher answers in {run_dir}: it is still starting, or an environment by itself"
             " runs there; stop that with Ctrl-C in its terminal"
@@ -99,7 +101,8 @@ def start_node(run_dir: Path, node: str) -> None:
 
 def resume_device(run_dir: Path) -> None:
     """Open a lost device again; return when it answers. Errors are as of :func:`stop_node`."""
-    _change_state(run_dir, ResumeDevice(), "device", "running", START_TIMEOUT)
+    device = graph_in(run_dir).of_role(DEVICE)
+    _change_state(run_dir, ResumeDevice(), device, "running", START_TIMEOUT)
 
 
 def await_law(run_dir: Path, law: str) -> None:
@@ -125,6 +128,6 @@ def _change_state(run_dir: Path, request: Request, node: str, goal: str, timeout
         if time.monotonic() > end:
             raise RunError(f"{node} is still {state} after {timeout:g} s; its log may say why")
         sockets.wait((), POLL_NS)
-        if not has_control(run_dir, LAUNCHER):
+        if not has_launcher(run_dir):
             raise RunError(f"the run has ended; {node} was {state}")
         answer = ask_launcher(run_dir, GetStatus())

@@ -13,7 +13,7 @@ from forcebound.config.traces import loop_delays, of_recording
 from forcebound.errors import ConfigError, RunError
 from forcebound.files import RECORDING_SUFFIX
 from forcebound.hops import HOPS, Hops
-from forcebound.launch.run_directory import TELEMETRY, read_launch_document
+from forcebound.launch.run_directory import read_launch_document
 from forcebound.messages.packets import Telemetry
 from forcebound.monitor.runs import find, while_running
 from forcebound.monitor.streams import packets_of
@@ -154,7 +154,7 @@ def watch(run_dir: Path, duration: float, hops: Hops | None = None) -> Telemetry
         RunError: If none came.
     """
     packets: list[Telemetry] = []
-    for topic, packet, _ in packets_of(run_dir, (TELEMETRY,) if hops is None else HOPS, duration):
+    for topic, packet, _ in packets_of(run_dir, HOPS[-1:] if hops is None else HOPS, duration):
         if hops is not None:
             hops.add(topic, packet)
         if isinstance(packet, Telemetry):

@@ -18,7 +18,6 @@ from forcebound.messages.control import (
     NodeStatus,
     ProcessStatus,
 )
-from forcebound.messages.packets import LINKS, TOPICS
 from forcebound.monitor.doctor_loop import LESS_DELAY, LOOP_RULES
 from forcebound.monitor.findings import Finding, note, problem
 from forcebound.monitor.observation import SUSPENDED, Observations, Seen
@@ -119,8 +118,8 @@ def _silent(name: str, process: Seen[Any]) -> Finding:
 def _chain(seen: Observations) -> Iterator[Finding]:
     if _delivered(seen, "force_command"):
         return  # what arrives at the end has passed every hop
-    for topic in LINKS:
-        sender, receiver = str(TOPICS[topic].sender), str(TOPICS[topic].receiver)
+    for link in seen.graph.links:
+        topic, sender, receiver = link.name, link.sender, str(link.receiver)
         sending, receiving = seen.process(sender), seen.process(receiver)
         if sender in seen.processes and sending.last is None:
             return  # has a finding of its own
@@ -141,7 +140,7 @@ def _chain(seen: Observations) -> Iterator[Finding]:
 
 def _delivered(seen: Observations, topic: str) -> int:
     """Return how many packets of a topic have reached the node that they are for."""
-    receiver = seen.process(str(TOPICS[topic].receiver))
+    receiver = seen.process(next(str(s.receiver) for s in seen.graph.links if s.name == topic))
     if receiver.last is not None and topic in receiver.last.links:
         return receiver.growth(partial(_fate, topic=topic, fate="delivered"))
     return 0 if receiver.last is None else receiver.received(topic)

@@ -15,10 +15,10 @@ from forcebound.analysis.bounder import (
 from forcebound.config.graph import GraphConfig
 from forcebound.config.resolved import to_document
 from forcebound.messages.control import DeviceStatus, RecorderStatus
-from forcebound.messages.packets import LINKS
 from forcebound.monitor.findings import Finding, note, problem
 from forcebound.monitor.observation import Observations
 from forcebound.process import COMPLETE
+from forcebound.topology import LINKS
 
 NEAR_AGE_LIMIT = 0.7  # of it; beyond, a little more delay takes the force away
 LATE_PERIODS = 3.0  # above the delay that is injected; an idle machine needs less than 1.5

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from forcebound.messages.packets import LINKS, TOPICS
+from forcebound.launch.run_directory import RunDocument
 from forcebound.monitor.streams import measure_streams
 
 WIDTH, HALF_BOX = 2.6, 0.55  # between the nodes of a picture, which stand in the order of the chain
@@ -21,9 +21,12 @@ class Edge(NamedTuple):
 
 def measure_edges(run: Path, duration: float) -> list[Edge]:
     """Return the links of a running graph with their rates over ``duration`` s."""
-    figures = measure_streams(run, LINKS, duration)
-    ends = {topic: (str(TOPICS[topic].sender), str(TOPICS[topic].receiver)) for topic in figures}
-    return [Edge(*ends[topic], topic, one.rate_hz) for topic, one in figures.items()]
+    links = RunDocument.read(run).graph.links
+    figures = measure_streams(run, [link.name for link in links], duration)
+    return [
+        Edge(link.sender, str(link.receiver), link.name, figures[link.name].rate_hz)
+        for link in links
+    ]
 
 
 def as_text(edges: Sequence[Edge]) -> str:

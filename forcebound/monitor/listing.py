@@ -10,7 +10,7 @@ from forcebound.messages.control import NodeStatus
 from forcebound.monitor.runs import running
 from forcebound.monitor.snapshot import GraphStatus, Process, snapshot, use_of
 from forcebound.network import sockets
-from forcebound.processes import LAUNCHER
+from forcebound.roles import LAUNCHER
 
 INTERVAL = 0.5  # s, over which the use of the processor is taken
 SILENT = "silent"  # nothing answers: it computes its result after the end, or is suspended

@@ -29,9 +29,10 @@ from forcebound.messages.codec import encode
 from forcebound.network.sockets import Network, Publisher, make_socket
 from forcebound.nodes import Node
 from forcebound.nodes.events import EventLog
-from forcebound.process import Runner, Stop, run, topic_endpoint
-from forcebound.processes import NODES
+from forcebound.process import Runner, Stop, run
 from forcebound.realtime import Settings
+from forcebound.roles import CONTROLLER, DEVICE, ENVIRONMENT
+from forcebound.topology import ONE_HAND, endpoint
 from forcebound.workers import returned_by, serving
 
 LAUNCH_FILE = "stiff_wall"
@@ -123,7 +124,7 @@ def loop(function: Callable[..., Any], settings: Settings | None, timing: Timing
     """Run a round of :func:`graph` or :func:`bare`, with a process for each node."""
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="forcebound-")))
-        *others, device = NODES
+        *others, device = ONE_HAND.loop
         for role in others:
             stack.enter_context(serving(function, role, folder, settings, timing))
         return apart(function, device, folder, settings, timing)
@@ -131,7 +132,7 @@ def loop(function: Callable[..., Any], settings: Settings | None, timing: Timing
 
 def wake_ups(settings: Settings, timing: Timing) -> Round:
     """Measure how late a servo wakes up that does nothing."""
-    realtime.enter(settings, "device")
+    realtime.enter(settings, DEVICE)
     realtime.freeze_garbage()
     return pace(lambda due_ns: time.monotonic_ns() - due_ns, settings, timing)
 
@@ -139,14 +140,12 @@ def wake_ups(settings: Settings, timing: Timing) -> Round:
 class _Probe(Node):
     """A device that waits for its answer: the real one does not know when that has come."""
 
-    subscribes: ClassVar[tuple[type[packets.Packet], ...]] = (packets.ForceCommand,)
-    publishes: ClassVar[tuple[type[packets.Packet], ...]] = (packets.DeviceState,)
     wakes_on_arrival: ClassVar[bool] = True
     wake_ns: int | None = None
     sent_ns, seq = 0, -1
 
     def __init__(self) -> None:
-        self.events = EventLog("device")
+        self.events = EventLog(DEVICE)
         self.took_ns: int | None = None
 
     def step(self, time_ns: int, received: Sequence[packets.Packet]) -> list[packets.Packet]:
@@ -164,7 +163,7 @@ class _Probe(Node):
 def graph(role: str, folder: Path, settings: Settings, timing: Timing) -> Round | None:
     """Run one process of the loop: a node of ``LAUNCH_FILE`` in the live runner, or the probe."""
     config, stop = load(LAUNCH_FILE), Stop()
-    if role != "device":
+    if role != DEVICE:
         run(build_node(role, config), role, folder, build_links(config), settings, stop)
         return None
     realtime.enter(settings, role)
@@ -195,36 +194,36 @@ def bare(role: str, folder: Path, settings: Settings | None, timing: Timing) -> 
     context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
 
     def sender(packet: packets.Packet) -> Callable[[bytes], object]:
-        endpoint, head = topic_endpoint(folder, _topic(packet)), encode(packet)[: -_TICK.size]
-        send = Publisher(make_socket(context, zmq.PUB, endpoint, bind=True)).send
+        head = encode(packet)[: -_TICK.size]
+        send = Publisher(make_socket(context, zmq.PUB, _endpoint(folder, packet), bind=True)).send
         return lambda tick: send(head + tick)
 
     def receiver(packet: packets.Packet) -> Callable[[], bytes]:
-        socket = make_socket(context, zmq.SUB, topic_endpoint(folder, _topic(packet)), bind=False)
+        socket = make_socket(context, zmq.SUB, _endpoint(folder, packet), bind=False)
         socket.rcvtimeo = TIMEOUT_NS // 1_000_000
         receive = partial(_CompiledSocket.recv, socket)  # as the graph's subscribers do
         return lambda: receive()[-_TICK.size :]
 
     sends, hears = {
-        "device": ((_STATE,), (_COMMAND,)),
-        "controller": ((_QUERY, _COMMAND), (_STATE, _REPLY)),
-        "environment": ((_REPLY,), (_QUERY,)),
+        DEVICE: ((_STATE,), (_COMMAND,)),
+        CONTROLLER: ((_QUERY, _COMMAND), (_STATE, _REPLY)),
+        ENVIRONMENT: ((_REPLY,), (_QUERY,)),
     }[role]
     send, receive = [sender(one) for one in sends], [receiver(one) for one in hears]
     realtime.freeze_garbage()
-    if role == "device":
+    if role == DEVICE:
         return pace(_round_trip(send[0], receive[0]), settings, timing)
     while True:
         with suppress(zmq.Again):
             send[0](tick := receive[0]())
-            if role == "controller":
+            if role == CONTROLLER:
                 while receive[1]() != tick:
                     pass  # of a tick that was given up
                 send[1](tick)
 
 
-def _topic(packet: packets.Packet) -> str:
-    return packets.TOPIC_OF[type(packet)]
+def _endpoint(folder: Path, packet: packets.Packet) -> str:
+    return endpoint(folder, ONE_HAND.named(packets.TOPIC_OF[type(packet)])[0])
 
 
 def _round_trip(send: Callable[[bytes], object], receive: Callable[[], bytes]) -> Exchange:

@@ -23,6 +23,7 @@ from forcebound.monitor.runs import running, while_running
 from forcebound.monitor.snapshot import UNKNOWN, Process, snapshot
 from forcebound.monitor.tuning import configuration
 from forcebound.telemetry import TelemetryColumns
+from forcebound.topology import Graph
 
 DURATION = 2.0  # s between the two answers of a process
 
@@ -78,6 +79,7 @@ class Observations:
     """A running graph, as seen from outside."""
 
     config: GraphConfig  # what it runs with now
+    graph: Graph
     processes: Mapping[str, Seen[Any]]  # by name: its launcher runs them, or they have control
     telemetry: TelemetryColumns  # of some seconds; empty if none came
     phase: str | None = None  # of the run, as its launcher says; None: no launcher answers
@@ -133,6 +135,7 @@ def _look(run_dir: Path, duration: float) -> Observations:
 
     return Observations(
         config=configuration(run_dir, with_code=False),
+        graph=run.graph,
         launcher=None if last.launcher is None else seen(last.launcher, nobody),
         processes={
             name: seen(process, first.processes.get(name, nobody))

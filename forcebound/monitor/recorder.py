@@ -18,13 +18,8 @@ from forcebound import process
 from forcebound.config.resolved import FACTS
 from forcebound.errors import RunError
 from forcebound.files import RECORDING_SUFFIX, check_writable
-from forcebound.launch.run_directory import (
-    TELEMETRY,
-    RunDocument,
-    read_launch_document,
-    recorded_streams,
-)
-from forcebound.messages.packets import TOPICS
+from forcebound.launch.run_directory import RunDocument, read_launch_document
+from forcebound.messages.packets import TOPIC_OF, Telemetry
 from forcebound.monitor.control import device_status
 from forcebound.monitor.runs import Watch
 from forcebound.network import sockets
@@ -46,7 +41,8 @@ class Recorded:
     ended: str  # "interrupted", "duration" or "graph ended"
 
     def __str__(self) -> str:
-        return f"recorded {self.seconds:.1f} s, {self.packets[TELEMETRY]} ticks: {self.recording}"
+        ticks = self.packets[TOPIC_OF[Telemetry]]
+        return f"recorded {self.seconds:.1f} s, {ticks} ticks: {self.recording}"
 
 
 def record_running(
@@ -72,7 +68,7 @@ def record_running(
     """
     check_writable(file, "the recording")
     run, watch = RunDocument.read(run_dir), Watch(run_dir)
-    with process.Reader(recorded_streams(run_dir, TOPICS), run.core) as reader:
+    with process.Reader(run_dir, run.graph.streams, run.core) as reader:
         sockets.wait((stop.descriptor,), CONNECTED_NS)
         recorder = _begun(run_dir, run, file, reader)
         sink = process.FailSafeSink(recorder)
@@ -115,7 +111,7 @@ def _begun(run_dir: Path, run: RunDocument, file: Path, reader: process.Reader) 
             ENERGY_BEFORE: repr(0.0 if device is None else device.energy_before),
         }
         offset_ns = time.time_ns() - time.monotonic_ns()
-        recorder = Recorder(str(file.absolute()), run.metadata | now, offset_ns)
+        recorder = Recorder(str(file.absolute()), run.metadata | now, offset_ns, run.graph)
         reader.forget()
         if read_launch_document(run_dir) == document:
             return recorder

@@ -14,11 +14,14 @@ from pathlib import Path
 
 from forcebound.errors import ConfigError, RunError
 from forcebound.folders import is_own
-from forcebound.launch.run_directory import RunDocument, own_run_directories, run_folders
+from forcebound.launch.run_directory import (
+    RunDocument,
+    has_launcher,
+    own_run_directories,
+    run_folders,
+)
 from forcebound.launch.run_lock import is_held
 from forcebound.network import sockets
-from forcebound.process import has_control
-from forcebound.processes import LAUNCHER
 
 START_TIMEOUT = 60.0  # s, within which a launcher makes its run directory
 POLL_NS = 100_000_000  # between two looks for it
@@ -94,9 +97,9 @@ class Watch:
     @property
     def is_over(self) -> bool:
         """Whether it has ended."""
-        has_launcher = has_control(self._run_dir, LAUNCHER)
-        self.was_launched |= has_launcher
-        return (self.was_launched and not has_launcher) or not is_held(self._run_dir)
+        is_launched = has_launcher(self._run_dir)
+        self.was_launched |= is_launched
+        return (self.was_launched and not is_launched) or not is_held(self._run_dir)
 
 
 def _is_named(document: RunDocument, name: str) -> bool:
@@ -110,7 +113,7 @@ def _only(known: Mapping[Path, RunDocument], require_graph: bool, option: str) -
     if require_graph and known and not graphs:
         which = "only environments for graphs on other machines"
         raise ConfigError(f"no graph of yours runs on this machine, {which}:{_list(known)}")
-    launched = [run_dir for run_dir in known if has_control(run_dir, LAUNCHER)]
+    launched = [run_dir for run_dir in known if has_launcher(run_dir)]
     candidates = launched or graphs or list(known)
     if not candidates:
         raise ConfigError(

@@ -19,8 +19,8 @@ from forcebound.messages.control import (
 )
 from forcebound.monitor.control import ask, ask_all
 from forcebound.network import sockets
-from forcebound.process import has_control
-from forcebound.processes import LAUNCHER, NODES, PROCESSES
+from forcebound.roles import CONTROLLER, ENVIRONMENT, LAUNCHER
+from forcebound.topology import is_bound
 
 STATUS_TIMEOUT = 1.0  # s; a node answers between two steps, so within milliseconds
 SERVING_NS = 100_000_000  # in which an environment that serves replies, unless it is very slow
@@ -69,12 +69,14 @@ class GraphStatus(Struct, frozen=True):
 
     def nodes_here(self, config: GraphConfig) -> frozenset[str]:
         """Return the nodes that belong to this machine, whether they run or not."""
-        found = frozenset(NODES) & self.processes.keys()
+        loop = frozenset(self.run.graph.loop)
+        found = loop & self.processes.keys()
         if self.phase is not None:
             return found
-        nodes = frozenset(NODES if self.run.is_graph else {"environment"})
-        is_remote = self.run.is_graph and config.remote is not None
-        return nodes - ({"environment"} - found) if is_remote else nodes
+        environment = {self.run.graph.of_role(ENVIRONMENT)}
+        if not self.run.is_graph:
+            return frozenset(environment)
+        return loop if config.remote is None else loop - (environment - found)
 
 
 def snapshot(run_dir: Path) -> GraphStatus:
@@ -84,7 +86,8 @@ def snapshot(run_dir: Path) -> GraphStatus:
         ConfigError: If no graph runs there.
     """
     run = RunDocument.read(run_dir)
-    known = [name for name in (*PROCESSES, LAUNCHER) if has_control(run_dir, name)]
+    nodes = run.graph.nodes
+    known = [name for name, node in nodes.items() if is_bound(run_dir, node)]
     answers = ask_all(run_dir, known, GetStatus(), STATUS_TIMEOUT)
     status = answers.get(LAUNCHER)
     states = dict.fromkeys(answers, ProcessState(UNKNOWN))
@@ -96,7 +99,7 @@ def snapshot(run_dir: Path) -> GraphStatus:
         return Process(one.state, one.pid, one.restarts, answers.get(name), use_of(one.pid))
 
     launcher = process(LAUNCHER) if LAUNCHER in known else None
-    processes = {name: process(name) for name in PROCESSES if name in states}
+    processes = {name: process(name) for name in nodes if name in states and name != LAUNCHER}
     return GraphStatus(run_dir, run, launcher, processes)
 
 
@@ -111,13 +114,13 @@ def other_environment(graph: GraphStatus) -> str | None:
     if controller is None or controller.environment is None:
         return None
     if own is None:
-        here = graph.processes.get("environment")
+        here = graph.processes.get(graph.run.graph.of_role(ENVIRONMENT))
         if here is None or here.state != "stopped":
             return None
     elif own.name == controller.environment:
         return None
     sockets.wait((), SERVING_NS)
-    later = ask(graph.run_dir, "controller", GetStatus(), STATUS_TIMEOUT)
+    later = ask(graph.run_dir, graph.run.graph.of_role(CONTROLLER), GetStatus(), STATUS_TIMEOUT)
     replies = _replies(later) - _replies(controller)
     # With fewer, it has gone, with its lease.
     return controller.environment if replies > WAITING_REPLIES else None

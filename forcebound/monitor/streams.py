@@ -16,20 +16,26 @@ from msgspec import Struct
 
 from forcebound.config.problems import unknown
 from forcebound.errors import ConfigError, RunError
-from forcebound.launch.run_directory import RUN_FILE, RunDocument, recorded_streams
-from forcebound.messages.packets import TOPICS, Packet, field_types
+from forcebound.launch.run_directory import RUN_FILE, RunDocument
+from forcebound.messages.packets import TOPIC_OF, TOPICS, Packet, field_types
 from forcebound.process import Reader, Received
 
 
-def check_topics(names: Collection[str]) -> None:
-    """Raise ConfigError if there is no topic of one of these names."""
+def streams_of(run_dir: Path, names: Collection[str] = ()) -> dict[str, type[Packet]]:
+    """Return the packets of some streams of a running graph, by name; no names: of all.
+
+    Raises:
+        ConfigError: If no graph runs there, or it has no such stream.
+    """
+    graph = RunDocument.read(run_dir).graph
     for name in names:
-        if name not in TOPICS:
-            raise ConfigError(unknown("topic", name, TOPICS))
+        if name not in graph.names:
+            raise ConfigError(unknown("topic", name, graph.names))
+    return {one.name: TOPICS[one.topic] for one in graph.named(*(names or graph.names))}
 
 
 def packets_of(
-    run_dir: Path, topics: Collection[str], duration: float | None = None
+    run_dir: Path, names: Collection[str], duration: float | None = None
 ) -> Iterator[Received]:
     """Give the packets of a running graph as they come, for ``duration`` s or until it ends."""
     end = math.inf if duration is None else time.monotonic() + duration
@@ -37,7 +43,8 @@ def packets_of(
     def is_over() -> bool:
         return time.monotonic() >= end or not (run_dir / RUN_FILE).exists()
 
-    with Reader(recorded_streams(run_dir, topics), RunDocument.read(run_dir).core) as reader:
+    run = RunDocument.read(run_dir)
+    with Reader(run_dir, run.graph.named(*names), run.core) as reader:
         yield from reader.follow(is_over)
 
 
@@ -103,8 +110,7 @@ def measure_streams(
     Raises:
         RunError: If the graph has ended, and sent nothing before.
     """
-    check_topics(topics)
-    streams = {topic: Stream() for topic in topics or TOPICS}
+    streams = {name: Stream() for name in streams_of(run_dir, topics)}
     start = time.monotonic()
     for topic, packet, data in packets_of(run_dir, streams, duration):
         streams[topic].add(packet, len(data))
@@ -114,13 +120,12 @@ def measure_streams(
     return {topic: stream.figures(watched) for topic, stream in streams.items()}
 
 
-def check_fields(topic: str, names: Collection[str]) -> None:
-    """Raise ConfigError if there is no such topic, or its packets lack one of these fields."""
-    check_topics((topic,))
-    known = list(field_types(TOPICS[topic].packet))
+def check_fields(packet: type[Packet], names: Collection[str]) -> None:
+    """Raise ConfigError if packets have no field of one of these names."""
+    known = list(field_types(packet))
     for name in names:
         if name not in known:
-            raise ConfigError(unknown(f"field of {topic}:", name, known))
+            raise ConfigError(unknown(f"field of {TOPIC_OF[packet]}:", name, known))
 
 
 def fields_of_packet(packet: Packet) -> dict[str, Any]:

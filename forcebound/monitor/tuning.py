@@ -39,12 +39,12 @@ from forcebound.messages.control import (
     Parameters,
     Refused,
 )
-from forcebound.messages.packets import LINKS
 from forcebound.monitor.control import ANSWER_TIMEOUT, ask_all, await_law
 from forcebound.monitor.kernels import Kernels
 from forcebound.monitor.snapshot import GraphStatus, other_environment, snapshot
-from forcebound.processes import LAUNCHER
 from forcebound.quantities import Range
+from forcebound.roles import LAUNCHER
+from forcebound.topology import LINKS
 from forcebound.units import parse_quantity
 
 PATHS = ("trace", "distribution_file", ".file", ".texture")  # ends of names of file parameters

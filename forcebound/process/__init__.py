@@ -2,16 +2,9 @@
 
 :mod:`~forcebound.process.runner` drives one node over ZeroMQ, :mod:`~forcebound.process.recorder`
 records, :mod:`~forcebound.process.reader` receives whole streams;
-:mod:`~forcebound.process.endpoints` says where the processes of a run meet.
+:mod:`forcebound.topology` says where the processes of a run meet.
 """
 
-from forcebound.process.endpoints import (
-    control_endpoint,
-    event_endpoint,
-    has_control,
-    remote_endpoint,
-    topic_endpoint,
-)
 from forcebound.process.reader import Reader, Received
 from forcebound.process.recorder import COMPLETE, FailSafeSink, Sink, record
 from forcebound.process.runner import Runner, run
@@ -26,11 +19,6 @@ __all__ = [
     "SignalPipe",
     "Sink",
     "Stop",
-    "control_endpoint",
-    "event_endpoint",
-    "has_control",
     "record",
-    "remote_endpoint",
     "run",
-    "topic_endpoint",
 ]

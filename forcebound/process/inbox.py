@@ -14,7 +14,7 @@ Strategy:
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 from forcebound.errors import PacketError
 from forcebound.messages.codec import decode
@@ -24,12 +24,15 @@ from forcebound.network.channel import Channel
 from forcebound.network.link import Link
 from forcebound.network.sockets import Network
 from forcebound.network.subscriber import Subscriber
-from forcebound.process.endpoints import topic_endpoint
+from forcebound.topology import Stream, endpoint
 
 LONGEST_WAIT_NS = 10_000_000  # then the runner polls its control socket
 SLEPT_NS = 5_000  # a receiving call that took longer has slept
 
 HERE = ""  # source of packets of this machine
+
+# What tells the streams of one node apart: the class of their packets, and their hand.
+_Key: TypeAlias = tuple[type[Packet], str]
 
 _clock = time.monotonic_ns
 
@@ -38,28 +41,31 @@ class Inbox:
     """Receives the packets of one node.
 
     Args:
-        subscribes: Packets of the node.
-        links: Impaired links by topic; a topic that is not here has a perfect link.
+        streams: That the node receives.
+        links: Impaired links by stream; a stream that is not here has a perfect link.
         reject: Called for each packet that is rejected: with the reason, and what was expected and
             what came.
         admit: :meth:`forcebound.nodes.Node.admit`, asked before a link or a newer packet decides.
 
     Attributes:
-        received: Packets that came, by topic.
+        received: Packets that came, by stream.
     """
 
     def __init__(
         self,
-        subscribes: Sequence[type[Packet]],
+        streams: Sequence[Stream],
         links: Mapping[str, Link[Packet]],
         reject: Callable[[str, str], None],
         admit: Callable[[Packet, str, int], bool],
     ) -> None:
-        self.received = {TOPIC_OF[packet]: 0 for packet in subscribes}
-        self._topics = {packet: TOPIC_OF[packet] for packet in subscribes}
-        self._expected = subscribes[0] if len(subscribes) == 1 else None
-        self._links = {TOPICS[t].packet: link for t, link in links.items() if t in self.received}
-        self._rejected = reject
+        self._streams = streams
+        self.received = {stream.name: 0 for stream in streams}
+        self._keys: dict[str, _Key] = {s.name: (TOPICS[s.topic], s.hand or HERE) for s in streams}
+        self._names = {key: name for name, key in self._keys.items()}
+        packets = {packet for packet, _ in self._names}
+        self._expected = packets.pop() if len(packets) == 1 else None
+        self._links = {self._keys[s]: link for s, link in links.items() if s in self._keys}
+        self._reject = reject
         self._admit = admit
         self._local: Subscriber | None = None
         self._remote: Channel | None = None
@@ -68,9 +74,8 @@ class Inbox:
 
     def listen(self, network: Network, run_dir: Path) -> None:
         """Receive from the processes of this machine."""
-        endpoints = [topic_endpoint(run_dir, topic) for topic in self.received]
-        if endpoints:
-            self._local = network.subscriber(*endpoints)
+        if self._streams:
+            self._local = network.subscriber(*(endpoint(run_dir, s) for s in self._streams))
 
     def listen_remotely(
         self, expected: type[Packet], channel: Channel, forward: Callable[[bytes], Any]
@@ -91,17 +96,17 @@ class Inbox:
         """Whether a link is impaired."""
         return bool(self._links)
 
-    def link(self, topic: str) -> Link[Packet] | None:
-        """Return the model of the link of a topic; None if it is perfect."""
-        return self._links.get(TOPICS[topic].packet)
+    def link(self, stream: str) -> Link[Packet] | None:
+        """Return the model of the link of a stream; None if it is perfect."""
+        return self._links.get(self._keys[stream])
 
-    def set_link(self, topic: str, link: Link[Packet]) -> None:
+    def set_link(self, stream: str, link: Link[Packet]) -> None:
         """Impair a link that was perfect."""
-        self._links[TOPICS[topic].packet] = link
+        self._links[self._keys[stream]] = link
 
     def link_counts(self) -> dict[str, dict[str, int]]:
-        """Return the counts of packets by fate on each impaired link, by topic."""
-        return {self._topics[packet]: link.counts for packet, link in self._links.items()}
+        """Return the counts of packets by fate on each impaired link, by stream."""
+        return {self._names[key]: link.counts for key, link in self._links.items()}
 
     def wait(self, wake_ns: int | None, stop_descriptor: int) -> tuple[int, Sequence[Packet]]:
         """Sleep until a packet arrives, at most ``LONGEST_WAIT_NS``.
@@ -124,7 +129,7 @@ class Inbox:
         if data is None:
             return time_ns, ()
         if time_ns - begun_ns < SLEPT_NS:
-            newest: dict[type[Packet], Packet] = {}
+            newest: dict[_Key, Packet] = {}
             for each in (data, *local.receive()):
                 self._accept(each, self._expected, HERE, time_ns, newest)
             return time_ns, list(newest.values())
@@ -143,7 +148,7 @@ class Inbox:
 
     def take(self, time_ns: int) -> list[Packet]:
         """Return the packets that have passed their links; never waits."""
-        newest: dict[type[Packet], Packet] = {}
+        newest: dict[_Key, Packet] = {}
         if self._local is not None:
             for data in self._local.receive():
                 self._accept(data, self._expected, HERE, time_ns, newest)
@@ -163,15 +168,16 @@ class Inbox:
         expected: type[Packet] | None,
         source: str,
         time_ns: int,
-        newest: dict[type[Packet], Packet],
+        newest: dict[_Key, Packet],
     ) -> bool:
         """Decode a frame, and give its packet to its link or, where that is perfect, to newest."""
         packet = self._decoded(data, expected, source, time_ns)
         if packet is None:
             return False
-        link = self._links.get(type(packet))
+        key = type(packet), packet.hand
+        link = self._links.get(key)
         if link is None:
-            newest[type(packet)] = packet
+            newest[key] = packet
         else:
             link.accept(time_ns, packet, len(data))
         return True
@@ -182,15 +188,12 @@ class Inbox:
         """Return the packet in a frame; None, and counted, if it is rejected."""
         try:
             packet = decode(data, expected)
-            self.received[self._topics[type(packet)]] += 1
-        except (PacketError, KeyError) as error:
-            self._reject(error)
+            self.received[self._names[type(packet), packet.hand]] += 1
+        except PacketError as error:
+            self._reject(error.reason, str(error))
+            return None
+        except KeyError:
+            got = f"{TOPIC_OF[type(packet)]} of hand {packet.hand!r}"
+            self._reject("unexpected", f"expected {', '.join(self.received)}, got {got}")
             return None
         return packet if self._admit(packet, source, time_ns) else None
-
-    def _reject(self, error: PacketError | KeyError) -> None:
-        # A packet of another class than expected: the decoder gives the reason.
-        if isinstance(error, PacketError):
-            self._rejected(error.reason, str(error))
-        else:
-            self._rejected("keys", "a packet that this process does not take")

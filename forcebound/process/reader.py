@@ -6,6 +6,7 @@ nothing: waking for each packet would cost half a core.
 
 import os
 from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
 from typing import NamedTuple, Self
 
 from forcebound import realtime
@@ -14,6 +15,7 @@ from forcebound.messages.codec import decode
 from forcebound.messages.packets import TOPICS, Packet
 from forcebound.network import sockets
 from forcebound.network.sockets import Network
+from forcebound.topology import Stream, endpoint
 
 PERIOD_NS = 10_000_000  # between two looks
 
@@ -21,7 +23,7 @@ PERIOD_NS = 10_000_000  # between two looks
 class Received(NamedTuple):
     """A packet that was received."""
 
-    topic: str
+    stream: str  # its name
     packet: Packet
     data: bytes  # its frame
 
@@ -30,20 +32,21 @@ class Reader:
     """Receives some streams; to be closed, or used by ``with``.
 
     Args:
-        streams: Topic and endpoint of each.
+        run_dir: Directory of the run.
+        streams: Of the run.
         core: Of the nodes; this process leaves it until the reader is closed. None: any.
 
     Attributes:
         network: Of the reader, also for other sockets of its process.
-        received: Packets so far, by topic.
+        received: Packets so far, by name of their stream.
         rejected: Frames that were not the promised packet, by reason.
     """
 
-    def __init__(self, streams: Iterable[tuple[str, str]], core: int | None) -> None:
+    def __init__(self, run_dir: Path, streams: Iterable[Stream], core: int | None) -> None:
         self._cores = realtime.leave_core(core)
         self.network = Network()
         self._subscribers = [
-            (topic, self.network.subscriber(endpoint)) for topic, endpoint in streams
+            (stream, self.network.subscriber(endpoint(run_dir, stream))) for stream in streams
         ]
         self.forget()
 
@@ -52,7 +55,7 @@ class Reader:
         for _, subscriber in self._subscribers:
             while subscriber.receive():
                 pass
-        self.received = {topic: 0 for topic, _ in self._subscribers}
+        self.received = {stream.name: 0 for stream, _ in self._subscribers}
         self.rejected: dict[str, int] = {}
 
     def wait(self, *descriptors: int) -> None:
@@ -61,15 +64,15 @@ class Reader:
 
     def take(self) -> Iterator[Received]:
         """Give the packets that have come since the last look; never waits."""
-        for topic, subscriber in self._subscribers:
+        for stream, subscriber in self._subscribers:
             for data in subscriber.receive():
                 try:
-                    packet = decode(data, TOPICS[topic].packet)
+                    packet = decode(data, TOPICS[stream.topic])
                 except PacketError as error:
                     self.rejected[error.reason] = self.rejected.get(error.reason, 0) + 1
                 else:
-                    self.received[topic] += 1
-                    yield Received(topic, packet, data)
+                    self.received[stream.name] += 1
+                    yield Received(stream.name, packet, data)
 
     def follow(self, is_over: Callable[[], bool]) -> Iterator[Received]:
         """Give the packets as they come, until ``is_over``."""

@@ -8,9 +8,10 @@ from typing import Protocol
 
 from forcebound.messages.control import GetStatus, RecorderStatus, StopProcess
 from forcebound.messages.packets import Packet
-from forcebound.process.endpoints import control_endpoint, has_control
 from forcebound.process.reader import PERIOD_NS, Reader
 from forcebound.process.stop import Stop
+from forcebound.roles import DEVICE, RECORDER
+from forcebound.topology import Graph, endpoint, is_bound
 
 COMPLETE = "complete"  # a complete recording
 FLUSH_PERIOD_NS = 250_000_000  # a killed recorder loses at most this
@@ -73,9 +74,9 @@ class FailSafeSink:
 
 def record(
     sink: Sink,
-    name: str,
     run_dir: Path,
-    streams: Sequence[tuple[str, str]],
+    graph: Graph,
+    streams: Sequence[str],
     core: int | None,
     stop: Stop,
 ) -> RecorderStatus:
@@ -86,16 +87,16 @@ def record(
 
     Args:
         sink: Where the packets go; the caller closes it.
-        name: Of the process; its control socket is named after it.
         run_dir: Directory of the run's ``ipc`` sockets.
-        streams: Topic and endpoint of each.
+        graph: Of the run.
+        streams: Names of those to record.
         core: The chain's core, where the recorder does not run if there is another one.
         stop: Ends the loop.
     """
     safe = FailSafeSink(sink)
-    with Reader(streams, core) as reader:
+    with Reader(run_dir, graph.named(*streams), core) as reader:
         requests = (GetStatus, StopProcess)
-        control = reader.network.control_server(control_endpoint(run_dir, name), requests)
+        control = reader.network.control_server(endpoint(run_dir, graph.nodes[RECORDER]), requests)
 
         def status() -> RecorderStatus:
             return RecorderStatus(
@@ -111,7 +112,8 @@ def record(
             reader.wait(stop.descriptor)
             control.serve(answer)
             safe.take(reader)
-        _drain(reader, safe, lambda: has_control(run_dir, "device"))
+        devices = [node for node in graph.nodes.values() if node.role == DEVICE]
+        _drain(reader, safe, lambda: any(is_bound(run_dir, device) for device in devices))
         safe.flush()
     return status()
 

@@ -44,7 +44,14 @@ from forcebound.messages.control import (
     Request,
     StopProcess,
 )
-from forcebound.messages.packets import TOPIC_OF, EnvironmentQuery, EnvironmentReply, Event, Packet
+from forcebound.messages.packets import (
+    TOPIC_OF,
+    TOPICS,
+    EnvironmentQuery,
+    EnvironmentReply,
+    Event,
+    Packet,
+)
 from forcebound.network import sockets
 from forcebound.network.ends import RemoteEnd
 from forcebound.network.link import Link
@@ -52,15 +59,10 @@ from forcebound.network.remote import RemoteLink
 from forcebound.network.sockets import Network
 from forcebound.nodes import Node
 from forcebound.nodes.events import PARAMETERS_SET
-from forcebound.process.endpoints import (
-    control_endpoint,
-    event_endpoint,
-    remote_endpoint,
-    topic_endpoint,
-)
 from forcebound.process.inbox import LONGEST_WAIT_NS, Inbox
 from forcebound.process.stop import Stop
-from forcebound.processes import Fact
+from forcebound.roles import Fact
+from forcebound.topology import ONE_HAND, Graph, endpoint
 
 COMPLAINT_INTERVAL_NS = 1_000_000_000  # between two events about rejected packets
 FINAL_STEPS = 4  # until the last telemetry, with zero force, is sent
@@ -73,15 +75,16 @@ class Runner:
 
     Args:
         node: What decides.
-        name: Of the process; its control socket is named after it.
+        name: Of the process in the graph.
         run_dir: Directory of the run's ``ipc`` sockets.
-        links: Impaired links by topic; a topic that is not here has a perfect link.
+        links: Impaired links by stream; a stream that is not here has a perfect link.
         network: Where the sockets are opened.
         spin_ns: See :class:`forcebound.realtime.Settings`.
         configure: Brings node and links to the parameters of a request; returns those that it has
             changed.
         remote: The link to another machine. A controller uses it in addition to its own sockets, an
             environment instead of them.
+        graph: Of the run.
 
     Raises:
         ConfigError: If an endpoint is in use or not permitted.
@@ -97,6 +100,7 @@ class Runner:
         spin_ns: int = 0,
         configure: "Callable[[Runner, Configure], Parameters] | None" = None,
         remote: RemoteLink | None = None,
+        graph: Graph = ONE_HAND,
     ) -> None:
         self._node = node
         self._network = network
@@ -104,19 +108,19 @@ class Runner:
         self._spin_ns = spin_ns
         self._remote = remote
         self._run_dir = run_dir
+        self.graph = graph
         self._publish = {
-            packet: network.publisher(topic_endpoint(run_dir, TOPIC_OF[packet])).send
-            for packet in node.publishes
-            if packet is not Event
+            TOPICS[stream.topic]: network.publisher(endpoint(run_dir, stream)).send
+            for stream in graph.streams
+            if stream.sender == name and not stream.is_forwarded
         }
-        self._publish[Event] = network.publisher(event_endpoint(run_dir, name)).send
-        self._inbox = Inbox(node.subscribes, links, self._reject, node.admit)
+        self._inbox = Inbox(graph.received(name), links, self._reject, node.admit)
         if remote is None or remote.end.role == "graph":
             self._inbox.listen(network, run_dir)
         if remote is not None:
             self._connect_remote(remote)
         requests = (*OF_NODES, *node.requests)
-        self._control = network.control_server(control_endpoint(run_dir, name), requests)
+        self._control = network.control_server(endpoint(run_dir, graph.nodes[name]), requests)
         self._look_ns = 0  # next poll of the control socket and of the remote link
         self._stop_requested = False
         self._facts: Sequence[Fact] = ()
@@ -210,13 +214,13 @@ class Runner:
         """The node that it drives; as of a simulation, which drives several."""
         return (self._node,)
 
-    def link(self, topic: str) -> Link[Packet] | None:
-        """Return the model of the link on which ``topic`` arrives; None if it is perfect."""
-        return self._inbox.link(topic)
+    def link(self, stream: str) -> Link[Packet] | None:
+        """Return the model of the link of a stream; None if it is perfect."""
+        return self._inbox.link(stream)
 
-    def set_link(self, topic: str, link: Link[Packet]) -> None:
+    def set_link(self, stream: str, link: Link[Packet]) -> None:
         """Impair a link that was perfect."""
-        self._inbox.set_link(topic, link)
+        self._inbox.set_link(stream, link)
 
     def _connect_remote(self, remote: RemoteLink) -> None:
         """Let packets of the environment's two topics go to, and come from, another machine.
@@ -235,8 +239,8 @@ class Runner:
             here(data)
 
         self._publish[sent] = both
-        endpoint = remote_endpoint(self._run_dir, TOPIC_OF[came])
-        forward = self._network.publisher(endpoint).send
+        forwarded = self.graph.forwarded(TOPIC_OF[came])
+        forward = self._network.publisher(endpoint(self._run_dir, forwarded)).send
         self._inbox.listen_remotely(came, remote.channel, forward)
 
     def _change(self, request: Configure) -> Answer:
@@ -298,28 +302,31 @@ def run(
     stop: Stop,
     configure: Callable[[Runner, Configure], Parameters] | None = None,
     remote_end: RemoteEnd | None = None,
+    graph: Graph = ONE_HAND,
 ) -> NodeStatus:
     """Run a node until a stop request, and close it; return its last status.
 
     Args:
         node: What decides.
-        name: Of the process: ``"device"``, ``"controller"`` or ``"environment"``.
+        name: Of the process in the graph.
         run_dir: Directory of the run's ``ipc`` sockets.
-        links: Impaired links by topic; a topic that is not here has a perfect link.
+        links: Impaired links by stream; a stream that is not here has a perfect link.
         settings: How punctual to be.
         stop: Ends the loop.
         configure: See :class:`Runner`.
         remote_end: This end of the link to another machine.
+        graph: Of the run.
 
     Raises:
         ConfigError: If an endpoint is in use or not permitted.
     """
-    facts = realtime.enter(settings, name)
+    facts = realtime.enter(settings, graph.nodes[name].role)
     _logger.info("; ".join(fact.sentence for fact in facts))
     try:
         with Network() as network:
             end = None if remote_end is None else RemoteLink(network, remote_end)
-            runner = Runner(node, name, run_dir, links, network, settings.spin_ns, configure, end)
+            spin_ns = settings.spin_ns
+            runner = Runner(node, name, run_dir, links, network, spin_ns, configure, end, graph)
             realtime.freeze_garbage()
             runner.run(stop, facts)
             return runner.status()

@@ -103,7 +103,7 @@ def _columns_of(recording: Recording) -> dict[str, list[_Column]]:
     return {
         topic: [
             column
-            for name, hint in field_types(TOPICS[topic].packet).items()
+            for name, hint in field_types(TOPICS[topic]).items()
             if name in widths[topic]
             for column in _columns(name, plain_type(hint), widths[topic][name])
         ]

@@ -28,11 +28,12 @@ from forcebound.config.resolved import made, restore
 from forcebound.config.tree import scalar
 from forcebound.errors import ConfigError
 from forcebound.files import content_of
-from forcebound.messages.packets import LINKS, TOPIC_OF, Telemetry
+from forcebound.messages.packets import TOPIC_OF, Telemetry
 from forcebound.nodes.servo import ServoSettings
 from forcebound.operators.grip import SoftGrip
 from forcebound.operators.recorded_path import began
 from forcebound.recording import Recording
+from forcebound.topology import LINKS
 
 _GRIP = tuple(field.name for field in dataclasses.fields(SoftGrip))
 _COMPUTATION = tuple(name for name in BESIDE_MODEL if name.startswith("compute_"))

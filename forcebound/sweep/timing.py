@@ -22,11 +22,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forcebound.config.graph import GraphConfig
-from forcebound.messages.packets import LINKS
 from forcebound.network.chances import plain_fates
 from forcebound.network.impairment import Impairment
 from forcebound.network.link import RESTART_NS, link_seed
 from forcebound.nodes.safety import REMEMBERED
+from forcebound.topology import LINKS
 
 Times: TypeAlias = NDArray[np.int64]
 

@@ -13,9 +13,9 @@ from forcebound.config.parameters import takeable_laws
 from forcebound.environments import StatelessEnvironment
 from forcebound.environments.fixtures import WithFixtures
 from forcebound.errors import ConfigError, ForceboundError
-from forcebound.launch.run_directory import RunDocument
+from forcebound.launch.run_directory import RunDocument, graph_in
 from forcebound.messages.control import Point, Pointed
-from forcebound.messages.packets import LINKS, Vector
+from forcebound.messages.packets import Vector
 from forcebound.monitor.control import device_status, start_node, stop_node
 from forcebound.monitor.formatting import as_written, ranges
 from forcebound.monitor.kernels import Kernels
@@ -28,7 +28,8 @@ from forcebound.monitor.tuning import (
 )
 from forcebound.network.sockets import Network
 from forcebound.operators.pointer import PointerHand
-from forcebound.process import control_endpoint
+from forcebound.roles import DEVICE
+from forcebound.topology import LINKS, endpoint
 from forcebound.view.feed import Message
 from forcebound.view.recording import PageRecording
 
@@ -142,7 +143,10 @@ class Pointer:
     def __init__(self, run_dir: Path, taken: Callable[[Any, int], None]) -> None:
         self._taken = taken
         self._network = Network()
-        self._client = self._network.control_client(control_endpoint(run_dir, "device"))
+        graph = graph_in(run_dir)
+        self._client = self._network.control_client(
+            endpoint(run_dir, graph.nodes[graph.of_role(DEVICE)])
+        )
         self.descriptor = self._client.descriptor
         self.place: Vector | None = None
         self._newest: tuple[Point, Any] | None = None

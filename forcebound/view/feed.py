@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
 from forcebound.errors import ConfigError
-from forcebound.launch.run_directory import RunDocument, recorded_streams
+from forcebound.launch.run_directory import RunDocument
 from forcebound.messages.packets import EnvironmentReply, Event, Scene, Telemetry
 from forcebound.monitor.streams import fields_of_packet
 from forcebound.process import Reader
@@ -47,8 +47,8 @@ class Feed:
     """
 
     def __init__(self, run_dir: Path, energy_before: float) -> None:
-        core = RunDocument.read(run_dir).core
-        self._reader = Reader(recorded_streams(run_dir, SHOWN), core)
+        run = RunDocument.read(run_dir)
+        self._reader = Reader(run_dir, run.graph.named(*SHOWN), run.core)
         self._ahead_ns = time.time_ns() - time.monotonic_ns()
         self.scene: Message | None = None  # the newest
         self._law = _LawStart(0, energy_before, 0.0)

@@ -9,20 +9,18 @@ const SECOND: u64 = 1_000_000_000; // ns
 static STOPPED: AtomicBool = AtomicBool::new(false);
 
 #[derive(Deserialize)] struct Header { version: u64 }
-#[derive(Deserialize)] #[serde(deny_unknown_fields)] #[allow(dead_code)] // this wall does not need all
+#[derive(Deserialize)] // keys that are not here are ignored
 struct Query {
-    packet: String, version: u64, seq: u64, time_ns: u64, device_seq: u64, device_time_ns: u64, elapsed: f64,
+    packet: String, seq: u64, time_ns: u64, device_seq: u64, device_time_ns: u64, #[allow(dead_code)] elapsed: f64,
     position: Vec<f64>, velocity: Vec<f64>,
     #[serde(deserialize_with = "Option::deserialize")] // nil, but not missing
     environment: Option<String>,
-    #[serde(deserialize_with = "Option::deserialize")]
-    orientation: Option<[f64; 4]>,
-    #[serde(deserialize_with = "Option::deserialize")]
-    buttons: Option<u64>,
+    #[serde(default)]
+    hand: String,
 }
 
 #[derive(Serialize)] struct Reply<'a> {
-    packet: &'a str, version: u64, seq: u64, time_ns: u64, device_seq: u64, device_time_ns: u64,
+    packet: &'a str, version: u64, hand: &'a str, seq: u64, time_ns: u64, device_seq: u64, device_time_ns: u64,
     query_seq: u64, query_time_ns: u64, force: Vec<f64>, environment: &'a str,
     proxy: Option<Vec<f64>>, normal: Option<Vec<f64>>,
 }
@@ -33,11 +31,11 @@ fn read(frames: &[Vec<u8>]) -> Fallible<Query> {
     if frames.len() != 1 || frame.len() > 4096 || !matches!(frame.first(), Some(0x80..=0x8f | 0xde | 0xdf)) {
         return Err("malformed: not one map of at most 4096 bytes".into());
     }
-    if rmp_serde::from_slice::<Header>(frame)?.version != 3 { return Err("version: this program speaks 3".into()) }
+    if rmp_serde::from_slice::<Header>(frame)?.version != 4 { return Err("version: this program speaks 4".into()) }
     let mut rest = frame.as_slice();
     let query: Query = rmp_serde::from_read(&mut rest)?;
     let axes = query.position.len();
-    let largest = query.seq | query.time_ns | query.device_seq | query.device_time_ns | query.buttons.unwrap_or(0);
+    let largest = query.seq | query.time_ns | query.device_seq | query.device_time_ns;
     let is_sound = rest.is_empty() && query.packet == "environment_query" && largest >> 63 == 0
         && (1..=6).contains(&axes) && query.velocity.len() == axes && query.environment.as_deref() != Some("");
     if is_sound { Ok(query) } else { Err("trailing bytes, another packet, or a value out of range".into()) }
@@ -115,7 +113,7 @@ fn serve() -> Fallible<()> {
         let force = along(stiffness * depth.max(0.0), &still);
         let inside = depth > 0.0; // then it tells the contact: where the tip would be outside, and the way out
         let proxy = inside.then(|| along(surface, &query.position[1..]));
-        let reply = Reply { packet: "environment_reply", version: 3, proxy, normal: inside.then(|| along(-1.0, &still)), seq: answered, time_ns: now(), force,
+        let reply = Reply { packet: "environment_reply", version: 4, hand: &query.hand, proxy, normal: inside.then(|| along(-1.0, &still)), seq: answered, time_ns: now(), force,
             device_seq: query.device_seq, device_time_ns: query.device_time_ns,
             query_seq: query.seq, query_time_ns: query.time_ns, environment: &name };
         let _ = socket.send(rmp_serde::to_vec_named(&reply)?, zmq::DONTWAIT); // unless nobody takes it

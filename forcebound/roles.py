@@ -1,15 +1,21 @@
-"""The processes of a graph, one row each: everything that depends on which process it is."""
+"""The roles of the processes of a run, one row each, and what each of them is called."""
 
 import signal
 from dataclasses import dataclass
+from typing import Final
 
-LAUNCHER = "launcher"  # starts and ends the others; it is not one of them
+DEVICE: Final = "device"
+CONTROLLER: Final = "controller"
+ENVIRONMENT: Final = "environment"
+RECORDER: Final = "recorder"
+LAUNCHER: Final = "launcher"  # starts and ends the others; it is not one of them
+
 LOST = 75  # exit status of a device process that has lost its device and may have it again
 
 
 @dataclass(frozen=True)
-class Process:
-    """How one process of a graph is scheduled, started, ended and shown.
+class Role:
+    """How the processes of one role are scheduled, started, ended and shown.
 
     Attributes:
         priority: Of SCHED_FIFO, 1 to 99, on the core that the nodes share. 0: it is no node; it has
@@ -32,16 +38,14 @@ class Process:
 # something to finish at the launcher's death (zero force; the recording), the others have not.
 # Without device or recorder there is nothing to go on with: they are not restarted. A device with
 # ``on_loss: wait`` is, when the user says that it is in order.
-PROCESSES: dict[str, Process] = {
-    "environment": Process(30, 1, True, signal.SIGKILL, 35),
-    "controller": Process(40, 1, True, signal.SIGKILL, 33),
-    "device": Process(50, 0, False, signal.SIGTERM, 36),
-    "recorder": Process(0, 2, False, signal.SIGTERM, 32),
+ROLES: dict[str, Role] = {
+    ENVIRONMENT: Role(30, 1, True, signal.SIGKILL, 35),
+    CONTROLLER: Role(40, 1, True, signal.SIGKILL, 33),
+    DEVICE: Role(50, 0, False, signal.SIGTERM, 36),
+    RECORDER: Role(0, 2, False, signal.SIGTERM, 32),
 }
 
-NODES = tuple(name for name, process in PROCESSES.items() if process.priority > 0)
-RESTARTED = tuple(name for name, process in PROCESSES.items() if process.is_restarted)
-STOP_GROUPS = sorted({process.stop_group for process in PROCESSES.values()})
+STOP_GROUPS = sorted({role.stop_group for role in ROLES.values()})
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,183 @@
+"""The graph of a run: its nodes and the streams between them, made once from the launch file.
+
+A node has a role (:mod:`forcebound.roles`), which says how its process is scheduled, started, ended
+and shown. A stream is the packets of one topic from one sender. Whatever asks which processes there
+are, which packets they exchange, or where their sockets are, asks the :class:`Graph`; it is a part
+of ``run.json``.
+
+To add a hand is to name it: its nodes and streams then carry the name, ``left/device`` and
+``left/device_state``. The only hand of a graph has no name.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from msgspec import Struct
+
+from forcebound.messages.packets import (
+    TOPIC_OF,
+    DeviceState,
+    EnvironmentQuery,
+    EnvironmentReply,
+    Event,
+    ForceCommand,
+    Packet,
+    Scene,
+    Telemetry,
+)
+from forcebound.roles import CONTROLLER, DEVICE, ENVIRONMENT, LAUNCHER, RECORDER, ROLES
+
+HAND = ""  # name of the only hand of a graph
+
+# What each role sends, and which role needs it; None: only observers do. The first four are the
+# hops of the loop, in order; only these can be impaired.
+_SENT: dict[type[Packet], tuple[str, str | None]] = {
+    DeviceState: (DEVICE, CONTROLLER),
+    EnvironmentQuery: (CONTROLLER, ENVIRONMENT),
+    EnvironmentReply: (ENVIRONMENT, CONTROLLER),
+    ForceCommand: (CONTROLLER, DEVICE),
+    Telemetry: (DEVICE, None),
+    Scene: (ENVIRONMENT, None),
+}
+
+#: Topics of the four hops of the loop, in order.
+LINKS = tuple(TOPIC_OF[packet] for packet, (_, receiver) in _SENT.items() if receiver is not None)
+
+
+class NodeSpec(Struct, frozen=True):
+    """One process of a graph."""
+
+    role: str  # one of ROLES, or LAUNCHER
+    hand: str | None  # that it belongs to; None: to all
+    socket: str  # its control socket, in the run directory
+
+    @property
+    def is_node(self) -> bool:
+        """Whether it is in the loop."""
+        return self.role in ROLES and ROLES[self.role].priority > 0
+
+
+class Stream(Struct, frozen=True):
+    """The packets of one topic from one sender."""
+
+    name: str  # "left/device_state"; streams of one name share a channel of a recording
+    topic: str  # name of the packet's class on the wire
+    hand: str | None  # None: of all
+    sender: str  # name of a process
+    receiver: str | None  # name of the process that needs it; None: only observers
+    socket: str  # in the run directory
+    is_forwarded: bool = False  # whether the packets come from another machine
+
+
+class Graph(Struct, frozen=True):
+    """Nodes and streams of a run."""
+
+    nodes: dict[str, NodeSpec]  # in the order in which they start; the launcher is the last
+    streams: tuple[Stream, ...]
+
+    def of_role(self, role: str, hand: str = HAND) -> str:
+        """Return the name of the process with a role for a hand.
+
+        Raises:
+            KeyError: If there is none.
+        """
+        for name, node in self.nodes.items():
+            if node.role == role and node.hand in (hand, None):
+                return name
+        raise KeyError(role)
+
+    @property
+    def loop(self) -> tuple[str, ...]:
+        """Names of the nodes, without recorder and launcher."""
+        return tuple(name for name, node in self.nodes.items() if node.is_node)
+
+    @property
+    def links(self) -> tuple[Stream, ...]:
+        """Streams that a node needs, hop by hop: these can be impaired."""
+        return tuple(s for s in self.streams if s.receiver is not None and not s.is_forwarded)
+
+    def sent(self, sender: str, packet: type[Packet]) -> Stream:
+        """Return the stream of a process with these packets.
+
+        Raises:
+            KeyError: If it sends none.
+        """
+        topic = TOPIC_OF[packet]
+        for stream in self.streams:
+            if stream.sender == sender and stream.topic == topic and not stream.is_forwarded:
+                return stream
+        raise KeyError(topic)
+
+    def forwarded(self, topic: str) -> Stream:
+        """Return the stream with the packets of a topic that come from another machine."""
+        return next(s for s in self.streams if s.topic == topic and s.is_forwarded)
+
+    def received(self, receiver: str) -> tuple[Stream, ...]:
+        """Return the streams that a process needs."""
+        return tuple(stream for stream in self.links if stream.receiver == receiver)
+
+    def named(self, *names: str) -> tuple[Stream, ...]:
+        """Return the streams with one of these names, of all senders."""
+        return tuple(stream for stream in self.streams if stream.name in names)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the streams, each once."""
+        return tuple(dict.fromkeys(stream.name for stream in self.streams))
+
+
+def in_hand(hand: str | None, name: str) -> str:
+    """Return the name of a node or stream that belongs to a hand; None or empty: the name alone."""
+    return f"{hand}/{name}" if hand else name
+
+
+def graph_of(hands: Sequence[str] = (HAND,)) -> Graph:
+    """Return the graph of some hands in one environment."""
+    shared = {ENVIRONMENT, RECORDER}
+    names = {
+        (role, hand): in_hand(hand, role)
+        for role in ROLES
+        for hand in ((None,) if role in shared else hands)
+    }
+    nodes = {
+        name: NodeSpec(role, hand, f"c{number}")
+        for number, ((role, hand), name) in enumerate({**names, (LAUNCHER, None): LAUNCHER}.items())
+    }
+
+    def name_of(role: str | None, hand: str | None) -> str | None:
+        return None if role is None else names.get((role, hand)) or names[role, None]
+
+    rows: list[tuple[type[Packet], str | None, str | None, str | None, bool]] = []
+    for packet, (sender, receiver) in _SENT.items():
+        for hand in (None,) if packet is Scene else hands:
+            rows.append((packet, hand, name_of(sender, hand), name_of(receiver, hand), False))
+    for hand in hands:  # what comes from, or goes to, another machine: for observers on this one
+        rows.append((EnvironmentReply, hand, name_of(CONTROLLER, hand), None, True))
+        rows.append((EnvironmentQuery, hand, name_of(ENVIRONMENT, hand), None, True))
+    rows += [(Event, None, name, None, False) for name in nodes]
+    streams = tuple(
+        Stream(
+            in_hand(hand, TOPIC_OF[packet]),
+            TOPIC_OF[packet],
+            hand,
+            str(sender),
+            receiver,
+            f"s{number}",
+            is_forwarded,
+        )
+        for number, (packet, hand, sender, receiver, is_forwarded) in enumerate(rows)
+    )
+    return Graph(nodes, streams)
+
+
+ONE_HAND = graph_of()
+
+
+def endpoint(run_dir: Path, of: NodeSpec | Stream) -> str:
+    """Return the address of a stream, or of the control socket of a process, on this machine."""
+    return f"ipc://{run_dir}/{of.socket}"
+
+
+def is_bound(run_dir: Path, of: NodeSpec | Stream) -> bool:
+    """Return whether a process of the run has bound that address."""
+    return (run_dir / of.socket).exists()
