@@ -106,14 +106,10 @@ def observe(run_dir: Path, duration: float = DURATION) -> Observations:
         ConfigError: If no graph runs there.
         RunError: If the graph has ended.
     """
-    with while_running(run_dir):
-        cores = realtime.leave_core(RunDocument.read(run_dir).core)  # looking must not disturb
-        try:
-            seen = _look(run_dir, duration)
-        finally:
-            os.sched_setaffinity(0, cores)
-        RunDocument.read(run_dir)  # it still runs
-        return replace(seen, cores=len(cores))
+    cores = os.sched_getaffinity(0)
+    core = RunDocument.read(run_dir).core
+    with while_running(run_dir), realtime.on_cores(cores - {core}):  # looking must not disturb
+        return replace(_look(run_dir, duration), cores=len(cores))
 
 
 def _look(run_dir: Path, duration: float) -> Observations:

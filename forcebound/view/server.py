@@ -11,7 +11,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import tornado.httpserver
 import tornado.iostream
@@ -249,14 +249,19 @@ def _bound(listen: str, port: int) -> socket.socket:
 
 
 class _Handler(tornado.web.RequestHandler):
-    """A request from a browser that calls this server by its own name."""
+    """A request from a browser that calls this server by its own name, and has a token."""
+
+    needs_token: ClassVar[bool] = True
 
     def initialize(self, server: Server) -> None:
         self.server = server
 
     def prepare(self) -> None:
-        if not self.server.access.permits_host(self.request.headers.get("Host")):
+        access, self.token = self.server.access, self.get_query_argument("token", "")
+        if not access.permits_host(self.request.headers.get("Host")):
             raise tornado.web.HTTPError(403, "another host")
+        if self.needs_token and not access.may_look(self.token):
+            raise tornado.web.HTTPError(403, "no token")
 
     def set_default_headers(self) -> None:
         self.set_header("Content-Security-Policy", POLICY)
@@ -270,13 +275,13 @@ class _Handler(tornado.web.RequestHandler):
 
 class _Index(_Handler):
     def get(self) -> None:
-        if not self.server.access.may_look(self.get_query_argument("token", "")):
-            raise tornado.web.HTTPError(403, "no token")
         self.set_header("Content-Type", "text/html; charset=utf-8")
         self.write((PAGE / "index.html").read_bytes())
 
 
 class _File(_Handler):
+    needs_token = False
+
     def get(self, name: str) -> None:
         file = PAGE / name
         if not file.is_file():
@@ -289,8 +294,6 @@ class _SceneFile(_Handler):
     """Triangles of a mesh of the scene, or points of a cloud."""
 
     async def get(self, digest: str) -> None:
-        if not self.server.access.may_look(self.get_query_argument("token", "")):
-            raise tornado.web.HTTPError(403, "no token")
         loop, graph = asyncio.get_running_loop(), self.server.graph
         content = None
         if graph is not None:  # a change need not wait for it
@@ -300,33 +303,26 @@ class _SceneFile(_Handler):
         self.write(content)
 
 
-class _Page(tornado.websocket.WebSocketHandler):
+class _Page(_Handler, tornado.websocket.WebSocketHandler):
     """One open page."""
 
-    def initialize(self, server: Server) -> None:
-        self._server = server
-        self._may_change = False
-
     def check_origin(self, origin: str) -> bool:
-        return self._server.access.permits_origin(origin, self.request.headers.get("Host"))
+        return self.server.access.permits_origin(origin, self.request.headers.get("Host"))
 
     def prepare(self) -> None:
-        access = self._server.access
-        token = self.get_query_argument("token", "")
-        if not access.permits_host(self.request.headers.get("Host")) or not access.may_look(token):
-            raise tornado.web.HTTPError(403, "no token, or another host")
-        if len(self._server.pages) >= MOST_PAGES:
+        super().prepare()
+        if len(self.server.pages) >= MOST_PAGES:
             raise tornado.web.HTTPError(503, "too many pages")
-        self._may_change = access.may_change(token)
+        self._may_change = self.server.access.may_change(self.token)
 
     def open(self, *_: str, **__: str) -> None:
         self.set_nodelay(True)
         self.greet()
-        self._server.pages.add(self)
+        self.server.pages.add(self)
 
     def greet(self) -> None:
         """Tell what a page needs to know of the graph that is shown now."""
-        for message in self._server.first_messages():
+        for message in self.server.first_messages():
             self.tell(json.dumps({**message, "may_change": self._may_change}))
 
     def on_message(self, message: str | bytes) -> None:
@@ -335,7 +331,7 @@ class _Page(tornado.websocket.WebSocketHandler):
             do = wanted["do"]
         except (ValueError, TypeError, KeyError, RecursionError):
             return
-        graph = self._server.graph
+        graph = self.server.graph
         if not self._may_change:
             self._answer(wanted, "this page may only look")
         elif graph is None:
@@ -346,10 +342,10 @@ class _Page(tornado.websocket.WebSocketHandler):
             if error is not None:
                 self._answer(wanted, error)
         else:
-            self._server.workers.submit(self._act, graph.controls, wanted)
+            self.server.workers.submit(self._act, graph.controls, wanted)
 
     def on_close(self) -> None:
-        self._server.pages.discard(self)
+        self.server.pages.discard(self)
 
     def tell(self, text: str) -> None:
         """Send a message unless the page has stopped reading."""
@@ -361,19 +357,16 @@ class _Page(tornado.websocket.WebSocketHandler):
         try:
             sent = self.write_message(text)
         except tornado.websocket.WebSocketClosedError:
-            self._server.pages.discard(self)
+            self.server.pages.discard(self)
         else:
             sent.add_done_callback(asyncio.Future.exception)  # it closed just now: no news
 
     def _act(self, controls: Controls, wanted: Message) -> None:
         """Do what the page wants; in the thread of changes."""
-        server = self._server
+        server = self.server
         server.later(self._answer, wanted, controls.act(wanted))
         server.later(server.tell, controls.recording.describe())
         server.tell_parameters(controls)
 
     def _answer(self, wanted: Message, error: str | None) -> None:
         self.tell(json.dumps({"type": "answer", "id": wanted.get("id"), "error": error}))
-
-    def log_exception(self, *_: object) -> None:
-        """Say nothing: a refusal is the browser's to tell."""
