@@ -6,7 +6,7 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext, suppress
-from functools import partial
+from functools import partial, reduce
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -70,6 +70,11 @@ run_duration_option = duration_option(help="Duration of the run, e.g. 5s or 500m
 output_option = partial(click.option, "-o", "--output", type=FILE)
 
 
+def all_of(*options: Callable[[Command], Command]) -> Callable[[Command], Command]:
+    """Return arguments and options as one, in the order of the help."""
+    return lambda command: reduce(lambda made, option: option(made), reversed(options), command)
+
+
 def recording_option(*names: str, **settings: Any) -> Callable[[Command], Command]:
     """Return an option for a recording to write, and ``--overwrite``, without which none goes."""
     replaces = "forcebound.overwrite"  # key in the meta data of a click context
@@ -94,7 +99,7 @@ def recording_option(*names: str, **settings: Any) -> Callable[[Command], Comman
         help="Replace an existing recording.",
     )
     option = click.option(*names, type=FILE, callback=check, metavar="RUN.mcap", **settings)
-    return lambda command: option(overwrite(command))
+    return all_of(option, overwrite)
 
 
 record_option = recording_option("--record", help="Record the run in this file.")

@@ -14,6 +14,7 @@ import click
 
 from forcebound.cli import complete
 from forcebound.cli.common import (
+    all_of,
     arguments_argument,
     json_option,
     print_json,
@@ -49,7 +50,7 @@ def _named_file(context: click.Context, parameter: click.Parameter, file: str | 
     raise click.MissingParameter(message, context, parameter)
 
 
-_OPTIONS = (
+_graph_options = all_of(
     click.argument(
         "file",
         metavar="FILE",
@@ -64,12 +65,6 @@ _OPTIONS = (
     click.option("--show-args", is_flag=True, help="List the arguments of the file."),
     json_option,
 )
-
-
-def _graph_options(command: Callable[..., None]) -> Callable[..., None]:
-    for option in reversed(_OPTIONS):
-        command = option(command)
-    return command
 
 
 @click.command("launch", short_help="Run a launch file in real time, as processes.")

@@ -15,6 +15,7 @@ from forcebound.cli.common import (
     FOLDER,
     Command,
     Group,
+    all_of,
     arguments_argument,
     json_option,
     output_option,
@@ -37,7 +38,7 @@ workers_option = click.option(
 
 def _campaign_options(of_each: str, runs: int) -> Callable[[Command], Command]:
     """Return the options of an audit: laws, numbers of runs, seed, report."""
-    options = (
+    return all_of(
         _number_option("--runs", default=runs, help=f"Random runs of {of_each}."),
         _number_option(
             "--search",
@@ -57,13 +58,6 @@ def _campaign_options(of_each: str, runs: int) -> Callable[[Command], Command]:
         output_option("out", metavar="REPORT.md", help="Write the report to this file."),
         json_option,
     )
-
-    def add(command: Command) -> Command:
-        for option in reversed(options):
-            command = option(command)
-        return command
-
-    return add
 
 
 @click.group(invoke_without_command=True, short_help="Attack the laws in simulation.", cls=Group)

@@ -20,6 +20,7 @@ from forcebound.cli.common import (
     UNKNOWN,
     Command,
     Group,
+    all_of,
     duration_option,
     json_lines_option,
     json_option,
@@ -314,7 +315,7 @@ def _serving(port: int) -> Callable[[Command], Command]:
     """Add topics, graph, a port of this default, and a duration."""
     kind, words = click.IntRange(1, 65535), f"On loopback. Default: {port}."
     port_option = click.option("--port", type=kind, default=port, help=words)
-    return lambda command: topics_argument(run_option(port_option(_ending_option(command))))
+    return all_of(topics_argument, run_option, port_option, _ending_option)
 
 
 def _serve(program: str, topics: Sequence[str], **options: Any) -> None:
