@@ -134,14 +134,14 @@ def enter(settings: Settings, role: str) -> list[Fact]:
 
     Args:
         settings: What is wanted.
-        role: Of this process. One without a priority (the recorder) is kept off the chain's core
-            and scheduled ordinarily.
+        role: Of this process. One that is no node (the recorder, an emulator) is kept off the
+            nodes' core and scheduled ordinarily.
 
     Returns:
         What was set and what was not permitted.
     """
     _libc.prctl(PR_SET_TIMERSLACK, ctypes.c_ulong(TIMER_SLACK_NS))
-    if not ROLES[role].priority:
+    if role not in ROLES or not ROLES[role].priority:
         leave_core(settings.core)
         return []
     facts = [_pin(settings.core), _schedule(settings, role)]

@@ -29,8 +29,8 @@ from forcebound.topology import HAND, ONE_HAND, Graph
 
 _ARRIVAL, _WAKE = 0, 1  # order of entries of the same time
 
-# What tells the streams of a graph apart: the class of their packets, and their hand.
-_Key: TypeAlias = tuple[type[Packet], str]
+# Name of a stream, index of the node that receives it, its link, whether the node wakes on arrival.
+_Route: TypeAlias = tuple[str, int, Link[Packet] | None, bool]
 
 
 @dataclass(frozen=True)
@@ -101,10 +101,10 @@ class Simulation:
         self.graph = graph
         self._observe = observe
         self._observed = frozenset(observed)
-        self._mail: list[dict[_Key, Packet]] = [{} for _ in nodes]  # delivered, not taken
+        self._mail: list[dict[str, Packet]] = [{} for _ in nodes]  # delivered, not taken
         self._links: list[list[Link[Packet]]] = [[] for _ in nodes]
-        self._routes: dict[_Key, tuple[int, Link[Packet] | None, bool]] = {}
-        self._keys: dict[str, _Key] = {}  # of the streams that a node receives
+        self._routes: dict[type[Packet], dict[str, _Route]] = {}  # by class and hand
+        self._keys: dict[str, tuple[type[Packet], str]] = {}  # of the streams, likewise
         self._heap: list[tuple[int, int, int, int]] = []  # time, kind, number, node
         self._number = 0
         self._due: list[list[int | None]] = [[None] * len(nodes), [None] * len(nodes)]  # by kind
@@ -115,22 +115,24 @@ class Simulation:
             for stream in graph.received(names[index]):
                 if stream.sender not in names:
                     raise ConfigError(f"no node of the graph publishes {stream.name}")
-                key = self._keys[stream.name] = (TOPICS[stream.topic], stream.hand or HAND)
+                kind, hand = self._keys[stream.name] = (TOPICS[stream.topic], stream.hand or HAND)
                 link = links.get(stream.name)
-                self._routes[key] = (index, link, node.wakes_on_arrival)
+                route = (stream.name, index, link, node.wakes_on_arrival)
+                self._routes.setdefault(kind, {})[hand] = route
                 if link is not None:
                     self._links[index].append(link)
             self._schedule(_WAKE, index, node.wake_ns)
 
     def link(self, stream: str) -> Link[Packet] | None:
         """Return the model of the link of a stream; None if it is perfect."""
-        return self._routes[self._keys[stream]][1]
+        kind, hand = self._keys[stream]
+        return self._routes[kind][hand][2]
 
     def set_link(self, stream: str, link: Link[Packet]) -> None:
         """Impair a link that was perfect."""
-        key = self._keys[stream]
-        index, _, wakes_on_arrival = self._routes[key]
-        self._routes[key] = (index, link, wakes_on_arrival)
+        kind, hand = self._keys[stream]
+        name, index, _, wakes_on_arrival = self._routes[kind][hand]
+        self._routes[kind][hand] = (name, index, link, wakes_on_arrival)
         self._links[index].append(link)
 
     def run(self, until_ns: int) -> None:
@@ -160,11 +162,10 @@ class Simulation:
             kind = type(packet)
             if kind in observed:
                 self._observe(packet)
-            key = kind, packet.hand
-            route = routes.get(key)
-            if route is None:
+            by_hand = routes.get(kind)
+            if by_hand is None:
                 continue
-            receiver, model, wakes_on_arrival = route
+            name, receiver, model, wakes_on_arrival = by_hand[packet.hand]
             if model is not None:
                 if model.has_rate:
                     model.accept(time_ns, packet, len(encode(packet)))
@@ -173,7 +174,7 @@ class Simulation:
                 if wakes_on_arrival:
                     self._schedule(_ARRIVAL, receiver, model.next_due_ns)
                 continue
-            self._mail[receiver][key] = packet
+            self._mail[receiver][name] = packet
             if wakes_on_arrival and receiver not in self._now:
                 self._now.append(receiver)
         if links and node.wakes_on_arrival:

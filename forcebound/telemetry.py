@@ -39,7 +39,7 @@ _CONTACT = {"int64": ("device_seq", "device_time_ns"), "vector": ("proxy", "norm
 
 #: Fields of a packet that a :class:`TelemetryCollector` reads.
 FIELDS: dict[type[Telemetry] | type[EnvironmentReply], tuple[str, ...]] = {
-    Telemetry: (*chain(*_SAMPLE.values()), "rejected"),
+    Telemetry: (*chain(*_SAMPLE.values()), "rejected", "hand"),
     EnvironmentReply: (*chain(*_CONTACT.values()), "force"),
 }
 
@@ -75,6 +75,7 @@ class TelemetryColumns:
     proxy: NDArray[np.float64]  # (n, axes), m; NaN without a contact
     normal: NDArray[np.float64]  # (n, axes), outward unit normal at the proxy; NaN likewise
     rejected: Mapping[str, int]  # packets rejected by the end of the run, by reason
+    hand: str = ""  # name of the hand; empty: the only one
 
     @staticmethod
     def from_packets(
@@ -110,7 +111,7 @@ class TelemetryColumns:
         columns = {
             field.name: getattr(self, field.name)[kept]
             for field in fields(self)
-            if field.name != "rejected"
+            if field.name not in ("rejected", "hand")
         }
         return replace(self, **columns)
 
@@ -172,7 +173,8 @@ class TelemetryCollector:
             columns["elapsed"] = np.where(life > 0, elapsed[start] + time, elapsed)
             columns["seq"] = seq = seq + ticks[life]
         contacts = _contacts(seq, told)
-        return TelemetryColumns(time=time, rejected=dict(self._rejected), **columns, **contacts)
+        counts, hand = dict(self._rejected), self._last.hand if self else ""
+        return TelemetryColumns(time=time, rejected=counts, hand=hand, **columns, **contacts)
 
 
 class _Table:

@@ -1,12 +1,42 @@
-"""Events and actions of a lifecycle."""
+"""Phases, time limits, events and actions of a lifecycle."""
 
 import signal
 from dataclasses import dataclass
+from enum import Enum, auto
 from typing import TypeAlias
 
 from forcebound.roles import LOST
 
 DEVICE_LOST = "device_lost"  # the event
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Time limits, in ns."""
+
+    start_ns: int = 180_000_000_000  # a first start compiles for 10 s of processor time
+    engage_ns: int = 2_000_000_000
+    stop_ns: int = 2_000_000_000
+    recorder_stop_ns: int = 10_000_000_000  # there may be much to write to a slow disk
+    kill_ns: int = 2_000_000_000  # from SIGKILL to the end of the process
+
+
+class Phase(Enum):
+    """Phase of a run."""
+
+    STARTING = auto()
+    ENGAGING = auto()
+    RUNNING = auto()
+    STOPPING = auto()
+    OVER = auto()
+
+
+@dataclass(frozen=True)
+class Failure:
+    """Failure of a run; ``node`` is the node that caused it, if one did."""
+
+    message: str
+    node: str | None = None
 
 
 @dataclass(frozen=True)

@@ -18,8 +18,6 @@ process that does not stop in time is killed. Only the first failure is reported
 
 import signal
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
-from enum import Enum, auto
 
 from forcebound.launch.actions import (
     DEVICE_LOST,
@@ -29,8 +27,11 @@ from forcebound.launch.actions import (
     Engage,
     Engaged,
     Event,
+    Failure,
     Interrupted,
     Kill,
+    Limits,
+    Phase,
     Reported,
     Resumed,
     Start,
@@ -47,35 +48,6 @@ ADVICE = (
     "the device is lost: zero force. Plug it in, switch it on, hold it in its home pose; then say"
     " `forcebound device resume` in another terminal. Ctrl-C ends the run"
 )
-
-
-@dataclass(frozen=True)
-class Limits:
-    """Time limits, in ns."""
-
-    start_ns: int = 180_000_000_000  # a first start compiles for 10 s of processor time
-    engage_ns: int = 2_000_000_000
-    stop_ns: int = 2_000_000_000
-    recorder_stop_ns: int = 10_000_000_000  # there may be much to write to a slow disk
-    kill_ns: int = 2_000_000_000  # from SIGKILL to the end of the process
-
-
-class Phase(Enum):
-    """Phase of a run."""
-
-    STARTING = auto()
-    ENGAGING = auto()
-    RUNNING = auto()
-    STOPPING = auto()
-    OVER = auto()
-
-
-@dataclass(frozen=True)
-class Failure:
-    """Failure of a run; ``node`` is the node that caused it, if one did."""
-
-    message: str
-    node: str | None = None
 
 
 class Lifecycle:

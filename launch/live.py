@@ -2,7 +2,7 @@
 
 import os
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -18,7 +18,7 @@ from forcebound.config.resolved import to_document, with_parameters
 from forcebound.environments import may_report_contacts
 from forcebound.errors import ConfigError, DeviceError, RunError
 from forcebound.files import check_writable
-from forcebound.launch.lifecycle import Limits
+from forcebound.launch.actions import Limits
 from forcebound.launch.links import check_links
 from forcebound.launch.results import RunResult, run_metadata
 from forcebound.launch.run_directory import (
@@ -46,7 +46,7 @@ from forcebound.messages.packets import (
     Telemetry,
 )
 from forcebound.roles import ENVIRONMENT, LAUNCHER
-from forcebound.topology import ONE_HAND
+from forcebound.topology import ONE_HAND, Graph
 
 # Hz, of the servo of a live run. A tick with its partners is longer than a shorter period; between
 # two ticks of a slower one nothing is heard of a request to engage or to stop. Not measured here:
@@ -94,39 +94,19 @@ def run_live(
     with run_directory() as run_dir:
         recording = run_dir / RECORDING if record is None else record.absolute()
         write_launch_document(run_dir, config)
-        recorded = list(ONE_HAND.names)
-        if record is None:  # a summary needs no more
-            contacts = [REPLY] if may_report_contacts(config.environment.model) else []
-            recorded = [TELEMETRY, *contacts, EVENT]
-        metadata = run_metadata(config)
         run = RunDocument(
             os.getpid(),
             core,
             str(recording),
-            recorded,
-            metadata,
+            _recorded(config, record),
+            run_metadata(config),
             file,
             str(folder.resolve()),
         )
         run.write(run_dir)
-        duration_ns = round((config.duration if duration is None else duration) * 1e9)
-        elsewhere = {LAUNCHER} if _starts_here(config) else {LAUNCHER, ENVIRONMENT}
-        names = [name for name in run.graph.nodes if name not in elsewhere]
-        commands = {name: node_command(name, run_dir) for name in names}
         cores = realtime.leave_core(core)
         try:
-            supervisor = Supervisor(
-                commands,
-                run_dir,
-                duration_ns,
-                limits,
-                screen,
-                script=_script(config, run_dir),
-                remote_topics=() if config.remote is None else REMOTE_TOPICS,
-                changes=partial(_changes, to_document(config), run_dir),
-                start_cores=cores,
-                graph=run.graph,
-            )
+            supervisor = _supervisor(config, run_dir, run.graph, duration, limits, screen, cores)
             interrupted, failure = supervisor.run(), ""
         except RunError as error:
             if _discard_if_empty(recording):
@@ -136,6 +116,39 @@ def run_live(
             os.sched_setaffinity(0, cores)
         screen.status("reading the recording for the result")
         return replace(_result(recording, interrupted), failure=failure)
+
+
+def _recorded(config: GraphConfig, record: Path | None) -> list[str]:
+    """Return the names of the streams to record; a summary needs few."""
+    if record is not None:
+        return list(ONE_HAND.names)
+    contacts = [REPLY] if may_report_contacts(config.environment.model) else []
+    return [TELEMETRY, *contacts, EVENT]
+
+
+def _supervisor(
+    config: GraphConfig,
+    run_dir: Path,
+    graph: Graph,
+    duration: float | None,
+    limits: Limits | None,
+    screen: Screen,
+    start_cores: Collection[int],
+) -> Supervisor:
+    elsewhere = {LAUNCHER} if _starts_here(config) else {LAUNCHER, ENVIRONMENT}
+    commands = {name: node_command(name, run_dir) for name in graph.nodes if name not in elsewhere}
+    return Supervisor(
+        commands,
+        run_dir,
+        round((config.duration if duration is None else duration) * 1e9),
+        limits,
+        screen,
+        script=_script(config, run_dir),
+        remote_topics=() if config.remote is None else REMOTE_TOPICS,
+        changes=partial(_changes, to_document(config), run_dir),
+        start_cores=start_cores,
+        graph=graph,
+    )
 
 
 def _result(recording: Path, interrupted: bool) -> RunResult:

@@ -150,6 +150,7 @@ class RunResult:
                 **summarize(self.columns, self.document, self.events),
                 **summarize_bounder(self.columns, self.events, self.document),
                 **events,
+                "hand": self.columns.hand,
                 "law": self.label,
                 "phases": summarize_phases(self.columns, self.events, self.document),
                 "interrupted": self.interrupted,

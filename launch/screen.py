@@ -5,7 +5,8 @@ import sys
 from contextlib import suppress
 from dataclasses import dataclass, field
 
-from forcebound.launch.lifecycle import Lifecycle, Phase
+from forcebound.launch.actions import Phase
+from forcebound.launch.lifecycle import Lifecycle
 from forcebound.roles import ROLES
 
 ERASE = "\r\033[K"

@@ -32,6 +32,8 @@ from forcebound.launch.actions import (
     Event,
     Interrupted,
     Kill,
+    Limits,
+    Phase,
     Reported,
     Resumed,
     Start,
@@ -40,7 +42,7 @@ from forcebound.launch.actions import (
     Terminate,
 )
 from forcebound.launch.children import LAST_CHANCE, Child, Signals, name_begins
-from forcebound.launch.lifecycle import Lifecycle, Limits, Phase
+from forcebound.launch.lifecycle import Lifecycle
 from forcebound.launch.screen import Screen, doing
 from forcebound.messages import control, packets
 from forcebound.messages.codec import encode

@@ -26,12 +26,13 @@ from forcebound.launch.actions import (
     Engage,
     Engaged,
     Interrupted,
+    Phase,
     Reported,
     Resumed,
     Start,
     Terminate,
 )
-from forcebound.launch.lifecycle import ADVICE, Phase
+from forcebound.launch.lifecycle import ADVICE
 from forcebound.messages.packets import Telemetry
 from forcebound.monitor.control import resume_device
 from forcebound.roles import LOST

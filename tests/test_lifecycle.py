@@ -13,11 +13,12 @@ from forcebound.launch.actions import (
     Engaged,
     Interrupted,
     Kill,
+    Phase,
     Reported,
     Terminate,
     describe_status,
 )
-from forcebound.launch.lifecycle import Lifecycle, Phase
+from forcebound.launch.lifecycle import Lifecycle
 
 STOPPED: list[Step] = [
     (1010, Ended("device", 0), [Terminate("controller"), Terminate("environment")]),

@@ -10,13 +10,14 @@ from forcebound.launch.actions import (
     Event,
     Interrupted,
     Kill,
+    Phase,
     Reported,
     Start,
     StartRequested,
     StopRequested,
     Terminate,
 )
-from forcebound.launch.lifecycle import Lifecycle, Phase
+from forcebound.launch.lifecycle import Lifecycle
 
 SECOND = 1_000_000_000  # ns
 

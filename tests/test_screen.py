@@ -4,8 +4,8 @@ import pytest
 from run_starts import NODES
 
 from forcebound.config.loader import load
-from forcebound.launch.actions import Engaged, Interrupted, Reported
-from forcebound.launch.lifecycle import Lifecycle, Limits
+from forcebound.launch.actions import Engaged, Interrupted, Limits, Reported
+from forcebound.launch.lifecycle import Lifecycle
 from forcebound.launch.screen import Screen, doing
 from forcebound.launch.virtual import run_virtual
 

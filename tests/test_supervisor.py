@@ -19,7 +19,7 @@ from waiting import PATIENCE, until
 
 from forcebound.config.loader import load
 from forcebound.errors import ConfigError, RunError
-from forcebound.launch.lifecycle import Limits
+from forcebound.launch.actions import Limits
 from forcebound.launch.live import run_live
 from forcebound.launch.screen import Screen
 from forcebound.launch.supervisor import Supervisor

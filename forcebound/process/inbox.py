@@ -14,7 +14,7 @@ Strategy:
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
 from forcebound.errors import PacketError
 from forcebound.messages.codec import decode
@@ -24,15 +24,12 @@ from forcebound.network.channel import Channel
 from forcebound.network.link import Link
 from forcebound.network.sockets import Network
 from forcebound.network.subscriber import Subscriber
-from forcebound.topology import Stream, endpoint
+from forcebound.topology import HAND, Stream, endpoint
 
 LONGEST_WAIT_NS = 10_000_000  # then the runner polls its control socket
 SLEPT_NS = 5_000  # a receiving call that took longer has slept
 
 HERE = ""  # source of packets of this machine
-
-# What tells the streams of one node apart: the class of their packets, and their hand.
-_Key: TypeAlias = tuple[type[Packet], str]
 
 _clock = time.monotonic_ns
 
@@ -60,11 +57,11 @@ class Inbox:
     ) -> None:
         self._streams = streams
         self.received = {stream.name: 0 for stream in streams}
-        self._keys: dict[str, _Key] = {s.name: (TOPICS[s.topic], s.hand or HERE) for s in streams}
-        self._names = {key: name for name, key in self._keys.items()}
-        packets = {packet for packet, _ in self._names}
-        self._expected = packets.pop() if len(packets) == 1 else None
-        self._links = {self._keys[s]: link for s, link in links.items() if s in self._keys}
+        self._names: dict[type[Packet], dict[str, str]] = {}  # of the streams, by class and hand
+        for stream in streams:
+            self._names.setdefault(TOPICS[stream.topic], {})[stream.hand or HAND] = stream.name
+        self._expected = next(iter(self._names)) if len(self._names) == 1 else None
+        self._links = {name: link for name, link in links.items() if name in self.received}
         self._reject = reject
         self._admit = admit
         self._local: Subscriber | None = None
@@ -98,15 +95,15 @@ class Inbox:
 
     def link(self, stream: str) -> Link[Packet] | None:
         """Return the model of the link of a stream; None if it is perfect."""
-        return self._links.get(self._keys[stream])
+        return self._links.get(stream)
 
     def set_link(self, stream: str, link: Link[Packet]) -> None:
         """Impair a link that was perfect."""
-        self._links[self._keys[stream]] = link
+        self._links[stream] = link
 
     def link_counts(self) -> dict[str, dict[str, int]]:
         """Return the counts of packets by fate on each impaired link, by stream."""
-        return {self._names[key]: link.counts for key, link in self._links.items()}
+        return {name: link.counts for name, link in self._links.items()}
 
     def wait(self, wake_ns: int | None, stop_descriptor: int) -> tuple[int, Sequence[Packet]]:
         """Sleep until a packet arrives, at most ``LONGEST_WAIT_NS``.
@@ -129,7 +126,7 @@ class Inbox:
         if data is None:
             return time_ns, ()
         if time_ns - begun_ns < SLEPT_NS:
-            newest: dict[_Key, Packet] = {}
+            newest: dict[str, Packet] = {}
             for each in (data, *local.receive()):
                 self._accept(each, self._expected, HERE, time_ns, newest)
             return time_ns, list(newest.values())
@@ -148,7 +145,7 @@ class Inbox:
 
     def take(self, time_ns: int) -> list[Packet]:
         """Return the packets that have passed their links; never waits."""
-        newest: dict[_Key, Packet] = {}
+        newest: dict[str, Packet] = {}
         if self._local is not None:
             for data in self._local.receive():
                 self._accept(data, self._expected, HERE, time_ns, newest)
@@ -168,16 +165,16 @@ class Inbox:
         expected: type[Packet] | None,
         source: str,
         time_ns: int,
-        newest: dict[_Key, Packet],
+        newest: dict[str, Packet],
     ) -> bool:
         """Decode a frame, and give its packet to its link or, where that is perfect, to newest."""
         packet = self._decoded(data, expected, source, time_ns)
         if packet is None:
             return False
-        key = type(packet), packet.hand
-        link = self._links.get(key)
+        name = self._names[type(packet)][packet.hand]
+        link = self._links.get(name)
         if link is None:
-            newest[key] = packet
+            newest[name] = packet
         else:
             link.accept(time_ns, packet, len(data))
         return True
@@ -188,7 +185,7 @@ class Inbox:
         """Return the packet in a frame; None, and counted, if it is rejected."""
         try:
             packet = decode(data, expected)
-            self.received[self._names[type(packet), packet.hand]] += 1
+            self.received[self._names[type(packet)][packet.hand]] += 1
         except PacketError as error:
             self._reject(error.reason, str(error))
             return None

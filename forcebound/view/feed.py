@@ -119,6 +119,7 @@ class Feed:
 def _frame(samples: Sequence[Telemetry], contact: EnvironmentReply | None) -> Message:
     frame: Message = {
         "type": "frame",
+        "hand": samples[-1].hand,
         "time": [sample.time_ns * 1e-9 for sample in samples],
         "delay": [sample.loop_delay for sample in samples],
         "reply_age": [sample.reply_age for sample in samples],
