@@ -8,8 +8,7 @@ from rich.console import Console
 
 from forcebound.analysis.plots import figure, save
 from forcebound.bounding import ENERGY_TOLERANCE
-from forcebound.cli.common import INTERRUPTED, print_rows, table_of
-from forcebound.cli.run import status_line
+from forcebound.cli.common import INTERRUPTED, print_rows, status_line, table_of
 from forcebound.config.loader import load
 from forcebound.errors import ForceboundError, RunError
 from forcebound.launch.live import run_live

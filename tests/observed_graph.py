@@ -23,6 +23,7 @@ from forcebound.monitor.findings import Finding
 from forcebound.monitor.observation import Observations, RecordingSeen, Seen
 from forcebound.roles import Fact
 from forcebound.telemetry import TelemetryColumns
+from forcebound.topology import ONE_HAND
 
 PERIOD_NS = 1_000_000
 TICKS = 2000
@@ -102,6 +103,7 @@ def healthy(config: GraphConfig | None = None, **processes: Seen[Any]) -> Observ
     """Return a graph in which all is well but for some processes."""
     return Observations(
         config=graph() if config is None else config,
+        graph=ONE_HAND,
         processes={**PROCESSES, **processes},
         telemetry=HEALTHY,
         phase="running",
@@ -131,8 +133,8 @@ def only(seen: Observations) -> Finding:
 
 
 def commands(finding: Finding) -> list[str]:
-    found: list[str] = finding.document()["commands"]
-    return found
+    given = (finding.command, *(cause.command for cause in finding.causes))
+    return [command for command in given if command]
 
 
 def codes(finding: Finding) -> list[str]:

@@ -29,7 +29,7 @@ NO_SENTENCES = ADVISING | {
     "network/notices.py",
     "audit/command.py",
     "audit/report.py",
-    "cli/check.py",
+    "cli/parts.py",
     "config/schema.py",
     "experiments/report.py",
     "experiments/setup.py",

@@ -28,13 +28,15 @@ from waiting import PATIENCE, free_port, until
 
 from forcebound.cli import main
 from forcebound.errors import ConfigError, RunError
-from forcebound.messages.packets import DeviceState, Event
+from forcebound.launch.run_directory import RunDocument
+from forcebound.messages.packets import DeviceState, Event, Telemetry
 from forcebound.monitor import drawing, runs, streams
-from forcebound.monitor.bridges import PROGRAMS, frames, serve
+from forcebound.monitor.bridges import foxglove, frames, plotjuggler, serve
 from forcebound.monitor.delay import Measured
-from forcebound.monitor.streams import Stream, StreamFigures, check_fields, topic_named
+from forcebound.monitor.streams import Stream, check_fields, streams_of
 from forcebound.network.trace import DelayTrace
 from forcebound.process import Received
+from forcebound.topology import ONE_HAND
 
 MS = 1_000_000
 
@@ -67,6 +69,7 @@ def test_nothing_is_measured_of_a_graph_that_has_just_ended(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(streams, "packets_of", lambda *_: ())
+    monkeypatch.setattr(streams, "streams_of", lambda *_: {"telemetry": Telemetry})
     with pytest.raises(RunError, match="has ended"):
         streams.measure_streams(tmp_path, ["telemetry"], 0.1)
 
@@ -76,17 +79,19 @@ def test_silent_topic_has_no_size() -> None:
     assert (figures.rate_hz, figures.mean_size_b, figures.packets) == (0.0, None, 0)
 
 
-def test_unknown_topics_and_fields_are_named_with_the_nearest() -> None:
-    assert topic_named("telemetry") == "telemetry"
+def test_unknown_topics_and_fields_are_named_with_the_nearest(tmp_path: Path) -> None:
+    RunDocument(0, None, "", []).write(tmp_path)
+    assert streams_of(tmp_path, ["telemetry"]) == {"telemetry": Telemetry}
     with pytest.raises(ConfigError, match="unknown topic 'telemtry'; did you mean 'telemetry'"):
-        topic_named("telemtry")
+        streams_of(tmp_path, ["telemtry"])
     with pytest.raises(ConfigError, match="did you mean 'position'"):
-        check_fields("device_state", ["seq", "positon"])
+        check_fields(DeviceState, ["seq", "positon"])
 
 
 def test_no_value_is_lost_where_a_list_comes_later(monkeypatch: pytest.MonkeyPatch) -> None:
     packets = [telemetry_packet(position=(1.0, 2.0), cut_position=c) for c in (None, (0.01, 0.02))]
-    monkeypatch.setattr(runs, "find", lambda run: Path())
+    monkeypatch.setattr(runs, "find", lambda run, **_: Path())
+    monkeypatch.setattr(streams, "streams_of", lambda *_: {"telemetry": Telemetry})
     came = [Received("telemetry", packet, b"") for packet in packets]
     monkeypatch.setattr(streams, "packets_of", lambda *_: iter(came))
     words = ["echo", "telemetry", "--csv", "--field", "position", "--field", "cut_position"]
@@ -107,16 +112,12 @@ def test_histogram_has_every_delay_and_outliers_in_its_last_class() -> None:
 
 
 def test_graph_is_drawn_as_text_flowchart_and_picture(tmp_path: Path) -> None:
-    links = ("device_state", "environment_query", "environment_reply", "force_command")
-    rates = {topic: StreamFigures(2, 1000.4, None, 0, 1e5, 100.0) for topic in links}
-    assert (
-        drawing.as_text(rates).splitlines()[0]
-        == "device      ── device_state 1000 Hz ──▶ controller"
-    )
-    assert 'environment -- "environment_reply<br/>1000 Hz" --> controller' in drawing.as_mermaid(
-        rates
-    )
-    drawing.draw(rates, tmp_path / "graph.svg")
+    edges = [drawing.Edge(s.sender, str(s.receiver), s.name, 1e3) for s in ONE_HAND.links]
+    first, *_ = drawing.as_text(edges).splitlines()
+    assert first == "device      ── device_state 1000 Hz ──▶ controller"
+    reply = 'environment -- "environment_reply<br/>1000 Hz" --> controller'
+    assert reply in drawing.as_mermaid(edges)
+    drawing.draw(edges, tmp_path / "graph.svg")
     assert "environment_reply" in (tmp_path / "graph.svg").read_text()
 
 
@@ -154,7 +155,7 @@ def test_plotjuggler_gets_a_series_for_each_number() -> None:
 def check_bridge(run_dir: Path) -> None:
     """Receive telemetry of a running graph as PlotJuggler's subscriber does."""
     port = free_port()
-    bridge = Thread(target=serve, args=("plotjuggler", run_dir, ("telemetry",), port, 2.0))
+    bridge = Thread(target=serve, args=(plotjuggler, run_dir, ("telemetry",), port, 2.0))
     with zmq.Context() as context, context.socket(zmq.SUB) as subscriber:
         subscriber.set(zmq.SUBSCRIBE, b"")
         subscriber.set(zmq.RCVTIMEO, round(1e3 * PATIENCE))
@@ -237,7 +238,7 @@ async def vanish_as_foxglove(port: int) -> None:
 
 def test_a_foxglove_window_that_is_shut_is_no_error(caplog: pytest.LogCaptureFixture) -> None:
     port = free_port()
-    with PROGRAMS["foxglove"](("device_state",), port) as send:
+    with foxglove({"device_state": DeviceState}, port) as send:
         window = Thread(target=lambda: asyncio.run(vanish_as_foxglove(port)))
         window.start()
         while window.is_alive():

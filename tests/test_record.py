@@ -18,6 +18,7 @@ from forcebound.analysis.surface import stiffness_of_run
 from forcebound.cli import main
 from forcebound.config.loader import load
 from forcebound.launch.results import RunResult
+from forcebound.launch.run_directory import RunDocument
 from forcebound.launch.virtual import run_virtual
 from forcebound.messages.packets import EnvironmentQuery, EnvironmentReply, Event
 from forcebound.monitor.recorder import free_name
@@ -28,9 +29,10 @@ from forcebound.recordings.rerun import duration_of, graph_of
 
 
 def test_a_new_recording_has_a_name_of_its_own(tmp_path: Path) -> None:
+    RunDocument(0, None, "", [], file="launch/stiff_wall.yaml law:=none").write(tmp_path)
     names = set()
     for _ in range(3):
-        name = free_name(tmp_path, "launch/stiff_wall.yaml law:=none")
+        name = free_name(tmp_path, tmp_path)
         name.touch()
         names.add(name)
     assert len(names) == 3

@@ -162,7 +162,7 @@ def test_a_slow_environment_is_asked_fewer_questions(
 def test_the_check_says_how_far_it_is(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("forcebound.cli.check.Progress.EVERY", 0.0)
+    monkeypatch.setattr("forcebound.cli.parts.Progress.EVERY", 0.0)
     result = invoke("check", "environment", own(tmp_path)[1], "--axes", "1", "--json")
     assert json.loads(result.stdout)["left_out"] == 0
     assert re.search(r"^7 of \d+ answers$", capfd.readouterr().err, re.MULTILINE)

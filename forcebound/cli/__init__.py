@@ -13,27 +13,12 @@ from typing import Any
 
 import click
 
-from forcebound.cli import (
-    bridge,
-    check,
-    device,
-    emulate,
-    graph,
-    identify,
-    keys,
-    look,
-    record,
-    recordings,
-    run,
-    start,
-    study,
-    topics,
-    view,
-)
-from forcebound.cli.common import INTERRUPTED, LONGEST_CELL, Group, print_table, show
+from forcebound.cli import change, look, parts, recordings, run, start, study, topics, view
+from forcebound.cli.common import INTERRUPTED, LONGEST_CELL, Group, show
+from forcebound.errors import ConfigError, ForceboundError
 from forcebound.files import printable
 
-__all__ = ["main", "print_table"]
+__all__ = ["main"]
 
 #: Commands in the order of the help, under what they are for.
 COMMANDS: dict[str, tuple[click.Command, ...]] = {
@@ -47,34 +32,29 @@ COMMANDS: dict[str, tuple[click.Command, ...]] = {
         topics.delay,
         topics.log,
         look.doctor,
-        bridge.bridge,
+        topics.bridge,
     ),
-    "Change a running graph": (graph.param, graph.stop, graph.start, graph.outage),
+    "Change a running graph": (change.param, change.stop, change.start, change.outage),
     "Recordings": (
-        record.record,
-        run.plot,
+        recordings.record,
+        recordings.plot,
         recordings.export,
         recordings.replay,
         recordings.recover,
     ),
-    "Devices, and parts of your own": (
-        device.device_group,
-        emulate.emulate,
-        identify.identify,
-        check.check,
-    ),
+    "Devices, and parts of your own": (parts.device, parts.emulate, parts.identify, parts.check),
     "Studies": (study.sweep, study.draw_map, study.audit, study.reproduce),
-    "This machine": (start.completion, keys.keys_group, run.schema),
+    "This machine": (start.completion, start.keys, start.schema),
 }
 
 LONGEST_HELP = 64  # characters, beside the name of a command on 80
 
-#: What may befall any write, and is nobody's mistake.
+#: Errors of any write that are no bugs.
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 
 
 class _Group(Group):
-    """A group of commands that Ctrl-C ends quietly, wherever it comes, and so does a full disk."""
+    """The group of all commands: what ends one gives a message and the exit status."""
 
     def format_commands(self, _: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the commands under what they are for."""
@@ -89,6 +69,9 @@ class _Group(Group):
     def main(self, *args: Any, **kwargs: Any) -> Any:
         try:
             return super().main(*args, **kwargs)
+        except ForceboundError as error:  # bugs keep their traceback
+            show(f"forcebound: {error}", err=True)
+            sys.exit(2 if isinstance(error, ConfigError) else 1)
         except OSError as error:
             is_full = error.errno in NO_ROOM
             if error.filename is None and not is_full:

@@ -1,26 +1,31 @@
 """Parts that several commands share: options, errors as exit status, tables."""
 
 import json
+import os
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext, suppress
-from functools import partial, wraps
+from functools import partial, reduce
 from pathlib import Path
-from typing import Any, ParamSpec
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import click
 
-from forcebound.cli.complete import Offer, graphs, topics
-from forcebound.errors import ConfigError, ForceboundError
+from forcebound.cli.complete import graphs, topics
+from forcebound.errors import ConfigError, RunError
 from forcebound.files import RECORDING_SUFFIX, printable
 
-P = ParamSpec("P")
+if TYPE_CHECKING:
+    from forcebound.config.graph import GraphConfig
+    from forcebound.launch.results import RunResult
+    from forcebound.launch.screen import Screen
+
+Command: TypeAlias = Callable[..., None]
 
 UNKNOWN = "–"  # in place of a figure
 LONGEST_CELL = 500  # characters
 WIDEST = 200  # characters; a table leaves a narrower terminal before it breaks a number in two
-ARGUMENTS = "[NAME:=VALUE]..."
 SLOW = 1.0  # s, after which a command shows its progress
 INTERRUPTED = 130  # exit status after Ctrl-C, as shells have it
 
@@ -40,104 +45,91 @@ class Group(click.Group):
         return super().resolve_command(ctx, args)
 
 
-def reports_errors(command: Callable[P, None]) -> Callable[P, None]:
-    """Turn errors of forcebound into a message and an exit status; bugs keep their traceback."""
-
-    @wraps(command)
-    def wrapper(*args: P.args, **kwargs: P.kwargs) -> None:
-        try:
-            command(*args, **kwargs)
-        except ForceboundError as error:
-            show(f"forcebound: {error}", err=True)
-            sys.exit(2 if isinstance(error, ConfigError) else 1)
-
-    return wrapper
-
-
-def _duration(_: click.Context, parameter: click.Parameter, text: str | None) -> float | None:
-    if text is None:
-        return None
+def seconds(text: str) -> float:
+    """Return a time with its unit in s; the type of an option."""
+    from forcebound.quantities import Range
     from forcebound.units import parse_quantity
 
     try:
-        seconds = parse_quantity(text, "s")
+        return Range(above=0).check(parse_quantity(text, "s"), "s")
     except ConfigError as error:
         raise click.BadParameter(str(error)) from None
-    if not seconds > 0:
-        raise click.BadParameter(f"must be > 0 s, got {text}")
-    return seconds
 
+
+PATH = click.Path(path_type=Path)
+FILE = click.Path(path_type=Path, dir_okay=False)
+FOLDER = click.Path(path_type=Path, file_okay=False)
+COUNT = click.IntRange(min=1)
 
 json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON document.")
 json_lines_option = click.option(
     "--json", "as_json", is_flag=True, help="One JSON document each, on a line."
 )
+duration_option = partial(click.option, "--duration", type=seconds, metavar="TIME")
+run_duration_option = duration_option(help="Duration of the run, e.g. 5s or 500ms.")
+output_option = partial(click.option, "-o", "--output", type=FILE)
 
 
-def duration_option_for(
-    help_text: str, name: str = "--duration"
-) -> Callable[[Callable[P, None]], Callable[P, None]]:
-    """Return an option for a time with another help text, or name, than that of a run."""
-    return click.option(name, callback=_duration, metavar="TIME", help=help_text)
+def all_of(*options: Callable[[Command], Command]) -> Callable[[Command], Command]:
+    """Return arguments and options as one, in the order of the help."""
+    return lambda command: reduce(lambda made, option: option(made), reversed(options), command)
 
 
-duration_option = duration_option_for("Duration of the run, e.g. 5s or 500ms.")
+def recording_option(*names: str, **settings: Any) -> Callable[[Command], Command]:
+    """Return an option for a recording to write, and ``--overwrite``, without which none goes."""
+    replaces = "forcebound.overwrite"  # key in the meta data of a click context
+
+    def check(context: click.Context, _: click.Parameter, path: Path | None) -> Path | None:
+        if path is None:
+            return None
+        if path.suffix not in ("", RECORDING_SUFFIX):
+            raise click.BadParameter(
+                f"a recording's name must end in {RECORDING_SUFFIX}, or have no ending, got {path}"
+            )
+        if path.exists() and path.stat().st_size > 0 and not context.meta[replaces]:
+            raise click.BadParameter(f"{path} exists: choose another name, or add --overwrite")
+        return path
+
+    overwrite = click.option(
+        "--overwrite",
+        is_flag=True,
+        is_eager=True,  # evaluated before the recording's name, in any order on the command line
+        expose_value=False,
+        callback=lambda context, _, wanted: context.meta.update({replaces: wanted}),
+        help="Replace an existing recording.",
+    )
+    option = click.option(*names, type=FILE, callback=check, metavar="RUN.mcap", **settings)
+    return all_of(option, overwrite)
 
 
-file_option = partial(click.option, type=click.Path(path_type=Path, dir_okay=False))
-
-
-def _recording(context: click.Context, _: click.Parameter, path: Path | None) -> Path | None:
-    if path is None:
-        return None
-    if path.suffix not in ("", RECORDING_SUFFIX):
-        raise click.BadParameter(
-            f"the name of a recording must end in {RECORDING_SUFFIX}, or have no ending, got {path}"
-        )
-    if path.exists() and path.stat().st_size > 0 and not context.meta[_OVERWRITE]:
-        raise click.BadParameter(f"{path} exists: choose another name, or add --overwrite")
-    return path
-
-
-_OVERWRITE = "forcebound.overwrite"  # key in the meta data of a click context
-
-overwrite_option = click.option(
-    "--overwrite",
-    is_flag=True,
-    is_eager=True,  # evaluated before the recording's name, in any order on the command line
-    expose_value=False,
-    callback=lambda context, _, wanted: context.meta.update({_OVERWRITE: wanted}),
-    help="Replace an existing recording.",
-)
-
-#: An option that gives the checked path of a recording to write; needs `overwrite_option`, too.
-recording_option = partial(file_option, callback=_recording, metavar="RUN.mcap")
-
-
-def record_option(command: Callable[P, None]) -> Callable[P, None]:
-    """Add ``--record`` and ``--overwrite``; the command gets the checked path of the first only."""
-    option = recording_option("--record", help="Record the run in this file.")
-    return option(overwrite_option(command))
-
-
+record_option = recording_option("--record", help="Record the run in this file.")
+arguments_argument = partial(click.argument, "arguments", nargs=-1, metavar="[NAME:=VALUE]...")
 topics_argument = click.argument("topics", nargs=-1, metavar="[TOPIC]...", shell_complete=topics)
 
-run_option = click.option(
+
+def _running(require_graph: bool) -> Callable[..., Path]:
+    def find_run(context: click.Context, _: click.Parameter, run: Path | None) -> Path:
+        from forcebound.monitor.runs import find, while_running
+
+        run_dir = find(run, require_graph=require_graph)
+        context.with_resource(while_running(run_dir))
+        return run_dir
+
+    return find_run
+
+
+#: GRAPH as given; the directory of a run; that of a run which is more than an environment.
+given_run_option = partial(
+    click.option,
     "--run",
-    "run_dir",
-    type=click.Path(path_type=Path),
+    "run",
+    type=PATH,
     metavar="GRAPH",
     shell_complete=graphs,
     help="Launch file or run directory of the graph (needed if several run).",
 )
-
-
-def run_argument(name: str, offered: Offer) -> Callable[[Callable[P, None]], Callable[P, None]]:
-    """Return an argument for a run, which may be left out; ``offered`` completes it."""
-    kind = click.Path(path_type=Path)
-    return click.argument(
-        name, required=False, metavar=f"[{name.upper()}]", type=kind, shell_complete=offered
-    )
+run_option = given_run_option(callback=_running(require_graph=False))
+graph_option = given_run_option(callback=_running(require_graph=True))
 
 
 @contextmanager
@@ -170,15 +162,82 @@ def show(text: str, err: bool = False) -> None:
         click.echo(printable(text), err=err)
 
 
-def print_table(results: list[Any], labels: Sequence[str] = ()) -> None:
-    """Print the key figures of some runs, one column each, headed by labels or their laws."""
-    print_rows(*table_of(results, labels))
+@contextmanager
+def status_line(as_json: bool) -> "Iterator[Screen]":
+    """A screen that says what a launcher is doing, if somebody looks; empty at the end."""
+    from forcebound.launch.screen import Screen
+
+    screen = Screen(has_status=sys.stderr.isatty() and not as_json)
+    try:
+        yield screen
+    finally:
+        screen.status("")
+
+
+def show_live_run(
+    config: "GraphConfig",
+    duration: float | None,
+    record: Path | None,
+    as_json: bool,
+    file: str,
+    folder: Path = Path(),
+) -> None:
+    """Run a graph in real time, and show the result; see :func:`report`."""
+    from forcebound.launch.live import run_live
+
+    with status_line(as_json) as screen:
+        result = run_live(config, duration, record, None, file, screen, folder)
+        screen.status("computing the figures")
+        _ = result.summary
+    report(result, record, as_json)
+
+
+def show_virtual_run(
+    config: "GraphConfig", duration: float | None, record: Path | None, as_json: bool
+) -> None:
+    """Run a graph in virtual time, and show the result; see :func:`report`."""
+    from forcebound.launch.virtual import run_virtual
+
+    with slow_bar("ms of virtual time", as_json) as tell:
+        result = run_virtual(config, duration, record, may_end_early=True, progress=tell)
+    show(f"virtual time: {result.times_real_time:.0f} times real time", err=True)
+    report(result, record, as_json)
+
+
+def report(result: "RunResult", record: Path | None, as_json: bool) -> None:
+    """Show the result of a run.
+
+    Raises:
+        RunError: If the run failed; its result is shown before.
+    """
+    if result.interrupted:
+        show("forcebound: interrupted; result up to here", err=True)
+    if as_json:
+        print_json(result.summary)
+    else:
+        _show_result(result)
+        if record is not None:
+            show(f"recording: {record}")
+    if result.failed:
+        raise RunError(result.failed)
+
+
+def _show_result(result: "RunResult") -> None:
+    from forcebound.analysis.tables import phase_rows
+
+    print_rows(*table_of([result]))
+    for cause in result.summary["little_force"]:
+        show(f"little force: {cause['advice']}")
+    if result.summary["phases"]:
+        head, *rows = phase_rows(result.summary["phases"])
+        click.echo()
+        print_rows(head, rows)
 
 
 def table_of(
-    results: list[Any], labels: Sequence[str] = ()
+    results: "list[RunResult]", labels: Sequence[str] = ()
 ) -> tuple[Sequence[str], list[Sequence[str]]]:
-    """Return head and rows of the table of some runs; see :func:`print_table`."""
+    """Return head and rows of the key figures of some runs, headed by labels or their laws."""
     from forcebound.analysis.tables import summary_rows
 
     shown = []  # a run that changed its law has a column for each of them, too
@@ -215,15 +274,18 @@ def print_rows(
 
 
 def print_json(document: Any) -> None:
-    """Print one JSON document."""
-    click.echo(json_text(document))
+    """Print one JSON document, of plain types, paths, structs and dataclasses."""
+    from msgspec import to_builtins
+
+    plain = partial(to_builtins, enc_hook=os.fspath)
+    click.echo(json.dumps(document, indent=2, allow_nan=False, default=plain))
 
 
 def print_json_line(document: Any) -> None:
     """Print a JSON document on one line; a number that is not finite becomes null."""
     from msgspec.json import encode
 
-    click.echo(encode(document))
+    click.echo(encode(document, enc_hook=os.fspath))
 
 
 def print_document(
@@ -234,8 +296,3 @@ def print_document(
         print_json(document)
     else:
         show("\n".join(lines(document)))
-
-
-def json_text(document: Any) -> str:
-    """Return a document as :func:`print_json` prints it."""
-    return json.dumps(document, indent=2, allow_nan=False)

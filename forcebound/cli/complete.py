@@ -5,16 +5,14 @@ Nothing here may raise or write: the user presses a key and waits.
 
 import functools
 from collections.abc import Callable, Iterable
+from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import click
 from click.shell_completion import CompletionItem
 
 from forcebound.files import RECORDING_SUFFIX
-
-if TYPE_CHECKING:
-    from forcebound.config.graph import GraphConfig
+from forcebound.roles import CONTROLLER, ENVIRONMENT
 
 Offer = Callable[[click.Context, click.Parameter, str], list[CompletionItem]]
 
@@ -33,115 +31,75 @@ def offering(words: Callable[[click.Context, str], Iterable[str]]) -> Offer:
     return offer
 
 
-@offering
-def launch_files(_: click.Context, begun: str) -> Iterable[str]:
-    """Launch files that come with forcebound, without ending, and those of the folder."""
-    from forcebound.config.document import shipped
-
-    yield from (Path(name).stem for name in shipped())
-    yield from _files(begun, ".yaml", ".yml")
+def _of(module: str, names: str) -> Offer:
+    """Return an :func:`offering` of the names of a collection in a module of forcebound."""
+    return offering(lambda *_: getattr(import_module(f"forcebound.{module}"), names))
 
 
-@offering
-def sweeps(_: click.Context, begun: str) -> Iterable[str]:
-    """Sweep files that come with forcebound, without ending, and YAML files of the folder."""
-    from forcebound.sweep.plan import shipped
+def _files(shipped: str, *endings: str) -> Offer:
+    """Return an :func:`offering` of files with these endings, and of folders.
 
-    yield from (Path(name).stem for name in shipped())
-    yield from _files(begun, ".yaml", ".yml")
+    Args:
+        shipped: Module whose function ``shipped`` gives files that can be named without ending.
+        endings: Of the files, where the user has begun a name.
+    """
 
+    @offering
+    def files(_: click.Context, begun: str) -> Iterable[str]:
+        if shipped:
+            module = import_module(f"forcebound.{shipped}")
+            yield from (Path(name).stem for name in module.shipped())
+        folder, sign, _name = begun.rpartition("/")
+        for path in sorted(Path(folder + sign).iterdir()):
+            if path.is_dir() and not path.name.startswith("."):
+                yield f"{folder}{sign}{path.name}/"
+            elif path.suffix in endings:
+                yield f"{folder}{sign}{path.name}"
 
-@offering
-def parts(_: click.Context, begun: str) -> Iterable[str]:
-    """Python files of the folder."""
-    return _files(begun, ".py")
-
-
-@offering
-def recordings(_: click.Context, begun: str) -> Iterable[str]:
-    """Recordings of the folder."""
-    return _files(begun, RECORDING_SUFFIX)
-
-
-@offering
-def runs(_: click.Context, begun: str) -> Iterable[str]:
-    """Graphs that run, and recordings of the folder."""
-    yield from _graphs()
-    yield from _files(begun, RECORDING_SUFFIX)
-
-
-def _files(begun: str, *endings: str) -> Iterable[str]:
-    """Give files with one of these endings, and folders, where the user has begun a name."""
-    folder, sign, _ = begun.rpartition("/")
-    for path in sorted(Path(folder + sign).iterdir()):
-        if path.is_dir() and not path.name.startswith("."):
-            yield f"{folder}{sign}{path.name}/"
-        elif path.suffix in endings:
-            yield f"{folder}{sign}{path.name}"
-
-
-@offering
-def settings(context: click.Context, begun: str) -> Iterable[str]:
-    """Arguments of the launch file, each ``name:=``, and the values that one may choose."""
-    from forcebound.config.loader import arguments_of
-
-    name, sign, _ = begun.partition(":=")
-    known = {one.name: one for one in arguments_of(context.params["file"])}
-    if not sign:
-        return [f"{one}:=" for one in known]
-    return [f"{name}:={_one_word(value)}" for value in _values(name, known)]
-
-
-def _one_word(value: object) -> str:
-    """Return a value as a shell takes it without quotes: 2ms."""
-    return str(value).replace(" ", "")
-
-
-def _values(name: str, known: dict[str, Any]) -> Iterable[object]:
-    if name == "law":
-        from forcebound.bounding import LAWS
-
-        return sorted(LAWS)
-    if name == "controller":
-        from forcebound.controllers import CONTROLLERS
-
-        return sorted(CONTROLLERS)
-    one = known[name]
-    return one.choices or [one.default]
-
-
-@offering
-def topics(_: click.Context, begun: str) -> Iterable[str]:
-    """Topics of a graph."""
-    from forcebound.messages.packets import TOPICS
-
-    return TOPICS
-
-
-@offering
-def links(_: click.Context, begun: str) -> Iterable[str]:
-    """Links that can be impaired."""
-    from forcebound.topology import LINKS
-
-    return LINKS
-
-
-@offering
-def nodes(_: click.Context, begun: str) -> Iterable[str]:
-    """Nodes that can be stopped."""
-    return "environment", "controller"
+    return files
 
 
 @offering
 def graphs(_: click.Context, begun: str) -> Iterable[str]:
     """Graphs that run, by the names of their launch files."""
-    return _graphs()
-
-
-def _graphs() -> Iterable[str]:
     from forcebound.monitor.runs import running
 
     return (run.file.partition(" ")[0] for run in running().values())
+
+
+launch_files = _files("config.document", ".yaml", ".yml")
+sweeps = _files("sweep.plan", ".yaml", ".yml")
+parts = _files("", ".py")
+recordings = _files("", RECORDING_SUFFIX)
+topics, links = _of("messages.packets", "TOPICS"), _of("topology", "LINKS")
+laws = _of("bounding", "LAWS")
+nodes = offering(lambda *_: (ENVIRONMENT, CONTROLLER))  # that can be stopped
+
+
+def runs(context: click.Context, parameter: click.Parameter, begun: str) -> list[CompletionItem]:
+    """Graphs that run, and recordings of the folder."""
+    return graphs(context, parameter, begun) + recordings(context, parameter, begun)
+
+
+@offering
+def settings(context: click.Context, begun: str) -> Iterable[str]:
+    """Arguments of the launch file, each ``name:=``, and the values that one may choose."""
+    from forcebound.bounding import LAWS
+    from forcebound.config.loader import arguments_of
+    from forcebound.controllers import CONTROLLERS
+
+    name, sign, _ = begun.partition(":=")
+    known = {one.name: one for one in arguments_of(context.params["file"])}
+    if not sign:
+        return [f"{one}:=" for one in known]
+    tables: dict[str, Iterable[object]] = {"law": LAWS, "controller": CONTROLLERS}
+    values = tables.get(name) or known[name].choices or [known[name].default]
+    return [f"{name}:={_one_word(value)}" for value in values]
+
+
+def _one_word(value: object) -> str:
+    """Return a value as a shell takes it without quotes: 2ms."""
+    return str(value).replace(" ", "")
 
 
 @offering
@@ -155,19 +113,11 @@ def fields(context: click.Context, begun: str) -> Iterable[str]:
 
 
 @offering
-def laws(_: click.Context, begun: str) -> Iterable[str]:
-    """Laws that come with forcebound."""
-    from forcebound.bounding import LAWS
-
-    return sorted(LAWS)
-
-
-@offering
 def parameters(context: click.Context, begun: str) -> Iterable[str]:
     """Parameters of the running graph, also those that are fixed."""
-    from forcebound.monitor.tuning import every_parameter
+    from forcebound.monitor.tuning import configuration, every_parameter
 
-    return every_parameter(_configuration(context))
+    return every_parameter(configuration(context.params["run"], with_code=False))
 
 
 @offering
@@ -176,9 +126,9 @@ def changes(context: click.Context, begun: str) -> Iterable[str]:
     from forcebound.config.names import LAW
     from forcebound.config.parameters import takeable_laws
     from forcebound.monitor.formatting import as_written
-    from forcebound.monitor.tuning import find_parameters
+    from forcebound.monitor.tuning import configuration, find_parameters
 
-    config = _configuration(context)
+    config = configuration(context.params["run"], with_code=False)
     known = find_parameters(config, ())
     name, sign, _ = begun.partition(":=")
     if not sign:
@@ -186,10 +136,3 @@ def changes(context: click.Context, begun: str) -> Iterable[str]:
     if name == LAW:
         return [f"{name}:={law}" for law in takeable_laws()]
     return [f"{name}:={_one_word(as_written(config, {name: known[name]})[name])}"]
-
-
-def _configuration(context: click.Context) -> "GraphConfig":
-    from forcebound.monitor.runs import find
-    from forcebound.monitor.tuning import configuration
-
-    return configuration(find(context.params.get("run_dir")), with_code=False)

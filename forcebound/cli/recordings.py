@@ -1,4 +1,4 @@
-"""Commands that make something of a recording."""
+"""Commands that make a recording of a running graph, or something of one."""
 
 import sys
 from collections.abc import Sequence
@@ -10,28 +10,107 @@ import click
 
 from forcebound.cli import complete
 from forcebound.cli.common import (
-    ARGUMENTS,
+    FILE,
+    FOLDER,
+    PATH,
+    arguments_argument,
     duration_option,
-    file_option,
     json_option,
+    output_option,
     print_json,
+    print_rows,
     record_option,
-    reports_errors,
+    recording_option,
+    run_duration_option,
     show,
-    slow_bar,
+    show_live_run,
+    show_virtual_run,
+    table_of,
 )
-from forcebound.errors import ConfigError
+from forcebound.files import content_of
 
 if TYPE_CHECKING:
     from forcebound.recording import Recording
 
 _run_argument = click.argument(
-    "run",
-    metavar="RUN.mcap",
-    type=click.Path(path_type=Path, dir_okay=False),
-    shell_complete=complete.recordings,
+    "run", metavar="RUN.mcap", type=FILE, shell_complete=complete.recordings
 )
-_folder_option = click.Path(path_type=Path, file_okay=False)
+
+
+@click.command(short_help="Record a running graph from now on.")
+@click.argument("graph", required=False, type=PATH, shell_complete=complete.graphs)
+@recording_option(
+    "-o", "--output", help="File to write. Default: a new one here, named after graph and time."
+)
+@duration_option(help="Time after which it ends. Default: with the graph.")
+@json_option
+def record(graph: Path | None, output: Path | None, duration: float | None, as_json: bool) -> None:
+    r"""Record every packet of a running graph from now on, until Ctrl-C or its end.
+
+    The file is one of `forcebound launch --record`, without what was before. `forcebound plot`,
+    export and replay take it; replay --verify begins at a new law.
+
+    \b
+    forcebound record
+    forcebound record stiff_wall -o run.mcap --duration 10s
+    """
+    from forcebound.monitor.recorder import free_name, record_running
+    from forcebound.monitor.runs import find, while_running
+    from forcebound.process import Stop
+
+    run_dir = find(graph, require_graph=True, option="`forcebound record GRAPH`")
+
+    def begin(name: str) -> None:
+        if not as_json:
+            show(f"recording {name} to {file}; Ctrl-C ends it")
+
+    with while_running(run_dir), Stop() as stop:
+        file = output or free_name(Path(), run_dir)
+        found = record_running(run_dir, file, duration, begin, stop)
+    print_json(found) if as_json else show(str(found))
+
+
+@click.command(short_help="Draw recordings side by side.")
+@click.argument(
+    "runs", nargs=-1, required=True, metavar="RUN.mcap...", shell_complete=complete.recordings
+)
+@output_option(help="Picture file, .png or .svg. Default: name of the first recording, .png.")
+@json_option
+def plot(runs: tuple[str, ...], output: Path | None, as_json: bool) -> None:
+    r"""Draw recordings side by side: position, forces, energy, loop delay.
+
+    Says whether a hand feels the difference between the first run and each other.
+
+    \b
+    forcebound plot run.mcap
+    forcebound plot none.mcap certified.mcap -o both.svg
+    """
+    from forcebound.analysis.perception import differences
+    from forcebound.analysis.plots import check_picture, figure, save
+    from forcebound.analysis.tables import difference_text
+    from forcebound.launch.results import RunResult
+
+    output = Path(runs[0]).with_suffix(".png") if output is None else output
+    check_picture(output)
+    results = [RunResult.from_recording(Path(run)) for run in runs]
+    labels = [result.label for result in results]
+    if len(set(labels)) < len(labels):  # same law: distinguished by file
+        labels = [f"{run}: {label}" for run, label in zip(runs, labels, strict=True)]
+    with content_of(" and ".join(runs)):
+        summaries = [result.summary for result in results]
+        compared = [differences(summaries[0], other) for other in summaries[1:]]
+        drawn = [(label, r.columns, r.document) for label, r in zip(labels, results, strict=True)]
+        save(figure(drawn, events=[r.events for r in results]), output)
+        head, rows = table_of(results, labels)
+        document = {"picture": str(output), "runs": summaries, "differences": compared}
+    if as_json:
+        print_json(document)
+        return
+    print_rows(head, rows)
+    for label, found in zip(labels[1:], compared, strict=True):
+        for difference in found:
+            show(f"{label} against {labels[0]}: {difference_text(difference)}")
+    show(f"picture: {output}")
 
 
 def _read(run: Path, topics: Sequence[str] | None = None) -> "Recording":
@@ -46,10 +125,9 @@ def _read(run: Path, topics: Sequence[str] | None = None) -> "Recording":
 
 @click.command(short_help="Write the topics of a recording as tables.")
 @_run_argument
-@click.option("--csv", type=_folder_option, metavar="DIR", help="Into this folder, as CSV.")
-@click.option("--parquet", type=_folder_option, metavar="DIR", help="The same, as Parquet.")
+@click.option("--csv", type=FOLDER, metavar="DIR", help="Into this folder, as CSV.")
+@click.option("--parquet", type=FOLDER, metavar="DIR", help="The same, as Parquet.")
 @click.option("--overwrite", is_flag=True, help="Replace files that are there.")
-@reports_errors
 def export(run: Path, csv: Path | None, parquet: Path | None, overwrite: bool) -> None:
     r"""Write each topic of a recording as a table; columns.csv has their units and meanings.
 
@@ -59,11 +137,11 @@ def export(run: Path, csv: Path | None, parquet: Path | None, overwrite: bool) -
     """
     from forcebound.recordings.export import export as write_tables
 
-    wanted = {"csv": csv, "parquet": parquet}
-    if not any(wanted.values()):
+    folders = {"csv": csv, "parquet": parquet}
+    if not any(folders.values()):
         raise click.UsageError("choose --csv DIR or --parquet DIR")
     recording = _read(run)
-    for kind, folder in wanted.items():
+    for kind, folder in folders.items():
         if folder is not None:
             for file in write_tables(recording, folder, kind, overwrite):
                 show(str(file))
@@ -71,11 +149,9 @@ def export(run: Path, csv: Path | None, parquet: Path | None, overwrite: bool) -
 
 @click.command(short_help="Make a complete recording of a cut one.")
 @_run_argument
-@file_option("-o", "--output", required=True, metavar="OUT.mcap", help="The recording to write.")
-@click.option("--overwrite", is_flag=True, help="Replace a file that is there.")
+@recording_option("-o", "--output", required=True, help="The recording to write.")
 @json_option
-@reports_errors
-def recover(run: Path, output: Path, overwrite: bool, as_json: bool) -> None:
+def recover(run: Path, output: Path, as_json: bool) -> None:
     r"""Write what can be read of a cut or damaged recording as a complete one; says what is lost.
 
     \b
@@ -83,11 +159,9 @@ def recover(run: Path, output: Path, overwrite: bool, as_json: bool) -> None:
     """
     from forcebound.recordings.recovery import recover as write_recovered
 
-    if output.exists() and not overwrite:
-        raise ConfigError(f"{output} exists: choose another name, or add --overwrite")
     found = write_recovered(run, output)
     if as_json:
-        print_json(asdict(found))
+        print_json(found)
         return
     show(f"recovered: {found.messages} messages, {found.duration:.3f} s")
     if found.lost_bytes:
@@ -98,20 +172,19 @@ def recover(run: Path, output: Path, overwrite: bool, as_json: bool) -> None:
 
 @click.command(short_help="Verify a recording, or run it once more with other parts.")
 @_run_argument
-@click.argument("settings", nargs=-1, metavar=ARGUMENTS)
+@arguments_argument()
 @click.option("--verify", is_flag=True, help="Compare the forces that its inputs give, to the bit.")
 @click.option("--network", is_flag=True, help="Feed the recorded delays, in place of those set.")
 @click.option(
     "--environment", is_flag=True, help="Feed the recorded replies; they do not react to the hand."
 )
 @click.option("--live", is_flag=True, help="In real time. Default: in virtual time.")
-@duration_option
+@run_duration_option
 @record_option
 @json_option
-@reports_errors
 def replay(
     run: Path,
-    settings: tuple[str, ...],
+    arguments: tuple[str, ...],
     verify: bool,
     network: bool,
     environment: bool,
@@ -138,31 +211,24 @@ def replay(
     if verify:
         if live or network or environment or duration or record:
             raise click.UsageError("--verify runs no graph: give it alone, or with NAME:=VALUE")
-        _verify(run, settings, as_json)
-    from forcebound.cli.run import report, status_line
-    from forcebound.launch.live import run_live
-    from forcebound.launch.virtual import run_virtual
+        _verify(run, arguments, as_json)
     from forcebound.messages.packets import TOPIC_OF, Telemetry
     from forcebound.recordings.rerun import duration_of, graph_of
 
     if record is not None and record.exists() and record.samefile(run):
         raise click.UsageError(f"--record: {record} is the recording itself")
     recording = _read(run, (TOPIC_OF[Telemetry],))
-    wanted = {"hand": True, "network": network, "environment": environment}
-    config = graph_of(recording, settings, [feed for feed, is_fed in wanted.items() if is_fed])
+    fed = {"hand": True, "network": network, "environment": environment}
+    config = graph_of(recording, arguments, [feed for feed, is_fed in fed.items() if is_fed])
     seconds = duration_of(recording, config) if duration is None else duration
     if live:
-        described = " ".join((str(run), *settings))
-        with status_line(as_json) as screen:
-            result = run_live(config, seconds, record, file=described, screen=screen)
+        words = " ".join((str(run), *arguments))
+        show_live_run(config, seconds, record, as_json, file=words)
     else:
-        with slow_bar("ms of virtual time", as_json) as tell:
-            result = run_virtual(config, seconds, record, may_end_early=True, progress=tell)
-    report(result, record, as_json)
+        show_virtual_run(config, seconds, record, as_json)
 
 
 def _verify(run: Path, settings: Sequence[str], as_json: bool) -> NoReturn:
-    from forcebound.files import content_of
     from forcebound.recordings.rerun import device_of
     from forcebound.recordings.verification import TOPICS
     from forcebound.recordings.verification import verify as verify_recording
@@ -173,16 +239,16 @@ def _verify(run: Path, settings: Sequence[str], as_json: bool) -> NoReturn:
         found = verify_recording(recording, device)
     if as_json:
         print_json(asdict(found) | {"is_same": found.is_same})
-    else:
-        show(f"verified: {found.verified} of {found.ticks} ticks, {found.differing} differ")
-        if found.difference:
-            show(f"first difference: {found.difference}")
-        if found.unknown:
-            show(f"not verified: {found.unknown} ticks of an earlier ledger, see --help")
-        if found.verified + found.unknown < found.ticks:
-            show("a tick is missing from the recording; what follows it cannot be verified")
-        show(
-            f"commands: {found.commands} forces follow from a recorded one,"
-            f" of {found.unknown_commands} it is not recorded"
-        )
+        sys.exit(0 if found.is_same else 1)
+    show(f"verified: {found.verified} of {found.ticks} ticks, {found.differing} differ")
+    if found.difference:
+        show(f"first difference: {found.difference}")
+    if found.unknown:
+        show(f"not verified: {found.unknown} ticks of an earlier ledger, see --help")
+    if found.verified + found.unknown < found.ticks:
+        show("a tick is missing from the recording; what follows it cannot be verified")
+    show(
+        f"commands: {found.commands} forces follow from a recorded one,"
+        f" of {found.unknown_commands} it is not recorded"
+    )
     sys.exit(0 if found.is_same else 1)

@@ -3,47 +3,42 @@
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
-from dataclasses import asdict, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
 from forcebound.cli import complete
 from forcebound.cli.common import (
-    ARGUMENTS,
-    duration_option,
-    file_option,
+    all_of,
+    arguments_argument,
     json_option,
-    json_text,
     print_json,
-    print_rows,
-    print_table,
     record_option,
-    reports_errors,
+    run_duration_option,
     show,
-    slow_bar,
-    table_of,
+    show_live_run,
+    show_virtual_run,
 )
 from forcebound.cli.view import check_tornado
 from forcebound.ending import end
-from forcebound.errors import ConfigError, RunError
-from forcebound.files import check_writable, content_of
+from forcebound.errors import ConfigError
+from forcebound.files import check_writable
 from forcebound.roles import ENVIRONMENT
 from forcebound.topology import ONE_HAND
 
 if TYPE_CHECKING:
     from forcebound.config.graph import GraphConfig
-    from forcebound.launch.screen import Screen
 
-PAGE_PATIENCE = 15.0  # s for the farewell to pages, and the end of a recording
+PAGE_END_TIMEOUT_S = 15.0  # for the last message to pages, and the end of a recording
 
 
 def _named_file(context: click.Context, parameter: click.Parameter, file: str | None) -> str:
-    """Return FILE; who names none is told what there is."""
+    """Return FILE; without one, list the shipped launch files."""
     if file is not None:
         return file
     from forcebound.config.document import descriptions
@@ -55,7 +50,7 @@ def _named_file(context: click.Context, parameter: click.Parameter, file: str | 
     raise click.MissingParameter(message, context, parameter)
 
 
-_OPTIONS = (
+_graph_options = all_of(
     click.argument(
         "file",
         metavar="FILE",
@@ -63,8 +58,8 @@ _OPTIONS = (
         callback=_named_file,
         shell_complete=complete.launch_files,
     ),
-    click.argument("arguments", nargs=-1, metavar=ARGUMENTS, shell_complete=complete.settings),
-    duration_option,
+    arguments_argument(shell_complete=complete.settings),
+    run_duration_option,
     record_option,
     click.option("--check", is_flag=True, help="Only check the launch file."),
     click.option("--show-args", is_flag=True, help="List the arguments of the file."),
@@ -72,16 +67,9 @@ _OPTIONS = (
 )
 
 
-def _graph_options(command: Callable[..., None]) -> Callable[..., None]:
-    for option in reversed(_OPTIONS):
-        command = option(command)
-    return command
-
-
 @click.command("launch", short_help="Run a launch file in real time, as processes.")
 @_graph_options
 @click.option("--view", "has_view", is_flag=True, help="Open a live page of it in a browser.")
-@reports_errors
 def launch_graph(
     file: str,
     arguments: tuple[str, ...],
@@ -100,32 +88,18 @@ def launch_graph(
     forcebound launch my_wall.yaml --duration 60s --record run.mcap
     """
     from forcebound.config.document import folder_of
-    from forcebound.launch.live import check_here, run_live
+    from forcebound.launch.live import check_here
 
     if has_view:
         check_tornado()
     here = partial(check_here, record=record)
     config = _configuration(file, arguments, check, show_args, as_json, also=here)
     if config is not None:
-        described = " ".join((file, *arguments))
-        folder = folder_of(Path(file))
-        with _page() if has_view else nullcontext(), status_line(as_json) as screen:
-            result = run_live(config, duration, record, None, described, screen, folder)
-            screen.status("computing the figures")
-            _ = result.summary
-        report(result, record, as_json)
-
-
-@contextmanager
-def status_line(as_json: bool) -> "Iterator[Screen]":
-    """A screen that says what a launcher is doing, if somebody looks; empty at the end."""
-    from forcebound.launch.screen import Screen
-
-    screen = Screen(has_status=sys.stderr.isatty() and not as_json)
-    try:
-        yield screen
-    finally:
-        screen.status("")
+        words = " ".join((file, *arguments))
+        with _page() if has_view else nullcontext():
+            show_live_run(
+                config, duration, record, as_json, file=words, folder=folder_of(Path(file))
+            )
 
 
 @contextmanager
@@ -137,13 +111,12 @@ def _page() -> Iterator[None]:
     try:
         yield
     finally:
-        end(page, PAGE_PATIENCE)
+        end(page, PAGE_END_TIMEOUT_S)
 
 
 @click.command(short_help="Run a launch file in virtual time.")
 @_graph_options
 @click.option("--seed", type=click.IntRange(min=0), help="Replace the seed of the launch file.")
-@reports_errors
 def simulate(
     file: str,
     arguments: tuple[str, ...],
@@ -161,25 +134,18 @@ def simulate(
     forcebound simulate stiff_wall --show-args
     forcebound simulate my_wall.yaml --record run.mcap --json
     """
-    from forcebound.launch.virtual import run_virtual
-
     if record is not None:
         check_writable(record, "the recording")
     config = _configuration(file, arguments, check, show_args, as_json, seed)
-    if config is None:
-        return
-    with slow_bar("ms of virtual time", as_json) as tell:
-        result = run_virtual(config, duration, record, may_end_early=True, progress=tell)
-    show(f"virtual time: {result.times_real_time:.0f} times real time", err=True)
-    report(result, record, as_json)
+    if config is not None:
+        show_virtual_run(config, duration, record, as_json)
 
 
 @click.command(short_help="Serve a graph on another machine.")
 @click.argument("kind", metavar="environment", type=click.Choice([*ONE_HAND.nodes]))
 @click.argument("file", shell_complete=complete.launch_files)
-@click.argument("arguments", nargs=-1, metavar=ARGUMENTS, shell_complete=complete.settings)
+@arguments_argument(shell_complete=complete.settings)
 @click.option("--run-dir", type=click.Path(path_type=Path), hidden=True, help="Of a launcher.")
-@reports_errors
 def node(kind: str, file: str, arguments: tuple[str, ...], run_dir: Path | None) -> None:
     r"""Run the environment of FILE for a graph on another machine, as its section remote: says.
 
@@ -193,80 +159,6 @@ def node(kind: str, file: str, arguments: tuple[str, ...], run_dir: Path | None)
     if kind != ENVIRONMENT:
         raise ConfigError(f"a {kind} runs in `forcebound launch`; by itself, only an environment")
     serve_environment(Path(file), arguments)
-
-
-@click.command(short_help="Draw recordings side by side.")
-@click.argument(
-    "runs", nargs=-1, required=True, metavar="RUN.mcap...", shell_complete=complete.recordings
-)
-@file_option(
-    "-o", "--output", help="Picture file, .png or .svg. Default: name of the first recording, .png."
-)
-@json_option
-@reports_errors
-def plot(runs: tuple[str, ...], output: Path | None, as_json: bool) -> None:
-    r"""Draw recordings side by side: position, forces, energy, loop delay.
-
-    Says whether a hand feels the difference between the first run and each other.
-
-    \b
-    forcebound plot run.mcap
-    forcebound plot none.mcap certified.mcap -o both.svg
-    """
-    from forcebound.analysis.plots import check_picture, figure, save
-    from forcebound.launch.results import RunResult
-
-    output = Path(runs[0]).with_suffix(".png") if output is None else output
-    check_picture(output)
-    results = [RunResult.from_recording(Path(run)) for run in runs]
-    labels = [result.label for result in results]
-    if len(set(labels)) < len(labels):  # same law: distinguished by file
-        labels = [f"{run}: {label}" for run, label in zip(runs, labels, strict=True)]
-    summaries = []
-    for run, result in zip(runs, results, strict=True):
-        with content_of(run):
-            summaries.append(result.summary)
-    with content_of(" and ".join(runs)):
-        drawn = [(label, r.columns, r.document) for label, r in zip(labels, results, strict=True)]
-        save(figure(drawn, events=[r.events for r in results]), output)
-        found = _found(summaries)
-        document = json_text({"picture": str(output), **found}) if as_json else ""
-        head, rows = table_of(results, labels)
-        differing = list(_in_words(found["differences"], labels))
-    if as_json:  # what cannot be printed is no matter of the recordings
-        click.echo(document)
-        return
-    print_rows(head, rows)
-    for line in differing:
-        show(line)
-    show(f"picture: {output}")
-
-
-def _found(summaries: list[dict[str, Any]]) -> dict[str, Any]:
-    from forcebound.analysis.perception import differences
-
-    first, *others = summaries
-    return {"runs": summaries, "differences": [differences(first, other) for other in others]}
-
-
-def _in_words(compared: Sequence[Sequence[Mapping[str, Any]]], labels: list[str]) -> Iterator[str]:
-    from forcebound.analysis.tables import difference_text
-
-    for label, found in zip(labels[1:], compared, strict=True):
-        for difference in found:
-            yield f"{label} against {labels[0]}: {difference_text(difference)}"
-
-
-@click.command(short_help="Print the JSON schema of launch files.")
-def schema() -> None:
-    r"""Print the JSON schema of launch files, for completion in an editor.
-
-    \b
-    forcebound schema > forcebound.schema.json
-    """
-    from forcebound.config.schema import json_schema
-
-    print_json(json_schema())
 
 
 def _configuration(
@@ -306,7 +198,7 @@ def _show_arguments(file: str, as_json: bool) -> None:
 
     arguments = arguments_of(file)
     if as_json:
-        print_json([asdict(argument) for argument in arguments])
+        print_json(arguments)
         return
     for argument in arguments:
         default = "(required)" if argument.default is None else _as_written(argument.default)
@@ -316,33 +208,3 @@ def _show_arguments(file: str, as_json: bool) -> None:
 
 def _as_written(value: object) -> str:
     return str(value).lower() if isinstance(value, bool) else str(value)
-
-
-def report(result: Any, record: Path | None, as_json: bool) -> None:
-    """Show the result of a run.
-
-    Raises:
-        RunError: If the run failed; its result is shown before.
-    """
-    _show_result(result, record, as_json)
-    if result.failed:
-        raise RunError(result.failed)
-
-
-def _show_result(result: Any, record: Path | None, as_json: bool) -> None:
-    if result.interrupted:
-        show("forcebound: interrupted; result up to here", err=True)
-    if as_json:
-        print_json(result.summary)
-        return
-    print_table([result])
-    for cause in result.summary["little_force"]:
-        show(f"little force: {cause['advice']}")
-    if result.summary["phases"]:
-        from forcebound.analysis.tables import phase_rows
-
-        head, *rows = phase_rows(result.summary["phases"])
-        click.echo()
-        print_rows(head, rows)
-    if record is not None:
-        show(f"recording: {record}")

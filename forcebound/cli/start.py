@@ -1,4 +1,4 @@
-"""Commands for the first hour: completion in the shell, and a folder to begin with."""
+"""Commands for this machine: completion in the shell, a folder to begin with, keys, schema."""
 
 import shlex
 from pathlib import Path
@@ -7,24 +7,11 @@ from shutil import copyfile
 import click
 from click.shell_completion import BashComplete, FishComplete, ShellComplete, ZshComplete
 
-from forcebound.cli.common import reports_errors, show
+from forcebound.cli.common import Group, json_option, print_json, show
 from forcebound.errors import ConfigError
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 STARTER = ("my_environment.yaml", "my_environment.py")
-VARIABLE = "_FORCEBOUND_COMPLETE"
-
-# Where each shell looks for completions by itself, under the home folder.
-PLACES = {
-    "bash": ".local/share/bash-completion/completions/forcebound",
-    "zsh": ".zfunc/_forcebound",
-    "fish": ".config/fish/completions/forcebound.fish",
-}
-AFTER = {
-    "bash": "it works in every new shell where the package bash-completion is",
-    "zsh": "~/.zshrc needs: fpath+=~/.zfunc; autoload -Uz compinit; compinit",
-    "fish": "it works in every new shell",
-}
 
 
 class Bash(BashComplete):
@@ -60,14 +47,29 @@ class Zsh(ZshComplete):
     )
 
 
-# How each shell is told what may follow.
-SCRIPTS: dict[str, type[ShellComplete]] = {"bash": Bash, "zsh": Zsh, "fish": FishComplete}
+#: Each shell's script, where it looks for it under the home folder, and what else it needs.
+SHELLS: dict[str, tuple[type[ShellComplete], str, str]] = {
+    "bash": (
+        Bash,
+        ".local/share/bash-completion/completions/forcebound",
+        "it works in every new shell where the package bash-completion is",
+    ),
+    "zsh": (
+        Zsh,
+        ".zfunc/_forcebound",
+        "~/.zshrc needs: fpath+=~/.zfunc; autoload -Uz compinit; compinit",
+    ),
+    "fish": (
+        FishComplete,
+        ".config/fish/completions/forcebound.fish",
+        "it works in every new shell",
+    ),
+}
 
 
 @click.command(short_help="Let the Tab key complete commands and arguments.")
-@click.argument("shell", type=click.Choice(list(PLACES)))
+@click.argument("shell", type=click.Choice(SHELLS))
 @click.option("--print", "only_prints", is_flag=True, help="Print the script; install nothing.")
-@reports_errors
 def completion(shell: str, only_prints: bool) -> None:
     r"""Install completion for SHELL: commands, files, arguments, laws, parameters, topics.
 
@@ -76,39 +78,105 @@ def completion(shell: str, only_prints: bool) -> None:
     """
     from forcebound.cli import main
 
-    script = SCRIPTS[shell](main, {}, "forcebound", VARIABLE).source()
+    complete, place, words = SHELLS[shell]
+    script = complete(main, {}, "forcebound", "_FORCEBOUND_COMPLETE").source()
     if only_prints:
         click.echo(script)
         return
-    place = Path.home() / PLACES[shell]
-    try:
-        place.parent.mkdir(parents=True, exist_ok=True)
-        place.write_text(script)
-    except OSError as error:
-        raise ConfigError(f"cannot write {place}: {error.strerror}") from None
-    show(f"{place}: {AFTER[shell]}")
+    file = Path.home() / place
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text(script)
+    show(f"{file}: {words}")
 
 
 @click.command("new", short_help="Make a folder to begin with.")
 @click.argument("folder", type=click.Path(path_type=Path))
-@reports_errors
 def new(folder: Path) -> None:
     r"""Make FOLDER with a launch file and an environment of one's own, to be changed.
 
     \b
     forcebound new my_wall
     """
-    files = [EXAMPLES / name for name in STARTER]
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        there = [file.name for file in files if (folder / file.name).exists()]
-        if there:
-            raise ConfigError(f"{folder} has {', '.join(there)} already: choose another folder")
-        for file in files:
-            copyfile(file, folder / file.name)
-    except OSError as error:
-        raise ConfigError(f"cannot write {folder}: {error.strerror}") from None
+    folder.mkdir(parents=True, exist_ok=True)
+    there = [name for name in STARTER if (folder / name).exists()]
+    if there:
+        raise ConfigError(f"{folder} has {', '.join(there)} already: choose another folder")
+    for name in STARTER:
+        copyfile(EXAMPLES / name, folder / name)
     show(f"{folder}: {', '.join(STARTER)}")
     run, check = (shlex.quote(str(folder / name)) for name in STARTER)
     show(f"run it:   `forcebound simulate {run}`")
     show(f"check it: `forcebound check environment {check}`")
+
+
+@click.group(cls=Group)
+def keys() -> None:
+    """Create and show the keys for a link to another machine."""
+
+
+@keys.command("new")
+@click.argument("name")
+@json_option
+def new_keys(name: str, as_json: bool) -> None:
+    r"""Create the key pair NAME; the secret stays on this machine.
+
+    \b
+    forcebound keys new lab_pc
+    """
+    from forcebound.network.keys import key_folder, new_key
+
+    made, folder = new_key(name), key_folder()
+    if as_json:
+        print_json({"name": made.name, "public": made.public, "folder": str(folder)})
+        return
+    show(f"public key: {made.public}")
+    show(f"copy {folder / name}.key to the other machine's key folder; the secret stays here")
+
+
+@keys.command("list")
+@json_option
+def list_all_keys(as_json: bool) -> None:
+    r"""List the keys on this machine.
+
+    \b
+    forcebound keys list --json
+    """
+    from forcebound.network.keys import key_folder, list_keys
+
+    entries = list_keys()
+    if as_json:
+        print_json(entries)
+        return
+    for entry in entries:
+        kind = "pair" if entry.has_secret else "public"
+        problem = f"{entry.problem}: {entry.action}" if entry.action else entry.problem
+        show(f"{entry.name:<20}{kind:<8}{problem or entry.public}")
+    if not entries:
+        show(f"no keys in {key_folder()}; create one with `forcebound keys new NAME`", err=True)
+
+
+@keys.command("show")
+@click.argument("name")
+@json_option
+def show_key(name: str, as_json: bool) -> None:
+    r"""Print the public key NAME, for the other machine.
+
+    \b
+    forcebound keys show lab_pc
+    """
+    from forcebound.network.keys import public_key
+
+    public = public_key(name)
+    print_json({"name": name, "public": public}) if as_json else show(public)
+
+
+@click.command(short_help="Print the JSON schema of launch files.")
+def schema() -> None:
+    r"""Print the JSON schema of launch files, for completion in an editor.
+
+    \b
+    forcebound schema > forcebound.schema.json
+    """
+    from forcebound.config.schema import json_schema
+
+    print_json(json_schema())

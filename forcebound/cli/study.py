@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -9,45 +10,40 @@ import click
 
 from forcebound.cli import complete
 from forcebound.cli.common import (
-    ARGUMENTS,
+    COUNT,
+    FILE,
+    FOLDER,
+    Command,
     Group,
-    duration_option,
-    file_option,
+    all_of,
+    arguments_argument,
     json_option,
+    output_option,
     print_document,
     print_json,
-    reports_errors,
+    run_duration_option,
     show,
 )
 from forcebound.errors import RunError
 
-OUTPUT = ("-o", "--output", "out")
+NUMBER = click.IntRange(min=0)
+_number_option = partial(click.option, type=NUMBER, show_default=True)
 
 workers_option = click.option(
     "--workers",
-    type=click.IntRange(min=0),
+    type=NUMBER,
     help="Number of processes; 0: only this one. Default: one per core.",
 )
 
 
-def _campaign_options(
-    of_each: str, runs: int
-) -> Callable[[Callable[..., None]], Callable[..., None]]:
+def _campaign_options(of_each: str, runs: int) -> Callable[[Command], Command]:
     """Return the options of an audit: laws, numbers of runs, seed, report."""
-    options = (
-        click.option(
-            "--runs",
-            type=click.IntRange(min=0),
-            default=runs,
-            show_default=True,
-            help=f"Random runs of {of_each}.",
-        ),
-        click.option(
+    return all_of(
+        _number_option("--runs", default=runs, help=f"Random runs of {of_each}."),
+        _number_option(
             "--search",
             "searched",
-            type=click.IntRange(min=0),
             default=runs,
-            show_default=True,
             help="Runs of each in a CMA-ES search for the lowest energy.",
         ),
         click.option(
@@ -57,24 +53,11 @@ def _campaign_options(
             shell_complete=complete.laws,
             help="Only this law; repeatable.",
         ),
-        click.option(
-            "--seed",
-            type=click.IntRange(min=0),
-            default=1,
-            show_default=True,
-            help="Seed of the runs.",
-        ),
+        _number_option("--seed", default=1, help="Seed of the runs."),
         workers_option,
-        file_option(*OUTPUT, metavar="REPORT.md", help="Write the report to this file."),
+        output_option("out", metavar="REPORT.md", help="Write the report to this file."),
         json_option,
     )
-
-    def add(command: Callable[..., None]) -> Callable[..., None]:
-        for option in reversed(options):
-            command = option(command)
-        return command
-
-    return add
 
 
 @click.group(invoke_without_command=True, short_help="Attack the laws in simulation.", cls=Group)
@@ -83,7 +66,6 @@ def _campaign_options(
     "--certificate", "certificates", multiple=True, help="Only this certificate; repeatable."
 )
 @click.pass_context
-@reports_errors
 def audit(context: click.Context, /, as_json: bool, **campaign: Any) -> None:
     r"""Attack the laws and their certificates; exit status 1 if a certified law leaks energy.
 
@@ -106,10 +88,9 @@ def audit(context: click.Context, /, as_json: bool, **campaign: Any) -> None:
 @audit.command(short_help="Repeat one run of an audit.")
 @click.argument("law")
 @click.argument("case")
-@duration_option
-@file_option(*OUTPUT, metavar="RUN.png", help="Draw the run to this file, .png or .svg.")
+@run_duration_option
+@output_option("out", metavar="RUN.png", help="Draw the run to this file, .png or .svg.")
 @json_option
-@reports_errors
 def replay(law: str, case: str, duration: float | None, out: Path | None, as_json: bool) -> None:
     r"""Repeat one run of an audit: LAW under CASE, a seed or a code, or one of a certificate.
 
@@ -126,7 +107,6 @@ def replay(law: str, case: str, duration: float | None, out: Path | None, as_jso
 @_campaign_options("each law with each world and controller", 100)
 @click.option("--world", "worlds", multiple=True, help="Only this world; repeatable.")
 @click.option("--controller", "controllers", multiple=True, help="Only this one; repeatable.")
-@reports_errors
 def worlds(as_json: bool, **campaign: Any) -> None:
     r"""Attack the certified laws through every world and controller; status 1 if one leaks.
 
@@ -147,16 +127,9 @@ def worlds(as_json: bool, **campaign: Any) -> None:
 @click.option(
     "--device", "kind", default="phantom_premium_1_5", show_default=True, help="Kind of device."
 )
-@click.option(
-    "--runs",
-    type=click.IntRange(min=1),
-    default=1000,
-    show_default=True,
-    help="Runs of the search for each wrong number.",
-)
+@_number_option("--runs", type=COUNT, default=1000, help="Runs of the search for each.")
 @workers_option
 @json_option
-@reports_errors
 def sensitivity(kind: str, runs: int, workers: int | None, as_json: bool) -> None:
     r"""Show what each wrong number of a device costs: the lowest energy that a search finds.
 
@@ -176,15 +149,14 @@ def sensitivity(kind: str, runs: int, workers: int | None, as_json: bool) -> Non
 
 @click.command(short_help="Repeat the paper's experiments.")
 @click.argument("names", nargs=-1, metavar="[NAME]...")
-@click.option(
-    *OUTPUT,
-    type=click.Path(path_type=Path, file_okay=False),
+@output_option(
+    "out",
+    type=FOLDER,
     default=Path("results/reproduce"),
     show_default=True,
     help="Folder for pictures and numbers.",
 )
 @json_option
-@reports_errors
 def reproduce(names: tuple[str, ...], out: Path, as_json: bool) -> None:
     r"""Repeat the paper's experiments: table1, fig4 to fig21, eq41_42. Default: all.
 
@@ -208,30 +180,17 @@ def reproduce(names: tuple[str, ...], out: Path, as_json: bool) -> None:
 
 @click.command(short_help="Run a graph over a grid of its parameters.")
 @click.argument("file", shell_complete=complete.sweeps)
-@click.argument("arguments", nargs=-1, metavar=ARGUMENTS)
-@file_option("-o", "--output", help="Parquet file to write. Default: name of the sweep file.")
-@click.option(
-    "--workers", type=click.IntRange(min=1), help="Number of processes. Default: one per core."
-)
+@arguments_argument()
+@output_option(help="Parquet file to write. Default: name of the sweep file.")
+@click.option("--workers", type=COUNT, help="Number of processes. Default: one per core.")
 @click.option(
     "--cluster", metavar="ADDRESS", help="Run on a dask cluster; address of its scheduler."
 )
 @click.option("--restart", is_flag=True, help="Discard earlier parts.")
 @click.option("--overwrite", is_flag=True, help="Replace the result of another sweep.")
-@click.option("--plot", "as_plot", is_flag=True, help="Also draw the map of the sweep.")
+@click.option("--plot", is_flag=True, help="Also draw the map of the sweep.")
 @json_option
-@reports_errors
-def sweep(
-    file: str,
-    arguments: tuple[str, ...],
-    output: Path | None,
-    workers: int | None,
-    cluster: str | None,
-    restart: bool,
-    overwrite: bool,
-    as_plot: bool,
-    as_json: bool,
-) -> None:
+def sweep(file: str, restart: bool, as_json: bool, **options: Any) -> None:
     r"""Run a sweep file, e.g. z_width or stability_map; continue an interrupted sweep.
 
     \b
@@ -241,7 +200,7 @@ def sweep(
     from forcebound.sweep.command import run
 
     try:
-        document = run(file, arguments, output, workers, cluster, restart, overwrite, as_plot)
+        document = run(file, restart=restart, **options)
     except KeyboardInterrupt:
         same = "the same command without --restart" if restart else "the same command"
         show(f"forcebound: {same} continues with what is left", err=True)
@@ -257,11 +216,8 @@ def sweep(
 
 
 @click.command("map", short_help="Draw the map of a sweep's result.")
-@click.argument("result", type=click.Path(path_type=Path, dir_okay=False))
-@file_option(
-    "-o", "--output", help="Picture file, .png or .svg. Default: name of the result, .png."
-)
-@reports_errors
+@click.argument("result", type=FILE)
+@output_option(help="Picture file, .png or .svg. Default: name of the result, .png.")
 def draw_map(result: Path, output: Path | None) -> None:
     r"""Draw the map of a sweep's RESULT.parquet, with theoretical limits.
 

@@ -1,9 +1,10 @@
-"""Commands that show the topics of a running graph: packets, events, rates, delays."""
+"""Commands that show the topics of a running graph, here or in other programs."""
 
 import csv
 import json
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,16 +15,19 @@ from msgspec.structs import asdict
 
 from forcebound.cli import complete
 from forcebound.cli.common import (
+    COUNT,
+    PATH,
     UNKNOWN,
-    duration_option_for,
-    file_option,
+    Command,
+    Group,
+    all_of,
+    duration_option,
     json_lines_option,
     json_option,
+    output_option,
     print_json,
     print_json_line,
     print_rows,
-    reports_errors,
-    run_argument,
     run_option,
     show,
     topics_argument,
@@ -36,7 +40,8 @@ if TYPE_CHECKING:
 BAR = 40  # characters, of the longest bar of a histogram
 BARS = "·▁▂▃▄▅▆▇█"  # of a histogram in one line; ·: none
 
-_measuring_option = duration_option_for("Measuring time. Default: 2s.")
+_measuring_option = duration_option(default="2s", help="Measuring time. Default: 2s.")
+_ending_option = duration_option(help="Time after which it ends. Default: with the graph.")
 
 
 @click.command(short_help="Print the packets of a topic.")
@@ -49,13 +54,12 @@ _measuring_option = duration_option_for("Measuring time. Default: 2s.")
     shell_complete=complete.fields,
     help="Only this field; repeatable.",
 )
-@click.option("--count", type=click.IntRange(min=1), help="End after so many packets.")
+@click.option("--count", type=COUNT, help="End after so many packets.")
 @click.option("--csv", "as_csv", is_flag=True, help="One row each, a column for each entry.")
 @click.option("--line", "as_line", is_flag=True, help="One line each.")
 @json_lines_option
 @run_option
-@duration_option_for("Time after which it ends. Default: with the graph.")
-@reports_errors
+@_ending_option
 def echo(
     topic: str,
     fields: tuple[str, ...],
@@ -63,7 +67,7 @@ def echo(
     as_csv: bool,
     as_line: bool,
     as_json: bool,
-    run_dir: Path | None,
+    run: Path,
     duration: float | None,
 ) -> None:
     r"""Print the packets of TOPIC as they come, until Ctrl-C.
@@ -73,30 +77,27 @@ def echo(
     forcebound echo event --json
     forcebound echo telemetry --csv --duration 5s > telemetry.csv
     """
-    from forcebound.monitor.runs import find
-    from forcebound.monitor.streams import check_fields, fields_of_packet, packets_of, topic_named
+    from forcebound.monitor.streams import check_fields, fields_of_packet, packets_of, streams_of
 
     if as_csv + as_line + as_json > 1:
         raise click.UsageError("choose one of --csv, --line, --json")
-    check_fields(topic_named(topic), fields)
-    write = (
-        _as_csv() if as_csv else _as_line if as_line else print_json_line if as_json else _as_block
-    )
-    packets = packets_of(find(run_dir), (topic,), duration)
-    for received in islice(packets, count):
+    check_fields(streams_of(run, (topic,))[topic], fields)
+    write = _csv_writer() if as_csv else _show_block
+    write = _show_line if as_line else print_json_line if as_json else write
+    for received in islice(packets_of(run, (topic,), duration), count):
         values = fields_of_packet(received.packet)
         write({name: values[name] for name in fields or values if name in values})
 
 
-def _as_block(values: Mapping[str, Any]) -> None:
+def _show_block(values: Mapping[str, Any]) -> None:
     show("\n".join(f"{name}: {_text(value)}" for name, value in values.items()) + "\n---")
 
 
-def _as_line(values: Mapping[str, Any]) -> None:
+def _show_line(values: Mapping[str, Any]) -> None:
     show("  ".join(f"{name}={_text(value)}" for name, value in values.items()))
 
 
-def _as_csv() -> Callable[[Mapping[str, Any]], None]:
+def _csv_writer() -> Callable[[Mapping[str, Any]], None]:
     """Return a writer of rows; the first has the names, with a column for each entry of a list.
 
     A list that the first packet has not comes as JSON, in one column.
@@ -135,10 +136,7 @@ def _text(value: Any) -> str:
 @run_option
 @_measuring_option
 @json_option
-@reports_errors
-def hz(
-    topics: tuple[str, ...], run_dir: Path | None, duration: float | None, as_json: bool
-) -> None:
+def hz(topics: tuple[str, ...], run: Path, duration: float, as_json: bool) -> None:
     r"""Measure how often topics are sent, and how many bytes. Default: all topics.
 
     Rate and intervals are by the senders' time stamps.
@@ -147,9 +145,11 @@ def hz(
     forcebound hz
     forcebound hz telemetry force_command --duration 10s --json
     """
-    figures = _measured(topics, run_dir, duration)
+    from forcebound.monitor.streams import measure_streams
+
+    figures = measure_streams(run, topics, duration)
     if as_json:
-        print_json(to_builtins(figures))
+        print_json(figures)
         return
     times = ("rate", "mean", "min", "max", "deviation")
     head = ("topic", *times, "packets", "missing", "bandwidth", "mean size")
@@ -166,30 +166,14 @@ def _stream(figures: "StreamFigures") -> tuple[str, ...]:
     return (f"{figures.rate_hz:.1f} Hz", *shown, *counts, bandwidth, mean)
 
 
-def _measured(
-    topics: Sequence[str], run_dir: Path | None, duration: float | None
-) -> dict[str, "StreamFigures"]:
-    from forcebound.messages.packets import TOPICS
-    from forcebound.monitor.runs import find
-    from forcebound.monitor.streams import DURATION, measure_streams, topic_named
-
-    chosen = [topic_named(topic) for topic in topics] or list(TOPICS)
-    return measure_streams(find(run_dir), chosen, DURATION if duration is None else duration)
-
-
 @click.command("graph", short_help="Show the graph with its measured rates.")
 @click.option("--mermaid", is_flag=True, help="As a Mermaid flowchart.")
-@file_option("-o", "--output", metavar="GRAPH.svg", help="Draw a picture: .svg or .png.")
+@output_option(metavar="GRAPH.svg", help="Draw a picture: .svg or .png.")
 @run_option
 @_measuring_option
 @json_option
-@reports_errors
 def draw_graph(
-    mermaid: bool,
-    output: Path | None,
-    run_dir: Path | None,
-    duration: float | None,
-    as_json: bool,
+    mermaid: bool, output: Path | None, run: Path, duration: float, as_json: bool
 ) -> None:
     r"""Show who sends what to whom, with the measured rates.
 
@@ -199,34 +183,29 @@ def draw_graph(
     forcebound graph -o graph.svg
     """
     from forcebound.monitor import drawing
-    from forcebound.topology import LINKS
 
     if output is not None:
         from forcebound.analysis.plots import check_picture
 
         check_picture(output)
-    rates = _measured(LINKS, run_dir, duration)
+    edges = drawing.measure_edges(run, duration)
     if output is not None:
-        drawing.draw(rates, output)
+        drawing.draw(edges, output)
     if as_json:
-        names = ("sender", "receiver", "topic", "rate_hz")
-        print_json([dict(zip(names, edge, strict=True)) for edge in drawing.edges(rates)])
+        print_json([edge._asdict() for edge in edges])
     elif output is not None:
         show(f"picture: {output}")
     else:
-        show(drawing.as_mermaid(rates) if mermaid else drawing.as_text(rates))
+        show(drawing.as_mermaid(edges) if mermaid else drawing.as_text(edges))
 
 
 @click.command(short_help="Print events of a graph as they come.")
 @click.option("-q", "--quiet", is_flag=True, help="Faults only.")
 @click.option("-v", "--verbose", is_flag=True, help="Their data, too.")
 @run_option
-@duration_option_for("Time after which it ends. Default: with the graph.")
+@_ending_option
 @json_lines_option
-@reports_errors
-def log(
-    quiet: bool, verbose: bool, run_dir: Path | None, duration: float | None, as_json: bool
-) -> None:
+def log(quiet: bool, verbose: bool, run: Path, duration: float | None, as_json: bool) -> None:
     r"""Print the events of a graph with the time of day, until Ctrl-C.
 
     \b
@@ -238,12 +217,11 @@ def log(
     from datetime import datetime
 
     from forcebound.messages.packets import Event
-    from forcebound.monitor.runs import find
     from forcebound.monitor.streams import fields_of_packet, packets_of
 
     ahead_ns = time.time_ns() - time.monotonic_ns()
 
-    for _, packet, _ in packets_of(find(run_dir), ("event",), duration):
+    for _, packet, _ in packets_of(run, ("event",), duration):
         if not isinstance(packet, Event) or (quiet and not packet.is_fault):
             continue
         time_s = (packet.time_ns + ahead_ns) * 1e-9
@@ -257,12 +235,11 @@ def log(
 
 
 @click.command(short_help="Show the loop delay of a recording or graph.")
-@run_argument("run", complete.runs)
-@file_option("-o", "--output", metavar="TRACE.csv", help="Write the delays as a trace for a link.")
-@duration_option_for("Measuring time of a running graph. Default: 5s.")
+@click.argument("run", required=False, type=PATH, shell_complete=complete.runs)
+@output_option(metavar="TRACE.csv", help="Write the delays as a trace for a link.")
+@duration_option(help="Measuring time of a running graph. Default: 5s.")
 @click.option("--links", is_flag=True, help="Of each link, too.")
 @json_option
-@reports_errors
 def delay(
     run: Path | None, output: Path | None, duration: float | None, links: bool, as_json: bool
 ) -> None:
@@ -289,7 +266,7 @@ def delay(
         as_link_trace(measured.trace, measured.document).write(output)
     figures = measured.figures
     if as_json:
-        print_json({**to_builtins(figures), "trace": None if output is None else str(output)})
+        print_json({**to_builtins(figures), "trace": output})
         return
     for name, value in asdict(figures.loop_delay_ms).items():
         label = name.replace("_", ".")
@@ -327,3 +304,49 @@ def _delays(link: "LinkDelays") -> tuple[str, ...]:
     # The rarest class is seen, too.
     bars = "".join(BARS[-(-count * (len(BARS) - 1) // max(counts))] for count in counts)
     return (*shown, str(link.count), bars)
+
+
+@click.group(short_help="Show a running graph in another program.", cls=Group)
+def bridge() -> None:
+    """Show a running graph in another program, which can change nothing."""
+
+
+def _serving(port: int) -> Callable[[Command], Command]:
+    """Add topics, graph, a port of this default, and a duration."""
+    kind, words = click.IntRange(1, 65535), f"On loopback. Default: {port}."
+    port_option = click.option("--port", type=kind, default=port, help=words)
+    return all_of(topics_argument, run_option, port_option, _ending_option)
+
+
+def _serve(program: str, topics: Sequence[str], **options: Any) -> None:
+    from forcebound.monitor import bridges
+
+    bridges.serve(getattr(bridges, program), topics=topics, say=partial(show, err=True), **options)
+
+
+@bridge.command(short_help="Publish topics for PlotJuggler.")
+@_serving(9872)
+def plotjuggler(topics: tuple[str, ...], **options: Any) -> None:
+    r"""Publish topics of a running graph for PlotJuggler, until Ctrl-C. Default: telemetry.
+
+    In PlotJuggler: Streaming, ZMQ Subscriber, Start; connect to tcp:// localhost, port 9872, json.
+
+    \b
+    forcebound bridge plotjuggler
+    forcebound bridge plotjuggler telemetry device_state --run stiff_wall
+    """
+    _serve("plotjuggler", topics or ("telemetry",), **options)
+
+
+@bridge.command(short_help="Serve topics to Foxglove.")
+@_serving(8765)
+def foxglove(topics: tuple[str, ...], **options: Any) -> None:
+    r"""Serve topics of a running graph to Foxglove, until Ctrl-C. Default: all topics.
+
+    In Foxglove or Lichtblick: Open connection, Foxglove WebSocket, ws://localhost:8765. Needs the
+    extra `foxglove`. Every program and every page in a browser of this machine can read there.
+
+    \b
+    forcebound bridge foxglove
+    """
+    _serve("foxglove", topics, **options)

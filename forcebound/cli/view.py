@@ -2,9 +2,9 @@
 
 import os
 import tempfile
-from collections.abc import Callable, Iterator
+import webbrowser
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from threading import Thread
@@ -12,11 +12,13 @@ from typing import TYPE_CHECKING
 
 import click
 
-from forcebound.cli.common import reports_errors, run_option, show
+from forcebound.cli.common import given_run_option, show
 from forcebound.errors import ConfigError, ForceboundError
 
 if TYPE_CHECKING:
     from forcebound.view.server import Server
+
+POLL_S = 0.5  # between two looks for the next graph
 
 
 def check_tornado() -> None:
@@ -27,11 +29,6 @@ def check_tornado() -> None:
     """
     if find_spec("tornado") is None:
         raise ConfigError("the page needs tornado: pip install 'forcebound[view]'")
-
-
-def has_screen() -> bool:
-    """Return whether a browser would have a window; one of text would take the terminal."""
-    return "DISPLAY" in os.environ or "WAYLAND_DISPLAY" in os.environ
 
 
 REDIRECT = """<!doctype html><meta name="referrer" content="no-referrer">
@@ -55,26 +52,23 @@ def opened_in_browser(address: str, run: Path | None) -> Iterator[None]:
     """
     from forcebound.folders import runtime_folder
     from forcebound.launch.run_directory import RunDocument
+    from forcebound.realtime import on_cores
 
     core = None if run is None else RunDocument.read(run).core
     with tempfile.NamedTemporaryFile("w", suffix=".html", dir=runtime_folder()) as file:  # 0600
         file.write(REDIRECT.format(address))
         file.flush()
-        Thread(target=_open, args=(Path(file.name).as_uri(), core), daemon=True).start()
+
+        def open_page() -> None:
+            with on_cores(os.sched_getaffinity(0) - {core}):  # of this thread and what it starts
+                webbrowser.open(Path(file.name).as_uri())
+
+        Thread(target=open_page, daemon=True).start()
         yield
 
 
-def _open(address: str, core: int | None) -> None:
-    import webbrowser
-
-    from forcebound.realtime import on_cores
-
-    with on_cores(os.sched_getaffinity(0) - {core}):  # of this thread and what it starts
-        webbrowser.open(address)
-
-
 @click.command(short_help="Open a live page of the running graph.")
-@run_option
+@given_run_option()
 @click.option("--wait", "waits", is_flag=True, help="Wait for the first graph, too.")
 @click.option("--port", type=click.IntRange(0, 65535), default=0, help="Default: any free one.")
 @click.option(
@@ -92,9 +86,8 @@ def _open(address: str, core: int | None) -> None:
 )
 @click.option("--open/--no-open", "opens", default=True, help="Whether to open a browser.")
 @click.option("--launcher", type=int, hidden=True, help="Show the graph of this process alone.")
-@reports_errors
 def view(
-    run_dir: Path | None,
+    run: Path | None,
     waits: bool,
     port: int,
     listen: str,
@@ -121,66 +114,67 @@ def view(
     check_tornado()
     from forcebound.view.server import Server
 
-    run: Path | None = None
+    first: Path | None = None
     if launcher is not None:
-        run = find_launched(launcher)
+        first = find_launched(launcher)
     elif not waits:
-        run = find(run_dir, require_graph=True)
-    start = partial(Server, listen, port, recordings)
-    asyncio.run(_serve(start, run, partial(_next, run_dir, set()), opens, launcher is None))
+        first = find(run, require_graph=True)
+
+    async def serve() -> None:
+        server = Server(listen, port, recordings)  # in the loop in which it serves
+        with ExitStack() as stack:
+            try:
+                access = server.access
+                show(f"page:          {access.address(access.token)}")
+                show(f"to look only:  {access.address(access.watching)}")
+                if not access.is_local:
+                    show("others on this network can open them, and read what is sent", err=True)
+                # Without a screen a browser of text would take the terminal.
+                if opens and ("DISPLAY" in os.environ or "WAYLAND_DISPLAY" in os.environ):
+                    stack.enter_context(opened_in_browser(access.address(access.token), first))
+                await _show_graphs(server, first, run, stays=launcher is None)
+            finally:
+                await server.close()
+
+    asyncio.run(serve())
 
 
-def _next(wanted: Path | None, said: set[str]) -> Path | None:
-    """Return the graph that runs; None: none does, or, which is said once, several do."""
+async def _show_graphs(
+    server: "Server", run: Path | None, name: Path | None, *, stays: bool
+) -> None:
+    """Show a graph, and if the server ``stays``, those of this name that come after it."""
+    while not server.is_stopped:
+        if run is None:
+            show("waiting for a graph; Ctrl-C ends the page")
+            run = await _next(server, name)
+        if run is not None:
+            try:
+                await server.show(run)
+            except ForceboundError as error:  # it ended before there was anything to show
+                show(str(error), err=True)
+            run = None
+            if not server.is_stopped:
+                show("the graph has ended")
+        if not stays:
+            return
+
+
+async def _next(server: "Server", name: Path | None) -> Path | None:
+    """Return the next graph; None: the server is to stop. It is reported once if several run."""
+    import asyncio
+
     from forcebound.monitor.runs import find, running
 
-    try:
-        return find(wanted, require_graph=True)
-    except ConfigError as error:
-        if wanted is None and running() and str(error) not in said:
-            said.add(str(error))
-            show(str(error), err=True)
-        return None
-
-
-async def _serve(
-    start: "Callable[[], Server]",
-    run: Path | None,
-    find: Callable[[], Path | None],
-    opens: bool,
-    stays: bool,
-) -> None:
-    """Show a graph, and those that come after it if the server ``stays``; start it in the loop."""
-    import asyncio
-    import signal
-
-    from forcebound.view.access import LOOPBACK
-
-    server = start()
-    stack = ExitStack()
-    try:
-        asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, server.stop)
-        access = server.access
-        show(f"page:          {access.address(access.token)}")
-        show(f"to look only:  {access.address(access.watching)}")
-        if access.hosts != LOOPBACK:
-            show("others on this network can open them, and read what is sent", err=True)
-        if opens and has_screen():
-            stack.enter_context(opened_in_browser(access.address(access.token), run))
-        while not server.is_stopped:
-            if run is None:
-                show("waiting for a graph; Ctrl-C ends the page")
-                run = await server.wait(find)
-            if run is not None:
-                try:
-                    await server.show(run)
-                except ForceboundError as error:  # it ended before there was anything to show
-                    show(str(error), err=True)
-                run = None
-                if not server.is_stopped:
-                    show("the graph has ended")
-            if not stays:
-                return
-    finally:
-        stack.close()
-        await server.close()
+    reported = ""
+    while not server.is_stopped:
+        await asyncio.sleep(POLL_S)
+        try:
+            run = find(name, require_graph=True)
+        except ConfigError as error:
+            if name is None and running() and str(error) != reported:
+                reported = str(error)
+                show(reported, err=True)
+        else:
+            if run != server.last:
+                return run
+    return None

@@ -23,45 +23,49 @@ from typing import TypeAlias
 import msgspec
 
 from forcebound.errors import ConfigError
-from forcebound.messages.packets import TOPICS, Packet
-from forcebound.monitor.streams import fields_of_packet, packets_of
+from forcebound.messages.packets import Packet
+from forcebound.monitor.streams import fields_of_packet, packets_of, streams_of
 from forcebound.network.sockets import Network
 from forcebound.recording_schema import schema
 
 #: Called with topic, packet and its time since the epoch, in ns.
 Send: TypeAlias = Callable[[str, Packet, int], None]
+#: Opens a port on loopback for packets by topic.
+Bridge: TypeAlias = Callable[[Mapping[str, type[Packet]], int], AbstractContextManager[Send]]
 
 
 def serve(
-    program: str,
-    run_dir: Path,
+    bridge: Bridge,
+    run: Path,
     topics: Collection[str],
     port: int,
     duration: float | None = None,
-    begin: Callable[[], None] = lambda: None,
+    say: Callable[[str], None] = lambda text: None,
 ) -> None:
-    """Give topics of a running graph to another program, until the graph ends.
+    """Give topics of a running graph to another program, for ``duration`` s or until it ends.
 
     Args:
-        program: One of :data:`PROGRAMS`.
-        run_dir: Of the graph.
-        topics: Of the packets.
+        bridge: :func:`plotjuggler` or :func:`foxglove`.
+        run: Run directory of the graph.
+        topics: Of the packets; none: all.
         port: On loopback.
-        duration: Longest time, in s; None: no limit.
-        begin: Called when the port is open.
+        duration: In s; None: no limit.
+        say: Called with a line for people when the port is open.
 
     Raises:
-        ConfigError: If no graph runs there, the port is in use, or a package is missing.
+        ConfigError: If there is no such topic, the port is in use, or a package is missing.
     """
+    streams = streams_of(run, topics)
     ahead_ns = time.time_ns() - time.monotonic_ns()
-    with PROGRAMS[program](topics, port) as send:
-        begin()
-        for topic, packet, _ in packets_of(run_dir, topics, duration):
+    with bridge(streams, port) as send:
+        say(f"{', '.join(streams)} at port {port} of localhost; Ctrl-C ends it")
+        for topic, packet, _ in packets_of(run, streams, duration):
             send(topic, packet, packet.time_ns + ahead_ns)
 
 
 @contextmanager
-def _plotjuggler(topics: Collection[str], port: int) -> Iterator[Send]:
+def plotjuggler(streams: Mapping[str, type[Packet]], port: int) -> Iterator[Send]:
+    """Publish for PlotJuggler."""
     with Network() as network:
         publisher = network.publisher(f"tcp://127.0.0.1:{port}")
         yield lambda *packet: publisher.send_frames(frames(*packet))
@@ -77,28 +81,28 @@ def frames(topic: str, packet: Packet, at_ns: int) -> tuple[bytes, bytes]:
 
 
 @contextmanager
-def _foxglove(topics: Collection[str], port: int) -> Iterator[Send]:
+def foxglove(streams: Mapping[str, type[Packet]], port: int) -> Iterator[Send]:
+    """Serve Foxglove."""
     try:
-        import foxglove
+        import foxglove as sdk
     except ImportError as missing:
         needed = "this bridge needs Foxglove's SDK: pip install 'forcebound[foxglove]'"
         raise ConfigError(needed) from missing
     # It calls each packet an error that a closed window no longer takes: thousands of lines.
     logging.getLogger("foxglove.websocket.connected_client.poller").setLevel(logging.CRITICAL)
-    context = foxglove.Context()
+    context = sdk.Context()
     channels = {}
-    for topic in topics:
-        packet = TOPICS[topic]
-        described = foxglove.Schema(
+    for topic, packet in streams.items():
+        described = sdk.Schema(
             name=f"forcebound.{packet.__name__}",
             encoding="jsonschema",
             data=json.dumps(schema(packet)).encode(),
         )
-        channels[topic] = foxglove.Channel(
+        channels[topic] = sdk.Channel(
             f"/{topic}", schema=described, message_encoding="json", context=context
         )
     try:
-        server = foxglove.start_server(name="forcebound", port=port, context=context)
+        server = sdk.start_server(name="forcebound", port=port, context=context)
     except (OSError, RuntimeError) as error:
         words = f"cannot serve Foxglove at port {port} ({error}): choose another with --port"
         raise ConfigError(words) from error
@@ -111,9 +115,3 @@ def _foxglove(topics: Collection[str], port: int) -> Iterator[Send]:
         yield send
     finally:
         server.stop()
-
-
-PROGRAMS: Mapping[str, Callable[[Collection[str], int], AbstractContextManager[Send]]] = {
-    "plotjuggler": _plotjuggler,
-    "foxglove": _foxglove,
-}

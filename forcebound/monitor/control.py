@@ -62,7 +62,7 @@ def device_status(run_dir: Path) -> DeviceStatus | None:
 
 
 def ask_launcher(run_dir: Path, request: Request) -> LauncherStatus:
-    """Return the launcher's answer to one request; see :func:`ask`.
+    """Return the launcher's answer to one request.
 
     Raises:
         ConfigError: If it refuses, or there is no launcher; the message says why.
@@ -89,7 +89,7 @@ def stop_node(run_dir: Path, node: str) -> None:
 
     Raises:
         ConfigError: If the launcher refuses.
-        RunError: If it does not answer, or the node does not end in time.
+        RunError: If it does not answer, or the node does not reach its state in time.
     """
     _change_state(run_dir, StopNode(node), node, "stopped", STOP_TIMEOUT)
 
@@ -100,23 +100,13 @@ def start_node(run_dir: Path, node: str) -> None:
 
 
 def resume_device(run_dir: Path) -> None:
-    """Open a lost device again; return when it answers.
-
-    Raises:
-        ConfigError: If the device is not lost.
-        RunError: If it cannot be opened, or the launcher does not answer.
-    """
-    _change_state(
-        run_dir, ResumeDevice(), graph_in(run_dir).of_role(DEVICE), "running", START_TIMEOUT
-    )
+    """Open a lost device again; return when it answers. Errors are as of :func:`stop_node`."""
+    device = graph_in(run_dir).of_role(DEVICE)
+    _change_state(run_dir, ResumeDevice(), device, "running", START_TIMEOUT)
 
 
 def await_law(run_dir: Path, law: str) -> None:
-    """Return when a law bounds, which the device takes as soon as it holds no force.
-
-    Raises:
-        RunError: If it still does not.
-    """
+    """Return when a law bounds, which the device takes as soon as it holds no force."""
     end = time.monotonic() + ANSWER_TIMEOUT
     while (status := device_status(run_dir)) is None or status.law != law:
         if time.monotonic() > end:

@@ -13,7 +13,7 @@ from forcebound.analysis.delay_traces import loop_delays, of_recording
 from forcebound.errors import ConfigError, RunError
 from forcebound.files import RECORDING_SUFFIX
 from forcebound.hops import HOPS, Hops
-from forcebound.launch.run_directory import TELEMETRY, read_launch_document
+from forcebound.launch.run_directory import read_launch_document
 from forcebound.messages.packets import Telemetry
 from forcebound.monitor.runs import find, while_running
 from forcebound.monitor.streams import packets_of
@@ -119,10 +119,13 @@ def measure(run: Path | None, duration: float | None = None, links: bool = False
             for a recording.
         RunError: If the graph sent nothing, or ended.
     """
-    if run is not None and _is_recording(run):
+    if run is not None and (run.suffix == RECORDING_SUFFIX or (not run.suffix and run.is_file())):
+        from forcebound.recording import read
+
         if duration is not None:
             raise ConfigError(f"{run} is a recording, which is read whole: leave out --duration")
-        return Measured(*of_recording(run), _recorded_hops(run) if links else None)
+        recorded = Hops.of(read(run).stream(*HOPS)) if links else None
+        return Measured(*of_recording(run), recorded)
     run_dir = find(run, require_graph=True, option="`forcebound delay GRAPH`")
     hops = Hops() if links else None
     with while_running(run_dir):
@@ -131,30 +134,19 @@ def measure(run: Path | None, duration: float | None = None, links: bool = False
     return Measured(loop_delays(columns), document, hops=hops)
 
 
-def _is_recording(run: Path) -> bool:
-    return run.suffix == RECORDING_SUFFIX or (not run.suffix and run.is_file())
-
-
-def _recorded_hops(file: Path) -> Hops:
-    from forcebound.recording import read
-
-    return Hops.of(read(file).stream(*HOPS))
-
-
 def watch(run_dir: Path, duration: float, hops: Hops | None = None) -> TelemetryColumns:
     """Return the telemetry of a running graph, for ``duration`` s or until the graph ends.
 
     Args:
         run_dir: Of the graph.
-        duration: Longest time, in s.
+        duration: In s.
         hops: Gets the packets of all links, if there is one.
 
     Raises:
-        ConfigError: If it is no run directory, or no longer one.
         RunError: If none came.
     """
     packets: list[Telemetry] = []
-    for topic, packet, _ in packets_of(run_dir, (TELEMETRY,) if hops is None else HOPS, duration):
+    for topic, packet, _ in packets_of(run_dir, HOPS[-1:] if hops is None else HOPS, duration):
         if hops is not None:
             hops.add(topic, packet)
         if isinstance(packet, Telemetry):

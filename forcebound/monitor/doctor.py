@@ -19,53 +19,47 @@ from forcebound.messages.control import (
     ProcessStatus,
 )
 from forcebound.monitor.doctor_loop import LESS_DELAY, LOOP_RULES
-from forcebound.monitor.findings import Data, Finding, Severity
+from forcebound.monitor.findings import Finding, note, problem
 from forcebound.monitor.observation import SUSPENDED, Observations, Seen
 from forcebound.network.notices import KINDS
-from forcebound.topology import ONE_HAND
 
+LOSSES = ("lost", "corrupted")  # fates of packets on a link that does not deliver them
 WAITING_RATE = 5.0  # rejected replies in 1/s: of several that wait, each tries once a second
 
+_CHECK = "forcebound check environment FILE"
 _OTHER_SOFTWARE = "find the sender: a node of your own, or of another version of forcebound"
 _ENCODER = "compare the sender with docs/protocol.md and its golden bytes"
-_ONE_ENVIRONMENT = "end one of the two; the other takes over after 1 s"
-_CHECK = "forcebound check environment FILE"
+_NEWER = ("a reason of a newer version", _ENCODER)
 
-#: Reasons for a rejected packet, of codec, safety chain and controller: meaning, action, command.
-REASONS: dict[str, tuple[str, str, str]] = {
-    "malformed": ("not one msgpack map with text keys", _OTHER_SOFTWARE, ""),
-    "version": ("another version of the wire format", "use one version on both ends", ""),
-    "keys": ("a key is missing, unknown or twice, or another packet", _ENCODER, ""),
-    "value": ("a value of a wrong type, range or length", _ENCODER, ""),
-    "unexpected": ("a packet that no device takes", _OTHER_SOFTWARE, ""),
+#: Reasons for a rejected packet, of codec, safety chain and controller: meaning, and what to do.
+REASONS: dict[str, tuple[str, str]] = {
+    "malformed": ("not one msgpack map with text keys", _OTHER_SOFTWARE),
+    "version": ("another version of the wire format", "use one version on both ends"),
+    "keys": ("a key is missing, unknown or twice, or another packet", _ENCODER),
+    "value": ("a value of a wrong type, range or length", _ENCODER),
+    "unexpected": ("a packet that no device takes", _OTHER_SOFTWARE),
     "wrong_length": (
         "a force with another number of axes than the device has",
         "let the environment answer with one number per axis",
-        "",
     ),
     "not_finite": (
         "a force that is infinite or not a number",
-        "look for a division by zero in the environment",
-        _CHECK,
+        f"look for a division by zero in the environment: {_CHECK}",
     ),
-    "too_old": ("an answer to a state older than device.age_limit", LESS_DELAY, ""),
+    "too_old": ("an answer to a state older than device.age_limit", LESS_DELAY),
     "not_newer": (
         "an answer that a newer one has overtaken, or a copy",
         "usual with jitter, reordering or duplicates; else a sender repeats itself",
-        "",
     ),
     "from_the_future": (
         "an answer to a future tick",
         "end nodes left over from an earlier run, and environments that count ticks themselves",
-        "",
     ),
     "wrong_echo": (
         "an answer that does not echo device_time_ns as it came",
         "let the environment echo device_seq and device_time_ns unchanged (docs/protocol.md)",
-        "",
     ),
 }
-_NEWER = ("a reason of a newer version", _ENCODER, "")
 
 
 def examine(seen: Observations) -> list[Finding]:
@@ -77,70 +71,54 @@ def examine(seen: Observations) -> list[Finding]:
 def _launcher(seen: Observations) -> Iterator[Finding]:
     if seen.launcher is None:
         words = "no launcher: an environment by itself, which none restarts"
-        yield Finding("note", "no_launcher", "launcher", words)
+        yield note("no_launcher", "launcher", words)
     elif seen.phase is None:
         yield _silent("launcher", seen.launcher)
     elif seen.phase in ("starting", "engaging"):
-        yield Finding("note", "starting", "launcher", f"the run is {seen.phase}: no force yet")
+        yield note("starting", "launcher", f"the run is {seen.phase}: no force yet")
     elif seen.phase == "stopping":
-        yield Finding("note", "stopping", "launcher", "the run is ending")
+        yield note("stopping", "launcher", "the run is ending")
 
 
 def _processes(seen: Observations) -> Iterator[Finding]:
-    for name, process in seen.processes.items():
-        finding = _of_process(seen, name, process)
-        if finding is not None:
-            yield finding
-
-
-def _of_process(seen: Observations, name: str, process: Seen[Any]) -> Finding | None:
-    state, restarts = process.state, process.restarts
-    data: Data = {"restarts": restarts or None}
-    again = f"restarted {restarts} times in this run"
-    then = f"; {again}" if restarts else ""
     log = "the launcher's log says why it ended"
-    match state:
-        case "starting":
-            words, action = f"is starting{then}", "wait a second and ask again"
-            return Finding("note", "process_starting", name, words, action, data=data)
-        case "lost":
+    for name, process in seen.processes.items():
+        state, again = process.state, f"restarted {process.restarts} times in this run"
+        then = f"; {again}" if process.restarts else ""
+        if state == "starting":
+            action = "wait a second and ask again"
+            yield note("process_starting", name, f"is starting{then}", action)
+        elif state == "lost":
             words = "is lost: zero force; plug it in, switch it on, hold it in its home pose"
-            command = "forcebound device resume"
-            return Finding("problem", "device_lost", name, words, command=command, data=data)
-        case "restarting" | "ended":
-            words = f"has ended, its state is {state}{then}"
-            return Finding("problem", "process_dead", name, words, log, data=data)
-        case "stopped" | "stopping":
-            is_missed = name != "environment" or not _delivered(seen, "force_command")
-            severity: Severity = "problem" if is_missed else "note"
+            yield problem("device_lost", name, words, command="forcebound device resume")
+        elif state in ("restarting", "ended"):
+            yield problem("process_dead", name, f"has ended, its state is {state}{then}", log)
+        elif state in ("stopped", "stopping"):
+            is_replaced = name == "environment" and _delivered(seen, "force_command")
             words, command = f"is {state} on request", f"forcebound start {name}"
-            return Finding(severity, "process_stopped", name, words, command=command, data=data)
-    if process.last is None:
-        return _silent(name, process)
-    return Finding("note", "restarts", name, f"was {again}", log, data=data) if restarts else None
+            report = note if is_replaced else problem
+            yield report("process_stopped", name, words, command=command)
+        elif process.last is None:
+            yield _silent(name, process)
+        elif process.restarts:
+            yield note("restarts", name, f"was {again}", log)
 
 
 def _silent(name: str, process: Seen[Any]) -> Finding:
     pid, state = process.pid, process.kernel_state
-    data: Data = {"pid": pid, "kernel_state": state or None}
     if state in SUSPENDED:
         words = f"does not answer: process {pid} is suspended (SIGSTOP, Ctrl-Z, debugger)"
-        command = f"kill -CONT {pid}"
-        return Finding("problem", "suspended", name, words, command=command, data=data)
+        return problem("suspended", name, words, command=f"kill -CONT {pid}")
     words = "does not answer" if pid is None else f"does not answer: process {pid}"
     words += f" is in state {state}" if state else ""
     action = "it computes without end, waits for something, is suspended or gone"
-    command = "" if pid is None else f"top -p {pid}"
-    return Finding("problem", "no_answer", name, words, action, command, data)
-
-
-_RECEIVERS = {link.name: str(link.receiver) for link in ONE_HAND.links}
+    return problem("no_answer", name, words, action, "" if pid is None else f"top -p {pid}")
 
 
 def _chain(seen: Observations) -> Iterator[Finding]:
     if _delivered(seen, "force_command"):
         return  # what arrives at the end has passed every hop
-    for link in ONE_HAND.links:
+    for link in seen.graph.links:
         topic, sender, receiver = link.name, link.sender, str(link.receiver)
         sending, receiving = seen.process(sender), seen.process(receiver)
         if sender in seen.processes and sending.last is None:
@@ -162,7 +140,7 @@ def _chain(seen: Observations) -> Iterator[Finding]:
 
 def _delivered(seen: Observations, topic: str) -> int:
     """Return how many packets of a topic have reached the node that they are for."""
-    receiver = seen.process(_RECEIVERS[topic])
+    receiver = seen.process(next(str(s.receiver) for s in seen.graph.links if s.name == topic))
     if receiver.last is not None and topic in receiver.last.links:
         return receiver.growth(partial(_fate, topic=topic, fate="delivered"))
     return 0 if receiver.last is None else receiver.received(topic)
@@ -173,17 +151,15 @@ def _fate(status: NodeStatus, topic: str, fate: str) -> int:
 
 
 def _all_lost(receiving: Seen[Any], topic: str, receiver: str) -> Finding:
-    fates = ("lost", "corrupted")
-    lost = sum(receiving.rate(partial(_fate, topic=topic, fate=fate)) for fate in fates)
-    arriving = receiving.received(topic) / receiving.interval
+    lost = sum(receiving.rate(partial(_fate, topic=topic, fate=fate)) for fate in LOSSES)
+    arriving = receiving.rate_of(topic)
     words = (
         f"nothing gets through to the {receiver}: {arriving:.3g} packets/s arrive, "
         f"{lost:.3g}/s are lost on purpose"
     )
     advice = "its parameters lose every packet; see and set them"
     cause = Cause("injected_loss", advice, f"forcebound param get links.{topic}")
-    data: Data = {"received": arriving, "lost": lost}
-    return Finding("problem", "hop_broken", f"link {topic}", words, data=data, causes=(cause,))
+    return problem("hop_broken", f"link {topic}", words, causes=(cause,))
 
 
 def _nothing_arrives(seen: Observations, topic: str, sender: str, receiver: str) -> Finding:
@@ -193,26 +169,23 @@ def _nothing_arrives(seen: Observations, topic: str, sender: str, receiver: str)
         f"nothing gets through to the {receiver}: no packet in {receiving.interval:.1f} s, "
         f"{earlier} before"
     )
-    data: Data = {"silence": receiving.interval, "earlier": earlier, "sender": sender}
     cause = Cause("sender_silent", f"see what the {sender} says in the log")
     if sender not in seen.processes:
         where = "it is not on this machine, or not in this run directory"
         cause = Cause("sender_elsewhere", f"is the {sender} running? {where}")
     elif topic == "environment_reply":
-        status = seen.environment.last
-        queries = seen.environment.received("environment_query") / seen.environment.interval
-        failures = 0 if status is None else status.failures
+        environment = seen.of(EnvironmentStatus)
+        status, queries = environment.last, environment.rate_of("environment_query")
         words += f"; the {sender} gets {queries:.3g} queries/s"
-        data |= {"queries": queries, "failures": failures or None}
-        if failures:
-            words += f"; its code failed to answer {failures} times"
+        if status is not None and status.failures:
+            words += f"; its code failed to answer {status.failures} times"
             cause = Cause("environment_fails", "its log says how; then", _CHECK)
         else:
             limit = "does it compute for longer than that (environment.compute_delay)?"
             cause = Cause("environment_slow", f"{limit} See its log")
-    elif topic == "force_command" and seen.controller.growth(_second_replies):
+    elif topic == "force_command" and seen.of(ControllerStatus).growth(_second_replies):
         cause = Cause("replies_rejected", "the replies are of an environment that does not serve")
-    return Finding("problem", "hop_broken", f"link {topic}", words, data=data, causes=(cause,))
+    return problem("hop_broken", f"link {topic}", words, causes=(cause,))
 
 
 def _second_replies(status: ControllerStatus) -> int:
@@ -221,44 +194,41 @@ def _second_replies(status: ControllerStatus) -> int:
 
 
 def _environments(seen: Observations) -> Iterator[Finding]:
-    own = seen.environment.last
+    own = seen.of(EnvironmentStatus).last
     if "controller" not in seen.processes and own is not None:
-        yield from _serves_elsewhere(seen.environment, own)
-    controller = seen.controller.last
+        yield from _serves_elsewhere(seen.of(EnvironmentStatus), own)
+    controller = seen.of(ControllerStatus).last
     if controller is None:
         return
     serving, name = controller.environment, None if own is None else own.name
-    rejected = seen.controller.rate(_second_replies)
-    data: Data = {"serving": serving, "rate": rejected, "other": name if name != serving else None}
+    rejected = seen.of(ControllerStatus).rate(_second_replies)
     other = f", {name}," if name not in (None, serving) else ""
     if rejected > WAITING_RATE:
         words = (
             f"two environments answer: {serving} serves, {rejected:.2g} replies/s of another"
             f"{other} are rejected"
         )
-        action = _ONE_ENVIRONMENT
-        yield Finding("problem", "second_environment", "controller", words, action, data=data)
+        action = "end one of the two; the other takes over after 1 s"
+        yield problem("second_environment", "controller", words, action)
     elif rejected:
         words = f"{serving} serves; another{other} waits, and takes over when the first is silent"
-        yield Finding("note", "waiting_environment", "controller", words, data=data)
+        yield note("waiting_environment", "controller", words)
     elif None not in (name, serving) and name != serving:
         words = f"{serving} serves, not {name} of this launcher"
-        yield Finding("note", "other_environment", "controller", words, data=data)
+        yield note("other_environment", "controller", words)
 
 
 def _serves_elsewhere(
     environment: Seen[EnvironmentStatus], status: EnvironmentStatus
 ) -> Iterator[Finding]:
     """Report an environment whose graph is on another machine."""
-    queries = environment.received("environment_query") / environment.interval
+    queries = environment.rate_of("environment_query")
     if status.remote is None or not status.remote.connected or not queries:
         return  # has a finding of its own
     other = status.refused_for
     words = f"connected with the graph, {queries:.3g} queries/s; {other or status.name} serves"
     words += f", and {status.name} waits" if other else ""
-    data: Data = {"queries": queries, "serving": other or status.name}
-    where = "remote link of the environment"
-    yield Finding("note", "remote_connected", where, words, data=data)
+    yield note("remote_connected", "remote link of the environment", words)
 
 
 def _remote(seen: Observations) -> Iterator[Finding]:
@@ -269,24 +239,20 @@ def _remote(seen: Observations) -> Iterator[Finding]:
         where = f"remote link of the {name}"
         if not remote.connected:
             is_served = name == "controller" and _delivered(seen, "force_command") > 0
-            severity: Severity = "note" if is_served else "problem"
             verb = "listens at" if remote.listens else "connects to"
             words = f"nobody is there; it {verb} {remote.address} port {remote.port}"
             command = "forcebound node environment FILE"
             if name == "environment":
                 command = "forcebound launch FILE"
-            data: Data = {"listens": remote.listens, "address": remote.address, "port": remote.port}
-            action = "start the other end"
-            yield Finding(severity, "remote_not_connected", where, words, action, command, data)
+            report = note if is_served else problem
+            yield report("remote_not_connected", where, words, "start the other end", command)
         for code, kind in KINDS.items():
             count = remote.counts.get(code, 0)
-            if not kind.is_problem or not count:
-                continue
-            recent = process.growth(partial(_notices, kind=code))
-            severity = "problem" if recent or not remote.connected else "note"
-            words = f"{kind.meaning} ({code}: {count} times, {recent} just now)"
-            data = {"count": count, "recent": recent}
-            yield Finding(severity, f"remote_{code}", where, words, kind.action, kind.command, data)
+            if kind.is_problem and count:
+                recent = process.growth(partial(_notices, kind=code))
+                words = f"{kind.meaning} ({code}: {count} times, {recent} just now)"
+                report = problem if recent or not remote.connected else note
+                yield report(f"remote_{code}", where, words, kind.action, kind.command)
 
 
 def _notices(status: NodeStatus, kind: str) -> int:
@@ -303,13 +269,11 @@ def _rejected(seen: Observations) -> Iterator[Finding]:
             rate = process.rate(partial(_rejections, reason=reason))
             if not rate or reason == "second_environment":  # which has a finding of its own
                 continue
-            is_expected = is_reordered and reason == "not_newer"
-            meaning, action, command = REASONS.get(reason, _NEWER)
+            meaning, action = REASONS.get(reason, _NEWER)
             words = f"rejects {rate:.3g} packets/s as {reason}: {meaning}"
-            severity: Severity = "note" if is_expected else "problem"
+            report = note if is_reordered and reason == "not_newer" else problem
             kind = f"rejected_{reason if reason in REASONS else 'unknown'}"
-            data: Data = {"rate": rate, "reason": reason}
-            yield Finding(severity, kind, name, words, action, command, data)
+            yield report(kind, name, words, action)
 
 
 def _rejections(status: ProcessStatus, reason: str) -> int:
@@ -317,19 +281,16 @@ def _rejections(status: ProcessStatus, reason: str) -> int:
 
 
 def _links(seen: Observations) -> Iterator[Finding]:
-    fates = ("sent", "lost", "corrupted")
     for process in seen.processes.values():
         for topic in getattr(process.last, "links", ()):
             sent, lost, corrupted = (
-                process.growth(partial(_fate, topic=topic, fate=fate)) for fate in fates
+                process.growth(partial(_fate, topic=topic, fate=fate)) for fate in ("sent", *LOSSES)
             )
             # If all are lost, the chain is broken there.
             if 0 < lost + corrupted < sent:
                 words = f"loses {lost} and damages {corrupted} of {sent} packets, on purpose"
                 command = f"forcebound param get links.{topic}"
-                data: Data = {"sent": sent, "lost": lost, "corrupted": corrupted}
-                where = f"link {topic}"
-                yield Finding("note", "injected_loss", where, words, command=command, data=data)
+                yield note("injected_loss", f"link {topic}", words, command=command)
 
 
 Rule: TypeAlias = Callable[[Observations], Iterator[Finding]]

@@ -14,7 +14,8 @@ from forcebound.analysis.bounder import (
 )
 from forcebound.config.graph import GraphConfig
 from forcebound.config.resolved import to_document
-from forcebound.monitor.findings import Data, Finding, Severity
+from forcebound.messages.control import DeviceStatus, RecorderStatus
+from forcebound.monitor.findings import Finding, note, problem
 from forcebound.monitor.observation import Observations
 from forcebound.process import COMPLETE
 from forcebound.topology import LINKS
@@ -32,9 +33,9 @@ LESS_DELAY = "less delay or loss on the links, or a larger device.age_limit"
 def _force(seen: Observations) -> Iterator[Finding]:
     telemetry = seen.telemetry
     if telemetry.time_ns.size == 0:
-        if seen.device.last is not None and seen.phase not in ("starting", "stopping"):
+        if seen.of(DeviceStatus).last is not None and seen.phase not in ("starting", "stopping"):
             words, action = "answers, but sends no telemetry", "does it hang in its driver?"
-            yield Finding("problem", "no_telemetry", "device", words, action)
+            yield problem("no_telemetry", "device", words, action)
         return
     unanswered = (telemetry.device_seq < 0) & (telemetry.elapsed > 0.0)
     if not unanswered.any():
@@ -48,14 +49,11 @@ def _force(seen: Observations) -> Iterator[Finding]:
         silence = float(telemetry.time_ns[-1] - telemetry.time_ns[start]) * 1e-9
         words = f"no force: for {silence:.1f} s and more {why}"
         action = f"repair the link or process named here; else {LESS_DELAY}"
-        data: Data = {"age_limit": limit, "silence": silence}
-        yield Finding("problem", "no_force", "device", words, action, data=data)
+        yield problem("no_force", "device", words, action)
         return
-    share, ticks = float(unanswered.mean()), unanswered.size
-    words = f"no force in {share:.1%} of {ticks} ticks: {why}"
+    words = f"no force in {unanswered.mean():.1%} of {unanswered.size} ticks: {why}"
     action = f"{LESS_DELAY}; force returns over the engage ramp"
-    data = {"age_limit": limit, "share": share, "ticks": ticks}
-    yield Finding("problem", "force_gaps", "device", words, action, data=data)
+    yield problem("force_gaps", "device", words, action)
 
 
 def _delay(seen: Observations) -> Iterator[Finding]:
@@ -65,22 +63,18 @@ def _delay(seen: Observations) -> Iterator[Finding]:
     servo = seen.config.device.servo
     p50, p99 = np.percentile(delays, (50, 99)).tolist()
     words = f"loop delay p50 {1e3 * p50:.1f} ms, p99 {1e3 * p99:.1f} ms"
-    data: Data = {"p50": p50, "p99": p99}
     injected = _injected_delay(seen.config)
     if p99 > NEAR_AGE_LIMIT * servo.age_limit:
         words += f": near the age limit of {1e3 * servo.age_limit:g} ms"
         words += ", beyond which there is no force"
-        data["age_limit"] = servo.age_limit
         command = "forcebound param get links"
-        yield Finding("problem", "delay_near_age_limit", "loop", words, LESS_DELAY, command, data)
+        yield problem("delay_near_age_limit", "loop", words, LESS_DELAY, command)
     elif injected is None or seen.config.remote is not None:
         return
     elif p50 > injected + LATE_PERIODS / servo.rate:
         words += f"; injected are at most {1e3 * injected:.1f} ms"
         words += f", the period is {1e3 / servo.rate:g} ms"
-        data |= {"injected": injected, "period": 1.0 / servo.rate}
-        causes = _lateness(seen)
-        yield Finding("problem", "late_loop", "loop", words, data=data, causes=causes)
+        yield problem("late_loop", "loop", words, causes=_lateness(seen))
 
 
 def _injected_delay(config: GraphConfig) -> float | None:
@@ -102,15 +96,14 @@ def _ticks(seen: Observations) -> Iterator[Finding]:
     rate = lost / (float(telemetry.time_ns[-1] - telemetry.time_ns[0]) * 1e-9)
     share = lost / (lost + telemetry.time_ns.size)
     words = f"loses {rate:.3g} ticks/s, {share:.1%} of all: costs force, never safety"
-    severity: Severity = "problem" if share >= LOST_TICKS_SHARE else "note"
-    data: Data = {"rate": rate, "share": share}
-    causes = _lateness(seen)
-    yield Finding(severity, "ticks_lost", "device", words, data=data, causes=causes)
+    report = problem if share >= LOST_TICKS_SHARE else note
+    yield report("ticks_lost", "device", words, causes=_lateness(seen))
 
 
 def _lateness(seen: Observations) -> tuple[Cause, ...]:
     """Return the likely causes of lateness."""
-    facts = [] if seen.device.last is None else seen.device.last.realtime
+    device = seen.of(DeviceStatus).last
+    facts = [] if device is None else device.realtime
     causes = [Cause(fact.code, fact.sentence) for fact in facts if fact.is_hindrance]
     if seen.neighbours:
         graphs = ", ".join(seen.neighbours)
@@ -127,15 +120,14 @@ def _lateness(seen: Observations) -> tuple[Cause, ...]:
 
 
 def _recorder(seen: Observations) -> Iterator[Finding]:
-    recorder, recording = seen.recorder, seen.recording
+    recorder, recording = seen.of(RecorderStatus), seen.recording
     if recorder.last is None:
         return
     state = recorder.last.recording
     if state != COMPLETE:
         words = f"recording {state}; the graph goes on without ({recording.path})"
         action = "make room, then start the run again: this recording ends here"
-        data: Data = {"state": state, "path": recording.path}
-        yield Finding("problem", "not_recording", "recorder", words, action, data=data)
+        yield problem("not_recording", "recorder", words, action)
     elif recording.free is not None:
         left = recording.free / recording.rate if recording.rate else None
         if recording.free < SMALL_DISK or (left is not None and left < SHORT_TIME):
@@ -144,12 +136,10 @@ def _recorder(seen: Observations) -> Iterator[Finding]:
                 f"{1e-6 * recording.rate:.2g} MB/s are written"
             )
             words += "" if left is None else f": full in {left / 60:.0f} min"
-            data = {"path": recording.path, "free": recording.free, "left": left}
-            data["rate"] = recording.rate
-            yield Finding("problem", "disk_nearly_full", "recorder", words, "make room", data=data)
+            yield problem("disk_nearly_full", "recorder", words, "make room")
     if seen.telemetry.time_ns.size and not recorder.received("telemetry"):
         words, action = f"receives no telemetry ({recorder.interval:.1f} s)", "start the run again"
-        yield Finding("problem", "recorder_deaf", "recorder", words, action)
+        yield problem("recorder_deaf", "recorder", words, action)
 
 
 def _law(seen: Observations) -> Iterator[Finding]:
@@ -157,7 +147,7 @@ def _law(seen: Observations) -> Iterator[Finding]:
     if law == "none":
         words = "law none: nothing protects the hand from what environment and network do"
         command = "forcebound param set device.law:=certified"
-        yield Finding("note", "no_law", "device", words, command=command)
+        yield note("no_law", "device", words, command=command)
         return
     section = to_document(seen.config)["device"]
     if not is_limited(seen.telemetry, section):
@@ -169,14 +159,13 @@ def _law(seen: Observations) -> Iterator[Finding]:
         f"law {law} limits the force in {share:.0%} of the ticks with one: "
         f"of {commanded:.2g} N commanded it applies {applied:.2g} N"
     )
-    data: Data = {"law": law, "share": share, "commanded": commanded, "applied": applied}
-    status = seen.device.last
+    status = seen.of(DeviceStatus).last
     report = None
     if status is not None:
-        overruns = seen.device.growth(lambda one: one.bounder.overruns)
+        overruns = seen.of(DeviceStatus).growth(lambda one: one.bounder.overruns)
         report = replace(status.bounder, overruns=overruns)
     causes = tuple(causes_of_little_force(seen.telemetry, section, report))
-    yield Finding("note", "law_limits", "device", words, data=data, causes=causes)
+    yield note("law_limits", "device", words, causes=causes)
 
 
 LOOP_RULES: tuple[Callable[[Observations], Iterator[Finding]], ...] = (

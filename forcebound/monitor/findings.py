@@ -1,11 +1,10 @@
 """Findings about a graph or a machine: what is seen, where, and what to do about it."""
 
-from dataclasses import dataclass, field
-from typing import Any, Literal, TypeAlias
+from dataclasses import dataclass
+from functools import partial
+from typing import Literal, TypeAlias
 
 from forcebound.analysis.bounder import Cause
-
-Data: TypeAlias = dict[str, float | str | None]  # SI units; None: not known
 
 # Something does not work as it should; good to know; of a machine, as it should be.
 Severity: TypeAlias = Literal["problem", "note", "fine"]
@@ -21,7 +20,6 @@ class Finding:
     seen: str  # in one sentence, with figures
     action: str = ""  # what to do; empty if there is nothing to do, or the command says it
     command: str = ""  # of a shell; capital letters stand for what the user knows
-    data: Data = field(default_factory=dict)
     causes: tuple[Cause, ...] = ()  # likely ones
 
     @property
@@ -30,8 +28,8 @@ class Finding:
         own = Cause(self.kind, self.action, self.command).remedy.removeprefix(": ")
         return "; ".join(filter(None, (own, *(cause.remedy for cause in self.causes))))
 
-    def document(self) -> dict[str, Any]:
-        """Return the finding as plain JSON."""
+    def document(self) -> dict[str, object]:
+        """Return the finding for JSON."""
         commands = (self.command, *(cause.command for cause in self.causes))
         return {
             "severity": self.severity,
@@ -41,5 +39,7 @@ class Finding:
             "advice": self.advice,
             "commands": list(filter(None, commands)),
             "causes": [cause.code for cause in self.causes],
-            "data": self.data,
         }
+
+
+problem, note, fine = (partial(Finding, severity) for severity in ("problem", "note", "fine"))

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from forcebound.errors import ConfigError, RunError
-from forcebound.messages.control import NodeStatus, ProcessState
+from forcebound.messages.control import NodeStatus
 from forcebound.monitor.runs import running
-from forcebound.monitor.snapshot import GraphStatus, Use, snapshot, use_of
+from forcebound.monitor.snapshot import GraphStatus, Process, snapshot, use_of
 from forcebound.network import sockets
 from forcebound.roles import LAUNCHER
 
@@ -18,25 +18,15 @@ SILENT = "silent"  # nothing answers: it computes its result after the end, or i
 
 @dataclass(frozen=True)
 class Listed:
-    """One process of a graph.
+    """One process of a graph."""
 
-    Attributes:
-        node: Its name in the graph.
-        state: As its launcher says (docs/protocol.md).
-        pid: None: it does not run.
-        processor: Share of one processor, 1 is all of it; None: not known.
-        memory: In B, that no other process shares may be less; None: not known.
-        restarts: How often it was started again.
-        steps: Of its node since its start; None: not known, or it is none.
-    """
-
-    node: str
-    state: str
-    pid: int | None
-    processor: float | None
-    memory: int | None
+    node: str  # its name in the graph
+    state: str  # as its launcher says (docs/protocol.md)
+    pid: int | None  # None: it does not run
+    processor: float | None  # share of one, 1 is all of it; None: not known
+    memory: int | None  # in B, that no other process shares may be less; None: not known
     restarts: int
-    steps: int | None
+    steps: int | None  # of its node since its start; None: not known, or it is none
 
 
 @dataclass(frozen=True)
@@ -57,49 +47,29 @@ def list_graphs(interval: float = INTERVAL, only: Path | None = None) -> list[Li
         interval: Between two looks at the processes.
         only: Run directory of the only graph to list; None: all.
     """
-    graphs: list[tuple[GraphStatus, dict[str, ProcessState]]] = []
+    graphs: list[GraphStatus] = []
     for run_dir in running() if only is None else (only,):
         with suppress(ConfigError, RunError, OSError):  # it has ended
-            graph = snapshot(run_dir)
-            launcher = {LAUNCHER: ProcessState("running", graph.run.launcher)}
-            graphs.append((graph, graph.processes | (launcher if graph.launcher else {})))
-    pids = {process.pid for _, processes in graphs for process in processes.values()}
-    before, start = {pid: use_of(pid) for pid in pids}, time.monotonic()
+            graphs.append(snapshot(run_dir))
+    start = time.monotonic()
     sockets.wait((), round(interval * 1e9))
-    elapsed = time.monotonic() - start
-
-    def listed(name: str, process: ProcessState, graph: GraphStatus) -> Listed:
-        then, now = before[process.pid], use_of(process.pid)
-        status = graph.answers.get(name)
-        return Listed(
-            name,
-            process.state,
-            process.pid,
-            _share(then, now, elapsed),
-            None if now is None else now.memory,
-            process.restarts,
-            status.steps if isinstance(status, NodeStatus) else None,
-        )
-
-    return [
-        ListedGraph(
-            graph.run.file,
-            graph.run_dir,
-            _phase(graph),
-            graph.run.core,
-            tuple(listed(name, process, graph) for name, process in processes.items()),
-        )
-        for graph, processes in graphs
-    ]
+    return [_listed(graph, time.monotonic() - start) for graph in graphs]
 
 
-def _phase(graph: GraphStatus) -> str | None:
-    if graph.launcher is not None:
-        return graph.launcher.phase
-    return None if graph.answers else SILENT
+def _listed(graph: GraphStatus, elapsed: float) -> ListedGraph:
+    processes = graph.processes | ({} if graph.launcher is None else {LAUNCHER: graph.launcher})
+    phase = graph.phase
+    if phase is None and not any(one.answer for one in graph.processes.values()):
+        phase = SILENT
+    listed = tuple(_process(name, one, elapsed) for name, one in processes.items())
+    return ListedGraph(graph.run.file, graph.run_dir, phase, graph.run.core, listed)
 
 
-def _share(then: Use | None, now: Use | None, elapsed: float) -> float | None:
-    if then is None or now is None:
-        return None
-    return (now.processor_time - then.processor_time) / elapsed
+def _process(name: str, process: Process, elapsed: float) -> Listed:
+    then, now = process.use, use_of(process.pid)
+    share = None
+    if then is not None and now is not None:
+        share = (now.processor_time - then.processor_time) / elapsed
+    steps = process.answer.steps if isinstance(process.answer, NodeStatus) else None
+    memory = None if now is None else now.memory
+    return Listed(name, process.state, process.pid, share, memory, process.restarts, steps)

@@ -17,19 +17,13 @@ from forcebound import realtime
 from forcebound.config.graph import GraphConfig
 from forcebound.errors import ConfigError, RunError
 from forcebound.launch.run_directory import RunDocument
-from forcebound.messages.control import (
-    ControllerStatus,
-    DeviceStatus,
-    EnvironmentStatus,
-    ProcessState,
-    ProcessStatus,
-    RecorderStatus,
-)
+from forcebound.messages.control import ProcessStatus
 from forcebound.monitor.delay import watch
 from forcebound.monitor.runs import running, while_running
-from forcebound.monitor.snapshot import UNKNOWN, snapshot, use_of
+from forcebound.monitor.snapshot import UNKNOWN, Process, snapshot
 from forcebound.monitor.tuning import configuration
 from forcebound.telemetry import TelemetryColumns
+from forcebound.topology import Graph
 
 DURATION = 2.0  # s between the two answers of a process
 
@@ -62,6 +56,10 @@ class Seen(Generic[S]):
         """Return the growth of a count, in 1/s."""
         return self.growth(count) / self.interval
 
+    def rate_of(self, topic: str) -> float:
+        """Return how often packets of a topic came, in 1/s."""
+        return self.received(topic) / self.interval
+
     def received(self, topic: str) -> int:
         """Return how many packets of a topic came between the answers."""
         return self.growth(lambda status: status.received.get(topic, 0))
@@ -81,6 +79,7 @@ class Observations:
     """A running graph, as seen from outside."""
 
     config: GraphConfig  # what it runs with now
+    graph: Graph
     processes: Mapping[str, Seen[Any]]  # by name: its launcher runs them, or they have control
     telemetry: TelemetryColumns  # of some seconds; empty if none came
     phase: str | None = None  # of the run, as its launcher says; None: no launcher answers
@@ -95,25 +94,9 @@ class Observations:
         """Return a process of this machine; one that is not here answers nothing."""
         return self.processes.get(name, Seen())
 
-    @property
-    def device(self) -> Seen[DeviceStatus]:
-        """The device."""
-        return self.process("device")
-
-    @property
-    def controller(self) -> Seen[ControllerStatus]:
-        """The controller."""
-        return self.process("controller")
-
-    @property
-    def environment(self) -> Seen[EnvironmentStatus]:
-        """The environment."""
-        return self.process("environment")
-
-    @property
-    def recorder(self) -> Seen[RecorderStatus]:
-        """The recorder."""
-        return self.process("recorder")
+    def of(self, kind: type[S]) -> Seen[S]:
+        """Return the process that reports this kind of status; one without answers if none does."""
+        return next((one for one in self.processes.values() if isinstance(one.last, kind)), Seen())
 
 
 def observe(run_dir: Path, duration: float = DURATION) -> Observations:
@@ -123,14 +106,10 @@ def observe(run_dir: Path, duration: float = DURATION) -> Observations:
         ConfigError: If no graph runs there.
         RunError: If the graph has ended.
     """
-    with while_running(run_dir):
-        cores = realtime.leave_core(RunDocument.read(run_dir).core)  # looking must not disturb
-        try:
-            seen = _look(run_dir, duration)
-        finally:
-            os.sched_setaffinity(0, cores)
-        RunDocument.read(run_dir)  # it still runs
-        return replace(seen, cores=len(cores))
+    cores = os.sched_getaffinity(0)
+    core = RunDocument.read(run_dir).core
+    with while_running(run_dir), realtime.on_cores(cores - {core}):  # looking must not disturb
+        return replace(_look(run_dir, duration), cores=len(cores))
 
 
 def _look(run_dir: Path, duration: float) -> Observations:
@@ -143,30 +122,30 @@ def _look(run_dir: Path, duration: float) -> Observations:
         telemetry = TelemetryColumns.from_packets([])
     interval = time.monotonic() - start
     last = snapshot(run_dir)
-    run = last.run
-    processes = {
-        name: _seen(process, first.answers.get(name), last.answers.get(name), interval)
-        for name, process in last.processes.items()
-    }
-    launcher = ProcessState("running", run.launcher)
-    growth = max(0, _size(run.record) - size)
+    run, nobody = last.run, Process(UNKNOWN)
+
+    def seen(now: Process, then: Process) -> Seen[Any]:
+        kernel_state = "" if now.use is None else now.use.kernel_state
+        answers = then.answer, now.answer
+        return Seen(now.state, now.pid, now.restarts, kernel_state, *answers, interval)
+
     return Observations(
         config=configuration(run_dir, with_code=False),
-        launcher=_seen(launcher, None, last.launcher, interval) if last.has_launcher else None,
-        processes=processes,
+        graph=run.graph,
+        launcher=None if last.launcher is None else seen(last.launcher, nobody),
+        processes={
+            name: seen(process, first.processes.get(name, nobody))
+            for name, process in last.processes.items()
+        },
         telemetry=telemetry,
-        phase=None if last.launcher is None else last.launcher.phase,
-        recording=RecordingSeen(run.record, growth / interval, _free(run.record)),
+        phase=last.phase,
+        recording=RecordingSeen(
+            run.record, max(0, _size(run.record) - size) / interval, _free(run.record)
+        ),
         core=run.core,
         load=os.getloadavg()[0],
         neighbours=_neighbours(run_dir, run.core),
     )
-
-
-def _seen(process: ProcessState, first: object, last: object, interval: float) -> Seen[Any]:
-    use = use_of(process.pid)
-    kernel_state = "" if use is None else use.kernel_state
-    return Seen(process.state, process.pid, process.restarts, kernel_state, first, last, interval)
 
 
 def _size(path: str) -> int:

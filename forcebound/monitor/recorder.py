@@ -17,8 +17,9 @@ from typing import TYPE_CHECKING
 from forcebound import process
 from forcebound.config.resolved import FACTS
 from forcebound.errors import RunError
-from forcebound.files import RECORDING_SUFFIX
+from forcebound.files import RECORDING_SUFFIX, check_writable
 from forcebound.launch.run_directory import RunDocument, read_launch_document
+from forcebound.messages.packets import TOPIC_OF, Telemetry
 from forcebound.monitor.control import device_status
 from forcebound.monitor.runs import Watch
 from forcebound.network import sockets
@@ -31,43 +32,43 @@ CONNECTED_NS = 100_000_000  # after which the sockets of a recorder receive all 
 
 @dataclass(frozen=True)
 class Recorded:
-    """A recording of a running graph.
+    """A recording of a running graph."""
 
-    Attributes:
-        recording: The file.
-        graph: Launch file with its arguments.
-        seconds: How long it was recorded.
-        packets: Number by topic.
-        ended: ``"interrupted"``, ``"duration"``, or ``"graph ended"``.
-    """
+    recording: str  # the file
+    graph: str  # launch file with its arguments
+    seconds: float  # how long it was recorded
+    packets: Mapping[str, int]  # by topic
+    ended: str  # "interrupted", "duration" or "graph ended"
 
-    recording: str
-    graph: str
-    seconds: float
-    packets: Mapping[str, int]
-    ended: str
+    def __str__(self) -> str:
+        ticks = self.packets[TOPIC_OF[Telemetry]]
+        return f"recorded {self.seconds:.1f} s, {ticks} ticks: {self.recording}"
 
 
 def record_running(
-    run_dir: Path, file: Path, duration: float | None, begin: Callable[[str], None]
+    run_dir: Path,
+    file: Path,
+    duration: float | None,
+    begin: Callable[[str], None],
+    stop: process.Stop,
 ) -> Recorded:
-    """Record a running graph until an interrupt, or its end.
-
-    Call it from the main thread, because it catches SIGINT and SIGTERM.
+    """Record a running graph for ``duration`` s, until a request to stop, or until it ends.
 
     Args:
         run_dir: Of the graph.
         file: To write; replaced if it exists.
-        duration: Longest time, in s; None: no limit.
+        duration: In s; None: no limit.
         begin: Called with the name of the graph when it begins.
+        stop: Ends it.
 
     Raises:
         ConfigError: If no graph runs there, or the file cannot be written.
         RunError: If the file could not be written to its end, or nothing came.
-        KeyboardInterrupt: If it was interrupted before anything came; no file is left.
+        KeyboardInterrupt: If it was stopped before anything came; no file is left.
     """
+    check_writable(file, "the recording")
     run, watch = RunDocument.read(run_dir), Watch(run_dir)
-    with process.Stop() as stop, process.Reader(run_dir, run.graph.streams, run.core) as reader:
+    with process.Reader(run_dir, run.graph.streams, run.core) as reader:
         sockets.wait((stop.descriptor,), CONNECTED_NS)
         recorder = _begun(run_dir, run, file, reader)
         sink = process.FailSafeSink(recorder)
@@ -86,17 +87,16 @@ def record_running(
             with suppress(OSError):  # a full disk, which is reported; the file stays readable
                 recorder.close() if sink.state == process.COMPLETE else recorder.abandon()
         seconds = time.monotonic() - start
-        is_interrupted, received = stop.requested, reader.received
-    if not any(received.values()):
+    if not any(reader.received.values()):
         file.unlink()
-        if is_interrupted:
+        if stop.requested:
             raise KeyboardInterrupt
         raise RunError(f"nothing came from the graph in {run_dir} for {seconds:.1f} s")
     if sink.state != process.COMPLETE:
         raise RunError(f"recording {sink.state}; {file} has what came before")
     ended = "graph ended" if watch.is_over else "duration"
-    ended = "interrupted" if is_interrupted else ended
-    return Recorded(str(file), run.file, round(seconds, 3), received, ended)
+    ended = "interrupted" if stop.requested else ended
+    return Recorded(str(file), run.file, round(seconds, 3), reader.received, ended)
 
 
 def _begun(run_dir: Path, run: RunDocument, file: Path, reader: process.Reader) -> "Recorder":
@@ -118,14 +118,9 @@ def _begun(run_dir: Path, run: RunDocument, file: Path, reader: process.Reader) 
         recorder.abandon()  # a value has changed, and the event of that may be lost
 
 
-def free_name(folder: Path, graph: str) -> Path:
-    """Return a name for a recording of a graph that no file in a folder has.
-
-    Args:
-        folder: Where it is to be.
-        graph: Launch file with its arguments.
-    """
-    stem = Path(graph.partition(" ")[0]).stem or "graph"
+def free_name(folder: Path, run_dir: Path) -> Path:
+    """Return a name in a folder for a recording of a running graph that no file has."""
+    stem = Path(RunDocument.read(run_dir).file.partition(" ")[0]).stem or "graph"
     now = time.strftime("%Y%m%d-%H%M%S")
     names = (folder / f"{stem}-{now}{f'-{n}' if n > 1 else ''}{RECORDING_SUFFIX}" for n in count(1))
     return next(name for name in names if not name.exists())

@@ -2,15 +2,15 @@
 
 import os
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 from msgspec import Struct
 
 from forcebound.config.graph import GraphConfig
 from forcebound.launch.run_directory import RunDocument
 from forcebound.messages.control import (
+    Answer,
     ControllerStatus,
-    DeviceStatus,
     EnvironmentStatus,
     GetStatus,
     LauncherStatus,
@@ -19,7 +19,7 @@ from forcebound.messages.control import (
 )
 from forcebound.monitor.control import ask, ask_all
 from forcebound.network import sockets
-from forcebound.roles import CONTROLLER, DEVICE, ENVIRONMENT, LAUNCHER
+from forcebound.roles import CONTROLLER, ENVIRONMENT, LAUNCHER
 from forcebound.topology import is_bound
 
 STATUS_TIMEOUT = 1.0  # s; a node answers between two steps, so within milliseconds
@@ -27,40 +27,51 @@ SERVING_NS = 100_000_000  # in which an environment that serves replies, unless 
 WAITING_REPLIES = 1  # of an environment that waits, in this time
 UNKNOWN = "unknown"  # state of a process that no launcher watches, or whose launcher is silent
 
+S = TypeVar("S", bound=ProcessStatus)
+
+
+class Use(NamedTuple):
+    """What a process uses of the machine."""
+
+    kernel_state: str  # its letter in /proc/PID/stat
+    processor_time: float  # s, since its start
+    memory: int  # B; that no other process shares may be less
+
+
+class Process(Struct, frozen=True):
+    """A process of a running graph at one time."""
+
+    state: str  # as its launcher says, see docs/protocol.md
+    pid: int | None = None  # None: it does not run, or is not known
+    restarts: int = 0
+    answer: Answer | None = None  # to a request for its status; None: it gave none
+    use: Use | None = None  # None: it does not run, or is not known
+
 
 class GraphStatus(Struct, frozen=True):
     """A running graph at one time."""
 
     run_dir: Path
     run: RunDocument
-    has_launcher: bool  # False: an environment by itself
-    launcher: LauncherStatus | None  # None: it does not answer
-    processes: dict[str, ProcessState]  # that the launcher runs, or that have a control socket
-    answers: dict[str, ProcessStatus]  # of the processes that answered, by name
+    launcher: Process | None  # None: an environment by itself
+    processes: dict[str, Process]  # that the launcher runs, or that have a control socket
 
     @property
-    def device(self) -> DeviceStatus | None:
-        """The status of the device; None: it does not answer, or is not here."""
-        status = self.answers.get(self.run.graph.of_role(DEVICE))
-        return status if isinstance(status, DeviceStatus) else None
+    def phase(self) -> str | None:
+        """The phase of the run; None: no launcher answers."""
+        answer = None if self.launcher is None else self.launcher.answer
+        return answer.phase if isinstance(answer, LauncherStatus) else None
 
-    @property
-    def controller(self) -> ControllerStatus | None:
-        """The status of the controller, like :attr:`device`."""
-        status = self.answers.get(self.run.graph.of_role(CONTROLLER))
-        return status if isinstance(status, ControllerStatus) else None
-
-    @property
-    def environment(self) -> EnvironmentStatus | None:
-        """The status of the environment, like :attr:`device`."""
-        status = self.answers.get(self.run.graph.of_role(ENVIRONMENT))
-        return status if isinstance(status, EnvironmentStatus) else None
+    def status_of(self, kind: type[S]) -> S | None:
+        """Return the status of the process that reports this kind; None: it does not answer."""
+        answers = (process.answer for process in self.processes.values())
+        return next((answer for answer in answers if isinstance(answer, kind)), None)
 
     def nodes_here(self, config: GraphConfig) -> frozenset[str]:
         """Return the nodes that belong to this machine, whether they run or not."""
         loop = frozenset(self.run.graph.loop)
         found = loop & self.processes.keys()
-        if self.launcher is not None:
+        if self.phase is not None:
             return found
         environment = {self.run.graph.of_role(ENVIRONMENT)}
         if not self.run.is_graph:
@@ -77,17 +88,19 @@ def snapshot(run_dir: Path) -> GraphStatus:
     run = RunDocument.read(run_dir)
     nodes = run.graph.nodes
     known = [name for name, node in nodes.items() if is_bound(run_dir, node)]
-    found = ask_all(run_dir, known, GetStatus(), STATUS_TIMEOUT)
-    launcher = found.pop(LAUNCHER, None)
-    launcher = launcher if isinstance(launcher, LauncherStatus) else None
-    processes = {name: ProcessState(UNKNOWN) for name in found}
-    if launcher is not None:
-        processes |= launcher.nodes
-    answers: dict[str, ProcessStatus] = {
-        name: answer for name, answer in found.items() if isinstance(answer, ProcessStatus)
-    }
-    processes = {name: processes[name] for name in nodes if name in processes}
-    return GraphStatus(run_dir, run, LAUNCHER in known, launcher, processes, answers)
+    answers = ask_all(run_dir, known, GetStatus(), STATUS_TIMEOUT)
+    status = answers.get(LAUNCHER)
+    states = dict.fromkeys(answers, ProcessState(UNKNOWN))
+    states |= status.nodes if isinstance(status, LauncherStatus) else {}
+    states[LAUNCHER] = ProcessState("running", run.launcher)
+
+    def process(name: str) -> Process:
+        one = states[name]
+        return Process(one.state, one.pid, one.restarts, answers.get(name), use_of(one.pid))
+
+    launcher = process(LAUNCHER) if LAUNCHER in known else None
+    processes = {name: process(name) for name in nodes if name in states and name != LAUNCHER}
+    return GraphStatus(run_dir, run, launcher, processes)
 
 
 def other_environment(graph: GraphStatus) -> str | None:
@@ -95,7 +108,7 @@ def other_environment(graph: GraphStatus) -> str | None:
 
     An environment here that is silent may be the one that serves.
     """
-    own, controller = graph.environment, graph.controller
+    own, controller = graph.status_of(EnvironmentStatus), graph.status_of(ControllerStatus)
     if not graph.run.is_graph:
         return None if own is None else own.refused_for
     if controller is None or controller.environment is None:
@@ -117,14 +130,6 @@ def _replies(controller: object) -> int:
     if not isinstance(controller, ControllerStatus):
         return 0
     return controller.received.get("environment_reply", 0)
-
-
-class Use(NamedTuple):
-    """What a process uses of the machine."""
-
-    kernel_state: str  # its letter in /proc/PID/stat
-    processor_time: float  # s, since its start
-    memory: int  # B; that no other process shares may be less
 
 
 def use_of(pid: int | None) -> Use | None:

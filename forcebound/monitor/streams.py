@@ -5,7 +5,7 @@ Rates are those of the senders' own time stamps, so a slow reader does not chang
 
 import math
 import time
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -17,46 +17,34 @@ from msgspec import Struct
 from forcebound.config.problems import unknown
 from forcebound.errors import ConfigError, RunError
 from forcebound.launch.run_directory import RUN_FILE, RunDocument
-from forcebound.messages.packets import TOPICS, Event, Packet, field_types
-from forcebound.monitor.runs import while_running
+from forcebound.messages.packets import TOPIC_OF, TOPICS, Packet, field_types
 from forcebound.process import Reader, Received
 
-DURATION = 2.0  # s, how long rates are measured
 
-
-def topic_named(name: str) -> str:
-    """Return a topic by its name.
+def streams_of(run_dir: Path, names: Collection[str] = ()) -> dict[str, type[Packet]]:
+    """Return the packets of some streams of a running graph, by name; no names: of all.
 
     Raises:
-        ConfigError: If there is none of that name.
+        ConfigError: If no graph runs there, or it has no such stream.
     """
-    if name not in TOPICS:
-        raise ConfigError(unknown("topic", name, TOPICS))
-    return name
+    graph = RunDocument.read(run_dir).graph
+    for name in names:
+        if name not in graph.names:
+            raise ConfigError(unknown("topic", name, graph.names))
+    return {one.name: TOPICS[one.topic] for one in graph.named(*(names or graph.names))}
 
 
 def packets_of(
-    run_dir: Path, topics: Collection[str], duration: float | None = None
+    run_dir: Path, names: Collection[str], duration: float | None = None
 ) -> Iterator[Received]:
-    """Give the packets of a running graph as they come, until the graph ends.
-
-    Args:
-        run_dir: Of the graph.
-        topics: Of the packets.
-        duration: Longest time, in s; None: no limit.
-
-    Raises:
-        ConfigError: If no graph runs there.
-    """
+    """Give the packets of a running graph as they come, for ``duration`` s or until it ends."""
     end = math.inf if duration is None else time.monotonic() + duration
 
     def is_over() -> bool:
         return time.monotonic() >= end or not (run_dir / RUN_FILE).exists()
 
-    with while_running(run_dir):
-        run = RunDocument.read(run_dir)
-        reader = Reader(run_dir, run.graph.named(*topics), run.core)
-    with reader:
+    run = RunDocument.read(run_dir)
+    with Reader(run_dir, run.graph.named(*names), run.core) as reader:
         yield from reader.follow(is_over)
 
 
@@ -82,58 +70,49 @@ class StreamFigures(Struct, frozen=True):
 
 @dataclass
 class Stream:
-    """What was seen of a topic.
+    """The packets of a topic: number and time (ns) of each, by sender, and their sizes (B)."""
 
-    Attributes:
-        seqs: Of its packets, by sender.
-        times_ns: Time stamps of its packets, by sender, in ns.
-        sizes: Of its packets, in B.
-    """
-
-    seqs: dict[str, list[int]] = field(default_factory=dict)
-    times_ns: dict[str, list[int]] = field(default_factory=dict)
+    stamps: dict[str, list[tuple[int, int]]] = field(default_factory=dict)
     sizes: list[int] = field(default_factory=list)
 
     def add(self, packet: Packet, size: int) -> None:
         """Add a packet."""
-        sender = packet.node if isinstance(packet, Event) else ""
-        self.seqs.setdefault(sender, []).append(packet.seq)
-        self.times_ns.setdefault(sender, []).append(packet.time_ns)
+        sender = getattr(packet, "node", "")  # events come from any process
+        self.stamps.setdefault(sender, []).append((packet.seq, packet.time_ns))
         self.sizes.append(size)
 
     def figures(self, duration: float) -> StreamFigures:
         """Return rate, intervals and sizes of what came in ``duration`` s."""
-        count = len(self.sizes)
-        one = next(iter(self.times_ns.values())) if len(self.times_ns) == 1 else []
-        gaps = np.diff(one) * 1e-6
-        interval = None
-        rate = count / duration
-        if gaps.size and gaps.sum() > 0.0:
-            rate = 1e3 / float(gaps.mean())
-            interval = Interval(*map(float, (gaps.min(), gaps.mean(), gaps.max(), gaps.std())))
-        expected = sum(max(seqs) - min(seqs) + 1 for seqs in self.seqs.values())
+        count, interval = len(self.sizes), None
+        rate, missing = count / duration, 0
+        for stamps in self.stamps.values():
+            seqs, times_ns = np.array(stamps).T
+            missing += int(seqs.max() - seqs.min()) + 1 - len(set(seqs))
+            gaps = np.diff(times_ns) * 1e-6
+            if len(self.stamps) == 1 and gaps.sum() > 0.0:
+                rate = 1e3 / float(gaps.mean())
+                interval = Interval(*map(float, (gaps.min(), gaps.mean(), gaps.max(), gaps.std())))
         return StreamFigures(
             packets=count,
             rate_hz=rate,
             interval_ms=interval,
-            missing=expected - sum(len(set(seqs)) for seqs in self.seqs.values()),
+            missing=missing,
             bandwidth_b_per_s=sum(self.sizes) / duration,
             mean_size_b=sum(self.sizes) / count if count else None,
         )
 
 
 def measure_streams(
-    run_dir: Path, topics: Sequence[str], duration: float = DURATION
+    run_dir: Path, topics: Collection[str], duration: float
 ) -> dict[str, StreamFigures]:
-    """Return the figures of topics of a running graph, by topic.
+    """Return the figures of topics of a running graph over ``duration`` s; none: of all.
 
     Raises:
-        ConfigError: If no graph runs there.
         RunError: If the graph has ended, and sent nothing before.
     """
-    streams = {topic: Stream() for topic in topics}
+    streams = {name: Stream() for name in streams_of(run_dir, topics)}
     start = time.monotonic()
-    for topic, packet, data in packets_of(run_dir, topics, duration):
+    for topic, packet, data in packets_of(run_dir, streams, duration):
         streams[topic].add(packet, len(data))
     watched = time.monotonic() - start
     if not (run_dir / RUN_FILE).exists() and not any(one.sizes for one in streams.values()):
@@ -141,16 +120,12 @@ def measure_streams(
     return {topic: stream.figures(watched) for topic, stream in streams.items()}
 
 
-def check_fields(topic: str, names: Collection[str]) -> None:
-    """Check that packets of a topic have fields of these names.
-
-    Raises:
-        ConfigError: If one has not.
-    """
-    known = list(field_types(TOPICS[topic]))
+def check_fields(packet: type[Packet], names: Collection[str]) -> None:
+    """Raise ConfigError if packets have no field of one of these names."""
+    known = list(field_types(packet))
     for name in names:
         if name not in known:
-            raise ConfigError(unknown(f"field of {topic}:", name, known))
+            raise ConfigError(unknown(f"field of {TOPIC_OF[packet]}:", name, known))
 
 
 def fields_of_packet(packet: Packet) -> dict[str, Any]:

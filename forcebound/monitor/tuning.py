@@ -8,10 +8,10 @@ machine has a document of its own, which the nodes there read.
 """
 
 import json
+import os
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
 
 from forcebound.config.graph import GraphConfig
 from forcebound.config.loader import change
@@ -32,7 +32,13 @@ from forcebound.launch.run_directory import (
     updating,
     write_launch_document,
 )
-from forcebound.messages.control import Configure, ConfigureNode, Parameters, Refused
+from forcebound.messages.control import (
+    Configure,
+    ConfigureNode,
+    DeviceStatus,
+    Parameters,
+    Refused,
+)
 from forcebound.monitor.control import ANSWER_TIMEOUT, ask_all, await_law
 from forcebound.monitor.kernels import Kernels
 from forcebound.monitor.snapshot import GraphStatus, other_environment, snapshot
@@ -41,21 +47,7 @@ from forcebound.roles import LAUNCHER
 from forcebound.topology import LINKS
 from forcebound.units import parse_quantity
 
-PATHS = (
-    "trace",
-    "distribution_file",
-    ".file",
-    ".texture",
-)  # ends of the names of parameters that are files
-
-DOWN = ("stopped", "ended")  # states of a node that is not restarted by its launcher
-
-
-class Note(NamedTuple):
-    """A remark on a change."""
-
-    code: str
-    sentence: str
+PATHS = ("trace", "distribution_file", ".file", ".texture")  # ends of names of file parameters
 
 
 @dataclass(frozen=True)
@@ -63,15 +55,11 @@ class Change:
     """The outcome of a change."""
 
     values: Parameters  # the parameters that are new, by name, in SI units
-    notes: tuple[Note, ...] = ()  # a node that has it later, or does not serve
+    notes: tuple[str, ...] = ()  # about nodes that have it later, or do not serve; for people
 
 
 def configuration(run_dir: Path, with_code: bool = True) -> GraphConfig:
-    """Return the present configuration of a graph; ``with_code``: also parts in users' files.
-
-    Raises:
-        ConfigError: If the run directory has no launch document.
-    """
+    """Return the present configuration of a graph; ``with_code``: also parts in users' files."""
     return with_parts(restore(read_launch_document(run_dir)), of_users=with_code)
 
 
@@ -109,28 +97,17 @@ def every_parameter(config: GraphConfig) -> Parameters:
 
 def found_elsewhere(run_dir: Path, config: GraphConfig, names: Iterable[str]) -> set[str]:
     """Return those of some parameters that belong to nodes on another machine."""
-    return set(_elsewhere(names, snapshot(run_dir).nodes_here(config)))
+    return set(_elsewhere(names, snapshot(run_dir), config))
 
 
 def changed_parameters(run_dir: Path) -> Parameters:
-    """Return the parameters of a graph that were changed since its launch, with their values.
-
-    Raises:
-        ConfigError: If the run directory has no launch document.
-    """
-    try:
-        started = json.loads(RunDocument.read(run_dir).metadata["launch"])
-    except (ValueError, KeyError) as error:
-        raise ConfigError(f"{run_dir} has no launch file of the beginning of its run") from error
+    """Return the parameters of a graph that were changed since its launch, with their values."""
+    started = json.loads(RunDocument.read(run_dir).metadata["launch"])
     return differences(started, configuration(run_dir))
 
 
 def read_settings(texts: Sequence[str]) -> Parameters:
-    """Return the settings of ``NAME:=VALUE`` texts; a value is YAML, as in a launch file.
-
-    Raises:
-        ConfigError: If a text is not of this form.
-    """
+    """Return the settings of ``NAME:=VALUE`` texts; a value is YAML, as in a launch file."""
     settings: Parameters = {}
     for name, value in map(split_setting, texts):
         problems = Problems()
@@ -145,19 +122,12 @@ def read_settings(texts: Sequence[str]) -> Parameters:
 
 
 def cut_links(run_dir: Path, time: str, links: Sequence[str]) -> tuple[float, tuple[str, ...]]:
-    """Lose every packet of some links from now for a time.
+    """Lose every packet of some links from now for a time such as ``500ms``.
 
-    Args:
-        run_dir: Of the graph.
-        time: Such as ``500ms``.
-        links: By topic; none: query and reply of the environment.
+    Without links: query and reply of the environment. Errors are as of :func:`set_parameters`.
 
     Returns:
-        The time in s, and the links.
-
-    Raises:
-        ConfigError: As :func:`set_parameters`; and if it is no time.
-        RunError: As there.
+        The time in s, and the links by topic.
     """
     seconds = Range(above=0).check(parse_quantity(time, "s"), "s")
     for link in links:
@@ -185,11 +155,8 @@ def set_parameters(run_dir: Path, settings: Parameters, kernels: Kernels | None 
         RunError: If a node refuses, or does not answer; it will read the change later. If another
             command does not end its change.
     """
-    now, graph, concerned = (
-        configuration(run_dir),
-        snapshot(run_dir),
-        sorted(processes_of(settings)),
-    )
+    now, graph = configuration(run_dir), snapshot(run_dir)
+    concerned = sorted(processes_of(settings))
     _check_files(graph.run, settings, now)
     other = other_environment(graph) if "environment" in concerned else None
     if LAW in settings:
@@ -202,21 +169,24 @@ def set_parameters(run_dir: Path, settings: Parameters, kernels: Kernels | None 
             )
         old = configuration(run_dir)
         new = change(old, settings)
-        _check_reach(settings, graph.nodes_here(new))
+        _check_reach(_elsewhere(settings, graph, new))
         request = write_launch_document(run_dir, new)
     # Also those for which the document has the values already: they may not have had the request.
-    up = [node for node in concerned if _is_up(node, graph)]
-    _configure(graph, up, request)
-    notes = [_why_down(node, graph) for node in concerned if node not in up]
+    down = {node: why for node in concerned if (why := _why_down(node, graph))}
+    _configure(graph, [node for node in concerned if node not in down], request)
+    notes = list(down.values())
     if other is not None:
-        notes.append(_why_unfelt(other, graph.run.is_graph))
+        waits = "this environment, which waits: it has the change, which is felt when it serves"
+        here = (
+            "the environment of this machine, to which the change was made: use `forcebound param"
+            " set` on the other's machine"
+        )
+        notes.append(f"{other} serves the graph, and not {here if graph.run.is_graph else waits}")
     values = differences(old, new)
-    if LAW in values and "device" in up:
+    if LAW in values and "device" not in down:
         await_law(run_dir, values[LAW])
         ramp = f"the force returns over {1e3 * new.device.servo.engage_time:.3g} ms"
-        notes.append(
-            Note("law_taken", f"the law was taken without force, with a new ledger; {ramp}")
-        )
+        notes.append(f"the law was taken without force, with a new ledger; {ramp}")
     return Change(values, tuple(notes))
 
 
@@ -227,11 +197,7 @@ def _check_files(run: RunDocument, settings: Parameters, now: GraphConfig) -> No
         if not name.endswith(PATHS) or value in (None, before.get(name)):
             continue
         folder = Path(run.folder).resolve()
-        try:
-            is_there = Path(str(value)).resolve().is_relative_to(folder)
-        except (OSError, ValueError, RuntimeError):  # a name that no file can have
-            is_there = False
-        if not is_there:
+        if not Path(os.path.realpath(str(value))).is_relative_to(folder):
             raise ConfigError(
                 f"{name}: expected a file in {folder} or below, the folder of the launch file (of"
                 f" one that comes with forcebound: where it was started); got {value}"
@@ -243,13 +209,20 @@ def _prepare_law(law: str, graph: GraphStatus, kernels: Kernels | None) -> None:
     device = graph.processes.get("device")
     if device is not None and device.state == "lost":
         raise ConfigError(f"{LAW}: the device is lost; first, `forcebound device resume`")
-    if kernels is not None and graph.device is not None and graph.device.law != law:
+    status = graph.status_of(DeviceStatus)
+    if kernels is not None and status is not None and status.law != law:
         kernels.wait(law)
 
 
-def _is_up(node: str, graph: GraphStatus) -> bool:
+def _why_down(node: str, graph: GraphStatus) -> str:
+    """Return why a node does not take a change now; empty: it does."""
     process = graph.processes.get(node)
-    return process is not None and process.state not in DOWN
+    if process is None:
+        return f"no {node} is running here"
+    if process.state == "stopped":
+        words = f"{node} is stopped on request, and has the change when it starts again"
+        return f"{words} (`forcebound start {node}`)"
+    return f"{node} has ended" if process.state == "ended" else ""
 
 
 def _configure(graph: GraphStatus, nodes: Collection[str], request: Configure) -> None:
@@ -262,7 +235,7 @@ def _configure(graph: GraphStatus, nodes: Collection[str], request: Configure) -
     if not silent:
         return
     listed = " and ".join(silent)
-    if graph.launcher is None:
+    if graph.phase is None:
         raise RunError(
             f"{listed} did not answer: no change there; suspended (Ctrl-Z), or just ending?"
         )
@@ -274,9 +247,14 @@ def _configure(graph: GraphStatus, nodes: Collection[str], request: Configure) -
     )
 
 
-def _check_reach(names: Iterable[str], here: Collection[str]) -> None:
+def _elsewhere(names: Iterable[str], graph: GraphStatus, config: GraphConfig) -> dict[str, str]:
+    """Return the parameters that belong to nodes on another machine, with those."""
+    here = graph.nodes_here(config)
+    return {name: node for name in names for node in processes_of([name]) if node not in here}
+
+
+def _check_reach(elsewhere: Mapping[str, str]) -> None:
     """Refuse a change without effect here, because its node is on another machine."""
-    elsewhere = _elsewhere(names, here)
     if not elsewhere:
         return
     listed, nodes = ", ".join(sorted(elsewhere)), " and ".join(sorted(set(elsewhere.values())))
@@ -284,29 +262,3 @@ def _check_reach(names: Iterable[str], here: Collection[str]) -> None:
     if "environment" in elsewhere.values():
         why = "this belongs to the environment, which is on another machine"
     raise ConfigError(f"{listed}: {why}; use `forcebound param set` there")
-
-
-def _elsewhere(names: Iterable[str], here: Collection[str]) -> dict[str, str]:
-    """Return the parameters that belong to nodes on another machine, with those."""
-    return {name: node for name in names for node in processes_of([name]) if node not in here}
-
-
-def _why_down(node: str, graph: GraphStatus) -> Note:
-    """Return why a node that has a change does not run."""
-    process = graph.processes.get(node)
-    if process is None:
-        return Note("no_node", f"no {node} is running here")
-    if process.state == "stopped":
-        words = f"{node} is stopped on request, and has the change when it starts again"
-        return Note("node_stopped", f"{words} (`forcebound start {node}`)")
-    return Note("node_ended", f"{node} has ended")
-
-
-def _why_unfelt(serving: str, is_graph: bool) -> Note:
-    """Return why a change of the environment here is not felt."""
-    words = f"{serving} serves the graph, and not "
-    if is_graph:
-        words += "the environment of this machine, to which the change was made: "
-        return Note("another_serves", f"{words}use `forcebound param set` on the other's machine")
-    words += "this environment, which waits: it has the change, which is felt when it serves"
-    return Note("environment_waits", words)

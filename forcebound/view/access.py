@@ -36,6 +36,11 @@ class Access:
     token: str = field(default_factory=_token)
     watching: str = field(default_factory=_token)
 
+    @property
+    def is_local(self) -> bool:
+        """Whether this machine alone can call the server."""
+        return self.hosts == LOOPBACK
+
     def permits_host(self, host: str | None) -> bool:
         """Return whether ``host``, of a request, is the server's own."""
         return host in {f"{name}:{self.port}" for name in self.hosts}

@@ -3,6 +3,7 @@
 import asyncio
 import json
 import mimetypes
+import signal
 import socket
 import time
 from collections.abc import Callable
@@ -10,7 +11,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import tornado.httpserver
 import tornado.iostream
@@ -28,7 +29,6 @@ from forcebound.view.feed import Feed, Message
 PAGE = Path(__file__).parent / "page"
 FRAME = 1.0 / 30.0  # s between two looks at the graph
 PROCESSES_PERIOD = 1.0  # s between two looks at its processes
-NEXT = 0.5  # s between two looks for the next graph
 PING = 30.0  # s between two; as long may a page on a busy machine take to answer one
 CLOSE_TIMEOUT_S = 1.0  # s that pages have to close
 MOST_PAGES = 32
@@ -54,7 +54,8 @@ class Server:
     Attributes:
         access: Who may look; it has the addresses of the page.
         graph: That is shown; None: none is just now.
-        is_stopped: Whether :meth:`stop` was called.
+        last: That was shown before, if a launcher ran it, which may still compute the result.
+        is_stopped: Whether :meth:`stop` was called, or SIGTERM came.
 
     Raises:
         ConfigError: If the address cannot be listened at.
@@ -66,8 +67,9 @@ class Server:
         self.graph: _Graph | None = None
         self.is_stopped = False
         self._loop = asyncio.get_running_loop()
+        self._loop.add_signal_handler(signal.SIGTERM, self.stop)
         self._recordings = recordings
-        self._last: Path | None = None  # graph that was shown, if a launcher ran it
+        self.last: Path | None = None
         self.pages: set[_Page] = set()
         self.workers = ThreadPoolExecutor(1, "controls")  # one change after the other
         own = {"server": self}
@@ -93,7 +95,7 @@ class Server:
         self._http.add_socket(listening)
 
     def stop(self) -> None:
-        """End :meth:`show` and :meth:`wait`."""
+        """End :meth:`show`."""
         self.is_stopped = True
 
     async def show(self, run_dir: Path) -> None:
@@ -132,24 +134,9 @@ class Server:
                 await asyncio.sleep(max(0.0, FRAME - (time.monotonic() - started)))
         finally:
             if graph.watch.was_launched:  # else its run directory may be used again
-                self._last = graph.run_dir
+                self.last = graph.run_dir
             loop.remove_reader(graph.pointer.descriptor)
             graph.close()
-
-    async def wait(self, find: Callable[[], Path | None]) -> Path | None:
-        """Return the next graph to show, or None after :meth:`stop`.
-
-        Args:
-            find: Returns its run directory; None: there is none yet. The last one is none: its
-                launcher still computes the result.
-        """
-        found = None
-        while found is None and not self.is_stopped:
-            await asyncio.sleep(NEXT)
-            found = find()
-            if found == self._last:
-                found = None
-        return found
 
     def tell(self, message: Message) -> None:
         """Send a message to every page; one that does not read misses it."""
@@ -262,14 +249,19 @@ def _bound(listen: str, port: int) -> socket.socket:
 
 
 class _Handler(tornado.web.RequestHandler):
-    """A request from a browser that calls this server by its own name."""
+    """A request from a browser that calls this server by its own name, and has a token."""
+
+    needs_token: ClassVar[bool] = True
 
     def initialize(self, server: Server) -> None:
         self.server = server
 
     def prepare(self) -> None:
-        if not self.server.access.permits_host(self.request.headers.get("Host")):
+        access, self.token = self.server.access, self.get_query_argument("token", "")
+        if not access.permits_host(self.request.headers.get("Host")):
             raise tornado.web.HTTPError(403, "another host")
+        if self.needs_token and not access.may_look(self.token):
+            raise tornado.web.HTTPError(403, "no token")
 
     def set_default_headers(self) -> None:
         self.set_header("Content-Security-Policy", POLICY)
@@ -283,13 +275,13 @@ class _Handler(tornado.web.RequestHandler):
 
 class _Index(_Handler):
     def get(self) -> None:
-        if not self.server.access.may_look(self.get_query_argument("token", "")):
-            raise tornado.web.HTTPError(403, "no token")
         self.set_header("Content-Type", "text/html; charset=utf-8")
         self.write((PAGE / "index.html").read_bytes())
 
 
 class _File(_Handler):
+    needs_token = False
+
     def get(self, name: str) -> None:
         file = PAGE / name
         if not file.is_file():
@@ -302,8 +294,6 @@ class _SceneFile(_Handler):
     """Triangles of a mesh of the scene, or points of a cloud."""
 
     async def get(self, digest: str) -> None:
-        if not self.server.access.may_look(self.get_query_argument("token", "")):
-            raise tornado.web.HTTPError(403, "no token")
         loop, graph = asyncio.get_running_loop(), self.server.graph
         content = None
         if graph is not None:  # a change need not wait for it
@@ -313,33 +303,26 @@ class _SceneFile(_Handler):
         self.write(content)
 
 
-class _Page(tornado.websocket.WebSocketHandler):
+class _Page(_Handler, tornado.websocket.WebSocketHandler):
     """One open page."""
 
-    def initialize(self, server: Server) -> None:
-        self._server = server
-        self._may_change = False
-
     def check_origin(self, origin: str) -> bool:
-        return self._server.access.permits_origin(origin, self.request.headers.get("Host"))
+        return self.server.access.permits_origin(origin, self.request.headers.get("Host"))
 
     def prepare(self) -> None:
-        access = self._server.access
-        token = self.get_query_argument("token", "")
-        if not access.permits_host(self.request.headers.get("Host")) or not access.may_look(token):
-            raise tornado.web.HTTPError(403, "no token, or another host")
-        if len(self._server.pages) >= MOST_PAGES:
+        super().prepare()
+        if len(self.server.pages) >= MOST_PAGES:
             raise tornado.web.HTTPError(503, "too many pages")
-        self._may_change = access.may_change(token)
+        self._may_change = self.server.access.may_change(self.token)
 
     def open(self, *_: str, **__: str) -> None:
         self.set_nodelay(True)
         self.greet()
-        self._server.pages.add(self)
+        self.server.pages.add(self)
 
     def greet(self) -> None:
         """Tell what a page needs to know of the graph that is shown now."""
-        for message in self._server.first_messages():
+        for message in self.server.first_messages():
             self.tell(json.dumps({**message, "may_change": self._may_change}))
 
     def on_message(self, message: str | bytes) -> None:
@@ -348,7 +331,7 @@ class _Page(tornado.websocket.WebSocketHandler):
             do = wanted["do"]
         except (ValueError, TypeError, KeyError, RecursionError):
             return
-        graph = self._server.graph
+        graph = self.server.graph
         if not self._may_change:
             self._answer(wanted, "this page may only look")
         elif graph is None:
@@ -359,10 +342,10 @@ class _Page(tornado.websocket.WebSocketHandler):
             if error is not None:
                 self._answer(wanted, error)
         else:
-            self._server.workers.submit(self._act, graph.controls, wanted)
+            self.server.workers.submit(self._act, graph.controls, wanted)
 
     def on_close(self) -> None:
-        self._server.pages.discard(self)
+        self.server.pages.discard(self)
 
     def tell(self, text: str) -> None:
         """Send a message unless the page has stopped reading."""
@@ -374,19 +357,16 @@ class _Page(tornado.websocket.WebSocketHandler):
         try:
             sent = self.write_message(text)
         except tornado.websocket.WebSocketClosedError:
-            self._server.pages.discard(self)
+            self.server.pages.discard(self)
         else:
             sent.add_done_callback(asyncio.Future.exception)  # it closed just now: no news
 
     def _act(self, controls: Controls, wanted: Message) -> None:
         """Do what the page wants; in the thread of changes."""
-        server = self._server
+        server = self.server
         server.later(self._answer, wanted, controls.act(wanted))
         server.later(server.tell, controls.recording.describe())
         server.tell_parameters(controls)
 
     def _answer(self, wanted: Message, error: str | None) -> None:
         self.tell(json.dumps({"type": "answer", "id": wanted.get("id"), "error": error}))
-
-    def log_exception(self, *_: object) -> None:
-        """Say nothing: a refusal is the browser's to tell."""

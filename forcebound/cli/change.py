@@ -6,50 +6,48 @@ from typing import TYPE_CHECKING
 import click
 
 from forcebound.cli import complete
-from forcebound.cli.common import Group, json_option, print_json, reports_errors, run_option, show
+from forcebound.cli.common import Group, graph_option, json_option, print_json, run_option, show
+from forcebound.roles import ENVIRONMENT
 
 if TYPE_CHECKING:
     from forcebound.messages.control import Parameters
 
+node_argument = click.argument("node", metavar="NODE", shell_complete=complete.nodes)
+
 
 @click.command(short_help="Stop a node: zero force.")
-@click.argument("node_name", metavar="NODE", shell_complete=complete.nodes)
-@run_option
-@reports_errors
-def stop(node_name: str, run_dir: Path | None) -> None:
+@node_argument
+@graph_option
+def stop(node: str, run: Path) -> None:
     r"""Stop NODE (environment or controller) of a running graph: zero force.
 
     \b
     forcebound stop environment
     """
     from forcebound.monitor.control import stop_node
-    from forcebound.monitor.runs import find
     from forcebound.monitor.snapshot import other_environment, snapshot
 
-    run = find(run_dir, require_graph=True)
-    serving = other_environment(snapshot(run)) if node_name == "environment" else None
-    stop_node(run, node_name)
+    serving = other_environment(snapshot(run)) if node == ENVIRONMENT else None
+    stop_node(run, node)
     effect = "the device applies zero force until replies arrive again"
     if serving is not None:
         effect = f"{serving} serves as before"
-    show(f"{node_name} is stopped; {effect}")
+    show(f"{node} is stopped; {effect}")
 
 
 @click.command(short_help="Start a node that was stopped.")
-@click.argument("node_name", metavar="NODE", shell_complete=complete.nodes)
-@run_option
-@reports_errors
-def start(node_name: str, run_dir: Path | None) -> None:
+@node_argument
+@graph_option
+def start(node: str, run: Path) -> None:
     r"""Start NODE (environment or controller) of a running graph after a stop.
 
     \b
     forcebound start environment
     """
     from forcebound.monitor.control import start_node
-    from forcebound.monitor.runs import find
 
-    start_node(find(run_dir, require_graph=True), node_name)
-    show(f"{node_name} runs")
+    start_node(run, node)
+    show(f"{node} runs")
 
 
 @click.group(short_help="Show and change parameters of a running graph.", cls=Group)
@@ -61,15 +59,20 @@ def param() -> None:
 @click.option("--changed", is_flag=True, help="Only those changed since launch.")
 @run_option
 @json_option
-@reports_errors
-def list_parameters(changed: bool, run_dir: Path | None, as_json: bool) -> None:
+def list_parameters(changed: bool, run: Path, as_json: bool) -> None:
     r"""List the parameters that can be changed during a run, with their values and ranges.
 
     \b
     forcebound param list
     forcebound param list --changed --json
     """
-    _show_parameters((), run_dir, as_json, changed)
+    from forcebound.monitor import tuning
+
+    if changed:
+        _print(run, tuning.changed_parameters(run), as_json)
+    else:
+        found = tuning.find_parameters(tuning.configuration(run), ())
+        _print(run, found, as_json, with_ranges=True)
 
 
 @param.command("get", short_help="Show parameters, or a whole section.")
@@ -78,15 +81,16 @@ def list_parameters(changed: bool, run_dir: Path | None, as_json: bool) -> None:
 )
 @run_option
 @json_option
-@reports_errors
-def get_parameters(names: tuple[str, ...], run_dir: Path | None, as_json: bool) -> None:
+def get_parameters(names: tuple[str, ...], run: Path, as_json: bool) -> None:
     r"""Show parameters, or a whole section; also what is fixed while the graph runs.
 
     \b
     forcebound param get environment.stiffness device.law
     forcebound param get links
     """
-    _show_parameters(names, run_dir, as_json)
+    from forcebound.monitor import tuning
+
+    _print(run, tuning.find_parameters(tuning.configuration(run), names), as_json)
 
 
 @param.command("set", short_help="Change parameters.")
@@ -95,8 +99,7 @@ def get_parameters(names: tuple[str, ...], run_dir: Path | None, as_json: bool) 
 )
 @run_option
 @json_option
-@reports_errors
-def set_parameters(settings: tuple[str, ...], run_dir: Path | None, as_json: bool) -> None:
+def set_parameters(settings: tuple[str, ...], run: Path, as_json: bool) -> None:
     r"""Change parameters of a running graph, until it ends.
 
     A new law begins without force and with a new ledger; the force returns over device.engage_time.
@@ -110,31 +113,14 @@ def set_parameters(settings: tuple[str, ...], run_dir: Path | None, as_json: boo
 
     from forcebound.monitor import tuning
     from forcebound.monitor.kernels import Kernels
-    from forcebound.monitor.runs import find, while_running
 
-    run = find(run_dir)
-    with while_running(run), closing(Kernels(run)) as kernels:
+    with closing(Kernels(run)) as kernels:
         change = tuning.set_parameters(run, tuning.read_settings(settings), kernels)
-        _print(run, change.values, as_json)
+    _print(run, change.values, as_json)
     if not change.values and not as_json:
         show("nothing to change: the graph already has these values")
     for note in change.notes:
-        show(f"note: {note.sentence}", err=True)
-
-
-def _show_parameters(
-    names: tuple[str, ...], run_dir: Path | None, as_json: bool, changed: bool = False
-) -> None:
-    from forcebound.monitor import tuning
-    from forcebound.monitor.runs import find, while_running
-
-    run = find(run_dir)
-    with while_running(run):
-        if changed:
-            found = tuning.changed_parameters(run)
-        else:
-            found = tuning.find_parameters(tuning.configuration(run), names)
-        _print(run, found, as_json, with_ranges=not (names or changed))
+        show(f"note: {note}", err=True)
 
 
 def _print(run: Path, values: "Parameters", as_json: bool, *, with_ranges: bool = False) -> None:
@@ -145,8 +131,8 @@ def _print(run: Path, values: "Parameters", as_json: bool, *, with_ranges: bool 
         print_json(values)
         return
     config = configuration(run)
-    elsewhere = found_elsewhere(run, config, values)
     remarks = ranges(config, values) if with_ranges else {}
+    elsewhere = found_elsewhere(run, config, values)
     remarks |= dict.fromkeys(elsewhere, "belongs to another machine; value of the launch file here")
     for name, text in as_written(config, values).items():
         show(f"{name}: {text}  # {remarks[name]}" if remarks.get(name) else f"{name}: {text}")
@@ -157,18 +143,15 @@ def _print(run: Path, values: "Parameters", as_json: bool, *, with_ranges: bool 
 @click.argument("links", nargs=-1, metavar="[LINK]...", shell_complete=complete.links)
 @run_option
 @json_option
-@reports_errors
-def outage(time: str, links: tuple[str, ...], run_dir: Path | None, as_json: bool) -> None:
+def outage(time: str, links: tuple[str, ...], run: Path, as_json: bool) -> None:
     r"""Lose every packet of LINK from now for TIME. Default: environment_query, environment_reply.
 
     \b
     forcebound outage 500ms
     forcebound outage 2s force_command
     """
-    from forcebound.monitor.runs import find
     from forcebound.monitor.tuning import cut_links
 
-    run = find(run_dir)
     seconds, cut = cut_links(run, time, links)
     if as_json:
         print_json({"links": cut, "duration_s": seconds})

@@ -1,0 +1,262 @@
+"""Commands about devices, and about parts of a user's own: list, play, measure, check."""
+
+import time
+from functools import partial
+from pathlib import Path
+from typing import Any, TextIO
+
+import click
+
+from forcebound.cli import complete
+from forcebound.cli.common import (
+    FILE,
+    Group,
+    arguments_argument,
+    graph_option,
+    json_option,
+    output_option,
+    print_document,
+    print_json,
+    print_rows,
+    seconds,
+    show,
+)
+from forcebound.errors import ConfigError, RunError
+
+#: Kinds of emulators, and the launch file of each: its hand holds an emulator started by hand.
+EMULATED = {"haply_2diy": "haply_2diy", "odrive": "odrive_knob"}
+#: Watchdog limit of a launch with such an emulator: that of an emulator which the launch starts.
+WATCHDOG_LIMIT = "100 ms"
+
+CHECKED = ("law", "device", "operator", "controller", "environment")
+
+
+@click.group(cls=Group, short_help="List serial ports; go on with a lost device.")
+def device() -> None:
+    """Look for devices on serial ports; let a graph go on with one that was lost."""
+
+
+@device.command("list")
+@json_option
+def list_devices(as_json: bool) -> None:
+    r"""List the serial ports of this machine, and what seems to be there.
+
+    \b
+    forcebound device list --json
+    """
+    from forcebound.hardware.ports import listed
+
+    ports = listed()
+    if as_json:
+        print_json(ports)
+        return
+    rows = [
+        (
+            port.path,
+            port.seems or "–",
+            port.serial_number or "–",
+            port.description or "–",
+            "yes" if port.is_permitted else "no: `forcebound doctor`",
+        )
+        for port in ports
+    ]
+    if rows:
+        print_rows(("port", "seems to be", "serial number", "description", "may be opened"), rows)
+    else:
+        show("no serial port has a device; plug it in, or try `forcebound emulate haply_2diy`")
+
+
+@device.command(short_help="Let a graph go on with a device that was lost.")
+@graph_option
+def resume(run: Path) -> None:
+    r"""Let a running graph open its lost device again (on_loss: wait).
+
+    First plug it in, switch it on, and hold it in its home pose.
+
+    \b
+    forcebound device resume --run haply_2diy
+    """
+    from forcebound.monitor.control import resume_device
+
+    resume_device(run)
+    show("the device is back; its force engages")
+
+
+@click.command(short_help="Play a device on a pseudo-terminal.")
+@click.argument("kind", type=click.Choice(list(EMULATED)))
+@arguments_argument()
+@click.option(
+    "--link",
+    type=FILE,
+    help="Path of the port. Default: a name in your runtime folder, which is printed.",
+)
+@click.option(
+    "--fault",
+    "faults",
+    multiple=True,
+    metavar="KIND[:at=TIME][,for=TIME]",
+    help="short, noise, nan: spoil one reply, or those of a time; lost; reset; stall; unplug; "
+    "reversed. TIME counts from the first reply; default: at=1s. Repeatable.",
+)
+@click.option(
+    "--latency",
+    type=seconds,
+    metavar="TIME",
+    help="Time from a message to its reply, beyond the terminal's.",
+)
+@click.option("--no-hand", is_flag=True, help="Nobody holds it, as `forcebound identify` needs it.")
+@click.option("--until-unused", is_flag=True, help="End when the port is closed.")
+@click.option("--values", type=click.File(), hidden=True, help="Mechanism and hand, as JSON.")
+def emulate(
+    kind: str,
+    arguments: tuple[str, ...],
+    link: Path | None,
+    faults: tuple[str, ...],
+    latency: float | None,
+    no_hand: bool,
+    until_unused: bool,
+    values: TextIO | None,
+) -> None:
+    r"""Play a device on a pseudo-terminal, for tests and trials without hardware.
+
+    Mechanism and hand are those of its launch file, whose arguments can be set.
+
+    \b
+    forcebound emulate haply_2diy approach_speed:=50mm/s
+    forcebound emulate haply_2diy --fault short:at=3s --fault stall:at=5s,for=50ms
+    """
+    from forcebound.emulators import program
+    from forcebound.emulators.faults import parse_fault
+
+    planned = [parse_fault(text) for text in faults]
+    link = program.default_link(kind) if link is None else link.absolute()
+    advice = ""
+    if values is not None:
+        mechanism, operator = program.given_values(values.read())
+    else:
+        mechanism, operator = program.launch_file_values(EMULATED[kind], arguments)
+        words = f'{EMULATED[kind]} device:={link} watchdog_limit:="{WATCHDOG_LIMIT}"'
+        command = f"`forcebound launch {words}`"
+        if no_hand:
+            operator, command = None, f"`forcebound identify {kind} device:={link}`"
+        advice = f"in another terminal: {command}"
+    late = latency or 0.0
+    program.run(kind, mechanism, operator, link, planned, late, until_unused, show, advice)
+
+
+@click.command(short_help="Measure the numbers that a device's certificate rests on.")
+@click.argument("device", required=False)
+@arguments_argument()
+@output_option(
+    default=Path("device.yaml"), show_default=True, help="File to write; a picture goes beside it."
+)
+@click.option(
+    "--check",
+    "checked",
+    type=FILE,
+    metavar="DEVICE.yaml",
+    help="Test whether a device has changed.",
+)
+@click.option("--reach", help="How far an axis may move to either side, e.g. 30mm or 20deg.")
+@click.option("--force", help="Largest force of an axis, e.g. 2N or '0.05 N m'.")
+@click.option("--weight", help="Mass that you hang on each axis, e.g. 100g: measures the gain.")
+@click.option("--lever", help="Radius at which it pulls at a joint, e.g. 40mm.")
+@click.option("--by-hand", help="How long you move the device, e.g. 10s: measures its speed.")
+@click.option("--yes", is_flag=True, help="Do not wait for Enter before the device moves.")
+@json_option
+def identify(
+    device: str | None,
+    arguments: tuple[str, ...],
+    output: Path,
+    checked: Path | None,
+    yes: bool,
+    as_json: bool,
+    **wishes: str | None,
+) -> None:
+    r"""Measure DEVICE, a kind of device or a launch file, and write what it may state.
+
+    The motors move the device by themselves. With --check: a short test of the device of a file;
+    exit status 1 if it no longer keeps what the file states.
+
+    \b
+    forcebound identify five_bar
+    forcebound identify haply_2diy device:=auto --weight 30g --lever 70mm --by-hand 10s
+    forcebound identify --check device.yaml
+    """
+    from forcebound.identification import command
+
+    say = partial(show, err=True)
+
+    def ready(line: str) -> None:
+        say(line)
+        if not yes and command.is_terminal():
+            click.prompt("Press Enter when ready", default="", show_default=False, err=True)
+
+    if checked is not None:
+        if device is not None:
+            raise ConfigError(f"--check names the device by its file: leave out {device!r}")
+        document = command.check(checked, say, ready)
+        print_document(document, as_json, command.check_lines)
+        if not document["passed"]:
+            raise RunError(f"{checked} promises what the device no longer keeps: identify it again")
+        return
+    if device is None:
+        raise ConfigError("name a device: a kind such as five_bar, or a launch file")
+    document = command.run(device, arguments, output, command.Wishes(**wishes), say, ready)
+    print_document(document, as_json, command.lines)
+
+
+class Progress:
+    """Progress of a check, on standard error, every two seconds."""
+
+    EVERY = 2.0  # s
+
+    def __init__(self) -> None:
+        self._shown_at, self._every = time.monotonic(), self.EVERY  # it may travel to a child
+
+    def show(self, doing: str, done: int, total: int) -> None:
+        """Print the progress if it is due: answers so far and in all, or the step that begins."""
+        if time.monotonic() - self._shown_at < self._every:
+            return
+        self._shown_at = time.monotonic()
+        show(f"{done} of {total} answers" if total else doing, err=True)
+
+
+@click.command(short_help="Check a part against its contract.")
+@click.argument("part", type=click.Choice(CHECKED))
+@click.argument("kind", metavar="FILE[:NAME]", shell_complete=complete.parts)
+@arguments_argument()
+@click.option(
+    "--axes",
+    type=click.IntRange(1, 6),
+    multiple=True,
+    help="Number of axes of an environment; repeatable. Default: 1 to 6.",
+)
+@click.option(
+    "--rest",
+    multiple=True,
+    metavar="POSITION=FORCE",
+    help="Expected force of an environment at rest on the first axis, e.g. 0mm=0N; repeatable.",
+)
+@json_option
+def check(part: str, kind: str, as_json: bool, **options: Any) -> None:
+    r"""Check a part, of a Python file or an installed kind, against its contract.
+
+    An environment gets some thousand queries, at random and at the limits, fewer if it is slow; the
+    time per answer is reported, not judged. A device is opened, and hardware gets zero force. Of a
+    law `forcebound audit` tests whether it is passive.
+
+    Exit status 1: a promise is broken; 2: no such part, or its code does not return.
+
+    \b
+    forcebound check environment my_environment.py --axes 1 --rest 0mm=0N
+    forcebound check law my_law.py
+    """
+    from forcebound.launch.check import check_part, lines
+
+    if part != "environment" and (options["axes"] or options["rest"]):
+        raise click.UsageError("--axes and --rest are for environments")
+    document = check_part(part, kind, **options, progress=Progress().show)
+    print_document(document, as_json, partial(lines, part))
+    if not document["passed"]:
+        raise RunError(f"{kind} breaks its contract")
