@@ -20,6 +20,7 @@ from forcebound.monitor.formatting import as_written
 from forcebound.monitor.tuning import find_parameters, read_settings
 from forcebound.network.impairment import Impairment
 from forcebound.nodes.environment import EnvironmentNode
+from forcebound.topology import ONE_HAND
 
 
 @pytest.fixture(scope="module")
@@ -166,7 +167,7 @@ def request(config: GraphConfig, time_ns: int, **stiffness: float) -> Configure:
 def test_of_two_requests_that_overtake_each_other_the_newer_one_counts(
     config: GraphConfig,
 ) -> None:
-    process = Mock(nodes=[EnvironmentNode(config.environment.model)])
+    process = Mock(graph=ONE_HAND, nodes=[EnvironmentNode(config.environment.model)])
     tuner = Tuner(config)
     assert tuner(process, request(config, 5, stiffness=400.0)) == {"environment.stiffness": 400.0}
     assert tuner(process, request(config, 4, stiffness=300.0)) == {}
@@ -182,21 +183,28 @@ def with_law(config: GraphConfig, law: object) -> Configure:
 def test_a_device_takes_a_law_and_no_other_process_does(config: GraphConfig) -> None:
     device = build_device(config)
     settings = with_law(config, "none")
-    assert Tuner(config)(Mock(nodes=[EnvironmentNode(config.environment.model)]), settings) == {}
-    assert Tuner(config)(Mock(nodes=[device]), settings) == {}  # it tells when it has taken it
+    assert (
+        Tuner(config)(
+            Mock(graph=ONE_HAND, nodes=[EnvironmentNode(config.environment.model)]), settings
+        )
+        == {}
+    )
+    assert (
+        Tuner(config)(Mock(graph=ONE_HAND, nodes=[device]), settings) == {}
+    )  # it tells when it has taken it
     packets = [packet for time_ns in (0, 400_000) for packet in device.step(time_ns, ())]
     assert [packet.data["law"] for packet in packets if isinstance(packet, Event)] == ["none"]
     for damaged in ("my_law.py", 3):
         with pytest.raises(ConfigError, match=r"no law of one's own|no parameters of this graph"):
-            Tuner(config)(Mock(nodes=[device]), with_law(config, damaged))
+            Tuner(config)(Mock(graph=ONE_HAND, nodes=[device]), with_law(config, damaged))
 
 
 def test_a_process_takes_only_the_parameters_of_its_own_node(config: GraphConfig) -> None:
     settings = {"environment.stiffness": 400.0, "links.force_command.delay": 0.01}
-    assert Tuner(config)(Mock(nodes=[]), Configure(5, settings)) == {}
+    assert Tuner(config)(Mock(graph=ONE_HAND, nodes=[]), Configure(5, settings)) == {}
 
 
 def test_a_damaged_request_changes_nothing(config: GraphConfig) -> None:
-    process = Mock(nodes=[EnvironmentNode(config.environment.model)])
+    process = Mock(graph=ONE_HAND, nodes=[EnvironmentNode(config.environment.model)])
     with pytest.raises(ConfigError, match="cannot be made"):
         Tuner(config)(process, Configure(5, {"environment.stiffness": "soft"}))
