@@ -345,11 +345,13 @@ def _message(packet: type[Packet], names: Sequence[str], absent: UnsetType | Non
 def _recorded_field(name: str, hint: Any, absent: UnsetType | None) -> Any:
     """A field as it is recorded: null stands for no number, and without a value it is left out."""
     plain = plain_type(hint)
-    if plain is float:
+    is_limited = get_origin(plain) is Annotated
+    kind, limits = (plain.__origin__, plain.__metadata__) if is_limited else (plain, ())
+    if kind is float:
         plain = float | None
-    elif get_origin(plain) is Annotated and plain.__origin__ == Vector:
-        plain = Annotated[(tuple[float | None, ...], *plain.__metadata__)]
-    elif plain == Quaternion:
+    elif kind == Vector:
+        plain = Annotated[(tuple[float | None, ...], *limits)]
+    elif kind == Quaternion:
         plain = tuple[float | None, float | None, float | None, float | None]
     return (name, plain | type(absent), absent) if is_optional(hint) else (name, plain)
 

@@ -17,6 +17,7 @@ from collections.abc import Mapping
 from typing import Annotated, Any, Final, Literal, NamedTuple, TypeAlias, get_type_hints
 
 from msgspec import Meta, Struct
+from msgspec.inspect import type_info
 
 VERSION: Final = 4  # of the wire format; every packet carries it
 
@@ -30,6 +31,12 @@ MAX_TEXT = 500  # characters of a text for people
 Vector: TypeAlias = tuple[float, ...]
 Point: TypeAlias = tuple[float, float, float]  # m, in space, whatever number of axes a device has
 Quaternion: TypeAlias = tuple[float, float, float, float]  # w x y z; of length 1: an orientation
+
+
+def _is(meaning: str, unit: str = "") -> Meta:
+    """What a field means, for schemas and tables; a count, a share or a text has no unit."""
+    return Meta(description=meaning, extra_json_schema={"unit": unit})
+
 
 # The same types with the limits that the decoder checks.
 _Count: TypeAlias = Annotated[int, Meta(ge=0, le=MAX_COUNT)]
@@ -81,50 +88,54 @@ class _Wire(Struct, frozen=True, kw_only=True, tag_field="packet", gc=False):
     """
 
     version: Literal[4] = VERSION
-    hand: Annotated[str, Meta(max_length=MAX_NAME)] = ""  # empty: of the only hand, or of all
+    hand: Annotated[
+        str, Meta(max_length=MAX_NAME), _is("to whose loop it belongs; empty: the only one, or all")
+    ] = ""
 
 
 class DeviceState(_Wire, frozen=True, tag="device_state"):
     """Readings of the device at the start of a tick."""
 
-    seq: _Count  # tick number, counts from 0
-    time_ns: _Count  # ns, device's clock, when the position was read
-    elapsed: float  # s since the force engaged for the first time; 0 before
-    position: _Vector  # m
-    velocity: _Vector  # m/s, filtered backward difference
-    force: _Vector  # N, held by the motor at time_ns
-    orientation: Quaternion | None = None  # of the tip, of a device that senses it
-    buttons: _Count | None = None  # bit i: button i is down; of a device that has any
+    seq: Annotated[_Count, _is("tick number, from 0")]
+    time_ns: Annotated[_Count, _is("device's clock, when the position was read", "ns")]
+    elapsed: Annotated[float, _is("since the force engaged for the first time; 0 before", "s")]
+    position: Annotated[_Vector, _is("reading; grows into the environment", "m")]
+    velocity: Annotated[_Vector, _is("filtered backward difference of the readings", "m/s")]
+    force: Annotated[_Vector, _is("held by the motor at time_ns", "N")]
+    orientation: Annotated[Quaternion | None, _is("unit quaternion w x y z of the tip")] = None
+    buttons: Annotated[_Count | None, _is("bit i: button i of the device is down")] = None
 
 
 class EnvironmentQuery(_Wire, frozen=True, tag="environment_query"):
     """Query of the controller to the environment."""
 
-    seq: _Count
-    time_ns: _Count
-    device_seq: _Count
-    device_time_ns: _Count
-    elapsed: float  # s, of the device state
-    position: _Vector  # m
-    velocity: _Vector  # m/s
-    environment: _Name | None  # the serving one; None: none, the first that replies will serve
-    orientation: Quaternion | None = None  # as in the device state
-    buttons: _Count | None = None
+    seq: Annotated[_Count, _is("count of this packet at its sender, from 0")]
+    time_ns: Annotated[_Count, _is("sender's monotonic clock", "ns")]
+    device_seq: Annotated[_Count, _is("seq of the device state that is answered")]
+    device_time_ns: Annotated[_Count, _is("time_ns of that state, device's clock", "ns")]
+    elapsed: Annotated[float, _is("since the force engaged for the first time; 0 before", "s")]
+    position: Annotated[_Vector, _is("where to evaluate the environment", "m")]
+    velocity: Annotated[_Vector, _is("there", "m/s")]
+    environment: Annotated[_Name | None, _is("that serves; none: the first to reply will serve")]
+    orientation: Annotated[Quaternion | None, _is("unit quaternion w x y z of the tip")] = None
+    buttons: Annotated[_Count | None, _is("bit i: button i of the device is down")] = None
 
 
 class EnvironmentReply(_Wire, frozen=True, tag="environment_reply"):
     """Reply of the environment to a query."""
 
-    seq: _Count
-    time_ns: _Count
-    device_seq: _Count
-    device_time_ns: _Count
-    query_seq: _Count
-    query_time_ns: _Count
-    force: _Vector  # N
-    environment: _Name  # name of the sender; no other process has it
-    proxy: _Vector | None = None  # m, of an environment that tells contacts; None: free motion
-    normal: _Vector | None = None  # outward unit normal at the proxy; None if the proxy is
+    seq: Annotated[_Count, _is("count of this packet at its sender, from 0")]
+    time_ns: Annotated[_Count, _is("sender's monotonic clock", "ns")]
+    device_seq: Annotated[_Count, _is("seq of the device state that is answered")]
+    device_time_ns: Annotated[_Count, _is("time_ns of that state, device's clock", "ns")]
+    query_seq: Annotated[_Count, _is("seq of the query that is answered")]
+    query_time_ns: Annotated[_Count, _is("time_ns of that query, controller's clock", "ns")]
+    force: Annotated[_Vector, _is("positive resists motion in the positive direction", "N")]
+    environment: Annotated[_Name, _is("name of the sender; no other process has it")]
+    proxy: Annotated[
+        _Vector | None, _is("where the tip would be if it could enter nothing; none: free", "m")
+    ] = None
+    normal: Annotated[_Vector | None, _is("outward unit normal at the proxy")] = None
 
     @property
     def contact(self) -> Contact | None:
@@ -137,62 +148,74 @@ class EnvironmentReply(_Wire, frozen=True, tag="environment_reply"):
 class ForceCommand(_Wire, frozen=True, tag="force_command"):
     """Force command of the controller to the device."""
 
-    seq: _Count
-    time_ns: _Count
-    device_seq: _Count
-    device_time_ns: _Count
-    force: _Vector  # N
-    reply_time_ns: _Count | None = None  # ns, device_time_ns of the environment's reply in use
+    seq: Annotated[_Count, _is("count of this packet at its sender, from 0")]
+    time_ns: Annotated[_Count, _is("sender's monotonic clock", "ns")]
+    device_seq: Annotated[_Count, _is("seq of the device state that is answered")]
+    device_time_ns: Annotated[_Count, _is("time_ns of that state, device's clock", "ns")]
+    force: Annotated[_Vector, _is("commanded; the device may apply less", "N")]
+    reply_time_ns: Annotated[
+        _Count | None, _is("device_time_ns of the environment's reply in use, device's clock", "ns")
+    ] = None
 
 
 class Telemetry(_Wire, frozen=True, tag="telemetry"):
     """Telemetry of one tick of the device, at the instant of writing."""
 
-    seq: _Count  # tick number
-    time_ns: _Count  # ns, device's clock, when the force was written
-    elapsed: float  # s since the force engaged for the first time; 0 before
-    position: _Vector  # m, reading that the bounder used
-    commanded_force: _Vector  # N, after age limit and engage ramp, before saturation and law
-    applied_force: _Vector  # N, written to the motor; of an arm what its torques give at the tip
-    force_limit: float  # N, largest magnitude that law and saturation allowed
-    estimated_energy: float  # J, ledger of the law; its meaning depends on the law
-    true_energy: float | None  # J, ground truth of a simulated device; None on hardware
-    true_position: _Vector | None  # m, unquantised position of a simulated device
-    hand_force: _Vector | None  # N, ground truth of a simulated device
-    engagement: float  # 0 to 1, factor of the engage ramp
-    device_seq: _Count | None  # tick whose state the force answers; None while there is no answer
-    loop_delay: float | None  # s from that state to this write
-    deadline_misses: _Count  # ticks skipped so far
-    rejected: _Counts  # packets rejected so far, by reason
-    read_ns: _Count | None = None  # ns, device's clock, when the position was read
-    write_ns: _Count | None = None  # ns, device's clock, from when on the force acts
-    joints: _Vector | None = None  # rad, reading of an arm
-    torques: _Vector | None = None  # N m, written to the motors of an arm
-    cut_ns: _Count | None = None  # ns, when the watchdog dropped the force before this one
-    cut_position: _Vector | None = None  # m (of an arm rad), reading then
-    ahead_ns: _Count | None = None  # ns, by which the bounder's clock is ahead of the device's
-    reply_age: float | None = None  # s, from the state that the reply in use answers to this write
+    seq: Annotated[_Count, _is("tick number, from 0")]
+    time_ns: Annotated[_Count, _is("device's clock, when the force was written", "ns")]
+    elapsed: Annotated[float, _is("since the force engaged for the first time; 0 before", "s")]
+    position: Annotated[_Vector, _is("reading that the bounder used", "m")]
+    commanded_force: Annotated[_Vector, _is("after age limit and ramp, before saturation", "N")]
+    applied_force: Annotated[_Vector, _is("written to the motor; of an arm, that at its tip", "N")]
+    force_limit: Annotated[float, _is("largest magnitude that law and saturation allowed", "N")]
+    estimated_energy: Annotated[float, _is("ledger of the law; its meaning depends on it", "J")]
+    true_energy: Annotated[float | None, _is("from the hand into a simulated device", "J")]
+    true_position: Annotated[_Vector | None, _is("unquantised, of a simulated device", "m")]
+    hand_force: Annotated[_Vector | None, _is("of a simulated hand on its device", "N")]
+    engagement: Annotated[float, _is("factor of the engage ramp, 0 to 1")]
+    device_seq: Annotated[_Count | None, _is("tick whose state the force answers; none: no answer")]
+    loop_delay: Annotated[float | None, _is("from that state to this write", "s")]
+    deadline_misses: Annotated[_Count, _is("ticks skipped so far")]
+    rejected: Annotated[_Counts, _is("packets rejected so far, by reason")]
+    read_ns: Annotated[_Count | None, _is("device's clock, when the position was read", "ns")] = (
+        None
+    )
+    write_ns: Annotated[_Count | None, _is("device's clock, when the force begins", "ns")] = None
+    joints: Annotated[_Vector | None, _is("reading of an arm", "rad")] = None
+    torques: Annotated[_Vector | None, _is("written to the motors of an arm", "N m")] = None
+    cut_ns: Annotated[_Count | None, _is("when the watchdog dropped the force before", "ns")] = None
+    cut_position: Annotated[_Vector | None, _is("reading then; of an arm its angles", "m")] = None
+    ahead_ns: Annotated[
+        _Count | None, _is("by which the bounder's clock is ahead of the device's", "ns")
+    ] = None
+    reply_age: Annotated[
+        float | None, _is("from the state that the reply in use answers to this write", "s")
+    ] = None
 
 
 class Scene(_Wire, frozen=True, tag="scene"):
     """What there is to draw, and where the virtual tips are."""
 
-    seq: _Count
-    time_ns: _Count
-    objects: Annotated[tuple[SceneObject, ...], Meta(max_length=MAX_LENGTH)]
-    proxies: _Vectors = {}  # m, by hand; a hand in free motion has none
+    seq: Annotated[_Count, _is("count of this packet at its sender, from 0")]
+    time_ns: Annotated[_Count, _is("sender's monotonic clock", "ns")]
+    objects: Annotated[
+        tuple[SceneObject, ...], Meta(max_length=MAX_LENGTH), _is("what there is to draw", "m")
+    ]
+    proxies: Annotated[
+        _Vectors, _is("virtual tips by hand; a hand in free motion has none", "m")
+    ] = {}
 
 
 class Event(_Wire, frozen=True, tag="event"):
     """Event of a graph: a fault, a change, the beginning of a phase."""
 
-    seq: _Count
-    time_ns: _Count
-    node: _Name  # process that sent it
-    event: _Name  # kind of event, one word: "environment_refused", "parameter_set"
-    is_fault: bool  # whether it is a fault
-    message: _Text  # for people
-    data: _Texts  # for programs, by name
+    seq: Annotated[_Count, _is("count of this packet at its sender, from 0")]
+    time_ns: Annotated[_Count, _is("sender's monotonic clock", "ns")]
+    node: Annotated[_Name, _is("process that sent it")]
+    event: Annotated[_Name, _is("kind of event, one word")]
+    is_fault: Annotated[bool, _is("whether it is a fault")]
+    message: Annotated[_Text, _is("for people")]
+    data: Annotated[_Texts, _is("for programs, by name")]
 
 
 Packet: TypeAlias = (
@@ -212,6 +235,21 @@ TOPICS: dict[str, type[Packet]] = {
 }
 
 TOPIC_OF: dict[type[Packet], str] = {packet: topic for topic, packet in TOPICS.items()}
+
+
+class Meaning(NamedTuple):
+    """What a field of a packet means."""
+
+    text: str
+    unit: str  # SI; "" for a count, a share or a text
+
+
+def meanings(packet: type[Packet]) -> dict[str, Meaning]:
+    """Return the meaning of each field of ``packet``, but for ``version``, in order."""
+    described: Any = type_info(packet)
+    about = {field.name: field.type for field in described.fields if field.name != "version"}
+    schemas = {name: kind.extra_json_schema for name, kind in about.items()}
+    return {name: Meaning(each["description"], each["unit"]) for name, each in schemas.items()}
 
 
 def field_types(packet: type[Packet]) -> dict[str, Any]:

@@ -17,7 +17,6 @@ from forcebound.errors import ConfigError
 from forcebound.messages.packets import ForceCommand, Packet, Scene, SceneObject
 from forcebound.nodes.events import EventLog
 from forcebound.recording import Recorder, read
-from forcebound.recording_schema import DESCRIPTIONS, UNITS
 from forcebound.recordings.export import export
 from forcebound.recordings.recovery import RECOVERED_NAME, recover
 
@@ -92,11 +91,6 @@ def test_every_column_has_its_unit_and_meaning(tmp_path: Path) -> None:
     assert about == {}
     units = {row["column"]: row["unit"] for row in rows_of(tmp_path / "columns.csv")}
     assert (units["position[1]"], units["estimated_energy"], units["seq"]) == ("m", "J", "")
-
-
-def test_units_are_those_of_the_descriptions() -> None:
-    for name, unit in UNITS.items():
-        assert not unit or f", {unit}" in DESCRIPTIONS[name], name
 
 
 def test_parquet_has_types_units_and_the_same_values(tmp_path: Path) -> None:

@@ -18,9 +18,18 @@ import msgspec
 
 from forcebound.errors import ConfigError
 from forcebound.files import content_of, reason
-from forcebound.messages.packets import TOPIC_OF, TOPICS, Packet, Quaternion, Vector, field_types
+from forcebound.messages.packets import (
+    TOPIC_OF,
+    TOPICS,
+    Meaning,
+    Packet,
+    Quaternion,
+    Vector,
+    field_types,
+    meanings,
+)
 from forcebound.recording import Recording
-from forcebound.recording_schema import DESCRIPTIONS, UNITS, plain_type
+from forcebound.recording_schema import plain_type
 
 COLUMNS = "columns.csv"  # what each column means
 FORMATS = ("csv", "parquet")
@@ -32,7 +41,7 @@ class _Column(NamedTuple):
     """A column of a table."""
 
     name: str
-    field: str  # of the packet
+    meaning: Meaning  # of the packet's field
     kind: str  # Arrow's name of the type
     value_of: Callable[[Packet], Any]
 
@@ -105,22 +114,24 @@ def _columns_of(recording: Recording) -> dict[str, list[_Column]]:
             column
             for name, hint in field_types(TOPICS[topic]).items()
             if name in widths[topic]
-            for column in _columns(name, plain_type(hint), widths[topic][name])
+            for column in _columns(
+                name, meanings(TOPICS[topic])[name], plain_type(hint), widths[topic][name]
+            )
         ]
         for topic in TOPICS
         if topic in widths
     }
 
 
-def _columns(name: str, kind: Any, width: int) -> Iterator[_Column]:
+def _columns(name: str, meaning: Meaning, kind: Any, width: int) -> Iterator[_Column]:
     """Yield the columns of a field; ``kind`` is its type when it has a value."""
     if kind in (Vector, Quaternion):
         for i in range(width):
-            yield _Column(f"{name}[{i}]", name, "float64", partial(_entry, attrgetter(name), i))
+            yield _Column(f"{name}[{i}]", meaning, "float64", partial(_entry, attrgetter(name), i))
     elif kind in _TYPES:
-        yield _Column(name, name, _TYPES[kind], attrgetter(name))
+        yield _Column(name, meaning, _TYPES[kind], attrgetter(name))
     else:
-        yield _Column(name, name, "string", partial(_as_json, attrgetter(name)))
+        yield _Column(name, meaning, "string", partial(_as_json, attrgetter(name)))
 
 
 def _entry(vector_of: Callable[[Packet], Vector | None], i: int, packet: Packet) -> float | None:
@@ -146,7 +157,7 @@ def _prepare(folder: Path, files: Sequence[Path], overwrite: bool) -> None:
 def _described(tables: Mapping[str, Sequence[_Column]]) -> Iterator[Sequence[str]]:
     for topic, columns in tables.items():
         for column in columns:
-            yield topic, column.name, UNITS[column.field], DESCRIPTIONS[column.field]
+            yield topic, column.name, column.meaning.unit, column.meaning.text
 
 
 class _Csv:
@@ -178,7 +189,7 @@ def _parquet() -> Callable[[Path, Sequence[_Column]], _Table]:
         def __init__(self, file: Path, columns: Sequence[_Column]) -> None:
             fields = []
             for column in columns:
-                about = {"unit": UNITS[column.field], "meaning": DESCRIPTIONS[column.field]}
+                about = {"unit": column.meaning.unit, "meaning": column.meaning.text}
                 fields.append(pa.field(column.name, column.kind, metadata=about))
             self._schema = pa.schema(fields)
             self._columns = columns
