@@ -19,6 +19,7 @@ from forcebound.messages.packets import EnvironmentQuery, Event
 from forcebound.monitor.formatting import as_written
 from forcebound.monitor.tuning import find_parameters, read_settings
 from forcebound.network.impairment import Impairment
+from forcebound.nodes import Node
 from forcebound.nodes.environment import EnvironmentNode
 from forcebound.topology import ONE_HAND
 
@@ -159,6 +160,10 @@ def test_a_link_belongs_to_the_process_that_receives() -> None:
 # --- In a running process ------------------------------------------------------------------------
 
 
+def process(nodes: list[Node]) -> Mock:
+    return Mock(graph=ONE_HAND, nodes=nodes)
+
+
 def request(config: GraphConfig, time_ns: int, **stiffness: float) -> Configure:
     settings = parameters(config) | {f"environment.{n}": v for n, v in stiffness.items()}
     return Configure(time_ns, settings)
@@ -167,12 +172,12 @@ def request(config: GraphConfig, time_ns: int, **stiffness: float) -> Configure:
 def test_of_two_requests_that_overtake_each_other_the_newer_one_counts(
     config: GraphConfig,
 ) -> None:
-    process = Mock(graph=ONE_HAND, nodes=[EnvironmentNode(config.environment.model)])
+    one = process([EnvironmentNode(config.environment.model)])
     tuner = Tuner(config)
-    assert tuner(process, request(config, 5, stiffness=400.0)) == {"environment.stiffness": 400.0}
-    assert tuner(process, request(config, 4, stiffness=300.0)) == {}
-    assert tuner(process, request(config, 6, stiffness=400.0)) == {}
-    (reply,) = process.nodes[0].step(5, [EnvironmentQuery(1, 1, 1, 1, 0.0, (0.02,), (0.0,), None)])
+    assert tuner(one, request(config, 5, stiffness=400.0)) == {"environment.stiffness": 400.0}
+    assert tuner(one, request(config, 4, stiffness=300.0)) == {}
+    assert tuner(one, request(config, 6, stiffness=400.0)) == {}
+    (reply,) = one.nodes[0].step(5, [EnvironmentQuery(1, 1, 1, 1, 0.0, (0.02,), (0.0,), None)])
     assert reply.force == (pytest.approx(4.0),)
 
 
@@ -183,28 +188,22 @@ def with_law(config: GraphConfig, law: object) -> Configure:
 def test_a_device_takes_a_law_and_no_other_process_does(config: GraphConfig) -> None:
     device = build_device(config)
     settings = with_law(config, "none")
-    assert (
-        Tuner(config)(
-            Mock(graph=ONE_HAND, nodes=[EnvironmentNode(config.environment.model)]), settings
-        )
-        == {}
-    )
-    assert (
-        Tuner(config)(Mock(graph=ONE_HAND, nodes=[device]), settings) == {}
-    )  # it tells when it has taken it
+    other = process([EnvironmentNode(config.environment.model)])
+    assert Tuner(config)(other, settings) == {}
+    assert Tuner(config)(process([device]), settings) == {}  # it reports when it has taken it
     packets = [packet for time_ns in (0, 400_000) for packet in device.step(time_ns, ())]
     assert [packet.data["law"] for packet in packets if isinstance(packet, Event)] == ["none"]
     for damaged in ("my_law.py", 3):
         with pytest.raises(ConfigError, match=r"no law of one's own|no parameters of this graph"):
-            Tuner(config)(Mock(graph=ONE_HAND, nodes=[device]), with_law(config, damaged))
+            Tuner(config)(process([device]), with_law(config, damaged))
 
 
 def test_a_process_takes_only_the_parameters_of_its_own_node(config: GraphConfig) -> None:
     settings = {"environment.stiffness": 400.0, "links.force_command.delay": 0.01}
-    assert Tuner(config)(Mock(graph=ONE_HAND, nodes=[]), Configure(5, settings)) == {}
+    assert Tuner(config)(process([]), Configure(5, settings)) == {}
 
 
 def test_a_damaged_request_changes_nothing(config: GraphConfig) -> None:
-    process = Mock(graph=ONE_HAND, nodes=[EnvironmentNode(config.environment.model)])
+    one = process([EnvironmentNode(config.environment.model)])
     with pytest.raises(ConfigError, match="cannot be made"):
-        Tuner(config)(process, Configure(5, {"environment.stiffness": "soft"}))
+        Tuner(config)(one, Configure(5, {"environment.stiffness": "soft"}))
