@@ -20,7 +20,7 @@ from forcebound.messages.packets import (
 )
 from forcebound.topology import HAND
 
-#: Fields that a message may lack beside those without a value, and what that means.
+#: Fields that are left out of a message when they are empty, or that older recordings lack.
 ABSENT: dict[str, Any] = {"hand": HAND, "proxies": {}}
 
 

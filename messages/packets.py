@@ -8,6 +8,10 @@ monotonic clock). An answer echoes ``device_seq`` and ``device_time_ns`` of the 
 answers, so a loop delay is measured on the device's clock alone. ``hand`` names the hand to whose
 loop a packet belongs.
 
+To add a field: a line in its class, at the end and with a default, so that older programs stay
+compatible; what fills it; its row in ``docs/protocol.md``. Codec, recordings, schemas, tables and
+``forcebound echo`` take it from here; ``tests/golden_packets.py`` holds its bytes.
+
 Vectors are tuples of 1 to 6 floats, one per axis; the objects of a scene are in space, whatever the
 axes. Positions grow *into* the environment; a force is positive when it *resists* motion in the
 positive direction (``docs/theory.md``, section 1).
@@ -33,7 +37,7 @@ Point: TypeAlias = tuple[float, float, float]  # m, in space, whatever number of
 Quaternion: TypeAlias = tuple[float, float, float, float]  # w x y z; of length 1: an orientation
 
 
-def _is(meaning: str, unit: str = "") -> Meta:
+def _means(meaning: str, unit: str = "") -> Meta:
     """What a field means, for schemas and tables; a count, a share or a text has no unit."""
     return Meta(description=meaning, extra_json_schema={"unit": unit})
 
@@ -89,53 +93,55 @@ class _Wire(Struct, frozen=True, kw_only=True, tag_field="packet", gc=False):
 
     version: Literal[4] = VERSION
     hand: Annotated[
-        str, Meta(max_length=MAX_NAME), _is("to whose loop it belongs; empty: the only one, or all")
+        str,
+        Meta(max_length=MAX_NAME),
+        _means("to whose loop it belongs; empty: the only one, or all"),
     ] = ""
 
 
 class DeviceState(_Wire, frozen=True, tag="device_state"):
     """Readings of the device at the start of a tick."""
 
-    seq: Annotated[_Count, _is("tick number, from 0")]
-    time_ns: Annotated[_Count, _is("device's clock, when the position was read", "ns")]
-    elapsed: Annotated[float, _is("since the force engaged for the first time; 0 before", "s")]
-    position: Annotated[_Vector, _is("reading; grows into the environment", "m")]
-    velocity: Annotated[_Vector, _is("filtered backward difference of the readings", "m/s")]
-    force: Annotated[_Vector, _is("held by the motor at time_ns", "N")]
-    orientation: Annotated[Quaternion | None, _is("unit quaternion w x y z of the tip")] = None
-    buttons: Annotated[_Count | None, _is("bit i: button i of the device is down")] = None
+    seq: Annotated[_Count, _means("tick number, from 0")]
+    time_ns: Annotated[_Count, _means("device's clock, when the position was read", "ns")]
+    elapsed: Annotated[float, _means("since the force engaged for the first time; 0 before", "s")]
+    position: Annotated[_Vector, _means("reading; grows into the environment", "m")]
+    velocity: Annotated[_Vector, _means("filtered backward difference of the readings", "m/s")]
+    force: Annotated[_Vector, _means("held by the motor at time_ns", "N")]
+    orientation: Annotated[Quaternion | None, _means("unit quaternion w x y z of the tip")] = None
+    buttons: Annotated[_Count | None, _means("bit i: button i of the device is down")] = None
 
 
 class EnvironmentQuery(_Wire, frozen=True, tag="environment_query"):
     """Query of the controller to the environment."""
 
-    seq: Annotated[_Count, _is("count of this packet at its sender, from 0")]
-    time_ns: Annotated[_Count, _is("sender's monotonic clock", "ns")]
-    device_seq: Annotated[_Count, _is("seq of the device state that is answered")]
-    device_time_ns: Annotated[_Count, _is("time_ns of that state, device's clock", "ns")]
-    elapsed: Annotated[float, _is("since the force engaged for the first time; 0 before", "s")]
-    position: Annotated[_Vector, _is("where to evaluate the environment", "m")]
-    velocity: Annotated[_Vector, _is("there", "m/s")]
-    environment: Annotated[_Name | None, _is("that serves; none: the first to reply will serve")]
-    orientation: Annotated[Quaternion | None, _is("unit quaternion w x y z of the tip")] = None
-    buttons: Annotated[_Count | None, _is("bit i: button i of the device is down")] = None
+    seq: Annotated[_Count, _means("count of this packet at its sender, from 0")]
+    time_ns: Annotated[_Count, _means("sender's monotonic clock", "ns")]
+    device_seq: Annotated[_Count, _means("seq of the device state that is answered")]
+    device_time_ns: Annotated[_Count, _means("time_ns of that state, device's clock", "ns")]
+    elapsed: Annotated[float, _means("since the force engaged for the first time; 0 before", "s")]
+    position: Annotated[_Vector, _means("where to evaluate the environment", "m")]
+    velocity: Annotated[_Vector, _means("there", "m/s")]
+    environment: Annotated[_Name | None, _means("that serves; none: the first to reply will serve")]
+    orientation: Annotated[Quaternion | None, _means("unit quaternion w x y z of the tip")] = None
+    buttons: Annotated[_Count | None, _means("bit i: button i of the device is down")] = None
 
 
 class EnvironmentReply(_Wire, frozen=True, tag="environment_reply"):
     """Reply of the environment to a query."""
 
-    seq: Annotated[_Count, _is("count of this packet at its sender, from 0")]
-    time_ns: Annotated[_Count, _is("sender's monotonic clock", "ns")]
-    device_seq: Annotated[_Count, _is("seq of the device state that is answered")]
-    device_time_ns: Annotated[_Count, _is("time_ns of that state, device's clock", "ns")]
-    query_seq: Annotated[_Count, _is("seq of the query that is answered")]
-    query_time_ns: Annotated[_Count, _is("time_ns of that query, controller's clock", "ns")]
-    force: Annotated[_Vector, _is("positive resists motion in the positive direction", "N")]
-    environment: Annotated[_Name, _is("name of the sender; no other process has it")]
+    seq: Annotated[_Count, _means("count of this packet at its sender, from 0")]
+    time_ns: Annotated[_Count, _means("sender's monotonic clock", "ns")]
+    device_seq: Annotated[_Count, _means("seq of the device state that is answered")]
+    device_time_ns: Annotated[_Count, _means("time_ns of that state, device's clock", "ns")]
+    query_seq: Annotated[_Count, _means("seq of the query that is answered")]
+    query_time_ns: Annotated[_Count, _means("time_ns of that query, controller's clock", "ns")]
+    force: Annotated[_Vector, _means("positive resists motion in the positive direction", "N")]
+    environment: Annotated[_Name, _means("name of the sender; no other process has it")]
     proxy: Annotated[
-        _Vector | None, _is("where the tip would be if it could enter nothing; none: free", "m")
+        _Vector | None, _means("where the tip would be if it could enter nothing; none: free", "m")
     ] = None
-    normal: Annotated[_Vector | None, _is("outward unit normal at the proxy")] = None
+    normal: Annotated[_Vector | None, _means("outward unit normal at the proxy")] = None
 
     @property
     def contact(self) -> Contact | None:
@@ -148,74 +154,83 @@ class EnvironmentReply(_Wire, frozen=True, tag="environment_reply"):
 class ForceCommand(_Wire, frozen=True, tag="force_command"):
     """Force command of the controller to the device."""
 
-    seq: Annotated[_Count, _is("count of this packet at its sender, from 0")]
-    time_ns: Annotated[_Count, _is("sender's monotonic clock", "ns")]
-    device_seq: Annotated[_Count, _is("seq of the device state that is answered")]
-    device_time_ns: Annotated[_Count, _is("time_ns of that state, device's clock", "ns")]
-    force: Annotated[_Vector, _is("commanded; the device may apply less", "N")]
+    seq: Annotated[_Count, _means("count of this packet at its sender, from 0")]
+    time_ns: Annotated[_Count, _means("sender's monotonic clock", "ns")]
+    device_seq: Annotated[_Count, _means("seq of the device state that is answered")]
+    device_time_ns: Annotated[_Count, _means("time_ns of that state, device's clock", "ns")]
+    force: Annotated[_Vector, _means("commanded; the device may apply less", "N")]
     reply_time_ns: Annotated[
-        _Count | None, _is("device_time_ns of the environment's reply in use, device's clock", "ns")
+        _Count | None,
+        _means("device_time_ns of the environment's reply in use, device's clock", "ns"),
     ] = None
 
 
 class Telemetry(_Wire, frozen=True, tag="telemetry"):
     """Telemetry of one tick of the device, at the instant of writing."""
 
-    seq: Annotated[_Count, _is("tick number, from 0")]
-    time_ns: Annotated[_Count, _is("device's clock, when the force was written", "ns")]
-    elapsed: Annotated[float, _is("since the force engaged for the first time; 0 before", "s")]
-    position: Annotated[_Vector, _is("reading that the bounder used", "m")]
-    commanded_force: Annotated[_Vector, _is("after age limit and ramp, before saturation", "N")]
-    applied_force: Annotated[_Vector, _is("written to the motor; of an arm, that at its tip", "N")]
-    force_limit: Annotated[float, _is("largest magnitude that law and saturation allowed", "N")]
-    estimated_energy: Annotated[float, _is("ledger of the law; its meaning depends on it", "J")]
-    true_energy: Annotated[float | None, _is("from the hand into a simulated device", "J")]
-    true_position: Annotated[_Vector | None, _is("unquantised, of a simulated device", "m")]
-    hand_force: Annotated[_Vector | None, _is("of a simulated hand on its device", "N")]
-    engagement: Annotated[float, _is("factor of the engage ramp, 0 to 1")]
-    device_seq: Annotated[_Count | None, _is("tick whose state the force answers; none: no answer")]
-    loop_delay: Annotated[float | None, _is("from that state to this write", "s")]
-    deadline_misses: Annotated[_Count, _is("ticks skipped so far")]
-    rejected: Annotated[_Counts, _is("packets rejected so far, by reason")]
-    read_ns: Annotated[_Count | None, _is("device's clock, when the position was read", "ns")] = (
+    seq: Annotated[_Count, _means("tick number, from 0")]
+    time_ns: Annotated[_Count, _means("device's clock, when the force was written", "ns")]
+    elapsed: Annotated[float, _means("since the force engaged for the first time; 0 before", "s")]
+    position: Annotated[_Vector, _means("reading that the bounder used", "m")]
+    commanded_force: Annotated[_Vector, _means("after age limit and ramp, before saturation", "N")]
+    applied_force: Annotated[
+        _Vector, _means("written to the motor; of an arm, that at its tip", "N")
+    ]
+    force_limit: Annotated[float, _means("largest magnitude that law and saturation allowed", "N")]
+    estimated_energy: Annotated[float, _means("ledger of the law; its meaning depends on it", "J")]
+    true_energy: Annotated[float | None, _means("from the hand into a simulated device", "J")]
+    true_position: Annotated[_Vector | None, _means("unquantised, of a simulated device", "m")]
+    hand_force: Annotated[_Vector | None, _means("of a simulated hand on its device", "N")]
+    engagement: Annotated[float, _means("factor of the engage ramp, 0 to 1")]
+    device_seq: Annotated[
+        _Count | None, _means("tick whose state the force answers; none: no answer")
+    ]
+    loop_delay: Annotated[float | None, _means("from that state to this write", "s")]
+    deadline_misses: Annotated[_Count, _means("ticks skipped so far")]
+    rejected: Annotated[_Counts, _means("packets rejected so far, by reason")]
+    read_ns: Annotated[
+        _Count | None, _means("device's clock, when the position was read", "ns")
+    ] = None
+    write_ns: Annotated[_Count | None, _means("device's clock, when the force begins", "ns")] = None
+    joints: Annotated[_Vector | None, _means("reading of an arm", "rad")] = None
+    torques: Annotated[_Vector | None, _means("written to the motors of an arm", "N m")] = None
+    cut_ns: Annotated[_Count | None, _means("when the watchdog dropped the force before", "ns")] = (
         None
     )
-    write_ns: Annotated[_Count | None, _is("device's clock, when the force begins", "ns")] = None
-    joints: Annotated[_Vector | None, _is("reading of an arm", "rad")] = None
-    torques: Annotated[_Vector | None, _is("written to the motors of an arm", "N m")] = None
-    cut_ns: Annotated[_Count | None, _is("when the watchdog dropped the force before", "ns")] = None
-    cut_position: Annotated[_Vector | None, _is("reading then; of an arm its angles", "m")] = None
+    cut_position: Annotated[_Vector | None, _means("reading then; of an arm its angles", "m")] = (
+        None
+    )
     ahead_ns: Annotated[
-        _Count | None, _is("by which the bounder's clock is ahead of the device's", "ns")
+        _Count | None, _means("by which the bounder's clock is ahead of the device's", "ns")
     ] = None
     reply_age: Annotated[
-        float | None, _is("from the state that the reply in use answers to this write", "s")
+        float | None, _means("from the state that the reply in use answers to this write", "s")
     ] = None
 
 
 class Scene(_Wire, frozen=True, tag="scene"):
     """What there is to draw, and where the virtual tips are."""
 
-    seq: Annotated[_Count, _is("count of this packet at its sender, from 0")]
-    time_ns: Annotated[_Count, _is("sender's monotonic clock", "ns")]
+    seq: Annotated[_Count, _means("count of this packet at its sender, from 0")]
+    time_ns: Annotated[_Count, _means("sender's monotonic clock", "ns")]
     objects: Annotated[
-        tuple[SceneObject, ...], Meta(max_length=MAX_LENGTH), _is("what there is to draw", "m")
+        tuple[SceneObject, ...], Meta(max_length=MAX_LENGTH), _means("what there is to draw", "m")
     ]
     proxies: Annotated[
-        _Vectors, _is("virtual tips by hand; a hand in free motion has none", "m")
+        _Vectors, _means("virtual tips by hand; a hand in free motion has none", "m")
     ] = {}
 
 
 class Event(_Wire, frozen=True, tag="event"):
     """Event of a graph: a fault, a change, the beginning of a phase."""
 
-    seq: Annotated[_Count, _is("count of this packet at its sender, from 0")]
-    time_ns: Annotated[_Count, _is("sender's monotonic clock", "ns")]
-    node: Annotated[_Name, _is("process that sent it")]
-    event: Annotated[_Name, _is("kind of event, one word")]
-    is_fault: Annotated[bool, _is("whether it is a fault")]
-    message: Annotated[_Text, _is("for people")]
-    data: Annotated[_Texts, _is("for programs, by name")]
+    seq: Annotated[_Count, _means("count of this packet at its sender, from 0")]
+    time_ns: Annotated[_Count, _means("sender's monotonic clock", "ns")]
+    node: Annotated[_Name, _means("process that sent it")]
+    event: Annotated[_Name, _means("kind of event, one word")]
+    is_fault: Annotated[bool, _means("whether it is a fault")]
+    message: Annotated[_Text, _means("for people")]
+    data: Annotated[_Texts, _means("for programs, by name")]
 
 
 Packet: TypeAlias = (
