@@ -1,7 +1,5 @@
 """Checks of parts against their contracts, for ``forcebound check``."""
 
-import dataclasses
-import json
 import math
 import statistics
 import time
@@ -9,6 +7,9 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeAlias
+
+import msgspec
+from msgspec import Struct
 
 from forcebound.bounding import contract as laws
 from forcebound.config.parts import law_of, member_of
@@ -27,7 +28,7 @@ from forcebound.errors import ConfigError
 from forcebound.messages.packets import MAX_AXES
 from forcebound.operators import contract as operators
 from forcebound.parts import overridden
-from forcebound.parts.contract import Report
+from forcebound.parts.contract import Report, Violation
 from forcebound.parts.user_module import file_of, names_file
 from forcebound.units import parse_quantity
 
@@ -49,6 +50,37 @@ CHECK_S = 120.0  # for all of it, in a process of its own
 Progress: TypeAlias = Callable[[str, int, int], None]
 
 
+class AtRest(Struct, frozen=True):
+    """Force of an environment at rest, on the first axis."""
+
+    position_m: float
+    force_n: float | None  # None: no answer
+
+
+class AnswerTimes(Struct, frozen=True):
+    """Times of the answers of an environment, in s; None: it gives none."""
+
+    median: float | None
+    max: float | None
+    answers: int
+
+
+class Checked(Struct, kw_only=True, omit_defaults=True):
+    """What the contract test finds of a part."""
+
+    part: dict[str, Any]  # kind and parameters
+    passed: bool
+    questions: int
+    promises: dict[str, bool]  # which were kept
+    violations: list[Violation]
+    # Of an environment:
+    axes: list[int] = []  # numbers of axes that were tried
+    left_out: int | None = None  # queries that were not sent
+    at_rest: list[AtRest] = []
+    touch: Touch | None = None  # what strokes felt; None without contact or scene
+    seconds_per_answer: AnswerTimes | None = None
+
+
 def no_progress(doing: str, done: int, total: int) -> None:
     """Report no progress."""
 
@@ -60,10 +92,10 @@ def check_part(
     axes: Sequence[int] = (),
     rest: Sequence[str] = (),
     progress: Progress = no_progress,
-) -> dict[str, Any]:
-    """Return what the contract test finds of a part, in plain JSON types.
+) -> Checked:
+    """Return what the contract test finds of a part.
 
-    A file of the user's own runs in a process of its own. A slow environment gets fewer queries.
+    A user's file runs in a process of its own. A slow environment gets fewer queries.
 
     Args:
         section: ``"law"``, ``"device"``, ``"operator"``, ``"controller"`` or ``"environment"``.
@@ -74,15 +106,6 @@ def check_part(
         progress: Called before each answer of an environment, where it runs, with the question,
             the answers so far and their number in all.
 
-    Returns:
-        ``part`` (kind and parameters), ``passed``, ``questions``, ``promises`` (which were kept)
-        and ``violations``. Of an environment ``part`` is called ``environment``, and there are
-        ``axes`` (the numbers of axes that were tried), ``left_out`` (queries that were not sent),
-        ``at_rest`` (position and force on the first axis, in m and N; no force where it gave none),
-        ``touch`` (what strokes towards the scene felt, as
-        :class:`forcebound.environments.strokes.Touch`; None without contact or scene) and
-        ``seconds_per_answer`` (``median``, ``max`` of ``answers``; None if it gives none).
-
     Raises:
         ConfigError: If there is no such part, a parameter is wrong, or the user's code was too slow
             or ended its process.
@@ -91,12 +114,11 @@ def check_part(
     if not names_file(kind):
         return check()
     data = tried(partial(_as_json, check), [file_of(kind, Path())], CHECK_S)
-    document: dict[str, Any] = json.loads(data)
-    return document
+    return msgspec.json.decode(data, type=Checked)
 
 
-def _as_json(check: Callable[[], dict[str, Any]]) -> bytes:
-    return json.dumps(check()).encode()
+def _as_json(check: Callable[[], Checked]) -> bytes:
+    return msgspec.json.encode(check())
 
 
 def check_here(
@@ -106,33 +128,36 @@ def check_here(
     axes: Sequence[int] = (),
     rest: Sequence[str] = (),
     progress: Progress = no_progress,
-) -> dict[str, Any]:
+) -> Checked:
     """Do the work of :func:`check_part` in this process."""
     if section == "law":
         law = law_of(kind)
-        return {"part": {"kind": law}, **_found(laws.check(law))}
+        return _checked({"kind": law}, laws.check(law))
     expected = dict(map(_expected, rest))
     model = member_of(section, kind, arguments)
+    part = member_document(section, model)
     if section == "environment":
-        return _check_environment(progress, model, axes, expected)
-    return {"part": member_document(section, model), **_found(CONTRACTS[section].check(model))}
+        return _check_environment(part, progress, model, axes, expected)
+    return _checked(part, CONTRACTS[section].check(model))
 
 
-def _found(report: Report) -> dict[str, Any]:
-    return {
-        "passed": not report.violations,
-        "questions": report.questions,
-        "promises": report.held,
-        "violations": [dataclasses.asdict(v) for v in report.violations],
-    }
+def _checked(part: dict[str, Any], report: Report) -> Checked:
+    return Checked(
+        part=part,
+        passed=not report.violations,
+        questions=report.questions,
+        promises=report.held,
+        violations=list(report.violations),
+    )
 
 
 def _check_environment(
+    part: dict[str, Any],
     progress: Progress,
     model: EnvironmentModel,
     axes: Sequence[int],
     expected: Mapping[float, float],
-) -> dict[str, Any]:
+) -> Checked:
     one = min(axes, default=1)
     axes = axes or range(1, MAX_AXES + 1)
     environment = open_environment(model, one)
@@ -140,7 +165,7 @@ def _check_environment(
     for position in PROBES:
         progress(f"force at rest, at {position * 1e3:g} mm,", 0, 0)
         began = time.perf_counter()
-        at_rest.append({"position_m": position, "force_n": _at_rest(environment, position, one)})
+        at_rest.append(AtRest(position, _at_rest(environment, position, one)))
         times.append(time.perf_counter() - began)
     usual = statistics.median(times)
     report = environments.check(
@@ -150,67 +175,61 @@ def _check_environment(
         at_most=round(QUERYING / usual / 2),
         progress=progress,
     )
-    touch = _touch(model, min(max(axes), 3), round(STROKING / usual), progress)
+    checked = _checked(part, report)
+    checked.axes, checked.left_out, checked.at_rest = sorted(set(axes)), report.left_out, at_rest
+    checked.touch = _touch(model, min(max(axes), 3), round(STROKING / usual), progress)
     times = _times(environment, one, min(max(FEWEST_CALLS, round(TIMING / usual)), CALLS), progress)
-    return {
-        "environment": member_document("environment", model),
-        **_found(report),
-        "axes": sorted(set(axes)),
-        "left_out": report.left_out,
-        "at_rest": at_rest,
-        "touch": None if touch is None else dataclasses.asdict(touch),
-        "seconds_per_answer": {
-            "median": statistics.median(times) if times else None,
-            "max": max(times, default=None),
-            "answers": len(times),
-        },
-    }
+    median = statistics.median(times) if times else None
+    checked.seconds_per_answer = AnswerTimes(median, max(times, default=None), len(times))
+    return checked
 
 
-def lines(section: str, document: Mapping[str, Any]) -> list[str]:
+def lines(section: str, checked: Checked) -> list[str]:
     """Return the result of :func:`check_part` as lines of text."""
     text = []
-    for promise, held in document["promises"].items():
+    for promise, held in checked.promises.items():
         words = CONTRACTS[section].PROMISES[promise]
         text.append(f"{'kept  ' if held else 'BROKEN'}  {promise:<8} {words}")
-        for violation in document["violations"]:
-            if violation["promise"] == promise:
-                text.append(f"          {violation['where']}")
-                text.append(f"            expected {violation['expected']}")
-                text.append(f"            got      {violation['got']}")
-    return text + (_measured(document) if section == "environment" else [])
+        for violation in checked.violations:
+            if violation.promise == promise:
+                text.append(f"          {violation.where}")
+                text.append(f"            expected {violation.expected}")
+                text.append(f"            got      {violation.got}")
+    return text + _measured(checked)
 
 
-def _measured(document: Mapping[str, Any]) -> list[str]:
+def _measured(checked: Checked) -> list[str]:
+    answer = checked.seconds_per_answer
+    if answer is None:
+        return []  # no environment
     shown = ", ".join(
-        f"{one['position_m'] * 1e3:g} mm: "
-        + ("no answer" if one["force_n"] is None else f"{one['force_n']:.4g} N")
-        for one in document["at_rest"]
+        f"{one.position_m * 1e3:g} mm: "
+        + ("no answer" if one.force_n is None else f"{one.force_n:.4g} N")
+        for one in checked.at_rest
     )
-    tried = ", ".join(map(str, document["axes"]))
+    tried = ", ".join(map(str, checked.axes))
     text = [f"numbers of axes tried: {tried}", f"at rest, on the first axis: {shown}"]
-    if document["touch"] is not None:
-        text += _touched(document["touch"])
-    if document["left_out"]:
-        known = document["questions"] + document["left_out"]
-        text.append(f"{document['questions']} of {known} queries, since answers are slow")
-    answer = document["seconds_per_answer"]
-    if answer["answers"]:
+    if checked.touch is not None:
+        text += _touched(checked.touch)
+    if checked.left_out:
+        known = checked.questions + checked.left_out
+        text.append(f"{checked.questions} of {known} queries, since answers are slow")
+    if answer.median is not None and answer.max is not None:
         text.append(
-            f"one answer takes {answer['median'] * 1e6:.1f} us (longest of {answer['answers']}:"
-            f" {answer['max'] * 1e6:.0f} us); at 1 kHz a tick has 1000 us"
+            f"one answer takes {answer.median * 1e6:.1f} us (longest of {answer.answers}:"
+            f" {answer.max * 1e6:.0f} us); at 1 kHz a tick has 1000 us"
         )
     return text
 
 
-def _touched(touch: Mapping[str, Any]) -> list[str]:
-    count, touched = touch["strokes"], touch["touched"]
+def _touched(touch: Touch) -> list[str]:
+    count, touched = touch.strokes, touch.touched
     text = [f"strokes towards what the scene shows: {count}, of which touched it: {touched}"]
-    if touch["stiffness"] is not None:
-        least, median, most = (f"{stiffness * 1e-3:.3g} N/mm" for stiffness in touch["stiffness"])
+    if touch.stiffness is not None:
+        least, median, most = (f"{stiffness * 1e-3:.3g} N/mm" for stiffness in touch.stiffness)
         text.append(
             f"along the normal {median} ({least} to {most}); across it at most"
-            f" {touch['across']:.2g} of that"
+            f" {touch.across:.2g} of that"
         )
     return text
 

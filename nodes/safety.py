@@ -5,8 +5,8 @@ A packet that arrives takes the place of the command in use, or is rejected and 
     decode and validate   the runner and the codec; their rejections are counted here
     rejection             a force command, finite, that answers a fresh tick, newer than the last
 
-At each write, the command in use passes a list of stages, each of which makes the force smaller,
-leaves it, or ends it::
+At each write, the command in use passes a list of stages, each of which changes the force or ends
+the command::
 
     fresh                 an answer to a state older than the age limit is no answer
     ramp                  from 0 to 1 after the start, a fault, a silence

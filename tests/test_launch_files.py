@@ -382,3 +382,9 @@ def test_the_schema_refuses_what_the_loader_refuses(
     schema: dict[str, Any], change: dict[str, Any]
 ) -> None:
     assert not accepts(schema, {**as_plain("stiff_wall.yaml"), **change})
+
+
+def test_a_resolved_document_may_be_older_than_a_setting() -> None:
+    document = run_document(load("stiff_wall"))
+    del document["device"]["velocity_cutoff"]
+    assert restore(document).device.servo == load("stiff_wall").device.servo

@@ -172,8 +172,7 @@ def test_code_of_environment_and_controller_stays_out_of_the_devices_process(
 
 @pytest.mark.parametrize("page", PAGES)
 def test_what_the_page_shows_passes_its_check(page: str, pages: Path) -> None:
-    document = check_here(page, str(pages / f"my_{page}.py"))
-    assert document["violations"] == []
+    assert check_here(page, str(pages / f"my_{page}.py")).violations == []
 
 
 # Environments with state

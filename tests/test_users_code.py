@@ -149,14 +149,13 @@ def test_a_slow_environment_is_asked_fewer_questions(
     monkeypatch.setattr("forcebound.launch.check.QUERYING", 1.0)
     monkeypatch.setattr("forcebound.launch.check.TIMING", 0.2)
     _, file = own(tmp_path, "time.sleep(0.02)")
-    document = check_here("environment", str(file), [], [1, 2])
-    assert document["passed"]
-    assert 1 <= document["questions"] <= 1.0 / 0.02 / 2
-    assert document["seconds_per_answer"]["answers"] == 10
-    known = document["questions"] + document["left_out"]
-    assert f"{document['questions']} of {known} queries" in "\n".join(
-        lines("environment", document)
-    )
+    checked = check_here("environment", str(file), [], [1, 2])
+    assert checked.passed
+    assert 1 <= checked.questions <= 1.0 / 0.02 / 2
+    assert checked.seconds_per_answer is not None
+    assert checked.seconds_per_answer.answers == 10
+    known = checked.questions + (checked.left_out or 0)
+    assert f"{checked.questions} of {known} queries" in "\n".join(lines("environment", checked))
 
 
 def test_the_check_says_how_far_it_is(

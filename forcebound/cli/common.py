@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from functools import partial, reduce
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 import click
 
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from forcebound.launch.screen import Screen
 
 Command: TypeAlias = Callable[..., None]
+T = TypeVar("T")
 
 UNKNOWN = "–"  # in place of a figure
 LONGEST_CELL = 500  # characters
@@ -288,9 +289,7 @@ def print_json_line(document: Any) -> None:
     click.echo(encode(document, enc_hook=os.fspath))
 
 
-def print_document(
-    document: dict[str, Any], as_json: bool, lines: Callable[[dict[str, Any]], Iterable[str]]
-) -> None:
+def print_document(document: T, as_json: bool, lines: Callable[[T], Iterable[str]]) -> None:
     """Print a document as JSON, or in lines for people."""
     if as_json:
         print_json(document)

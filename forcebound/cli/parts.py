@@ -256,7 +256,7 @@ def check(part: str, kind: str, as_json: bool, **options: Any) -> None:
 
     if part != "environment" and (options["axes"] or options["rest"]):
         raise click.UsageError("--axes and --rest are for environments")
-    document = check_part(part, kind, **options, progress=Progress().show)
-    print_document(document, as_json, partial(lines, part))
-    if not document["passed"]:
+    checked = check_part(part, kind, **options, progress=Progress().show)
+    print_document(checked, as_json, partial(lines, part))
+    if not checked.passed:
         raise RunError(f"{kind} breaks its contract")

@@ -249,6 +249,6 @@ def _verify(run: Path, settings: Sequence[str], as_json: bool) -> NoReturn:
         show("a tick is missing from the recording; what follows it cannot be verified")
     show(
         f"commands: {found.commands} forces follow from a recorded one,"
-        f" of {found.unknown_commands} it is not recorded"
+        f" {found.unknown_commands} from none"
     )
     sys.exit(0 if found.is_same else 1)

@@ -238,4 +238,5 @@ def _values(
     return {
         field.name: msgspec.convert(document[field.name], field.hint, dec_hook=_path)
         for field in fields_of(kind, names).values()
+        if field.required or field.name in document  # a recording may be older than a setting
     }
