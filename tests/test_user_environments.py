@@ -309,7 +309,7 @@ def test_the_check_prints_one_document(tmp_path: Path) -> None:
     assert result.exit_code == 0
     document = json.loads(result.stdout)
     assert document["passed"]
-    assert document["environment"]["stiffness"] == 1000.0
+    assert document["part"]["stiffness"] == 1000.0
     assert document["at_rest"][0] == {"position_m": -0.01, "force_n": -10.0}
     assert document["seconds_per_answer"]["median"] > 0
     assert set(document["promises"]) == {"opens", "answers", "shape", "finite", "pure", "value"}
