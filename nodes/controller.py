@@ -116,8 +116,10 @@ class ControllerNode(Node):
     def _take_state(self, state: DeviceState, time_ns: int, packets: list[Packet]) -> None:
         try:
             force = _force(self._controller.on_state(state, time_ns))
-            position, velocity = map(_vector, self._controller.query(state))
-            notices = [(str(event), str(message)) for event, message in self._controller.notices()]
+            position, velocity = self._controller.query(state)
+            position, velocity = _vector(position), _vector(velocity)
+            noticed = self._controller.notices()
+            notices = [(str(event), str(message)) for event, message in noticed] if noticed else ()
         except Exception as error:
             self._fail("on_state or query", error, time_ns, packets)
             return
@@ -189,8 +191,8 @@ class ControllerNode(Node):
 
 
 def _vector(answer: Vector) -> Vector:
-    """Return the answer of a controller, which may be a list or an array, as a tuple of floats."""
-    return tuple(map(float, answer))
+    """Return the answer of a controller, which may be a list or an array, as a tuple."""
+    return answer if type(answer) is tuple else tuple(map(float, answer))
 
 
 def _force(answer: Vector | None) -> Vector | None:

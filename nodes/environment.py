@@ -238,10 +238,10 @@ class EnvironmentNode(Node):
         seq = self._seq
         self._seq += 1
         force, proxy, normal = answer
-        if proxy is None:
-            self._proxies.pop(query.hand, None)
-        else:
+        if proxy is not None:
             self._proxies[query.hand] = proxy
+        elif self._proxies:
+            self._proxies.pop(query.hand, None)
         return EnvironmentReply(
             seq,
             time_ns,
@@ -258,7 +258,7 @@ class EnvironmentNode(Node):
 
 
 def _vector(answer: Vector, query: EnvironmentQuery) -> Vector:
-    vector = tuple(map(float, answer))
+    vector = answer if type(answer) is tuple else tuple(map(float, answer))
     if len(vector) != len(query.position):
         raise ValueError(f"expected {len(query.position)} entries, got {len(vector)}")
     return vector
