@@ -233,9 +233,9 @@ def _serves_elsewhere(
 
 def _remote(seen: Observations) -> Iterator[Finding]:
     for name, process in seen.processes.items():
-        remote = getattr(process.last, "remote", None)
-        if remote is None:
+        if not isinstance(process.last, NodeStatus) or process.last.remote is None:
             continue
+        remote = process.last.remote
         where = f"remote link of the {name}"
         if not remote.connected:
             is_served = name == "controller" and _delivered(seen, "force_command") > 0

@@ -17,7 +17,7 @@ from msgspec import Struct
 from forcebound.config.problems import unknown
 from forcebound.errors import ConfigError, RunError
 from forcebound.launch.run_directory import RUN_FILE, RunDocument
-from forcebound.messages.packets import TOPIC_OF, TOPICS, Packet, field_types
+from forcebound.messages.packets import TOPIC_OF, TOPICS, Event, Packet, field_types
 from forcebound.process import Reader, Received
 
 
@@ -77,7 +77,7 @@ class Stream:
 
     def add(self, packet: Packet, size: int) -> None:
         """Add a packet."""
-        sender = getattr(packet, "node", "")  # events come from any process
+        sender = packet.node if isinstance(packet, Event) else packet.hand
         self.stamps.setdefault(sender, []).append((packet.seq, packet.time_ns))
         self.sizes.append(size)
 
