@@ -16,12 +16,15 @@ from forcebound.errors import ConfigError, RunError
 from forcebound.folders import is_own
 from forcebound.launch.run_directory import (
     RunDocument,
+    graph_in,
     has_launcher,
     own_run_directories,
     run_folders,
 )
 from forcebound.launch.run_lock import is_held
 from forcebound.network import sockets
+from forcebound.roles import LAUNCHER
+from forcebound.topology import is_bound
 
 START_TIMEOUT = 60.0  # s, within which a launcher makes its run directory
 POLL_NS = 100_000_000  # between two looks for it
@@ -92,12 +95,13 @@ class Watch:
 
     def __init__(self, run_dir: Path) -> None:
         self._run_dir = run_dir
+        self._launcher = graph_in(run_dir).nodes[LAUNCHER]
         self.was_launched = False
 
     @property
     def is_over(self) -> bool:
         """Whether it has ended."""
-        is_launched = has_launcher(self._run_dir)
+        is_launched = is_bound(self._run_dir, self._launcher)
         self.was_launched |= is_launched
         return (self.was_launched and not is_launched) or not is_held(self._run_dir)
 
