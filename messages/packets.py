@@ -118,11 +118,11 @@ class EnvironmentQuery(_Wire, frozen=True, tag="environment_query"):
     seq: Annotated[_Count, _means("count of this packet at its sender, from 0")]
     time_ns: Annotated[_Count, _means("sender's monotonic clock", "ns")]
     device_seq: Annotated[_Count, _means("seq of the device state that is answered")]
-    device_time_ns: Annotated[_Count, _means("time_ns of that state, device's clock", "ns")]
+    device_time_ns: Annotated[_Count, _means("time_ns of the device state that is answered", "ns")]
     elapsed: Annotated[float, _means("since the force engaged for the first time; 0 before", "s")]
-    position: Annotated[_Vector, _means("where to evaluate the environment", "m")]
-    velocity: Annotated[_Vector, _means("there", "m/s")]
-    environment: Annotated[_Name | None, _means("that serves; none: the first to reply will serve")]
+    position: Annotated[_Vector, _means("where the environment is evaluated", "m")]
+    velocity: Annotated[_Vector, _means("where the environment is evaluated", "m/s")]
+    environment: Annotated[_Name | None, _means("that serves; none: the first to reply does")]
     orientation: Annotated[Quaternion | None, _means("unit quaternion w x y z of the tip")] = None
     buttons: Annotated[_Count | None, _means("bit i: button i of the device is down")] = None
 
@@ -133,10 +133,10 @@ class EnvironmentReply(_Wire, frozen=True, tag="environment_reply"):
     seq: Annotated[_Count, _means("count of this packet at its sender, from 0")]
     time_ns: Annotated[_Count, _means("sender's monotonic clock", "ns")]
     device_seq: Annotated[_Count, _means("seq of the device state that is answered")]
-    device_time_ns: Annotated[_Count, _means("time_ns of that state, device's clock", "ns")]
+    device_time_ns: Annotated[_Count, _means("time_ns of the device state that is answered", "ns")]
     query_seq: Annotated[_Count, _means("seq of the query that is answered")]
-    query_time_ns: Annotated[_Count, _means("time_ns of that query, controller's clock", "ns")]
-    force: Annotated[_Vector, _means("positive resists motion in the positive direction", "N")]
+    query_time_ns: Annotated[_Count, _means("time_ns of the query, controller's clock", "ns")]
+    force: Annotated[_Vector, _means("of the environment; resists motion if positive", "N")]
     environment: Annotated[_Name, _means("name of the sender; no other process has it")]
     proxy: Annotated[
         _Vector | None, _means("where the tip would be if it could enter nothing; none: free", "m")
@@ -157,7 +157,7 @@ class ForceCommand(_Wire, frozen=True, tag="force_command"):
     seq: Annotated[_Count, _means("count of this packet at its sender, from 0")]
     time_ns: Annotated[_Count, _means("sender's monotonic clock", "ns")]
     device_seq: Annotated[_Count, _means("seq of the device state that is answered")]
-    device_time_ns: Annotated[_Count, _means("time_ns of that state, device's clock", "ns")]
+    device_time_ns: Annotated[_Count, _means("time_ns of the device state that is answered", "ns")]
     force: Annotated[_Vector, _means("commanded; the device may apply less", "N")]
     reply_time_ns: Annotated[
         _Count | None,
@@ -177,7 +177,7 @@ class Telemetry(_Wire, frozen=True, tag="telemetry"):
         _Vector, _means("written to the motor; of an arm, that at its tip", "N")
     ]
     force_limit: Annotated[float, _means("largest magnitude that law and saturation allowed", "N")]
-    estimated_energy: Annotated[float, _means("ledger of the law; its meaning depends on it", "J")]
+    estimated_energy: Annotated[float, _means("in the ledger of the law, which defines it", "J")]
     true_energy: Annotated[float | None, _means("from the hand into a simulated device", "J")]
     true_position: Annotated[_Vector | None, _means("unquantised, of a simulated device", "m")]
     hand_force: Annotated[_Vector | None, _means("of a simulated hand on its device", "N")]
@@ -185,21 +185,21 @@ class Telemetry(_Wire, frozen=True, tag="telemetry"):
     device_seq: Annotated[
         _Count | None, _means("tick whose state the force answers; none: no answer")
     ]
-    loop_delay: Annotated[float | None, _means("from that state to this write", "s")]
+    loop_delay: Annotated[float | None, _means("from the answered state to this write", "s")]
     deadline_misses: Annotated[_Count, _means("ticks skipped so far")]
     rejected: Annotated[_Counts, _means("packets rejected so far, by reason")]
     read_ns: Annotated[
         _Count | None, _means("device's clock, when the position was read", "ns")
     ] = None
     write_ns: Annotated[_Count | None, _means("device's clock, when the force begins", "ns")] = None
-    joints: Annotated[_Vector | None, _means("reading of an arm", "rad")] = None
+    joints: Annotated[_Vector | None, _means("angles of an arm, as read", "rad")] = None
     torques: Annotated[_Vector | None, _means("written to the motors of an arm", "N m")] = None
     cut_ns: Annotated[_Count | None, _means("when the watchdog dropped the force before", "ns")] = (
         None
     )
-    cut_position: Annotated[_Vector | None, _means("reading then; of an arm its angles", "m")] = (
-        None
-    )
+    cut_position: Annotated[
+        _Vector | None, _means("reading at cut_ns; of an arm its angles", "m")
+    ] = None
     ahead_ns: Annotated[
         _Count | None, _means("by which the bounder's clock is ahead of the device's", "ns")
     ] = None
@@ -229,8 +229,8 @@ class Event(_Wire, frozen=True, tag="event"):
     node: Annotated[_Name, _means("process that sent it")]
     event: Annotated[_Name, _means("kind of event, one word")]
     is_fault: Annotated[bool, _means("whether it is a fault")]
-    message: Annotated[_Text, _means("for people")]
-    data: Annotated[_Texts, _means("for programs, by name")]
+    message: Annotated[_Text, _means("description for people")]
+    data: Annotated[_Texts, _means("details for programs, by name")]
 
 
 Packet: TypeAlias = (
