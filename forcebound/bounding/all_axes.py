@@ -134,7 +134,7 @@ def _settle(law: BoundingLaw) -> Settle:
         square = 0.0
         for k in range(ledger.axes):
             axis, force = ledger.axis[k], ledger.force[k]
-            axis.pending = axis.wanted = force
+            axis.pending = axis.trial = force
             store_force(axis.memory, force)
             square += force * force
         ledger.pending_limit = ledger.planned_limit
@@ -169,7 +169,7 @@ def begin(ledger: Ledger) -> None:
         axis, reading = ledger.axis[k], ledger.reading[k]
         store_axis(axis.memory, start_axis(reading))
         store_motor(axis.motor, NO_FORCE)
-        axis.pending = axis.wanted = axis.work = 0.0
+        axis.pending = axis.trial = axis.work = 0.0
         axis.origin = reading
     ledger.held_price = ledger.spent = ledger.since = 0.0
     ledger.available[0] = ledger.available[1] = ledger.largest_leak = 0.0
@@ -332,7 +332,7 @@ def scaled(sample: Sample, gain: float, held_price: float) -> Sample:
 
 
 def want_direction(ledger: Ledger, magnitude: float) -> None:
-    """Set ``wanted`` to the direction of the commanded force; without one the first axis."""
+    """Set ``trial`` to the direction of the commanded force; without one the first axis."""
     for k in range(ledger.axes):
         share = ledger.force[k] / magnitude if magnitude > 0.0 else 1.0 - min(k, 1)
-        ledger.axis[k].wanted = share
+        ledger.axis[k].trial = share

@@ -24,7 +24,7 @@ def gain_at(ledger: Ledger, end: int) -> float:
 
 
 def largest_force(ledger: Ledger) -> float:
-    """Return the largest force in the direction ``wanted`` that may be held, in N."""
+    """Return the largest force in the direction ``trial`` that may be held, in N."""
     low, high = 0.0, ledger.saturation
     if ledger.is_rigid:
         for end in range(ledger.ends):
@@ -43,7 +43,7 @@ def largest_force(ledger: Ledger) -> float:
 
 
 def surplus(ledger: Ledger, end: int) -> float:
-    """Return what the force ``wanted`` leaves of the energy available, in J."""
+    """Return what the force ``trial`` leaves of the energy available, in J."""
     gain, left = gain_at(ledger, end), math.inf
     for level in range(_levels(ledger)):
         most = _most(ledger, end, level)
@@ -83,7 +83,7 @@ def _largest_rigid(ledger: Ledger, end: int, available: float, duration: float) 
 
 
 def _may_be_held(ledger: Ledger, force: float) -> bool:
-    """Whether ``force`` in the direction ``wanted`` costs at most what there is.
+    """Whether ``force`` in the direction ``trial`` costs at most what there is.
 
     In deficit it may cost what no force at all does: the rest of the old one, paid for before.
     """
@@ -98,13 +98,13 @@ def _may_be_held(ledger: Ledger, force: float) -> bool:
 
 
 def cost(ledger: Ledger, scale: float, duration: float) -> float:
-    """Return what a hold of ``scale`` times the force ``wanted`` can cost, in J."""
+    """Return what a hold of ``scale`` times the force ``trial`` can cost, in J."""
     lag = ledger.lag
     total = square = before_square = 0.0
     for k in range(ledger.axes):
         axis = ledger.axis[k]
         one = axis.constants
-        force = abs(scale * axis.wanted)
+        force = abs(scale * axis.trial)
         if ledger.is_along_path:
             square += force * force
             before = _strongest(ledger, axis.motor)

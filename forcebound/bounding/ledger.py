@@ -20,7 +20,7 @@ class Axis:
     motor: Motor
     constants: AxisConstants
     pending: float  # N, force that was written
-    wanted: float  # N, or a direction: what a cost is asked of
+    trial: float  # N, force whose cost is computed, or the direction of one
     origin: float  # m, reading at the start
     work: float  # J, in the ledger, of this axis: less the prices that grow with the gain
 

@@ -14,7 +14,7 @@ PROMISES: dict[str, str] = {
     "answers": "takes every state and reply, with and without contact, buttons, or a reply at all",
     "shape": "queries and forces are tuples with one number per axis, or there is no force",
     "finite": "queries and forces are finite",
-    "notices": "what it has to tell, if anything, is pairs of texts: event and message",
+    "notices": "what it reports, if anything, is pairs of texts: event and message",
     "pure": "the same calls, in the same order from open on, return the same",
     **VALUE,
 }
@@ -110,7 +110,7 @@ def _contact(position: Vector, random: Random) -> Contact:
 
 
 def _check_notices(controller: Controller, found: Findings) -> None:
-    """Check what a controller with something to tell has to tell after a state."""
+    """Check what a controller that has notices reports after a state."""
     with found.noting("notices", "a list of pairs of texts", "notices()"):
         for event, message in controller.notices():
             if not isinstance(event, str) or not isinstance(message, str):

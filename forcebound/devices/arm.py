@@ -77,7 +77,7 @@ class ArmBody:
     def kinetic_energy(self) -> float:
         return 0.5 * float(self._plant[INERTIA] @ self._joints[SPEED] ** 2)
 
-    def move(self, target: Vector, target_end: Vector, duration: float, told: Vector) -> None:
+    def move(self, target: Vector, target_end: Vector, duration: float, commanded: Vector) -> None:
         """Move the joints; see ``Body``.
 
         Raises:
@@ -86,7 +86,7 @@ class ArmBody:
         if self._weak_spot is not None:
             share = self._weak_spot.share_at(self._joints[ANGLE].tolist())
             self._plant[FRICTION:] = share * self._sound
-        self._set_inputs(self._input_view, 0, *target, *target_end, *told)
+        self._set_inputs(self._input_view, 0, *target, *target_end, *commanded)
         self._energy += self._advance(
             self._joints,
             self._plant,

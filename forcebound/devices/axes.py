@@ -24,7 +24,7 @@ class Axes:
 
     target: Numbers  # of the hand, at the start of a move, m
     target_end: Numbers  # and at its end
-    told: Numbers  # what the motor is told to give, N
+    commanded: Numbers  # force commanded of the motor, N
     x: Numbers  # m
     v: Numbers  # m/s
     work: Numbers  # of the hand, J
@@ -66,7 +66,7 @@ def advance_axes(records: Sequence[Axes], duration: float) -> float:
         )
         before = Moving(a.x[i], a.v[i], a.work[i], a.bristle[i], a.motor[i])
         after, a.muscle[i] = advance_extended(
-            before, axis, a.target[i], a.target_end[i], duration, a.substep, a.told[i]
+            before, axis, a.target[i], a.target_end[i], duration, a.substep, a.commanded[i]
         )
         a.x[i], a.v[i], a.work[i], a.bristle[i], a.motor[i] = after
         a.reading[i] = quantise(after.x, a.resolution[i])
@@ -128,10 +128,10 @@ class AxesBody:
         speeds = self._axes.v[: self._axes.count]
         return 0.5 * float((self._axes.mass - self._axes.hand_mass) * (speeds @ speeds))
 
-    def move(self, target: Vector, target_end: Vector, duration: float, told: Vector) -> None:
+    def move(self, target: Vector, target_end: Vector, duration: float, commanded: Vector) -> None:
         if self._weak_spot is not None:
             share = self._weak_spot.share_at(self._get(self._bytes, self._x))
             friction, presliding = self._sound
             self._axes.friction, self._axes.presliding = share * friction, share * presliding
-        self._set_inputs(self._bytes, 0, *target, *target_end, *told)
+        self._set_inputs(self._bytes, 0, *target, *target_end, *commanded)
         self._energy = self._advance(self._records, duration)

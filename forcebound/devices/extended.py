@@ -16,7 +16,7 @@ for the mean velocity, and has one solution, since the mean force grows with the
 energy, stored energy, losses and the work of hand and motor balance to rounding in each step. There
 is no rest to end a step in: what would stop rings on the bristle.
 
-**Lag.** The motor's force approaches the force that it is told to give as :math:`e^{-t/\tau}`. In a
+**Lag.** The motor's force approaches the commanded one as :math:`e^{-t/\tau}`. In a
 step it is its mean, which is exact, so the balance stays exact with this mean. The exponential's
 deviation from a stair of means is :math:`(h/\tau)^2 / 12` of its square, 0.5 % for a substep of a
 quarter of the lag.
@@ -48,7 +48,7 @@ class Axis(NamedTuple):
     friction: float  # of the device, N
     presliding: float  # z_m, m; 0: friction does not yield
     weight: float  # N, positive against positive motion
-    lag: float  # time constant of the motor, s; 0: it gives what it is told
+    lag: float  # time constant of the motor, s; 0: it gives the commanded force
     hand_stiffness: float  # N/m
     hand_damping: float  # N s/m
 
@@ -62,7 +62,7 @@ def advance_extended(
     substep: float,
     told_force: float,
 ) -> tuple[Moving, float]:
-    """Advance one axis by ``duration``; the motor is told the same force all the time.
+    """Advance one axis by ``duration``; the commanded force stays the same.
 
     Args:
         moving: At the start.

@@ -52,7 +52,7 @@ def arm_kernel(pose: Pose) -> Any:
     """Return the compiled motion of one kind of arm.
 
     It takes ``joints``, ``plant``, ``hand`` (rows above), ``geometry`` of ``pose``, the torques
-    that the motors are told to give (N m), the hand's target at the start and at the end (m; in
+    commanded of the motors (N m), the hand's target at the start and at the end (m; in
     between it moves evenly), duration, longest step and the motors' lag (s), and ``muscle``, which
     becomes the mean force of the hand's spring and damper in the last step (N). It returns the
     energy that has flowed from the hand into the device, in J; ``joints`` has moved.
@@ -63,7 +63,7 @@ def arm_kernel(pose: Pose) -> Any:
         plant: Floats,
         hand: Floats,
         geometry: Floats,
-        told: Floats,
+        commanded: Floats,
         target: Floats,
         target_end: Floats,
         duration: float,
@@ -71,7 +71,7 @@ def arm_kernel(pose: Pose) -> Any:
         lag: float,
         muscle: Floats,
     ) -> float:
-        size = told.size
+        size = commanded.size
         steps = count_steps(duration, substep)
         h = duration / steps
         decay = math.exp(-h / lag) if lag > 0.0 else 0.0
@@ -82,9 +82,9 @@ def arm_kernel(pose: Pose) -> Any:
         energy = 0.0
         for i in range(steps):
             for j in range(size):
-                lack = joints[TORQUE, j] - told[j]
-                motor[j] = told[j] + lack * share
-                joints[TORQUE, j] = told[j] + lack * decay
+                lack = joints[TORQUE, j] - commanded[j]
+                motor[j] = commanded[j] + lack * share
+                joints[TORQUE, j] = commanded[j] + lack * decay
                 goal_speed[j] = (target_end[j] - target[j]) / duration
                 goal[j] = target[j] + goal_speed[j] * (i + 0.5) * h
                 ahead[j] = joints[ANGLE, j] + 0.5 * h * joints[SPEED, j]

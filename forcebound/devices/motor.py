@@ -13,7 +13,7 @@ LONGEST_GUARDED = 0.1  # s, if the device states no limit
 
 
 class Motor:
-    """The force that the motor is told to give, over time.
+    """The force commanded of the motor, over time.
 
     A written force acts after the write delay, in place of the one before. The watchdog drops a
     force that has acted for longer than the hold limit that held when it was written. A guarding
@@ -27,7 +27,7 @@ class Motor:
         force: What the motor gives before the first write, in N.
 
     Attributes:
-        force: What the motor is told to give now, per axis, in N.
+        force: Commanded now, per axis, in N.
         next_ns: When ``force`` changes next, in ns.
         effect_ns: When the force of the last write acts, in ns.
         cut_ns: When the watchdog dropped a force after the last write, in ns; None if it did not.
@@ -51,7 +51,7 @@ class Motor:
         self._guard_ns = round(1e9 * stated.guard_period)
         limit = stated.watchdog_limit
         self._longest_ns = round(1e9 * (LONGEST_GUARDED if limit == "auto" else limit))
-        # When it begins to act, for how long, what the motor is told, and what was written.
+        # When it begins to act, for how long, the commanded force, and what was written.
         self._waiting: deque[tuple[int, int, Vector, Vector]] = deque()
         self._drop_ns = self._last_ns = NEVER
         self._written = self._reference = self._zero
@@ -70,12 +70,12 @@ class Motor:
     def _hold_of(self, share: float) -> int:
         return round(min(share * self._hold_limit * 1e9, NEVER))
 
-    def write(self, time_ns: int, told: Vector, written: Vector, reading: Vector) -> None:
+    def write(self, time_ns: int, commanded: Vector, written: Vector, reading: Vector) -> None:
         """Take a new force; every change before ``time_ns`` has been made.
 
         Args:
             time_ns: Now, in ns.
-            told: What the motor is told to give, in N.
+            commanded: Force commanded of the motor, in N.
             written: What was written, in N.
             reading: Now, in m; only a guarding watchdog looks at it.
         """
@@ -86,7 +86,7 @@ class Motor:
             hold_ns = self._hold_of(1.0 + self._tolerance * self._random.uniform(-1.0, 1.0))
         # The order of writes is kept.
         self.effect_ns = max(time_ns + delay_ns, self.effect_ns)
-        self._waiting.append((self.effect_ns, hold_ns, told, written))
+        self._waiting.append((self.effect_ns, hold_ns, commanded, written))
         if self.effect_ns == time_ns:
             self._begin(reading)
         self._plan()

@@ -28,14 +28,14 @@ class Body(Protocol):
         """Return the readings of the encoders."""
         ...
 
-    def move(self, target: Vector, target_end: Vector, duration: float, told: Vector) -> None:
+    def move(self, target: Vector, target_end: Vector, duration: float, commanded: Vector) -> None:
         """Move on.
 
         Args:
             target: Where the hand wants to be at the start, in m.
             target_end: And at the end; in between it moves evenly.
             duration: In s, > 0.
-            told: What the motor is told to give, in N (or N m).
+            commanded: Force commanded of the motor, in N (or N m).
         """
         ...
 

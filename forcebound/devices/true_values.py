@@ -61,7 +61,7 @@ class TrueMotor:
     """True values of the motor and its watchdog; null: as stated.
 
     Attributes:
-        gain: The motor gives so many times what it is told; one number, or one of each motor.
+        gain: The motor gives so many times the commanded force; one number, or one of each motor.
         lag: Time constant of the amplifier, first order.
         write_delay: From a write to the moment when its force acts.
         watchdog: The watchdog drops a force after so many hold limits.
