@@ -54,7 +54,8 @@ def test_the_logs_of_graph_and_environment_can_be_matched(tmp_path: Path, run_di
         environment.end()
     assert f"connecting to {where}-graph" in ended.log
     assert f"environment {name} serves now" in ended.log
-    (connected,) = re.findall(r"connected from .*", environment.log)
-    assert re.fullmatch(r"connected from \S+", connected)
-    (answered,) = re.findall(rf"queries answered by {name}: (\d+)", environment.log)
-    assert int(answered) > 10
+    connections = re.findall(r"connected from .*", environment.log)  # a busy machine may reconnect
+    assert connections
+    assert all(re.fullmatch(r"connected from \S+", line) for line in connections)
+    answered = re.findall(rf"queries answered by {name}: (\d+)", environment.log)
+    assert sum(map(int, answered)) > 10

@@ -1,0 +1,1 @@
+"""Campaigns: cases, runs, rows and views, on one engine."""
