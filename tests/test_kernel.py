@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from forcebound.analysis.bounder import REPORTED
+from forcebound.analysis.figures import REPORTED
 from forcebound.bounding import LAWS
 from forcebound.config.graph import GraphConfig
 from forcebound.config.loader import load

@@ -29,19 +29,6 @@ FULL_SHARE = 0.95  # of the energy cap
 PUNCTUAL = "a quieter machine, realtime.policy: fifo"
 COSTLY = ("presliding", "gain_error", "lag", "write_delay", "weight_error")  # of a device
 
-# What a summary has of the bounder's report, and has not without one.
-REPORTED = (
-    "hold_limit_ms",
-    "refused_readings",
-    "late_writes",
-    "longest_write_delay_ms",
-    "largest_allowance_j",
-    "allowance_repaid",
-    "energy_cap_j",
-    "number_sources",
-    "little_force",
-)
-
 
 class Cause(NamedTuple):
     """A likely cause of something, and what to do about it."""
@@ -57,68 +44,12 @@ class Cause(NamedTuple):
         return f"{self.advice}: {self.command}" if self.command else self.advice
 
 
-def summarize_bounder(
-    columns: TelemetryColumns, events: Sequence[Event], config: Mapping[str, Any]
-) -> dict[str, Any]:
-    """Return what a run's bounder adds to its summary, ready for JSON.
-
-    Args:
-        columns: Telemetry of the run.
-        events: Of the run.
-        config: The launch file as resolved for the run.
-
-    Returns:
-        By key; None: the run does not say.
-
-        * ``hold_limit_overruns``: holds longer than the hold limit; missing if the run has no
-          report of its bounder, since then :func:`forcebound.analysis.summary.summarize` counts
-        * ``hold_limit_ms``: mean and longest hold limit of the run
-        * ``refused_readings``: readings that could not be
-        * ``late_writes``: forces that took effect later after their reading than the device states;
-          ``longest_write_delay_ms``: the longest such time of the run
-        * ``largest_allowance_j``: the most that late holds can have given the hand;
-          ``allowance_repaid``: whether the ledger has it back
-        * ``energy_cap_j``: most energy that the ledger may keep, if the launch file says so
-        * ``number_sources``: how many of the device's numbers are measured, from a data sheet or
-          assumed, if any is stated
-        * ``little_force``: why the law gave little force: ``cause``, its ``data``, and ``advice``
-    """
-    device = config.get("device") or {}
-    report = bounder_report(events)
-    cap = device.get("energy_cap", "auto")
-    since = columns.slice(columns.time >= 0.0) if (columns.engagement > 0.0).any() else None
-    causes = [] if since is None else causes_of_little_force(since, device, report)
-    return {
-        **({} if report is None else {"hold_limit_overruns": report.overruns}),
-        "hold_limit_ms": {
-            "mean": None if report is None else report.hold_limit * 1e3,
-            "longest": None if report is None else report.longest_hold_limit * 1e3,
-        },
-        "refused_readings": None if report is None else report.refused_readings,
-        "late_writes": None if report is None else report.late_writes,
-        "longest_write_delay_ms": None if report is None else report.longest_write_delay * 1e3,
-        "largest_allowance_j": None if report is None else report.largest_allowance,
-        "allowance_repaid": None if report is None else report.allowance_repaid,
-        "energy_cap_j": None if cap == "auto" else cap,
-        "number_sources": _count_sources(device.get("sources") or {}),
-        "little_force": [
-            {"cause": cause.code, "data": dict(cause.data), "advice": cause.remedy}
-            for cause in causes
-        ],
-    }
-
-
 def bounder_report(events: Sequence[Event]) -> BounderReport | None:
     """Return the last report of the bounder among the events; None: there is none."""
     for event in reversed(events):
         if event.event == BOUNDER_REPORTED:
             return BounderReport.from_texts(event.data)
     return None
-
-
-def _count_sources(sources: Mapping[str, str]) -> dict[str, int]:
-    kinds = sorted(set(sources.values()))
-    return {kind: list(sources.values()).count(kind) for kind in kinds}
 
 
 def saturated(columns: TelemetryColumns, device: Mapping[str, Any]) -> Floats:

@@ -17,7 +17,7 @@ from forcebound.analysis.contact import (
     displayed_stiffness,
     initial_rate_hardness,
 )
-from forcebound.analysis.surface import Floats, penetration, surface
+from forcebound.analysis.surface import Floats, touch_of_run
 from forcebound.config.loader import load
 from forcebound.launch.results import RunResult
 from forcebound.launch.virtual import run_virtual
@@ -152,9 +152,9 @@ class Contact:
     @cached_property
     def depth(self) -> Floats:
         """Penetration of the reading, in m; outside: < 0."""
-        wall = surface(self.run.document)
-        assert wall is not None, "every launch file of the experiments has a surface"
-        return penetration(self.run.columns, wall)[self._shown]
+        touch = touch_of_run(self.run.columns, (), self.run.document)
+        assert touch is not None, "every launch file of the experiments has a surface"
+        return touch.depth[self._shown]
 
     @property
     def in_contact(self) -> "np.ndarray[tuple[int], np.dtype[np.bool_]]":

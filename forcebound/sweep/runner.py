@@ -16,7 +16,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from forcebound.analysis.bounder import REPORTED
+from forcebound.analysis.figures import REPORTED
 from forcebound.config.graph import GraphConfig
 from forcebound.config.loader import build
 from forcebound.errors import ConfigError, ForceboundError
