@@ -13,10 +13,9 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Awaitable, Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import AsyncIterator, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -131,11 +130,11 @@ def _turn(viewers: str, running: Graph) -> Turn:
     if viewers in PORTS:
         command = [*program, "bridge", viewers, *TOPICS, "--port", str(PORTS[viewers])]
         with _serving(command, running, subprocess.DEVNULL):
-            asyncio.run(_receive([partial(CLIENTS[viewers], PORTS[viewers])]))
+            begin_ns = asyncio.run(_receive(CLIENTS[viewers](PORTS[viewers])))
     elif viewers == PAGE:
         with page(running) as served:
             address = served.address.replace("http:", "ws:").replace("/?", "/live?")
-            asyncio.run(_receive([partial(_read_page, address)] * READERS))
+            begin_ns = asyncio.run(_receive(*(_as_page(address) for _ in range(READERS))))
     elif viewers in COMMANDS:
         command = [*program, *viewers.split(), "--duration", f"{SECONDS} s"]
         subprocess.run(command, env=running.variables, stdout=subprocess.DEVNULL, check=True)
@@ -144,12 +143,21 @@ def _turn(viewers: str, running: Graph) -> Turn:
     return Turn(viewers, begin_ns, time.monotonic_ns())
 
 
-async def _receive(clients: Sequence[Callable[[], Awaitable[None]]]) -> None:
-    """Let clients receive for the time of a turn; at the end each must have received."""
-    with suppress(TimeoutError):
-        async with asyncio.timeout(SECONDS), asyncio.TaskGroup() as group:
-            for client in clients:
-                group.create_task(client())  # type: ignore[arg-type]
+async def _receive(*clients: AsyncIterator[object]) -> int:
+    """Let clients receive for the time of a turn; return when the first one began to, in ns."""
+    received = asyncio.Event()
+
+    async def listen(client: AsyncIterator[object]) -> None:
+        async for _ in client:
+            received.set()
+
+    listening = [asyncio.create_task(listen(client)) for client in clients]
+    await asyncio.wait_for(received.wait(), END_TIMEOUT_S)
+    begin_ns = time.monotonic_ns()
+    await asyncio.sleep(SECONDS)
+    for task in listening:
+        task.cancel()
+    return begin_ns
 
 
 async def _connected(address: str, **options: Any) -> Any:
@@ -160,25 +168,27 @@ async def _connected(address: str, **options: Any) -> Any:
             await asyncio.sleep(0.1)
 
 
-async def _read_page(address: str) -> None:
+async def _as_page(address: str) -> AsyncIterator[object]:
     client = await _connected(address)
-    while await client.read_message() is not None:
-        pass
+    while (got := await client.read_message()) is not None:
+        yield got
 
 
-async def _as_plotjuggler(port: int) -> None:
+async def _as_plotjuggler(port: int) -> AsyncIterator[object]:
     with zmq.asyncio.Context() as context, context.socket(zmq.SUB) as subscriber:
         subscriber.subscribe(b"")
         subscriber.connect(f"tcp://127.0.0.1:{port}")
         while True:
-            await subscriber.recv_multipart()
+            yield await subscriber.recv_multipart()
 
 
-async def _as_foxglove(port: int) -> None:
-    """Subscribe to every channel."""
+async def _as_foxglove(port: int) -> AsyncIterator[object]:
+    """Subscribe to every channel, and receive their messages."""
     client = await _connected(f"ws://127.0.0.1:{port}", subprotocols=["foxglove.sdk.v1"])
     while (got := await client.read_message()) is not None:
-        if isinstance(got, str) and (answer := json.loads(got))["op"] == "advertise":
+        if isinstance(got, bytes):
+            yield got
+        elif (answer := json.loads(got))["op"] == "advertise":
             topics = [{"id": one["id"], "channelId": one["id"]} for one in answer["channels"]]
             await client.write_message(json.dumps({"op": "subscribe", "subscriptions": topics}))
 

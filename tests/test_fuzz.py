@@ -15,9 +15,7 @@ def campaign(*words: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(program, capture_output=True, text=True, timeout=120, check=False)
 
 
-@pytest.mark.skipif(
-    importlib.util.find_spec("atheris") is not None, reason="atheris is installed"
-)
+@pytest.mark.skipif(importlib.util.find_spec("atheris") is not None, reason="atheris is installed")
 def test_without_atheris_it_says_so_and_fails() -> None:
     done = campaign(str(CAMPAIGN))
     assert done.returncode == 2

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from forcebound.analysis.surface import Floats
+from forcebound.analysis.surface import Floats, Mask
 from forcebound.bounding import LAWS
 from forcebound.messages.control import BounderReport
 from forcebound.messages.packets import Event
@@ -76,17 +76,26 @@ def saturated(columns: TelemetryColumns, device: Mapping[str, Any]) -> Floats:
     return np.asarray(share[:, np.newaxis] * commanded)
 
 
-def is_limited(columns: TelemetryColumns, device: Mapping[str, Any]) -> bool:
-    """Return whether the law makes the force smaller in most ticks that have one."""
-    limited, pushing = limited_ticks(columns, device)
-    return bool(limited.sum() > LIMITED_SHARE * pushing.sum())
+class Limited:
+    """Where a law made the force of a run smaller.
 
+    Attributes:
+        wanted: Size of the commanded force after saturation, in N, shape ``(n,)``.
+        applied: Size of the applied force, in N, likewise.
+        pushing: Which ticks have a force.
+        limited: In which of them the law reduced it.
+    """
 
-def limited_ticks(columns: TelemetryColumns, device: Mapping[str, Any]) -> tuple[Any, Any]:
-    """Return masks of the ticks in which the law reduced the force, and of those with a force."""
-    wanted, applied = magnitudes(columns, device)
-    pushing = wanted > 0.0
-    return (applied < UNBOUNDED * wanted) & pushing, pushing
+    def __init__(self, columns: TelemetryColumns, device: Mapping[str, Any]) -> None:
+        """Compare the forces of a run with section ``device`` of its launch file."""
+        self.wanted: Floats = np.linalg.norm(saturated(columns, device), axis=1)
+        self.applied: Floats = np.linalg.norm(columns.applied_force, axis=1)
+        self.pushing: Mask = self.wanted > 0.0
+        self.limited: Mask = (self.applied < UNBOUNDED * self.wanted) & self.pushing
+
+    def __bool__(self) -> bool:
+        """Whether the law makes the force smaller in most ticks that have one."""
+        return bool(self.limited.sum() > LIMITED_SHARE * self.pushing.sum())
 
 
 def causes_of_little_force(
@@ -99,17 +108,16 @@ def causes_of_little_force(
         device: Section ``device`` of the resolved launch file, in SI numbers.
         report: What the device node reports of its bounder; None: not known.
     """
-    law = device.get("law", "none")
-    if law == "none" or not is_limited(columns, device):
+    law, force = device.get("law", "none"), Limited(columns, device)
+    if law == "none" or not force:
         return []
     causes = [*_of_the_loop(columns, device)]
     if LAWS.is_shipped(law) and LAWS[law].is_certified:
-        causes += [*_of_holds(columns, device, report), *_of_the_ledger(columns, device)]
+        causes += [*_of_holds(columns, device, report), *_of_the_ledger(columns, device, force)]
     else:
         why = f"law {law} limits it and does not say why; law certified would name the causes"
         causes.append(Cause("law_not_certified", why, data={"law": law}))
-    limited, _ = limited_ticks(columns, device)
-    wanted, applied = (one[limited].mean() for one in magnitudes(columns, device))
+    wanted, applied = (one[force.limited].mean() for one in (force.wanted, force.applied))
     if not causes and applied < LITTLE_SHARE * wanted:
         advice = (
             "it is what the device's dissipation allows at this rate: more damping, a higher "
@@ -146,32 +154,29 @@ def _of_holds(
     is_learned = device.get("hold_limit") == "auto"
     if frequent is not None and seconds > 0.0 and report.overruns > frequent * seconds:
         rate = report.overruns / seconds
-        cost = f"{rate:.2g} hold-limit overruns/s cost energy of the ledger"
+        code, advice = "overruns", f"device.hold_limit: auto, or a longer one; {PUNCTUAL}"
         if is_learned:
+            code = "overruns_at_auto"
             advice = (
-                f"{cost}, though device.hold_limit is auto: {PUNCTUAL}; if the device has neither, "
-                "set_hold_limit or a watchdog that reports"
+                f"{PUNCTUAL}; if the device has neither, set_hold_limit or a reporting watchdog"
             )
-            yield Cause("overruns_at_auto", advice, data={"rate": rate})
-        else:
-            advice = f"{cost}: device.hold_limit: auto, or a longer one; {PUNCTUAL}"
-            yield Cause("overruns", advice, data={"rate": rate})
+        cost = f"{rate:.2g} hold-limit overruns/s cost energy of the ledger"
+        yield Cause(code, f"{cost}: {advice}", data={"rate": rate})
     periods = report.hold_limit * device["rate"]
-    if periods > LONG_HOLD and is_learned:
-        advice = f"ticks are late, so a force is planned for {periods:.2g} periods, and the longer "
-        yield Cause("late_ticks", f"{advice}the less: {PUNCTUAL}", data={"periods": periods})
-    elif periods > LONG_HOLD:
-        advice = f"device.hold_limit is {periods:.2g} periods, and the longer the less force: "
-        yield Cause(
-            "long_hold_limit", f"{advice}device.hold_limit: auto", data={"periods": periods}
-        )
+    if periods > LONG_HOLD:
+        code, why, advice = "long_hold_limit", "device.hold_limit is", "device.hold_limit: auto"
+        if is_learned:
+            code, why, advice = "late_ticks", "ticks are late: a force is planned for", PUNCTUAL
+        why = f"{why} {periods:.2g} periods, and the longer the less force"
+        yield Cause(code, f"{why}: {advice}", data={"periods": periods})
 
 
-def _of_the_ledger(columns: TelemetryColumns, device: Mapping[str, Any]) -> Iterator[Cause]:
-    limited, _ = limited_ticks(columns, device)
+def _of_the_ledger(
+    columns: TelemetryColumns, device: Mapping[str, Any], force: Limited
+) -> Iterator[Cause]:
     cap = device.get("energy_cap", "auto")
     if cap != "auto":
-        full = columns.estimated_energy[limited] > FULL_SHARE * cap
+        full = columns.estimated_energy[force.limited] > FULL_SHARE * cap
         if full.mean() > DEAR_SHARE:
             advice = f"the ledger is full at device.energy_cap, {1e3 * cap:.2g} mJ: a larger one,"
             yield Cause("energy_cap", f"{advice} or auto", data={"cap": cap})
@@ -182,30 +187,14 @@ def _of_the_ledger(columns: TelemetryColumns, device: Mapping[str, Any]) -> Iter
         yield Cause("imperfections", advice, data={"names": names})
     if "inertia" in device:
         return  # of joints: telemetry has no torques to judge their encoders by
-    price = float(0.5 * np.max(device["resolution"]) * _path(columns.applied_force))
-    if price > DEAR_SHARE * _needed(columns, device):
+    changes = float(np.abs(np.diff(columns.applied_force, axis=0)).sum())
+    price = float(0.5 * np.max(device["resolution"]) * changes)
+    # Energy that the commanded force needs where it was limited.
+    excess = np.maximum(force.wanted[force.limited] - np.min(device["friction"]), 0.0)
+    needed = np.mean(excess**2) / (4.0 * np.min(device["damping"]) * device["rate"])
+    if price > DEAR_SHARE * needed:
         advice = (
             f"changes of the force cost {1e3 * price:.2g} mJ with these encoder steps "
             "(device.resolution): a finer encoder, or an environment that commands calmly"
         )
         yield Cause("resolution", advice, data={"price": price})
-
-
-def _needed(columns: TelemetryColumns, device: Mapping[str, Any]) -> float:
-    """Energy that the commanded force needs where it was limited, in J."""
-    limited, _ = limited_ticks(columns, device)
-    wanted, _ = magnitudes(columns, device)
-    excess = np.maximum(wanted[limited] - np.min(device["friction"]), 0.0)
-    return float(np.mean(excess**2) / (4.0 * np.min(device["damping"]) * device["rate"]))
-
-
-def _path(force: Floats) -> float:
-    return float(np.abs(np.diff(force, axis=0)).sum())
-
-
-def magnitudes(columns: TelemetryColumns, device: Mapping[str, Any]) -> tuple[Floats, Floats]:
-    """Return the magnitudes of the saturated and of the applied force, in N, shape ``(n,)``."""
-    return (
-        np.linalg.norm(saturated(columns, device), axis=1),
-        np.linalg.norm(columns.applied_force, axis=1),
-    )

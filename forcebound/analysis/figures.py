@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forcebound.analysis import cells, ticks
-from forcebound.analysis.bounder import UNBOUNDED, causes_of_little_force
+from forcebound.analysis.bounder import Limited, causes_of_little_force
 from forcebound.analysis.cells import (
     HZ,
     MJ,
@@ -136,16 +136,18 @@ def _of(shared: str, name: str) -> Callable[[Samples], Any]:
     return lambda run: getattr(getattr(run, shared), name, None)
 
 
-def _stiffness(run: Samples) -> float | None:
-    return displayed_stiffness(run.time, run.normal_force, run.depth)
+def _of_contact(measure: Callable[[Floats, Floats, Floats], Any]) -> Callable[[Samples], Any]:
+    """Return a function that gives a measure of time, normal force and depth."""
+    return lambda run: measure(run.time, run.normal_force, run.depth)
 
 
-def _hardness(run: Samples) -> float | None:
-    return rate_hardness(run.time, run.normal_force, run.depth)
+_stiffness, _hardness, _extended = (
+    _of_contact(one) for one in (displayed_stiffness, rate_hardness, extended_rate_hardness)
+)
 
 
-def _extended(run: Samples) -> float | None:
-    return extended_rate_hardness(run.time, run.normal_force, run.depth)
+def _limit_cycle(run: Samples) -> float | None:
+    return limit_cycle_amplitude(run.time, run.path)
 
 
 def _bandwidth(run: Samples) -> float | None:
@@ -231,10 +233,6 @@ def _bounces(run: Samples) -> int:
     return count_bounces(run.depth[first:])
 
 
-def _limit_cycle(run: Samples) -> float | None:
-    return limit_cycle_amplitude(run.time, run.path)
-
-
 def _since_contact(run: Samples) -> float | None:
     columns, first = run.columns, int(np.argmax(run.contact))
     assert run.mass is not None
@@ -247,10 +245,7 @@ def _ledger_deficit(run: Samples) -> float | None:
 
 
 def _bounded(run: Samples) -> float:
-    wanted, applied = (
-        np.linalg.norm(force, axis=1) for force in (run.saturated, run.columns.applied_force)
-    )
-    return float(np.mean((applied < UNBOUNDED * wanted)[run.contact]))
+    return float(np.mean(Limited(run.columns, run.device).limited[run.contact]))
 
 
 def _answered(run: Samples) -> float | None:
@@ -320,9 +315,21 @@ FIGURES: tuple[Figure, ...] = (
     Figure("law", "law", lambda s: s["law"] or cells.UNDEFINED, lambda run: law(run.config)),
     Figure("duration_s", "duration", S, _duration),
     Figure("samples", "samples", NUMBER, lambda run: int(run.since.sum())),
-    Figure("displayed_stiffness_n_per_m", "displayed stiffness", N_MM, _stiffness, STEADY),
+    Figure(
+        "displayed_stiffness_n_per_m",
+        "displayed stiffness",
+        N_MM,
+        _of_contact(displayed_stiffness),
+        STEADY,
+    ),
     Figure("rate_hardness_n_per_m", "rate-hardness", N_MM, _hardness, INWARDS),
-    Figure("extended_rate_hardness_n_per_m", "extended rate-hardness", N_MM, _extended, INWARDS),
+    Figure(
+        "extended_rate_hardness_n_per_m",
+        "extended rate-hardness",
+        N_MM,
+        _of_contact(extended_rate_hardness),
+        INWARDS,
+    ),
     Figure("transparency_bandwidth_hz", "transparency bandwidth", HZ, _bandwidth, BANDWIDTH),
     Figure("displayed_impedance", "", None, _impedance, IMPEDANCE),
     Figure("peak_force_n", "peak force", N, _peak_force),
@@ -343,7 +350,13 @@ FIGURES: tuple[Figure, ...] = (
     Figure("vibration", "", None, _vibration, SPECTRUM),
     Figure("settling_time_s", "settling time", MS, _of("settling", "time"), SETTLED),
     Figure("overshoot_share", "overshoot", WHOLE, _of("settling", "overshoot"), SETTLED),
-    Figure("limit_cycle_amplitude_m", "limit-cycle amplitude", MM, _limit_cycle, SURFACE),
+    Figure(
+        "limit_cycle_amplitude_m",
+        "limit-cycle amplitude",
+        MM,
+        lambda run: limit_cycle_amplitude(run.time, run.path),
+        SURFACE,
+    ),
     Figure("contact_bounces", "contact bounces", NUMBER, _bounces, SURFACE),
     Figure("final_speed_m_per_s", "speed at the end", MM_S, attrgetter("final_speed"), TRUTH),
     Figure("at_rest", "", None, _at_rest, TRUTH),
