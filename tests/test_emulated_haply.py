@@ -10,14 +10,14 @@ import pytest
 from forcebound.bounding import ForceBounder
 from forcebound.config.loader import load
 from forcebound.devices.truth_file import TruthFile
-from forcebound.emulators import assembler
 from forcebound.emulators.emulation import Emulation
 from forcebound.emulators.faults import Faults, parse_fault
+from forcebound.emulators.kinds import EMULATORS
 from forcebound.errors import DeviceError
 from forcebound.hardware.hapi import WIRINGS, rest_message
 from forcebound.hardware.haply_2diy import Haply2DIY, OpenHaply
 from forcebound.nodes.servo import dissipation_of
-from forcebound.operators.pressing import PressingHand
+from forcebound.operators.hands import PressingHand
 
 ROUND_TRIP_NS = 100_000
 PERIOD_NS = 1_000_000
@@ -37,7 +37,7 @@ class EmulatedLine:
         self.time_ns = 1_000_000_000
         self.failures: list[DeviceError] = []
         wanted = Faults([parse_fault(text) for text in faults])
-        self.emulation = Emulation(assembler("haply_2diy")(model.mechanism(), HAND), wanted, truth)
+        self.emulation = Emulation(EMULATORS["haply_2diy"](model.mechanism(), HAND), wanted, truth)
         self.emulation.start(self.time_ns)
         self._sent = b""
         self.lost: int | None = None  # place of a byte of the next message

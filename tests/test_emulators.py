@@ -10,14 +10,13 @@ from test_haply_board import NO_TORQUE, PUSH, SETUP, degrees
 
 from forcebound.devices import Truth
 from forcebound.devices.truth_file import NOBODY, TruthFile, truth_beside
-from forcebound.emulators import EMULATORS, assembler
 from forcebound.emulators.emulation import Emulation
 from forcebound.emulators.faults import Fault, Faults, parse_fault
+from forcebound.emulators.kinds import EMULATORS, restored_operator
 from forcebound.emulators.program import given_values
 from forcebound.emulators.pty import PseudoPort
-from forcebound.emulators.values import restored_operator
 from forcebound.errors import ConfigError, DeviceError
-from forcebound.operators.pressing import PressingHand
+from forcebound.operators.hands import PressingHand
 
 MS = 1_000_000
 HAND = PressingHand(mass=0.1, stiffness=200.0, damping=2.0, approach_speed=0.1)
@@ -41,7 +40,7 @@ class Client:
         latency: float = 0.0,
         hand: PressingHand | None = HAND,
     ):
-        emulated = assembler("haply_2diy")(values or {}, hand)
+        emulated = EMULATORS["haply_2diy"](values or {}, hand)
         self.emulation = Emulation(emulated, Faults(faults), truth, latency)
         self.time_ns = 5_000 * MS
         self.emulation.start(self.time_ns)
@@ -236,7 +235,7 @@ def test_a_file_of_somebody_else_is_no_truth(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("kind", sorted(EMULATORS))
 def test_every_kind_is_assembled_from_defaults(kind: str) -> None:
-    board, mechanism = assembler(kind)({}, None)
+    board, mechanism = EMULATORS[kind]({}, None)
     assert len(board.torque) == len(mechanism.angles) == len(board.angles)
 
 
@@ -253,7 +252,7 @@ def test_what_is_no_description_is_refused(text: str) -> None:
 
 def test_a_wrong_number_names_its_model() -> None:
     with pytest.raises(ConfigError, match="FiveBar"):
-        assembler("haply_2diy")({"friction": "much"}, None)
+        EMULATORS["haply_2diy"]({"friction": "much"}, None)
     assert restored_operator({"kind": "pressing", "mass": 0.5}) == PressingHand(mass=0.5)
 
 
@@ -274,7 +273,7 @@ def test_a_board_that_is_reset_keeps_its_torque_and_gives_no_angles(truth: Truth
 
 
 def test_an_odrive_that_is_reset_gives_no_torque() -> None:
-    board, _ = assembler("odrive")({}, None)
+    board, _ = EMULATORS["odrive"]({}, None)
     start = b"w axis0.controller.config.control_mode 1\nw axis0.requested_state 8\n"
     board.receive(start + b"w axis0.controller.config.enable_torque_mode_vel_limit 0\n", 0)
     board.receive(b"c 0 0.1\n", 10 * MS)

@@ -19,7 +19,7 @@ from forcebound.errors import DeviceError
 from forcebound.hardware.emulated import Emulated, start
 from forcebound.hardware.haply_2diy import Haply2DIY, OpenHaply
 from forcebound.hardware.port import Port
-from forcebound.operators.pressing import PressingHand
+from forcebound.operators.hands import PressingHand
 
 pytestmark = pytest.mark.live
 

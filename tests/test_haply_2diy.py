@@ -138,8 +138,8 @@ def test_a_reply_that_takes_its_time_makes_the_reading_that_uncertain(board: Scr
     board.round_trip_ns = 3_000_000
     device.read(0)
     assert device.latch_jitter() == 2_920_000
-    assert device.replies.late == 1
-    assert device.replies.longest_ns == 3_000_000
+    assert device.exchanges.late == 1
+    assert device.exchanges.longest_ns == 3_000_000
 
 
 def test_the_angles_of_a_write_are_fresh_for_as_long_as_a_reply_may_take(
@@ -203,7 +203,7 @@ def test_bytes_that_nobody_asked_for_end_it(board: ScriptedBoard) -> None:
 @pytest.mark.parametrize(
     ("reply", "words"),
     [
-        (lambda board: b"", "no reply within 1000 ms: is this the port of a Haply board"),
+        (lambda board: b"", "no reply within 1000 ms: is this the port of the board"),
         (lambda board: b"invalid c", "another device at this port"),
     ],
 )

@@ -10,7 +10,7 @@ from forcebound.emulators.hand import CarryingHand
 from forcebound.errors import DeviceError
 from forcebound.messages.packets import Vector
 from forcebound.operators import Operator
-from forcebound.operators.no_hand import NoHand
+from forcebound.operators.hands import NoHand
 
 LARGEST_TORQUE = 1e6  # N m, no limit: the board has its own
 
@@ -21,12 +21,9 @@ class Mechanism:
     It has what its model states, as any simulated device. But its motors know no hold limit, the
     write delay is that of the line, and the largest torque that of the board.
 
-    Args:
-        model: A simulated device with a field for each of the stated imperfections.
-        operator: Whose hand it is; None: nobody holds it. Then somebody puts it back into the pose
-            of the set-up when it is out of use; until then it stays in a singular pose, where a
-            real arm lies against its stops.
-        home: Where the tip is when the board is set up, in m.
+    Without an operator nobody holds it. Then somebody puts it back into the pose of the set-up,
+    whose tip is at ``home`` (m), when it is out of use; until then it stays in a singular pose,
+    where a real arm lies against its stops.
 
     Attributes:
         angles: What the encoders read, in rad.

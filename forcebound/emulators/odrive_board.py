@@ -33,6 +33,8 @@ currents' dynamics, all but the commands above and a few properties.
 import math
 import re
 from dataclasses import dataclass, field
+from functools import reduce
+from operator import xor
 
 from forcebound.messages.packets import Vector
 
@@ -101,7 +103,7 @@ class _Axis:
 
 
 class ODriveBoard:
-    """The board; see :class:`forcebound.emulators.board.Board`.
+    """The board; see :class:`forcebound.emulators.emulation.Board`.
 
     Args:
         axes: Number of axes.
@@ -125,7 +127,6 @@ class ODriveBoard:
         self._reply: list[bytes] = []
 
     def receive(self, data: bytes, time_ns: int) -> bytes:
-        """Take bytes; see :class:`forcebound.emulators.board.Board`."""
         self._go_on(time_ns)
         *lines, rest = LINE_ENDS.split(self._line + data)
         for line in lines:
@@ -147,7 +148,6 @@ class ODriveBoard:
         self._axes = [_Axis() for _ in self._axes]
 
     def with_nan(self, reply: bytes) -> bytes:
-        """Return a reply without numbers; see :class:`forcebound.emulators.board.Board`."""
         lines = []
         for line in reply.splitlines():
             words = line.partition(b"*")[0].split()
@@ -284,10 +284,7 @@ class ODriveBoard:
 
 def exclusive_or(text: bytes) -> int:
     """Return the checksum of a line."""
-    result = 0
-    for byte in text:
-        result ^= byte
-    return result
+    return reduce(xor, text, 0)
 
 
 def _torque(axis: _Axis) -> float:

@@ -135,11 +135,11 @@ def change_environment(opened: Environment, model: EnvironmentModel, axes: int) 
 ENVIRONMENTS: Table[type[EnvironmentModel]] = Table(
     "environments",
     {
-        "wall": "forcebound.environments.wall:Wall",
-        "damped_wall": "forcebound.environments.damped_wall:DampedWall",
-        "time_varying_wall": "forcebound.environments.time_varying_wall:TimeVaryingWall",
-        "power_law_wall": "forcebound.environments.power_law_wall:PowerLawWall",
-        "damper": "forcebound.environments.damper:Damper",
+        "wall": "forcebound.environments.walls:Wall",
+        "damped_wall": "forcebound.environments.walls:DampedWall",
+        "time_varying_wall": "forcebound.environments.walls:TimeVaryingWall",
+        "power_law_wall": "forcebound.environments.walls:PowerLawWall",
+        "damper": "forcebound.environments.walls:Damper",
         "solid": "forcebound.environments.solid:Solid",
         "distance_field": "forcebound.environments.distance_field:DistanceField",
         "point_cloud": "forcebound.environments.point_cloud:PointCloud",

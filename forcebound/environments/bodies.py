@@ -72,20 +72,11 @@ class Bodies(EnvironmentModel):
         check_ranges(self)
 
     def check_files(self) -> None:
-        """Compile the scene, unless MuJoCo is only installed where the environment runs.
-
-        Raises:
-            ConfigError: If it will not do.
-        """
+        """Compile the scene, unless MuJoCo is only installed where the environment runs."""
         if find_spec("mujoco") is not None:
             _compile(engine(), self)
 
     def open(self, axes: int) -> "_Scene":
-        """Return an instance; see :class:`forcebound.environments.EnvironmentModel`.
-
-        Raises:
-            ConfigError: If MuJoCo is not installed, or cannot use the file.
-        """
         return _Scene(self, axes)
 
 
@@ -112,7 +103,6 @@ class _Scene(Environment):
         self._resets = 0
 
     def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
-        """Return the coupling's force; see :class:`forcebound.environments.Environment`."""
         x, y, z = (min(max(entry, -FAR), FAR) for entry in pad3(position))
         speed = tuple(min(max(entry, -FAR), FAR) for entry in pad3(velocity))
         if self._hand is None:
@@ -162,7 +152,6 @@ class _Scene(Environment):
         self._data.qpos[self._place] = self._hand
 
     def contact(self, user: str) -> Contact | None:
-        """Return the probe if it touches a body, and where it is pushed to."""
         if self._hand is None or not (self._data.contact.geom == self._geom).any():
             return None
         x, y, z = self._data.qpos[self._place].tolist()

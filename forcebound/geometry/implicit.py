@@ -223,16 +223,13 @@ class ImplicitSolid:
         self.distance(origin)
 
     def slide(self, proxy: Vector3, goal: Vector3) -> tuple[Vector3, Vector3 | None]:
-        """Move the proxy towards the goal as far as nothing is entered."""
         is_touching, place, normal = self._slide(self._data, proxy, goal, *self._limits)
         return (place, normal) if is_touching else (goal, None)
 
     def distance(self, point: Vector3) -> float:
-        """Return the distance to the surface, or less; negative: inside."""
         return self._distance(self._data, point)
 
     def closest(self, point: Vector3) -> tuple[Vector3, Vector3]:
-        """Return the closest point of the surface, and the outward normal there."""
         return self._closest(self._data, point)
 
     def shade(self, point: Vector3, normal: Vector3) -> Vector3:

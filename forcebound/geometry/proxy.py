@@ -45,7 +45,6 @@ from forcebound.quantities import (
     check_ranges,
 )
 
-FARTHEST = 1e7  # m; a device beyond is taken to be there, so that squares stay finite
 ROUNDS = 12  # of the search for the place where the friction cone holds the proxy
 ON_SURFACE = 1e-6  # m; a proxy so near to a surface is on it
 SAME = 1e-9  # relative: a drag so close to the cone is on it
@@ -186,11 +185,9 @@ class HapticSurface:
             place, _ = solid.closest(self._proxy)
             self._proxy = place if solid.distance(place) > -ON_SURFACE else None
 
-    def touch(
-        self, position: tuple[float, ...], velocity: tuple[float, ...], elapsed: float
-    ) -> tuple[float, ...]:
+    def touch(self, position: tuple[float, ...], velocity: tuple[float, ...]) -> tuple[float, ...]:
         """Return the force at a device's position, one entry per axis, in N; moves the proxy."""
-        device = _within_reach(pad3(position))
+        device = pad3([float(entry) for entry in position])
         if self._proxy is None:
             if self._solid.distance(device) <= 0.0:
                 return cut(ZERO, self._axes)
@@ -284,8 +281,3 @@ def _pull(device: Vector3, touch: Touch) -> tuple[float, float]:
     """Along and across the normal, how far the device is from the proxy, in m."""
     to_proxy = sub(touch.proxy, device)
     return dot(to_proxy, touch.normal), norm(tangential(to_proxy, touch.normal))
-
-
-def _within_reach(position: Vector3) -> Vector3:
-    x, y, z = (max(-FARTHEST, min(FARTHEST, float(entry))) for entry in position)
-    return (x, y, z)

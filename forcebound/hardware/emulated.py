@@ -52,7 +52,7 @@ def start(kind: str, mechanism: Mapping[str, Any], operator: Operator | None) ->
     """Start an emulator in a process of its own; it ends when its port is closed.
 
     Args:
-        kind: A key of ``forcebound.emulators.EMULATORS``.
+        kind: A key of ``forcebound.emulators.kinds.EMULATORS``.
         mechanism: Parameters of the simulated device behind the board, plain JSON in SI units.
         operator: The hand on it; None: nobody holds it.
 

@@ -58,8 +58,13 @@ from forcebound.hardware.hapi import (
     setup_message,
 )
 from forcebound.hardware.line import Line
-from forcebound.hardware.serial_device import SerialDevice
-from forcebound.hardware.serial_joints import SerialJoints
+from forcebound.hardware.serial_device import (
+    FIRST_EXCHANGES,
+    Exchange,
+    Exchanges,
+    SerialDevice,
+    SerialJoints,
+)
 from forcebound.messages.packets import Vector
 from forcebound.operators import Operator
 from forcebound.parts.plain import plain
@@ -67,7 +72,6 @@ from forcebound.quantities import Range, Time
 
 KIND = "haply_2diy"
 FIRST = 1.0  # s, what a board may need for its first reply
-FIRST_EXCHANGES = 50  # without force, for the quickest exchange
 HOME_TOLERANCE = math.radians(1.0)  # the arm may move between set-up and first reading
 # Sine of the angle between two links in line: no torque below the first, all of it above the other.
 NO_FORCE_SINE, FULL_FORCE_SINE = 0.1, 0.3
@@ -104,15 +108,12 @@ class Haply2DIY(FiveBarNumbers, SerialJoints):
         return FiveBar(**self.simulated_joints(), base=base, origin=self.origin)
 
     def kinematics(self) -> ArmKinematics:
-        """Return the kinematics of the arm."""
         return self.five_bar().kinematics()
 
     def angles(self, position: Vector) -> Vector | None:
-        """Return the joint angles, in rad, for a tip at ``position``, in m; None out of reach."""
         return self.five_bar().angles(position)
 
     def mechanism(self) -> dict[str, Any]:
-        """Return what an emulator simulates, plain JSON in SI units."""
         wiring = WIRINGS[self.version]
         return {
             **plain(self.five_bar()),
@@ -122,7 +123,6 @@ class Haply2DIY(FiveBarNumbers, SerialJoints):
         }
 
     def open(self, operator: Operator | None, hold_limit: float) -> "OpenHaply":
-        """Return the device, set up in its home pose; see ``DeviceModel``."""
         rest = rest_message(self.address, WIRINGS[self.version])
         limit, parts = self.longest_force, self.mechanism()
         line = Line(KIND, self.port, rest, limit, parts, operator, zero_reply=REPLY_SIZE)
@@ -151,17 +151,19 @@ class OpenHaply(SerialDevice):
     def __init__(
         self, model: Haply2DIY, line: Line, clock: Callable[[], int] = time.monotonic_ns
     ) -> None:
-        super().__init__(line, model.reply_within, clock)
+        exchanges = Exchanges(line, model.reply_within, clock)
+        super().__init__(line, exchanges, model.reply_within, clock)
         self._model = model
         self._wiring = WIRINGS[model.version]
-        self._quickest_ns = round(FIRST * 1e9)  # of all exchanges so far
         self._torque: Vector = (0.0, 0.0)  # on the wire
         five_bar = model.five_bar()
         self._proximal = five_bar.proximal
         self.axes, self.kinematics = 2, five_bar.kinematics()
         line.send(setup_message(model.address, self._wiring), has_force=False)
         home = [math.radians(angle) for angle in self._wiring.home]
-        self._angles = self._exchange(FIRST)[2]
+        exchanges.longest_wait = FIRST
+        self._angles = self._exchange().reply
+        exchanges.longest_wait = line.silence
         if math.dist(self._angles, home) > HOME_TOLERANCE:
             degrees = ", ".join(f"{math.degrees(angle):.1f}" for angle in self._angles)
             found = DeviceError(
@@ -173,56 +175,42 @@ class OpenHaply(SerialDevice):
             raise found
         for _ in range(FIRST_EXCHANGES):
             self._exchange()
-        self.replies.restart()
+        exchanges.restart()
         tip = ", ".join(f"{1e3 * x:.1f} mm" for x in self.kinematics.position(self._angles))
         _logger.info("the present pose of the arm is now its home pose, its tip at %s", tip)
 
     def read(self, time_ns: int) -> Vector:
-        """Return the angles, in rad; see :class:`forcebound.devices.Device`."""
-        sent_ns, came_ns, self._angles = self._exchange()
-        self._read_ns = sent_ns
-        self._jitter_ns = came_ns - sent_ns - self._quickest_ns
+        exchange = self._exchange()
+        self._read_ns, self._jitter_ns = exchange.sent_ns, exchange.excess_ns
+        self._angles = exchange.reply
         return self._angles
 
     def write(self, time_ns: int, force: Vector) -> Vector:
-        """Hold torques, in N m, or less; see :class:`forcebound.devices.Device`."""
+        """Hold torques, in N m, or less."""
         if self._line.is_at_rest and not any(force):
             return force  # the last zero after a failure, which was written then
         scale = self._scale(force)
-        wanted = tuple([scale * torque for torque in force]) if scale > 0.0 else (0.0, 0.0)
-        self._torque = tuple([-torque for torque in wanted])
-        self._came_ns, self._angles = self._exchange()[1:]
-        self._effect_ns = self._came_ns - self._quickest_ns
-        return tuple([held_torque(torque) for torque in wanted])
+        scaled = tuple([scale * torque for torque in force]) if scale > 0.0 else (0.0, 0.0)
+        self._torque = tuple([-torque for torque in scaled])
+        exchange = self._exchange()
+        self._came_ns, self._angles = exchange.came_ns, exchange.reply
+        self._effect_ns = exchange.sent_ns + exchange.excess_ns
+        return tuple([held_torque(torque) for torque in scaled])
 
     def close(self) -> None:
-        """Write zero torque and release the port; see :class:`forcebound.devices.Device`."""
         self._line.close()
-        self.replies.log(_logger)
+        self.exchanges.log(_logger)
 
-    def _exchange(self, patience: float | None = None) -> tuple[int, int, Vector]:
-        """Send the torque; return when, when the reply had come, and its angles, in rad."""
-        line, address = self._line, self._model.address
-        patience = line.silence if patience is None else patience
-        try:
-            message = exchange_message(address, self._torque)
-            sent_ns = self._clock()
-            line.send(message, has_force=any(self._torque))
-            reply = line.port.read(REPLY_SIZE, sent_ns + round(patience * 1e9))
-            came_ns = self._clock()
-            if not reply:
-                raise DeviceError(
-                    f"no reply within {1e3 * patience:g} ms: is this the port of a Haply"
-                    " board, and does the board have power? (an"
-                    " emulator may get no processor: a quieter machine, or a longer watchdog_limit)"
-                )
-            angles = parse_reply(reply, address, self._wiring)
-        except DeviceError as failure:
-            line.fail(failure)
-            raise
-        self.replies.note(came_ns - sent_ns)
-        self._quickest_ns = min(self._quickest_ns, came_ns - sent_ns)
-        return sent_ns, came_ns, angles
+    def _exchange(self) -> Exchange[Vector]:
+        """Send the torque; the reply has the angles, in rad."""
+        address = self._model.address
+        return self.exchanges.exchange(
+            "exchange",
+            exchange_message(address, self._torque),
+            lambda until_ns: self._line.port.read(REPLY_SIZE, until_ns),
+            lambda reply: parse_reply(reply, address, self._wiring),
+            has_force=any(self._torque),
+        )
 
     def _scale(self, force: Vector) -> float:
         """Return the share of a torque, in N m, that is applied in this pose, 0 to 1."""

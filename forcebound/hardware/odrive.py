@@ -54,6 +54,7 @@ from forcebound.errors import DeviceError
 from forcebound.hardware.line import Line
 from forcebound.hardware.odrive_lines import (
     WATCHDOG_EXPIRED,
+    Requests,
     error_words,
     number,
     on_wire,
@@ -61,7 +62,6 @@ from forcebound.hardware.odrive_lines import (
     request,
     torque_request,
 )
-from forcebound.hardware.odrive_requests import Exchange, Requests
 from forcebound.hardware.odrive_start import (
     Switch,
     check_firmware,
@@ -69,8 +69,12 @@ from forcebound.hardware.odrive_start import (
     switched_off,
     zero_torque,
 )
-from forcebound.hardware.serial_device import SerialDevice
-from forcebound.hardware.serial_joints import SerialJoints
+from forcebound.hardware.serial_device import (
+    FIRST_EXCHANGES,
+    Exchange,
+    SerialDevice,
+    SerialJoints,
+)
 from forcebound.messages.packets import Vector
 from forcebound.operators import Operator
 from forcebound.parts.plain import plain
@@ -78,7 +82,6 @@ from forcebound.quantities import POSITIVE, AngularSpeed, Length, Range, Time, T
 
 KIND = "odrive"
 CONTROL_NS = 125_000  # period of the firmware's control loop, 8 kHz
-FIRST_EXCHANGES = 50  # without force, for the quickest exchange
 BITS = 10  # on a UART for each byte
 REPLY_SIZE = 26  # bytes: of the usual reply to f
 
@@ -132,15 +135,12 @@ class ODrive(SerialJoints):
         return Knob(**numbers, joints=self.joints, lever=self.lever)
 
     def kinematics(self) -> ArmKinematics:
-        """Return the kinematics of the knobs."""
         return self.knob().kinematics()
 
     def mechanism(self) -> dict[str, Any]:
-        """Return what an emulator simulates, plain JSON in SI units."""
         return plain(self.knob())
 
     def open(self, operator: Operator | None, hold_limit: float) -> "OpenODrive":
-        """Return the device, its motors off until the first writes; see ``DeviceModel``."""
         zero = b"\n" + zero_torque(self.joints)  # the first ends a line that was cut short
         baud = self.baud or 115_200
         line = Line(KIND, self.port, zero, self.longest_force, self.mechanism(), operator, baud)
@@ -175,7 +175,8 @@ class OpenODrive(SerialDevice):
         hold_limit: float,
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
-        super().__init__(line, model.reply_within, clock)
+        self._requests = Requests(line, model.reply_within)
+        super().__init__(line, self._requests, model.reply_within, clock)
         self._model = model
         joints = range(model.joints)
         self._zero: Vector = (0.0,) * model.joints
@@ -184,7 +185,6 @@ class OpenODrive(SerialDevice):
         self._ask_error = [request(f"r axis{axis}.error") for axis in joints]
         self._next = 0  # axis whose error is asked for next
         self._check_rate(hold_limit, self._seconds_on_wire())
-        self._requests = Requests(line, self.replies)
         self._switch = Switch(self._requests, model.joints, model.longest_force)
         self.axes, self.kinematics = model.joints, model.kinematics()
         self._requests.begin(b"\n" + zero_torque(model.joints))
@@ -192,20 +192,21 @@ class OpenODrive(SerialDevice):
         for axis in joints:
             set_up(self._requests, axis, model.saturation)
         for _ in range(FIRST_EXCHANGES):
-            tick_ns = self._ask().quickest_ns + self._tell(self._zero).quickest_ns
-        self._check_rate(hold_limit, tick_ns * 1e-9)
-        self._requests.patience = line.silence
-        self.replies.restart()
+            self._ask()
+            self._tell(self._zero)
+        quickest_ns = self._requests.quickest_ns("read") + self._requests.quickest_ns("write")
+        self._check_rate(hold_limit, quickest_ns * 1e-9)
+        self._requests.longest_wait = line.silence
+        self._requests.restart()
 
     def read(self, time_ns: int) -> Vector:
-        """Return the angles, in rad; see :class:`forcebound.devices.Device`."""
         exchange = self._ask()
         self._read_ns = exchange.sent_ns - CONTROL_NS
         self._jitter_ns = exchange.excess_ns + CONTROL_NS
-        return _angles(exchange.said)
+        return _angles(exchange.reply)
 
     def write(self, time_ns: int, force: Vector) -> Vector:
-        """Hold torques, in N m, or less; see :class:`forcebound.devices.Device`."""
+        """Hold torques, in N m, or less."""
         if not self._switch.is_on:
             self._switch.go_on()
             self._effect_ns = self._clock()
@@ -220,7 +221,7 @@ class OpenODrive(SerialDevice):
         axis = self._next
         exchange = self._tell(force)
         self._effect_ns = exchange.sent_ns + exchange.excess_ns + CONTROL_NS
-        *turns, said = exchange.said
+        *turns, said = exchange.reply
         self._came_ns, self._angles = self._clock(), _angles(turns)
         error = int(said)
         if error == WATCHDOG_EXPIRED and not any(self._held):
@@ -237,22 +238,22 @@ class OpenODrive(SerialDevice):
         return force
 
     def close(self) -> None:
-        """Write zero torque, switch off, release the port; see ``Device``."""
+        """Write zero torque, switch off, release the port."""
         joints = self._model.joints
         with suppress(DeviceError):  # also where the line has failed, and takes no other message
             self._line.port.write(b"\n" + zero_torque(joints) + switched_off(joints))
         self._line.close()
-        self.replies.log(_logger)
+        self.exchanges.log(_logger)
 
-    def _ask(self) -> Exchange[float]:
-        return self._requests.exchange("read", self._ask_positions, self._model.joints, position)
+    def _ask(self) -> Exchange[list[float]]:
+        return self._requests.ask("read", self._ask_positions, self._model.joints, position)
 
-    def _tell(self, force: Vector) -> Exchange[float]:
+    def _tell(self, force: Vector) -> Exchange[list[float]]:
         """Set torques, which resist where positive; ask for the positions and an axis's error."""
         axis, joints = self._next, self._model.joints
         self._next = (axis + 1) % joints
         message = _torque_lines(force) + self._ask_positions + self._ask_error[axis]
-        return self._requests.exchange("write", message, joints + 1, _said, has_force=any(force))
+        return self._requests.ask("write", message, joints + 1, _said, has_force=any(force))
 
     def _seconds_on_wire(self) -> float:
         """Return what the bytes of a tick take on a UART, in s; 0 on USB."""

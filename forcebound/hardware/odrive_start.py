@@ -8,12 +8,12 @@ from forcebound.hardware.odrive_lines import (
     CLOSED_LOOP_CONTROL,
     IDLE,
     PASSED_THROUGH,
+    Requests,
     error_words,
     number,
     request,
     torque_request,
 )
-from forcebound.hardware.odrive_requests import Requests
 
 FIRMWARES = ((0, 5), (0, 0))  # the other is what a build out of a folder without git says
 SWITCHING_NS = 1_000_000_000  # for the motors to be on
@@ -124,9 +124,8 @@ class Switch:
         axis = min(self._off)
         name = f"axis{axis}.current_state"
         asked = request(f"r {name}")
-        state = self._requests.exchange(
-            "state", message + asked, 1, lambda text: number(text, name)
-        ).said[0]
+        asking = self._requests.ask("state", message + asked, 1, lambda text: number(text, name))
+        (state,) = asking.reply
         if state == CLOSED_LOOP_CONTROL:
             self._off.remove(axis)
         elif now_ns - self._told_ns > SWITCHING_NS:

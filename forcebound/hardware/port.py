@@ -14,6 +14,7 @@ import select
 import stat
 import termios
 import time
+from collections.abc import Callable
 from contextlib import suppress
 
 import serial
@@ -81,13 +82,7 @@ class Port:
         Raises:
             DeviceError: If the device is unplugged.
         """
-        descriptor, data = self.descriptor, b""
-        while len(data) < count:
-            wait_ns = max(deadline_ns - time.monotonic_ns(), 0)
-            if not select.select((descriptor,), (), (), wait_ns * 1e-9)[0]:
-                break
-            data += self._take(count - len(data))
-        return data
+        return self._read(deadline_ns, lambda data: count - len(data))
 
     def read_lines(self, count: int, deadline_ns: int) -> bytes:
         """Return what has come when ``count`` lines have, or what there is by the deadline.
@@ -99,12 +94,16 @@ class Port:
         Raises:
             DeviceError: If the device is unplugged.
         """
-        descriptor, data = self.descriptor, b""
-        while data.count(b"\n") < count:
+        return self._read(deadline_ns, lambda data: CHUNK if data.count(b"\n") < count else 0)
+
+    def _read(self, deadline_ns: int, missing: Callable[[bytes], int]) -> bytes:
+        """Read until nothing is missing, or nothing has come by the deadline."""
+        data = b""
+        while count := missing(data):
             wait_ns = max(deadline_ns - time.monotonic_ns(), 0)
-            if not select.select((descriptor,), (), (), wait_ns * 1e-9)[0]:
+            if not select.select((self.descriptor,), (), (), wait_ns * 1e-9)[0]:
                 break
-            data += self._take(CHUNK)
+            data += self._take(count)
         return data
 
     def drain(self, quiet: float = 0.0) -> bytes:
