@@ -86,11 +86,7 @@ class Emulation:
         return self._faults.is_on("unplug", time_ns)
 
     def step(self, data: bytes, time_ns: int) -> bytes:
-        """Move on, take bytes that have come together, return what comes from the board.
-
-        Raises:
-            DeviceError: If the hand has moved the tip to where the arm cannot be held.
-        """
+        """Move on, take bytes that have come together, return what comes from the board."""
         board, mechanism, faults = self._board, self._mechanism, self._faults
         mechanism.advance(time_ns)
         if any(mechanism.torque):

@@ -38,11 +38,7 @@ class Fault:
 
 
 def parse_fault(text: str) -> Fault:
-    """Return the fault that a text describes, in the form ``KIND[:at=TIME][,for=TIME]``.
-
-    Raises:
-        ConfigError: If it describes none.
-    """
+    """Return the fault that a text describes, in the form ``KIND[:at=TIME][,for=TIME]``."""
     kind, _, rest = text.partition(":")
     if kind not in KINDS:
         raise ConfigError(f"no kind of fault is {kind!r}: use one of {', '.join(KINDS)}")

@@ -52,11 +52,7 @@ EMULATORS: Mapping[str, Callable[[Mapping[str, Any], Operator | None], Emulated]
 
 
 def restored(kind: Callable[..., Model], values: Mapping[str, Any]) -> Model:
-    """Return a model, a dataclass, with those of the values that it knows, and its defaults.
-
-    Raises:
-        ConfigError: If a value is not one of its field.
-    """
+    """Return a model, a dataclass, with those of the values that it knows, and its defaults."""
     assert isinstance(kind, type)
     try:
         given = {

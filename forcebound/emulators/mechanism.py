@@ -59,11 +59,7 @@ class Mechanism:
         self._device.engage(time_ns)
 
     def advance(self, time_ns: int) -> None:
-        """Move on under the torque that is held.
-
-        Raises:
-            DeviceError: If the hand has moved the tip to where the arm cannot be held.
-        """
+        """Move on under the torque; DeviceError if the hand has left where the arm can be held."""
         if self._is_stuck:
             return
         try:

@@ -105,12 +105,8 @@ class _Axis:
 class ODriveBoard:
     """The board; see :class:`forcebound.emulators.emulation.Board`.
 
-    Args:
-        axes: Number of axes.
-        is_calibrated: Whether motors and encoders are; else no motor can be switched on.
-
-    Attributes:
-        has_estimate: Whether the encoders give one; a fault to set.
+    A motor that is not calibrated cannot be switched on. ``has_estimate``: the encoders give one; a
+    fault to set.
     """
 
     def __init__(self, axes: int, is_calibrated: bool = True) -> None:
@@ -241,11 +237,7 @@ class ODriveBoard:
             axis.values["error"] = 0
 
     def _find(self, command: str) -> tuple[dict[str, Value], str, _Axis | None] | str:
-        """Return the values among which a property is, its name there, its axis; or what it says.
-
-        Args:
-            command: Begins with a letter and the name of the property.
-        """
+        """Return the values with a property, its name there, its axis; or what is said of it."""
         words = command[1:].split()
         if not words:
             return "invalid command format"

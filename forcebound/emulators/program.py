@@ -37,10 +37,6 @@ def run(
     Kind, values and operator are those of ``EMULATORS``; a reply comes ``latency`` s late, beyond
     that of the pseudo-terminal; with ``until_unused`` it ends when its user has closed the port.
     ``say`` takes the lines for the terminal, the last of which may be ``advice``.
-
-    Raises:
-        ConfigError: If a value is wrong, or the link cannot be made.
-        DeviceError: If the hand has moved the tip to where the arm cannot be held.
     """
     be_punctual()
     with Stop() as stop, PseudoPort(link) as port:

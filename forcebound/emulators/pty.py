@@ -30,17 +30,10 @@ TERMINALS = "/dev/pts/"
 
 
 class PseudoPort:
-    """A port that a program plays, and the files by which others find it.
+    """A port that a program plays at a link, and the file of the ground truth beside it, mapped.
 
-    Args:
-        link: Path of the link to make.
-
-    Attributes:
-        truth: The file beside the link, mapped.
-        is_open: Whether somebody had it open at the last read.
-
-    Raises:
-        ConfigError: If the link cannot be made, or an emulator runs there.
+    ``is_open``: somebody had it open at the last read. ConfigError if the link cannot be made, or
+    an emulator runs there.
     """
 
     def __init__(self, link: Path) -> None:
@@ -102,14 +95,7 @@ class PseudoPort:
 def serve(emulation: Emulation, port: PseudoPort, stop: Stop, until_unused: bool) -> None:
     """Let an emulation go on in real time at a port, until a stop or the port's end.
 
-    Args:
-        emulation: What answers, started.
-        port: Shown.
-        stop: Ends it.
-        until_unused: Whether it ends, too, when its user has closed the port, or none has come.
-
-    Raises:
-        DeviceError: If the hand has moved the tip to where the arm cannot be held.
+    With ``until_unused`` it ends, too, when its user has closed the port, or none has come.
     """
     start_ns = time.monotonic_ns()
     while not stop.requested:

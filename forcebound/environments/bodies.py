@@ -203,11 +203,7 @@ class _Scene(Environment):
 
 
 def engine() -> Any:
-    """Return the module ``mujoco``, whose warnings go to our log.
-
-    Raises:
-        ConfigError: If it is not installed.
-    """
+    """Return the module ``mujoco``, whose warnings go to our log."""
     try:
         import mujoco
     except ImportError:

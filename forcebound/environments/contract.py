@@ -47,16 +47,12 @@ def check(
     at_most: int | None = None,
     progress: Callable[[str, int, int], None] = lambda question, done, total: None,
 ) -> Report:
-    """Return which of the ``PROMISES`` an environment keeps.
+    """Return which of the ``PROMISES`` an environment keeps, with each number of ``axes``.
 
-    Args:
-        model: With the parameters that matter: others may behave otherwise.
-        axes: Numbers of axes that it is asked with.
-        at_rest: Position on the first axis, in m, and the force there, in N, that is expected at
-            rest, as the first answer: ``{0.0: 0.0}`` for a wall with free motion before it.
-        at_most: About how many questions to ask, each twice, evenly out of all; at least ``FEWEST``
-            for each number of axes. None: all.
-        progress: Called before each answer with the question, the answers until now and all.
+    ``at_rest`` has positions on the first axis, in m, and the force there, in N, that is expected
+    as the first answer: ``{0.0: 0.0}`` for a wall with free motion before it. About ``at_most``
+    questions are asked, each twice, evenly out of all; ``progress`` is called before each answer
+    with the question, the answers until now and all.
     """
     axes = tuple(dict.fromkeys(axes))
     objects = _objects(model, max(axes, default=1))

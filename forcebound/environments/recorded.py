@@ -102,9 +102,6 @@ def _read(file: Path, version: tuple[int, int]) -> tuple[tuple[float, ...], tupl
 
     If the recording begins later than that, the times count from its beginning. Kept for one
     ``version`` of the file: a launch reads it to check it, and once more to open it.
-
-    Raises:
-        ConfigError: If it cannot be read, or has no reply to a state with an engaged force.
     """
     states: list[_State] = []
     replies: list[_Reply] = []

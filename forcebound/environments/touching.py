@@ -49,11 +49,7 @@ class Touchable(EnvironmentModel, ABC):
 
     @abstractmethod
     def solid(self) -> Solid:
-        """Return what the proxy slides on, ready for the first question.
-
-        Raises:
-            ConfigError: If the file will not do.
-        """
+        """Return what the proxy slides on; ConfigError if the file will not do."""
 
     @abstractmethod
     def scene(self) -> tuple[SceneObject, ...]:
@@ -118,11 +114,7 @@ class PlacedFile(Touchable):
 
     @abstractmethod
     def read(self) -> Any:
-        """Return what :meth:`place` needs of the file.
-
-        Raises:
-            ConfigError: If it will not do.
-        """
+        """Return what :meth:`place` needs of the file; ConfigError if it will not do."""
 
     @abstractmethod
     def place(self, content: Any) -> Solid:

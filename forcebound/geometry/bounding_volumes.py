@@ -1,12 +1,11 @@
 """Tree of bounding boxes over triangles: closest point, and the first contact of a moving ball.
 
-One question a millisecond finds every cache cold, so a question should touch few lines of memory:
-
-* A node holds the boxes of its eight children side by side, 192 bytes: three cache lines.
-* The tree is balanced, so the places of children and triangles follow from their number alone.
-* Triangles lie in the order of the leaves. Their corners are floats of single precision, which the
-  boxes therefore bound without rounding; all arithmetic is in double precision.
-* A search begins with the triangle of the answer before, which is near in most cases.
+One question a millisecond finds every cache cold, so a question should touch few lines of memory. A
+node holds the boxes of its eight children side by side, 192 bytes: three cache lines. The tree is
+balanced, so the places of children and triangles follow from their number alone. Triangles lie in
+the order of the leaves; their corners have single precision, which the boxes bound without
+rounding, while all arithmetic has double precision. A search begins with the triangle of the answer
+before, which is near in most cases.
 
 Source of the wide nodes: I. Wald, C. Benthin, S. Boulos, Getting rid of packets: efficient SIMD
 single-ray traversal using multi-branching BVHs, IEEE Symposium on Interactive Ray Tracing, 2008.
@@ -37,13 +36,10 @@ class Tree(NamedTuple):
 
 
 class TriangleTree:
-    """Triangles that answer where they are; see the module.
+    """Triangles, corners in m of shape (n, 3, 3), that answer where they are; see the module.
 
     It keeps the place of its last answer, so it serves one user; ``copy.copy`` makes one for
     another.
-
-    Args:
-        corners: Of the triangles, in m, shape (n, 3, 3), n at least 1; rounded to single precision.
     """
 
     def __init__(self, corners: Any) -> None:
@@ -68,26 +64,17 @@ class TriangleTree:
         return math.dist(self.lowest, self.highest)
 
     def closest(self, point: Vector3) -> tuple[int, Vector3, float]:
-        """Return the place of the closest triangle in the tree, its closest point, and how far.
-
-        Args:
-            point: In m, as floats.
-        """
+        """Return place in the tree, closest point (m) and distance of the closest triangle."""
         self._last, at, square = self._closest(self.data, point, self._last)
         return self._last, at, math.sqrt(square)
 
     def first_contact(
         self, start: Vector3, end: Vector3, clearance: float = 0.0
     ) -> tuple[int, float]:
-        """Return which triangle a moving ball touches first, and when: 0 to 1.
+        """Return the place in the tree of what a moving ball touches first, and when: 0 to 1.
 
-        Args:
-            start: Of the ball's centre, in m, as floats.
-            end: Of its way.
-            clearance: Radius of the ball, in m; see :func:`triangles.contact_time`.
-
-        Returns:
-            Place of the triangle in the tree, and time; place -1: none.
+        The ball, of the radius ``clearance``, moves from ``start`` to ``end``, in m; see
+        :func:`triangles.contact_time`. Place -1: it touches nothing.
         """
         return self._first_contact(self.data, start, end, clearance)
 
@@ -103,10 +90,8 @@ def depth_for(count: int) -> int:
 def sort_triangles(centres: Any, order: Any, depth: int) -> None:
     """Sort triangles, in place, so that every node has a range of them: medians, level by level.
 
-    Args:
-        centres: Of the triangles, shape (3, n); sorted too.
-        order: Numbers of the triangles.
-        depth: Levels of nodes.
+    ``centres`` has the shape (3, n), and is sorted, too; ``order`` are the numbers of the
+    triangles.
     """
     count = len(order)
     leaves = WIDTH**depth
@@ -183,10 +168,7 @@ def fill_nodes(tree: Tree) -> None:
 def closest(tree: Tree, point: Vector3, guess: int) -> tuple[int, Vector3, float]:
     """Return the closest triangle, its closest point, and the squared distance.
 
-    Args:
-        tree: Of the triangles.
-        point: In m.
-        guess: A triangle that may be near.
+    ``guess`` is a triangle that may be near.
     """
     stack = np.empty(STACK)
     best, at = guess, closest_on(tree.triangles, guess, point)
@@ -258,14 +240,7 @@ def closest_on(triangles: Triangles, index: int, point: Vector3) -> Vector3:
 
 @outlined
 def first_contact(tree: Tree, start: Vector3, end: Vector3, clearance: float) -> tuple[int, float]:
-    """Return the first triangle that a ball touches on its way, and when; -1 if none.
-
-    Args:
-        tree: Of the triangles.
-        start: Of the ball's centre, in m.
-        end: Of its way.
-        clearance: Radius of the ball, in m.
-    """
+    """Return the first triangle that a ball touches on its way, and when; -1 if none."""
     nodes, triangles, stack = tree.nodes, tree.triangles, np.empty(STACK)
     best, earliest = -1, 2.0
     way = sub(end, start)

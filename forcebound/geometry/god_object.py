@@ -67,14 +67,11 @@ FAR = 1e3  # sizes of the mesh; a goal beyond is taken to be there
 
 
 class MeshSolid:
-    """A triangle mesh as a solid (:class:`forcebound.geometry.proxy.Solid`).
+    """A triangle mesh, counter-clockwise as seen from outside, as a :class:`..proxy.Solid`.
 
-    Args:
-        tree: Its triangles, counter-clockwise as seen from outside.
-        is_closed: Whether there is an inside. Without one, distances are positive, and the proxy
-            stays on its side of the triangles.
-        normals: Smoothed unit normals of the three corners of each triangle, in the order that the
-            tree was made of, shape (n, 3, 3); None: there is no shading.
+    Without an inside distances are positive, and the proxy stays on its side of the triangles.
+    ``normals`` are smoothed unit normals of the three corners of each triangle, in the order that
+    the tree was made of, shape (n, 3, 3); None: there is no shading.
     """
 
     def __init__(self, tree: TriangleTree, is_closed: bool, normals: Any = None) -> None:
@@ -152,14 +149,7 @@ def barycentric(point: Vector3, a: Vector3, b: Vector3, c: Vector3) -> Any:
 def slide(
     tree: Tree, proxy: Vector3, goal: Vector3, clearance: float
 ) -> tuple[Vector3, Vector3, bool]:
-    """Return where the proxy comes to, the normal there, and whether it reached the goal.
-
-    Args:
-        tree: Of the triangles.
-        proxy: Where it is, in m.
-        goal: Where it shall come as near as possible, in m.
-        clearance: Radius of the ball, in m.
-    """
+    """Return where the proxy comes to, the normal there, and whether it reached the goal."""
     normal = (0.0, 0.0, 0.0)
     is_near, place, goal = _entered(tree.nodes, proxy, goal, clearance)
     if not is_near:
@@ -252,16 +242,11 @@ def _entered(
 def pseudonormal(tree: Tree, at: Vector3, reach: float) -> Vector3:
     """Return the outward unit normal at a point of the surface, also at an edge or a corner.
 
-    The sum of the normals of all triangles there, weighted by their angles; its sign tells on
-    which side of a closed mesh a point is whose closest point is ``at``.
+    The sum of the normals of all triangles within ``reach``, weighted by their angles; its sign
+    tells on which side of a closed mesh a point is whose closest point is ``at``.
 
     Source: J. A. Baerentzen, H. Aanaes, Signed distance computation using the angle weighted
     pseudonormal, IEEE TVCG 11(3), 2005.
-
-    Args:
-        tree: Of the triangles.
-        at: Point of the surface, in m.
-        reach: Distance within which a triangle counts as being there, in m.
     """
     stack, total = np.empty(STACK), (0.0, 0.0, 0.0)
     stack[0, 0], stack[1, 0], top = 0.0, 0.0, 1

@@ -116,16 +116,7 @@ GRID = Field(distance, gradient, smooth_gradient)
 
 
 def mesh_grid(mesh: Mesh, spacing: float, folder: Path | None) -> Grid:
-    """Return the distances to a mesh.
-
-    Args:
-        mesh: A closed one.
-        spacing: Between two neighbours, in m.
-        folder: Where grids are kept; None: nowhere.
-
-    Raises:
-        ConfigError: If it would have too many points.
-    """
+    """Return the distances to a closed mesh, kept in a folder; ConfigError for too many points."""
     corners = mesh.corners
     low = corners.min(axis=(0, 1)) - (BAND + 1) * spacing
     edges = np.ptp(corners.reshape(-1, 3), axis=0).tolist()
@@ -161,15 +152,9 @@ def _distances(triangles: Any, place: Any, shape: tuple[int, ...]) -> Any:
 
 
 def read_grid(file: Path, spacing: float, origin: Vector3) -> Grid:
-    """Return the distances in a .npy file.
+    """Return the distances in a .npy file, an array of three axes, in m; negative: inside.
 
-    Args:
-        file: An array of three axes, in m; negative: inside.
-        spacing: Between two neighbours, in m.
-        origin: Place of the first point, in m.
-
-    Raises:
-        ConfigError: If it is no such array, or its numbers are no distances; says what to do.
+    ConfigError, with what to do, if it is no such array, or its numbers are no distances.
     """
     data = read_data(file, "grid", 8 * MOST_POINTS + 1000)
     with content_of(file):

@@ -45,16 +45,11 @@ class Cloud(NamedTuple):
 
 
 def read_mesh(file: Path, scale: float | None = None, may_be_open: bool = False) -> Mesh:
-    """Return the mesh in a file; equal vertices are one, triangles without three of them go.
+    """Return the mesh in an STL, OBJ or PLY file, its equal vertices merged.
 
-    Args:
-        file: STL, OBJ or PLY, by its suffix.
-        scale: Length of its unit, in m; None: it is in metres, and as large as a hand can explore.
-        may_be_open: Whether it may have holes, or triangles that do not agree what is outside.
-
-    Raises:
-        ConfigError: If it cannot be read, has no triangles or too many, is too large or too small,
-            or is open where it may not be; says where and what to do.
+    ``scale`` is the length of its unit, in m; None: it is in metres, and as large as a hand can
+    explore. ConfigError, with place and what to do, if it cannot be read, has no triangles or too
+    many, is too large or too small, or is open where it may not be.
     """
     import trimesh  # takes a while
 
@@ -89,14 +84,9 @@ def read_mesh(file: Path, scale: float | None = None, may_be_open: bool = False)
 
 
 def read_points(file: Path, scale: float | None) -> Cloud:
-    """Return the points in a file.
+    """Return the points in a file: an array of rows x, y, z (.npy), or the corners in a .ply file.
 
-    Args:
-        file: An array of rows x, y, z (.npy), or the corners in a .ply file.
-        scale: Length of its unit, in m; None: it is in metres, and as large as a hand can explore.
-
-    Raises:
-        ConfigError: If it holds no such points; says what to do.
+    ``scale`` and errors as in :func:`read_mesh`.
     """
     loaded, digest = _load(file, "points", (".npy", ".ply"))
     with content_of(file):
@@ -127,11 +117,7 @@ def _load(file: Path, what: str, suffixes: tuple[str, ...]) -> tuple[Any, str]:
 
 
 def read_data(file: Path, what: str, limit: int, field: str = "file") -> bytes:
-    """Return the bytes of a file that a parameter names.
-
-    Raises:
-        ConfigError: If it cannot be read, or has more bytes than ``limit``.
-    """
+    """Return the bytes of a file that a parameter names; ConfigError if it cannot be read."""
     try:
         return read_bytes(file, limit)
     except OSError as error:

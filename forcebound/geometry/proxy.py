@@ -56,9 +56,8 @@ class Solid(Protocol):
     def slide(self, proxy: Vector3, goal: Vector3) -> tuple[Vector3, Vector3 | None]:
         """Move the proxy from a legal place towards the goal as far as nothing is entered.
 
-        Returns:
-            The legal place that is closest to the goal along the way (a local minimum), and the
-            direction from the goal to it, or None if the goal itself was reached: free motion.
+        Return the legal place that is closest to the goal along the way (a local minimum), and the
+        direction from the goal to it, or None if the goal itself was reached: free motion.
         """
         ...
 
@@ -116,19 +115,11 @@ class Surface:
             )
 
     def check_files(self) -> None:
-        """Read the texture, if there is one.
-
-        Raises:
-            ConfigError: If it is no height map.
-        """
+        """Read the texture, if there is one; ConfigError if it is no height map."""
         self.relief()
 
     def relief(self) -> Texture | None:
-        """Return the texture, ready for the first question.
-
-        Raises:
-            ConfigError: If it is no height map.
-        """
+        """Return the texture, ready for the first question."""
         if self.texture is None:
             return None
         return Texture.read(self.texture, self.texture_height, self.texture_size)
@@ -149,17 +140,9 @@ class Touch(NamedTuple):
 class HapticSurface:
     """The force of a solid's surface on a device, question by question.
 
-    Args:
-        solid: What the proxy slides on.
-        surface: How it feels.
-        stiffness: Of the spring between device and proxy, in N/m.
-        damping: Along the normal, in N s/m; it pushes the device out and never pulls it in.
-        axes: Number of axes of the device.
-
-    Raises:
-        ConfigError: If the texture cannot be read.
-
-    A device that begins inside the solid feels nothing until it has left it once.
+    Spring in N/m between device and proxy, damping in N s/m along the normal: it pushes the device
+    out and never pulls it in. A device that begins inside the solid feels nothing until it has left
+    it once.
     """
 
     def __init__(

@@ -72,12 +72,7 @@ def relief_in_space(
 
 @dataclass(frozen=True, eq=False)
 class Texture:
-    """A height map on a surface.
-
-    Args:
-        heights: In m, at most 0, shape (rows, columns).
-        size: Edge of a tile, in m.
-    """
+    """A height map on a surface: heights (m, at most 0) on a tile, whose edge is ``size`` (m)."""
 
     heights: Any
     size: float
@@ -85,16 +80,7 @@ class Texture:
 
     @classmethod
     def read(cls, path: Path, height: float, size: float) -> "Texture":
-        """Read a map from a picture or a .npy file.
-
-        Args:
-            path: Of the file.
-            height: From the lowest to the highest point, in m.
-            size: Edge of a tile, in m.
-
-        Raises:
-            ConfigError: If it is no map.
-        """
+        """Read a map from a picture or a .npy file, ``height`` (m) from lowest to highest point."""
         heights = _read(path, version_of(path))
         relief = jit(relief_in_space)
         relief(heights, size, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0))  # compiled before the first answer

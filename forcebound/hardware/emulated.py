@@ -24,16 +24,7 @@ GRACE = 5.0  # s, to end by itself
 
 
 class Emulated:
-    """An emulator that runs.
-
-    Args:
-        process: The program.
-        link: Its port.
-
-    Attributes:
-        link: Path of its port.
-        truth: Path of the file with its ground truth; see :class:`TruthFile`.
-    """
+    """A running emulator: the paths of its port and of its ground truth (:class:`TruthFile`)."""
 
     def __init__(self, process: "subprocess.Popen[bytes]", link: Path) -> None:
         self._process = process
@@ -49,15 +40,10 @@ class Emulated:
 
 
 def start(kind: str, mechanism: Mapping[str, Any], operator: Operator | None) -> Emulated:
-    """Start an emulator in a process of its own; it ends when its port is closed.
+    """Start an emulator of a kind in a process of its own; it ends when its port is closed.
 
-    Args:
-        kind: A key of ``forcebound.emulators.kinds.EMULATORS``.
-        mechanism: Parameters of the simulated device behind the board, plain JSON in SI units.
-        operator: The hand on it; None: nobody holds it.
-
-    Raises:
-        DeviceError: If it does not start; says why.
+    ``mechanism`` has parameters of the simulated device behind the board, plain JSON in SI units.
+    DeviceError says why if it does not start.
     """
     folder = runtime_folder()
     if folder is None:

@@ -134,19 +134,7 @@ class Haply2DIY(FiveBarNumbers, SerialJoints):
 
 
 class OpenHaply(SerialDevice):
-    """A Haply 2DIY, from open to close; see :class:`forcebound.devices.Device`.
-
-    Args:
-        model: Its parameters.
-        line: To its board.
-        clock: Monotonic, in ns.
-
-    Attributes:
-        kinematics: Of the arm.
-
-    Raises:
-        DeviceError: If the board does not answer as a hAPI board does.
-    """
+    """A Haply 2DIY on a line; DeviceError if the board does not answer as a hAPI board does."""
 
     def __init__(
         self, model: Haply2DIY, line: Line, clock: Callable[[], int] = time.monotonic_ns
@@ -226,15 +214,12 @@ class OpenHaply(SerialDevice):
 
 
 def link_sine(jacobian: tuple[Vector, ...], proximal: float) -> float:
-    r"""Return the least sine of the angles between links that meet: at the tip, at both elbows.
+    """Return the least sine of the angles between links that meet: at the tip, at both elbows.
 
-    A column of the Jacobian is at right angles to the distal link of the other side, so the angle
-    at the tip is that of the columns; the length of column k is :math:`l s_k / s`, with the sines
-    :math:`s_k` at its elbow and :math:`s` at the tip.
-
-    Args:
-        jacobian: Of the pose, in m/rad; zeros: a singular one.
-        proximal: Length l of the links at the motors, in m.
+    A column of the Jacobian (m/rad; zeros: a singular pose) is at right angles to the distal link
+    of the other side, so the angle at the tip is that of the columns; the length of column k is
+    :math:`l s_k / s`, with the length l of the ``proximal`` links and the sines :math:`s_k` at its
+    elbow and :math:`s` at the tip.
     """
     (xx, xy), (yx, yy) = jacobian
     right, left = math.hypot(xx, yx), math.hypot(xy, yy)

@@ -152,20 +152,10 @@ class ODrive(SerialJoints):
 
 
 class OpenODrive(SerialDevice):
-    """Motors on an ODrive, from open to close; see :class:`forcebound.devices.Device`.
+    """Motors on an ODrive, from open to close, with ``hold_limit`` s between two writes at most.
 
-    Args:
-        model: Its parameters.
-        line: To its board.
-        hold_limit: Longest time between two writes, in s.
-        clock: Monotonic, in ns.
-
-    Attributes:
-        kinematics: Of the knobs.
-
-    Raises:
-        DeviceError: If the board does not answer as an ODrive does, cannot give the torque that the
-            model states, or is too slow for ticks of this length.
+    DeviceError if the board does not answer as an ODrive does, cannot give the torque that the
+    model states, or is too slow for ticks of this length.
     """
 
     def __init__(

@@ -60,22 +60,14 @@ def on_wire(torque: float) -> float:
 
 
 def torque_request(axis: int, torque: float) -> bytes:
-    """Return the line that sets a torque, in N m, positive towards larger angles.
-
-    Raises:
-        ValueError: If it is not finite: the board would take it.
-    """
+    """Return the line that sets a torque, in N m, positive towards larger angles; finite."""
     if not math.isfinite(torque):
         raise ValueError(f"a torque must be finite, got {torque} N m")
     return request(f"c {axis} {torque:.{DECIMALS}f}")
 
 
 def answer(line: bytes) -> str:
-    """Return what a line of the board says, without its checksum.
-
-    Raises:
-        DeviceError: If it has none, or a wrong one.
-    """
+    """Return what a line of the board says, without its checksum, which is checked."""
     text, star, checksum = line.rpartition(b"*")
     if not (star and checksum.isdigit() and int(checksum) == exclusive_or(text)):
         raise DeviceError(f"the board's reply {line[:40]!r} is spoiled: its checksum is wrong")
@@ -83,11 +75,7 @@ def answer(line: bytes) -> str:
 
 
 def position(text: str) -> float:
-    """Return the position in a reply to ``f``, in turns.
-
-    Raises:
-        DeviceError: If it is not two finite numbers.
-    """
+    """Return the position in a reply to ``f``, in turns."""
     words = text.split()
     try:
         turns, velocity = map(float, words)
@@ -99,11 +87,7 @@ def position(text: str) -> float:
 
 
 def number(text: str, what: str) -> float:
-    """Return the value of a property.
-
-    Raises:
-        DeviceError: If it is no number, as where the board has no such property.
-    """
+    """Return the value of a property."""
     try:
         return float(text)
     except ValueError:
@@ -153,9 +137,6 @@ class Requests(Exchanges):
 
         A board answers an empty line, or the end of one that a former user has begun; when it does
         so is up to the machine. Nothing but a request with a checksum gets a reply with one.
-
-        Raises:
-            DeviceError: If there is no such reply.
         """
 
         def receive(until_ns: int) -> bytes:

@@ -37,11 +37,7 @@ def switched_off(joints: int) -> bytes:
 
 
 def check_firmware(requests: Requests) -> None:
-    """Check that the board is an ODrive whose protocol is known.
-
-    Raises:
-        DeviceError: If it is not.
-    """
+    """Check that the board is an ODrive whose protocol is known."""
     version = [requests.value(f"fw_version_{part}") for part in ("major", "minor")]
     if None not in version and tuple(version) not in FIRMWARES:
         raise DeviceError(
@@ -51,11 +47,7 @@ def check_firmware(requests: Requests) -> None:
 
 
 def set_up(requests: Requests, axis: int, saturation: float) -> None:
-    """Let the torque of an axis be what is written, and check that it can be.
-
-    Raises:
-        DeviceError: If there is no such axis, or it gives less than ``saturation``, in N m.
-    """
+    """Let the torque of an axis be what is written, up to ``saturation``, in N m."""
     if requests.value(f"axis{axis}.current_state") is None:
         raise DeviceError(f"the ODrive has no axis {axis}: expected joints: {axis} at most")
     own = f"axis{axis}.controller.config"
@@ -89,10 +81,7 @@ def _set(requests: Requests, name: str, value: int) -> None:
 class Switch:
     """Switches the motors on within some ticks, without waiting.
 
-    Args:
-        requests: To the board.
-        joints: Number of motors.
-        watchdog_limit: Age at which the board switches them off again, in s.
+    The board switches them off again when no torque has come for ``watchdog_limit`` s.
     """
 
     def __init__(self, requests: Requests, joints: int, watchdog_limit: float) -> None:
@@ -112,11 +101,7 @@ class Switch:
         self._told_ns: int | None = None
 
     def go_on(self) -> None:
-        """Tell the motors to be on, or ask one whether it is.
-
-        Raises:
-            DeviceError: If it is not within a second.
-        """
+        """Order the motors to be on, or ask one whether it is; a DeviceError after a second."""
         message, now_ns = self._zero, time.monotonic_ns()
         if self._told_ns is None:
             self._told_ns = now_ns

@@ -25,20 +25,13 @@ CHUNK = 4096  # bytes; more than a terminal keeps
 
 
 class Port:
-    """An open serial port.
-
-    Args:
-        path: Of the port, such as ``/dev/ttyACM0``.
-        baud: Bits a second; USB-CDC and pseudo-terminals ignore it.
+    """An open serial port, such as ``/dev/ttyACM0``; USB and pseudo-terminals ignore ``baud``.
 
     Attributes:
         path: Of the port.
         descriptor: Open and not blocking; of this object.
         has_low_latency: Whether the port's driver was told to pass bytes on at once. Many have no
             such mode and need none: USB-CDC, pseudo-terminals.
-
-    Raises:
-        DeviceError: If it cannot be opened.
     """
 
     def __init__(self, path: str, baud: int = 115_200) -> None:
@@ -55,11 +48,7 @@ class Port:
         fcntl.ioctl(self.descriptor, termios.TIOCEXCL)
 
     def write(self, message: bytes) -> None:
-        """Give a whole message to the port, in one piece; never waits.
-
-        Raises:
-            DeviceError: If it does not take all of it.
-        """
+        """Give a whole message to the port, in one piece; never waits; may raise DeviceError."""
         try:
             count = os.write(self.descriptor, message)
         except BlockingIOError:
@@ -73,27 +62,15 @@ class Port:
             )
 
     def read(self, count: int, deadline_ns: int) -> bytes:
-        """Return ``count`` bytes, or fewer: what has come by the deadline.
+        """Return ``count`` bytes, or fewer: what has come by the deadline, monotonic, in ns.
 
-        Args:
-            count: Of bytes.
-            deadline_ns: On the monotonic clock, in ns; what is there is read even after it.
-
-        Raises:
-            DeviceError: If the device is unplugged.
+        What is there is read even after it. DeviceError, as of all that read, if the device is
+        unplugged.
         """
         return self._read(deadline_ns, lambda data: count - len(data))
 
     def read_lines(self, count: int, deadline_ns: int) -> bytes:
-        """Return what has come when ``count`` lines have, or what there is by the deadline.
-
-        Args:
-            count: Of line feeds.
-            deadline_ns: On the monotonic clock, in ns; what is there is read even after it.
-
-        Raises:
-            DeviceError: If the device is unplugged.
-        """
+        """Return what has come when ``count`` lines have, or what there is by the deadline."""
         return self._read(deadline_ns, lambda data: CHUNK if data.count(b"\n") < count else 0)
 
     def _read(self, deadline_ns: int, missing: Callable[[bytes], int]) -> bytes:
@@ -107,14 +84,7 @@ class Port:
         return data
 
     def drain(self, quiet: float = 0.0) -> bytes:
-        """Return what has come and nobody has read.
-
-        Args:
-            quiet: Wait until nothing has come for so long, in s.
-
-        Raises:
-            DeviceError: If the device is unplugged.
-        """
+        """Return what has come and nobody has read, once nothing has come for ``quiet`` s."""
         data = b""
         while select.select((self.descriptor,), (), (), quiet)[0]:
             data += self._take(CHUNK)

@@ -58,11 +58,7 @@ class SerialJoints(StatedJoints):
     reply_within: Annotated[Time, POSITIVE] = 3e-4
 
     def check_here(self) -> None:
-        """Check, before anything starts, that the port can be opened, and is the right one.
-
-        Raises:
-            DeviceError: If not; says what to try.
-        """
+        """Check, before anything starts, that the port can be opened, and is the right one."""
         if self.port != EMULATED:
             path = find(self.port, self.board)
             Port(path).close()
@@ -90,12 +86,7 @@ class Exchange(NamedTuple, Generic[Reply]):
 
 
 class Exchanges:
-    """Exchanges with the board on a line, counted.
-
-    Args:
-        line: To the board.
-        within: A reply later than this is late, in s.
-        clock: Monotonic, in ns.
+    """Exchanges with the board on a line, counted; a reply later than ``within`` s is late.
 
     Attributes:
         longest_wait: A board that is silent for longer is lost, in s.
@@ -119,17 +110,10 @@ class Exchanges:
         parse: Callable[[bytes], Reply],
         has_force: bool = False,
     ) -> Exchange[Reply]:
-        """Send a message and wait for its reply.
+        """Send a message, ``receive`` what comes until a time (ns), and ``parse`` it.
 
-        Args:
-            kind: Of the message; those of a kind should take equally long.
-            message: To send.
-            receive: Returns what comes until a time, in ns.
-            parse: Reads it.
-            has_force: Whether the board gives a force after the message.
-
-        Raises:
-            DeviceError: If the reply is not what is expected: zero force was written.
+        Messages of a ``kind`` should take equally long. DeviceError, after zero force was written,
+        if the reply is not what is expected.
         """
         try:
             sent_ns = self._clock()
@@ -174,14 +158,8 @@ class Exchanges:
 class SerialDevice(Device):
     """An open device on a line; its driver adds reading and writing.
 
-    Args:
-        line: To its board.
-        exchanges: With the board.
-        reply_within: A reading is fresh for as long, in s.
-        clock: Monotonic, in ns.
-
-    Attributes:
-        exchanges: Their counts are those since it was opened.
+    A reading is fresh for ``reply_within`` s. The counts of ``exchanges`` are those since it was
+    opened.
     """
 
     is_exchange = True
@@ -211,11 +189,7 @@ class SerialDevice(Device):
             self._line.truth.engage(time_ns)
 
     def hand_over(self) -> bool:
-        """Let an emulated hand have the device in the pose of its set-up until :meth:`engage`.
-
-        Returns:
-            Whether there is one.
-        """
+        """Let an emulated hand, if there is one, have the device in the pose of its set-up."""
         if self._line.truth is not None:
             self._line.truth.announce()
         return self._line.truth is not None

@@ -41,10 +41,6 @@ class FollowingHand(SoftGrip, PressingButtons):
         file: Of the points, in place of ``points``.
         speed: Along the path.
         repeat: Whether it goes from the last point straight to the first, and on; else it stays.
-
-    Raises:
-        ConfigError: If there are points and a file, or neither; if a point has no or too many
-            numbers; if the file cannot be read or is not such a table (names the line).
     """
 
     points: tuple[tuple[Length, ...], ...] = ()
@@ -100,9 +96,6 @@ class TrajectoryHand(SoftGrip):
     straight line; before the first and after the last it rests. Of a recording (``.mcap``), it is
     where the hand wanted to be, as far as that is known, else where the device was
     (docs/recordings.md).
-
-    Raises:
-        ConfigError: If the file cannot be read or is neither; of a table it names the line.
     """
 
     file: Path
@@ -146,12 +139,7 @@ def _read_trajectory(file: Path) -> tuple[tuple[float, ...], tuple[Vector, ...]]
 def _numbers(
     file: Path, what: str, expected: str, fewest: int, most: int
 ) -> Iterator[tuple[str, list[float]]]:
-    """Yield the numbers of each line under the header, with its place, ``file.csv:3``.
-
-    Raises:
-        ConfigError: If the file cannot be read, has no line of numbers, or one with fewer or more
-            columns, or with something else; names the line.
-    """
+    """Yield the numbers of each line under the header, with its place, ``file.csv:3``."""
     rows = read_rows(file, what)
     _, head = next(rows, ("", []))
     is_empty = True
@@ -194,9 +182,6 @@ def read_recording(file: Path) -> tuple[tuple[float, ...], tuple[Vector, ...]]:
     """Return the times, in s since the force engaged, and the places, in m, of a recorded hand.
 
     If the recording begins later than that, the times count from its beginning.
-
-    Raises:
-        ConfigError: If the file cannot be read, or holds no tick with an engaged force.
     """
     hand, ticks = _Hand(), []
     with content_of(file):
