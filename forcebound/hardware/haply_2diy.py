@@ -1,40 +1,15 @@
-r"""The Haply 2DIY on its hAPI board: a five-bar of two motors, at a serial port.
+"""The Haply 2DIY on its hAPI board: a five-bar of two motors, at a serial port.
 
-**Reading and writing are one transaction.** A message sets both torques; its reply has the angles,
-latched after the torques were set. So
+How exchanges, stamps and the limits of torque work: docs/devices.md. A positive torque on the wire
+turns towards larger angles; a positive torque of forcebound resists that. Both motors are counted
+so, whatever the wiring.
 
-* ``read`` sends the torque that is held already, which changes nothing, and returns the angles;
-* ``write`` sends the new torque; the bounder has decided on the angles before, and those of this
-  reply serve the state of the next tick, if it begins at once.
-
-So a tick has two exchanges, the bounder's reading and the write, if the device's ``reply_wait`` is
-late in the period, and three if it is early: then the last angles are too old for the state, and
-there is time to ask for others. They are too old after the time within which a reply should come.
-
-**Stamps.** A message takes effect, and a reading is latched, at some time between sending (a) and
-the reply (e). The quickest exchange so far, of length m, has shown how much of this is the line's
-and the board's own time; it shifts all stamps alike, so it drops out of every difference. What an
-exchange takes longer may have passed before the latch or after. The reading is stamped a, the
-effect of a write e - m: as early and as late as each can have been, so the time between the two is
-never taken for shorter than it is. By ``e - a - m`` the interval between two readings may be longer
-than their stamps say; :meth:`OpenHaply.latch_jitter` says so, and the ledger takes the longer one,
-in which the same way dissipates less.
-
-**What is applied** is less than what is asked for: each motor has at most 0.123 N m, in whole steps
-of its pulse width; and towards singular poses, where the links at the tip or those of one side come
-into line, the torques fade to zero, because there a small torque is a large force, or none, at the
-tip. The scale is the same for both motors. ``write`` returns what is left, so the ledger takes just
-that.
-
-**Signs.** A positive torque on the wire turns towards larger angles; a positive torque of
-forcebound resists that. Both motors are counted so, whatever the wiring.
-
-**What goes wrong ends in zero torque and a DeviceError**, once: a reply that is short, of another
+What goes wrong ends in zero torque and a DeviceError, once: a reply that is short, of another
 address, or not in whole counts; a board that was reset; bytes that nobody asked for; silence for
-half of the watchdog limit (10 ms); a port that is gone; a guardian that is gone or had to step in
-(:mod:`forcebound.hardware.line`). A reply later than ``reply_within`` is counted and used: it makes
-a late tick, whose force the ledger knows. Nothing can say that the arm is in its home pose when it
-is set up, but the user who puts it there.
+half of the watchdog limit; a port that is gone; a guardian that is gone or had to step in
+(:mod:`forcebound.hardware.line`). A late reply is counted and used: it makes a late tick, whose
+force the ledger knows. Nothing can say that the arm is in its home pose when it is set up, but the
+user who puts it there.
 """
 
 import logging
