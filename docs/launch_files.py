@@ -36,7 +36,7 @@ key that another kind of the section has with the same default is explained ther
 | key at the top | value | default | meaning |
 |---|---|---|---|
 | `forcebound` | 1 |  | version of the format |
-| `include` | text | none | launch file beneath this one: what this file says wins, key by key |
+| `include` | text | none | launch file that this one builds on: what this file says wins, key by key |
 | `identified` | mapping | none | written by `forcebound identify`: where the numbers of `device` come from; no run reads it |
 | `arguments` | mapping | none | `name: default` or `name: { default, help, choices }`; used as `$(arg name)` |
 """  # noqa: E501
@@ -109,7 +109,7 @@ def _table(
     at: str = "",
     place: str = "",
 ) -> Iterator[str]:
-    """The keys of a dataclass, beneath some words or its own summary; known rows in words."""
+    """The keys of a dataclass, after some words or its own summary; known rows in words."""
     rows, same = [], dict[str, list[str]]()
     for row in _rows(kind, names):
         first = (known if known is not None else {}).setdefault(f"{place} {row}".strip(), at)

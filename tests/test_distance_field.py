@@ -85,53 +85,12 @@ def test_depth_and_direction_on_a_sphere_are_exact_to_the_grid(
         assert np.dot(force, out) / math.hypot(*force) > math.cos(off)
 
 
-def test_a_sliding_tip_feels_the_angle_of_friction(tmp_path: Path) -> None:
-    model = _array(tmp_path / "sphere.npy")
-    world = replace(model, surface=Surface(friction=0.5)).open(3)
-    world.force("", (0.0, 0.0, 0.028), STILL, 0.0)
-    for angle in np.linspace(0.0, 2.0, 300).tolist():
-        place = (0.0, 0.0185 * math.sin(angle), 0.0185 * math.cos(angle))
-        force = world.force("", place, STILL, 1.0)
-        contact = world.contact("")
-        assert contact is not None
-        push = -float(np.dot(force, contact.normal))
-        drag = math.sqrt(math.hypot(*force) ** 2 - push**2)
-        if angle > 0.5:
-            assert drag / push == pytest.approx(0.5, rel=0.01)
-
-
-def test_the_proxy_rests_in_a_concave_edge(tmp_path: Path) -> None:
-    world = _array(tmp_path / "corner.npy", lambda places: places[..., :2].min(-1)).open(3)
-    world.force("", (0.01, 0.01, 0.0), STILL, 0.0)
-    proxies = []
-    for _ in range(10):
-        world.force("", (-0.003, -0.002, 0.004), STILL, 1.0)
-        contact = world.contact("")
-        assert contact is not None
-        proxies.append(contact.proxy)
-    assert proxies[0] == pytest.approx((0.0, 0.0, 0.004), abs=0.3 * SPACING)
-    assert max(math.dist(one, proxies[0]) for one in proxies) < 1e-6
-
-
 def test_what_touches_the_border_goes_on_beyond_it(tmp_path: Path) -> None:
     world = _array(tmp_path / "ground.npy", lambda places: places[..., 2]).open(3)
     world.force("", (0.5, 0.2, 0.01), STILL, 0.0)
     assert world.force("", (0.5, 0.2, -0.002), STILL, 1.0) == pytest.approx(
         (0.0, 0.0, -2.0), abs=1e-3
     )
-
-
-def test_a_random_walk_never_enters(tmp_path: Path) -> None:
-    model = _array(tmp_path / "sphere.npy")
-    solid, world = model.solid(), model.open(3)
-    random, place = np.random.default_rng(1), np.array([0.0, 0.0, 0.028])
-    world.force("", STILL, STILL, 0.0)  # began inside: nothing is felt until it has been outside
-    for _ in range(2000):
-        place = 0.98 * place + random.normal(0.0, 0.004, 3)
-        world.force("", tuple(place.tolist()), STILL, 1.0)
-        contact = world.contact("")
-        if contact is not None:
-            assert solid.distance(pad3(contact.proxy)) > -1e-8
 
 
 def test_nothing_outside_near_the_proxy_is_closer_to_a_deep_tip(tmp_path: Path) -> None:

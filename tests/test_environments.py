@@ -96,18 +96,3 @@ def test_the_random_force_is_spread_over_its_range_and_differs_by_seed_and_axis(
     assert all(force[0] != force[1] for force in forces)
     other = RandomForce(magnitude=1.0, interval=0.001, seed=8).force("", (0.0,), (0.0,), 0.0)
     assert other[0] != first[0]
-
-
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: Wall(stiffness=-1.0), "stiffness must be >= 0 N/m"),
-        (lambda: PowerLawWall(exponent=0.0), "exponent must be > 0"),
-        (lambda: PowerLawWall(reference=0.0), "reference must be > 0 m"),
-        (lambda: RandomForce(interval=0.0), "interval must be > 0 s"),
-    ],
-)
-def test_parameters_without_meaning_are_refused(make: object, message: str) -> None:
-    assert callable(make)
-    with pytest.raises(ValueError, match=message):
-        make()

@@ -117,8 +117,6 @@ def test_a_launch_file_names_fixtures_and_the_hand_rests_on_the_limit(tmp_path: 
         ("forbidden: [{ centre: [0] }]", "needs size (a box) or radius (a sphere)"),
         ("forbidden: [{ centre: [0], size: [1 cm] }]", "size: expected three edges in m, got 1"),
         ("workspace: { low: [1 mm], high: [0 mm] }", "low: expected less than high"),
-        ("workspace: { low: [1 kg], high: [2 m] }", "kg"),
-        ("paths: {}", "paths"),
     ],
 )
 def test_a_wrong_fixture_is_a_problem_at_its_place(

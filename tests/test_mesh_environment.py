@@ -11,7 +11,7 @@ import pytest
 import trimesh
 
 from forcebound.config.loader import load
-from forcebound.environments import change_environment, open_environment
+from forcebound.environments import open_environment
 from forcebound.environments.contract import check
 from forcebound.environments.mesh import TriangleMesh
 from forcebound.environments.touching import RABBIT
@@ -49,25 +49,6 @@ def test_the_force_turns_with_the_mesh(box: TriangleMesh) -> None:
     assert opened.force("", (0.01, -0.049, 0.0), STILL, 0.1) == pytest.approx((0, 1.0, 0), abs=1e-3)
 
 
-def test_a_device_that_begins_inside_is_let_out_without_a_force(box: TriangleMesh) -> None:
-    opened = open_environment(box, 3)
-    for x in (0.05, 0.03, 0.011, 0.009):
-        assert opened.force("", (x, 0.0, 0.0), STILL, 0.0) == (0.0, 0.0, 0.0)
-    assert opened.force("", (0.012, 0.0, 0.0), STILL, 0.0)[0] == pytest.approx(2.0, rel=1e-3)
-
-
-def test_parameters_change_and_the_proxy_stays(box: TriangleMesh) -> None:
-    opened = open_environment(box, 3)
-    opened.force("", (0.0, 0.0, 0.0), STILL, 0.0)
-    opened.force("", (0.07, 0.0, 0.0), STILL, 0.0)  # beyond the middle: the proxy is still in front
-    stiffer = dataclasses.replace(box, stiffness=2000.0, damping=1.0)
-    assert change_environment(opened, stiffer, 3) is opened
-    assert opened.force("", (0.07, 0.0, 0.0), STILL, 0.0)[0] == pytest.approx(120.0, rel=1e-3)
-    moved = dataclasses.replace(stiffer, position=(0.065, 0.0, 0.0), surface=Surface(friction=0.2))
-    change_environment(opened, moved, 3)
-    assert opened.force("", (0.07, 0.0, 0.0), STILL, 0.0)[0] == pytest.approx(110.0, rel=1e-3)
-
-
 def test_shading_rounds_the_facets_of_a_coarse_ball(tmp_path: Path) -> None:
     path = tmp_path / "ball.ply"
     trimesh.Trimesh(*meshes.sphere(0.05, 2), process=False).export(path)
@@ -101,17 +82,6 @@ def test_shading_leaves_a_sharp_valley_as_it_is(tmp_path: Path) -> None:
     assert force == pytest.approx((0.0, -2.0, 0.0), abs=1e-3)
     force = opened.force("", (0.004, 0.001, 0.0), STILL, 0.0)  # behind one slope alone
     assert force[0] == pytest.approx(-force[1], rel=1e-3)
-
-
-def test_what_looks_like_millimetres_is_refused_by_the_launch_file(tmp_path: Path) -> None:
-    path = tmp_path / "part.stl"
-    vertices, faces = meshes.box()
-    trimesh.Trimesh(1e3 * vertices, faces, process=False).export(path)
-    with pytest.raises(ConfigError, match=r"looks like millimetres; say `scale: 0\.001`"):
-        load("touch_mesh", [f"mesh:={path}"])
-    model = load("touch_mesh", [f"mesh:={path}", "scale:=0.001"]).environment.model
-    assert isinstance(model, TriangleMesh)
-    assert model.open(1).scene()[0].size == (0.001,)
 
 
 def test_the_scene_names_the_file_and_its_digest() -> None:

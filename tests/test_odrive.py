@@ -4,7 +4,6 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -212,19 +211,6 @@ def test_a_reading_is_stamped_early_and_a_force_late() -> None:
     read_ns, effect_ns = device.stamps()
     assert effect_ns - read_ns >= 250_000  # both ends of the firmware's period
     assert device.latch_jitter() >= 125_000
-
-
-def test_the_angles_of_a_write_are_fresh_for_as_long_as_a_reply_may_take() -> None:
-    now = SimpleNamespace(ns=1_000_000)
-    device, board, line = switched_on(ODriveBoard(2), lambda: now.ns)
-    device.read(0)
-    board.angles = (0.5, -1.25)
-    device.write(0, (0.1, 0.1))
-    sent = len(line.port.written)
-    assert device.fresh_reading() == pytest.approx((0.5, -1.25), abs=math.tau * 5e-7)
-    assert len(line.port.written) == sent
-    now.ns += 300_001
-    assert device.fresh_reading() is None
 
 
 @pytest.mark.parametrize("axis", [0, 1])

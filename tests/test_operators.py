@@ -205,10 +205,8 @@ def test_points_may_stand_in_a_file_and_odd_ones_are_refused(tmp_path: Path) -> 
     ("text", "message"),
     [
         ("", "got no line of numbers"),
-        ("t,x\n", "got no line of numbers"),
         ("t,x\n0,zero\n", r"path.csv:2: expected time in s"),
         ("t,x\n0,0\n0,1\n", r"path.csv:3: time must increase"),
-        ("t,x\n0\n", r"path.csv:2: .* got 1 columns"),
         ("t,x\n0,nan\n", r"path.csv:2: expected finite numbers"),
         ("t,x\n0,1,2\n", r"path.csv:2: .* got 3 columns"),
     ],

@@ -1,7 +1,6 @@
 """Strokes: they begin outside, go into what a scene shows, then across."""
 
 import math
-from typing import Any
 
 import pytest
 
@@ -67,12 +66,3 @@ def test_strokes_feel_stiffness_and_what_goes_across() -> None:
     assert (touch.strokes, touch.touched) == (10, 10)
     assert touch.stiffness == pytest.approx((500.0, 500.0, 500.0))
     assert touch.across == pytest.approx(0.5)
-
-
-def test_where_nothing_is_touched_there_is_no_stiffness() -> None:
-    class Nothing(RoughBall):
-        def contact(self, user: str) -> Any:
-            return None
-
-    touch = feel(Nothing(), [BALL], 3, 4)
-    assert (touch.touched, touch.stiffness, touch.across) == (0, None, 0.0)

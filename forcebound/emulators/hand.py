@@ -8,7 +8,7 @@ CARRY = 1.0  # s, to bring the tip from one place to another
 
 
 class CarryingHand(Operator):
-    """A hand that holds the tip in the pose of the set-up until it is told what to do.
+    """A hand that holds the tip in the pose of the set-up until it is sent elsewhere.
 
     A real arm is held in a known pose, ``home`` (m), while the board is set up, and only then
     brought to where the operator's path begins. All times are those of ``target``.

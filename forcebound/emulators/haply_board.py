@@ -166,7 +166,7 @@ class HaplyBoard:
 
 
 def held_torque(torque: float) -> float:
-    """Return what a motor gives for a torque that it is told, in N m."""
+    """Return what a motor gives for a commanded torque, in N m."""
     if math.isnan(torque):
         return LARGEST_TORQUE
     duty = int(DUTIES * min(abs(torque), LARGEST_TORQUE) / LARGEST_TORQUE)

@@ -27,7 +27,7 @@ class Mechanism:
 
     Attributes:
         angles: What the encoders read, in rad.
-        torque: What the motors are told, in N m, positive towards larger angles.
+        torque: Commanded to the motors, in N m, positive towards larger angles.
         torque_ns: When that changed last, in ns.
     """
 

@@ -2,7 +2,7 @@
 
 The link is made last, when all is ready, so that whoever waits for it may begin at once. Beside it
 stands the ground truth (:mod:`forcebound.devices.truth_file`), locked for as long as the emulator
-runs: so a link that a killed emulator has left is told from one that is in use.
+runs: so a link that a killed emulator has left differs from one that is in use.
 """
 
 import errno
@@ -24,7 +24,7 @@ from forcebound.files import check_writable, reason
 from forcebound.process import Stop
 
 STEP = 1e-3  # s, longest time between two looks at the mechanism
-PATIENCE_NS = 60_000_000_000  # of an emulator that is to end when nobody uses it
+UNUSED_TIMEOUT_NS = 60_000_000_000  # of an emulator that is to end when nobody uses it
 CHUNK = 4096  # bytes; more than a pseudo-terminal keeps
 TERMINALS = "/dev/pts/"
 
@@ -43,7 +43,7 @@ class PseudoPort:
         self.descriptor, port = os.openpty()
         self._name = os.ttyname(port)
         tty.setraw(self.descriptor, termios.TCSANOW)
-        os.close(port)  # opened anew by its user, so that the end of its use is seen
+        os.close(port)  # opened again by its user, so that the end of its use is seen
         os.set_blocking(self.descriptor, False)
         self.is_open = True
         self._is_there = False
@@ -111,7 +111,7 @@ def serve(emulation: Emulation, port: PseudoPort, stop: Stop, until_unused: bool
         if not port.is_open:
             emulation.release(time_ns)
         was_used = emulation.replies > 0
-        is_unused = not port.is_open and (was_used or time_ns - start_ns > PATIENCE_NS)
+        is_unused = not port.is_open and (was_used or time_ns - start_ns > UNUSED_TIMEOUT_NS)
         if until_unused and is_unused:
             return
 

@@ -34,7 +34,7 @@ from forcebound.quantities import (
     check_ranges,
 )
 
-MOST_STEPS = 20  # for one answer; a scene that falls farther behind stands still meanwhile
+MOST_STEPS = 20  # for one answer; a scene that falls farther behind stands still
 FAR = 10.0  # m: the probe does not follow a hand beyond, nor does the force grow
 TOUCH = 1e-6  # m, least way between hand and probe of a contact
 HARD = [0.99, 0.99, 0.001, 0.5, 2.0]  # of the probe's contacts: the coupling is the soft part
@@ -137,9 +137,9 @@ class _Scene(Environment):
             self._mujoco.mj_step(scene, data)
         self._elapsed += due * scene.opt.timestep
         if _resets(data) != self._resets:
-            self._begin_anew()
+            self._start_again()
 
-    def _begin_anew(self) -> None:
+    def _start_again(self) -> None:
         """Put the probe to the hand: MuJoCo has put everything where the file has it."""
         if self._resets == 0:
             _logger.warning(
@@ -188,7 +188,7 @@ class _Scene(Environment):
         )
 
     def change(self, model: Bodies) -> bool:
-        """Take over stiffness and damping of the coupling; anything else begins anew."""
+        """Take over stiffness and damping of the coupling; anything else starts again."""
         kept = replace(model, stiffness=self._model.stiffness, damping=self._model.damping)
         if kept != self._model:
             self._begin(model)

@@ -19,7 +19,7 @@ from forcebound.quantities import (
 
 STEP = 1e-4  # s, longest step of the integration
 ANGLE = 0.2  # rad, of the fastest oscillation that a step may be
-LONGEST = 0.1  # s: what was not asked for longer stands still meanwhile
+LONGEST = 0.1  # s: a slab that is not asked for longer stands still
 THICKNESS = 0.010  # m, as drawn
 WIDTH = 0.060  # m, as drawn
 

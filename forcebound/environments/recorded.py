@@ -128,7 +128,7 @@ def _by_time(states: list[_State], replies: list[_Reply]) -> dict[float, _Answer
     last = 0.0
     for state in states:
         if state.elapsed < last:
-            break  # the device was lost, and begins anew
+            break  # the device was lost, and begins again
         last = state.elapsed
         times[state.seq, state.time_ns] = last - start
     answers = {}

@@ -148,7 +148,7 @@ def slide_of(field: Field) -> Slide:
                     return False, goal, (0.0, 0.0, 0.0)
                 depth = norm(sub(place, goal)) + 2.0 * max(-free, 0.0)
                 move = norm(sub(place, before))
-                if depth < best:  # arrived: the solid is seen anew from here
+                if depth < best:  # arrived: the solid is seen again from here
                     rounds += 1
                     is_last = rounds > ROUNDS and best - depth < LEGAL
                     before, best, count = place, depth, 0

@@ -19,7 +19,7 @@ from forcebound.parts.plain import plain
 
 __all__ = ["Emulated", "TruthFile", "start", "truth_beside"]
 
-PATIENCE = 60.0  # s; a cold start on a busy machine compiles the mechanism
+START_TIMEOUT_S = 60.0  # a cold start on a busy machine compiles the mechanism
 GRACE = 5.0  # s, to end by itself
 
 
@@ -82,8 +82,8 @@ def _wait_for(process: "subprocess.Popen[bytes]") -> None:
     """Wait for the emulator's first line, which it says when its link is there."""
     assert process.stdout is not None
     assert process.stderr is not None
-    if not select.select((process.stdout,), (), (), PATIENCE)[0]:
-        raise DeviceError(f"the emulator has not started within {PATIENCE:.0f} s")
+    if not select.select((process.stdout,), (), (), START_TIMEOUT_S)[0]:
+        raise DeviceError(f"the emulator has not started within {START_TIMEOUT_S:.0f} s")
     if not process.stdout.readline():  # it has ended
         said = process.stderr.read().decode(errors="replace").strip()
         raise DeviceError(f"the emulator does not start: {said}")

@@ -140,11 +140,13 @@ class Requests(Exchanges):
         """
 
         def receive(until_ns: int) -> bytes:
-            data, more = b"", b"-"
-            while more and not (b"*" in data and data.endswith(b"\n")):
+            data = b""
+            while not (b"*" in data and data.endswith(b"\n")):
                 more = self._line.port.read_lines(1, until_ns)
+                if not more:
+                    return b""
                 data += more
-            return data if b"*" in data else b""
+            return data
 
         self.exchange("begin", message + request("r fw_version_major"), receive, bytes)
 

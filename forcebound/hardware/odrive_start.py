@@ -75,7 +75,7 @@ def _set(requests: Requests, name: str, value: int) -> None:
     requests.tell(request(f"w {name} {value}"))
     after = requests.value(name)
     if after != value:
-        raise DeviceError(f"the ODrive keeps {name} at {after}, told to set it to {value}")
+        raise DeviceError(f"the ODrive keeps {name} at {after}, after it was set to {value}")
 
 
 class Switch:
@@ -98,14 +98,14 @@ class Switch:
     def begin(self) -> None:
         """Count all motors as off."""
         self._off = set(range(self._joints))
-        self._told_ns: int | None = None
+        self._ordered_ns: int | None = None
 
     def go_on(self) -> None:
         """Order the motors to be on, or ask one whether it is; a DeviceError after a second."""
         message, now_ns = self._zero, time.monotonic_ns()
-        if self._told_ns is None:
-            self._told_ns = now_ns
-            message += self._told()
+        if self._ordered_ns is None:
+            self._ordered_ns = now_ns
+            message += self._order()
         axis = min(self._off)
         name = f"axis{axis}.current_state"
         asked = request(f"r {name}")
@@ -113,7 +113,7 @@ class Switch:
         (state,) = asking.reply
         if state == CLOSED_LOOP_CONTROL:
             self._off.remove(axis)
-        elif now_ns - self._told_ns > SWITCHING_NS:
+        elif now_ns - self._ordered_ns > SWITCHING_NS:
             error = int(self._requests.value(f"axis{axis}.error") or 0)
             self._requests.end(
                 DeviceError(
@@ -122,7 +122,7 @@ class Switch:
                 )
             )
 
-    def _told(self) -> bytes:
+    def _order(self) -> bytes:
         """Return what switches on: a watchdog that is fed, no error, the state."""
         lines = b""
         for axis in range(self._joints):

@@ -30,7 +30,7 @@ class Port:
     Attributes:
         path: Of the port.
         descriptor: Open and not blocking; of this object.
-        has_low_latency: Whether the port's driver was told to pass bytes on at once. Many have no
+        has_low_latency: Whether the port's driver passes bytes on at once. Many have no
             such mode and need none: USB-CDC, pseudo-terminals.
     """
 

@@ -103,7 +103,7 @@ def serial_number(path: str, among: Sequence[SerialPort] | None = None) -> str:
 def check_serial_number(path: str, wanted: str, among: Sequence[SerialPort] | None = None) -> None:
     """Check that the device at a port is the one whose numbers are stated; empty: any.
 
-    DeviceError if it has another serial number. One without any cannot be told.
+    DeviceError if it has another serial number. One without any passes.
     """
     found = serial_number(path, among) if wanted else ""
     if found and found != wanted:
@@ -115,7 +115,7 @@ def check_serial_number(path: str, wanted: str, among: Sequence[SerialPort] | No
 
 
 def _group(path: str) -> str:
-    with suppress(OSError, KeyError):  # it is gone meanwhile, or the group has no name
+    with suppress(OSError, KeyError):  # it is gone, or the group has no name
         status = os.stat(path)
         may_open = stat.S_IRGRP | stat.S_IWGRP
         if status.st_mode & may_open == may_open and status.st_gid != 0:
