@@ -54,11 +54,8 @@ Value = float | int | bool
 BOARD_VALUES: dict[str, Value] = {
     "vbus_voltage": 24.0,
     "serial_number": 0x2060_3881_4E42,
-    "hw_version_major": 3,
-    "hw_version_minor": 6,
     "fw_version_major": 0,
     "fw_version_minor": 5,
-    "fw_version_revision": 6,
 }
 AXIS_VALUES: dict[str, Value] = {
     "error": 0,
@@ -66,14 +63,11 @@ AXIS_VALUES: dict[str, Value] = {
     "requested_state": 0,
     "config.watchdog_timeout": 0.0,
     "config.enable_watchdog": False,
-    "motor.error": 0,
     "motor.config.torque_lim": math.inf,
     "motor.config.current_lim": 10.0,
     "motor.config.torque_constant": 0.04,
-    "encoder.error": 0,
     "encoder.pos_estimate": 0.0,
     "encoder.vel_estimate": 0.0,
-    "controller.error": 0,
     "controller.input_torque": 0.0,
     "controller.config.control_mode": 3,  # position
     "controller.config.input_mode": 1,  # passed through

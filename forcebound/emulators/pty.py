@@ -14,7 +14,6 @@ import time
 import tty
 from contextlib import suppress
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 from forcebound.devices.truth_file import SUFFIX, TruthFile
@@ -51,12 +50,7 @@ class PseudoPort:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.unplug()
         Path(f"{self._link}{SUFFIX}").unlink(missing_ok=True)
         self.truth.close()

@@ -4,6 +4,7 @@ The functions of numbers alone are those that compiled kernels share with the en
 """
 
 import math
+from abc import abstractmethod
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -64,8 +65,8 @@ def damper_force(velocity: float, damping: float) -> float:
 
 
 @dataclass(frozen=True)
-class Wall(StatelessEnvironment):
-    """A flat elastic wall across the first axis; free motion before it."""
+class _FlatWall(StatelessEnvironment):
+    """What the walls have in common: a force along the first axis alone."""
 
     stiffness: Annotated[Stiffness, NOT_NEGATIVE] = 10_000.0  # paper 4.2: k = 10 N/mm
     position: Length = 0.010  # of the surface; paper 4.1: x_wall = 10 mm
@@ -74,11 +75,23 @@ class Wall(StatelessEnvironment):
         check_ranges(self)
 
     def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
-        return on_first_axis(wall_force(position[0], self.stiffness, self.position), len(position))
+        return on_first_axis(self.push(position[0], velocity[0], elapsed), len(position))
+
+    @abstractmethod
+    def push(self, x: float, v: float, elapsed: float) -> float:
+        """Return the force, in N, at a position (m) and velocity (m/s) on the first axis."""
 
 
 @dataclass(frozen=True)
-class DampedWall(StatelessEnvironment):
+class Wall(_FlatWall):
+    """A flat elastic wall across the first axis; free motion before it."""
+
+    def push(self, x: float, v: float, elapsed: float) -> float:
+        return wall_force(x, self.stiffness, self.position)
+
+
+@dataclass(frozen=True)
+class DampedWall(_FlatWall):
     """A flat wall of spring and damper across the first axis, the standard test of a Z-width.
 
     The velocity is the device's own estimate, a filtered backward difference of its readings.
@@ -87,37 +100,25 @@ class DampedWall(StatelessEnvironment):
     International Conference on Robotics and Automation, 1994.
     """
 
-    stiffness: Annotated[Stiffness, NOT_NEGATIVE] = 10_000.0
     damping: Damping = 0.0
-    position: Length = 0.010
 
-    def __post_init__(self) -> None:
-        check_ranges(self)
-
-    def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
-        force = damped_wall_force(
-            position[0], velocity[0], self.stiffness, self.damping, self.position
-        )
-        return on_first_axis(force, len(position))
+    def push(self, x: float, v: float, elapsed: float) -> float:
+        return damped_wall_force(x, v, self.stiffness, self.damping, self.position)
 
 
 @dataclass(frozen=True)
-class TimeVaryingWall(StatelessEnvironment):
+class TimeVaryingWall(_FlatWall):
     """A wall of stiffness ``k_1 + k_2 t`` across the first axis (paper Eq. 32, second line)."""
 
     stiffness: Annotated[Stiffness, NOT_NEGATIVE] = 300.0  # k_1; paper 4.2: 0.3 N/mm
     stiffness_rate: StiffnessRate = 60.0  # k_2; paper 4.2: 0.06 N/mm per s
-    position: Length = 0.010
 
-    def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
-        force = time_varying_force(
-            position[0], elapsed, self.stiffness, self.stiffness_rate, self.position
-        )
-        return on_first_axis(force, len(position))
+    def push(self, x: float, v: float, elapsed: float) -> float:
+        return time_varying_force(x, elapsed, self.stiffness, self.stiffness_rate, self.position)
 
 
 @dataclass(frozen=True)
-class PowerLawWall(StatelessEnvironment):
+class PowerLawWall(_FlatWall):
     """A wall ``F = k d_0 (d / d_0)^p`` across the first axis, with d the penetration.
 
     Written with a reference penetration d_0 so that ``stiffness`` keeps the unit N/m: at d = d_0
@@ -125,22 +126,14 @@ class PowerLawWall(StatelessEnvironment):
     (H. Hertz, J. reine angew. Math. 92, 1881); 1 is the linear wall.
     """
 
-    stiffness: Annotated[Stiffness, NOT_NEGATIVE] = 10_000.0
     exponent: Annotated[Ratio, POSITIVE] = 1.5
     reference: Annotated[Length, POSITIVE] = 0.001
-    position: Length = 0.010
 
-    def __post_init__(self) -> None:
-        check_ranges(self)
-
-    def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
+    def push(self, x: float, v: float, elapsed: float) -> float:
         try:
-            force = power_law_force(
-                position[0], self.stiffness, self.exponent, self.reference, self.position
-            )
+            return power_law_force(x, self.stiffness, self.exponent, self.reference, self.position)
         except OverflowError:  # of Python's power, where compiled code gives infinity
-            force = math.inf
-        return on_first_axis(force, len(position))
+            return math.inf
 
 
 @dataclass(frozen=True)

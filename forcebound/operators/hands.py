@@ -165,8 +165,8 @@ class NoHand(Operator):
 
 
 @dataclass(frozen=True)
-class PressingHand(SoftGrip):
-    """Mass, spring and damper whose target moves straight from ``start`` to ``end``.
+class _ApproachingHand(SoftGrip):
+    """Part of a hand whose target moves straight from ``start`` to ``end``.
 
     Attributes:
         start: Where the target begins: on the first axis, or a list of one for each axis.
@@ -190,7 +190,12 @@ class PressingHand(SoftGrip):
 
 
 @dataclass(frozen=True)
-class StrokingHand(PressingHand, PressingButtons):
+class PressingHand(_ApproachingHand):
+    """Mass, spring and damper whose target moves straight from ``start`` to ``end``."""
+
+
+@dataclass(frozen=True)
+class StrokingHand(_ApproachingHand, PressingButtons):
     """Mass, spring and damper whose target goes straight to ``end`` and then strokes about it.
 
     Pressed into a surface, with a ``stroke`` along it, the tip slides: the spring presses with
@@ -217,7 +222,7 @@ class StrokingHand(PressingHand, PressingButtons):
 
 
 @dataclass(frozen=True)
-class TremblingHand(PressingHand):
+class TremblingHand(_ApproachingHand):
     """Mass, spring and damper whose target moves from ``start`` to ``end`` and trembles.
 
     With a soft spring and a target far behind the surface the hand pushes with a force that hardly
