@@ -14,7 +14,7 @@ from launch_texts import GOOD, problems_of, written
 from forcebound.config.graph import EnvironmentConfig
 from forcebound.config.loader import change, from_document, load
 from forcebound.config.resolved import to_document
-from forcebound.environments.wall import Wall
+from forcebound.environments.walls import Wall
 from forcebound.errors import ConfigError
 from forcebound.launch.application import apply
 from forcebound.launch.build import build_device, build_node

@@ -18,7 +18,7 @@ from forcebound.errors import ConfigError
 from forcebound.messages.packets import Vector
 from forcebound.nodes.servo import ServoSettings, dissipation_of
 from forcebound.operators import Operator
-from forcebound.operators.pressing import PressingHand
+from forcebound.operators.hands import PressingHand
 
 
 @dataclass(frozen=True)

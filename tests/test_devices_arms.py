@@ -23,7 +23,7 @@ from forcebound.devices.stated_joints import TrueJoints
 from forcebound.errors import ConfigError, DeviceError
 from forcebound.messages.packets import Vector
 from forcebound.operators import Operator
-from forcebound.operators.pressing import PressingHand
+from forcebound.operators.hands import PressingHand
 
 Arm: TypeAlias = DesktopArm | FiveBar | SerialArm | Knob
 

@@ -15,7 +15,7 @@ from forcebound.bounding.sample import ENERGY_TOLERANCE
 from forcebound.config.loader import load
 from forcebound.controllers.local_model import LocalModel
 from forcebound.environments import ENVIRONMENTS
-from forcebound.environments.time_varying_wall import TimeVaryingWall
+from forcebound.environments.walls import TimeVaryingWall
 from forcebound.errors import ConfigError
 from forcebound.launch.virtual import run_virtual
 from forcebound.network.impairment import Impairment

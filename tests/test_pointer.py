@@ -42,15 +42,6 @@ def test_target_is_no_faster_than_its_speed_and_stays_within_reach() -> None:
     assert before == pytest.approx((0.06, -0.06), abs=1e-6)
 
 
-def test_low_pass_does_not_depend_on_the_steps() -> None:
-    one, many = HAND.follow(1), HAND.follow(1)
-    one.point((0.011,))
-    many.point((0.011,))
-    for _ in range(10):
-        last = many.advance(0.0005)
-    assert one.advance(0.005) == pytest.approx(last, abs=1e-12)
-
-
 def node(*words: str) -> DeviceNode:
     made = build_device(load("pointer_wall", words))
     made.engage()

@@ -23,7 +23,7 @@ from forcebound.launch.virtual import run_virtual
 from forcebound.messages.packets import EnvironmentQuery, EnvironmentReply, Event
 from forcebound.monitor.recorder import free_name
 from forcebound.nodes.events import PARAMETERS_SET
-from forcebound.operators.trajectory import TrajectoryHand
+from forcebound.operators.paths import TrajectoryHand
 from forcebound.recording import Recorder, Recording, read
 from forcebound.recordings.rerun import duration_of, graph_of
 

@@ -11,7 +11,7 @@ from builders import MS, query
 from waiting import free_port, until
 
 from forcebound.controllers.direct import DirectController
-from forcebound.environments.wall import Wall
+from forcebound.environments.walls import Wall
 from forcebound.errors import ConfigError
 from forcebound.messages.codec import decode, encode
 from forcebound.messages.control import (

@@ -20,7 +20,7 @@ from forcebound.launch.build import build_device, build_node
 from forcebound.launch.results import run_metadata
 from forcebound.launch.virtual import run_virtual
 from forcebound.messages.packets import TOPICS, Telemetry
-from forcebound.operators.trajectory import TrajectoryHand
+from forcebound.operators.paths import TrajectoryHand
 from forcebound.recording import Recorder, read
 from forcebound.recordings.rerun import device_of, graph_of
 from forcebound.recordings.verification import Verified, verify

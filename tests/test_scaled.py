@@ -15,8 +15,7 @@ from forcebound.errors import ConfigError
 from forcebound.launch.virtual import run_virtual
 from forcebound.messages.packets import DeviceState, EnvironmentReply, Event, Vector
 from forcebound.nodes.controller import ControllerNode
-from forcebound.operators.buttons import Press
-from forcebound.operators.stroking import StrokingHand
+from forcebound.operators.hands import Press, StrokingHand
 
 MS = 1_000_000  # ns
 DOWN, UP = 0b100, 0

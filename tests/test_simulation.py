@@ -10,7 +10,7 @@ from fakes import press
 
 from forcebound.bounding import LAWS
 from forcebound.controllers.direct import DirectController
-from forcebound.environments.wall import Wall
+from forcebound.environments.walls import Wall
 from forcebound.errors import ConfigError
 from forcebound.messages.codec import decode, encode
 from forcebound.messages.packets import DeviceState, Telemetry

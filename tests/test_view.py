@@ -33,7 +33,7 @@ from forcebound.cli import main
 from forcebound.cli.view import opened_in_browser
 from forcebound.errors import ConfigError
 from forcebound.launch.run_directory import RunDocument
-from forcebound.operators.trajectory import TrajectoryHand
+from forcebound.operators.paths import TrajectoryHand
 from forcebound.recording import Recording, read
 from forcebound.recordings.rerun import device_of, duration_of, graph_of
 from forcebound.recordings.verification import verify

@@ -9,7 +9,7 @@ from forcebound.devices.true_values import TrueMotor, per_axis
 from forcebound.devices.truth import Truth
 from forcebound.messages.packets import Vector
 from forcebound.operators import Operator
-from forcebound.operators.no_hand import NoHand
+from forcebound.operators.hands import NoHand
 from forcebound.operators.pointer import PointerHand
 
 
