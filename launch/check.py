@@ -103,12 +103,10 @@ def check_part(
         arguments: Its parameters, each ``name:=value``; a law has none.
         axes: Numbers of axes of an environment; none: 1 to 6.
         rest: Forces expected of an environment at rest, each ``POSITION=FORCE``.
-        progress: Called before each answer of an environment, where it runs, with the question,
-            the answers so far and their number in all.
+        progress: Called before each answer with the question, answers so far and in all.
 
     Raises:
-        ConfigError: If there is no such part, a parameter is wrong, or the user's code was too slow
-            or ended its process.
+        ConfigError: If there is no such part, or the user's code was too slow or ended its process.
     """
     check = partial(check_here, section, kind, arguments, axes, rest, progress)
     if not names_file(kind):

@@ -51,24 +51,11 @@ ADVICE = (
 
 
 class Lifecycle:
-    """One run, from the start of its processes to the end of the last.
+    """One run, from the start of its processes at ``time_ns`` to the end of the last.
 
-    Args:
-        nodes: The processes, all started at ``time_ns``.
-        duration_ns: Duration with an engaged force; None: until interrupted.
-        time_ns: Now, in ns.
-        limits: Time limits.
-        remote_topics: Topics that come only when an environment on another machine answers. The
-            start has no time limit while only these are missing.
-        graph: To which the processes belong.
-
-    Attributes:
-        phase: Present phase.
-        failure: First failure; None without one.
-        interrupted: Whether the run was ended on request.
-        lost: Devices that are lost, for which the run waits for the user's word.
-        returning: Devices that were started again, and whose force does not engage yet.
-        restarts: Restarts done and planned.
+    ``duration_ns`` is that with an engaged force; None: until interrupted. The start has no time
+    limit while only ``remote_topics`` are missing, which come when an environment on another
+    machine answers.
     """
 
     def __init__(
@@ -83,8 +70,8 @@ class Lifecycle:
         self._graph = graph
         self.phase = Phase.STARTING
         self._remote_topics = frozenset(remote_topics)
-        self.failure: Failure | None = None
-        self.interrupted = False
+        self.failure: Failure | None = None  # the first
+        self.interrupted = False  # the run was ended on request
         self._phase_end_ns: int | None = time_ns + limits.start_ns
         self._limits = limits
         self._duration_ns = duration_ns
@@ -95,8 +82,8 @@ class Lifecycle:
         self._held: set[str] = set()  # stopped on request, not to be restarted
         self._leaving: dict[str, int] = {}  # stopping on request; killed at this time, in ns
         self._engaged: set[str] = set()
-        self.lost: set[str] = set()
-        self.returning: set[str] = set()
+        self.lost: set[str] = set()  # devices for which the run waits for the user's word
+        self.returning: set[str] = set()  # that were started again; without force yet
         self.restarts = Restarts()
 
     def _role(self, node: str) -> Role:

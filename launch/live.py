@@ -70,8 +70,8 @@ def run_live(
 ) -> RunResult:
     """Run a graph as processes, one per node and one that records.
 
-    An interrupt (Ctrl-C, SIGTERM) ends the run early and is no error. Call it from the main
-    thread, because it catches signals.
+    An interrupt (Ctrl-C, SIGTERM) ends the run early and is no error. Call it from the main thread,
+    because it catches signals.
 
     Args:
         config: What to run.
@@ -84,8 +84,8 @@ def run_live(
 
     Raises:
         ConfigError: As :func:`check_here`.
-        RunError: If a process did not become ready, ended by itself (a controller or environment:
-            too often) or did not stop. Where the force has engaged, the result says it instead.
+        RunError: If a process did not become ready, failed or did not stop. Where the force has
+            engaged, the result says it instead.
         KeyboardInterrupt: If the run was interrupted before its first sample; no recording is left.
     """
     check_here(config, record)
@@ -174,10 +174,6 @@ def _discard_if_empty(recording: Path) -> bool:
 
 def check_here(config: GraphConfig, record: Path | None = None) -> None:
     """Check that this machine has what a live run needs, before any process starts.
-
-    Args:
-        config: What is to be run.
-        record: Where the recording is to be kept; None: nowhere.
 
     Raises:
         ConfigError: If the rate is too high or low, the chain cannot be placed, the recording not

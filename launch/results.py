@@ -60,12 +60,9 @@ class RunResult:
 
     @classmethod
     def from_recording(cls, path: Path) -> "RunResult":
-        """Return the result that a recording holds.
+        """Return the result that a recording holds; ConfigError if it is none of a run.
 
         True energy of one that begins later counts from when the law of then began.
-
-        Raises:
-            ConfigError: If there is no such file or it is no recording of a run.
         """
         from forcebound.recording import read  # slow to import; no node process needs it
 

@@ -66,11 +66,7 @@ class RunDocument(msgspec.Struct, frozen=True):
 
     @classmethod
     def read(cls, run_dir: Path) -> "RunDocument":
-        """Read what the launcher wrote.
-
-        Raises:
-            ConfigError: If it is not there, not yet or not any more, or not of this version.
-        """
+        """Read what the launcher wrote; ConfigError if it is not there, or not of this version."""
         try:
             return msgspec.json.decode(read_bytes(run_dir / RUN_FILE, MAX_DOCUMENT), type=cls)
         except (OSError, msgspec.MsgspecError) as error:
@@ -91,11 +87,7 @@ def has_launcher(run_dir: Path) -> bool:
 
 
 def read_launch_document(run_dir: Path) -> dict[str, Any]:
-    """Return the launch document of a graph, as :func:`write_launch_document` wrote it.
-
-    Raises:
-        ConfigError: If it cannot be read.
-    """
+    """Return the launch document of a graph; ConfigError if it cannot be read."""
     try:
         document: dict[str, Any] = json.loads(read_bytes(run_dir / LAUNCH_FILE, MAX_DOCUMENT))
     except (OSError, ValueError, RecursionError) as error:
@@ -106,9 +98,7 @@ def read_launch_document(run_dir: Path) -> dict[str, Any]:
 def write_launch_document(run_dir: Path, config: GraphConfig) -> Configure:
     """Write the configuration for processes that start and for commands that read the run.
 
-    Returns:
-        The request that brings a running process to it; see
-        :class:`forcebound.launch.application.Tuner`.
+    Returns the request that brings a running process to it.
     """
     unfinished = run_dir / f"{LAUNCH_FILE}.{os.getpid()}"  # others may write, too
     unfinished.write_text(json.dumps(run_document(config)), encoding="utf-8")
@@ -118,14 +108,9 @@ def write_launch_document(run_dir: Path, config: GraphConfig) -> Configure:
 
 @contextmanager
 def updating(run_dir: Path, timeout: float) -> Iterator[bool]:
-    """Lock the launch document between reading and writing it.
+    """Lock the launch document between reading and writing it; yield whether that was possible.
 
-    Args:
-        run_dir: Of the run.
-        timeout: How long to wait for another command that changes it, in s.
-
-    Yields:
-        Whether the lock was taken.
+    ``timeout`` is how long to wait for another command that changes it, in s.
     """
     end = time.monotonic() + timeout
     descriptor = os.open(run_dir / UPDATE_LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)

@@ -69,18 +69,11 @@ class Step:
 class Supervisor:
     """Runs the processes of one run to their end.
 
-    Args:
-        commands: The command line of each process by name, in the order in which they start.
-        run_dir: Directory of the run's sockets.
-        duration_ns: Duration with an engaged force, in ns; None: until interrupted.
-        limits: Time limits.
-        screen: Where lines of the processes go.
-        script: Steps of a scripted run, in order.
-        remote_topics: See :class:`forcebound.launch.lifecycle.Lifecycle`.
-        changes: Returns the parameters of a node that were changed since the run began.
-        start_cores: Cores on which the processes start, which takes most of a second of each; none:
-            those of the launcher, as for a process that restarts during a run.
-        graph: To which the processes belong.
+    ``commands`` has the command line of each process by name, in the order in which they start.
+    ``script`` has steps in order. ``changes`` returns the parameters of a node that were changed
+    since the run began. The processes start on ``start_cores``, which takes most of a second of
+    each; none: those of the launcher, as for a process that restarts during a run. The others are
+    as of :class:`~forcebound.launch.lifecycle.Lifecycle`.
     """
 
     def __init__(
@@ -117,9 +110,8 @@ class Supervisor:
         """Start, monitor and end the processes; return whether the run was interrupted.
 
         Raises:
-            RunError: If a process ended unexpectedly (a controller or environment: too often), was
-                not ready in time, or did not stop; the message has its last lines. All processes
-                have ended then, too.
+            RunError: If the lifecycle has a failure; the message has the last lines of its process.
+                All processes have ended then, too.
         """
         with ExitStack() as stack:
             network = stack.enter_context(Network())

@@ -51,14 +51,10 @@ class Node(Protocol):
         ...
 
     def admit(self, packet: Packet, source: str, time_ns: int) -> bool:
-        """Return whether a packet that has just arrived may enter its link.
+        """Return whether a packet that has just arrived at ``time_ns`` may enter its link.
 
         Asked in a live run only, where others can send; a packet that is not admitted is counted.
-
-        Args:
-            packet: What came.
-            source: Who sent it: the public key or connection of a peer, empty on this machine.
-            time_ns: Now, in ns.
+        ``source`` is the public key or connection of a peer, empty on this machine.
         """
         return True
 

@@ -42,14 +42,8 @@ _logger = logging.getLogger(__name__)
 class ControllerNode(Node):
     """Queries the environment for each device state and sends the forces of the controller.
 
-    If the controller's code raises, the failure is counted and no command is sent; the force at
-    the device then falls to zero by its age limit.
-
-    Args:
-        controller: Open; the node closes it.
-        lease_ns: See :class:`forcebound.nodes.lease.Lease`.
-        dead_lease_ns: See there.
-        hand: Its name.
+    If the controller's code raises, the failure is counted and no command is sent; the force at the
+    device then falls to zero by its age limit. The node closes the controller.
     """
 
     wakes_on_arrival: ClassVar[bool] = True

@@ -61,18 +61,12 @@ _UNKNOWN = _Unknown()
 
 
 class DeviceNode(Node):
-    """The servo of one device; the module's docstring defines a tick.
+    """The servo of one device, opened; the module's docstring defines a tick.
 
     It publishes states and writes zero force from its first step on; the force engages, and a
-    simulated hand begins to move, after :meth:`engage`.
-
-    Args:
-        device: Opened.
-        dissipation: What its law relies on.
-        servo: Its settings.
-        clock: Returns the time, in ns, for a device without stamps; None: virtual time.
-        lateness: Returns how late the next write is to be, in ns; None: none is, on purpose.
-        hand: Its name.
+    simulated hand begins to move, after :meth:`engage`. ``clock`` gives the time, in ns, of a
+    device without stamps (None: virtual time), ``lateness`` how late the next write is to be on
+    purpose, in ns.
     """
 
     wakes_on_arrival: ClassVar[bool] = False
@@ -169,11 +163,7 @@ class DeviceNode(Node):
     def take_law(self, law: str) -> None:
         """Let another law bound as soon as no force is held; the force returns over the ramp.
 
-        Args:
-            law: One that comes with forcebound.
-
-        Raises:
-            ConfigError: If it is none; nothing changes.
+        ConfigError, and no change, for a law that does not come with forcebound.
         """
         if not LAWS.is_shipped(law):
             raise ConfigError(f"a running device takes no law of one's own, got {law!r}")

@@ -47,11 +47,8 @@ _Answer: TypeAlias = tuple[Vector, Vector | None, Vector | None]
 class EnvironmentNode(Node):
     """Answers the newest query, one at a time, each after its computation time.
 
-    Args:
-        model: What computes the force; the node opens it, and closes it in the end.
-        computation: Injected time of each computation; None: none.
-        name: Of this environment in the graph; no other one has it.
-        axes: Number of axes of the device.
+    The node opens the model, and closes it in the end. No other environment has its ``name`` in the
+    graph.
 
     Raises:
         ConfigError: If the environment cannot be opened.
@@ -104,16 +101,9 @@ class EnvironmentNode(Node):
     ) -> None:
         """Answer from the next query on with other parameters, or in another time.
 
-        The answer in work keeps its time. An environment keeps its state if its ``change`` does,
-        or if only the time changes; otherwise it is opened again.
-
-        Args:
-            model: What computes the force.
-            computation: The time that a computation takes, by its settings of the delay.
-            trace: What the file ``computation.trace`` says.
-
-        Raises:
-            ConfigError: If the environment's code fails; nothing has changed then.
+        The answer in work keeps its time. An environment keeps its state if its ``change`` does, or
+        if only the time changes; otherwise it is opened again. ConfigError, and no change, if its
+        code fails.
         """
         if model != self._model:
             self._environment = change_environment(self._environment, model, self._axes)

@@ -39,16 +39,11 @@ RUN_KEYS = ("description", "seed", "duration")  # fields of GraphConfig that are
 class PartSpec:
     """A part as it travels between processes: only a process that runs it makes it.
 
-    :func:`forcebound.config.resolved.made` does. Until then it stands in a configuration where the
-    part would.
-
-    Attributes:
-        kind: Of its section's table.
-        values: Its parameters, plain JSON values in SI units.
+    :func:`forcebound.config.resolved.made` does.
     """
 
-    kind: str
-    values: Mapping[str, Any]
+    kind: str  # of its section's table
+    values: Mapping[str, Any]  # its parameters, plain JSON values in SI units
 
 
 @dataclass(frozen=True)
@@ -67,15 +62,11 @@ class DeviceFacts:
 
 @dataclass(frozen=True)
 class DeviceConfig:
-    """The device, and how its servo runs.
-
-    Attributes:
-        stated: Facts of a ``model`` that is not made here; None: the model has them.
-    """
+    """The device, and how its servo runs."""
 
     model: DeviceModel
     servo: ServoSettings
-    stated: DeviceFacts | None = field(default=None, compare=False)
+    stated: DeviceFacts | None = field(default=None, compare=False)  # of a model not made here
 
     @property
     def axes(self) -> int:

@@ -96,11 +96,7 @@ def _completed(root: Value) -> Value:
 
 
 def make_part(section: str, value: Value, problems: Problems) -> Any:
-    """Return the part of a section alone, without the settings that stand beside it.
-
-    Raises:
-        ConfigError: With all ``problems``.
-    """
+    """Return the part of a section, without the settings beside it; ConfigError with problems."""
     kind = _class_of(section, value, problems)
     made: dict[str, Any] = {}
     if kind is not None:

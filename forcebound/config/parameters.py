@@ -21,11 +21,7 @@ SECTIONS = ("links", "environment")  # of a launch file, whose entries are param
 
 
 def parameters(config: GraphConfig | Mapping[str, Any]) -> dict[str, Any]:
-    """Return all that can be changed, by name, as plain JSON values in SI units.
-
-    Args:
-        config: A configuration, or its document (:func:`forcebound.config.resolved.to_document`).
-    """
+    """Return all that can be changed, by name, as plain JSON in SI units; of a document, too."""
     document = config if isinstance(config, Mapping) else to_document(config)
     links = {topic: plain(Impairment()) | document["links"].get(topic, {}) for topic in LINKS}
     found = {LAW: document["device"]["law"]}

@@ -37,10 +37,7 @@ FACTS = "facts"  # key of a run's document beside those of a launch file: number
 
 
 def to_document(config: GraphConfig) -> dict[str, Any]:
-    """Return the configuration as a launch file of plain JSON types in SI units.
-
-    :func:`restore` reads it back.
-    """
+    """Return the configuration as plain JSON in SI units, for :func:`restore`."""
     device, environment = config.device, config.environment
     beside = {name: plain_value(getattr(environment, name)) for name in BESIDE_MODEL}
     document: dict[str, Any] = {
@@ -72,11 +69,7 @@ def run_document(config: GraphConfig) -> dict[str, Any]:
 
 
 def kind_of(section: str, member: object) -> str:
-    """Return the ``kind`` that a launch file gives to ``member`` of a section.
-
-    Raises:
-        ConfigError: If it has none: it was made by a class that no launch file can name.
-    """
+    """Return the ``kind`` that a launch file gives to ``member``; ConfigError if it has none."""
     kind = KINDS[section].kind_of(type(member))
     if kind is None:
         raise ConfigError(
@@ -94,11 +87,7 @@ def member_document(section: str, member: object) -> dict[str, Any]:
 
 
 def check_plain(part: Any) -> None:
-    """Check that the parameters of a part can be written into documents and recordings.
-
-    Raises:
-        ConfigError: If one has a type or value that JSON does not have.
-    """
+    """Raise ConfigError if JSON has no type or value for a parameter of a part."""
     for name, value in plain(part).items():
         try:
             json.dumps(value, allow_nan=False)
@@ -119,11 +108,7 @@ def restore(document: Mapping[str, Any]) -> GraphConfig:
 
 
 def made(section: str, part: Any) -> Any:
-    """Return a part, made if it is a :class:`PartSpec`; None stays None.
-
-    Raises:
-        ConfigError: If the file of a user's part is gone, or it does not take its parameters.
-    """
+    """Return a part, made if it is a :class:`PartSpec`; ConfigError if it cannot be."""
     if not isinstance(part, PartSpec):
         return part
     with _refusing(f"the {section} {part.kind} cannot be made"):
@@ -131,12 +116,7 @@ def made(section: str, part: Any) -> Any:
 
 
 def with_parts(config: GraphConfig, of_users: bool = True) -> GraphConfig:
-    """Return the configuration with its parts made.
-
-    Args:
-        config: Of a run.
-        of_users: Whether also those whose code does not ship with forcebound.
-    """
+    """Return the configuration with its parts made; ``of_users``: also those of others' code."""
 
     def part(section: str, one: Any) -> Any:
         is_foreign = isinstance(one, PartSpec) and not KINDS[section].is_shipped(one.kind)
@@ -154,16 +134,10 @@ def with_parts(config: GraphConfig, of_users: bool = True) -> GraphConfig:
 
 
 def with_parameters(config: GraphConfig, settings: Mapping[str, Any]) -> GraphConfig:
-    """Return the configuration with other :func:`~forcebound.config.parameters.parameters`.
+    """Return the configuration with other parameters: plain JSON values, checked before, by name.
 
-    Its environment is a :class:`PartSpec` if a parameter of it changes.
-
-    Args:
-        config: What has other values.
-        settings: By name, plain JSON values in SI units, checked before.
-
-    Raises:
-        ConfigError: If there is no such parameter, or a file that one names is gone.
+    Its environment is a :class:`PartSpec` if a parameter of it changes. ConfigError if there is no
+    such parameter, or a file that one names is gone.
     """
     document = to_document(config)
     names = {ParameterName.parse(name): value for name, value in settings.items()}

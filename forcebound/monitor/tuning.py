@@ -67,9 +67,6 @@ def find_parameters(config: GraphConfig, names: Sequence[str]) -> Parameters:
     """Return the values of some parameters; a section's name stands for all that begin with it.
 
     Without names: all that can be changed. Values that are fixed during a run are found by name.
-
-    Raises:
-        ConfigError: If a name is not known.
     """
     if not names:
         return parameters(config)
@@ -124,10 +121,8 @@ def read_settings(texts: Sequence[str]) -> Parameters:
 def cut_links(run_dir: Path, time: str, links: Sequence[str]) -> tuple[float, tuple[str, ...]]:
     """Lose every packet of some links from now for a time such as ``500ms``.
 
-    Without links: query and reply of the environment. Errors are as of :func:`set_parameters`.
-
-    Returns:
-        The time in s, and the links by topic.
+    Without links: query and reply of the environment. Returns the time, in s, and the links. Errors
+    are as of :func:`set_parameters`.
     """
     seconds = Range(above=0).check(parse_quantity(time, "s"), "s")
     for link in links:
@@ -144,10 +139,8 @@ def cut_links(run_dir: Path, time: str, links: Sequence[str]) -> tuple[float, tu
 def set_parameters(run_dir: Path, settings: Parameters, kernels: Kernels | None = None) -> Change:
     """Change parameters of a graph that runs; return when its nodes have them.
 
-    Args:
-        run_dir: Of the graph.
-        settings: New values by name, as :func:`read_settings` returns them.
-        kernels: Compiles those of a new law before the device takes it; None: the device does.
+    ``settings`` are as of :func:`read_settings`. ``kernels`` compiles those of a new law before the
+    device takes it; None: the device does.
 
     Raises:
         ConfigError: If there is no such parameter, it cannot have this value, or it belongs to a

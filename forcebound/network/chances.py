@@ -48,9 +48,7 @@ class Fate(NamedTuple):
 class Draws(dict[str, Draw]):
     """The random numbers of one link by decision, uniform in [0, 1), a generator for each.
 
-    Args:
-        seed: As given to :class:`~forcebound.network.link.Link`.
-        is_copy: For the copies of duplicated packets, which have numbers of their own.
+    The copies of duplicated packets have numbers of their own (``is_copy``).
     """
 
     def __init__(self, seed: int, *, is_copy: bool = False) -> None:
@@ -75,11 +73,7 @@ def _generator(seed: int, decision: str, is_copy: bool = False) -> np.random.Gen
 def plain_fates(
     impairment: Impairment, seed: int, count: int
 ) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
-    """Return the draws of the first ``count`` packets of a plain link (:meth:`Chances.next_plain`).
-
-    Returns:
-        Which are lost, and the time on the way of each, in ns; both of shape ``(count,)``.
-    """
+    """Return which of the first packets of a plain link are lost, and all times on the way, ns."""
     import numpy as np
 
     lost = np.zeros(count, dtype=np.bool_)

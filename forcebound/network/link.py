@@ -123,12 +123,8 @@ class Link(Generic[PacketT]):
     def change(self, impairment: Impairment, trace: DelayTrace | None = None) -> None:
         """Impair packets that arrive from now on; packets on the way do not change.
 
-        Args:
-            impairment: What the link does.
-            trace: Content of the file ``impairment.trace``; its time counts from the first packet.
-
-        Raises:
-            ValueError: If the impairment names a trace and it is not given.
+        The ``trace`` is the content of the file ``impairment.trace``; its time counts from the
+        first packet. ValueError if it is named and not given.
         """
         if trace is None and impairment.trace is not None:
             raise ValueError(f"a link needs the delays of its trace {impairment.trace}")

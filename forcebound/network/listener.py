@@ -42,15 +42,7 @@ class _Connection:
 
 
 class Listener:
-    """The connections of one listening socket.
-
-    Args:
-        monitor: Of the socket.
-        names: Of the peers that may connect, by public key; empty: no keys.
-
-    Attributes:
-        due_ns: When :meth:`take` should be called even if nothing happens; None: never.
-    """
+    """The connections of one listening socket; ``names`` of the peers by public key, if any."""
 
     def __init__(self, monitor: Monitor, names: Mapping[str, str]) -> None:
         self._monitor = monitor
@@ -60,7 +52,7 @@ class Listener:
         self._failure: SocketEvent | None = None
         soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
         resource.setrlimit(resource.RLIMIT_NOFILE, (max(soft, min(hard, limits.DESCRIPTORS)), hard))
-        self.due_ns: int | None = None
+        self.due_ns: int | None = None  # when to call :meth:`take` even if nothing happens
 
     @property
     def connections(self) -> int:
@@ -192,9 +184,5 @@ def _address_of(descriptor: int) -> str:
 
 
 def _duplicate(descriptor: int) -> socket.socket:
-    """Return a duplicate of a connection, which libzmq may close at any time.
-
-    Raises:
-        OSError: If it has gone.
-    """
+    """Return a duplicate of a connection, which libzmq may close at any time; else OSError."""
     return socket.fromfd(descriptor, socket.AF_INET6, socket.SOCK_STREAM)

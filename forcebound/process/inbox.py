@@ -35,17 +35,11 @@ _clock = time.monotonic_ns
 
 
 class Inbox:
-    """Receives the packets of one node.
+    """Receives the packets of one node, on streams of which some have impaired ``links``.
 
-    Args:
-        streams: That the node receives.
-        links: Impaired links by stream; a stream that is not here has a perfect link.
-        reject: Called for each packet that is rejected: with the reason, and what was expected and
-            what came.
-        admit: :meth:`forcebound.nodes.Node.admit`, asked before a link or a newer packet decides.
-
-    Attributes:
-        received: Packets that came, by stream.
+    ``reject`` is called for each packet that is rejected, with the reason, and what was expected
+    and what came; ``admit`` (:meth:`forcebound.nodes.Node.admit`) before a link or a newer packet
+    decides.
     """
 
     def __init__(
@@ -77,13 +71,7 @@ class Inbox:
     def listen_remotely(
         self, expected: type[Packet], channel: Channel, forward: Callable[[bytes], Any]
     ) -> None:
-        """Receive one class of packet from another machine, too.
-
-        Args:
-            expected: The class; packets of others are rejected, whatever the node takes from here.
-            channel: Of the remote link.
-            forward: Called with each packet that came, for observers on this machine.
-        """
+        """Receive a class of packet from another machine, too; ``forward`` gets each."""
         self._remote_expected = expected
         self._remote = channel
         self._forward = forward
@@ -106,14 +94,10 @@ class Inbox:
         return {name: link.counts for name, link in self._links.items()}
 
     def wait(self, wake_ns: int | None, stop_descriptor: int) -> tuple[int, Sequence[Packet]]:
-        """Sleep until a packet arrives, at most ``LONGEST_WAIT_NS``.
+        """Sleep until a packet arrives, at most ``LONGEST_WAIT_NS``, or until ``wake_ns``.
 
-        Args:
-            wake_ns: When to return at the latest, in ns; None: no matter.
-            stop_descriptor: Ends the sleep when it is readable, unless in the receiving call.
-
-        Returns:
-            The time, in ns, and the packets that are through their links.
+        ``stop_descriptor`` ends the sleep when it is readable, unless in the receiving call.
+        Returns the time, in ns, and the packets that are through their links.
         """
         local = self._local
         if self._links or self._remote is not None or wake_ns is not None or local is None:

@@ -71,20 +71,11 @@ _logger = logging.getLogger(__name__)
 
 
 class Runner:
-    """Drives one node; :func:`run` is the loop around it.
+    """Drives one node, the process ``name`` of a graph; :func:`run` is the loop around it.
 
-    Args:
-        node: What decides.
-        name: Of the process in the graph.
-        run_dir: Directory of the run's ``ipc`` sockets.
-        links: Impaired links by stream; a stream that is not here has a perfect link.
-        network: Where the sockets are opened.
-        spin_ns: See :class:`forcebound.realtime.Settings`.
-        configure: Brings node and links to the parameters of a request; returns those that it has
-            changed.
-        remote: The link to another machine. A controller uses it in addition to its own sockets, an
-            environment instead of them.
-        graph: Of the run.
+    A stream that is not in ``links`` has a perfect link. ``configure`` brings node and links to the
+    parameters of a request; it returns those that it has changed. A controller uses the link to
+    another machine, ``remote``, in addition to its own sockets, an environment instead of them.
 
     Raises:
         ConfigError: If an endpoint is in use or not permitted.
@@ -128,12 +119,7 @@ class Runner:
         self._next_complaint_ns = 0
 
     def run(self, stop: Stop, facts: Sequence[Fact] = ()) -> None:
-        """Step the node until ``stop`` is requested; then force zero and the last telemetry.
-
-        Args:
-            stop: Ends the loop.
-            facts: Of the status, ``realtime``.
-        """
+        """Step the node until ``stop`` is requested; then force zero and the last telemetry."""
         self._facts = facts
         try:
             if self._node.wakes_on_arrival:
@@ -161,11 +147,7 @@ class Runner:
         self._publish[Event](encode(emitted))
 
     def wait(self, stop_descriptor: int) -> None:
-        """Sleep until a node that wakes on arrival is due, then step it.
-
-        Args:
-            stop_descriptor: Ends the sleep when it is readable.
-        """
+        """Sleep until a node that wakes on arrival is due, or a descriptor is readable; step it."""
         self._step(*self._inbox.wait(self._node.wake_ns, stop_descriptor))
 
     def turn(self, time_ns: int) -> None:
@@ -306,19 +288,7 @@ def run(
 ) -> NodeStatus:
     """Run a node until a stop request, and close it; return its last status.
 
-    Args:
-        node: What decides.
-        name: Of the process in the graph.
-        run_dir: Directory of the run's ``ipc`` sockets.
-        links: Impaired links by stream; a stream that is not here has a perfect link.
-        settings: How punctual to be.
-        stop: Ends the loop.
-        configure: See :class:`Runner`.
-        remote_end: This end of the link to another machine.
-        graph: Of the run.
-
-    Raises:
-        ConfigError: If an endpoint is in use or not permitted.
+    Arguments and errors are those of :class:`Runner`; ``settings`` say how punctual to be.
     """
     facts = realtime.enter(settings, graph.nodes[name].role)
     _logger.info("; ".join(fact.sentence for fact in facts))
