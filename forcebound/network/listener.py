@@ -11,13 +11,9 @@ handshake names nothing. These facts can be relied on:
 4. A descriptor is closed only after its DISCONNECTED is in the monitor's queue. So if the queue has
    no such event after a duplicate was made, the duplicate is of that connection.
 
-libzmq has no limit on connections. Here a connection is surplus beyond ``MAX_CONNECTIONS``. For
-each, the oldest that is not established is shut (4 makes sure that no other is hit): a peer that
-holds a key completes its handshake in milliseconds, and a peer without a key can only wait.
-
-Connections come between two turns of the loop, too. If they use up all descriptors then, libzmq's
-thread tries to accept again and again without a pause; with a realtime priority, on the core of the
-loop, it takes all its time. So the process may have many more descriptors than it needs.
+libzmq has no limit on connections, so for each beyond ``MAX_CONNECTIONS`` the oldest that is not
+established is shut. If they use up all descriptors between two turns of the loop, libzmq's thread
+tries to accept without a pause; so the process may have many more than it needs.
 """
 
 import resource
