@@ -31,16 +31,15 @@ from forcebound.launch.actions import (
     Interrupted,
     Kill,
     Limits,
+    NodeRequest,
     Phase,
     Reported,
-    Resumed,
     Start,
-    StartRequested,
-    StopRequested,
     Terminate,
     describe_status,
 )
 from forcebound.launch.restarts import GIVE_UP_DEATHS, GIVE_UP_NS, Restarts
+from forcebound.messages.control import ResumeDevice, StartNode, StopNode
 from forcebound.roles import DEVICE, ENVIRONMENT, LOST, RECORDER, ROLES, STOP_GROUPS, Role
 from forcebound.topology import ONE_HAND, Graph
 
@@ -127,8 +126,13 @@ class Lifecycle:
             return "lost"
         return "stopped" if node in self._held else "ended"
 
-    def refusal(self, node: str) -> str | None:
-        """Return why this node cannot be stopped or started on request now; None if it can."""
+    def refusal(self, request: NodeRequest) -> str | None:
+        """Return why this request of a user cannot be fulfilled now; None if it can."""
+        if isinstance(request, ResumeDevice):
+            device = self._graph.of_role(DEVICE)
+            state = self.state(device)
+            return None if device in self.lost else f"the {device} is not lost: it is {state}"
+        node = request.node
         if node not in self._waiting:
             known = ", ".join(self._waiting)
             if node in self._graph.nodes and self._role(node).is_restarted:
@@ -157,12 +161,12 @@ class Lifecycle:
                 return self._on_end(time_ns, node, status)
             case Interrupted():
                 return self._on_interrupt(time_ns)
-            case StopRequested(node) if self.refusal(node) is None:
+            case StopNode(node) if self.refusal(event) is None:
                 return self._on_stop_request(time_ns, node)
-            case StartRequested(node) if self.refusal(node) is None:
+            case StartNode(node) if self.refusal(event) is None:
                 return self._on_start_request(node)
-            case Resumed(node) if node in self.lost and self.phase is Phase.RUNNING:
-                return self._on_resume(node)
+            case ResumeDevice() if self.lost and self.phase is Phase.RUNNING:
+                return self._on_resume(self.lost.pop())
             case Engaged(node) if self.phase is Phase.RUNNING:
                 self.returning.discard(node)
             case Engaged(node) if self.phase is Phase.ENGAGING:
@@ -254,7 +258,6 @@ class Lifecycle:
         return [Announce(DEVICE_LOST, node, ADVICE, is_fault=True)]
 
     def _on_resume(self, node: str) -> list[Action]:
-        self.lost.discard(node)
         self.returning.add(node)
         self.restarts.counts[node] += 1
         return self._start(node)

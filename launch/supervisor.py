@@ -35,10 +35,7 @@ from forcebound.launch.actions import (
     Limits,
     Phase,
     Reported,
-    Resumed,
     Start,
-    StartRequested,
-    StopRequested,
     Terminate,
 )
 from forcebound.launch.children import LAST_CHANCE, Child, Signals, name_begins
@@ -49,7 +46,7 @@ from forcebound.messages.codec import encode
 from forcebound.network.control import ControlServer
 from forcebound.network.sockets import Network
 from forcebound.nodes.events import PARAMETERS_SET, PHASE_BEGINS, EventLog
-from forcebound.roles import CONTROLLER, DEVICE, ENVIRONMENT, LAUNCHER
+from forcebound.roles import CONTROLLER, ENVIRONMENT, LAUNCHER
 from forcebound.topology import ONE_HAND, Graph, endpoint
 
 REQUEST_INTERVAL_NS = 20_000_000  # between two requests to a node that is not ready
@@ -242,18 +239,11 @@ class Supervisor:
     ) -> control.Answer:
         """Return the answer to a request of the launcher's control socket."""
         match request:
-            case control.StopNode(node) | control.StartNode(node):
-                refusal = lifecycle.refusal(node)
+            case control.StopNode() | control.StartNode() | control.ResumeDevice():
+                refusal = lifecycle.refusal(request)
                 if refusal is not None:
                     return control.Refused(refusal)
-                is_stop = isinstance(request, control.StopNode)
-                advance(StopRequested(node) if is_stop else StartRequested(node))
-            case control.ResumeDevice():
-                device = self._graph.of_role(DEVICE)
-                if device not in lifecycle.lost:
-                    state = lifecycle.state(device)
-                    return control.Refused(f"the {device} is not lost: it is {state}")
-                advance(Resumed(device))
+                advance(request)
             case control.ConfigureNode(node, configure):
                 if node not in self._clients:
                     return control.Refused(f"the launcher of this graph does not run {node!r}")

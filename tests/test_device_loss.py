@@ -28,11 +28,11 @@ from forcebound.launch.actions import (
     Interrupted,
     Phase,
     Reported,
-    Resumed,
     Start,
     Terminate,
 )
 from forcebound.launch.lifecycle import ADVICE
+from forcebound.messages.control import ResumeDevice
 from forcebound.messages.packets import Telemetry
 from forcebound.monitor.control import resume_device
 from forcebound.roles import LOST
@@ -50,7 +50,7 @@ def test_a_lost_device_waits_for_the_word_and_engages_anew() -> None:
     assert lifecycle.advance(500, Ended("device", LOST)) == [ADVISED]
     assert (lifecycle.phase, lifecycle.state("device")) == (Phase.RUNNING, "lost")
     assert lifecycle.advance(600) == []
-    assert lifecycle.advance(700, Resumed("device")) == [Start("device"), STARTED]
+    assert lifecycle.advance(700, ResumeDevice()) == [Start("device"), STARTED]
     assert lifecycle.restarts.counts == {"device": 1}
     assert lifecycle.advance(701, Reported("device", ("force_command",))) == []
     assert lifecycle.returning
@@ -65,13 +65,13 @@ def test_a_lost_device_waits_for_the_word_and_engages_anew() -> None:
 def test_a_device_that_cannot_be_opened_again_is_lost_again() -> None:
     lifecycle = running()
     lifecycle.advance(500, Ended("device", LOST))
-    lifecycle.advance(501, Resumed("device"))
+    lifecycle.advance(501, ResumeDevice())
     assert lifecycle.advance(502, Ended("device", LOST)) == [ADVISED]
-    assert lifecycle.advance(503, Resumed("device")) == [Start("device"), STARTED]
+    assert lifecycle.advance(503, ResumeDevice()) == [Start("device"), STARTED]
 
 
 def test_the_word_means_nothing_while_no_device_is_lost() -> None:
-    assert running().advance(500, Resumed("device")) == []
+    assert running().advance(500, ResumeDevice()) == []
 
 
 def test_a_device_that_was_killed_or_crashed_ends_the_run() -> None:

@@ -13,11 +13,10 @@ from forcebound.launch.actions import (
     Phase,
     Reported,
     Start,
-    StartRequested,
-    StopRequested,
     Terminate,
 )
 from forcebound.launch.lifecycle import Lifecycle
+from forcebound.messages.control import StartNode, StopNode
 
 SECOND = 1_000_000_000  # ns
 
@@ -149,22 +148,22 @@ def test_a_node_that_is_told_to_stop_before_it_can_listen_is_no_failure() -> Non
 
 def test_a_node_stops_on_request_and_stays_away_until_it_is_started() -> None:
     lifecycle = running()
-    assert lifecycle.advance(500, StopRequested("environment")) == [Terminate("environment")]
+    assert lifecycle.advance(500, StopNode("environment")) == [Terminate("environment")]
     assert lifecycle.state("environment") == "stopping"
-    assert lifecycle.advance(501, StopRequested("environment")) == []
+    assert lifecycle.advance(501, StopNode("environment")) == []
     assert lifecycle.advance(502, Ended("environment", 0)) == [left("environment")]
     assert lifecycle.state("environment") == "stopped"
     assert lifecycle.advance(20 * SECOND) == []
-    assert lifecycle.advance(20 * SECOND, StopRequested("environment")) == []
-    assert lifecycle.advance(20 * SECOND, StartRequested("environment")) == started("environment")
-    assert lifecycle.advance(20 * SECOND, StartRequested("environment")) == []
+    assert lifecycle.advance(20 * SECOND, StopNode("environment")) == []
+    assert lifecycle.advance(20 * SECOND, StartNode("environment")) == started("environment")
+    assert lifecycle.advance(20 * SECOND, StartNode("environment")) == []
     assert lifecycle.restarts.counts == {}
     assert lifecycle.failure is None
 
 
 def test_who_does_not_stop_on_request_is_killed_and_that_is_no_fault_either() -> None:
     lifecycle = running()
-    lifecycle.advance(500, StopRequested("controller"))
+    lifecycle.advance(500, StopNode("controller"))
     assert lifecycle.deadline_ns == 520
     assert lifecycle.advance(519) == []
     assert lifecycle.advance(520) == [Kill("controller")]
@@ -175,7 +174,7 @@ def test_who_does_not_stop_on_request_is_killed_and_that_is_no_fault_either() ->
         Announce("process_ended", "controller", message, is_fault=False, status="signal SIGKILL")
     ]
     assert lifecycle.phase is Phase.RUNNING
-    assert lifecycle.advance(530, StartRequested("controller")) == started("controller")
+    assert lifecycle.advance(530, StartNode("controller")) == started("controller")
     lifecycle.advance(531, Reported("controller", ()))
     actions = lifecycle.advance(540, Ended("controller", -9))  # by itself, now
     assert actions[0] == died("controller", "signal SIGKILL")
@@ -183,8 +182,8 @@ def test_who_does_not_stop_on_request_is_killed_and_that_is_no_fault_either() ->
 
 def test_who_is_asked_for_while_it_stops_starts_when_it_is_gone() -> None:
     lifecycle = running()
-    lifecycle.advance(500, StopRequested("environment"))
-    assert lifecycle.advance(501, StartRequested("environment")) == []
+    lifecycle.advance(500, StopNode("environment"))
+    assert lifecycle.advance(501, StartNode("environment")) == []
     assert lifecycle.advance(502, Ended("environment", 0)) == [
         left("environment"),
         *started("environment"),
@@ -195,17 +194,17 @@ def test_a_node_that_waits_for_its_restart_can_be_stopped_and_started() -> None:
     lifecycle = running()
     lifecycle.advance(500, Ended("environment", 1))
     lifecycle.advance(501, Ended("environment", 1))
-    assert lifecycle.advance(502, StopRequested("environment")) == []
+    assert lifecycle.advance(502, StopNode("environment")) == []
     assert lifecycle.state("environment") == "stopped"
     assert lifecycle.deadline_ns is None
     assert lifecycle.advance(SECOND) == []
-    assert lifecycle.advance(SECOND, StartRequested("environment")) == started("environment")
+    assert lifecycle.advance(SECOND, StartNode("environment")) == started("environment")
 
 
 @pytest.mark.parametrize("status", [0, -15, 1])
 def test_the_end_of_the_run_while_a_node_stops_on_request_is_no_failure(status: int) -> None:
     lifecycle = running()
-    lifecycle.advance(500, StopRequested("environment"))
+    lifecycle.advance(500, StopNode("environment"))
     assert lifecycle.advance(501, Interrupted()) == [Terminate("device")]
     assert lifecycle.advance(502, Ended("environment", status)) == []
     assert lifecycle.advance(503, Ended("device", 0)) == [Terminate("controller")]
@@ -224,8 +223,8 @@ def test_a_request_that_cannot_be_met_changes_nothing_and_says_why() -> None:
         "dashboard": "no node 'dashboard' in this graph; its nodes are controller, device",
         "controller": "the run is starting; nodes stop and start only while it is running",
     }.items():
-        assert reason in (lifecycle.refusal(node) or "")
-        assert lifecycle.advance(1, StopRequested(node)) == []
-        assert lifecycle.advance(1, StartRequested(node)) == []
+        assert reason in (lifecycle.refusal(StopNode(node)) or "")
+        assert lifecycle.advance(1, StopNode(node)) == []
+        assert lifecycle.advance(1, StartNode(node)) == []
     assert lifecycle.phase is Phase.STARTING
-    assert running().refusal("controller") is None
+    assert running().refusal(StopNode("controller")) is None
