@@ -5,7 +5,6 @@ It is private (0700) and holds the sockets of a run and two documents for its pr
 (:class:`RunDocument`). The next run removes what remains after a crash.
 """
 
-import fcntl
 import json
 import logging
 import os
@@ -25,7 +24,7 @@ from forcebound.config.resolved import run_document
 from forcebound.errors import ConfigError
 from forcebound.files import read_bytes
 from forcebound.folders import is_own, runtime_folder, runtime_folders
-from forcebound.launch.run_lock import exclusive, shared
+from forcebound.launch.run_lock import exclusive, shared, try_lock
 from forcebound.messages.control import Configure
 from forcebound.messages.packets import TOPIC_OF, EnvironmentReply, Event, Telemetry
 from forcebound.network.sockets import IPC_PATH_LIMIT
@@ -115,21 +114,11 @@ def updating(run_dir: Path, timeout: float) -> Iterator[bool]:
     end = time.monotonic() + timeout
     descriptor = os.open(run_dir / UPDATE_LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
     try:
-        is_locked = _try_lock(descriptor)
-        while not is_locked and time.monotonic() < end:
+        while not (is_locked := try_lock(descriptor)) and time.monotonic() < end:
             time.sleep(UPDATE_POLL)
-            is_locked = _try_lock(descriptor)
         yield is_locked
     finally:
         os.close(descriptor)  # this frees the lock
-
-
-def _try_lock(descriptor: int) -> bool:
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    return True
 
 
 @contextmanager

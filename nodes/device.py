@@ -116,7 +116,6 @@ class DeviceNode(Node):
 
     @property
     def wake_ns(self) -> int:
-        """When the next instant of a tick is due, in ns."""
         return self._wake_ns
 
     @property
@@ -139,11 +138,9 @@ class DeviceNode(Node):
         self._engage_requested = True
 
     def reject(self, reason: str) -> None:
-        """Count a packet that was rejected before it reached the node."""
         self._chain.reject(reason)
 
     def status(self) -> DeviceStatus:
-        """Return how the device is doing; see :class:`forcebound.nodes.Node`."""
         return DeviceStatus(
             rejected=dict(self._chain.rejected),
             engaged=self.is_engaged,
@@ -154,7 +151,6 @@ class DeviceNode(Node):
         )
 
     def handle(self, request: Engage | Point) -> Answer:
-        """Let the force engage, or move the pointer; see :class:`forcebound.nodes.Node`."""
         if isinstance(request, Point):
             return self._point(request.target)
         self.engage()
@@ -189,15 +185,12 @@ class DeviceNode(Node):
             _logger.warning("could not write the last zero force to the device: %s", error)
 
     def last_events(self, time_ns: int) -> Sequence[Event]:
-        """Return the report of the bounder; see :class:`forcebound.nodes.Node`."""
         return [self._tells.tell_bounder(time_ns, self._bounded.report())]
 
     def close(self) -> None:
-        """Close the device."""
         close_part(self._device, DEVICE)
 
     def step(self, time_ns: int, received: Sequence[Packet]) -> list[Packet]:
-        """Run the instant that is due; see :class:`forcebound.nodes.Node`."""
         for packet in received:
             self._chain.accept(packet, time_ns)
         if time_ns < self._wake_ns:

@@ -82,7 +82,6 @@ class EnvironmentNode(Node):
         self._proxies: dict[str, Vector] = {}  # of the last answer to each hand
         self.name = name
         self.faults = 0  # queries that the environment's code failed to answer
-        self._rejected: dict[str, int] = {}
 
     @property
     def answered(self) -> int:
@@ -91,7 +90,6 @@ class EnvironmentNode(Node):
 
     @property
     def wake_ns(self) -> int | None:
-        """When the current answer is ready or a scene is due, in ns; None without either."""
         if self._scene.is_due:
             return self._step_ns
         return None if self._answering is None else self._done_ns
@@ -112,11 +110,9 @@ class EnvironmentNode(Node):
         self._computation.change(computation, trace)
 
     def close(self) -> None:
-        """Close the environment."""
         close_part(self._environment, ENVIRONMENT)
 
     def step(self, time_ns: int, received: Sequence[Packet]) -> list[Packet]:
-        """Take queries, give finished answers; see :class:`forcebound.nodes.Node`."""
         self._step_ns = time_ns
         for packet in received:
             if type(packet) is EnvironmentQuery:
@@ -170,14 +166,9 @@ class EnvironmentNode(Node):
                 self._done_ns = time_ns + delay_ns
         return replies
 
-    def reject(self, reason: str) -> None:
-        """Count a packet that was rejected; see :class:`forcebound.nodes.Node`."""
-        self._rejected[reason] = self._rejected.get(reason, 0) + 1
-
     def status(self) -> EnvironmentStatus:
-        """Return how the environment is doing; see :class:`forcebound.nodes.Node`."""
         return EnvironmentStatus(
-            rejected=dict(self._rejected),
+            rejected=dict(self.rejected),
             name=self.name,
             refused_for=self._refused_for,
             failures=self.faults,
