@@ -74,11 +74,6 @@ def test_nothing_is_measured_of_a_graph_that_has_just_ended(
         streams.measure_streams(tmp_path, ["telemetry"], 0.1)
 
 
-def test_silent_topic_has_no_size() -> None:
-    figures = Stream().figures(2.0)
-    assert (figures.rate_hz, figures.mean_size_b, figures.packets) == (0.0, None, 0)
-
-
 def test_unknown_topics_and_fields_are_named_with_the_nearest(tmp_path: Path) -> None:
     RunDocument(0, None, "", []).write(tmp_path)
     assert streams_of(tmp_path, ["telemetry"]) == {"telemetry": Telemetry}
