@@ -12,6 +12,7 @@ import msgspec
 from msgspec import Struct
 
 from forcebound.bounding import contract as laws
+from forcebound.config.names import Document
 from forcebound.config.parts import law_of, member_of
 from forcebound.config.resolved import member_document
 from forcebound.config.users_code import tried
@@ -68,7 +69,7 @@ class AnswerTimes(Struct, frozen=True):
 class Checked(Struct, kw_only=True, omit_defaults=True):
     """What the contract test finds of a part."""
 
-    part: dict[str, Any]  # kind and parameters
+    part: Document  # kind and parameters
     passed: bool
     questions: int
     promises: dict[str, bool]  # which were kept
@@ -139,7 +140,7 @@ def check_here(
     return _checked(part, CONTRACTS[section].check(model))
 
 
-def _checked(part: dict[str, Any], report: Report) -> Checked:
+def _checked(part: Document, report: Report) -> Checked:
     return Checked(
         part=part,
         passed=not report.violations,
@@ -150,7 +151,7 @@ def _checked(part: dict[str, Any], report: Report) -> Checked:
 
 
 def _check_environment(
-    part: dict[str, Any],
+    part: Document,
     progress: Progress,
     model: EnvironmentModel,
     axes: Sequence[int],

@@ -14,11 +14,11 @@ import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import msgspec
 
 from forcebound.config.graph import GraphConfig
+from forcebound.config.names import Document
 from forcebound.config.parameters import parameters
 from forcebound.config.resolved import run_document
 from forcebound.errors import ConfigError
@@ -85,10 +85,10 @@ def has_launcher(run_dir: Path) -> bool:
     return is_bound(run_dir, graph_in(run_dir).nodes[LAUNCHER])
 
 
-def read_launch_document(run_dir: Path) -> dict[str, Any]:
+def read_launch_document(run_dir: Path) -> Document:
     """Return the launch document of a graph; ConfigError if it cannot be read."""
     try:
-        document: dict[str, Any] = json.loads(read_bytes(run_dir / LAUNCH_FILE, MAX_DOCUMENT))
+        document: Document = json.loads(read_bytes(run_dir / LAUNCH_FILE, MAX_DOCUMENT))
     except (OSError, ValueError, RecursionError) as error:
         raise ConfigError(f"cannot read what the graph in {run_dir} runs with: {error}") from error
     return document

@@ -11,10 +11,12 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from forcebound.bounding import Dissipation
+from forcebound.config.names import Document
 from forcebound.controllers import CONTROLLERS, ControllerModel
 from forcebound.devices import DEVICES, DeviceModel
 from forcebound.environments import ENVIRONMENTS, EnvironmentModel
 from forcebound.environments.fixtures import Fixtures, WithFixtures
+from forcebound.messages.control import Parameters
 from forcebound.network.ends import RemoteSection
 from forcebound.network.impairment import Impairment, check_delay
 from forcebound.nodes.servo import ServoSettings, dissipation_of
@@ -43,7 +45,7 @@ class PartSpec:
     """
 
     kind: str  # of its section's table
-    values: Mapping[str, Any]  # its parameters, plain JSON values in SI units
+    values: Document  # its parameters, plain JSON values in SI units
 
 
 @dataclass(frozen=True)
@@ -170,7 +172,7 @@ class PhaseHead:
 class Phase(PhaseHead):
     """A part of a scripted run; see :mod:`forcebound.config.phases`."""
 
-    settings: Mapping[str, Any]  # by name of a parameter, plain JSON values in SI units
+    settings: Parameters
 
 
 @dataclass(frozen=True)

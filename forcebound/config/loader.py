@@ -21,7 +21,7 @@ from forcebound.config.arguments import Argument, Arguments, Substitution
 from forcebound.config.document import find, missing, read, with_device_file
 from forcebound.config.graph import KINDS, RUN_KEYS, GraphConfig, PhaseHead
 from forcebound.config.model import PHASES, form_of
-from forcebound.config.names import LAW, ParameterName
+from forcebound.config.names import LAW, Document, ParameterName
 from forcebound.config.parameters import parameters, takeable_laws, unknown_parameter
 from forcebound.config.phases import read_phases
 from forcebound.config.problems import Problems, unknown
@@ -29,6 +29,7 @@ from forcebound.config.resolved import to_document
 from forcebound.config.tree import Value, from_plain
 from forcebound.config.users_code import tried
 from forcebound.errors import ConfigError, ForceboundError
+from forcebound.messages.control import Parameters
 from forcebound.parts.user_module import file_of, names_file
 from forcebound.topology import LINKS
 
@@ -116,12 +117,12 @@ def arguments_of(path: str | Path) -> list[Argument]:
     return list(arguments.declared.values())
 
 
-def from_document(document: Mapping[str, Any]) -> GraphConfig:
+def from_document(document: Document) -> GraphConfig:
     """Return the configuration of a resolved document that may have been changed."""
     return _build(from_plain(document, "document"), Problems())
 
 
-def change(config: GraphConfig, settings: Mapping[str, Any]) -> GraphConfig:
+def change(config: GraphConfig, settings: Parameters) -> GraphConfig:
     """Return the configuration with other parameters, checked as a launch file is.
 
     The new values are by name, in SI units or text with their unit. ConfigError if there is no such

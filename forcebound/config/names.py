@@ -3,11 +3,12 @@
 ``device.law``, ``links.environment_query.delay``, ``environment.surface.friction``.
 """
 
-from collections.abc import MutableMapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 from forcebound.errors import ConfigError
+
+Document: TypeAlias = dict[str, Any]  # a launch file, or a section of one, in plain JSON values
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,7 @@ class ParameterName:
         """The topic of a link's parameter; None for others."""
         return self.path[0] if self.section == "links" and self.path else None
 
-    def put(self, document: MutableMapping[str, Any], value: Any) -> None:
+    def put(self, document: Document, value: Any) -> None:
         """Set the value in a document of plain values, in mappings of its own."""
         *before, last = self.steps
         for step in before:

@@ -43,7 +43,7 @@ from forcebound.monitor.control import ANSWER_TIMEOUT, ask_all, await_law
 from forcebound.monitor.kernels import Kernels
 from forcebound.monitor.snapshot import GraphStatus, other_environment, snapshot
 from forcebound.quantities import Range
-from forcebound.roles import LAUNCHER
+from forcebound.roles import DEVICE, ENVIRONMENT, LAUNCHER
 from forcebound.topology import LINKS
 from forcebound.units import parse_quantity
 
@@ -151,7 +151,7 @@ def set_parameters(run_dir: Path, settings: Parameters, kernels: Kernels | None 
     now, graph = configuration(run_dir), snapshot(run_dir)
     concerned = sorted(processes_of(settings))
     _check_files(graph.run, settings, now)
-    other = other_environment(graph) if "environment" in concerned else None
+    other = other_environment(graph) if ENVIRONMENT in concerned else None
     if LAW in settings:
         _prepare_law(change(now, settings).device.servo.law, graph, kernels)
     with updating(run_dir, ANSWER_TIMEOUT) as is_alone:
@@ -176,7 +176,7 @@ def set_parameters(run_dir: Path, settings: Parameters, kernels: Kernels | None 
         )
         notes.append(f"{other} serves the graph, and not {here if graph.run.is_graph else waits}")
     values = differences(old, new)
-    if LAW in values and "device" not in down:
+    if LAW in values and DEVICE not in down:
         await_law(run_dir, values[LAW])
         ramp = f"the force returns over {1e3 * new.device.servo.engage_time:.3g} ms"
         notes.append(f"the law was taken without force, with a new ledger; {ramp}")
@@ -199,7 +199,7 @@ def _check_files(run: RunDocument, settings: Parameters, now: GraphConfig) -> No
 
 def _prepare_law(law: str, graph: GraphStatus, kernels: Kernels | None) -> None:
     """Get ready for a law that the device is to take."""
-    device = graph.processes.get("device")
+    device = graph.processes.get(DEVICE)
     if device is not None and device.state == "lost":
         raise ConfigError(f"{LAW}: the device is lost; first, `forcebound device resume`")
     status = graph.status_of(DeviceStatus)
@@ -252,6 +252,6 @@ def _check_reach(elsewhere: Mapping[str, str]) -> None:
         return
     listed, nodes = ", ".join(sorted(elsewhere)), " and ".join(sorted(set(elsewhere.values())))
     why = f"this link ends at the {nodes}, on the machine of the graph; here is only an environment"
-    if "environment" in elsewhere.values():
+    if ENVIRONMENT in elsewhere.values():
         why = "this belongs to the environment, which is on another machine"
     raise ConfigError(f"{listed}: {why}; use `forcebound param set` there")
