@@ -44,13 +44,9 @@ def build_node(
     if role == CONTROLLER:
         return build_controller(config)
     if role == ENVIRONMENT:
-        return _build_environment(config, environment_name)
+        served, axes = _served(config.environment), config.device.axes
+        return EnvironmentNode(served, _computation(config), environment_name, axes)
     raise KeyError(name)
-
-
-def _build_environment(config: GraphConfig, name: str) -> EnvironmentNode:
-    computation = _computation(config)
-    return EnvironmentNode(_served(config.environment), computation, name, config.device.axes)
 
 
 def build_controller(config: GraphConfig) -> ControllerNode:

@@ -166,7 +166,10 @@ class Lifecycle:
             case StartNode(node) if self.refusal(event) is None:
                 return self._on_start_request(node)
             case ResumeDevice() if self.lost and self.phase is Phase.RUNNING:
-                return self._on_resume(self.lost.pop())
+                device = self.lost.pop()
+                self.returning.add(device)
+                self.restarts.counts[device] += 1
+                return self._start(device)
             case Engaged(node) if self.phase is Phase.RUNNING:
                 self.returning.discard(node)
             case Engaged(node) if self.phase is Phase.ENGAGING:
@@ -252,16 +255,6 @@ class Lifecycle:
         self._fail(f"{node} ended unexpectedly {often}, the last time with {words}", node)
         return [death, *self._stop(time_ns)]
 
-    def _on_loss(self, node: str) -> list[Action]:
-        self.lost.add(node)
-        self.returning.discard(node)
-        return [Announce(DEVICE_LOST, node, ADVICE, is_fault=True)]
-
-    def _on_resume(self, node: str) -> list[Action]:
-        self.returning.add(node)
-        self.restarts.counts[node] += 1
-        return self._start(node)
-
     def _on_departure(self, node: str, status: int, is_early: bool) -> list[Action]:
         """Take the end of a node that was stopped; start it if that was requested since."""
         words = describe_status(status)
@@ -284,7 +277,9 @@ class Lifecycle:
                 return self._on_departure(node, status, is_early)
             return self._on_death(time_ns, node, status)
         if self.phase is Phase.RUNNING and status == LOST:
-            return self._on_loss(node)
+            self.lost.add(node)
+            self.returning.discard(node)
+            return [Announce(DEVICE_LOST, node, ADVICE, is_fault=True)]
         if node in self._leaving:
             pass  # the run ended first
         elif stopping and is_early and -status in (signal.SIGTERM, signal.SIGKILL):

@@ -185,7 +185,10 @@ class Link(Generic[PacketT]):
     def _impair(self, time_ns: int, packet: PacketT, size: int) -> None:
         """Apply every impairment of netem to a packet."""
         fate, copy_fate = self._chances.next(), self._copy_chances.next()
-        if self._is_out(time_ns):
+        if self._outages_ns is None:
+            self._outages_ns = time_ns
+        since_ns = time_ns - self._outages_ns
+        if any(start <= since_ns < end for start, end in self._outages):
             self.lost += 1
             return
         if self._trace is not None:
@@ -208,12 +211,6 @@ class Link(Generic[PacketT]):
                 self.lost += 1
             else:
                 self._send(time_ns, packet, size, rank, copy_fate)
-
-    def _is_out(self, time_ns: int) -> bool:
-        if self._outages_ns is None:
-            self._outages_ns = time_ns
-        since_ns = time_ns - self._outages_ns
-        return any(start <= since_ns < end for start, end in self._outages)
 
     def _send(self, time_ns: int, packet: PacketT, size: int, rank: _Rank, fate: Fate) -> None:
         """Put a packet that is not lost on its way."""

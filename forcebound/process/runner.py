@@ -106,6 +106,7 @@ class Runner:
             if stream.sender == name and not stream.is_forwarded
         }
         self._inbox = Inbox(graph.received(name), links, self._reject, node.admit)
+        self.link, self.set_link = self._inbox.link, self._inbox.set_link
         if remote is None or remote.end.role == "graph":
             self._inbox.listen(network, run_dir)
         if remote is not None:
@@ -122,10 +123,11 @@ class Runner:
         """Step the node until ``stop`` is requested; then force zero and the last telemetry."""
         self._facts = facts
         try:
-            if self._node.wakes_on_arrival:
-                self._run_on_arrival(stop)
-            else:
-                self._run_on_schedule(stop)
+            while not (stop.requested or self._stop_requested):
+                if self._node.wakes_on_arrival:
+                    self.wait(stop.descriptor)
+                else:
+                    self.turn(realtime.wait_until(self._node.wake_ns or 0, self._spin_ns))
         finally:
             self._node.stop(time.monotonic_ns())
         self._emit_last_events()
@@ -153,7 +155,7 @@ class Runner:
     def turn(self, time_ns: int) -> None:
         """Receive, step the node if it is due, publish."""
         # On an impaired link the time of arrival counts, so no packet waits for a later turn.
-        listens = self._node.needs_packets or self._inbox.is_impaired
+        listens = self._node.needs_packets or self._inbox.links
         self._step(time_ns, self._inbox.take(time_ns) if listens else ())
 
     def _step(self, time_ns: int, received: Sequence[Packet]) -> None:
@@ -195,14 +197,6 @@ class Runner:
     def nodes(self) -> tuple[Node, ...]:
         """The node that it drives; as of a simulation, which drives several."""
         return (self._node,)
-
-    def link(self, stream: str) -> Link[Packet] | None:
-        """Return the model of the link of a stream; None if it is perfect."""
-        return self._inbox.link(stream)
-
-    def set_link(self, stream: str, link: Link[Packet]) -> None:
-        """Impair a link that was perfect."""
-        self._inbox.set_link(stream, link)
 
     def _connect_remote(self, remote: RemoteLink) -> None:
         """Let packets of the environment's two topics go to, and come from, another machine.
@@ -254,14 +248,6 @@ class Runner:
         events = [self._node.events.link_counts(now_ns, *link) for link in counted]
         for event in (*events, *self._node.last_events(now_ns)):
             self._publish[Event](encode(event))
-
-    def _run_on_arrival(self, stop: Stop) -> None:
-        while not (stop.requested or self._stop_requested):
-            self.wait(stop.descriptor)
-
-    def _run_on_schedule(self, stop: Stop) -> None:
-        while not (stop.requested or self._stop_requested):
-            self.turn(realtime.wait_until(self._node.wake_ns or 0, self._spin_ns))
 
     def _reject(self, reason: str, why: str) -> None:
         self._node.reject(reason)

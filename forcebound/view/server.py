@@ -147,10 +147,6 @@ class Server:
         times = {"heard": heard, "device": time_ns * 1e-9, "told": time.monotonic()}
         page.tell(json.dumps({"type": "taken", "stamp": own, **times}))
 
-    def first_messages(self) -> list[Message]:
-        """Return the first messages to a page."""
-        return [OVER] if self.graph is None else self.graph.describe()
-
     def _look_at_nodes(self, graph: "_Graph") -> None:
         """Tell the pages of the processes; in a thread, since it takes time."""
         looked = time.monotonic()
@@ -308,7 +304,8 @@ class _Page(_Handler, tornado.websocket.WebSocketHandler):
 
     def greet(self) -> None:
         """Tell what a page needs to know of the graph that is shown now."""
-        for message in self.server.first_messages():
+        graph = self.server.graph
+        for message in [OVER] if graph is None else graph.describe():
             self.tell(json.dumps({**message, "may_change": self._may_change}))
 
     def on_message(self, message: str | bytes) -> None:
