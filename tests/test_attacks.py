@@ -128,30 +128,24 @@ def attacker(graph: LiveGraph, out: str, come: str = "") -> Iterator[Attacker]:
 @contextmanager
 def in_place_of_the_controller(graph: LiveGraph) -> Iterator[Attacker]:
     """Attack the device where it takes force commands; afterwards the controller is back."""
-    run = ("--run", str(graph.run_dir))
-    stopped = graph.order("stop", "controller", *run)
-    assert stopped.returncode == 0, stopped.stderr
+    graph.do("stop", "controller")
     graph.wait_until_released()
     out = topic_endpoint(graph.run_dir, "force_command")
     with attacker(graph, out, topic_endpoint(graph.run_dir, "device_state")) as one:
         yield one
     graph.wait_until_released()
-    started = graph.order("start", "controller", *run)
-    assert started.returncode == 0, started.stderr
+    graph.do("start", "controller")
     graph.wait_until_in_contact()
 
 
 @contextmanager
 def in_place_of_the_environment(graph: LiveGraph, port: int) -> Iterator[Attacker]:
     """Attack the controller over TCP; afterwards the local environment is back."""
-    run = ("--run", str(graph.run_dir))
-    stopped = graph.order("stop", "environment", *run)
-    assert stopped.returncode == 0, stopped.stderr
+    graph.do("stop", "environment")
     with attacker(graph, f"tcp://127.0.0.1:{port}") as one:
         yield one
     graph.wait_until_released()
-    started = graph.order("start", "environment", *run)
-    assert started.returncode == 0, started.stderr
+    graph.do("start", "environment")
     graph.wait_until_in_contact()
 
 
