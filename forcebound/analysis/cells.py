@@ -55,7 +55,7 @@ def _ms(delays: Mapping[str, float | None]) -> str:
     return UNDEFINED if delays["p50"] is None else f"{percentiles(delays, 2)} ms"
 
 
-def counts(key: str, none: str) -> Cell:
+def counts(key: str, none: str = "0") -> Cell:
     """Return the cell of counts by kind; ``none`` without any, a dash if they are None."""
 
     def cell(s: Summary) -> str:

@@ -6,7 +6,7 @@ A summary and its reasons, the tables that commands print, the labels of maps an
 """
 
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from operator import attrgetter
 from typing import Any
@@ -66,6 +66,7 @@ from forcebound.analysis.samples import (
     WALL,
     Needs,
     Samples,
+    law,
 )
 from forcebound.analysis.spectrum import transparency_bandwidth
 from forcebound.analysis.surface import Floats
@@ -95,12 +96,6 @@ class Figure:
             value = summary[self.key]
             return "" if value is None and self.needs.is_optional else self.shown.show(value)
         return "" if self.shown is None else self.shown(summary)
-
-
-def law(config: Mapping[str, Any]) -> str | None:
-    """Return the name of the bounding law in a resolved launch file, if it has one."""
-    name = (config.get("device") or {}).get("law")
-    return None if name is None else str(name)
 
 
 def _or_none(statistic: Callable[[Any], Any], values: NDArray[Any]) -> float | None:
@@ -248,10 +243,6 @@ def _bounded(run: Samples) -> float:
     return float(np.mean(Limited(run.columns, run.device).limited[run.contact]))
 
 
-def _answered(run: Samples) -> float | None:
-    return ticks.answered_share(run.run) if run.time.size else None
-
-
 def _minimum(energy: str) -> Callable[[Samples], float | None]:
     """Return a function that gives the minimum since engagement of a column."""
     return lambda run: _or_none(np.min, getattr(run.run, energy)[run.since])
@@ -281,10 +272,6 @@ def _little_force(run: Samples) -> list[dict[str, Any]]:
         return []
     causes = causes_of_little_force(run.run.slice(run.since), run.device, run.report)
     return [{"cause": c.code, "data": dict(c.data), "advice": c.remedy} for c in causes]
-
-
-def _rejected(run: Samples) -> dict[str, int]:
-    return dict(sorted(run.run.rejected.items()))
 
 
 #: Figures that rest on the report of the bounder; a sweep has none of them.
@@ -397,7 +384,7 @@ FIGURES: tuple[Figure, ...] = (
     ),
     Figure("ledger_deficit_share", "time in deficit (ledger)", PERCENT, _ledger_deficit, LEDGER),
     Figure("bounder_active_share", "bounder active", PERCENT, _bounded, PUSHED),
-    Figure("answered_share", "ticks answered", PERCENT, _answered),
+    Figure("answered_share", "ticks answered", PERCENT, ticks.answered),
     Figure("same_tick_share", "answered in the same tick", PERCENT, ticks.same_tick_share),
     Figure("loop_delay_ms", "loop delay p50/p99/max", cells.loop_delay, _delays("loop_delay")),
     Figure("reply_age_ms", "age of the reply p50/p99/max", cells.reply_age, _delays("reply_age")),
@@ -405,8 +392,8 @@ FIGURES: tuple[Figure, ...] = (
     Figure("hold_limit_overruns", "hold-limit overruns", NUMBER, ticks.hold_limit_overruns),
     *_OF_THE_BOUNDER,
     Figure(
-        "rejected_packets", "rejected packets", cells.counts("rejected_packets", "0"), _rejected
+        "rejected_packets", "rejected packets", cells.counts("rejected_packets"), ticks.rejected
     ),
     Figure("links", "lost or damaged", cells.lost, ticks.links),
-    Figure("faults", "faults", cells.counts("faults", "0"), ticks.faults),
+    Figure("faults", "faults", cells.counts("faults"), ticks.faults),
 )

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from forcebound.analysis.colours import NEUTRAL, NOT_PASSIVE, PHASE
-from forcebound.analysis.figures import law
 from forcebound.analysis.panels import PANELS, Panel, Run, in_figure, since_engaged, view_of
+from forcebound.analysis.samples import law
 from forcebound.errors import ConfigError
 from forcebound.files import check_writable
 from forcebound.messages.packets import Event

@@ -21,6 +21,12 @@ from forcebound.telemetry import TelemetryColumns
 GAP = 1.5  # periods; samples further apart do not belong to one stretch
 
 
+def law(config: Mapping[str, Any]) -> str | None:
+    """Return the name of the bounding law in a resolved launch file, if it has one."""
+    name = (config.get("device") or {}).get("law")
+    return None if name is None else str(name)
+
+
 class Samples:
     """A run and what its figures are made of; arrays are of the samples with an engaged force."""
 

@@ -24,6 +24,11 @@ def answered_share(columns: TelemetryColumns) -> float | None:
     return float(np.count_nonzero(answered >= ticks[0])) / ticks.size
 
 
+def answered(run: Samples) -> float | None:
+    """Return the same of a run whose force engaged."""
+    return answered_share(run.run) if run.time.size else None
+
+
 def same_tick_share(run: Samples) -> float | None:
     """Return the share of samples with a force that answers the state of their own tick."""
     same = run.columns.device_seq == run.columns.seq
@@ -54,6 +59,11 @@ def hold_limit_overruns(run: Samples) -> int | None:
     limit_ns = round(limit * 1e9 / run.device["rate"])
     longer = int(np.count_nonzero(np.diff(run.run.time_ns[run.run.time >= 0.0]) > limit_ns))
     return None if is_learned and longer else longer
+
+
+def rejected(run: Samples) -> dict[str, int]:
+    """Return the packets that the device rejected, by reason."""
+    return dict(sorted(run.run.rejected.items()))
 
 
 def faults(run: Samples) -> dict[str, int]:
