@@ -6,11 +6,11 @@ from typing import Any
 
 import pytest
 from addresses import control_endpoint
+from builders import MS
 from waiting import until
 
 from forcebound.config.loader import load
 from forcebound.devices.phantom import PhantomPremium15
-from forcebound.errors import ConfigError
 from forcebound.launch.build import build_device
 from forcebound.messages.control import Point, Pointed, Refused
 from forcebound.network.sockets import Network
@@ -18,7 +18,6 @@ from forcebound.nodes.device import DeviceNode
 from forcebound.operators.pointer import PointerHand
 from forcebound.process import Runner
 
-MS = 1_000_000
 HAND = PointerHand(start=(0.01, -0.01), reach=0.05, smoothing=0.01, speed=0.5)
 
 
@@ -118,10 +117,3 @@ def test_law_changes_at_zero_force_and_begins_a_new_ledger() -> None:
     given = 1e3 * after[at - 1].true_energy
     assert event.message.endswith(f"under certified the hand has put in {given:.1f} mJ")
     assert float(event.data["energy_before"]) == device.status().energy_before
-
-
-def test_a_law_of_ones_own_is_refused_and_nothing_changes() -> None:
-    device = node()
-    with pytest.raises(ConfigError, match="no law of one's own"):
-        device.take_law("my_law.py")
-    assert not [p for p in run(device, 0, 20) if getattr(p, "event", "") == "law_changed"]

@@ -6,9 +6,8 @@ from typing import Any
 
 import pytest
 from builders import MS
-from click.testing import CliRunner, Result
+from invoking import invoke
 
-from forcebound.cli import main
 from forcebound.config.loader import load
 from forcebound.environments.recorded import RecordedEnvironment
 from forcebound.errors import ConfigError
@@ -56,10 +55,6 @@ def path(tmp_path: Path) -> Path:
 def forces(path: Path, times: list[float], axes: int = 1) -> list[Vector]:
     environment = RecordedEnvironment(path).open(axes)
     return [environment.force("", (0.5,) * axes, (0.0,) * axes, time) for time in times]
-
-
-def invoke(*words: object) -> Result:
-    return CliRunner().invoke(main, [str(word) for word in words], catch_exceptions=False)
 
 
 def test_the_answer_is_that_to_the_nearest_state_and_zero_outside_of_the_recording(

@@ -9,10 +9,9 @@ from typing import Any
 
 import pytest
 from builders import telemetry_packet
-from click.testing import CliRunner, Result
+from invoking import invoke
 from msgspec.structs import replace
 
-from forcebound.cli import main
 from forcebound.config.graph import DeviceConfig
 from forcebound.config.loader import load
 from forcebound.errors import ConfigError
@@ -61,10 +60,6 @@ def rewritten(path: Path, launch: dict[str, Any]) -> Path:
 
 def telemetry(path: Path) -> list[Telemetry]:
     return [packet for packet in read(path).packets("telemetry") if isinstance(packet, Telemetry)]
-
-
-def invoke(*words: object) -> Result:
-    return CliRunner().invoke(main, [str(word) for word in words], catch_exceptions=False)
 
 
 # --- Verification --------------------------------------------------------------------------------

@@ -238,14 +238,6 @@ def test_other_parameters_open_a_new_environment_whose_scene_is_told() -> None:
     assert scenes(answer(node, 40 * MS)) == [Scene(0, 40 * MS, (BALL,), {"": (0.01,)})]
 
 
-def test_an_environment_without_a_scene_may_follow_one_whose_scene_is_due() -> None:
-    node = EnvironmentNode(Floor())
-    node.step(1, [query(1)])
-    assert node.wake_ns is not None
-    node.change(Wall(), Impairment(0.0))
-    assert node.step(2, []) == []
-
-
 # --- The contract --------------------------------------------------------------------------------
 
 

@@ -7,11 +7,10 @@ import sys
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner, Result
+from invoking import invoke
 from launch_texts import GOOD, problems_of, written
 from live_graph import live_graph
 
-from forcebound.cli import main
 from forcebound.config.graph import GraphConfig
 from forcebound.config.loader import change, from_document, load
 from forcebound.config.phases import timetable
@@ -55,10 +54,6 @@ def own(folder: Path, source: str = SPRING, launch: str = LAUNCH) -> Path:
 def force_of(config: GraphConfig, position: Vector) -> Vector:
     model = config.environment.model
     return open_environment(model, len(position)).force("", position, (0.0,) * len(position), 0.0)
-
-
-def invoke(*words: str) -> Result:
-    return CliRunner().invoke(main, words, catch_exceptions=False)
 
 
 # --- the whole way -------------------------------------------------------------------------------
@@ -240,6 +235,11 @@ def test_a_problem_in_the_users_file_is_told_with_its_line(
 def test_a_file_can_be_mended_after_an_error(tmp_path: Path) -> None:
     problems_of(own(tmp_path, "import nonsense\n"))
     assert force_of(load(own(tmp_path)), (0.0,)) == (0.0,)
+
+
+def test_a_class_that_no_launch_file_can_name_is_refused_with_what_to_do() -> None:
+    with pytest.raises(ConfigError, match="keep the class in a file and name it in a launch file"):
+        member_document("environment", object())
 
 
 # --- the command and the template ----------------------------------------------------------------
