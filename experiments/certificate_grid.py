@@ -26,7 +26,7 @@ from typing import Any
 
 from forcebound.config.graph import GraphConfig
 from forcebound.config.loader import load
-from forcebound.sweep.engine import run_all
+from forcebound.lab.runs import run_all
 
 LAWS = (
     "less_conservative",

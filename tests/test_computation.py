@@ -26,8 +26,6 @@ from forcebound.network.impairment import Impairment
 from forcebound.network.trace import DelayTrace
 from forcebound.nodes.environment import EnvironmentNode
 from forcebound.simulation import Simulation
-from forcebound.sweep.engine import run_all
-from forcebound.sweep.timing import timing_of
 
 
 def test_by_default_a_computation_takes_no_time() -> None:
@@ -218,22 +216,6 @@ def test_settings_that_exclude_each_other_are_refused_in_code_too() -> None:
         )
     with pytest.raises(ConfigError, match="compute_delay must be >= 0 s"):
         EnvironmentConfig(Wall(), compute_delay=math.inf)
-
-
-@pytest.mark.parametrize("settings", [{"compute_jitter": "1 ms"}, {"compute_trace": "busy.csv"}])
-def test_a_sweep_sends_computations_that_vary_to_the_graph(
-    tmp_path: Path, settings: dict[str, str]
-) -> None:
-    written(tmp_path, "time_s,delay_s\n0,0.004\n", "busy.csv")
-    config = replace(load(computing(tmp_path, **settings)), duration=0.05)
-    assert not timing_of(config, 100).is_exact
-    (ran,) = run_all([config])
-    assert (ran.engine, ran.error) == ("graph", None)
-
-
-def test_a_sweep_keeps_computations_of_one_time_in_the_kernel(tmp_path: Path) -> None:
-    config = load(computing(tmp_path, compute_delay="1.7 ms"))
-    assert timing_of(config, 100).is_exact
 
 
 def test_traces_are_taken_and_left_while_the_graph_runs(tmp_path: Path) -> None:

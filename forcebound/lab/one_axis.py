@@ -89,7 +89,7 @@ class Course(NamedTuple):
     engagement: Floats  # (n,), 0 to 1
     answers: Floats  # (m,), m >= n, N; a tick fills its own entry, others may be given
     chances: Floats  # (n,), -1 to 1, of random forces
-    errors: Floats  # (n,), -1 to 1, of a noisy sensor
+    errors: Floats  # (n,), -1 to 1, of the sensor; at most half a resolution
 
 
 class Body(NamedTuple):
@@ -129,11 +129,11 @@ def answer(rig: Rig, x: float, v: float, elapsed: float, chance: float) -> float
 
 def read(rig: Rig, moving: Moving, error: float) -> float:
     """Return a reading, in m, at most half a resolution from the truth."""
-    if rig.sensor == NOISY:
-        return moving.x + 0.5 * rig.resolution * error
+    if rig.sensor == ENCODER:
+        return quantise(moving.x, rig.resolution)
     if rig.sensor == LEADING:
-        return moving.x + 0.5 * rig.resolution * math.copysign(1.0, moving.v)
-    return quantise(moving.x, rig.resolution)
+        error = math.copysign(error, moving.v)
+    return moving.x + 0.5 * rig.resolution * error
 
 
 def move(rig: Rig, body: Body, time_ns: int, end: float, force: float, motion: Floats) -> Body:
@@ -182,27 +182,27 @@ def loop(law: str) -> Loop:
     def run(
         rig: Rig, device: DeviceConstants, course: Course, trace: Floats, motion: Floats
     ) -> int:
-        instants, targets = course.instants_ns, course.targets
+        instants, targets, answered, engagement, answers, chances, errors = course
         body = Body(Moving(targets[0], 0.0, 0.0, 0.0, 0.0), 0.0, targets[0], instants[0], 0)
-        sample, velocity = read(rig, body.moving, course.errors[0]), 0.0
+        sample, velocity = read(rig, body.moving, errors[0]), 0.0
         axis, memory, state = start_axis(sample), NO_MEMORY, start(device)
         sampled_ns = written_ns = instants[0]
-        for k in range(course.answered.size):
+        for k in range(answered.size):
             sample_ns, write_ns = instants[2 * k], instants[2 * k + 1]
             cut_ns = written_ns + rig.hold_ns
             body = move_on(rig, body, sample_ns, targets[2 * k], axis.force, cut_ns, motion)
-            reading = read(rig, body.moving, course.errors[k])
+            reading = read(rig, body.moving, errors[k])
             dt = (sample_ns - sampled_ns) * 1e-9
             if k > 0:
                 gain = low_pass_gain(rig.cutoff, dt)
                 velocity = low_pass(velocity, (reading - sample) / dt, gain)
             sample, sampled_ns = reading, sample_ns
             elapsed = (sample_ns - instants[0]) * 1e-9
-            course.answers[k] = answer(rig, sample, velocity, elapsed, course.chances[k])
+            answers[k] = answer(rig, sample, velocity, elapsed, chances[k])
             body = move_on(rig, body, write_ns, targets[2 * k + 1], axis.force, cut_ns, motion)
-            reading = read(rig, body.moving, course.errors[k])
-            entry, share = course.answered[k], course.engagement[k]
-            commanded = share * course.answers[entry] if entry >= 0 else 0.0
+            reading = read(rig, body.moving, errors[k])
+            entry, share = answered[k], engagement[k]
+            commanded = share * answers[entry] if entry >= 0 else 0.0
             wanted, largest, limit = commanded, share * rig.saturation, 0.0
             if abs(wanted) > largest:
                 wanted = largest / abs(wanted) * wanted
@@ -230,7 +230,7 @@ def loop(law: str) -> Loop:
             )
             for column, value in enumerate(columns):
                 trace[k, column] = value
-        return course.answered.size
+        return answered.size
 
     allow_in_kernels([start, settle, energy, bound])
     return jit(run)

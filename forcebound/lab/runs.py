@@ -4,6 +4,8 @@ What the loop serves it runs to the same bits (``tests/test_one_axis.py``). What
 a packet never depends on the forces in it. So a run of the graph with nobody at the device gives
 the timing: which answer each tick has, how far the force is engaged, what is rejected. Cases that
 differ in nothing that decides it share it.
+
+    python -m forcebound.lab.runs        which shipped launch files the loop serves
 """
 
 import sys
@@ -30,7 +32,6 @@ from forcebound.lab.one_axis import (
     TRACE,
     Course,
     Floats,
-    Integers,
     Rig,
     loop,
 )
@@ -125,28 +126,29 @@ def run_compiled(config: GraphConfig) -> RunResult | None:
     Raises:
         RunError: If the run is too short to have a sample.
     """
-    hand = config.operator or NoHand()
+    servo, timing = config.device.servo, timing_of(config)
+    trace = np.zeros((timing.seq.size, len(TRACE)))
+    device = LAWS[servo.law].device(dissipation_of(config.device.model, servo))
+    run = loop(servo.law)
+    if run(rig_of(config), device, course_of(config), trace, NO_MOTION) < timing.seq.size:
+        return None
+    columns: dict[str, Any] = {}
+    for name, column in zip(TRACE, trace.T.copy(), strict=True):
+        columns[name] = column.reshape(getattr(timing, name).shape)
+    return RunResult(replace(timing, **columns), to_document(config))
+
+
+def rig_of(config: GraphConfig) -> Rig:
+    """Return device, hand and environment of a graph that the loop serves."""
     model: Any = config.device.model
-    servo, environment = config.device.servo, config.environment
+    hand, servo = config.operator or NoHand(), config.device.servo
     relied_on = dissipation_of(model, servo)
-    timing = timing_of(config)
-    instants_ns = np.stack((timing.time_ns - servo.reply_wait_ns, timing.time_ns), axis=1).ravel()
-    targets = _targets if getattr(hand, "file", None) is None else _targets.__wrapped__
-    ticks = timing.seq.size
-    number, fields = ENVIRONMENTS[kind_of("environment", environment.model)]
-    numbers = [float(getattr(environment.model, name)) for name in fields]
-    a, b, c, d = (numbers + [0.0] * 4)[:4]
-    rig = Rig(
-        Axis(
-            model.mass + hand.mass,
-            model.damping,
-            model.friction,
-            0.0,
-            0.0,
-            0.0,
-            hand.stiffness,
-            hand.damping,
-        ),
+    place = config.environment.model
+    environment, fields = ENVIRONMENTS[kind_of("environment", place)]
+    a, b, c, d = (*(float(getattr(place, name)) for name in fields), 0.0, 0.0, 0.0)[:4]
+    mass, damping, friction = model.mass + hand.mass, model.damping, model.friction
+    return Rig(
+        Axis(mass, damping, friction, 0.0, 0.0, 0.0, hand.stiffness, hand.damping),
         hand_mass=hand.mass,
         substep=model.substep,
         pieces=1,
@@ -155,12 +157,19 @@ def run_compiled(config: GraphConfig) -> RunResult | None:
         hold_ns=round(relied_on.hold_limit * 1e9),
         largest_speed=relied_on.largest_speed,
         cutoff=servo.velocity_cutoff,
-        environment=number,
+        environment=environment,
         numbers=(a, b, c, d),
     )
+
+
+def course_of(config: GraphConfig) -> Course:
+    """Return what in a run of a graph does not depend on forces."""
+    timing, servo, hand = timing_of(config), config.device.servo, config.operator or NoHand()
+    ticks = timing.seq.size
+    targets = _targets if getattr(hand, "file", None) is None else _targets.__wrapped__
     nothing = np.zeros(ticks)
-    course = Course(
-        instants_ns,
+    return Course(
+        np.stack((timing.time_ns - servo.reply_wait_ns, timing.time_ns), axis=1).ravel(),
         targets(hand, servo.period_ns, servo.reply_wait_ns, ticks),
         timing.device_seq,
         timing.engagement,
@@ -168,14 +177,6 @@ def run_compiled(config: GraphConfig) -> RunResult | None:
         chances=nothing,
         errors=nothing,
     )
-    trace = np.zeros((ticks, len(TRACE)))
-    law = servo.law
-    if loop(law)(rig, LAWS[law].device(relied_on), course, trace, NO_MOTION) < ticks:
-        return None
-    columns: dict[str, Any] = {}
-    for name, column in zip(TRACE, trace.T.copy(), strict=True):
-        columns[name] = column.reshape(getattr(timing, name).shape)
-    return RunResult(replace(timing, **columns), to_document(config))
 
 
 @lru_cache(maxsize=64)
@@ -213,3 +214,14 @@ def _timing(
     controller = DirectController()
     config = GraphConfig(seed, duration, device, None, environment, controller, links=dict(links))
     return run_virtual(config).columns
+
+
+def coverage() -> Iterator[tuple[str, str]]:
+    """Yield each shipped launch file, and what of it the loop does not serve; empty: nothing."""
+    for file in shipped():
+        yield file.removesuffix(".yaml"), ", ".join(unserved(load(file)))
+
+
+if __name__ == "__main__":
+    for name, reasons in coverage():
+        sys.stdout.write(f"| `{name}` | {reasons or 'served'} |\n")
