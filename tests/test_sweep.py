@@ -81,14 +81,14 @@ def test_an_argument_on_the_command_line_no_longer_varies(tmp_path: Path) -> Non
         ("from: 1 N/mm", "from: 0 N/mm", 9, "a log range needs values > 0"),
         ("from: 1 N/mm", "from: soft", 9, "expected a number"),
         ("[certified, none]", "[]", 8, "no case"),
-        ("[certified, none]", "{ all: lows }", 8, "did you mean 'laws'?"),
+        ("[certified, none]", "{ all: lows }", 8, "expected 'laws'"),
         ("duration: 50 ms", "duration: 5 mm", 5, "duration"),
         ("x: stiffness", "x: stifness", 10, "did you mean 'stiffness'?"),
         ("launch: stiff_wall", "launch: stif_wall", 4, "no launch file"),
         ("x: stiffness", "limits: [encodr], x: stiffness", 10, "did you mean 'encoder'?"),
         ("x: stiffness", "limits: encoder, x: stiffness", 10, "limits: expected a list"),
         ("set: {", "set: { stiffness: 1 N/mm,", 6, "also varies"),
-        ("forcebound: 1", "forcebound: 2", 2, "version"),
+        ("forcebound: 1", "forcebound: 2", 2, "expected 1"),
     ],
 )
 def test_a_mistake_in_a_sweep_file_is_shown_at_its_place(

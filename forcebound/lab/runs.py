@@ -26,6 +26,7 @@ from forcebound.controllers.direct import DirectController
 from forcebound.devices.extended import Axis
 from forcebound.devices.phantom import PhantomPremium15
 from forcebound.environments.wall import Wall
+from forcebound.errors import RunError
 from forcebound.lab.one_axis import (
     ENVIRONMENTS,
     NO_MOTION,
@@ -46,6 +47,8 @@ from forcebound.operators.pointer import PointerHand
 from forcebound.telemetry import TelemetryColumns
 
 Engine: TypeAlias = Literal["kernel", "graph"]
+
+MAX_TICKS = 1_000_000  # a case keeps some 200 bytes of each
 
 #: The stages of the safety chain that the loop stands for.
 STAGES = (safety.fresh, safety.ramp)
@@ -81,6 +84,8 @@ def run_all(configs: Sequence[GraphConfig], engine: Engine | None = None) -> lis
 def _run(config: GraphConfig, engine: Engine | None) -> Ran:
     result = None
     try:
+        if config.duration * config.device.servo.rate > MAX_TICKS:
+            raise RunError(f"a case has at most {MAX_TICKS} ticks; use a shorter duration")
         if engine != "graph" and not any(unserved(config)):
             result = run_compiled(config)
         return Ran("graph", run_virtual(config)) if result is None else Ran("kernel", result)
