@@ -27,15 +27,7 @@ from forcebound.devices.extended import Axis
 from forcebound.devices.phantom import PhantomPremium15
 from forcebound.environments.wall import Wall
 from forcebound.errors import RunError
-from forcebound.lab.one_axis import (
-    ENVIRONMENTS,
-    NO_MOTION,
-    TRACE,
-    Course,
-    Floats,
-    Rig,
-    loop,
-)
+from forcebound.lab.one_axis import ENVIRONMENTS, NO_MOTION, TRACE, Course, Floats, Rig, loop
 from forcebound.launch.results import RunResult
 from forcebound.launch.virtual import run_virtual
 from forcebound.network.impairment import Impairment
@@ -207,7 +199,7 @@ def timing_of(config: GraphConfig) -> TelemetryColumns:
     return timing(0 if is_fixed else config.seed, config.duration, servo, environment, links)
 
 
-@lru_cache(maxsize=256)
+@lru_cache(maxsize=64)  # some MB each
 def _timing(
     seed: int,
     duration: float,
@@ -215,10 +207,9 @@ def _timing(
     environment: EnvironmentConfig,
     links: tuple[tuple[str, Impairment], ...],
 ) -> TelemetryColumns:
-    device = DeviceConfig(PhantomPremium15(), servo)
-    controller = DirectController()
-    config = GraphConfig(seed, duration, device, None, environment, controller, links=dict(links))
-    return run_virtual(config).columns
+    device = DeviceConfig(PhantomPremium15(watchdog="silent"), servo)
+    parts = (device, None, environment, DirectController())
+    return run_virtual(GraphConfig(seed, duration, *parts, links=dict(links))).columns
 
 
 def coverage() -> Iterator[tuple[str, str]]:
