@@ -16,9 +16,9 @@ from forcebound.lab import one_axis, runs
 from forcebound.lab.runs import coverage, run_all, unserved
 from forcebound.launch.virtual import run_virtual
 from forcebound.network.impairment import GilbertElliott, Impairment, Outage
+from forcebound.operators.hands import SinusoidalHand
+from forcebound.operators.paths import TrajectoryHand
 from forcebound.operators.pointer import PointerHand
-from forcebound.operators.sinusoidal import SinusoidalHand
-from forcebound.operators.trajectory import TrajectoryHand
 
 LISTED = dict(coverage())
 SERVED = [name for name, reasons in LISTED.items() if not reasons]

@@ -25,11 +25,13 @@ from forcebound.compiled import allow_in_kernels, jit
 from forcebound.devices.extended import Axis, Moving, advance_extended
 from forcebound.devices.plant import quantise
 from forcebound.environments.adversary import active_wall_force, pushing_force
-from forcebound.environments.damped_wall import damped_wall_force
-from forcebound.environments.damper import damper_force
-from forcebound.environments.power_law_wall import power_law_force
-from forcebound.environments.time_varying_wall import time_varying_force
-from forcebound.environments.wall import wall_force
+from forcebound.environments.walls import (
+    damped_wall_force,
+    damper_force,
+    power_law_force,
+    time_varying_force,
+    wall_force,
+)
 from forcebound.nodes.velocity import low_pass, low_pass_gain
 
 Floats: TypeAlias = NDArray[np.float64]

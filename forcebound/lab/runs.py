@@ -25,7 +25,7 @@ from forcebound.config.resolved import kind_of, to_document
 from forcebound.controllers.direct import DirectController
 from forcebound.devices.extended import Axis
 from forcebound.devices.phantom import PhantomPremium15
-from forcebound.environments.wall import Wall
+from forcebound.environments.walls import Wall
 from forcebound.errors import RunError
 from forcebound.lab.one_axis import ENVIRONMENTS, NO_MOTION, TRACE, Course, Floats, Rig, loop
 from forcebound.launch.results import RunResult
@@ -34,7 +34,7 @@ from forcebound.network.impairment import Impairment
 from forcebound.nodes import safety
 from forcebound.nodes.servo import ServoSettings, dissipation_of
 from forcebound.operators import Operator
-from forcebound.operators.no_hand import NoHand
+from forcebound.operators.hands import NoHand
 from forcebound.operators.pointer import PointerHand
 from forcebound.telemetry import TelemetryColumns
 
