@@ -85,9 +85,9 @@ def attack(law: str, case: Case) -> tuple[Result, Floats]:
         case.saturation / np.maximum(magnitude, case.saturation) * columns["commanded_force"],
         columns["commanded_force"],
     )
-    trace = np.stack(
+    trace: Floats = np.stack(
         [
-            times_ns[1:] * 1e-9,
+            np.multiply(times_ns[1:], 1e-9, dtype=np.float64),
             columns["true_position"],
             columns["position"],
             commanded,
