@@ -47,16 +47,6 @@ class SerialDevice(Device):
         if self._line.truth is not None:
             self._line.truth.engage(time_ns)
 
-    def hand_over(self) -> bool:
-        """Let an emulated hand have the device in the pose of its set-up until :meth:`engage`.
-
-        Returns:
-            Whether there is one.
-        """
-        if self._line.truth is not None:
-            self._line.truth.announce()
-        return self._line.truth is not None
-
     def stamps(self) -> tuple[int, int]:
         """Return when reading and force were; see :class:`forcebound.devices.Device`."""
         return self._read_ns, max(self._effect_ns, self._read_ns)
