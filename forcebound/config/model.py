@@ -95,8 +95,8 @@ def _completed(root: Value) -> Value:
     return root.with_entries(entries)
 
 
-def make_part(section: str, value: Value, problems: Problems) -> Any:
-    """Return the part of a section alone, without the settings that stand beside it.
+def make_part(section: str, value: Value, problems: Problems, is_whole: bool = False) -> Any:
+    """Return the part of a section alone, or the whole section with the settings beside it.
 
     Raises:
         ConfigError: With all ``problems``.
@@ -104,8 +104,11 @@ def make_part(section: str, value: Value, problems: Problems) -> Any:
     kind = _class_of(section, value, problems)
     made: dict[str, Any] = {}
     if kind is not None:
-        form = Form(section, {"kind": _KIND, **fields_of(kind)}, partial(_part, section, kind))
-        made = form.read(value, problems)
+        beside, make = (
+            (BESIDE.get(section, {}), _MAKE.get(section, _part)) if is_whole else ({}, _part)
+        )
+        fields = {"kind": _KIND, **fields_of(kind), **beside}
+        made = Form(section, fields, partial(make, section, kind)).read(value, problems)
     problems.raise_if_any()
     return made[""]
 
