@@ -243,10 +243,17 @@ class _Rerun:
             self._chain.states = list(before)
             self._chain.use(command)
             demand = self._chain.demand(packet.time_ns)
-            if (demand.force, demand.engagement) == (packet.commanded_force, packet.engagement):
+            forces = demand.force, self._formerly(command.force, demand.engagement)
+            if packet.commanded_force in forces and packet.engagement == demand.engagement:
                 break
         self._found.unknown_commands += command is missing
         self._found.commands += command is not missing
+
+    def _formerly(self, force: Vector, engagement: float) -> Vector:
+        """Return a commanded force as recordings before wire format 4 have it: saturated."""
+        saturation = self._config.model.saturation
+        scale = engagement * (saturation / max(math.hypot(*force), saturation))
+        return tuple([scale * f for f in force])
 
 
 def _are_same(new: Vector, old: Vector) -> bool:
