@@ -175,6 +175,48 @@ def test_a_force_that_no_recorded_command_gives_is_found(tmp_path: Path) -> None
     assert (found.unknown_commands, found.is_same) == (1, False)
 
 
+class OwnDevice(FakeDevice):
+    """A device that moves evenly, and can be given a hold limit or not."""
+
+    takes_limit = False
+
+    def read(self, time_ns: int) -> Vector:
+        return (1e-10 * time_ns,)
+
+    def set_hold_limit(self, seconds: float) -> float | None:
+        return seconds if self.takes_limit else None
+
+
+@dataclass(frozen=True, kw_only=True)
+class OwnModel(DeviceModel):
+    axes = 1
+
+    def open(self, operator: Operator | None, hold_limit: float) -> Device:
+        return OwnDevice()
+
+
+@pytest.mark.parametrize("takes_limit", [True, False])
+def test_the_recording_states_whether_a_device_takes_a_hold_limit(
+    tmp_path: Path, takes_limit: bool
+) -> None:
+    path, servo, device = tmp_path / "run.mcap", ServoSettings(engage_time=0.0), OwnDevice()
+    device.takes_limit = takes_limit
+    model = OwnModel(damping=0.5, saturation=8.5)
+    node = DeviceNode(device, dissipation_of(model, servo), servo)
+    node.engage()
+    received: list[Packet] = []
+    with Recorder(path, {"launch": "{}"}) as recorder:
+        for _ in range(600):
+            sent = node.step(node.wake_ns, received)
+            received = [answer(one, (3.0,), one.seq) for one in sent if isinstance(one, DeviceState)]
+            for packet in (*sent, *received):
+                recorder.write(packet)
+    found = verify(read(path), DeviceConfig(model, servo))
+    assert found.is_same
+    assert found.commands > 250
+    assert any(packet.applied_force != (0.0,) for packet in telemetry(path))
+
+
 @pytest.mark.parametrize("option", ["--live", "--network", "--environment", "--duration=1s"])
 def test_verification_takes_no_option_of_a_run(tmp_path: Path, option: str) -> None:
     path = recorded(tmp_path / "run.mcap", "stiff_wall", duration=0.01)
