@@ -3,6 +3,7 @@
 import json
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from dataclasses import replace as with_fields
 from pathlib import Path
 from typing import Any
@@ -10,16 +11,21 @@ from typing import Any
 import pytest
 from builders import telemetry_packet
 from click.testing import CliRunner, Result
+from fakes import FakeDevice, answer
 from msgspec.structs import replace
 
 from forcebound.cli import main
 from forcebound.config.graph import DeviceConfig
 from forcebound.config.loader import load
+from forcebound.devices import Device, DeviceModel
 from forcebound.errors import ConfigError
 from forcebound.launch.build import build_device, build_node
 from forcebound.launch.results import run_metadata
 from forcebound.launch.virtual import run_virtual
-from forcebound.messages.packets import TOPICS, Telemetry
+from forcebound.messages.packets import TOPICS, DeviceState, Packet, Telemetry, Vector
+from forcebound.nodes.device import DeviceNode
+from forcebound.nodes.servo import ServoSettings, dissipation_of
+from forcebound.operators import Operator
 from forcebound.operators.trajectory import TrajectoryHand
 from forcebound.recording import Recorder, read
 from forcebound.recordings.rerun import device_of, graph_of
@@ -201,14 +207,23 @@ def test_the_recording_states_whether_a_device_takes_a_hold_limit(
 ) -> None:
     path, servo, device = tmp_path / "run.mcap", ServoSettings(engage_time=0.0), OwnDevice()
     device.takes_limit = takes_limit
-    model = OwnModel(damping=0.5, saturation=8.5)
+    model = OwnModel(
+        damping=0.5,
+        friction=0.2,
+        resolution=0.0,
+        saturation=8.5,
+        watchdog="silent",
+        watchdog_tolerance=0.1,
+    )
     node = DeviceNode(device, dissipation_of(model, servo), servo)
     node.engage()
     received: list[Packet] = []
     with Recorder(path, {"launch": "{}"}) as recorder:
         for _ in range(600):
             sent = node.step(node.wake_ns, received)
-            received = [answer(one, (3.0,), one.seq) for one in sent if isinstance(one, DeviceState)]
+            received = [
+                answer(one, (3.0,), one.seq) for one in sent if isinstance(one, DeviceState)
+            ]
             for packet in (*sent, *received):
                 recorder.write(packet)
     found = verify(read(path), DeviceConfig(model, servo))
