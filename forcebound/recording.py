@@ -19,12 +19,12 @@ import json
 import math
 from collections import deque
 from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import AbstractContextManager
 from functools import cache, cached_property
 from operator import attrgetter
 from os import PathLike
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Literal, Self
+from typing import Any, Literal
 
 import msgspec
 from mcap.records import Metadata
@@ -54,7 +54,7 @@ _encode = Encoder(enc_hook=plain).encode  # a number that is not finite becomes 
 _decode = msgspec.json.Decoder(dict[str, Any]).decode
 
 
-class Recorder:
+class Recorder(AbstractContextManager["Recorder"]):
     """Writes packets to an MCAP file; a context manager.
 
     Args:
@@ -133,15 +133,7 @@ class Recorder:
         """Close the file without index and footer, so that it reads as incomplete."""
         self._file.close()
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
 

@@ -111,7 +111,6 @@ def test_a_file_made_here_is_read(path: Path) -> None:
     recording = read(path)
     assert recording.complete
     assert recording.telemetry.seq.size == 20
-    assert use("plot", path).exit_code == 0
     assert use("delay", path).exit_code == 0
 
 
@@ -255,7 +254,6 @@ def test_a_launch_file_that_is_none_is_refused(path: Path, launch: Any) -> None:
     result = use("plot", path)
     assert result.exit_code == 2
     assert result.output.startswith("forcebound: ")
-    use("delay", path)
 
 
 def test_what_no_reader_has_foreseen_is_a_sentence_too(path: Path) -> None:

@@ -74,22 +74,24 @@ def test_less_friction_in_a_corner_is_found_out() -> None:
     middle = FiveBar().angles((0.0, 0.0))
     assert middle is not None
     spot = WeakSpot(centre=(middle[0] + 0.25, middle[1] + 0.25), radius=0.15, share=0.5)
-    found = found_of(FiveBar(truth=TrueJoints(weak_spot=spot), substep=2.5e-4), ARM)
+    plan = dataclasses.replace(ARM, poses=(0.0, 1.0), pushes=2, strokes=4)
+    found = found_of(FiveBar(truth=TrueJoints(weak_spot=spot), substep=2.5e-4), plan)
     for axis in found.axes:
         assert 0.7 * 0.5 * 4e-3 <= axis.friction.lower <= 0.5 * 4e-3
         weakest = min(axis.friction_of_parts, key=lambda cell: axis.friction_of_parts[cell])
-        assert weakest[0] == len(ARM.poses) - 1  # the other axis at its far end
+        assert weakest[0] == 1  # the other axis at its far end
         assert weakest[1] >= ARM.parts - 3  # and this one, too
 
 
 @pytest.mark.no_cover
 def test_weight_and_cogging_are_no_friction() -> None:
     weight = PhantomPremium15(truth=TrueAxes(weight=0.05), substep=2.5e-4)
-    (axis,) = found_of(weight, KNOB).axes
+    plan = dataclasses.replace(KNOB, pushes=2, strokes=4)
+    (axis,) = found_of(weight, plan).axes
     assert axis.load.estimate == pytest.approx(0.05, abs=1e-3)
     assert 0.05 <= axis.load.upper <= 0.055
     assert 0.9 * 0.12 <= axis.friction.lower <= 0.12
-    (axis,) = found_of(PhantomPremium15(substep=2.5e-4), KNOB, Cogging).axes
+    (axis,) = found_of(PhantomPremium15(substep=2.5e-4), plan, Cogging).axes
     assert axis.load.upper >= 0.012  # means over parts of 5 mm
     assert 0.9 * 0.27 <= axis.damping.lower <= 0.27
     assert 0.9 * 0.12 <= axis.friction.lower <= 0.12
@@ -119,7 +121,7 @@ class Interrupted(Altered):
         return force
 
 
-@pytest.mark.parametrize("ticks", [100, 450, 1500, 6000, 27_000, 42_000])
+@pytest.mark.parametrize("ticks", [100, 1500, 6000, 27_000])
 def test_an_interrupted_identification_leaves_no_force(ticks: int) -> None:
     model = PhantomPremium15(substep=1e-3)
     device = Interrupted(model.open(None, 1.25e-3))
