@@ -10,11 +10,10 @@ from typing import Any
 
 import pytest
 from builders import telemetry_packet
-from click.testing import CliRunner, Result
 from fakes import FakeDevice, answer
+from invoking import invoke
 from msgspec.structs import replace
 
-from forcebound.cli import main
 from forcebound.config.graph import DeviceConfig
 from forcebound.config.loader import load
 from forcebound.devices import Device, DeviceModel
@@ -26,7 +25,7 @@ from forcebound.messages.packets import TOPICS, DeviceState, Packet, Telemetry, 
 from forcebound.nodes.device import DeviceNode
 from forcebound.nodes.servo import ServoSettings, dissipation_of
 from forcebound.operators import Operator
-from forcebound.operators.trajectory import TrajectoryHand
+from forcebound.operators.paths import TrajectoryHand
 from forcebound.recording import Recorder, read
 from forcebound.recordings.rerun import device_of, graph_of
 from forcebound.recordings.verification import Verified, verify
@@ -67,10 +66,6 @@ def rewritten(path: Path, launch: dict[str, Any]) -> Path:
 
 def telemetry(path: Path) -> list[Telemetry]:
     return [packet for packet in read(path).packets("telemetry") if isinstance(packet, Telemetry)]
-
-
-def invoke(*words: object) -> Result:
-    return CliRunner().invoke(main, [str(word) for word in words], catch_exceptions=False)
 
 
 # --- Verification --------------------------------------------------------------------------------

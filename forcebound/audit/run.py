@@ -20,8 +20,7 @@ from forcebound.bounding.sample import NO_MEMORY, start_axis
 from forcebound.compiled import allow_in_kernels, jit
 from forcebound.devices.plant import advance, quantise
 from forcebound.environments.adversary import active_wall_force, pushing_force
-from forcebound.environments.damper import damper_force
-from forcebound.environments.wall import wall_force
+from forcebound.environments.walls import damper_force, wall_force
 
 SUBSTEPS = 8  # plant steps in a hold
 EARNED = 1e-5  # J; below this loss plus work, the share left has no meaning

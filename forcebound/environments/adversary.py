@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from forcebound.environments import StatelessEnvironment
-from forcebound.environments.damper import damper_force
-from forcebound.environments.wall import on_first_axis
+from forcebound.environments.walls import damper_force, on_first_axis
 from forcebound.messages.packets import Vector
 from forcebound.quantities import (
     POSITIVE,
