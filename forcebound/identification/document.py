@@ -188,8 +188,10 @@ def document_of(
     device = {name: value for name, value in values.items() if name in kept}
     if serial and "serial_number" in defaults:
         device["serial_number"] = serial
-    lag = lag_of(found)
-    further = {"lag": [] if lag is None else [lag], "gain": found.gain}
+    numbers_found = {
+        name: {"found": _short(one.found), "stated": values[name], "method": METHODS[name]}
+        for name, one in numbers.items()
+    }
     return {
         "forcebound": 1,
         **({"include": included} if included else {}),
@@ -199,33 +201,35 @@ def document_of(
             "serial_number": serial,
             "plan": dict(plan),
             "range": _short(found.measured_range),
-            "numbers": {
-                name: {
-                    "found": _short(one.found),
-                    "stated": values[name],
-                    "method": METHODS[name],
-                }
-                for name, one in numbers.items()
-            },
-            **{
-                name: {
-                    "found": _short([one.estimate for one in each]),
-                    "lower": _short([one.lower for one in each]),
-                    "upper": _short([one.upper for one in each]),
-                }
-                for name, each in further.items()
-                if each
-            },
-            "load": [
-                {"mean": _short(axis.load.estimate), "largest": _short(axis.load.upper)}
-                for axis in found.axes
-            ],
-            "inertia": _short([axis.inertia for axis in found.axes]),
-            "interval": {
-                "median": _short(found.interval.estimate),
-                "longest": _short(found.interval.upper),
-            },
+            "numbers": numbers_found,
+            **_further(found),
         },
+    }
+
+
+def _further(found: Found) -> dict[str, Any]:
+    """Return what is found beside the numbers of a device."""
+    lag = lag_of(found)
+    both = {"lag": [] if lag is None else [lag], "gain": found.gain}
+    bounds = {
+        name: {
+            "found": _short([one.estimate for one in each]),
+            "lower": _short([one.lower for one in each]),
+            "upper": _short([one.upper for one in each]),
+        }
+        for name, each in both.items()
+        if each
+    }
+    loads = [
+        {"mean": _short(axis.load.estimate), "largest": _short(axis.load.upper)}
+        for axis in found.axes
+    ]
+    interval = found.interval
+    return {
+        **bounds,
+        "load": loads,
+        "inertia": _short([axis.inertia for axis in found.axes]),
+        "interval": {"median": _short(interval.estimate), "longest": _short(interval.upper)},
     }
 
 
