@@ -2,9 +2,8 @@ r"""Audits of bounding laws: ground-truth energy under adversaries.
 
 A run takes a device, a hand, an adversary and a bad clock (:mod:`forcebound.audit.cases`), drawn at
 random or found by a search for the lowest energy (:mod:`forcebound.audit.search`), and integrates
-them with the same plant step (:func:`forcebound.devices.plant.advance`) and the same law functions
-(:data:`forcebound.bounding.LAWS`) as the live nodes, compiled. At every sub-step it records,
-invisible to the law,
+them in the compiled loop of sweeps (:mod:`forcebound.lab.one_axis`), with the plant step and the
+laws of the live nodes. At every sub-step it records, invisible to the law,
 
 * the *hand's energy* :math:`\int F_h v\,dt`: non-negative in the paper's Eq. 1;
 * the *loss plus work*: viscous loss, friction loss and work against the motor. It equals the hand's

@@ -20,7 +20,7 @@ from forcebound.analysis.bounder import REPORTED
 from forcebound.config.graph import GraphConfig
 from forcebound.config.loader import build
 from forcebound.errors import ConfigError, ForceboundError
-from forcebound.sweep.engine import run_all
+from forcebound.lab.runs import run_all
 from forcebound.sweep.parts import PartFolder, Row, digest_of, parts_of
 from forcebound.sweep.plan import Sweep
 from forcebound.units import to_si
