@@ -14,12 +14,7 @@ from forcebound.environments import (
     StatelessEnvironment,
     open_environment,
 )
-from forcebound.environments.adversary import (
-    ActiveWall,
-    NegativeDamper,
-    RandomForce,
-    VelocityPusher,
-)
+from forcebound.environments.active_wall import ActiveWall
 from forcebound.environments.contract import check
 from forcebound.environments.damped_wall import DampedWall
 from forcebound.environments.damper import Damper
@@ -100,30 +95,11 @@ def test_the_power_law_wall_is_the_linear_one_at_its_reference_and_softer_before
     assert wall.force("", (0.01025,), (0.0,), 0.0)[0] == pytest.approx(10.0 * 0.25**1.5)
 
 
-def test_the_damper_resists_motion_and_the_adversaries_push_along() -> None:
+def test_the_damper_resists_motion_and_an_active_wall_pushes_along_with_it() -> None:
     assert Damper(damping=5.0).force("", (0.0,), (0.2,), 0.0) == (1.0,)
-    assert NegativeDamper(damping=-5.0).force("", (0.0,), (0.2,), 0.0) == (-1.0,)
-    pusher = VelocityPusher(magnitude=2.0, threshold=0.001)
-    assert pusher.force("", (0.0, 0.0, 0.0), (0.1, -0.1, 0.0), 0.0) == (-2.0, 2.0, 0.0)
     assert ActiveWall().force("", (0.011,), (-0.1,), 0.0) > ActiveWall().force(
         "", (0.011,), (0.1,), 0.0
     )
-
-
-def test_the_random_force_is_spread_over_its_range_and_differs_by_seed_and_axis() -> None:
-    forces = [
-        RandomForce(magnitude=1.0, interval=0.001, seed=7).force(
-            "", (0.0, 0.0), (0.0, 0.0), 0.001 * k
-        )
-        for k in range(2000)
-    ]
-    first = [force[0] for force in forces]
-    assert abs(sum(first) / len(first)) < 0.05  # 3.9 standard errors
-    assert min(first) < -0.99
-    assert max(first) > 0.99
-    assert all(force[0] != force[1] for force in forces)
-    other = RandomForce(magnitude=1.0, interval=0.001, seed=8).force("", (0.0,), (0.0,), 0.0)
-    assert other[0] != first[0]
 
 
 @pytest.mark.parametrize(
@@ -132,7 +108,6 @@ def test_the_random_force_is_spread_over_its_range_and_differs_by_seed_and_axis(
         (lambda: Wall(stiffness=-1.0), "stiffness must be >= 0 N/m"),
         (lambda: PowerLawWall(exponent=0.0), "exponent must be > 0"),
         (lambda: PowerLawWall(reference=0.0), "reference must be > 0 m"),
-        (lambda: RandomForce(interval=0.0), "interval must be > 0 s"),
     ],
 )
 def test_parameters_without_meaning_are_refused(make: object, message: str) -> None:

@@ -18,12 +18,11 @@ from forcebound.environments.fixtures import (
     WithFixtures,
     WorkspaceLimit,
 )
-from forcebound.environments.proxy_adversary import HoledWall
+from forcebound.environments.solid import Shape, Solid
 from forcebound.environments.wall import Wall
 from forcebound.errors import ConfigError
 from forcebound.geometry.vectors import Vector3
 from forcebound.launch.virtual import run_virtual
-from forcebound.messages.packets import Contact
 
 STILL = (0.0, 0.0, 0.0)
 PLANE = GuidancePlane(point=(0.0, 0.0, 0.01), normal=(0.0, 0.0, 2.0), stiffness=400.0, reach=0.02)
@@ -94,11 +93,20 @@ def test_fixtures_beside_a_wall_add_to_its_force() -> None:
 
 def test_an_environment_that_is_opened_anew_tells_its_own_contact() -> None:
     behind = (0.02, 0.0, 0.0)
-    opened = open_environment(WithFixtures(HoledWall(holes=0.0), ALL), 3)
-    opened.force("", behind, STILL, 1.0)
-    change_environment(opened, WithFixtures(HoledWall(holes=0.0, position=0.015), ALL), 3)
-    opened.force("", behind, STILL, 1.0)
-    assert opened.contact("") == Contact((0.015, 0.0, 0.0), (-1.0, 0.0, 0.0))
+
+    def wall(x: float) -> WithFixtures:
+        plane = Shape("plane", axis=(-1.0, 0.0, 0.0), position=(x, 0.0, 0.0))
+        return WithFixtures(Solid(shapes=(plane,)), ALL)
+
+    opened = open_environment(wall(0.01), 3)
+    for place in ((0.0, 0.0, 0.0), behind):
+        opened.force("", place, STILL, 1.0)
+    opened = change_environment(opened, wall(0.015), 3)
+    for place in ((0.0, 0.0, 0.0), behind):
+        opened.force("", place, STILL, 2.0)
+    contact = opened.contact("")
+    assert contact is not None
+    assert contact.proxy == pytest.approx((0.015, 0.0, 0.0))
 
 
 FILE = """

@@ -15,7 +15,7 @@ from forcebound.bounding import LAWS
 from forcebound.config.graph import GraphConfig
 from forcebound.config.loader import load
 from forcebound.environments import ENVIRONMENTS
-from forcebound.environments.adversary import NegativeDamper
+from forcebound.environments.active_wall import ActiveWall
 from forcebound.launch.virtual import run_virtual
 from forcebound.network.impairment import Impairment
 from forcebound.operators.sinusoidal import SinusoidalHand
@@ -141,7 +141,7 @@ def test_what_the_kernel_does_not_know_goes_through_the_graph() -> None:
     config = case(seconds=0.02)
     model: Any = config.device.model
     two_axes = replace(config.device, model=replace(model, axes=2))
-    hurting = replace(config.environment, model=NegativeDamper())
+    hurting = replace(config.environment, model=ActiveWall())
     configs = [replace(config, device=two_axes), replace(config, environment=hurting), config]
     assert [ran.engine for ran in run_all(configs)] == ["graph", "graph", "kernel"]
     assert [ran.engine for ran in run_all(configs, engine="graph")] == ["graph"] * 3

@@ -28,7 +28,7 @@ def test_a_study_explains_its_options(name: str) -> None:
 
 
 def test_a_short_fit_of_table_1_prints_a_hand() -> None:
-    pytest.importorskip("cma", reason="cma is not installed (extra: fit)")
+    pytest.importorskip("cma", reason="cma is not installed (extra: lab)")
     done = study("fit_table1.py", "--seconds", "0.1")
     assert done.returncode == 0, done.stderr
     errors = re.search(r"all ([\d.]+)  fitted ([\d.]+)  predicted ([\d.]+)", done.stdout)

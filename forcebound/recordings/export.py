@@ -182,7 +182,7 @@ def _parquet() -> Callable[[Path, Sequence[_Column]], _Table]:
         import pyarrow as pa
         import pyarrow.parquet as pq
     except ImportError as missing:
-        needed = "Parquet files need pyarrow: pip install 'forcebound[sweep]', or use --csv"
+        needed = "Parquet files need pyarrow: pip install 'forcebound[lab]', or use --csv"
         raise ConfigError(needed) from missing
 
     class Parquet:

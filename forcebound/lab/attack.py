@@ -13,15 +13,16 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from forcebound.audit.cases import PERIOD, Case, case_of, dissipation_of
 from forcebound.bounding import ENERGY_TOLERANCE, LAWS, DeviceConstants, check_law
 from forcebound.bounding.one_axis import one_axis
 from forcebound.bounding.sample import NO_MEMORY, start_axis
 from forcebound.compiled import allow_in_kernels, jit
 from forcebound.devices.plant import advance, quantise
-from forcebound.environments.adversary import active_wall_force, pushing_force
+from forcebound.environments.active_wall import active_wall_force
 from forcebound.environments.damper import damper_force
 from forcebound.environments.wall import wall_force
+from forcebound.lab.adversaries import pushing_force
+from forcebound.lab.hands import PERIOD, Case, case_of, dissipation_of
 
 SUBSTEPS = 8  # plant steps in a hold
 EARNED = 1e-5  # J; below this loss plus work, the share left has no meaning
@@ -113,7 +114,7 @@ def attack(law: str, case: Case) -> tuple[Result, Floats]:
 
 
 def replay(law: str, name: str | int, seconds: float) -> tuple[Result, Floats]:
-    """Run a case again by its name; see :func:`attack` and :func:`forcebound.audit.case_of`.
+    """Run a case again by its name; see :func:`attack` and :func:`forcebound.lab.hands.case_of`.
 
     The same name with other ``seconds`` is the same run, cut.
     """
