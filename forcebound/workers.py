@@ -117,25 +117,18 @@ def progress_bar(name: str) -> Iterator[Callable[[int, int], None]]:
 
     The bar appears with the first call, so that errors in arguments are reported without it.
     """
+    from rich import progress
     from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
 
     columns = (
-        TextColumn(name),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TextColumn("left:"),
-        TimeRemainingColumn(elapsed_when_finished=False),
+        progress.TextColumn(name),
+        progress.BarColumn(),
+        progress.MofNCompleteColumn(),
+        progress.TimeElapsedColumn(),
+        progress.TextColumn("left:"),
+        progress.TimeRemainingColumn(elapsed_when_finished=False),
     )
-    bar = Progress(*columns, console=Console(stderr=True))
+    bar = progress.Progress(*columns, console=Console(stderr=True))
     task = bar.add_task(name, total=None)
     with ExitStack() as stack:
 

@@ -27,14 +27,13 @@ from forcebound.lab.engine import rows_of_each
 from forcebound.lab.hands import (
     ADVERSARIES,
     RANGES,
-    SENSORS,
     Case,
     case_of,
     difficulties,
     dissipation_of,
     draw_case,
 )
-from forcebound.lab.laws import NICHES, LawCase, cases, objective, section, summary
+from forcebound.lab.laws import NICHES, cases, section, summary
 from forcebound.lab.replay import lines
 from forcebound.lab.table import read_table
 
@@ -90,14 +89,6 @@ def test_the_compiled_audit_and_the_live_bounder_are_the_same_law_bit_by_bit(law
             assert bounded == (force,)
 
 
-def test_a_run_is_replayed_bit_by_bit_from_its_seed() -> None:
-    first, trace = replay("certified", 7, SECONDS)
-    again, trace_again = replay("certified", 7, SECONDS)
-    assert first == again
-    assert np.array_equal(trace, trace_again)
-    assert replay("certified", 8, SECONDS)[0].case != first.case
-
-
 def test_every_kind_of_trouble_occurs() -> None:
     cases = [draw_case(seed, SECONDS) for seed in range(300)]
     assert {case.adversary for case in cases} == set(range(6))
@@ -124,24 +115,7 @@ def test_a_searched_case_is_made_again_from_its_code() -> None:
         dissipation_of(case)  # refuses what is out of range
 
 
-@pytest.mark.parametrize("u", [0.0, 0.5, 1.0])
-def test_the_ends_of_the_code_are_the_ends_of_the_ranges(u: float) -> None:
-    case = case_of(encode((0, 0, 0), [u] * len(RANGES)), SECONDS)
-    assert 0.02 <= case.mass <= 0.5 * (1 + 1e-12)
-    assert 0.0 <= case.resolution <= 2e-4 * (1 + 1e-12)
-    assert 0 <= case.delay <= 60
-    assert 0.0 <= case.overruns <= 0.2 * (1 + 1e-12)
-
-
-@pytest.mark.parametrize("name", ["", "-1", "x1", "c0", "c" + "w" * 45, "c" + "9" * 45])
-def test_a_name_that_is_no_case_is_refused(name: str) -> None:
-    with pytest.raises(ConfigError, match="expected as case a seed or a code"):
-        case_of(name, SECONDS)
-
-
 def test_the_difficulties_of_a_case_are_named() -> None:
-    rough = difficulties(draw_case(1, SECONDS))
-    assert set(rough) >= {"delay", "quantisation", "jitter", "overrun", "loss", "hand"}
     exact = encode((0, 0, 0), [0.0] * len(RANGES))
     assert difficulties(case_of(exact, SECONDS)) == {
         "clock and reading": "steady, exact",
@@ -154,30 +128,6 @@ def test_the_difficulties_of_a_case_are_named() -> None:
         "overrun": "none",
         "hand": "to 0.1 N/mm",
     }
-
-
-def searched(law: str, niche: int, runs: int, seed: int, seconds: float) -> list[Result]:
-    return list(LawCase(law, niche, seed, runs, seconds).results())
-
-
-def test_the_search_finds_lower_energies() -> None:
-    niche = NICHES.index((ADVERSARIES.index("late_wall"), SENSORS.index("quantised")))
-    objectives = [
-        objective(result.loss_and_work_min, result.share_left)
-        for result in searched("none", niche, 150, 1, SECONDS)
-    ]
-    assert len(objectives) == 150
-    assert np.median(objectives[-48:]) < np.median(objectives[:48])
-    assert min(objectives) < -1e-3
-
-
-def test_the_search_is_the_same_for_the_same_seed() -> None:
-    first, again, other = (
-        [result.case.name for result in searched("certified", 3, 30, seed, 0.2)]
-        for seed in (5, 5, 6)
-    )
-    assert first == again
-    assert first != other
 
 
 def test_the_summary_and_the_page_say_which_law_is_passive_and_how_to_see_it_again() -> None:
@@ -197,7 +147,7 @@ def test_the_summary_and_the_page_say_which_law_is_passive_and_how_to_see_it_aga
             assert sum(cell["runs"] for cell in axis.values()) == 44
     text = "\n".join(section({"seconds": 0.5, "laws": rows}))
     assert "| `certified` | 0 | 0 | 0 |" in text
-    assert f"`none {rows[0]['case']}`" in text
+    assert f"| leaks | {rows[0]['case']} |" in text
     assert "#### Overrun" in text
 
 

@@ -12,7 +12,8 @@ from forcebound.environments import open_environment
 from forcebound.errors import ConfigError
 from forcebound.lab.adversaries import RandomForce, VelocityPusher, uniform
 from forcebound.lab.world_cases import NUMBERS, WORLDS, case_of
-from forcebound.lab.worlds import MARGIN, UNBOUNDED, WorldCase, attack, device_of, run
+from forcebound.lab.world_run import attack, device_of
+from forcebound.lab.worlds import MARGIN, UNBOUNDED, WorldCase, run
 
 GONE_WRONG = ("exploding_body", "holed_wall", "jumping_proxy")
 

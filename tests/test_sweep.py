@@ -1,7 +1,6 @@
 """Sweeps: plan files, results, interruption and continuation."""
 
 import re
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -16,16 +15,6 @@ from forcebound.lab.table import read_table
 from forcebound.sweep.command import run
 from forcebound.sweep.plan import SHIPPED, load_sweep, shipped
 from forcebound.sweep.runner import run_sweep
-
-
-def interrupt_at(most: int) -> Callable[[int, int], None]:
-    """Return a progress that presses Ctrl-C when so many cases are done."""
-
-    def progress(done: int, cases: int) -> None:
-        if done >= most:
-            raise KeyboardInterrupt
-
-    return progress
 
 
 def test_a_grid_has_every_combination_the_last_argument_fastest(tmp_path: Path) -> None:
@@ -169,43 +158,6 @@ def test_a_failed_case_is_a_row_with_its_error(tmp_path: Path) -> None:
     assert "did you mean 'certified'" in table["error"][3]
     assert table["engine"] == ["kernel"] * 3 + [None] * 3
     assert table["over.law"][3] == "certfied"
-
-
-def test_an_interrupted_sweep_goes_on_and_gives_the_same_bytes(tmp_path: Path) -> None:
-    sweep = load_sweep(written(tmp_path, SMALL.replace("count: 3", "count: 60")))
-    whole, cut = tmp_path / "whole.parquet", tmp_path / "cut.parquet"
-    run_sweep(sweep, whole)
-    with pytest.raises(KeyboardInterrupt):
-        run_sweep(sweep, cut, progress=interrupt_at(64))
-    assert not cut.exists()
-    document = run_sweep(sweep, cut)
-    assert 0 < document["resumed"] < 120
-    assert cut.read_bytes() == whole.read_bytes()
-
-
-def test_parts_of_another_sweep_are_refused_until_discarded(tmp_path: Path) -> None:
-    result = tmp_path / "one.parquet"
-    with pytest.raises(KeyboardInterrupt):
-        run_sweep(load_sweep(written(tmp_path, SMALL)), result, progress=interrupt_at(0))
-    other = load_sweep(tmp_path / "small.yaml", ["law:=aol"])
-    with pytest.raises(ConfigError, match="other cases"):
-        run_sweep(other, result)
-    assert run_sweep(other, result, restart=True)["cases"] == 3
-
-
-def test_the_result_of_another_sweep_is_replaced_only_if_that_is_wanted(tmp_path: Path) -> None:
-    result = tmp_path / "one.parquet"
-    sweep = load_sweep(written(tmp_path, SMALL))
-    run_sweep(sweep, result)
-    first = result.read_bytes()
-    other = load_sweep(tmp_path / "small.yaml", ["law:=aol"])
-    for restart in (False, True):
-        with pytest.raises(ConfigError, match=r"not a result of these cases.*--overwrite"):
-            run_sweep(other, result, restart=restart)
-    assert result.read_bytes() == first
-    run_sweep(sweep, result)
-    assert result.read_bytes() == first
-    assert run_sweep(other, result, overwrite=True)["cases"] == 3
 
 
 def test_a_file_that_is_no_result_is_not_replaced(tmp_path: Path) -> None:

@@ -197,6 +197,8 @@ class ForceBounder:
             time_ns: When it dropped the force, in ns.
             position: Reading of each axis then, in m.
         """
+        if time_ns == self._written_ns:
+            return  # the force before that write, which has acted until then
         self._cut_ns = time_ns
         if time_ns >= self._now_ns:
             self._sample(time_ns, position, 0.0, is_cut=True)

@@ -121,6 +121,8 @@ def holds(document: dict[str, Any]) -> bool:
 
 def lines(document: dict[str, Any]) -> Iterator[str]:
     """Yield the result of the campaigns for a terminal."""
-    yield from of_paths.lines(document.get("certificates", ()))
-    yield from of_laws.lines(document.get("laws", ()))
+    if "certificates" in document:
+        yield from of_paths.worst(document["certificates"])
+    if "laws" in document:
+        yield from of_laws.worst(document["laws"])
     yield f"{document['runs']} runs; repeat one with `forcebound audit replay LAW CASE`"

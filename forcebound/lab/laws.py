@@ -1,7 +1,6 @@
 """Audit of laws against hands, walls and bad clocks: random cases, and a search of each niche."""
 
 import re
-import textwrap
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
 
@@ -12,7 +11,7 @@ from forcebound.lab.attack import Result, attack, replay
 from forcebound.lab.cases import encode, search
 from forcebound.lab.engine import Row
 from forcebound.lab.hands import ADVERSARIES, RANGES, SENSORS, difficulties, draw_case
-from forcebound.lab.views import energy, groups, least, table, verdict
+from forcebound.lab.views import energy, groups, least, ranges, table, verdict
 
 NICHES = [(a, s) for a in range(len(ADVERSARIES)) for s in range(len(SENSORS))]
 LOSS = "loss_and_work_min_j"
@@ -156,7 +155,9 @@ with the same budget for each law; its cases are named by a code of their parame
 the search minimises the *share left*: the lowest ratio of the loss plus work to its earlier
 maximum.
 
-{ranges}
+The device is stated to the law as it is. An *overrun* is a period up to six times as long; every
+other one lasts 0.3 to 2 T. The numbers of the cases are drawn from these ranges, evenly or by their
+logarithm; many of them are 0 in some of the cases.
 """
 
 
@@ -168,11 +169,11 @@ def section(document: dict[str, Any]) -> Iterator[str]:
         tolerance=ENERGY_TOLERANCE,
         dimensions=len(RANGES),
         niches=len(NICHES),
-        ranges=describe_ranges(),
     )
+    yield from table(("number, SI units", "from", "to"), ranges(RANGES))
+    yield ""
     yield "### Worst case of each law\n"
-    heads = ("law", "lowest loss plus work", "random", "search", "share left", "verdict")
-    yield from table(heads, map(_worst, laws))
+    yield from worst(laws)
     balance = -min(row["balance_min_j"] for row in laws)
     yield (
         f"\nThe integrator's own error: a step of the plant has never made more than {balance:.0e}"
@@ -202,47 +203,19 @@ def section(document: dict[str, Any]) -> Iterator[str]:
         yield from table(("law", *names), ((f"`{law}`", *map(energy, one)) for law, one in lines))
 
 
+def worst(laws: Iterable[dict[str, Any]]) -> Iterator[str]:
+    """Yield a table of the worst case of each law; ``laws`` as of :func:`summary`."""
+    heads = ("law", "lowest loss plus work", "random", "search", "share left", "verdict", "case")
+    yield from table(heads, map(_worst, laws))
+
+
 def _worst(row: dict[str, Any]) -> tuple[str, ...]:
     kinds = [energy(row[kind][LOSS] if kind in row else None) for kind in ("random", "search")]
     left = "–" if row[LOSS] < -ENERGY_TOLERANCE else f"{row['share_left_min']:.2%}"
-    return (f"`{row['law']}`", energy(row[LOSS]), *kinds, left, row["verdict"])
+    return (f"`{row['law']}`", energy(row[LOSS]), *kinds, left, row["verdict"], row["case"])
 
 
 def _order(name: str) -> tuple[bool, float, str]:
     """No difficulty comes first, then ranges by their end, then words."""
     numbers = re.findall(r"[0-9.]+", name)
     return (name not in ("none", "exact"), float(numbers[-1]) if numbers else 0.0, name)
-
-
-def describe_ranges() -> str:
-    """Return the ranges of the parameters, as a paragraph of text."""
-
-    def ends(name: str, factor: float = 1.0) -> str:
-        return f"{RANGES[name].low * factor:g} to {most(name, factor)}"
-
-    def most(name: str, factor: float = 1.0) -> str:
-        return f"{RANGES[name].high * factor:g}"
-
-    low = RANGES["mass"].low + RANGES["hand_mass"].low
-    high = RANGES["mass"].high + RANGES["hand_mass"].high
-    hold = f"{1.0 + RANGES['hold_limit'].low:g} to {1.0 + RANGES['hold_limit'].high:g} T"
-    return textwrap.fill(
-        f"Ranges: moving mass {low:g} to {high:g} kg, b {ends('damping')} N s/m, "
-        f"f_c {ends('friction')} N, resolution none or {ends('resolution', 1e3)} mm, readings "
-        f"wrong by up to half of it in any way, saturation {ends('saturation')} N, hold limit "
-        f"{hold}, hand {ends('hand_stiffness')} N/m moving up to {most('amplitude', 1e3)} mm at up "
-        f"to {most('fast')} Hz; walls and active walls to {most('stiffness', 1e-3)} N/mm, negative "
-        f"dampers to {most('environment_damping')} N s/m, random forces and forces along the "
-        f"velocity to {most('magnitude')} N, all up to {most('delay')} samples late; up to "
-        f"{most('loss', 100)} % of the forces lost, up to {most('corruption', 100)} % replaced by "
-        f"random ones; periods from 0.3 to 2 T, up to {most('overruns', 100)} % of them another "
-        "six times as long.",
-        100,
-    )
-
-
-def lines(rows: Iterable[dict[str, Any]]) -> Iterator[str]:
-    """Yield the summary for a terminal."""
-    for row in rows:
-        found = f"{energy(row[LOSS]):>14}  {row['verdict']:<30}"
-        yield f"{row['law']:<27}{found}case {row['case']}"

@@ -7,7 +7,6 @@ A certified law relies on the numbers of its device. Here one of them is wrong, 
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,7 +17,7 @@ from forcebound.errors import ConfigError
 from forcebound.lab.audit import check_runs
 from forcebound.lab.engine import Campaign, Row, run_here, runs_of
 from forcebound.lab.paths import truth
-from forcebound.lab.paths.path import COMMANDS, READINGS, Manner
+from forcebound.lab.paths.certificates import Draft, draft_of, finished
 from forcebound.lab.paths.run import Case
 from forcebound.lab.paths.search import Restart
 from forcebound.lab.views import groups, least
@@ -27,109 +26,82 @@ LAW = "certified"
 FASTEST_HAND = 0.5  # m/s
 LONGEST = 250  # samples of a run
 OF_RESTART = 100  # runs
-ROW_OF = {"damping": truth.DAMPING, "friction": truth.FRICTION, "resolution": truth.ERROR}
-
-
-@dataclass(frozen=True)
-class Mistake:
-    """Numbers of a device that are wrong.
-
-    Attributes:
-        summary: A few words for a table.
-        factors: The device's numbers, as multiples of those that it states.
-        gain: Of the motor.
-        presliding: In resolutions.
-        numbers: Other numbers of the device, by their place in ``truth.NUMBERS``; SI units.
-        case: Fields of :class:`.Case`.
-        guards: Whether its watchdog guards, and the hand is any hand.
-    """
-
-    summary: str
-    factors: dict[str, float] = field(default_factory=dict)
-    gain: float = 1.0
-    presliding: float = 0.0
-    numbers: dict[int, float] = field(default_factory=dict)
-    case: dict[str, float] = field(default_factory=dict)
-    guards: bool = False
-    largest_speed: bool = True  # is stated
-
-
-_ANY_HAND = "guarding, any hand: "
-MISTAKES = (
-    Mistake("nothing is wrong"),
-    Mistake("damping b stated 10 % too high", {"damping": 1.0 / 1.1}),
-    Mistake("friction f_c stated 10 % too high", {"friction": 1.0 / 1.1}),
-    Mistake("motor 2 % stronger than written", gain=1.02),
-    Mistake("motor 5 % stronger than written", gain=1.05),
-    Mistake("motor 5 % weaker than written", gain=0.95),
-    Mistake("readings wrong by 2r", {"resolution": 2.0}),
-    Mistake("readings wrong by 4r", {"resolution": 4.0}),
-    Mistake("watchdog 15 % early or late", case={"tolerance": 0.15}),
-    Mistake(_ANY_HAND + "nothing is wrong", guards=True),
-    Mistake(_ANY_HAND + "first look 20 us late", guards=True, case={"tolerance": 20 / 1020}),
-    Mistake(_ANY_HAND + "first look 50 us late", guards=True, case={"tolerance": 50 / 1020}),
-    Mistake(
-        _ANY_HAND + "drops a force 50 us after the look", guards=True, numbers={truth.DROP: 50e-6}
-    ),
-    Mistake("stamps up to 2 ms late in 2 % of ticks", case={"late_stamps": 0.02}),
-    Mistake("1 % of the writes lost unnoticed", case={"lost_writes": 0.01}),
-    Mistake("reading to writing 50 us", case={"write_delay": 50e-6}),
-    Mistake("reading to writing 100 us", case={"write_delay": 100e-6}),
-    Mistake("reading to writing 400 us", case={"write_delay": 400e-6}),
-    Mistake("amplifier with a lag of 50 us", numbers={truth.LAG: 50e-6}),
-    Mistake("amplifier with a lag of 400 us", numbers={truth.LAG: 400e-6}),
-    Mistake("friction yields over half a resolution", presliding=0.5),
-    Mistake("friction yields over 4 resolutions", presliding=4.0),
-    Mistake("1 reading of 100 wrong by 10 mm", case={"wrong_readings": 0.01}),
-    Mistake(
-        "1 reading of 100 wrong by 10 mm, no largest speed stated",
-        case={"wrong_readings": 0.01},
-        largest_speed=False,
-    ),
+GUARD_PERIOD = 50e-6  # s
+ANY_HAND = "guarding, any hand: "
+ROWS = (
+    ("damping", truth.DAMPING),
+    ("friction", truth.FRICTION),
+    ("error", truth.ERROR),
+    ("gain", truth.GAIN),
 )
 
+#: What is wrong with a device, of which the law is not informed. ``damping``, ``friction`` and
+#: ``error`` are multiples of what it states, ``presliding`` of its resolution; numbers are in SI
+#: units, and others than those of the truth are fields of :class:`forcebound.lab.paths.run.Case`.
+MISTAKES: dict[str, dict[str, float]] = {
+    "nothing is wrong": {},
+    "damping b stated 10 % too high": {"damping": 1.0 / 1.1},
+    "friction f_c stated 10 % too high": {"friction": 1.0 / 1.1},
+    "motor 2 % stronger than written": {"gain": 1.02},
+    "motor 5 % stronger than written": {"gain": 1.05},
+    "motor 5 % weaker than written": {"gain": 0.95},
+    "readings wrong by 2r": {"error": 2.0},
+    "readings wrong by 4r": {"error": 4.0},
+    "watchdog 15 % early or late": {"tolerance": 0.15},
+    ANY_HAND + "nothing is wrong": {},
+    ANY_HAND + "first look 20 us late": {"tolerance": 20 / 1020},
+    ANY_HAND + "first look 50 us late": {"tolerance": 50 / 1020},
+    ANY_HAND + "drops a force 50 us after the look": {"drop": 50e-6},
+    "stamps up to 2 ms late in 2 % of ticks": {"late_stamps": 0.02},
+    "1 % of the writes lost unnoticed": {"lost_writes": 0.01},
+    "reading to writing 50 us": {"write_delay": 50e-6},
+    "reading to writing 100 us": {"write_delay": 100e-6},
+    "reading to writing 400 us": {"write_delay": 400e-6},
+    "amplifier with a lag of 50 us": {"lag": 50e-6},
+    "amplifier with a lag of 400 us": {"lag": 400e-6},
+    "friction yields over half a resolution": {"presliding": 0.5},
+    "friction yields over 4 resolutions": {"presliding": 4.0},
+    "1 reading of 100 wrong by 10 mm": {"wrong_readings": 0.01},
+    "the same, no largest speed stated": {"wrong_readings": 0.01, "largest_speed": math.inf},
+}
 
-def device_of(stated: Dissipation, mistake: Mistake, random: np.random.Generator) -> Case:
-    """Return a device of one axis with a mistake, and a manner of attack."""
-    device, numbers = np.zeros((truth.DEVICE_ROWS, truth.AXES)), np.zeros(truth.NUMBERS)
-    for name, row in ROW_OF.items():
-        half = 0.5 if name == "resolution" else 1.0
-        device[row, 0] = half * getattr(stated, name) * mistake.factors.get(name, 1.0)
-    device[truth.GAIN] = mistake.gain
-    device[truth.PRESLIDING, 0] = mistake.presliding * float(stated.coarsest_resolution)
-    numbers[truth.USED_AXES], numbers[truth.FASTEST] = 1.0, FASTEST_HAND
-    if mistake.guards:
-        stated = replace(stated, watchdog="guarding", guard_period=50e-6)
-        numbers[truth.FASTEST], numbers[truth.GUARD] = math.inf, 50e-6
-    if mistake.guards or not mistake.largest_speed:
-        stated = replace(stated, largest_speed=math.inf)
-    for place, value in mistake.numbers.items():
-        numbers[place] = value
-    reading, command = random.integers(len(READINGS)), random.integers(len(COMMANDS))
-    clock = int(random.choice([0, 1, 2, 3]))
-    longest = 6.0 * stated.period
-    manner = Manner(int(reading), int(command), clock, FASTEST_HAND, longest, stated.saturation)
-    fields: dict[str, Any] = {**mistake.case, "watchdog": stated.watchdog}
-    return Case(LAW, stated, 1, device, numbers, manner, **fields)
+
+def device_of(kind: str, summary: str, random: np.random.Generator) -> Case:
+    """Return a device of one axis with one of :data:`MISTAKES`, and a manner of attack."""
+    fields, wrong = stated_by(kind), dict(MISTAKES[summary])
+    fields["largest_speed"] = wrong.pop("largest_speed", fields["largest_speed"])
+    draft: Draft = draft_of(random, 1, fields)
+    draft.numbers[truth.FASTEST] = FASTEST_HAND
+    if summary.startswith(ANY_HAND):
+        fields |= {"watchdog": "guarding", "guard_period": GUARD_PERIOD, "largest_speed": math.inf}
+        draft.case["watchdog"] = "guarding"
+        draft.numbers[truth.GUARD], draft.numbers[truth.FASTEST] = GUARD_PERIOD, math.inf
+    for name, row in ROWS:
+        draft.device[row] *= wrong.pop(name, 1.0)
+    draft.device[truth.PRESLIDING, 0] = fields["resolution"] * wrong.pop("presliding", 0.0)
+    for name, place in (("lag", truth.LAG), ("drop", truth.DROP)):
+        draft.numbers[place] = wrong.pop(name, 0.0)
+    draft.case |= wrong
+    return finished(LAW, draft, Dissipation(**fields))
 
 
 class MistakeCase(NamedTuple):
-    """A restart against a device with a mistake, of :data:`MISTAKES` the one at this place."""
+    """A restart against a device with a mistake; every other restart is random."""
 
     kind: str
-    place: int
+    summary: str
     seed: int
     runs: int
 
     def rows(self) -> list[Row]:
-        """Run it; every other restart is random, the others are searches."""
-        random = np.random.default_rng([self.seed, self.place])
-        found = Restart(device_of(stated_by(self.kind), MISTAKES[self.place], random), LONGEST)
+        """Run it."""
+        random = np.random.default_rng([self.seed, *map(ord, self.summary)])
+        found = Restart(device_of(self.kind, self.summary, random), LONGEST)
         (found.search if self.seed % 2 else found.at_random)(random, self.runs)
-        return [{"summary": MISTAKES[self.place].summary, "energy_min_j": found.lowest}]
+        return [{"summary": self.summary, "energy_min_j": found.lowest}]
 
 
-def stated_by(kind: str) -> Dissipation:
+def stated_by(kind: str) -> dict[str, Any]:
     """Return what a device states, for one axis: of each number the worst of all its axes.
 
     Raises:
@@ -139,21 +111,16 @@ def stated_by(kind: str) -> Dissipation:
         raise ConfigError(f"no device {kind!r}; known are {', '.join(sorted(DEVICES))}")
     make: Callable[..., DeviceModel] = DEVICES[kind]
     model = make()  # pyright: ignore[reportCallIssue]
-    all_axes = Dissipation(
-        damping=model.damping,
-        friction=model.friction,
-        resolution=model.resolution,
-        saturation=model.saturation,
-        period=1e-3,
-        hold_limit=1.02e-3,
-    )
-    return replace(
-        all_axes,
-        damping=all_axes.least_damping,
-        friction=all_axes.least_friction,
-        resolution=all_axes.coarsest_resolution,
-        largest_speed=model.largest_speed or math.inf,
-    )
+    names = ("damping", "friction", "resolution", "saturation")
+    fields = {name: getattr(model, name) for name in names}
+    fields |= {"period": 1e-3, "hold_limit": 1.02e-3}
+    worst = Dissipation(**fields)
+    return fields | {
+        "damping": worst.least_damping,
+        "friction": worst.least_friction,
+        "resolution": worst.coarsest_resolution,
+        "largest_speed": model.largest_speed or math.inf,
+    }
 
 
 def run(kind: str, runs: int, workers: int | None = None) -> dict[str, Any]:
@@ -173,11 +140,10 @@ def run(kind: str, runs: int, workers: int | None = None) -> dict[str, Any]:
     check_runs(0, runs)
     stated_by(kind)
     cases = [
-        MistakeCase(kind, place, 1 + first // OF_RESTART, min(OF_RESTART, runs - first))
-        for place in range(len(MISTAKES))
+        MistakeCase(kind, summary, 1 + first // OF_RESTART, min(OF_RESTART, runs - first))
+        for summary in MISTAKES
         for first in range(0, runs, OF_RESTART)
     ]
-    campaign = Campaign("sensitivity", cases, part=1, runs_of=runs_of)
-    rows = run_here(campaign, workers).rows
+    rows = run_here(Campaign("sensitivity", cases, part=1, runs_of=runs_of), workers).rows
     lowest = [least(own, "energy_min_j") for own in groups(rows, "summary").values()]
     return {"device": kind, "runs": runs, "samples": LONGEST, "mistakes": lowest}

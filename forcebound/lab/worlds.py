@@ -1,13 +1,6 @@
-"""Audit of laws through worlds and controllers, in two and three axes: live nodes in virtual time.
+"""Audit of laws through worlds and controllers, in two and three axes."""
 
-Law, safety chain, controller and environment are those of every run. The device is the simulated
-one; it dissipates exactly what the law is informed of, so no law has a hidden reserve. Its energies
-are looked at four times a period.
-"""
-
-import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 from zlib import crc32
@@ -16,9 +9,6 @@ import numpy as np
 
 from forcebound.bounding import ENERGY_TOLERANCE, LAWS, check_law
 from forcebound.controllers import CONTROLLERS
-from forcebound.devices.phantom import PhantomPremium15
-from forcebound.devices.simulated import SimulatedDevice
-from forcebound.lab.attack import EARNED
 from forcebound.lab.audit import check_runs, command_of
 from forcebound.lab.cases import encode, search
 from forcebound.lab.engine import Campaign, Row, run_here, runs_of
@@ -29,187 +19,19 @@ from forcebound.lab.views import (
     groups,
     least,
     origin,
+    ranges,
     share,
     table,
     verdict,
     write_page,
 )
-from forcebound.lab.world_cases import (
-    NUMBERS,
-    WATCHDOGS,
-    WORLDS,
-    Case,
-    case_of,
-    check_name,
-    controller_of,
-)
-from forcebound.messages.packets import TOPIC_OF, EnvironmentQuery, EnvironmentReply, Packet, Vector
-from forcebound.network.impairment import Impairment
-from forcebound.network.link import Link, link_seed
-from forcebound.nodes.controller import ControllerNode
-from forcebound.nodes.device import DeviceNode
-from forcebound.nodes.environment import EnvironmentNode
-from forcebound.nodes.servo import ServoSettings, dissipation_of
-from forcebound.operators import Operator
-from forcebound.simulation import LateTicks, Simulation
+from forcebound.lab.world_cases import NUMBERS, WATCHDOGS, WORLDS, case_of, check_name
+from forcebound.lab.world_run import SECONDS, attack
 
-SECONDS = 0.25  # of a run
-ENGAGE = 0.01  # s: soon at full force
-START, ARRIVAL = -0.002, 0.03  # m, before the surface; s, until the hand presses
-SHORTEST_LATE = 0.3e-3  # s
 TIGHT = 0.01  # an attack that leaves less than this share of the energy is tight
 PART = 50  # runs: about a second
 UNBOUNDED, UNBOUNDED_SHARE = "none", 0.2  # of the random runs, for the law that does nothing
 MARGIN = "margin_min_j"
-_SIDES = 2  # energies are looked at in the middle and at the end of each stretch of a hold
-
-
-@dataclass(frozen=True)
-class SpaceHand(Operator):
-    """A hand that goes from before the surface to ``pressing``, with a sine along each axis."""
-
-    mass: float
-    stiffness: float
-    damping: float
-    pressing: float  # m
-    amplitudes: Vector  # m
-    frequencies: Vector  # Hz
-
-    def target(self, elapsed: float) -> Vector:
-        """Return the target after ``elapsed`` s; see :class:`forcebound.operators.Operator`."""
-        turn = 2.0 * math.pi * elapsed
-        places = zip(self.amplitudes, self.frequencies, strict=True)
-        first, *others = [a * math.cos(turn * f) for a, f in places]
-        arrived = min(elapsed / ARRIVAL, 1.0)
-        return (START + arrived * (self.pressing - START) - first, *others)
-
-
-class WatchedDevice(SimulatedDevice):
-    """A simulated device that keeps the lowest energies of its hand.
-
-    Attributes:
-        energy_min: Lowest energy of the hand, in J.
-        lost_min: Lowest loss plus work: that energy less the kinetic energy of the device, in J.
-        share_left: Lowest share left of the loss plus work so far; 1 if there was none.
-        peak_force: Largest force that was written, in N.
-    """
-
-    def __init__(self, model: PhantomPremium15, hand: SpaceHand, hold_limit: float) -> None:
-        super().__init__(model, hand, hold_limit)
-        self._half_mass = 0.5 * model.mass
-        self.energy_min = self.lost_min = self._earned = 0.0
-        self.share_left = 1.0
-        self.peak_force = 0.0
-
-    def write(self, time_ns: int, force: Vector) -> Vector:
-        """Hold ``force`` from now on; see :class:`forcebound.devices.Device`."""
-        held = super().write(time_ns, force)
-        self.peak_force = max(self.peak_force, math.hypot(*held))
-        return held
-
-    def _hold_until(self, time_ns: int) -> None:
-        assert self._time_ns is not None
-        begin_ns, step_ns = self._time_ns, (time_ns - self._time_ns) / _SIDES
-        for side in range(1, _SIDES + 1):
-            super()._hold_until(time_ns if side == _SIDES else begin_ns + round(side * step_ns))
-            truth = self._body.truth()
-            lost = truth.energy - self._half_mass * math.hypot(*truth.velocity) ** 2
-            self.energy_min = min(self.energy_min, truth.energy)
-            self.lost_min = min(self.lost_min, lost)
-            self._earned = max(self._earned, lost)
-            if self._earned > EARNED:
-                self.share_left = min(self.share_left, lost / self._earned)
-
-
-def attack(law: str, case: Case, seconds: float = SECONDS) -> WatchedDevice:
-    """Run a case, and return its device with the energies that it has kept.
-
-    Raises:
-        ConfigError: If the law is not known.
-    """
-    check_law(law)
-    numbers = case.numbers
-    model, servo = device_of(case), servo_of(law, case)
-    device = WatchedDevice(model, hand_of(case), servo.opening_hold)
-    lateness = LateTicks(
-        rate=numbers["late_rate"],
-        shortest=SHORTEST_LATE,
-        longest=numbers["lateness"],
-        jitter=numbers["jitter"],
-        seed=case.seed,
-    ).of(servo)
-    device_node = DeviceNode(device, dissipation_of(model, servo), servo, lateness=lateness)
-    nodes = [
-        EnvironmentNode(WORLDS[case.world](numbers), axes=case.axes),
-        ControllerNode(controller_of(case.controller, numbers).open(case.axes)),
-        device_node,
-    ]
-    simulation = Simulation(nodes, _links_of(case), lambda packet: None, ())
-    for node in nodes:
-        node.events.is_logged = False
-    device_node.engage()
-    end_ns = round(seconds * 1e9)
-    try:
-        simulation.run(end_ns)
-    finally:
-        for node in nodes:
-            node.stop(end_ns)
-            node.close()
-    return device
-
-
-def device_of(case: Case) -> PhantomPremium15:
-    """Return the device of a case, which has just what it states."""
-    numbers, axes = case.numbers, case.axes
-    damping, friction = (
-        tuple([numbers[name] * numbers[f"{name}_ratio"] ** axis for axis in range(axes)])
-        for name in ("damping", "friction")
-    )
-    return PhantomPremium15(
-        axes=axes,
-        mass=numbers["mass"],
-        damping=damping,
-        friction=friction,
-        resolution=numbers["resolution"],
-        saturation=numbers["saturation"],
-        watchdog=WATCHDOGS[int(numbers["watchdog"])],
-    )
-
-
-def hand_of(case: Case) -> SpaceHand:
-    """Return the hand of a case."""
-    numbers, others = case.numbers, range(1, case.axes)
-    frequency, detuning = numbers["frequency"], numbers["detuning"]
-    return SpaceHand(
-        numbers["hand_mass"],
-        numbers["hand_stiffness"],
-        numbers["hand_damping"],
-        numbers["pressing"],
-        (numbers["amplitude"], *(numbers["sideways"] for _ in others)),
-        (frequency, *(frequency * detuning**axis for axis in others)),
-    )
-
-
-def servo_of(law: str, case: Case) -> ServoSettings:
-    """Return the servo of a case."""
-    numbers = case.numbers
-    return ServoSettings(
-        law=law,
-        reply_wait=numbers["reply_wait"],
-        hold_limit=1.0 + numbers["hold_limit"] if numbers["hold_limit"] else "auto",
-        engage_time=ENGAGE,
-    )
-
-
-def _links_of(case: Case) -> dict[str, Link[Packet]]:
-    numbers = case.numbers
-    impairment = Impairment(
-        delay=numbers["delay"], jitter=numbers["delay_jitter"], loss=numbers["loss"]
-    )
-    if impairment == Impairment():
-        return {}
-    topics = [TOPIC_OF[kind] for kind in (EnvironmentQuery, EnvironmentReply)]
-    return {topic: Link(impairment, link_seed(case.seed, topic)) for topic in topics}
 
 
 class WorldCase(NamedTuple):
@@ -377,12 +199,11 @@ Each run is a graph of the live nodes in virtual time, for {seconds:g} s: law, s
 controller and environment are those of every other run. The device has two or three axes, each with
 its own damping and friction, an encoder, a watchdog, late ticks; it dissipates exactly what the law
 is informed of. The hand moves along a sine on each axis, into the surface and over it. The link to
-the environment is late, jitters and loses packets. The ranges are those of `NUMBERS` in
-`forcebound/lab/world_cases.py`. *Lowest energy* is the lower of the energy that the hand has put in
-and of the loss plus work (without the kinetic energy of the device), looked at four times a period;
-0 is where a run begins. *Tight*: share of the runs that leave less than 1 % of the energy that was
-there. The law `{unbounded}` meets some of the same random cases: what it gives away is what the
-attacks can do.
+the environment is late, jitters and loses packets. *Lowest energy* is the lower of the
+energy that the hand has put in and of the loss plus work (without the kinetic energy of the
+device), looked at four times a period; 0 is where a run begins. *Tight*: share of the runs that
+leave less than 1 % of the energy that was there. The law `{unbounded}` meets some of the same
+random cases: what it gives away is what the attacks can do.
 """
 
 
@@ -394,8 +215,7 @@ def _page(document: dict[str, Any], command: str) -> Iterator[str]:
         seconds=SECONDS,
         unbounded=UNBOUNDED,
     )
-    heads = ("world", "law", "runs", "lowest energy", "tight", "verdict")
-    yield from table(heads, map(_shown, rows))
+    yield from _worst(document)
     controllers = list(rows[0]["controllers"])
     yield "\n## By controller\n"
     cells = ((row, [energy(row["controllers"][name]) for name in controllers]) for row in rows)
@@ -403,27 +223,22 @@ def _page(document: dict[str, Any], command: str) -> Iterator[str]:
         ("world", "law", *(f"`{name}`" for name in controllers)),
         ((f"`{row['world']}`", f"`{row['law']}`", *one) for row, one in cells),
     )
-    yield "\n## Runs that leak\n"
-    for row in rows:
-        if row[MARGIN] < -ENERGY_TOLERANCE:
-            yield f"* {energy(row[MARGIN])}: `{row['law']} {row['case']}`"
+    yield "\n## Numbers of the cases\n"
+    yield from table(("number, SI units", "from", "to"), ranges(NUMBERS))
+
+
+def _worst(document: dict[str, Any]) -> Iterator[str]:
+    heads = ("world", "law", "runs", "lowest energy", "tight", "verdict", "case")
+    yield from table(heads, map(_shown, document["worlds"]))
 
 
 def _shown(row: dict[str, Any]) -> tuple[str, ...]:
     tight = f"{row['tight_share']:.1%}" if row["is_certified"] else "–"
     names = f"`{row['world']}`", f"`{row['law']}`", f"{row['runs']:,}"
-    return (*names, energy(row[MARGIN]), tight, row["verdict"])
+    return (*names, energy(row[MARGIN]), tight, row["verdict"], row["case"])
 
 
 def lines(document: dict[str, Any]) -> Iterator[str]:
     """Yield the result of the campaign for a terminal."""
-    for row in document["worlds"]:
-        yield (
-            f"{row['world']:<20}{row['law']:<22}{energy(row[MARGIN]):>10}  {row['verdict']:<9}"
-            f"tight {row['tight_share']:>5.1%}"
-            + ("" if row["holds"] else f"\n    case {row['case']}")
-        )
-    yield (
-        f"{document['runs']} runs, {document['certified_runs']} of them of certified laws; repeat"
-        " one with `forcebound audit replay LAW CASE`"
-    )
+    yield from _worst(document)
+    yield f"{document['runs']} runs; repeat one with `forcebound audit replay LAW CASE`"

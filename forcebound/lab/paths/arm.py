@@ -14,11 +14,12 @@ import numpy as np
 
 from forcebound.compiled import outlined
 from forcebound.lab.paths import truth as at
-from forcebound.lab.paths.truth import Floats, relax, work_of_axis
+from forcebound.lab.paths.truth import Floats, relax, walk, work_of_axis
 
 LINKS = (0.25, 0.2)  # m
 FIRST_POSE = (0.4, 1.3)  # rad, where the encoders read zero
 PARTS = 4  # of a move
+FOLDED, STRETCHED = 2.6, 0.3  # rad, of the elbow: between them the tip goes straight
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(6)
 
@@ -116,13 +117,32 @@ def rub(
 
 
 @outlined
+def is_within_reach(
+    elbow: float, end_elbow: float, x: float, y: float, end_x: float, end_y: float
+) -> bool:
+    """Return whether the tip can go straight with the elbow between folded and stretched."""
+    low, high = min(elbow, end_elbow) + FIRST_POSE[1], max(elbow, end_elbow) + FIRST_POSE[1]
+    way_x, way_y = end_x - x, end_y - y
+    square = way_x * way_x + way_y * way_y
+    nearest = min(max(-(x * way_x + y * way_y) / square, 0.0), 1.0) if square > 0.0 else 0.0
+    near = (x + nearest * way_x) ** 2 + (y + nearest * way_y) ** 2
+    folded = LINKS[0] ** 2 + LINKS[1] ** 2 + 2.0 * LINKS[0] * LINKS[1] * math.cos(FOLDED)
+    return bool(low > STRETCHED and high < FOLDED and near > folded)
+
+
+@outlined
 def walk_at_tip(
     body: Floats, device: Floats, numbers: Floats, duration: float, move: Floats
 ) -> float:
-    """Move the tip straight to where ``move`` of the joints ends; return the hand's energy, J."""
+    """Move the tip straight to where ``move`` of the joints ends; return the hand's energy, J.
+
+    Where it cannot, near the stretched or the folded arm, the joints move uniformly.
+    """
     first, second = body[at.POSITION, 0], body[at.POSITION, 1]
     x, y = tip_of(first, second)
     end_x, end_y = tip_of(first + move[0], second + move[1])
+    if not is_within_reach(second, second + move[1], x, y, end_x, end_y):
+        return walk(body, device, numbers, duration, move)
     speed_x, speed_y = (end_x - x) / duration, (end_y - y) / duration
     lag, energy = numbers[at.LAG], 0.0
     torque = np.zeros(at.AXES)

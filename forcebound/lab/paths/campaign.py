@@ -72,7 +72,7 @@ def cases(
         laws: Certified laws, keys of :data:`forcebound.bounding.LAWS`.
         certificates: Keys of :data:`.CERTIFICATES`.
         runs: Random runs of each law with each certificate.
-        searched: Runs of each in searches. As many again have the number left out, where one is.
+        searched: Runs of each in searches; where a number can be left out, at most as many without.
         seed: Of the first restart of each kind.
 
     Raises:
@@ -186,29 +186,19 @@ energy if the certificate's own number is stated as if the device did not have t
 def section(rows: Sequence[dict[str, Any]]) -> Iterator[str]:
     """Yield the section of a page; ``rows`` as of :func:`summary`."""
     yield INTRODUCTION
-    heads = ("certificate", "law", "runs", "lowest energy", "tight", "verdict", "left out")
-    yield from table(heads, map(_shown, rows))
-    yield "\nRuns that break a law whose number is left out, and certificates that are broken:\n"
-    for row in rows:
-        for one in filter(None, [None if row["holds"] else row, row["without"]]):
-            yield f"* {row['summary']}: {energy(one[LOWEST])}, `{row['law']} {one['case']}`"
+    yield from worst(rows)
     yield ""
 
 
+def worst(rows: Sequence[dict[str, Any]]) -> Iterator[str]:
+    """Yield a table of the worst run of each certificate and law."""
+    heads = ("certificate", "law", "runs", "lowest energy", "case", "tight", "verdict")
+    yield from table((*heads, "left out", "case"), map(_shown, rows))
+
+
 def _shown(row: dict[str, Any]) -> tuple[str, ...]:
-    without = row["without"] and row["without"][LOWEST]
-    tight = f"{row['tight']} of {row['searches']}"
+    without = row["without"] or {LOWEST: None, "case": ""}
     names = row["summary"], f"`{row['law']}`", f"{row['runs']:,}"
-    return (*names, energy(row[LOWEST]), tight, verdict(row[LOWEST]), energy(without))
-
-
-def lines(rows: Sequence[dict[str, Any]]) -> Iterator[str]:
-    """Yield the summary for a terminal."""
-    for row in rows:
-        without = row["without"]
-        yield (
-            f"{row['certificate']:<20}{row['law']:<22}{energy(row[LOWEST]):>10}  "
-            f"{verdict(row[LOWEST]):<9}tight {row['tight']} of {row['searches']}"
-            + (f"  left out {energy(without[LOWEST])}" if without else "")
-            + ("" if row["holds"] else f"\n    case {row['case']}")
-        )
+    tight = f"{row['tight']} of {row['searches']}", verdict(row[LOWEST])
+    left_out = energy(without[LOWEST]), without["case"]
+    return (*names, energy(row[LOWEST]), row["case"], *tight, *left_out)

@@ -71,13 +71,19 @@ def _plain(random: Random, axes: int) -> Draft:
         "hold_limit": round(period * ratio * 1e9) / 1e9,
         "saturation": _log(random, 1.0, 30.0),
     }
+    draft = draft_of(random, axes, fields)
+    if axes > 1 and random.random() < 0.3:  # the isotropic law allows this, too
+        draft.numbers[at.ALONG_PATH] = 0.0
+    return draft
+
+
+def draft_of(random: Random, axes: int, fields: dict[str, Any]) -> Draft:
+    """Return a device that has what its ``fields`` state, alike on each axis, and nothing else."""
     device, numbers = np.zeros((at.DEVICE_ROWS, AXES)), np.zeros(at.NUMBERS)
     device[at.GAIN], numbers[at.FASTEST] = 1.0, math.inf
     numbers[at.USED_AXES], numbers[at.ALONG_PATH] = axes, float(axes > 1)
     device[at.DAMPING, :axes], device[at.FRICTION, :axes] = fields["damping"], fields["friction"]
     device[at.ERROR, :axes] = fields["resolution"] / 2.0
-    if axes > 1 and random.random() < 0.3:  # the isotropic law allows this, too
-        numbers[at.ALONG_PATH] = 0.0
     return Draft(random, axes, device, numbers, fields, {})
 
 
@@ -353,7 +359,7 @@ def draw(name: str, law: str, random: Random, left_out: bool = False) -> Case:
     for effect in effects:
         effect(draft)
     fields = draft.fields | (certificate.left_out if left_out else {})
-    return _case(law, draft, Dissipation(**fields))
+    return finished(law, draft, Dissipation(**fields))
 
 
 def _some(random: Random, axes: int) -> list[Effect]:
@@ -370,7 +376,8 @@ def _some(random: Random, axes: int) -> list[Effect]:
     return chosen + watchdogs[random.integers(len(watchdogs))]
 
 
-def _case(law: str, draft: Draft, stated: Dissipation) -> Case:
+def finished(law: str, draft: Draft, stated: Dissipation) -> Case:
+    """Return the case of a device as it is, and as it is ``stated``, with a manner of attack."""
     random, axes = draft.random, draft.axes
     clock = 3 if draft.case.get("ledger_only") else int(random.choice([0, 1, 2, 3, 3]))
     longest = 50.0 * stated.period
