@@ -81,10 +81,8 @@ fuzz: $(STAMP)
 	$(BIN)/python fuzz/campaign.py --seconds $(FUZZ_SECONDS)
 
 # The page in Debian's Chromium (packages chromium and chromium-driver), by selenium, and in Firefox
-# (firefox-esr), by WebDriver BiDi; a browser that is not installed is skipped.
+# (firefox-esr), by WebDriver BiDi; `make test` runs the former. A browser that is missing is skipped.
 browser: $(STAMP)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt \
-	  --editable '.[browser,dev]'
 	$(BIN)/pytest -rs -m live tests/test_view_browser.py tests/test_view_firefox.py
 
 # The maker's own client of the Haply 2DIY against our emulator. It is under the GPL and puts an

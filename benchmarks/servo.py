@@ -21,7 +21,7 @@ from msgspec.structs import replace
 from benchmarks.harness import Figure, Result, alternate, at, chain, compare, compiled, missed
 from forcebound.devices import DeviceModel
 from forcebound.devices.phantom import PhantomPremium15
-from forcebound.environments.wall import Wall
+from forcebound.environments.walls import Wall
 from forcebound.errors import RunError
 from forcebound.messages.packets import DeviceState, ForceCommand, Packet
 from forcebound.monitor.measure import READY, WARMUP, Round, Timing, apart, wake_ups
@@ -31,7 +31,7 @@ from forcebound.nodes.device import DeviceNode
 from forcebound.nodes.events import EventLog
 from forcebound.nodes.servo import ServoSettings, dissipation_of
 from forcebound.operators import Operator
-from forcebound.operators.sinusoidal import SinusoidalHand
+from forcebound.operators.hands import SinusoidalHand
 from forcebound.process import Runner, Stop
 from forcebound.process import run as run_node
 from forcebound.realtime import Settings, enter, freeze_garbage, wait_until

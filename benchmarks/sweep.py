@@ -20,7 +20,7 @@ from benchmarks.harness import Figure, Result, alternate, compare, compiled, tim
 from forcebound.config.graph import GraphConfig
 from forcebound.config.loader import load
 from forcebound.devices.phantom import PhantomPremium15
-from forcebound.environments.wall import Wall
+from forcebound.environments.walls import Wall
 from forcebound.errors import RunError
 from forcebound.monitor.measure import Round, Timing
 from forcebound.sweep.engine import block_arguments, ticks_of

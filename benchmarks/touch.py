@@ -4,6 +4,7 @@ One question a tick, as a hand asks them, so that the memory is cold. The places
 near the surface of a bumpy ball, or lie on a hand's stroke over it. libigl is exact.
 """
 
+import copy
 import math
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -96,9 +97,9 @@ def _tasks(mesh: Mesh) -> dict[str, dict[str, Contestant]]:
     """Return the contestants of each task."""
     vertices, faces = mesh
     tree = TriangleTree(vertices[faces])
-    solid = MeshSolid(tree.own(), is_closed=True)
+    solid = MeshSolid(copy.copy(tree), is_closed=True)
     closest = {"ours": Contestant(lambda way: way[1:], tree.closest, lambda answer: answer[2])}
-    hit = {"ours": Contestant(lambda way: way, tree.own().first_contact, _time_of_ours)}
+    hit = {"ours": Contestant(lambda way: way, copy.copy(tree).first_contact, _time_of_ours)}
     closest["libigl"], hit["libigl"] = _libigl(mesh)
     proxy: Vector3 = (2.0 * RADIUS, 0.0, 0.0)
 

@@ -30,12 +30,13 @@ This page is made from the schema: `make reference` writes it. The
 [tutorial](tutorial.md) shows a launch file; `forcebound schema` prints the schema for an editor.
 
 A quantity is a number in the SI unit below, or text with a unit (`10 N/mm`, `5 ms`, `40 %`). A key
-without a default must be given. Relative paths start from the folder of the file that names them.
+without a default must be given. Relative paths start from the folder of the file that names them. A
+key that another kind of the section has with the same default is explained there.
 
 | key at the top | value | default | meaning |
 |---|---|---|---|
 | `forcebound` | 1 |  | version of the format |
-| `include` | text | none | launch file beneath this one: what this file says wins, key by key |
+| `include` | text | none | launch file that this one builds on: what this file says wins, key by key |
 | `identified` | mapping | none | written by `forcebound identify`: where the numbers of `device` come from; no run reads it |
 | `arguments` | mapping | none | `name: default` or `name: { default, help, choices }`; used as `$(arg name)` |
 """  # noqa: E501
@@ -51,6 +52,7 @@ def reference_page() -> str:
 def _lines() -> Iterator[str]:
     yield from _rows(GraphConfig, RUN_KEYS)
     for section, table in KINDS.items():
+        known: dict[str, str] = {}  # rows of the section, and the kind that has them first
         yield from ("", f"## `{section}`")
         if section == "device":
             yield from _table(ServoSettings, "Beside the keys of its kind, those of the servo:")
@@ -59,8 +61,8 @@ def _lines() -> Iterator[str]:
             yield from _inner(EnvironmentConfig, BESIDE_MODEL)
             yield from ("", "### `surface`", *_table(Surface))
         for name in sorted(table):
-            yield from ("", f"### `kind: {name}`", *_table(table[name]))
-            yield from _inner(table[name])
+            yield from ("", f"### `kind: {name}`", *_table(table[name], known=known, at=name))
+            yield from _inner(table[name], known=known, at=name)
     topics = ", ".join(f"`{topic}`" for topic in LINKS)
     words = f"By topic: {topics}. A topic that is not named is perfect."
     yield from ("", "## `links`", *_table(Impairment, words))
@@ -72,13 +74,23 @@ def _lines() -> Iterator[str]:
     yield "| `set` | mapping | {} | parameters by name, such as `links.environment_reply.delay` |"
 
 
-def _inner(kind: type, names: tuple[str, ...] | None = None, before: str = "") -> Iterator[str]:
+def _inner(
+    kind: type,
+    names: tuple[str, ...] | None = None,
+    before: str = "",
+    known: dict[str, str] | None = None,
+    at: str = "",
+) -> Iterator[str]:
     """The tables of the keys of a dataclass that are mappings with keys of their own."""
     for field in fields_of(kind, names).values():
         for part in _dataclasses(field.hint):
             place = f"{before}{field.name}"
-            yield from ("", f"#### `{place}`", *_table(part))
-            yield from _inner(part, before=f"{place}.")
+            if known is not None and all(f"{place} {row}" in known for row in _rows(part)):
+                first = known[f"{place} {next(_rows(part))}"]
+                yield from ("", f"`{place}`: as of `kind: {first}`.")
+            else:
+                yield from ("", f"#### `{place}`", *_table(part, "", None, known, at, place))
+            yield from _inner(part, None, f"{place}.", known, at)
 
 
 def _dataclasses(hint: Any) -> Iterator[type]:
@@ -89,12 +101,27 @@ def _dataclasses(hint: Any) -> Iterator[type]:
             yield from _dataclasses(part)
 
 
-def _table(kind: type, words: str = "", names: tuple[str, ...] | None = None) -> Iterator[str]:
-    """The keys of a dataclass, beneath some words or its own summary."""
-    rows = list(_rows(kind, names))
+def _table(
+    kind: type,
+    words: str = "",
+    names: tuple[str, ...] | None = None,
+    known: dict[str, str] | None = None,
+    at: str = "",
+    place: str = "",
+) -> Iterator[str]:
+    """The keys of a dataclass, after some words or its own summary; known rows in words."""
+    rows, same = [], dict[str, list[str]]()
+    for row in _rows(kind, names):
+        first = (known if known is not None else {}).setdefault(f"{place} {row}".strip(), at)
+        if first == at:
+            rows.append(row)
+        else:
+            same.setdefault(first, []).append(row.split(" | ")[0].removeprefix("| "))
     yield from ("", words or _summary(kind))
     if rows:
         yield from ("", *_COLUMNS, *rows)
+    for first, keys in same.items():
+        yield from ("", f"As of `kind: {first}`: {', '.join(keys)}.")
 
 
 def _rows(kind: type, names: tuple[str, ...] | None = None) -> Iterator[str]:

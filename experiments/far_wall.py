@@ -24,8 +24,8 @@ from forcebound.config.graph import GraphConfig
 from forcebound.config.loader import load
 from forcebound.controllers.local_model import LocalModel
 from forcebound.launch.virtual import run_virtual
-from forcebound.operators.stroking import StrokingHand
-from forcebound.operators.trajectory import TrajectoryHand
+from forcebound.operators.hands import StrokingHand
+from forcebound.operators.paths import TrajectoryHand
 from forcebound.telemetry import TelemetryColumns
 
 LAWS = ("certified", "certified_memoryless")

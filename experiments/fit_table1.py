@@ -50,7 +50,7 @@ from forcebound.experiments.setup import (
     SURFACE,
 )
 from forcebound.experiments.table1 import COLUMNS, PAPER, is_fitted
-from forcebound.operators.trembling import trembling_target
+from forcebound.operators.hands import trembling_target
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -13,7 +13,7 @@ from forcebound.devices.stated_joints import TrueJoints
 from forcebound.devices.true_values import TrueAxes
 from forcebound.identification.procedure import Plan
 from forcebound.messages.packets import Vector
-from forcebound.operators.sinusoidal import SinusoidalHand
+from forcebound.operators.hands import SinusoidalHand
 
 KNOB = Plan(reach=0.03, force=4.25)  # of a device of one axis like the PHANToM
 ARM = Plan(reach=0.35, force=0.06)  # of a five-bar

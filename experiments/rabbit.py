@@ -17,7 +17,7 @@ import trimesh
 
 from forcebound.config.loader import load
 from forcebound.environments.mesh import TriangleMesh
-from forcebound.environments.placed_file import RABBIT
+from forcebound.environments.touching import RABBIT
 
 Array: TypeAlias = "np.ndarray[Any, Any]"
 
@@ -108,7 +108,7 @@ def draw(picture: Path) -> None:
         contact = world.contact("")
         tips.append(tip)
         proxies.append(tip if contact is None else contact.proxy)
-    corners = model.solid().tree.triangles.reshape(-1, 3, 3).astype(float)
+    corners = model.solid().tree.data.triangles.reshape(-1, 3, 3).astype(float)
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     light = normals @ (-0.7, 0.5, 0.5) / np.linalg.norm(normals, axis=1)
     figure = plt.figure(figsize=(6, 5))

@@ -78,7 +78,9 @@ def show_presses(folder: Path) -> None:
             model = PointCloud(file, position=STILL, stiffness=STIFFNESS)
             fallen, angles = pressed(model)
             p50, p99 = np.percentile(angles, (50, 99))
-            words = f"{1e3 * model.read():.2f} | {fallen} of {PRESSES} | {p50:.1f} | {p99:.1f}"
+            words = (
+                f"{1e3 * model.content()[1]:.2f} | {fallen} of {PRESSES} | {p50:.1f} | {p99:.1f}"
+            )
             print(f"| {count:,}, {name} | {words} |", flush=True)
 
 

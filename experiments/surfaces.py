@@ -84,7 +84,7 @@ def draw_friction(axes: Axes) -> None:
     )
     for stick_slip, label in ((0.0, "sticks at the turn"), (0.05, "stick-slip")):
         surface = Surface(friction=0.4, static_friction=0.6, stick_slip=stick_slip)
-        forces, _ = follow(Solid((GROUND,), STIFFNESS, 0.0, surface), way, speed=0.02)
+        forces, _ = follow(Solid((GROUND,), stiffness=STIFFNESS, surface=surface), way, speed=0.02)
         axes.plot(1e3 * way[:, 1], forces[:, 1], label=label)
     for coefficient in (0.4, 0.6, -0.4, -0.6):
         axes.axhline(2.0 * coefficient, color="0.6", linewidth=0.6, linestyle="--")
@@ -98,7 +98,7 @@ def draw_relief(axes: Axes, folder: Path) -> None:
     np.save(folder / "waves.npy", np.tile(np.cos(2 * math.pi * np.arange(64) / 64), (2, 1)))
     surface = Surface(texture=folder / "waves.npy", texture_height=0.0004, texture_size=0.004)
     way = along([(-0.001, 0.0, 0.0), (0.002, 0.0, 0.0), (0.002, 0.012, 0.0)], 2e-5)
-    forces, _ = follow(Solid((GROUND,), STIFFNESS, 0.0, surface), way)
+    forces, _ = follow(Solid((GROUND,), stiffness=STIFFNESS, surface=surface), way)
     sliding = way[:, 1] > 0.0
     for axis, label in ((0, "across the surface"), (1, "along it")):
         axes.plot(1e3 * way[sliding, 1], forces[sliding, axis], label=label)
@@ -109,7 +109,7 @@ def draw_relief(axes: Axes, folder: Path) -> None:
 def draw_magnet(axes: Axes) -> None:
     """Draw the force of a magnet on the way in and out."""
     way = along([(-0.005, 0.0, 0.0), (0.002, 0.0, 0.0), (-0.005, 0.0, 0.0)], 2e-5)
-    forces, _ = follow(Solid((GROUND,), STIFFNESS, 0.0, Surface(magnet=0.003)), way)
+    forces, _ = follow(Solid((GROUND,), stiffness=STIFFNESS, surface=Surface(magnet=0.003)), way)
     half = len(way) // 2
     for part, label in ((slice(half), "on the way in"), (slice(half, None), "on the way out")):
         axes.plot(1e3 * way[part, 0], forces[part, 0], label=label)

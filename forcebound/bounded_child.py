@@ -32,10 +32,7 @@ class ChildError(ForceboundError):
 def in_bounded_child(function: Callable[[], bytes], seconds: float, size: int = 0) -> bytes:
     """Return what ``function``, of a module or a ``partial``, returns in a new process.
 
-    Args:
-        function: The function to call.
-        seconds: How long it may take.
-        size: How much memory it may take, in bytes; 0: no limit.
+    It may take so many ``seconds``, and ``size`` bytes of memory (0: no limit).
 
     Raises:
         ConfigError: If it raises one of our errors.

@@ -65,13 +65,8 @@ def jit(function: Callable[P, R], *, parallel: bool = False, fast: bool = False)
     """Return ``function`` compiled to machine code, cached on disk where that is possible.
 
     The functions of this package that it calls are compiled with it. Compiled code runs without
-    Python's global lock.
-
-    Args:
-        function: A function of numbers and arrays that numba understands.
-        parallel: Spread ``numba.prange`` loops over the cores.
-        fast: Allow reassociation of sums, so that results differ in rounding. Never for anything
-            that must equal the interpreted function.
+    Python's global lock. ``parallel`` spreads ``numba.prange`` loops over the cores; ``fast``
+    reorders sums, so that results differ in rounding.
     """
     compiled: Callable[P, R] = _compiled(function, parallel, fast)
     return compiled

@@ -66,13 +66,8 @@ def read_bytes(path: Path, limit: int) -> bytes:
 def read_text(path: Path, what: str, limit: int) -> str:
     """Return the text of a file in UTF-8, with or without a byte order mark.
 
-    Args:
-        path: The file.
-        what: Name of the file for messages, such as "the trace".
-        limit: Largest size, in bytes.
-
-    Raises:
-        ConfigError: If it cannot be read, is longer, or is no text; then it names the line.
+    ``what`` is its name for messages, such as "the trace". ConfigError if it cannot be read, has
+    more than ``limit`` bytes, or is no text; then it names the line.
     """
     try:
         data = read_bytes(path, limit)
@@ -105,13 +100,9 @@ def read_rows(path: Path, what: str) -> Iterator[tuple[str, list[str]]]:
 
 @contextmanager
 def content_of(name: object) -> Iterator[None]:
-    """Turn whatever is raised within into one sentence: the content of a file may be anything.
+    """Turn whatever is raised within into one ConfigError: a file's content may be anything.
 
-    Args:
-        name: Of the file, for the message.
-
-    Raises:
-        ConfigError: For any exception but those of forcebound, which have their own words.
+    The errors of forcebound have their own words, and pass.
     """
     try:
         with warnings.catch_warnings():
@@ -129,12 +120,7 @@ def content_of(name: object) -> Iterator[None]:
 def check_writable(path: Path, what: str) -> None:
     """Try before the work begins whether a file can be written; leaves it as it is.
 
-    Args:
-        path: File to write; it need not exist.
-        what: Name of the file for the message, such as "the recording".
-
-    Raises:
-        ConfigError: If it cannot be written; says why.
+    ConfigError if not; ``what`` is its name in the message, such as "the recording".
     """
     if path.is_dir():
         raise ConfigError(f"cannot write {what} {path}: it is a folder")
@@ -156,14 +142,10 @@ def reason(error: Exception) -> str:
 
 
 def printable(text: str, longest: int | None = None) -> str:
-    r"""Return a text from outside for a terminal, a log or a figure.
+    r"""Return a text from outside for a terminal, a log or a figure, cut if it is too long.
 
     Line ends and tabs stay; other characters without a picture, which could steer a terminal or
     hide what is said, are written as Python writes them: ``\x1b``.
-
-    Args:
-        text: Any text.
-        longest: Most characters to return; the rest becomes "...". None: all.
     """
     if longest is not None and len(text) > longest:
         text = text[: longest - 3] + "..."

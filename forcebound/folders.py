@@ -34,9 +34,8 @@ def runtime_folder(variables: Mapping[str, str] = os.environ) -> Path | None:
 def cache_folder(name: str) -> Path | None:
     """Return a writable folder for what can be made again; None without one.
 
-    Args:
-        name: Of the folder, within the user's cache or, without a home, the private folder: others
-            may put nothing there.
+    It is within the user's cache or, without a home, the private folder: others may put nothing
+    there.
     """
     home = os.path.expanduser("~")
     bases = [Path(home) / ".cache"] if os.path.isabs(home) else []

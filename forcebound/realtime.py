@@ -57,37 +57,22 @@ _libc = ctypes.CDLL(None, use_errno=True)
 
 @dataclass(frozen=True)
 class Settings:
-    """How punctual a process is asked to be.
+    """How punctual a process is asked to be."""
 
-    Attributes:
-        policy: ``"fifo"`` or ``"other"`` (ordinary scheduling).
-        core: Number of the core that the chain of nodes shares; None: wherever the kernel likes,
-            and then never SCHED_FIFO.
-        lock_memory: Whether pages in use stay in memory.
-        deep_sleep: Whether idle processors may sleep deeply, from which waking takes longer.
-        spin_ns: How long before an instant the sleep ends and the spinning begins, in ns.
-    """
-
-    policy: str = "fifo"
-    core: int | None = None
-    lock_memory: bool = True
-    deep_sleep: bool = True
-    spin_ns: int = 30_000
+    policy: str = "fifo"  # or "other": ordinary scheduling
+    core: int | None = None  # that the chain of nodes shares; None: any, and then never SCHED_FIFO
+    lock_memory: bool = True  # whether pages in use stay in memory
+    deep_sleep: bool = True  # whether idle processors may sleep deeply; waking then takes longer
+    spin_ns: int = 30_000  # before an instant, when the sleep ends and the spinning begins
 
 
 def choose_core(
     wanted: str | int, allowed: Collection[int] | None = None, taken: Sequence[int | None] = ()
 ) -> int | None:
-    """Return the core for the chain of nodes.
+    """Return the core for the chain of nodes; None for ``"none"``, no core of its own.
 
-    Args:
-        wanted: ``"auto"``, ``"none"`` or the number of a core.
-        allowed: Cores that this process may use; by default what the kernel says.
-        taken: Those of the other graphs that run here.
-
-    Returns:
-        The core. For ``"auto"`` the highest one of those that the fewest graphs have taken, because
-        core 0 takes most interrupts. None for ``"none"``.
+    For ``"auto"`` it is the highest of those that the fewest other graphs have ``taken``, because
+    core 0 takes most interrupts. ``allowed`` are by default the cores that the kernel says.
 
     Raises:
         ConfigError: If the core is not one of those allowed.
@@ -127,18 +112,11 @@ def on_cores(cores: Collection[int]) -> Iterator[None]:
 
 
 def enter(settings: Settings, role: str) -> list[Fact]:
-    """Make this process as punctual as it is permitted to be.
+    """Make this process as punctual as it is permitted to be; return what was set and what not.
 
-    Call it before the ZeroMQ context exists: its input and output thread inherits what is set
-    here.
-
-    Args:
-        settings: What is wanted.
-        role: Of this process. One that is no node (the recorder, an emulator) is kept off the
-            nodes' core and scheduled ordinarily.
-
-    Returns:
-        What was set and what was not permitted.
+    Call it before the ZeroMQ context exists: its input and output thread inherits what is set here.
+    A role that is no node (the recorder, an emulator) is kept off the nodes' core and scheduled
+    ordinarily.
     """
     _libc.prctl(PR_SET_TIMERSLACK, ctypes.c_ulong(TIMER_SLACK_NS))
     if role not in ROLES or not ROLES[role].priority:
@@ -180,10 +158,6 @@ def wait_until(time_ns: int, spin_ns: int) -> int:
     Returns at once if the instant has passed. A caught signal does not shorten the wait. At least
     seven eighths of the wait are slept, because while this process spins under SCHED_FIFO, the
     processes on the same core whose answer it waits for do not run.
-
-    Args:
-        time_ns: The instant, in ns.
-        spin_ns: How long before it the sleep ends, in ns.
     """
     now = time.monotonic_ns()
     wait_ns = time_ns - now

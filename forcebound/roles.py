@@ -15,22 +15,13 @@ LOST = 75  # exit status of a device process that has lost its device and may ha
 
 @dataclass(frozen=True)
 class Role:
-    """How the processes of one role are scheduled, started, ended and shown.
+    """How the processes of one role are scheduled, started, ended and shown."""
 
-    Attributes:
-        priority: Of SCHED_FIFO, 1 to 99, on the core that the nodes share. 0: it is no node; it has
-            ordinary scheduling and stays off that core.
-        stop_group: When it is ended: group 0 first, the next when all of the former are gone.
-        is_restarted: Whether it is started again if it ends by itself while the graph runs.
-        death_signal: What the kernel sends it when its launcher is gone.
-        colour: Of its name in the terminal, an ANSI code.
-    """
-
-    priority: int
-    stop_group: int
-    is_restarted: bool
-    death_signal: signal.Signals
-    colour: int
+    priority: int  # of SCHED_FIFO on the nodes' core; 0: ordinary, off that core: it is no node
+    stop_group: int  # when it is ended: group 0 first, the next when all of the former are gone
+    is_restarted: bool  # whether it is started again if it ends by itself while the graph runs
+    death_signal: signal.Signals  # what the kernel sends it when its launcher is gone
+    colour: int  # of its name in the terminal, an ANSI code
 
 
 # In the order in which they start. The device is ended first, so that the force is zero before the
@@ -50,14 +41,8 @@ STOP_GROUPS = sorted({role.stop_group for role in ROLES.values()})
 
 @dataclass(frozen=True)
 class Fact:
-    """One thing that makes a process punctual, or that could not be had.
-
-    Attributes:
-        code: Which.
-        sentence: The fact in words, with what to do about it.
-        is_hindrance: Whether ticks may be late because of it.
-    """
+    """One thing that makes a process punctual, or that could not be had."""
 
     code: str
-    sentence: str
-    is_hindrance: bool = True
+    sentence: str  # with what to do about it
+    is_hindrance: bool = True  # whether ticks may be late because of it

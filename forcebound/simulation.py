@@ -75,15 +75,11 @@ class LateTicks:
 
 
 class Simulation:
-    """A graph of nodes in virtual time.
+    """A graph of nodes in virtual time; those of one instant are stepped in the order of ``nodes``.
 
-    Args:
-        nodes: The nodes, in the order in which those of one instant are stepped.
-        links: Impaired links by stream; a stream that is not here has a perfect link, which
-            delivers at once and keeps only the newest packet for a node that takes it later.
-        observe: Called with each packet at its sending, in order.
-        observed: Packets to call it with.
-        graph: Which node receives what another one sends.
+    A stream that is not in ``links`` has a perfect link, which delivers at once and keeps only the
+    newest packet for a node that takes it later. ``observe`` is called with each packet of the
+    classes ``observed`` at its sending, in order.
 
     Raises:
         ConfigError: If a node needs a stream that none of the nodes sends.

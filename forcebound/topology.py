@@ -76,11 +76,7 @@ class Graph(Struct, frozen=True):
     streams: tuple[Stream, ...]
 
     def of_role(self, role: str, hand: str = HAND) -> str:
-        """Return the name of the process with a role for a hand.
-
-        Raises:
-            KeyError: If there is none.
-        """
+        """Return the name of the process with a role for a hand; KeyError if there is none."""
         for name, node in self.nodes.items():
             if node.role == role and node.hand in (hand, None):
                 return name
@@ -97,11 +93,7 @@ class Graph(Struct, frozen=True):
         return tuple(s for s in self.streams if s.receiver is not None and not s.is_forwarded)
 
     def sent(self, sender: str, packet: type[Packet]) -> Stream:
-        """Return the stream of a process with these packets.
-
-        Raises:
-            KeyError: If it sends none.
-        """
+        """Return the stream of a process with these packets; KeyError if it sends none."""
         topic = TOPIC_OF[packet]
         for stream in self.streams:
             if stream.sender == sender and stream.topic == topic and not stream.is_forwarded:

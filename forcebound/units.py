@@ -128,11 +128,7 @@ _FACTOR = re.compile(r"([*·/]?)\s*(1|[A-Za-zµμ%]+)(?:\^|\*\*)?(-?[1-9]|[²³]
 
 @cache
 def _unit(text: str) -> tuple[Decimal, tuple[int, ...]]:
-    """Return size and powers of a unit as it is written.
-
-    Raises:
-        KeyError: If one of its names is none of a unit.
-    """
+    """Return size and powers of a unit as it is written; KeyError for a name that is none."""
     size = Decimal(1)
     powers: tuple[int, ...] = (0, 0, 0, 0)
     for sign, name, exponent in _FACTOR.findall(text):

@@ -5,9 +5,13 @@ from dataclasses import dataclass
 from enum import Enum, auto
 from typing import TypeAlias
 
+from forcebound.messages.control import ResumeDevice, StartNode, StopNode
 from forcebound.roles import LOST
 
 DEVICE_LOST = "device_lost"  # the event
+
+#: What a user may ask of a launcher during a run; it is an event, if nothing is against it.
+NodeRequest: TypeAlias = StopNode | StartNode | ResumeDevice
 
 
 @dataclass(frozen=True)
@@ -40,25 +44,25 @@ class Failure:
 
 
 @dataclass(frozen=True)
-class Reported:
+class _OfNode:
+    node: str
+
+
+@dataclass(frozen=True)
+class Reported(_OfNode):
     """A node answered a request for its status."""
 
-    node: str
     waiting_for: tuple[str, ...]  # topics without a packet yet; none: it is ready
 
 
-@dataclass(frozen=True)
-class Engaged:
+class Engaged(_OfNode):
     """A device has confirmed that the force engages."""
 
-    node: str
-
 
 @dataclass(frozen=True)
-class Ended:
+class Ended(_OfNode):
     """A process has ended; ``status`` is its exit status, or minus the signal that ended it."""
 
-    node: str
     status: int
 
 
@@ -67,58 +71,23 @@ class Interrupted:
     """Request to end the run: Ctrl-C, SIGTERM, a closed terminal."""
 
 
-@dataclass(frozen=True)
-class StopRequested:
-    """Request to stop a node until it is started again; see :meth:`Lifecycle.refusal`."""
-
-    node: str
+Event: TypeAlias = Reported | Engaged | Ended | Interrupted | NodeRequest
 
 
-@dataclass(frozen=True)
-class StartRequested:
-    """Request to start a node that was stopped; see :meth:`Lifecycle.refusal`."""
-
-    node: str
-
-
-@dataclass(frozen=True)
-class Resumed:
-    """The user says that a lost device is in order, and in its home pose."""
-
-    node: str
-
-
-Event: TypeAlias = (
-    Reported | Engaged | Ended | Interrupted | StopRequested | StartRequested | Resumed
-)
-
-
-@dataclass(frozen=True)
-class Engage:
+class Engage(_OfNode):
     """Let a device engage the force."""
 
-    node: str
 
-
-@dataclass(frozen=True)
-class Terminate:
+class Terminate(_OfNode):
     """Stop a node (SIGTERM)."""
 
-    node: str
 
-
-@dataclass(frozen=True)
-class Kill:
+class Kill(_OfNode):
     """End a node that does not stop (SIGKILL)."""
 
-    node: str
 
-
-@dataclass(frozen=True)
-class Start:
+class Start(_OfNode):
     """Start a node."""
-
-    node: str
 
 
 @dataclass(frozen=True)

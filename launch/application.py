@@ -22,13 +22,7 @@ from forcebound.simulation import Simulation
 def apply(old: GraphConfig, new: GraphConfig, graph: Runner | Simulation) -> Parameters:
     """Apply changed parameters to the nodes and links of a simulation or of one process.
 
-    Args:
-        old: What they have.
-        new: What they get.
-        graph: What drives them.
-
-    Returns:
-        What has changed there: names and new values.
+    Returns the names and new values of those that have changed there.
     """
     here = tuple(_prefixes(graph))
     changed = {
@@ -42,9 +36,6 @@ class Tuner:
     """Applies the parameters of a request on its control socket to a running process.
 
     Of two requests that overtake each other, the newer one counts.
-
-    Args:
-        config: What the process was started with.
     """
 
     def __init__(self, config: GraphConfig) -> None:
@@ -56,9 +47,6 @@ class Tuner:
         """Apply newer parameters; return the changes in this process but for the law.
 
         The device node itself reports its law, as soon as it has taken it.
-
-        Raises:
-            ConfigError: If the device cannot take this law.
         """
         if request.time_ns < self._time_ns:
             return {}

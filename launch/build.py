@@ -35,15 +35,8 @@ def build_node(
 ) -> Node:
     """Return a node of a graph with its parts, which are made if need be.
 
-    Args:
-        name: Of the node in the graph.
-        config: Of the graph.
-        environment_name: By which the graph knows this environment process from others.
-        clock: Returns the time, in ns, for a device without stamps; None: virtual time.
-        graph: What the node belongs to.
-
-    Raises:
-        KeyError: If the graph has no such node.
+    The graph knows an environment process from others by ``environment_name``. ``clock`` gives the
+    time, in ns, of a device without stamps; None: virtual time. KeyError if there is no such node.
     """
     role = graph.nodes[name].role
     if role == DEVICE:
@@ -51,21 +44,13 @@ def build_node(
     if role == CONTROLLER:
         return build_controller(config)
     if role == ENVIRONMENT:
-        return _build_environment(config, environment_name)
+        served, axes = _served(config.environment), config.device.axes
+        return EnvironmentNode(served, _computation(config), environment_name, axes)
     raise KeyError(name)
 
 
-def _build_environment(config: GraphConfig, name: str) -> EnvironmentNode:
-    computation = _computation(config)
-    return EnvironmentNode(_served(config.environment), computation, name, config.device.axes)
-
-
 def build_controller(config: GraphConfig) -> ControllerNode:
-    """Return the controller node with its controller, opened.
-
-    Raises:
-        ConfigError: If the controller's own code fails.
-    """
+    """Return the controller node with its controller, opened; ConfigError if that fails."""
     try:
         controller = made(CONTROLLER, config.controller).open(config.device.axes)
     except Exception as error:
@@ -91,11 +76,7 @@ def build_device(
     clock: Callable[[], int] | None = None,
     lateness: Callable[[], int] | None = None,
 ) -> DeviceNode:
-    """Return the device node with its device, opened; see :class:`DeviceNode`.
-
-    Raises:
-        DeviceError: If the device cannot be opened.
-    """
+    """Return the device node with its device, opened; DeviceError if that fails."""
     model, servo = made(DEVICE, config.device.model), config.device.servo
     try:
         device = model.open(made("operator", config.operator), servo.opening_hold)

@@ -12,6 +12,7 @@ import msgspec
 from msgspec import Struct
 
 from forcebound.bounding import contract as laws
+from forcebound.config.names import Document
 from forcebound.config.parts import law_of, member_of
 from forcebound.config.resolved import member_document
 from forcebound.config.users_code import tried
@@ -68,7 +69,7 @@ class AnswerTimes(Struct, frozen=True):
 class Checked(Struct, kw_only=True, omit_defaults=True):
     """What the contract test finds of a part."""
 
-    part: dict[str, Any]  # kind and parameters
+    part: Document  # kind and parameters
     passed: bool
     questions: int
     promises: dict[str, bool]  # which were kept
@@ -103,12 +104,10 @@ def check_part(
         arguments: Its parameters, each ``name:=value``; a law has none.
         axes: Numbers of axes of an environment; none: 1 to 6.
         rest: Forces expected of an environment at rest, each ``POSITION=FORCE``.
-        progress: Called before each answer of an environment, where it runs, with the question,
-            the answers so far and their number in all.
+        progress: Called before each answer with the question, answers so far and in all.
 
     Raises:
-        ConfigError: If there is no such part, a parameter is wrong, or the user's code was too slow
-            or ended its process.
+        ConfigError: If there is no such part, or the user's code was too slow or ended its process.
     """
     check = partial(check_here, section, kind, arguments, axes, rest, progress)
     if not names_file(kind):
@@ -141,7 +140,7 @@ def check_here(
     return _checked(part, CONTRACTS[section].check(model))
 
 
-def _checked(part: dict[str, Any], report: Report) -> Checked:
+def _checked(part: Document, report: Report) -> Checked:
     return Checked(
         part=part,
         passed=not report.violations,
@@ -152,7 +151,7 @@ def _checked(part: dict[str, Any], report: Report) -> Checked:
 
 
 def _check_environment(
-    part: dict[str, Any],
+    part: Document,
     progress: Progress,
     model: EnvironmentModel,
     axes: Sequence[int],

@@ -31,16 +31,15 @@ from forcebound.launch.actions import (
     Interrupted,
     Kill,
     Limits,
+    NodeRequest,
     Phase,
     Reported,
-    Resumed,
     Start,
-    StartRequested,
-    StopRequested,
     Terminate,
     describe_status,
 )
 from forcebound.launch.restarts import GIVE_UP_DEATHS, GIVE_UP_NS, Restarts
+from forcebound.messages.control import ResumeDevice, StartNode, StopNode
 from forcebound.roles import DEVICE, ENVIRONMENT, LOST, RECORDER, ROLES, STOP_GROUPS, Role
 from forcebound.topology import ONE_HAND, Graph
 
@@ -51,24 +50,11 @@ ADVICE = (
 
 
 class Lifecycle:
-    """One run, from the start of its processes to the end of the last.
+    """One run, from the start of its processes at ``time_ns`` to the end of the last.
 
-    Args:
-        nodes: The processes, all started at ``time_ns``.
-        duration_ns: Duration with an engaged force; None: until interrupted.
-        time_ns: Now, in ns.
-        limits: Time limits.
-        remote_topics: Topics that come only when an environment on another machine answers. The
-            start has no time limit while only these are missing.
-        graph: To which the processes belong.
-
-    Attributes:
-        phase: Present phase.
-        failure: First failure; None without one.
-        interrupted: Whether the run was ended on request.
-        lost: Devices that are lost, for which the run waits for the user's word.
-        returning: Devices that were started again, and whose force does not engage yet.
-        restarts: Restarts done and planned.
+    ``duration_ns`` is that with an engaged force; None: until interrupted. The start has no time
+    limit while only ``remote_topics`` are missing, which come when an environment on another
+    machine answers.
     """
 
     def __init__(
@@ -83,8 +69,8 @@ class Lifecycle:
         self._graph = graph
         self.phase = Phase.STARTING
         self._remote_topics = frozenset(remote_topics)
-        self.failure: Failure | None = None
-        self.interrupted = False
+        self.failure: Failure | None = None  # the first
+        self.interrupted = False  # the run was ended on request
         self._phase_end_ns: int | None = time_ns + limits.start_ns
         self._limits = limits
         self._duration_ns = duration_ns
@@ -95,8 +81,8 @@ class Lifecycle:
         self._held: set[str] = set()  # stopped on request, not to be restarted
         self._leaving: dict[str, int] = {}  # stopping on request; killed at this time, in ns
         self._engaged: set[str] = set()
-        self.lost: set[str] = set()
-        self.returning: set[str] = set()
+        self.lost: set[str] = set()  # devices for which the run waits for the user's word
+        self.returning: set[str] = set()  # that were started again; without force yet
         self.restarts = Restarts()
 
     def _role(self, node: str) -> Role:
@@ -140,8 +126,13 @@ class Lifecycle:
             return "lost"
         return "stopped" if node in self._held else "ended"
 
-    def refusal(self, node: str) -> str | None:
-        """Return why this node cannot be stopped or started on request now; None if it can."""
+    def refusal(self, request: NodeRequest) -> str | None:
+        """Return why this request of a user cannot be fulfilled now; None if it can."""
+        if isinstance(request, ResumeDevice):
+            device = self._graph.of_role(DEVICE)
+            state = self.state(device)
+            return None if device in self.lost else f"the {device} is not lost: it is {state}"
+        node = request.node
         if node not in self._waiting:
             known = ", ".join(self._waiting)
             if node in self._graph.nodes and self._role(node).is_restarted:
@@ -170,12 +161,15 @@ class Lifecycle:
                 return self._on_end(time_ns, node, status)
             case Interrupted():
                 return self._on_interrupt(time_ns)
-            case StopRequested(node) if self.refusal(node) is None:
+            case StopNode(node) if self.refusal(event) is None:
                 return self._on_stop_request(time_ns, node)
-            case StartRequested(node) if self.refusal(node) is None:
+            case StartNode(node) if self.refusal(event) is None:
                 return self._on_start_request(node)
-            case Resumed(node) if node in self.lost and self.phase is Phase.RUNNING:
-                return self._on_resume(node)
+            case ResumeDevice() if self.lost and self.phase is Phase.RUNNING:
+                device = self.lost.pop()
+                self.returning.add(device)
+                self.restarts.counts[device] += 1
+                return self._start(device)
             case Engaged(node) if self.phase is Phase.RUNNING:
                 self.returning.discard(node)
             case Engaged(node) if self.phase is Phase.ENGAGING:
@@ -261,17 +255,6 @@ class Lifecycle:
         self._fail(f"{node} ended unexpectedly {often}, the last time with {words}", node)
         return [death, *self._stop(time_ns)]
 
-    def _on_loss(self, node: str) -> list[Action]:
-        self.lost.add(node)
-        self.returning.discard(node)
-        return [Announce(DEVICE_LOST, node, ADVICE, is_fault=True)]
-
-    def _on_resume(self, node: str) -> list[Action]:
-        self.lost.discard(node)
-        self.returning.add(node)
-        self.restarts.counts[node] += 1
-        return self._start(node)
-
     def _on_departure(self, node: str, status: int, is_early: bool) -> list[Action]:
         """Take the end of a node that was stopped; start it if that was requested since."""
         words = describe_status(status)
@@ -294,7 +277,9 @@ class Lifecycle:
                 return self._on_departure(node, status, is_early)
             return self._on_death(time_ns, node, status)
         if self.phase is Phase.RUNNING and status == LOST:
-            return self._on_loss(node)
+            self.lost.add(node)
+            self.returning.discard(node)
+            return [Announce(DEVICE_LOST, node, ADVICE, is_fault=True)]
         if node in self._leaving:
             pass  # the run ended first
         elif stopping and is_early and -status in (signal.SIGTERM, signal.SIGKILL):

@@ -70,8 +70,8 @@ def run_live(
 ) -> RunResult:
     """Run a graph as processes, one per node and one that records.
 
-    An interrupt (Ctrl-C, SIGTERM) ends the run early and is no error. Call it from the main
-    thread, because it catches signals.
+    An interrupt (Ctrl-C, SIGTERM) ends the run early and is no error. Call it from the main thread,
+    because it catches signals.
 
     Args:
         config: What to run.
@@ -84,8 +84,8 @@ def run_live(
 
     Raises:
         ConfigError: As :func:`check_here`.
-        RunError: If a process did not become ready, ended by itself (a controller or environment:
-            too often) or did not stop. Where the force has engaged, the result says it instead.
+        RunError: If a process did not become ready, failed or did not stop. Where the force has
+            engaged, the result says it instead.
         KeyboardInterrupt: If the run was interrupted before its first sample; no recording is left.
     """
     check_here(config, record)
@@ -94,15 +94,12 @@ def run_live(
     with run_directory() as run_dir:
         recording = run_dir / RECORDING if record is None else record.absolute()
         write_launch_document(run_dir, config)
-        run = RunDocument(
-            os.getpid(),
-            core,
-            str(recording),
-            _recorded(config, record),
-            run_metadata(config),
-            file,
-            str(folder.resolve()),
-        )
+        recorded = list(ONE_HAND.names)
+        if record is None:  # a summary needs few
+            contacts = [REPLY] if may_report_contacts(config.environment.model) else []
+            recorded = [TELEMETRY, *contacts, EVENT]
+        told = (recorded, run_metadata(config), file, str(folder.resolve()))
+        run = RunDocument(os.getpid(), core, str(recording), *told)
         run.write(run_dir)
         cores = realtime.leave_core(core)
         try:
@@ -118,14 +115,6 @@ def run_live(
         return replace(_result(recording, interrupted), failure=failure)
 
 
-def _recorded(config: GraphConfig, record: Path | None) -> list[str]:
-    """Return the names of the streams to record; a summary needs few."""
-    if record is not None:
-        return list(ONE_HAND.names)
-    contacts = [REPLY] if may_report_contacts(config.environment.model) else []
-    return [TELEMETRY, *contacts, EVENT]
-
-
 def _supervisor(
     config: GraphConfig,
     run_dir: Path,
@@ -135,7 +124,8 @@ def _supervisor(
     screen: Screen,
     start_cores: Collection[int],
 ) -> Supervisor:
-    elsewhere = {LAUNCHER} if _starts_here(config) else {LAUNCHER, ENVIRONMENT}
+    is_here = config.remote is None or config.remote.local
+    elsewhere = {LAUNCHER} if is_here else {LAUNCHER, ENVIRONMENT}
     commands = {name: node_command(name, run_dir) for name in graph.nodes if name not in elsewhere}
     return Supervisor(
         commands,
@@ -143,7 +133,10 @@ def _supervisor(
         round((config.duration if duration is None else duration) * 1e9),
         limits,
         screen,
-        script=_script(config, run_dir),
+        script=[
+            Step(part.start_ns, partial(_begin, run_dir, part), part.message, part.data)
+            for part in timetable(config)
+        ],
         remote_topics=() if config.remote is None else REMOTE_TOPICS,
         changes=partial(_changes, to_document(config), run_dir),
         start_cores=start_cores,
@@ -174,10 +167,6 @@ def _discard_if_empty(recording: Path) -> bool:
 
 def check_here(config: GraphConfig, record: Path | None = None) -> None:
     """Check that this machine has what a live run needs, before any process starts.
-
-    Args:
-        config: What is to be run.
-        record: Where the recording is to be kept; None: nowhere.
 
     Raises:
         ConfigError: If the rate is too high or low, the chain cannot be placed, the recording not
@@ -211,14 +200,6 @@ def check_here(config: GraphConfig, record: Path | None = None) -> None:
         raise ConfigError("\n".join(problems))
 
 
-def _script(config: GraphConfig, run_dir: Path) -> list[Step]:
-    """Return the actions of the launcher at the beginning of each phase."""
-    return [
-        Step(part.start_ns, partial(_begin, run_dir, part), part.message, part.data)
-        for part in timetable(config)
-    ]
-
-
 def _begin(run_dir: Path, part: Part) -> Mapping[str, Configure]:
     """Write what holds in a phase; return the request for each process that it concerns."""
     with updating(run_dir, PHASE_TIMEOUT):  # a suspended command must not block the launcher
@@ -237,10 +218,6 @@ def _changes(started: Parameters, run_dir: Path, node: str) -> Parameters:
         return {}  # the node has reported that it cannot read it
     changed = differences(started, document)
     return {name: value for name, value in changed.items() if node in processes_of([name])}
-
-
-def _starts_here(config: GraphConfig) -> bool:
-    return config.remote is None or config.remote.local
 
 
 def node_command(name: str, run_dir: Path) -> list[str]:

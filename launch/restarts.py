@@ -8,15 +8,10 @@ GIVE_UP_NS = 10_000_000_000  # ... within this time; a longer life resets the ba
 
 
 class Restarts:
-    """Unexpected ends and planned restarts of a run's processes.
-
-    Attributes:
-        due_ns: When a process that is down starts again, in ns, by name.
-        counts: Restarts of each process.
-    """
+    """Unexpected ends and planned restarts of a run's processes, by name."""
 
     def __init__(self) -> None:
-        self.due_ns: dict[str, int] = {}
+        self.due_ns: dict[str, int] = {}  # when one that is down starts again
         self.counts: Counter[str] = Counter()
         self._deaths: dict[str, deque[int]] = {}
         self._in_a_row: Counter[str] = Counter()

@@ -4,7 +4,7 @@ import json
 import logging
 import math
 import platform
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib.metadata import version
@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from forcebound.config.graph import KINDS, GraphConfig
+from forcebound.config.names import Document
 from forcebound.config.resolved import to_document
 from forcebound.files import content_of
 from forcebound.messages.packets import TOPIC_OF, EnvironmentReply, Event, Telemetry
@@ -50,7 +51,7 @@ class RunResult:
     """The samples of one run and the resolved launch document that made them."""
 
     columns: TelemetryColumns
-    document: Mapping[str, Any]
+    document: Document
     events: Sequence[Event] = ()
     is_complete: bool = True  # False: the recording was cut off, at its end or before
     interrupted: bool = False  # the run ended before its planned duration
@@ -60,12 +61,9 @@ class RunResult:
 
     @classmethod
     def from_recording(cls, path: Path) -> "RunResult":
-        """Return the result that a recording holds.
+        """Return the result that a recording holds; ConfigError if it is none of a run.
 
         True energy of one that begins later counts from when the law of then began.
-
-        Raises:
-            ConfigError: If there is no such file or it is no recording of a run.
         """
         from forcebound.recording import read  # slow to import; no node process needs it
 

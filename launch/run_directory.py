@@ -5,7 +5,6 @@ It is private (0700) and holds the sockets of a run and two documents for its pr
 (:class:`RunDocument`). The next run removes what remains after a crash.
 """
 
-import fcntl
 import json
 import logging
 import os
@@ -15,17 +14,17 @@ import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import msgspec
 
 from forcebound.config.graph import GraphConfig
+from forcebound.config.names import Document
 from forcebound.config.parameters import parameters
 from forcebound.config.resolved import run_document
 from forcebound.errors import ConfigError
 from forcebound.files import read_bytes
 from forcebound.folders import is_own, runtime_folder, runtime_folders
-from forcebound.launch.run_lock import exclusive, shared
+from forcebound.launch.run_lock import exclusive, shared, try_lock
 from forcebound.messages.control import Configure
 from forcebound.messages.packets import TOPIC_OF, EnvironmentReply, Event, Telemetry
 from forcebound.network.sockets import IPC_PATH_LIMIT
@@ -66,11 +65,7 @@ class RunDocument(msgspec.Struct, frozen=True):
 
     @classmethod
     def read(cls, run_dir: Path) -> "RunDocument":
-        """Read what the launcher wrote.
-
-        Raises:
-            ConfigError: If it is not there, not yet or not any more, or not of this version.
-        """
+        """Read what the launcher wrote; ConfigError if it is not there, or not of this version."""
         try:
             return msgspec.json.decode(read_bytes(run_dir / RUN_FILE, MAX_DOCUMENT), type=cls)
         except (OSError, msgspec.MsgspecError) as error:
@@ -90,14 +85,10 @@ def has_launcher(run_dir: Path) -> bool:
     return is_bound(run_dir, graph_in(run_dir).nodes[LAUNCHER])
 
 
-def read_launch_document(run_dir: Path) -> dict[str, Any]:
-    """Return the launch document of a graph, as :func:`write_launch_document` wrote it.
-
-    Raises:
-        ConfigError: If it cannot be read.
-    """
+def read_launch_document(run_dir: Path) -> Document:
+    """Return the launch document of a graph; ConfigError if it cannot be read."""
     try:
-        document: dict[str, Any] = json.loads(read_bytes(run_dir / LAUNCH_FILE, MAX_DOCUMENT))
+        document: Document = json.loads(read_bytes(run_dir / LAUNCH_FILE, MAX_DOCUMENT))
     except (OSError, ValueError, RecursionError) as error:
         raise ConfigError(f"cannot read what the graph in {run_dir} runs with: {error}") from error
     return document
@@ -106,9 +97,7 @@ def read_launch_document(run_dir: Path) -> dict[str, Any]:
 def write_launch_document(run_dir: Path, config: GraphConfig) -> Configure:
     """Write the configuration for processes that start and for commands that read the run.
 
-    Returns:
-        The request that brings a running process to it; see
-        :class:`forcebound.launch.application.Tuner`.
+    Returns the request that brings a running process to it.
     """
     unfinished = run_dir / f"{LAUNCH_FILE}.{os.getpid()}"  # others may write, too
     unfinished.write_text(json.dumps(run_document(config)), encoding="utf-8")
@@ -118,33 +107,18 @@ def write_launch_document(run_dir: Path, config: GraphConfig) -> Configure:
 
 @contextmanager
 def updating(run_dir: Path, timeout: float) -> Iterator[bool]:
-    """Lock the launch document between reading and writing it.
+    """Lock the launch document between reading and writing it; yield whether that was possible.
 
-    Args:
-        run_dir: Of the run.
-        timeout: How long to wait for another command that changes it, in s.
-
-    Yields:
-        Whether the lock was taken.
+    ``timeout`` is how long to wait for another command that changes it, in s.
     """
     end = time.monotonic() + timeout
     descriptor = os.open(run_dir / UPDATE_LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
     try:
-        is_locked = _try_lock(descriptor)
-        while not is_locked and time.monotonic() < end:
+        while not (is_locked := try_lock(descriptor)) and time.monotonic() < end:
             time.sleep(UPDATE_POLL)
-            is_locked = _try_lock(descriptor)
         yield is_locked
     finally:
         os.close(descriptor)  # this frees the lock
-
-
-def _try_lock(descriptor: int) -> bool:
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    return True
 
 
 @contextmanager

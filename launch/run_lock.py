@@ -37,15 +37,18 @@ def exclusive(run_dir: Path) -> Iterator[bool]:
         yield False  # unknown
         return
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        is_ours = False
-    else:
-        is_ours = True
-    try:
-        yield is_ours
+        yield try_lock(descriptor)
     finally:
         os.close(descriptor)
+
+
+def try_lock(descriptor: int) -> bool:
+    """Lock an open file for this process alone; return whether that was possible."""
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return False
+    return True
 
 
 def is_held(run_dir: Path) -> bool:

@@ -15,13 +15,9 @@ LONG = 3  # s of a start, after which it is said why it may take long
 
 @dataclass
 class Screen:
-    """Standard error. If it is closed, the run continues without output.
+    """Standard error. If it is closed, the run continues without output."""
 
-    Attributes:
-        has_status: Whether to show what the launcher is doing: a terminal, and somebody looks.
-    """
-
-    has_status: bool = False
+    has_status: bool = False  # whether to show what the launcher does: somebody looks
     _status: str = field(default="", init=False)
 
     def show(self, name: str, line: str) -> None:

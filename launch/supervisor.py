@@ -17,7 +17,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from forcebound import realtime
@@ -35,10 +35,7 @@ from forcebound.launch.actions import (
     Limits,
     Phase,
     Reported,
-    Resumed,
     Start,
-    StartRequested,
-    StopRequested,
     Terminate,
 )
 from forcebound.launch.children import LAST_CHANCE, Child, Signals, name_begins
@@ -49,7 +46,7 @@ from forcebound.messages.codec import encode
 from forcebound.network.control import ControlServer
 from forcebound.network.sockets import Network
 from forcebound.nodes.events import PARAMETERS_SET, PHASE_BEGINS, EventLog
-from forcebound.roles import CONTROLLER, DEVICE, ENVIRONMENT, LAUNCHER
+from forcebound.roles import CONTROLLER, ENVIRONMENT, LAUNCHER
 from forcebound.topology import ONE_HAND, Graph, endpoint
 
 REQUEST_INTERVAL_NS = 20_000_000  # between two requests to a node that is not ready
@@ -66,47 +63,31 @@ class Step:
     data: Mapping[str, str]
 
 
+@dataclass(eq=False)
 class Supervisor:
     """Runs the processes of one run to their end.
 
-    Args:
-        commands: The command line of each process by name, in the order in which they start.
-        run_dir: Directory of the run's sockets.
-        duration_ns: Duration with an engaged force, in ns; None: until interrupted.
-        limits: Time limits.
-        screen: Where lines of the processes go.
-        script: Steps of a scripted run, in order.
-        remote_topics: See :class:`forcebound.launch.lifecycle.Lifecycle`.
-        changes: Returns the parameters of a node that were changed since the run began.
-        start_cores: Cores on which the processes start, which takes most of a second of each; none:
-            those of the launcher, as for a process that restarts during a run.
-        graph: To which the processes belong.
+    ``commands`` has the command line of each process by name, in the order in which they start.
+    ``script`` has steps in order. ``changes`` returns the parameters of a node that were changed
+    since the run began. The processes start on ``start_cores``, which takes most of a second of
+    each; none: those of the launcher, as for a process that restarts during a run. The others are
+    as of :class:`~forcebound.launch.lifecycle.Lifecycle`.
     """
 
-    def __init__(
-        self,
-        commands: Mapping[str, Sequence[str]],
-        run_dir: Path,
-        duration_ns: int | None,
-        limits: Limits | None = None,
-        screen: Screen | None = None,
-        script: Sequence[Step] = (),
-        remote_topics: Collection[str] = (),
-        changes: Callable[[str], control.Parameters] = lambda _: {},
-        start_cores: Collection[int] = (),
-        graph: Graph = ONE_HAND,
-    ) -> None:
-        self._graph = graph
-        self._commands = commands
-        self._start_cores = start_cores
-        self._changes = changes
-        self._remote_topics = remote_topics
-        self._script = deque(script)
+    commands: Mapping[str, Sequence[str]]
+    run_dir: Path
+    duration_ns: int | None
+    limits: Limits | None = None
+    screen: Screen = field(default_factory=Screen)
+    script: Sequence[Step] = ()
+    remote_topics: Collection[str] = ()
+    changes: Callable[[str], control.Parameters] = lambda _: {}
+    start_cores: Collection[int] = ()
+    graph: Graph = ONE_HAND
+
+    def __post_init__(self) -> None:
+        self._steps = deque(self.script)
         self._began_ns: int | None = None  # when the force engaged
-        self._run_dir = run_dir
-        self._duration_ns = duration_ns
-        self._limits = limits or Limits()
-        self._screen = screen or Screen()
         self._children: dict[str, Child] = {}
         self._running: set[str] = set()
         self._not_started: list[str] = []
@@ -117,13 +98,12 @@ class Supervisor:
         """Start, monitor and end the processes; return whether the run was interrupted.
 
         Raises:
-            RunError: If a process ended unexpectedly (a controller or environment: too often), was
-                not ready in time, or did not stop; the message has its last lines. All processes
-                have ended then, too.
+            RunError: If the lifecycle has a failure; the message has the last lines of its process.
+                All processes have ended then, too.
         """
         with ExitStack() as stack:
             network = stack.enter_context(Network())
-            graph, run_dir = self._graph, self._run_dir
+            graph, run_dir = self.graph, self.run_dir
             own_events = graph.sent(LAUNCHER, packets.Event)
             self._publish = network.publisher(endpoint(run_dir, own_events)).send
             server = network.control_server(
@@ -134,22 +114,15 @@ class Supervisor:
             for descriptor in (signals.descriptor, server.descriptor):
                 self._selector.register(descriptor, selectors.EVENT_READ)
             stack.callback(self._end_children)
-            with realtime.on_cores(self._start_cores):
-                for name in self._commands:
+            with realtime.on_cores(self.start_cores):
+                for name in self.commands:
                     self._start(name)
             self._clients = {
                 name: network.control_client(endpoint(run_dir, graph.nodes[name]))
-                for name in self._commands
+                for name in self.commands
             }
-            now_ns = time.monotonic_ns()
-            lifecycle = Lifecycle(
-                list(self._commands),
-                self._duration_ns,
-                now_ns,
-                self._limits,
-                self._remote_topics,
-                graph,
-            )
+            times = self.duration_ns, time.monotonic_ns(), self.limits or Limits()
+            lifecycle = Lifecycle(list(self.commands), *times, self.remote_topics, graph)
             self._loop(lifecycle, signals, server)
         if lifecycle.failure is not None:
             raise RunError(self._failure_message(lifecycle))
@@ -168,7 +141,7 @@ class Supervisor:
         began_ns = time.monotonic_ns()
         while lifecycle.phase is not Phase.OVER:
             now_ns = time.monotonic_ns()
-            self._screen.status(doing(lifecycle, (now_ns - began_ns) * 1e-9))
+            self.screen.status(doing(lifecycle, (now_ns - began_ns) * 1e-9))
             if now_ns - requested_ns >= REQUEST_INTERVAL_NS:
                 requested_ns = now_ns
                 self._ask(lifecycle)
@@ -190,15 +163,15 @@ class Supervisor:
     def _follow_script(self, now_ns: int) -> None:
         if self._began_ns is None:
             self._began_ns = now_ns
-        while self._script and now_ns >= self._began_ns + self._script[0].start_ns:
-            step = self._script.popleft()
+        while self._steps and now_ns >= self._began_ns + self._steps[0].start_ns:
+            step = self._steps.popleft()
             for name, request in step.act().items():
                 if name in self._clients:  # a stopped one reads the document when it starts
                     self._clients[name].ask(request)
             self._emit(PHASE_BEGINS, step.message, step.data)
 
     def _start(self, name: str) -> None:
-        child = Child(name, self._commands[name], self._screen.show)
+        child = Child(name, self.commands[name], self.screen.show)
         self._selector.register(child.descriptor, selectors.EVENT_READ, child)
         self._children[name] = child
         self._running.add(name)
@@ -211,7 +184,7 @@ class Supervisor:
         try:
             self._start(name)
         except OSError as error:  # out of memory or processes: treated as an end
-            self._screen.show(name, f"cannot be started: {error.strerror}")
+            self.screen.show(name, f"cannot be started: {error.strerror}")
             self._not_started.append(name)
 
     def _end_children(self) -> None:
@@ -226,8 +199,8 @@ class Supervisor:
         if is_starting or lifecycle.returning or self._awaited(lifecycle):
             return REQUEST_INTERVAL_NS * 1e-9
         ends_ns = [] if lifecycle.deadline_ns is None else [lifecycle.deadline_ns]
-        if self._script and lifecycle.phase is Phase.RUNNING and self._began_ns is not None:
-            ends_ns.append(self._began_ns + self._script[0].start_ns)
+        if self._steps and lifecycle.phase is Phase.RUNNING and self._began_ns is not None:
+            ends_ns.append(self._began_ns + self._steps[0].start_ns)
         return max(0.0, (min(ends_ns) - now_ns) * 1e-9) if ends_ns else None
 
     def _ask(self, lifecycle: Lifecycle) -> None:
@@ -250,18 +223,11 @@ class Supervisor:
     ) -> control.Answer:
         """Return the answer to a request of the launcher's control socket."""
         match request:
-            case control.StopNode(node) | control.StartNode(node):
-                refusal = lifecycle.refusal(node)
+            case control.StopNode() | control.StartNode() | control.ResumeDevice():
+                refusal = lifecycle.refusal(request)
                 if refusal is not None:
                     return control.Refused(refusal)
-                is_stop = isinstance(request, control.StopNode)
-                advance(StopRequested(node) if is_stop else StartRequested(node))
-            case control.ResumeDevice():
-                device = self._graph.of_role(DEVICE)
-                if device not in lifecycle.lost:
-                    state = lifecycle.state(device)
-                    return control.Refused(f"the {device} is not lost: it is {state}")
-                advance(Resumed(device))
+                advance(request)
             case control.ConfigureNode(node, configure):
                 if node not in self._clients:
                     return control.Refused(f"the launcher of this graph does not run {node!r}")
@@ -299,7 +265,7 @@ class Supervisor:
                 end_group(child.process.pid, LAST_CHANCE)
                 self._running.discard(name)
                 child.read()  # its last lines, for the message of the failure
-                if self._graph.nodes[name].role == ENVIRONMENT:
+                if self.graph.nodes[name].role == ENVIRONMENT:
                     self._report_death(child.process.pid)
                 events.append(Ended(name, status))
         return events
@@ -307,7 +273,7 @@ class Supervisor:
     def _report_death(self, pid: int) -> None:
         """Report the end of an environment's process to the controllers."""
         for name, client in self._clients.items():
-            if self._graph.nodes[name].role == CONTROLLER:
+            if self.graph.nodes[name].role == CONTROLLER:
                 client.ask(control.EnvironmentDied(name_begins(pid)))
 
     def _do(self, action: Action) -> None:
@@ -329,7 +295,7 @@ class Supervisor:
 
     def _announce_changes(self, node: str) -> None:
         """Publish the changed parameters that a restarted node has read."""
-        changed = {name: str(value) for name, value in self._changes(node).items()}
+        changed = {name: str(value) for name, value in self.changes(node).items()}
         if changed:
             values = ", ".join(f"{name} = {value}" for name, value in changed.items())
             message = f"{node} was restarted with changed parameters: {values}"

@@ -16,13 +16,9 @@ FAILURES = ("environment_failed", "controller_failed")  # events of code of the 
 
 
 def try_start(config: GraphConfig) -> None:
-    """Run the first ticks of a graph in virtual time.
+    """Run the first ticks of a graph in virtual time; ConfigError if it does not start.
 
-    A graph with a device of the user's own is passed over, since that may be hardware. So is one
-    with a device at a port.
-
-    Raises:
-        ConfigError: If it does not start, or its numbers leave the range of floats.
+    A graph with a device of the user's own, which may be hardware, or at a port is passed over.
     """
     device = config.device.model
     is_at_port = device.simulated_in is not None

@@ -87,11 +87,7 @@ def run_virtual(
 
 
 def check_has_virtual_time(config: GraphConfig) -> None:
-    """Check that the device of a graph is not at a port, where time is real.
-
-    Raises:
-        ConfigError: If it is; names the launch file with the simulated device of its kind.
-    """
+    """Raise ConfigError if the device is at a port, where time is real; it names what to use."""
     instead = config.device.model.simulated_in
     if instead is not None:
         kind = kind_of("device", config.device.model)
@@ -102,11 +98,7 @@ def check_has_virtual_time(config: GraphConfig) -> None:
 
 
 class _Observer:
-    """Collects the packets that a result needs; records all packets if there is a recorder.
-
-    Attributes:
-        is_interrupted: Whether the run is to end after the next packet.
-    """
+    """Collects the packets that a result needs; records all packets if there is a recorder."""
 
     def __init__(self, recorder: Recorder | None, wants_replies: bool) -> None:
         self._recorder = recorder
@@ -114,7 +106,7 @@ class _Observer:
         self.events: list[Event] = []
         needed = (Telemetry, Event, *((EnvironmentReply,) if wants_replies else ()))
         self.packets = needed if recorder is None else tuple(TOPIC_OF)
-        self.is_interrupted = False
+        self.is_interrupted = False  # whether to end the run after the next packet
 
     def take(self, packet: Packet) -> None:
         if type(packet) is Telemetry:

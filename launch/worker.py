@@ -46,10 +46,6 @@ _logger = logging.getLogger(__name__)
 def run_node(name: str, run_dir: Path) -> int:
     """Run one process of a graph, for its launcher, to its end; return its exit status.
 
-    Args:
-        name: Of the process in the graph.
-        run_dir: Directory of the run.
-
     Raises:
         ConfigError: If an endpoint is in use, or a key is missing.
         DeviceError: If the device failed; its last force is zero, if it still took it.
@@ -76,12 +72,7 @@ def run_node(name: str, run_dir: Path) -> int:
 def serve_environment(file: Path, arguments: Sequence[str] = ()) -> None:
     """Run the environment of a launch file for a graph on another machine, until a stop request.
 
-    Args:
-        file: Its section ``remote`` names the graph.
-        arguments: Of the launch file.
-
-    Raises:
-        ConfigError: If the launch file is wrong or has no such section, or a key is missing.
+    ConfigError if the file is wrong or has no section ``remote``, or a key is missing.
     """
     from forcebound.config.loader import load_tried  # a process of a launcher reads no launch file
 
@@ -174,11 +165,7 @@ def _run(
 
 
 def _record(run: RunDocument, run_dir: Path, stop: process.Stop) -> RecorderStatus:
-    """Record the streams of a run into its file; return the last status of the recorder.
-
-    Raises:
-        ConfigError: If the file cannot be created.
-    """
+    """Record the streams of a run into its file; return the last status of the recorder."""
     from forcebound.recording import Recorder  # slow to import; no other process needs it
 
     offset_ns = time.time_ns() - time.monotonic_ns()

@@ -107,11 +107,7 @@ def _form(kind: type[Packet]) -> _Form:
 
 
 def plain(value: Any) -> float | dict[Any, Any]:
-    """Return a value of a type unknown to msgspec (a numpy float, for example) as a plain one.
-
-    Raises:
-        TypeError: If there is none.
-    """
+    """Return a value of a type unknown to msgspec (a numpy float) as a plain one, or TypeError."""
     if isinstance(value, float):
         return float(value)
     if isinstance(value, Mapping):
@@ -143,9 +139,8 @@ encode_unchecked: Callable[[Packet], bytes] = Encoder(enc_hook=plain).encode
 def encode(packet: Packet) -> bytes:
     """Return ``packet`` as bytes; its values are not checked.
 
-    Raises:
-        KeyError: If ``packet`` is not an instance of one of the classes of ``TOPICS``.
-        TypeError: If a value has a type that msgpack does not know.
+    KeyError for a class that is not in ``TOPICS``, TypeError for a value that msgpack does not
+    know.
     """
     if type(packet) not in TOPIC_OF:
         raise KeyError(type(packet))
@@ -153,15 +148,11 @@ def encode(packet: Packet) -> bytes:
 
 
 def decode(data: bytes, expected: type[Packet] | None = None) -> Packet:
-    """Return the packet in ``data``.
-
-    Args:
-        data: One whole frame.
-        expected: The only class of packet that is accepted; None: any.
+    """Return the packet in ``data``, one whole frame; ``expected``: the only class accepted.
 
     Raises:
-        PacketError: If ``data`` is anything else; ``reason`` as in the table at the head of this
-            module, the message says what was expected and what came.
+        PacketError: If it is anything else; ``reason`` as in the table at the head of this module,
+            the message says what was expected and what came.
     """
     if len(data) > _LONGEST[expected]:
         raise _length_error(data, expected)

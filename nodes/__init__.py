@@ -7,7 +7,8 @@ that have arrived, publishes what it returns, and calls again when packets arriv
 receives, and who receives its own, says :mod:`forcebound.topology`.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any, ClassVar, Protocol
 
 from forcebound.messages.control import Answer, NodeStatus, Refused, Request
@@ -27,6 +28,7 @@ class Node(Protocol):
     wakes_on_arrival: ClassVar[bool]  # False: packets wait for the node's own time
     requests: ClassVar[tuple[type[Request], ...]] = ()  # that its :meth:`handle` takes
     events: EventLog  # of its process: the runner makes its own events with it, too
+    rejected: Mapping[str, int] = MappingProxyType({})  # packets so far, by reason
 
     @property
     def wake_ns(self) -> int | None:
@@ -51,24 +53,20 @@ class Node(Protocol):
         ...
 
     def admit(self, packet: Packet, source: str, time_ns: int) -> bool:
-        """Return whether a packet that has just arrived may enter its link.
+        """Return whether a packet that has just arrived at ``time_ns`` may enter its link.
 
         Asked in a live run only, where others can send; a packet that is not admitted is counted.
-
-        Args:
-            packet: What came.
-            source: Who sent it: the public key or connection of a peer, empty on this machine.
-            time_ns: Now, in ns.
+        ``source`` is the public key or connection of a peer, empty on this machine.
         """
         return True
 
     def reject(self, reason: str) -> None:
-        """Count a packet that was rejected before it reached the node."""
-        return
+        """Count a packet that was rejected before it reached the node, or by it."""
+        self.rejected = {**self.rejected, reason: self.rejected.get(reason, 0) + 1}
 
     def status(self) -> NodeStatus:
         """Return how the node is doing; its runner adds what it counts."""
-        return NodeStatus()
+        return NodeStatus(rejected=dict(self.rejected))
 
     def handle(self, request: Any) -> Answer:
         """Execute a request of one of the classes in :attr:`requests`, and return the answer."""

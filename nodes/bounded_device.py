@@ -45,19 +45,10 @@ class Written(NamedTuple):
 
 
 class BoundedDevice:
-    """A device whose every force is bounded, and zero before :meth:`begin`.
+    """A device, open, whose every force is bounded, and zero before :meth:`begin`.
 
-    Args:
-        device: Open, without force.
-        law: A key of ``forcebound.bounding.LAWS``.
-        dissipation: What the law may rely on.
-        learns: Whether the hold limit follows the lateness of the ticks, if that is possible.
-        clock: Returns the time, in ns; None: everything in a tick happens at the time of the tick.
-
-    Attributes:
-        bounder: Of this device.
-        law: Its law.
-        learns: Whether the hold limit does follow the lateness.
+    The hold limit ``learns`` the lateness of the ticks, if that is possible. ``clock`` returns the
+    time, in ns; None: everything in a tick happens at the time of the tick.
     """
 
     def __init__(
@@ -140,10 +131,8 @@ class BoundedDevice:
     def write(self, time_ns: int, commanded: Vector, engagement: float) -> Written:
         """Read, bound, write.
 
-        Args:
-            time_ns: Now, in ns.
-            commanded: Force at the tip, in N, before saturation.
-            engagement: Factor of the engage ramp that ``commanded`` contains, 0 to 1.
+        ``commanded`` is the force at the tip, in N, before saturation; ``engagement`` the factor of
+        the engage ramp that it contains, 0 to 1.
         """
         device, bounder, kinematics = self._device, self.bounder, self._kinematics
         read_ns = time_ns if self._clock is None else self._clock()

@@ -42,14 +42,8 @@ _logger = logging.getLogger(__name__)
 class ControllerNode(Node):
     """Queries the environment for each device state and sends the forces of the controller.
 
-    If the controller's code raises, the failure is counted and no command is sent; the force at
-    the device then falls to zero by its age limit.
-
-    Args:
-        controller: Open; the node closes it.
-        lease_ns: See :class:`forcebound.nodes.lease.Lease`.
-        dead_lease_ns: See there.
-        hand: Its name.
+    If the controller's code raises, the failure is counted and no command is sent; the force at the
+    device then falls to zero by its age limit. The node closes the controller.
     """
 
     wakes_on_arrival: ClassVar[bool] = True
@@ -68,13 +62,11 @@ class ControllerNode(Node):
         self._queries = 0
         self._commands = 0
         self.events = EventLog(in_hand(hand, CONTROLLER))
-        self._rejected: dict[str, int] = {}
         self._lease = Lease(self.events, lease_ns, dead_lease_ns)
         self._reply_ns: int | None = None  # device's clock: state that the newest reply answers
         self._failures = 0  # failed calls of the controller's code
 
     def step(self, time_ns: int, received: Sequence[Packet]) -> list[Packet]:
-        """Answer every packet; see :class:`forcebound.nodes.Node`."""
         packets = self._lease.check(time_ns)
         for packet in received:
             if type(packet) is DeviceState:
@@ -84,7 +76,6 @@ class ControllerNode(Node):
         return packets
 
     def admit(self, packet: Packet, source: str, time_ns: int) -> bool:
-        """Admit replies of one environment at a time; see :class:`forcebound.nodes.Node`."""
         if type(packet) is not EnvironmentReply:
             return True
         if self._lease.admit(packet.environment, source, time_ns):
@@ -92,14 +83,9 @@ class ControllerNode(Node):
         self.reject("second_environment")
         return False
 
-    def reject(self, reason: str) -> None:
-        """Count a packet that was rejected; see :class:`forcebound.nodes.Node`."""
-        self._rejected[reason] = self._rejected.get(reason, 0) + 1
-
     def status(self) -> ControllerStatus:
-        """Return how the controller is doing; see :class:`forcebound.nodes.Node`."""
         return ControllerStatus(
-            rejected=dict(self._rejected),
+            rejected=dict(self.rejected),
             environment=self._lease.holder,
             failures=self._failures,
         )
@@ -110,7 +96,6 @@ class ControllerNode(Node):
         return Accepted()
 
     def close(self) -> None:
-        """Close the controller."""
         close_part(self._controller, CONTROLLER)
 
     def _take_state(self, state: DeviceState, time_ns: int, packets: list[Packet]) -> None:

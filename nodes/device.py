@@ -61,18 +61,12 @@ _UNKNOWN = _Unknown()
 
 
 class DeviceNode(Node):
-    """The servo of one device; the module's docstring defines a tick.
+    """The servo of one device, opened; the module's docstring defines a tick.
 
     It publishes states and writes zero force from its first step on; the force engages, and a
-    simulated hand begins to move, after :meth:`engage`.
-
-    Args:
-        device: Opened.
-        dissipation: What its law relies on.
-        servo: Its settings.
-        clock: Returns the time, in ns, for a device without stamps; None: virtual time.
-        lateness: Returns how late the next write is to be, in ns; None: none is, on purpose.
-        hand: Its name.
+    simulated hand begins to move, after :meth:`engage`. ``clock`` gives the time, in ns, of a
+    device without stamps (None: virtual time), ``lateness`` how late the next write is to be on
+    purpose, in ns.
     """
 
     wakes_on_arrival: ClassVar[bool] = False
@@ -122,7 +116,6 @@ class DeviceNode(Node):
 
     @property
     def wake_ns(self) -> int:
-        """When the next instant of a tick is due, in ns."""
         return self._wake_ns
 
     @property
@@ -145,11 +138,9 @@ class DeviceNode(Node):
         self._engage_requested = True
 
     def reject(self, reason: str) -> None:
-        """Count a packet that was rejected before it reached the node."""
         self._chain.reject(reason)
 
     def status(self) -> DeviceStatus:
-        """Return how the device is doing; see :class:`forcebound.nodes.Node`."""
         return DeviceStatus(
             rejected=dict(self._chain.rejected),
             engaged=self.is_engaged,
@@ -160,7 +151,6 @@ class DeviceNode(Node):
         )
 
     def handle(self, request: Engage | Point) -> Answer:
-        """Let the force engage, or move the pointer; see :class:`forcebound.nodes.Node`."""
         if isinstance(request, Point):
             return self._point(request.target)
         self.engage()
@@ -169,11 +159,7 @@ class DeviceNode(Node):
     def take_law(self, law: str) -> None:
         """Let another law bound as soon as no force is held; the force returns over the ramp.
 
-        Args:
-            law: One that comes with forcebound.
-
-        Raises:
-            ConfigError: If it is none; nothing changes.
+        ConfigError, and no change, for a law that does not come with forcebound.
         """
         if not LAWS.is_shipped(law):
             raise ConfigError(f"a running device takes no law of one's own, got {law!r}")
@@ -199,15 +185,12 @@ class DeviceNode(Node):
             _logger.warning("could not write the last zero force to the device: %s", error)
 
     def last_events(self, time_ns: int) -> Sequence[Event]:
-        """Return the report of the bounder; see :class:`forcebound.nodes.Node`."""
         return [self._tells.tell_bounder(time_ns, self._bounded.report())]
 
     def close(self) -> None:
-        """Close the device."""
         close_part(self._device, DEVICE)
 
     def step(self, time_ns: int, received: Sequence[Packet]) -> list[Packet]:
-        """Run the instant that is due; see :class:`forcebound.nodes.Node`."""
         for packet in received:
             self._chain.accept(packet, time_ns)
         if time_ns < self._wake_ns:

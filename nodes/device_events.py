@@ -10,12 +10,7 @@ REFUSAL_INTERVAL_NS = 1_000_000_000  # between two events about refused readings
 
 
 class DeviceEvents:
-    """Events of the ticks of a device node, limited in rate.
-
-    Args:
-        log: Of the node.
-        servo: Its settings.
-    """
+    """Events of the ticks of a device node, limited in rate."""
 
     def __init__(self, log: EventLog, servo: ServoSettings) -> None:
         self._log, self._servo = log, servo
@@ -28,11 +23,7 @@ class DeviceEvents:
     def look(self, time_ns: int, is_answered: bool, refused: int, missed: int) -> list[Packet]:
         """Return the events after a tick with an engaged force.
 
-        Args:
-            time_ns: Now, in ns.
-            is_answered: Whether an answer gives the force.
-            refused: Readings refused so far.
-            missed: Ticks missed so far.
+        It takes whether an answer gives the force, and readings refused and ticks missed so far.
         """
         events: list[Packet] = []
         if self._is_answered != is_answered and time_ns >= self._next_answer_ns:
@@ -51,11 +42,8 @@ class DeviceEvents:
     ) -> Event:
         """Return the event of another law; the ticks that its loading has cost are no news.
 
-        Args:
-            time_ns: Now, in ns.
-            law: From now on.
-            before: Of a simulated device: the law before, the true energy under it, and
-                ``energy_before`` of the status, in J.
+        ``before`` is of a simulated device: the law before, the true energy under it, and
+        ``energy_before`` of the status, in J.
         """
         self._overload = Overload(self._servo.period_ns)
         message, data = f"law: {law} from now on", {"law": law}

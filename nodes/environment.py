@@ -47,11 +47,8 @@ _Answer: TypeAlias = tuple[Vector, Vector | None, Vector | None]
 class EnvironmentNode(Node):
     """Answers the newest query, one at a time, each after its computation time.
 
-    Args:
-        model: What computes the force; the node opens it, and closes it in the end.
-        computation: Injected time of each computation; None: none.
-        name: Of this environment in the graph; no other one has it.
-        axes: Number of axes of the device.
+    The node opens the model, and closes it in the end. No other environment has its ``name`` in the
+    graph.
 
     Raises:
         ConfigError: If the environment cannot be opened.
@@ -85,7 +82,6 @@ class EnvironmentNode(Node):
         self._proxies: dict[str, Vector] = {}  # of the last answer to each hand
         self.name = name
         self.faults = 0  # queries that the environment's code failed to answer
-        self._rejected: dict[str, int] = {}
 
     @property
     def answered(self) -> int:
@@ -94,7 +90,6 @@ class EnvironmentNode(Node):
 
     @property
     def wake_ns(self) -> int | None:
-        """When the current answer is ready or a scene is due, in ns; None without either."""
         if self._scene.is_due:
             return self._step_ns
         return None if self._answering is None else self._done_ns
@@ -104,16 +99,9 @@ class EnvironmentNode(Node):
     ) -> None:
         """Answer from the next query on with other parameters, or in another time.
 
-        The answer in work keeps its time. An environment keeps its state if its ``change`` does,
-        or if only the time changes; otherwise it is opened again.
-
-        Args:
-            model: What computes the force.
-            computation: The time that a computation takes, by its settings of the delay.
-            trace: What the file ``computation.trace`` says.
-
-        Raises:
-            ConfigError: If the environment's code fails; nothing has changed then.
+        The answer in work keeps its time. An environment keeps its state if its ``change`` does, or
+        if only the time changes; otherwise it is opened again. ConfigError, and no change, if its
+        code fails.
         """
         if model != self._model:
             self._environment = change_environment(self._environment, model, self._axes)
@@ -122,11 +110,9 @@ class EnvironmentNode(Node):
         self._computation.change(computation, trace)
 
     def close(self) -> None:
-        """Close the environment."""
         close_part(self._environment, ENVIRONMENT)
 
     def step(self, time_ns: int, received: Sequence[Packet]) -> list[Packet]:
-        """Take queries, give finished answers; see :class:`forcebound.nodes.Node`."""
         self._step_ns = time_ns
         for packet in received:
             if type(packet) is EnvironmentQuery:
@@ -180,14 +166,9 @@ class EnvironmentNode(Node):
                 self._done_ns = time_ns + delay_ns
         return replies
 
-    def reject(self, reason: str) -> None:
-        """Count a packet that was rejected; see :class:`forcebound.nodes.Node`."""
-        self._rejected[reason] = self._rejected.get(reason, 0) + 1
-
     def status(self) -> EnvironmentStatus:
-        """Return how the environment is doing; see :class:`forcebound.nodes.Node`."""
         return EnvironmentStatus(
-            rejected=dict(self._rejected),
+            rejected=dict(self.rejected),
             name=self.name,
             refused_for=self._refused_for,
             failures=self.faults,

@@ -15,14 +15,7 @@ MAX_ENTRIES, MAX_DATA = 60, 1_800  # of an event's data, bytes: a packet holds n
 
 
 class EventLog:
-    """Makes the events of one process and counts them; also writes each to the log.
-
-    Args:
-        node: Name of the process.
-
-    Attributes:
-        is_logged: Whether events are also written to the log.
-    """
+    """Makes the events of one process and counts them; it may write them to the log, too."""
 
     def __init__(self, node: str) -> None:
         self.node = node
@@ -39,14 +32,9 @@ class EventLog:
         *,
         is_fault: bool = False,
     ) -> Event:
-        """Return the next event.
+        """Return the next event: its kind in one word, a message for people, data for programs.
 
-        Args:
-            time_ns: Now, on the process's monotonic clock, in ns.
-            event: What kind, in one word.
-            message: For people.
-            data: For programs.
-            is_fault: Whether something is wrong: then it is a warning.
+        ``time_ns`` is on the process's monotonic clock. A fault is a warning in the log.
         """
         if self.is_logged:
             self._logger.log(logging.WARNING if is_fault else logging.INFO, "%s", message)

@@ -36,15 +36,7 @@ PRICES = {"guarding": 5e-5, "reporting": 0.0015, "silent": 0.5, "none": 0.0}
 
 
 class HoldLimit:
-    """The hold limit for the next hold, learned from the lateness of the last ones.
-
-    Args:
-        period_ns: Sampling period, in ns.
-        watchdog: What the device does with a force older than the limit.
-
-    Attributes:
-        limit_ns: Longest time that the next force may be held, in ns.
-    """
+    """The hold limit for the next hold, ``limit_ns``, learned from the lateness of the last."""
 
     def __init__(self, period_ns: int, watchdog: Watchdog) -> None:
         self._rungs = [round(ratio * period_ns) for ratio in LADDER]
@@ -61,11 +53,7 @@ class HoldLimit:
         self.limit_ns = self._rungs[0]
 
     def observe(self, interval_ns: int) -> bool:
-        """Take in the interval between two writes; return whether the limit has changed.
-
-        Args:
-            interval_ns: In ns, of the hold that has just ended.
-        """
+        """Take in the interval between two writes, in ns; return whether the limit has changed."""
         self._ticks += 1
         self._seen += interval_ns / self._period_ns
         is_overrun = interval_ns > self.limit_ns

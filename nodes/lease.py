@@ -19,16 +19,10 @@ REJECTED_INTERVAL_NS = 1_000_000_000  # between two events about rejected enviro
 
 
 class Lease:
-    """Which environment serves.
+    """Which environment serves: ``holder``; None: the first that answers will.
 
-    Args:
-        events: Of the controller's process.
-        lease_ns: Silence after which another environment may serve, in ns.
-        dead_lease_ns: The same if the process of the holder is known to be gone; None: no shorter.
-
-    Attributes:
-        holder: Name of the environment that serves; None: the first that answers will.
-        heard_ns: When the holder answered last, in ns; set by the node that receives the answer.
+    ``lease_ns`` is the silence after which another one may serve, ``dead_lease_ns`` the same if the
+    process of the holder is known to be gone; None: no shorter.
     """
 
     def __init__(self, events: EventLog, lease_ns: int, dead_lease_ns: int | None) -> None:
@@ -36,7 +30,7 @@ class Lease:
         self._lease_ns = lease_ns
         self._dead_lease_ns = lease_ns if dead_lease_ns is None else dead_lease_ns
         self._is_dead = False  # whether the holder has ended
-        self.heard_ns = 0
+        self.heard_ns = 0  # last answer of the holder; set by the node that receives it
         self._emitted_ns: int | None = None
         self.holder: str | None = None
         self._claim: tuple[str, str] | None = None  # name and source whose replies are admitted

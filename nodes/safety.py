@@ -79,23 +79,16 @@ def ramp(
 
 
 class SafetyChain:
-    """The newest acceptable command, and the force that follows from it.
-
-    Attributes:
-        command: In use; None: there is none.
-        rejected: Packets refused so far, by reason; replaced when it changes, never mutated.
-        states: Of the stages, after the write before.
-        no_force: The demand without a command.
-    """
+    """The newest acceptable command, and the force that follows from it."""
 
     def __init__(self, axes: int, servo: ServoSettings) -> None:
         self._axes, self._servo, self._stages = axes, servo, stages_of(servo)
         self._tick_times: list[int] = [-1] * REMEMBERED
         self._newest_tick = -1
         self.command: ForceCommand | None = None
-        self.rejected: dict[str, int] = {}
+        self.rejected: dict[str, int] = {}  # by reason; replaced, never mutated
         self.no_force = self._demand = Demand((0.0,) * axes, 0, 0.0)
-        self.states: list[Any] = []
+        self.states: list[Any] = []  # of the stages, after the write before
         self.disengage()
 
     def reject(self, reason: str) -> None:

@@ -22,11 +22,7 @@ _logger = logging.getLogger(__name__)
 
 
 class SceneTeller:
-    """Asks an open environment for its scene, and makes the packets.
-
-    Attributes:
-        is_due: Whether a scene is made in the next step.
-    """
+    """Asks an open environment for its scene, and makes the packets."""
 
     def __init__(self, environment: Environment, events: EventLog) -> None:
         self._events = events
@@ -43,7 +39,7 @@ class SceneTeller:
         # A step in vain would make the next answer late.
         self._has_scene = "scene" in overridden(environment, Environment)
         self._environment = environment
-        self.is_due = False  # until its next answer: it may have none
+        self.is_due = False  # whether the next step makes a scene; it may have none
 
     def note_answer(self, time_ns: int) -> None:
         """Want a scene if one is due: the environment may have changed."""
@@ -58,9 +54,7 @@ class SceneTeller:
     def tell(self, time_ns: int, proxies: Mapping[str, Vector]) -> list[Packet]:
         """Return the scene if it has changed or is to be repeated, and events about it.
 
-        Args:
-            time_ns: Now, in ns.
-            proxies: Of the last answer to each hand that is not in free motion, in m.
+        ``proxies`` are those of the last answer to each hand that is not in free motion, in m.
         """
         self.is_due = False
         self._due_ns = time_ns + PERIOD_NS
@@ -84,11 +78,7 @@ class SceneTeller:
         return [scene, *self._count(time_ns, len(objects) - len(scene.objects))]
 
     def _fitting(self, scene: Scene) -> Scene:
-        """Return the scene as a receiver decodes it, without the last objects if it is too long.
-
-        Raises:
-            PacketError: If it is none.
-        """
+        """Return the scene as a receiver decodes it, without the last objects if it is too long."""
         data = encode(scene)
         while len(data) > MAX_SCENE_BYTES:
             half = scene.objects[: len(scene.objects) // 2]

@@ -92,11 +92,7 @@ class ServoSettings:
 
 
 def dissipation_of(model: DeviceModel, servo: ServoSettings) -> Dissipation:
-    """Return what laws rely on, for this device at this rate.
-
-    Raises:
-        ConfigError: If the numbers are out of range or do not go together.
-    """
+    """Return what laws rely on, for this device at this rate; ConfigError if it does not fit."""
     stated = {each.name: getattr(model, each.name) for each in fields(StatedNumbers)}
     if model.watchdog == "silent" and model.watchdog_tolerance is None:
         raise ConfigError(

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Any
 
-from forcebound.messages.packets import EnvironmentQuery, Telemetry
+from forcebound.messages.packets import DeviceState, EnvironmentQuery, EnvironmentReply, Telemetry
 
 MS = 1_000_000  # ns
 
@@ -84,6 +84,17 @@ def telemetry_packet(tick: int = 0, **fields: Any) -> Telemetry:
         "rejected": {},
     }
     return Telemetry(**usual | fields)
+
+
+def state(tick: int, *position: float, velocity: float = 0.0, **more: Any) -> DeviceState:
+    """Return the state of a device at 1 kHz, as fast on each axis."""
+    speeds, zero = (velocity,) * len(position), (0.0,) * len(position)
+    return DeviceState(tick, tick * MS, tick * 1e-3, position, speeds, zero, **more)
+
+
+def reply(tick: int, *force: float) -> EnvironmentReply:
+    """Return the answer to the query about the state of a tick."""
+    return EnvironmentReply(tick, 0, tick, tick * MS, tick, 0, force, "e")
 
 
 def query(seq: int, position: float = 0.011) -> EnvironmentQuery:

@@ -11,7 +11,7 @@ from forcebound.controllers.direct import DirectController
 from forcebound.devices import Device
 from forcebound.devices.phantom import PhantomPremium15
 from forcebound.environments import EnvironmentModel
-from forcebound.environments.wall import Wall
+from forcebound.environments.walls import Wall
 from forcebound.messages.codec import encode
 from forcebound.messages.packets import DeviceState, ForceCommand, Packet, Vector
 from forcebound.network.computation import ComputationTime
@@ -23,7 +23,7 @@ from forcebound.nodes.controller import ControllerNode
 from forcebound.nodes.device import DeviceNode
 from forcebound.nodes.environment import EnvironmentNode
 from forcebound.nodes.servo import ServoSettings, dissipation_of
-from forcebound.operators.pressing import PressingHand
+from forcebound.operators.hands import PressingHand
 from forcebound.simulation import LateTicks, Simulation
 
 DISSIPATION = Dissipation(

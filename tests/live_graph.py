@@ -174,6 +174,12 @@ class LiveGraph:
             check=False,
         )
 
+    def do(self, *words: str) -> "subprocess.CompletedProcess[str]":
+        """Run another command on the graph, which must succeed."""
+        done = self.order(*words, "--run", str(self.run_dir))
+        assert done.returncode == 0, done.stderr
+        return done
+
     def end(self, patience: float = PATIENCE) -> "Ended":
         """Interrupt the run as Ctrl-C does; return what it leaves."""
         self.process.send_signal(signal.SIGINT)

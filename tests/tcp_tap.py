@@ -11,15 +11,7 @@ from waiting import free_port
 
 
 class TcpTap:
-    """Listens at a port and passes on to another one; ends with its ``with`` block.
-
-    Args:
-        port: Where it listens.
-        target: Where it passes on to.
-
-    Attributes:
-        seen: All bytes from the target so far.
-    """
+    """Listens at a port and passes on to another one; ends with its ``with`` block."""
 
     def __init__(self, port: int, target: int) -> None:
         self._port, self._target = port, target
@@ -27,7 +19,8 @@ class TcpTap:
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._selector = selectors.DefaultSelector()
         self._open: list[socket.socket] = []
-        self.seen = bytearray()
+        self.is_held = False  # whether bytes stay where they are
+        self.seen = bytearray()  # all that has passed
 
     @staticmethod
     def free_port() -> int:
@@ -55,6 +48,9 @@ class TcpTap:
 
     def _run(self) -> None:
         while not self._ended.is_set():
+            if self.is_held:
+                self._ended.wait(0.02)
+                continue
             for key, _ in self._selector.select(0.02):
                 source = key.fileobj
                 assert isinstance(source, socket.socket)
@@ -72,16 +68,15 @@ class TcpTap:
             incoming.close()
             return
         self._open.append(outgoing)
-        self._selector.register(incoming, selectors.EVENT_READ, (outgoing, False))
-        self._selector.register(outgoing, selectors.EVENT_READ, (incoming, True))
+        self._selector.register(incoming, selectors.EVENT_READ, (outgoing,))
+        self._selector.register(outgoing, selectors.EVENT_READ, (incoming,))
 
-    def _pass_on(self, source: socket.socket, sink: socket.socket, is_from_target: bool) -> None:
+    def _pass_on(self, source: socket.socket, sink: socket.socket) -> None:
         data = b""
         with suppress(OSError):
             data = source.recv(65_536)
             sink.sendall(data)
-        if is_from_target:
-            self.seen += data
+        self.seen += data
         if not data:
             for one in (source, sink):
                 with suppress(KeyError, ValueError):

@@ -4,6 +4,7 @@ An attacker takes the place of the controller on the run's own ipc endpoint, or 
 environment over TCP on loopback. The launcher makes room: ``forcebound stop NODE``.
 """
 
+import math
 import random
 import time
 from collections.abc import Callable, Iterator
@@ -43,7 +44,8 @@ from forcebound.monitor.control import ask
 pytestmark = PROCESSES_OF_THEIR_OWN
 
 FLOOD = 50  # times the rate of the loop
-MALFORMED = 10_000
+MALFORMED = 4_000
+NAN = math.nan
 FRAGMENT = bytes.fromhex("dfffffffff")  # a map that claims 4 294 967 295 pairs
 
 
@@ -128,30 +130,24 @@ def attacker(graph: LiveGraph, out: str, come: str = "") -> Iterator[Attacker]:
 @contextmanager
 def in_place_of_the_controller(graph: LiveGraph) -> Iterator[Attacker]:
     """Attack the device where it takes force commands; afterwards the controller is back."""
-    run = ("--run", str(graph.run_dir))
-    stopped = graph.order("stop", "controller", *run)
-    assert stopped.returncode == 0, stopped.stderr
+    graph.do("stop", "controller")
     graph.wait_until_released()
     out = topic_endpoint(graph.run_dir, "force_command")
     with attacker(graph, out, topic_endpoint(graph.run_dir, "device_state")) as one:
         yield one
     graph.wait_until_released()
-    started = graph.order("start", "controller", *run)
-    assert started.returncode == 0, started.stderr
+    graph.do("start", "controller")
     graph.wait_until_in_contact()
 
 
 @contextmanager
 def in_place_of_the_environment(graph: LiveGraph, port: int) -> Iterator[Attacker]:
     """Attack the controller over TCP; afterwards the local environment is back."""
-    run = ("--run", str(graph.run_dir))
-    stopped = graph.order("stop", "environment", *run)
-    assert stopped.returncode == 0, stopped.stderr
+    graph.do("stop", "environment")
     with attacker(graph, f"tcp://127.0.0.1:{port}") as one:
         yield one
     graph.wait_until_released()
-    started = graph.order("start", "environment", *run)
-    assert started.returncode == 0, started.stderr
+    graph.do("start", "environment")
     graph.wait_until_in_contact()
 
 
@@ -215,14 +211,6 @@ def malformed(good: bytes, random_: random.Random) -> list[bytes]:
     return random_.choice(kinds)()
 
 
-def check(ended: Ended) -> None:
-    """Check what must hold after any attack."""
-    assert ended.exit_status == 0, ended.log
-    check_always(ended.columns, is_attacked=True)
-    assert "process_ended" not in ended.faults, ended.log
-    assert ended.faults["force_released"] >= 1
-
-
 def answered_between(ended: Ended, begin_ns: int, end_ns: int) -> int:
     """Return in how many samples there was an answer, the last ones before it aside."""
     columns = ended.columns
@@ -230,122 +218,118 @@ def answered_between(ended: Ended, begin_ns: int, end_ns: int) -> int:
     return int(((columns.device_seq >= 0) & since & (columns.time_ns < end_ns)).sum())
 
 
-def test_a_flood_and_malformed_packets_in_place_of_the_controller(tmp_path: Path) -> None:
-    random_ = random.Random(1)
-    with live_graph(str(write_launch_file(tmp_path, "a.yaml"))) as graph:
-        device = graph.pid("device")
-        with in_place_of_the_controller(graph) as one:
-            begin_ns = time.monotonic_ns()
-            for number in range(MALFORMED):
-                if number % FLOOD == 0:
-                    good = command(one.next(), (3.0,))
-                one.send(*malformed(good, random_))
-            for reason in ("malformed", "version", "value"):
-                frames = {
-                    "malformed": b"\xc1",
-                    "version": msgpack.packb({**msgpack.unpackb(good), "version": 2}),
-                    "value": msgpack.packb({**msgpack.unpackb(good), "force": ["1"]}),
-                }
-                one.until_rejected(reason, always(frames[reason]))
-            malformed_ns = time.monotonic_ns()
-            for tick in range(1000):  # well-formed, at 50 times the rate, of any force
-                state = one.next()
-                for number in range(FLOOD):
-                    one.send(command(state, (random_.uniform(-30.0, 30.0),), tick * FLOOD + number))
-        assert graph.pid("device") == device
-        ended = graph.end()
-    check(ended)
-    assert answered_between(ended, begin_ns, malformed_ns) == 0
-    assert answered_between(ended, malformed_ns, 2**62) > 0
-    rejected = ended.summary["rejected_packets"]
-    assert {"malformed", "version", "value"} <= set(rejected)
-    assert ended.faults["packets_refused"] >= 1
-    assert ", by reason: " in ended.log
+def flood(graph: LiveGraph, random_: random.Random) -> tuple[int, int]:
+    """Flood the device, with rubbish at first; return when it had only that, in ns."""
+    with in_place_of_the_controller(graph) as one:
+        begin_ns = time.monotonic_ns()
+        for number in range(MALFORMED):
+            if number % FLOOD == 0:
+                good = command(one.next(), (3.0,))
+            one.send(*malformed(good, random_))
+        fields = msgpack.unpackb(good)
+        one.until_rejected("malformed", always(b"\xc1"))
+        one.until_rejected("version", always(msgpack.packb({**fields, "version": 2})))
+        one.until_rejected("value", always(msgpack.packb({**fields, "force": ["1"]})))
+        malformed_ns = time.monotonic_ns()
+        for tick in range(300):  # well-formed, at 50 times the rate, of any force
+            state = one.next()
+            for number in range(FLOOD):
+                one.send(command(state, (random_.uniform(-30.0, 30.0),), tick * FLOOD + number))
+    return begin_ns, malformed_ns
 
 
-def test_false_forces_and_echoes_in_place_of_the_controller(tmp_path: Path) -> None:
-    nan, inf = float("nan"), float("inf")
-    with live_graph(str(write_launch_file(tmp_path, "a.yaml"))) as graph:
-        with in_place_of_the_controller(graph) as one:
-            begin_ns = time.monotonic_ns()
-            first = one.newest()
-            assert isinstance(first, DeviceState)
-            for force in ((nan,), (inf,), (-inf,)):
-                one.until_rejected("not_finite", partial(command, force=force))
-            one.until_rejected("wrong_length", partial(command, force=(1.0, 1.0)))
-            far = 2**62
-            jumps: dict[str, Callable[[DeviceState], dict[str, int]]] = {
-                "from_the_future": lambda s: {"device_seq": s.seq + far},
-                "wrong_echo": lambda s: {"device_time_ns": s.time_ns + 1},
-                "too_old": lambda s: {"device_seq": 0, "device_time_ns": first.time_ns},
-            }
-            for reason, jump in jumps.items():
+def deceive_device(graph: LiveGraph) -> tuple[int, int]:
+    """Command forces that are none and answer states that never were; return as :func:`flood`."""
+    with in_place_of_the_controller(graph) as one:
+        begin_ns = time.monotonic_ns()
+        first = one.newest()
+        assert isinstance(first, DeviceState)
+        for number in (NAN, math.inf, -math.inf):
+            one.until_rejected("not_finite", partial(command, force=(number,)))
+        one.until_rejected("wrong_length", partial(command, force=(1.0, 1.0)))
+        far = 2**62
+        jumps: dict[str, Callable[[DeviceState], dict[str, int]]] = {
+            "from_the_future": lambda s: {"device_seq": s.seq + far},
+            "wrong_echo": lambda s: {"device_time_ns": s.time_ns + 1},
+            "too_old": lambda s: {"device_seq": 0, "device_time_ns": first.time_ns},
+        }
+        for reason, jump in jumps.items():
 
-                def make(state: Packet, jump: Callable[..., dict[str, int]] = jump) -> bytes:
-                    return command(state, (5.0,), seq=far, **jump(state))
+            def make(state: Packet, jump: Callable[..., dict[str, int]] = jump) -> bytes:
+                return command(state, (5.0,), seq=far, **jump(state))
 
-                one.until_rejected(reason, make)
-            replayed = command(first, (5.0,))  # a packet that was good once
-            graph.wait(2 * AGE_LIMIT)
-            one.until_rejected("too_old", always(replayed))
-            false_ns = time.monotonic_ns()
-            seq = iter(range(10**9))
-            held: list[bytes] = []
+            one.until_rejected(reason, make)
+        replayed = command(first, (5.0,))  # a packet that was good once
+        graph.wait(2 * AGE_LIMIT)
+        one.until_rejected("too_old", always(replayed))
+        false_ns = time.monotonic_ns()
+        seq = iter(range(10**9))
+        held: list[bytes] = []
 
-            def doubled(state: Packet) -> bytes:  # each packet again and again: a duplicate
-                if len(held) % 8 == 0:
-                    held.append(command(state, (1e30,), next(seq)))
-                else:
-                    held.append(held[-1])
-                return held[-1]
+        def doubled(state: Packet) -> bytes:  # each packet again and again: a duplicate
+            held.append(held[-1] if len(held) % 8 else command(state, (1e30,), next(seq)))
+            return held[-1]
 
-            one.until_rejected("not_newer", doubled)
-        ended = graph.end()
-    check(ended)
-    assert answered_between(ended, begin_ns, false_ns) == 0
-    assert np.abs(ended.columns.commanded_force).max() > SATURATION
-    assert np.abs(ended.columns.applied_force).max() <= SATURATION + 1e-9
-    reasons = set(ended.summary["rejected_packets"])
-    assert {"not_finite", "wrong_length", "from_the_future", "wrong_echo", "not_newer"} <= reasons
+        one.until_rejected("not_newer", doubled)
+    return begin_ns, false_ns
 
 
-def test_false_forces_floods_and_rubbish_in_place_of_the_environment(tmp_path: Path) -> None:
-    random_ = random.Random(2)
-    nan = float("nan")
-    port = free_port()
+def deceive_controller(graph: LiveGraph, port: int, random_: random.Random) -> tuple[int, int]:
+    """Answer with rubbish and false forces, at any rate; return as :func:`flood`."""
+    with in_place_of_the_environment(graph, port) as one:
+        seq = iter(range(10**9))
+        one.until_rejected("not_finite", lambda q: reply(q, (NAN,), next(seq)))
+        begin_ns = time.monotonic_ns()
+        one.until_rejected("wrong_length", lambda q: reply(q, (1.0, 2.0), next(seq)))
+        for number in range(MALFORMED):
+            if number % FLOOD == 0:
+                good = reply(one.next(), (3.0,), next(seq))
+            one.send(*malformed(good, random_))
+        refused: dict[str, int] = {}
+
+        def counted() -> bool:
+            one.send(*malformed(good, random_))
+            status = ask(graph.run_dir, "controller", GetStatus())
+            if isinstance(status, ControllerStatus):
+                refused.update(status.rejected)
+            return {"malformed", "version", "value"} <= set(refused)
+
+        graph.until(counted, "the controller to count every reason")
+        malformed_ns = time.monotonic_ns()
+        for _ in range(300):
+            query = one.next()
+            for _ in range(FLOOD):
+                force = random_.choice([1e30, -1e30, 30.0, -30.0, 0.0])
+                one.send(reply(query, (force,), next(seq)))
+    return begin_ns, malformed_ns
+
+
+def test_attackers_in_place_of_the_controller_and_of_the_environment(tmp_path: Path) -> None:
+    random_, port = random.Random(1), free_port()
     remote = f"address: 127.0.0.1, port: {port}, local: true, insecure: true"
     with live_graph(str(write_launch_file(tmp_path, "a.yaml", remote))) as graph:
-        with in_place_of_the_environment(graph, port) as one:
-            seq = iter(range(10**9))
-            one.until_rejected("not_finite", lambda q: reply(q, (nan,), next(seq)))
-            begin_ns = time.monotonic_ns()
-            one.until_rejected("wrong_length", lambda q: reply(q, (1.0, 2.0), next(seq)))
-            for number in range(MALFORMED):
-                if number % FLOOD == 0:
-                    good = reply(one.next(), (3.0,), next(seq))
-                one.send(*malformed(good, random_))
-            refused: dict[str, int] = {}
-
-            def counted() -> bool:
-                one.send(*malformed(good, random_))
-                status = ask(graph.run_dir, "controller", GetStatus())
-                if isinstance(status, ControllerStatus):
-                    refused.update(status.rejected)
-                return {"malformed", "version", "value"} <= set(refused)
-
-            graph.until(counted, "the controller to count every reason")
-            malformed_ns = time.monotonic_ns()
-            for _ in range(1000):
-                query = one.next()
-                for _ in range(FLOOD):
-                    force = random_.choice([1e30, -1e30, 30.0, -30.0, 0.0])
-                    one.send(reply(query, (force,), next(seq)))
+        device = graph.pid("device")
+        without_answers = [
+            flood(graph, random_),
+            deceive_device(graph),
+            deceive_controller(graph, port, random_),
+        ]
+        assert graph.pid("device") == device
         assert graph.node("controller").restarts == 0
         ended = graph.end()
-    check(ended)
-    assert answered_between(ended, begin_ns, malformed_ns) == 0
-    assert {"not_finite", "wrong_length"} <= set(ended.summary["rejected_packets"])
+    assert ended.exit_status == 0, ended.log
+    check_always(ended.columns, is_attacked=True)
+    assert "process_ended" not in ended.faults, ended.log
+    assert ended.faults["force_released"] >= 3
     assert ended.faults["packets_refused"] >= 1
+    assert ", by reason: " in ended.log
+    for begin_ns, end_ns in without_answers:
+        assert answered_between(ended, begin_ns, end_ns) == 0
+    assert answered_between(ended, without_answers[0][1], without_answers[1][0]) > 0
+    assert np.abs(ended.columns.commanded_force).max() > SATURATION
+    assert np.abs(ended.columns.applied_force).max() <= SATURATION + 1e-9
+    reasons = {"malformed", "version", "value", "not_finite", "wrong_length", "from_the_future"}
+    assert reasons | {"wrong_echo", "not_newer"} <= set(ended.summary["rejected_packets"])
 
 
 def test_a_wrong_key_gets_no_data_and_the_graph_does_not_feel_it(tmp_path: Path) -> None:

@@ -154,19 +154,21 @@ def test_another_law_begins_a_new_ledger_and_keeps_what_the_last_one_has_met() -
     assert node.report().refused_readings == node.refused_readings == 5
 
 
-def test_a_hold_limit_that_the_device_cannot_change_is_told() -> None:
-    why = "which this device cannot change"
-    assert why in bounded(Silent(), learns=True).describe()
-    assert why not in bounded(Silent(), learns=False).describe()
-    assert why not in bounded(Told(), learns=True).describe()
-
-
-def test_a_device_that_can_be_given_a_hold_limit_gets_the_shortest_one_first() -> None:
-    device = Told()
-    node = bounded(device)
-    assert node.learns
-    assert device.limits[-1] == pytest.approx(1.02e-3)
-    assert node.report().hold_limit == pytest.approx(1.02e-3)
+@pytest.mark.parametrize(
+    ("device", "learns", "learned", "limit"),
+    [
+        (Told(), True, True, 1.02e-3),
+        (Told(), False, False, 1.02e-3),
+        (Silent(), True, False, 1.25e-3),
+    ],
+    ids=["learned", "of the launch file", "fixed"],
+)
+def test_the_first_hold_limit(device: Silent, learns: bool, learned: bool, limit: float) -> None:
+    node = bounded(device, learns=learns)
+    assert node.learns == learned
+    assert node.report().hold_limit == pytest.approx(limit)
+    if isinstance(device, Told):
+        assert device.limits[-1] == pytest.approx(limit)
 
 
 def test_a_watchdog_that_may_be_early_is_given_a_longer_limit() -> None:
@@ -252,19 +254,6 @@ def test_a_fresh_reading_serves_a_state_and_never_the_ledger() -> None:
     assert device.reads == 2
 
 
-def test_a_device_that_cannot_be_given_a_hold_limit_has_a_fixed_one() -> None:
-    node = bounded(Silent())
-    assert not node.learns
-    assert node.report().hold_limit == pytest.approx(1.25e-3)
-
-
-def test_a_hold_limit_of_the_launch_file_stays() -> None:
-    device = Told()
-    node = bounded(device, learns=False)
-    assert set(device.limits) == {DISSIPATION.hold_limit}
-    assert node.report().hold_limit == pytest.approx(1.02e-3)
-
-
 def test_an_arm_takes_torques_and_shows_the_force_at_its_tip() -> None:
     arm = Arm(axes=2)
     node = bounded(arm)
@@ -287,13 +276,6 @@ def test_the_torques_of_an_arm_saturate_in_their_direction_and_the_ramp_comes_af
     assert written.applied[0] / written.applied[1] == pytest.approx(0.375)
     node.write(2 * MS, (300.0, 800.0), 0.1)
     assert math.hypot(*arm.written[-1]) == pytest.approx(0.85)
-
-
-def test_half_way_up_the_ramp_a_force_is_half_of_the_saturation() -> None:
-    device = Silent()
-    node = bounded(device)
-    node.write(0, (0.0,), 1.0)
-    assert node.write(MS, (1e6,), 0.5).applied == pytest.approx((4.25,))
 
 
 def test_a_torque_that_is_no_number_becomes_none() -> None:

@@ -48,21 +48,12 @@ devices = st.builds(
 @pytest.mark.parametrize("law", BOUNDING_LAWS)
 @light
 @given(dissipation=devices, trace=samples, axes=st.integers(1, 3))
-def test_the_force_is_never_more_than_asked_nor_than_the_limit(
+def test_the_force_is_never_more_than_asked_nor_than_the_limit_and_has_its_direction(
     law: str, dissipation: Dissipation, trace: Trace, axes: int
 ) -> None:
     for asked, force, limit, _ in run(law, dissipation, trace, axes):
         assert math.hypot(*force) <= min(math.hypot(*asked), limit)
         assert limit <= dissipation.saturation
-
-
-@pytest.mark.parametrize("law", BOUNDING_LAWS)
-@light
-@given(dissipation=devices, trace=samples, axes=st.integers(1, 3))
-def test_the_force_has_the_direction_asked_for(
-    law: str, dissipation: Dissipation, trace: Trace, axes: int
-) -> None:
-    for asked, force, _, _ in run(law, dissipation, trace, axes):
         share = math.hypot(*force) / math.hypot(*asked) if any(asked) else 0.0
         for f, a in zip(force, asked, strict=True):
             assert f * a >= 0.0
@@ -72,22 +63,15 @@ def test_the_force_has_the_direction_asked_for(
 @pytest.mark.parametrize("law", sorted(LAWS))
 @light
 @given(dissipation=devices, trace=samples, axes=st.integers(1, 3))
-def test_all_numbers_stay_finite_and_within_the_saturation(
+def test_all_numbers_stay_finite_within_the_saturation_and_the_same(
     law: str, dissipation: Dissipation, trace: Trace, axes: int
 ) -> None:
-    for _, force, limit, energy in run(law, dissipation, trace, axes):
+    rows = run(law, dissipation, trace, axes)
+    for _, force, limit, energy in rows:
         assert math.hypot(*force) <= dissipation.saturation
         assert limit >= 0.0
         assert math.isfinite(energy)
-
-
-@pytest.mark.parametrize("law", sorted(LAWS))
-@light
-@given(dissipation=devices, trace=samples, axes=st.integers(1, 3))
-def test_the_same_inputs_give_the_same_bits(
-    law: str, dissipation: Dissipation, trace: Trace, axes: int
-) -> None:
-    assert run(law, dissipation, trace, axes) == run(law, dissipation, trace, axes)
+    assert run(law, dissipation, trace, axes) == rows  # to the bit
 
 
 @pytest.mark.parametrize("law", sorted(LAWS))
@@ -247,10 +231,6 @@ def test_a_device_with_impossible_constants_is_refused(field: str, value: Any) -
         replace(PHANTOM, **{field: value})
 
 
-def test_every_law_says_in_one_line_what_it_is() -> None:
-    assert all(law.summary and "\n" not in law.summary for law in LAWS.values())
-
-
 @pytest.mark.parametrize("length", [1e-300, 1e-12, 3.7, 1e200])
 @pytest.mark.parametrize("limit", [0.0, 5e-324, 1e-13, 8.5])
 def test_a_shortened_vector_is_not_longer_than_the_limit_by_a_single_bit(
@@ -264,17 +244,6 @@ def test_a_shortened_vector_is_not_longer_than_the_limit_by_a_single_bit(
 # The play operator
 
 readings = st.lists(st.floats(-1.0, 1.0), min_size=1, max_size=50)
-
-
-@light
-@given(readings, st.floats(0.0, 0.5))
-def test_the_play_operator_stays_within_its_half_width(
-    values: list[float], half_width: float
-) -> None:
-    y = values[0]
-    for q in values:
-        y = play(q, y, half_width)
-        assert abs(q - y) <= half_width * (1 + 1e-12) + 1e-15
 
 
 @light

@@ -118,11 +118,6 @@ def test_what_a_device_does_not_do_exactly_costs_force(worse: dict[str, Any]) ->
     assert 0.3 * exact[-1] < poor[-1] < exact[-1]
 
 
-def test_an_axis_that_is_stated_by_itself_is_the_same_axis() -> None:
-    alone = replace(PHANTOM, damping=(0.27,), friction=(0.12,), resolution=(3e-5,))
-    assert pressed(alone) == pressed(PHANTOM)
-
-
 @pytest.mark.parametrize("watchdog", ["reporting", "none"])
 def test_a_punctual_hold_is_the_same_with_any_watchdog(watchdog: Watchdog) -> None:
     other = replace(PHANTOM, watchdog=watchdog, watchdog_limit=0.1, allowance=10.0)
@@ -248,13 +243,6 @@ def test_a_force_that_is_guarded_costs_a_hand_at_rest_nothing() -> None:
     assert bounder.overruns == 1
 
 
-def test_the_price_of_a_guard_is_paid_once() -> None:
-    guarded = ForceBounder("certified", replace(PHANTOM, watchdog="guarding", guard_period=5e-5))
-    price = 4.0 * 0.27 * (1.5e-5) ** 2 / 0.95e-3
-    left = ForceBounder("certified", PHANTOM).estimated_energy - guarded.estimated_energy
-    assert left == pytest.approx(price)
-
-
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
@@ -302,14 +290,6 @@ def test_a_hold_limit_may_change_from_hold_to_hold() -> None:
     assert limits[150] < 0.6 * limits[149]
     bounder.settle(bounder.bound(204 * MS, (PRESS[-1],), (9.0,)))
     assert bounder.overruns == 0
-
-
-def test_a_write_later_than_stated_is_counted() -> None:
-    bounder = ForceBounder("certified", replace(PHANTOM, write_delay=1e-4))
-    bounder.settle(bounder.bound(MS, (0.0,), (0.1,)), MS + 100_000)
-    assert bounder.late_writes == 0
-    bounder.settle(bounder.bound(2 * MS, (0.0,), (0.1,)), 2 * MS + 100_001)
-    assert bounder.late_writes == 1
 
 
 # Descriptions that cannot be

@@ -287,19 +287,6 @@ def test_an_overrun_is_a_force_that_steps_to_zero_at_the_hold_limit() -> None:
     assert row.energy == pytest.approx(ledger - R * mean)
 
 
-def test_a_period_of_exactly_the_hold_limit_is_no_overrun() -> None:
-    trace = [(MS, (1e-3,), (0.5,)), (1_250_000, (1e-3,), (0.0,))]
-    at_limit = run("certified", PHANTOM, trace)[1]
-    beyond = run("certified", PHANTOM, [trace[0], (2_500_000, (1e-3,), (0.0,))])[1]
-    assert at_limit.energy > beyond.energy
-
-
-def test_a_longer_measured_period_earns_less() -> None:
-    slow = run("certified", PHANTOM, [(1_200_000, (1e-3,), (9.0,))])[0]
-    fast = run("certified", PHANTOM, [(1_000_000, (1e-3,), (9.0,))])[0]
-    assert slow.energy < fast.energy
-
-
 @pytest.mark.parametrize("law", CERTIFIED_LAWS)
 def test_an_encoder_that_chatters_on_one_edge_earns_nothing(law: str) -> None:
     readings = [3e-5 * (i % 2) for i in range(1000)]
@@ -338,10 +325,3 @@ def test_the_price_of_a_start_grows_with_the_axes() -> None:
     for axes in (1, 2, 3):
         bounder = ForceBounder("certified", PHANTOM, axes)
         assert bounder.estimated_energy == pytest.approx(-0.12 * R * math.sqrt(axes))
-
-
-def test_more_resolution_never_costs_force() -> None:
-    positions = [2e-3 * math.sin(i / 30) for i in range(1, 200)]
-    fine = run("certified", replace(PHANTOM, resolution=1e-6), steady(positions, [9.0] * 199))
-    coarse = run("certified", PHANTOM, steady(positions, [9.0] * 199))
-    assert fine[0].limit > coarse[0].limit

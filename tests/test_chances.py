@@ -75,25 +75,6 @@ def test_deviations_have_the_named_distribution(name: Any) -> None:
     assert max(sample) <= 4.0 + 1e-7
 
 
-@pytest.mark.parametrize(
-    ("name", "mean", "deviation"),
-    # Of the law, cut at 4; pareto: x = 4/3 (X - 3/2) with X = min(Pareto(3), 4.5).
-    [
-        ("uniform", 0.0, 1 / math.sqrt(3)),
-        ("normal", 0.0, 1.0),
-        ("pareto", 4 / 3 * (1.5 - 4.5**-2 / 2 - 1.5), None),
-    ],
-)
-def test_moments_of_the_quantiles(name: str, mean: float, deviation: float | None) -> None:
-    steps = 200_000
-    values = [QUANTILES[name]((i + 0.5) / steps) for i in range(steps)]
-    assert fmean(values) == pytest.approx(mean, abs=1e-3)
-    second = fmean(value * value for value in values)
-    if deviation is None:  # E min(X, c)^2 = 3 - 2/c
-        deviation = 4 / 3 * math.sqrt((3 - 2 / 4.5) - 2 * 1.5 * (1.5 - 4.5**-2 / 2) + 2.25)
-    assert math.sqrt(second) == pytest.approx(deviation, rel=1e-3)
-
-
 def test_quantiles_are_those_of_the_tables_of_tc() -> None:
     """First, middle and last entries of iproute2's normal, pareto and paretonormal tables."""
     assert QUANTILES["normal"](0.5) == 0.0

@@ -18,7 +18,6 @@ from forcebound.messages.control import Configure
 from forcebound.messages.packets import EnvironmentQuery, Event
 from forcebound.monitor.formatting import as_written
 from forcebound.monitor.tuning import find_parameters, read_settings
-from forcebound.network.impairment import Impairment
 from forcebound.nodes import Node
 from forcebound.nodes.environment import EnvironmentNode
 from forcebound.topology import ONE_HAND
@@ -42,16 +41,6 @@ def test_every_impairment_of_every_link_and_all_of_the_environment_can_be_change
     assert [name for name in known if "kind" in name or name.startswith("device.")] == [LAW]
 
 
-def test_a_change_takes_units_and_changes_nothing_else(config: GraphConfig) -> None:
-    new = change(config, {"links.force_command.delay": "2 ms", "environment.stiffness": 500})
-    assert new.links["force_command"] == Impairment(delay=0.002)
-    assert differences(config, new) == {
-        "links.force_command.delay": 0.002,
-        "environment.stiffness": 500.0,
-    }
-    assert replace(new, links=config.links, environment=config.environment) == config
-
-
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
@@ -60,17 +49,14 @@ def test_a_change_takes_units_and_changes_nothing_else(config: GraphConfig) -> N
         ({"device.law": "my_law.py"}, "needs a launch of its own"),
         ({"device.law": None}, "unknown law 'None'"),
         ({"device.allowance": 1.0}, "device.allowance is fixed while a graph runs"),
-        ({"environment.kind": "damper"}, "environment.kind is fixed"),
         ({"remote.port": 7000}, "remote.port is fixed"),
-        ({"seed": 2}, "seed is fixed"),
         ({"stiffness": 2}, "did you mean 'environment.stiffness'"),
         ({"delay": 0.1}, "'links.device_state.delay' or 'links.environment_query.delay' or"),
         (
             {"xyzzy": 1},
             "'xyzzy'; what can be changed is in device.law, links.*state, .* and environment$",
         ),
-        ({"environment.stiffness": "5 s"}, "which is a time"),
-        ({"links.environment_query.loss": 2}, "must be 0 to 1"),
+        ({"links.environment_query.delay": "3 N"}, "^links.environment_query.delay: expected a"),
         ({"links.environment_query.delay": "1 s"}, "age_limit"),
     ],
 )
@@ -79,12 +65,6 @@ def test_what_cannot_be_set_is_refused_with_a_reason(
 ) -> None:
     with pytest.raises(ConfigError, match=message):
         change(config, settings)
-
-
-def test_a_wrong_value_is_named_once_by_its_parameter(config: GraphConfig) -> None:
-    with pytest.raises(ConfigError) as caught:
-        change(config, {"links.environment_query.delay": "3 N"})
-    assert str(caught.value).startswith("links.environment_query.delay: expected a time")
 
 
 def test_values_are_shown_as_one_may_set_them(config: GraphConfig) -> None:
@@ -97,6 +77,7 @@ def test_values_are_shown_as_one_may_set_them(config: GraphConfig) -> None:
         "environment.stiffness": "2 N/mm",
     }
     new = change(config, settings)
+    assert replace(new, links=config.links, environment=config.environment) == config
     shown = as_written(new, {**differences(config, new), "links.force_command.slot": None})
     assert shown == {
         "links.device_state.gemodel": "{ p: 0.01, r: 0.2, h: 0, k: 1 }",
@@ -150,13 +131,6 @@ def test_a_section_stands_for_its_parameters(config: GraphConfig) -> None:
         find_parameters(config, ["environment.stifness"])
 
 
-def test_a_link_belongs_to_the_process_that_receives() -> None:
-    names = ["links.environment_query.delay", "links.force_command.loss"]
-    assert processes_of(names) == {"environment", "device"}
-    assert processes_of(["environment.stiffness"]) == {"environment"}
-    assert processes_of([LAW]) == {"device"}
-
-
 # --- In a running process ------------------------------------------------------------------------
 
 
@@ -189,6 +163,7 @@ def test_a_device_takes_a_law_and_no_other_process_does(config: GraphConfig) -> 
     device = build_device(config)
     settings = with_law(config, "none")
     other = process([EnvironmentNode(config.environment.model)])
+    assert processes_of([LAW]) == {"device"}
     assert Tuner(config)(other, settings) == {}
     assert Tuner(config)(process([device]), settings) == {}  # it reports when it has taken it
     packets = [packet for time_ns in (0, 400_000) for packet in device.step(time_ns, ())]
@@ -196,11 +171,6 @@ def test_a_device_takes_a_law_and_no_other_process_does(config: GraphConfig) -> 
     for damaged in ("my_law.py", 3):
         with pytest.raises(ConfigError, match=r"no law of one's own|no parameters of this graph"):
             Tuner(config)(process([device]), with_law(config, damaged))
-
-
-def test_a_process_takes_only_the_parameters_of_its_own_node(config: GraphConfig) -> None:
-    settings = {"environment.stiffness": 400.0, "links.force_command.delay": 0.01}
-    assert Tuner(config)(process([]), Configure(5, settings)) == {}
 
 
 def test_a_damaged_request_changes_nothing(config: GraphConfig) -> None:

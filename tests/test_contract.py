@@ -1,7 +1,7 @@
 """The contract check of environments: every broken promise is found and located."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import count
 from typing import Any
 
@@ -10,8 +10,7 @@ import pytest
 
 from forcebound.environments import EnvironmentModel, StatelessEnvironment
 from forcebound.environments.contract import PROMISES, check
-from forcebound.environments.damper import Damper
-from forcebound.environments.wall import Wall
+from forcebound.environments.walls import Damper, Wall
 from forcebound.parts.contract import Findings, Violation, vector_fault
 
 Answer = Callable[[tuple[float, ...], tuple[float, ...], float], Any]
@@ -42,12 +41,12 @@ def zeros(position: tuple[float, ...], velocity: tuple[float, ...], elapsed: flo
 
 def test_an_error_is_told_with_its_question_and_its_line() -> None:
     def far_fails(position: tuple[float, ...], *_: Any) -> Any:
-        return tuple(x**2 for x in position)
+        return tuple(1.0 / (x < 10.0) for x in position)
 
     violation = broken(Answers(far_fails), "answers")
-    assert violation.got.startswith("OverflowError")
+    assert violation.got.startswith("ZeroDivisionError")
     assert f"{__file__}:" in violation.got
-    assert violation.where.startswith("force('', (1e+300,), (0.0,), 0.0)")
+    assert violation.where == "force('', (10.0,), (0.0,), 0.0)"
 
 
 def test_a_missing_axis_is_told_with_what_came() -> None:
@@ -57,9 +56,8 @@ def test_a_missing_axis_is_told_with_what_came() -> None:
     assert check(Answers(lambda *_: (0.0,)), axes=(1,)).held["shape"]
 
 
-def test_infinity_is_refused_where_a_hand_may_be_and_allowed_far_beyond() -> None:
+def test_infinity_is_refused() -> None:
     assert broken(Answers(lambda p, *_: (float("inf"),) * len(p)), "finite").got == "(inf,)"
-    assert check(Wall()).held["finite"]  # infinite at 1e300 m
 
 
 def test_a_memory_is_found() -> None:
@@ -85,18 +83,6 @@ def test_what_is_no_value_is_found() -> None:
     assert broken(Local(), "value").where == "pickle"
 
 
-@dataclass(frozen=True)
-class NeverEqual(StatelessEnvironment):
-    number: float = field(default=float("nan"))
-
-    def force(self, user: Any, position: Any, velocity: Any, elapsed: float) -> Any:
-        return zeros(position, velocity, elapsed)
-
-
-def test_a_copy_that_is_not_equal_is_found() -> None:
-    assert broken(NeverEqual(float("nan")), "value").where == "pickle"
-
-
 def test_a_force_that_was_not_stated_is_found_at_rest() -> None:
     violation = broken(Wall(stiffness=1000.0, position=0.0), "rest", at_rest={0.001: 0.0})
     assert violation.expected == "(0.0,) N"
@@ -105,7 +91,8 @@ def test_a_force_that_was_not_stated_is_found_at_rest() -> None:
     assert set(check(Damper()).held) == set(PROMISES) - {"rest", "contact", "scene"}
 
 
-def test_the_same_check_asks_the_same() -> None:
+def test_the_same_check_asks_the_same_and_at_most_so_many() -> None:
+    assert check(Wall(), axes=(1, 3), at_most=100).questions in range(50, 110)
     asked: list[list[Any]] = [[], []]
     for log in asked:
 

@@ -4,6 +4,7 @@ import math
 from typing import Any
 
 import pytest
+from builders import reply, state
 from msgspec.structs import replace
 
 from forcebound.controllers import CONTROLLERS, Controller
@@ -19,15 +20,6 @@ from forcebound.messages.packets import (
 from forcebound.nodes.controller import ControllerNode
 
 
-def state(seq: int, position: float, axes: int) -> DeviceState:
-    place = (position,) * axes
-    return DeviceState(seq, seq * 1_000_000, seq * 1e-3, place, place, (0.0,) * axes)
-
-
-def reply(seq: int, force: float, axes: int) -> EnvironmentReply:
-    return EnvironmentReply(seq, 0, seq, seq * 1_000_000, seq, 0, (force,) * axes, "e")
-
-
 @pytest.mark.parametrize("axes", [1, 3])
 @pytest.mark.parametrize("name", sorted(CONTROLLERS))
 def test_the_same_calls_from_open_on_give_the_same_forces_and_queries(name: str, axes: int) -> None:
@@ -36,11 +28,13 @@ def test_the_same_calls_from_open_on_give_the_same_forces_and_queries(name: str,
         controller = CONTROLLERS[name]().open(axes)
         answers = []
         for seq in range(50):
-            now = state(seq, 0.001 * seq, axes)
+            now = state(seq, *(0.001 * seq,) * axes)
             answers.append(controller.on_state(now, now.time_ns))
             position, velocity = controller.query(now)
             assert len(position) == len(velocity) == axes
-            answers.append(controller.on_reply(reply(seq, 0.1 * seq, axes), now.time_ns + 1000))
+            answers.append(
+                controller.on_reply(reply(seq, *(0.1 * seq,) * axes), now.time_ns + 1000)
+            )
         controller.close()
         assert all(force is None or len(force) == axes for force in answers)
         assert any(force is not None for force in answers)
@@ -50,9 +44,10 @@ def test_the_same_calls_from_open_on_give_the_same_forces_and_queries(name: str,
 
 def test_the_direct_controller_asks_about_the_device_and_passes_the_force_on() -> None:
     controller: Controller = DirectController().open(2)
-    assert controller.query(state(1, 0.01, 2)) == ((0.01, 0.01), (0.01, 0.01))
-    assert controller.on_state(state(1, 0.01, 2), 0) is None
-    assert controller.on_reply(reply(1, 3.0, 2), 0) == (3.0, 3.0)
+    now = state(1, 0.01, 0.02, velocity=0.03)
+    assert controller.query(now) == ((0.01, 0.02), (0.03, 0.03))
+    assert controller.on_state(now, 0) is None
+    assert controller.on_reply(reply(1, 3.0, 4.0), 0) == (3.0, 4.0)
 
 
 class Odd(DirectController):
@@ -76,14 +71,14 @@ class Odd(DirectController):
 
 def test_a_force_for_a_state_is_commanded_at_once_with_the_echo_of_that_state() -> None:
     node = ControllerNode(Odd())
-    command, query = node.step(5, [state(7, 0.01, 2)])
+    command, query = node.step(5, [state(7, 0.01, 0.01)])
     assert command == ForceCommand(0, 5, 7, 7_000_000, (0.5, 0.5))
     assert isinstance(query, EnvironmentQuery)
 
 
 def test_a_controller_that_fails_is_counted_and_commands_nothing() -> None:
     node = ControllerNode(Odd())
-    packets = [node.step(k, [reply(k, 1.0, 1)]) for k in range(1, 5)]
+    packets = [node.step(k, [reply(k, 1.0)]) for k in range(1, 5)]
     commands = [[p for p in sent if isinstance(p, ForceCommand)] for sent in packets]
     assert [len(sent) for sent in commands] == [1, 0, 1, 0]
     assert node.status().failures == 2
@@ -113,14 +108,9 @@ def test_no_controller_hears_of_a_number_that_is_not_finite(number: float) -> No
     controller = Remembering()
     node = ControllerNode(controller)
     sound = EnvironmentReply(0, 0, 0, 0, 0, 0, (1.0,), "e", (0.01,), (-1.0,))
-    changes: list[dict[str, Any]] = [
-        {"force": (number,)},
-        {"proxy": (number,)},
-        {"normal": (number,)},
-    ]
-    for change in changes:
-        *_, command = node.step(1, [replace(sound, **change)])
+    for changed in ("force", "proxy", "normal"):
+        *_, command = node.step(1, [replace(sound, **{changed: (number,)})])
         assert isinstance(command, ForceCommand)  # which the device rejects if it has to
-        assert repr(command.force) == repr(change.get("force", (1.0,)))
+        assert repr(command.force) == repr((number,) if changed == "force" else (1.0,))
     assert controller.told == [replace(sound, proxy=None, normal=None)] * 2
     assert node.status().rejected == {"not_finite": 2}

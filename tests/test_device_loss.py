@@ -28,11 +28,11 @@ from forcebound.launch.actions import (
     Interrupted,
     Phase,
     Reported,
-    Resumed,
     Start,
     Terminate,
 )
 from forcebound.launch.lifecycle import ADVICE
+from forcebound.messages.control import ResumeDevice
 from forcebound.messages.packets import Telemetry
 from forcebound.monitor.control import resume_device
 from forcebound.roles import LOST
@@ -47,10 +47,11 @@ STARTED = Announce("process_started", "device", "device was restarted")
 
 def test_a_lost_device_waits_for_the_word_and_engages_anew() -> None:
     lifecycle = running()
+    assert lifecycle.advance(499, ResumeDevice()) == []
     assert lifecycle.advance(500, Ended("device", LOST)) == [ADVISED]
     assert (lifecycle.phase, lifecycle.state("device")) == (Phase.RUNNING, "lost")
     assert lifecycle.advance(600) == []
-    assert lifecycle.advance(700, Resumed("device")) == [Start("device"), STARTED]
+    assert lifecycle.advance(700, ResumeDevice()) == [Start("device"), STARTED]
     assert lifecycle.restarts.counts == {"device": 1}
     assert lifecycle.advance(701, Reported("device", ("force_command",))) == []
     assert lifecycle.returning
@@ -65,13 +66,10 @@ def test_a_lost_device_waits_for_the_word_and_engages_anew() -> None:
 def test_a_device_that_cannot_be_opened_again_is_lost_again() -> None:
     lifecycle = running()
     lifecycle.advance(500, Ended("device", LOST))
-    lifecycle.advance(501, Resumed("device"))
+    lifecycle.advance(501, ResumeDevice())
     assert lifecycle.advance(502, Ended("device", LOST)) == [ADVISED]
-    assert lifecycle.advance(503, Resumed("device")) == [Start("device"), STARTED]
-
-
-def test_the_word_means_nothing_while_no_device_is_lost() -> None:
-    assert running().advance(500, Resumed("device")) == []
+    actions = lifecycle.advance(503, Interrupted())
+    assert actions == [Terminate("controller"), Terminate("environment")]
 
 
 def test_a_device_that_was_killed_or_crashed_ends_the_run() -> None:
@@ -80,13 +78,6 @@ def test_a_device_that_was_killed_or_crashed_ends_the_run() -> None:
         lifecycle.advance(500, Ended("device", status))
         assert lifecycle.phase is Phase.STOPPING
         assert lifecycle.failure is not None
-
-
-def test_a_run_without_its_device_ends_as_others_do() -> None:
-    lifecycle = running()
-    lifecycle.advance(500, Ended("device", LOST))
-    actions = lifecycle.advance(501, Interrupted())
-    assert actions == [Terminate("controller"), Terminate("environment")]
 
 
 def test_counts_go_on_when_a_device_returns() -> None:
@@ -141,8 +132,7 @@ def test_a_live_graph_goes_on_after_a_spoiled_reply_a_silence_and_a_pulled_plug(
     with live_graph_at(link, words) as (graph, board):
         wait_for_loss(graph)
         put_home(link)
-        said = graph.order("device", "resume", "--run", str(graph.run_dir))
-        assert said.returncode == 0, said.stderr
+        graph.do("device", "resume")
         wait_for_force(graph)
         board.send_signal(signal.SIGSTOP)
         wait_for_loss(graph)

@@ -69,14 +69,6 @@ def test_late_ticks_are_skipped_and_counted_and_the_phase_is_kept() -> None:
     assert node.wake_ns == 5 * MS
 
 
-def test_a_late_write_does_not_move_the_schedule() -> None:
-    node, _ = device_node()
-    sample(node, 0)
-    write(node, 900_000)
-    assert node.wake_ns == 1 * MS
-    assert node.deadline_misses == 0
-
-
 def test_the_velocity_is_the_filtered_difference_of_readings() -> None:
     node, device = device_node(velocity_cutoff=1e9)
     for k in range(5):
@@ -109,14 +101,6 @@ def test_a_force_that_answers_its_own_tick_is_written_in_it() -> None:
     assert telemetry.device_seq == telemetry.seq == 1
     assert telemetry.loop_delay == pytest.approx(0.4e-3)
     assert device.written[-1] == (1_400_000, (2.0,))
-
-
-def test_the_first_write_is_zero_because_the_ledger_begins_there() -> None:
-    node, _ = device_node()
-    node.engage()
-    telemetry = tick(node, 0, (2.0,))
-    assert telemetry.commanded_force == (2.0,)
-    assert telemetry.applied_force == (0.0,)
 
 
 @pytest.mark.parametrize(
@@ -187,15 +171,6 @@ def test_an_answer_that_arrives_too_old_is_refused() -> None:
     assert write(node, 5000 * MS + 400_000, answer(old, (2.0,))).rejected == {"too_old": 2}
 
 
-def test_the_vector_is_saturated_in_its_direction() -> None:
-    node, _ = device_node(axes=2)
-    node.engage()
-    tick(node, 0)
-    telemetry = tick(node, 1 * MS, (30.0, 40.0))
-    assert telemetry.commanded_force == (30.0, 40.0)
-    assert telemetry.applied_force == pytest.approx((0.6 * 8.5, 0.8 * 8.5))
-
-
 def test_the_bounder_is_last_and_certified_starts_with_no_more_than_friction() -> None:
     node, _ = device_node(law="certified")
     node.engage()
@@ -227,14 +202,6 @@ def test_a_reading_that_cannot_be_is_counted_and_told_once_a_second() -> None:
     counts = [event.data["refused"] for event in events if event.event == "readings_refused"]
     assert counts == ["1", "501"]
     assert node.status().bounder.refused_readings == 600
-
-
-def test_a_packet_refused_by_the_codec_is_counted_too() -> None:
-    node, _ = device_node()
-    node.reject("malformed")
-    node.reject("malformed")
-    assert tick(node, 0).rejected == {"malformed": 2}
-    assert node.status().rejected == {"malformed": 2}
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,6 @@ from builders import MS
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from forcebound.config.loader import load
 from forcebound.devices.desktop_arm import DesktopArm
 from forcebound.devices.five_bar import FiveBar
 from forcebound.devices.knob import Knob
@@ -23,7 +22,7 @@ from forcebound.devices.stated_joints import TrueJoints
 from forcebound.errors import ConfigError, DeviceError
 from forcebound.messages.packets import Vector
 from forcebound.operators import Operator
-from forcebound.operators.pressing import PressingHand
+from forcebound.operators.hands import PressingHand
 
 Arm: TypeAlias = DesktopArm | FiveBar | SerialArm | Knob
 
@@ -127,21 +126,6 @@ def test_a_desktop_arm_reaches_its_workspace_without_a_singular_pose() -> None:
         assert angles is not None
         volume = abs(np.linalg.det(kinematics.jacobian(angles)))
         assert volume > 0.1 * arm.upper**2 * arm.lower
-
-
-def test_the_launch_file_of_the_desktop_arm_keeps_the_hand_in_its_workspace() -> None:
-    config = load("desktop_arm")
-    arm, fixtures = config.device.model, config.environment.fixtures
-    assert isinstance(arm, DesktopArm)
-    assert fixtures is not None
-    assert fixtures.workspace is not None
-    assert fixtures.workspace.high == pytest.approx([edge / 2 for edge in arm.workspace])
-    assert fixtures.workspace.low == pytest.approx([-edge / 2 for edge in arm.workspace])
-
-
-def test_a_workspace_beyond_the_reach_of_the_arm_is_refused() -> None:
-    with pytest.raises(ConfigError, match=r"workspace: the arm does not reach its corner"):
-        DesktopArm(workspace=(0.4, 0.12, 0.07))
 
 
 WIDE = FiveBar(base=0.06)  # its elbows can come farther apart than the distal links reach

@@ -179,14 +179,6 @@ def test_each_axis_has_its_own_damping_and_friction() -> None:
     assert speeds(model, force=-2.0, seconds=5.0) == pytest.approx((1.8, 0.375))
 
 
-def test_each_axis_has_its_own_resolution() -> None:
-    model = replace(PUSHED, axes=2, resolution=(1e-3, 0.0))
-    device = SimulatedDevice(model, None, hold_limit=1.0)
-    device.read(0)
-    device.write(0, (-1.0, -1.0))
-    assert device.read(18_000_000) == pytest.approx((2e-3, 0.5 * 10 * 18e-3**2))
-
-
 @pytest.mark.parametrize(
     ("truth", "gain"), [(None, 1.05), (TrueAxes(), 1.05), (TrueAxes(gain=0.95), 0.95)]
 )
@@ -195,11 +187,6 @@ def test_the_motor_is_at_the_upper_end_of_its_gain_or_where_it_truly_is(
 ) -> None:
     model = replace(PUSHED, gain_error=0.05, truth=truth)
     assert speeds(model) == pytest.approx((gain * 0.1,))
-
-
-def test_each_motor_may_have_a_gain_of_its_own() -> None:
-    model = replace(PUSHED, axes=2, truth=TrueAxes(gain=(0.9, 1.1)))
-    assert speeds(model) == pytest.approx((0.09, 0.11))
 
 
 @pytest.mark.parametrize(
@@ -265,16 +252,6 @@ def test_random_delays_and_cuts_stay_within_what_is_stated_and_repeat_by_their_s
     assert effects(1) == effects(1) != effects(2)
 
 
-def test_random_delays_keep_the_order_of_writes() -> None:
-    model = replace(PUSHED, write_delay=1e-2, truth=TrueAxes(random=True))
-    device = SimulatedDevice(model, None, hold_limit=1.0)
-    stamps = []
-    for k in range(200):
-        device.write(1_000_000 * k, (0.1,))
-        stamps.append(device.stamps()[1])
-    assert stamps == sorted(stamps)
-
-
 @pytest.mark.parametrize("share", [0.85, 1.15])
 def test_a_watchdog_may_truly_be_early_or_late(share: float) -> None:
     device = SimulatedDevice(replace(PUSHED, truth=TrueAxes(watchdog=share)), None, 2e-3)
@@ -299,12 +276,6 @@ def test_numbers_of_another_number_of_axes_are_refused(
 ) -> None:
     with pytest.raises(ConfigError, match=message):
         replace(PhantomPremium15(), **changed)
-
-
-@pytest.mark.parametrize("wrong", [{"gain": -1.0}, {"watchdog": 0.0}, {"friction": -0.1}])
-def test_true_values_without_meaning_are_refused(wrong: dict[str, Any]) -> None:
-    with pytest.raises(ConfigError, match=next(iter(wrong))):
-        TrueAxes(**wrong)
 
 
 def test_a_launch_file_states_true_values() -> None:

@@ -23,6 +23,7 @@ from observed_graph import (
     with_processes,
 )
 
+from forcebound.config.graph import GraphConfig
 from forcebound.messages.control import BounderReport, NodeStatus, RemoteStatus
 from forcebound.monitor.doctor import REASONS, examine
 from forcebound.monitor.observation import Observations, RecordingSeen, Seen
@@ -43,13 +44,6 @@ def test_a_suspended_process_is_named_with_what_wakes_it() -> None:
     )
     assert "SIGSTOP" in finding.seen
     assert commands(finding) == ["kill -CONT 4711"]
-
-
-def test_a_process_that_lives_and_does_not_answer_is_busy() -> None:
-    finding = only(healthy(controller=silent("running", "R")))
-    assert (finding.kind, finding.where) == ("no_answer", "controller")
-    assert "process 7 is in state R" in finding.seen
-    assert commands(finding) == ["top -p 7"]
 
 
 def test_without_a_launcher_nobody_knows_what_became_of_a_silent_process() -> None:
@@ -82,21 +76,55 @@ def test_a_stopped_environment_is_no_problem_while_another_one_serves() -> None:
     assert commands(finding) == ["forcebound start environment"]
 
 
-def test_restarts_are_told_when_all_is_well_again() -> None:
-    finding = only(healthy(environment=replace(PROCESSES["environment"], restarts=2)))
-    assert (finding.severity, finding.kind) == ("note", "restarts")
+def jittered() -> GraphConfig:
+    config = graph()
+    jitter = replace(config.links["environment_query"], jitter=1e-3)
+    return replace(config, links={**config.links, "environment_query": jitter})
 
 
-def test_a_suspended_launcher_is_a_problem() -> None:
-    seen = replace(healthy(), launcher=silent("running", "T", 6), phase=None)
+REPLIES = ("device_state", "environment_reply")
+
+
+@pytest.mark.parametrize(
+    ("seen", "severity", "kind", "where"),
+    [
+        (replace(healthy(), phase="starting"), "note", "starting", "launcher"),
+        (replace(healthy(), phase="stopping"), "note", "stopping", "launcher"),
+        (
+            replace(healthy(), launcher=silent("running", "T", 6), phase=None),
+            *("problem", "suspended", "launcher"),
+        ),
+        (
+            healthy(jittered(), device=process("force_command", rejected={"not_newer": 20})),
+            *("note", "rejected_not_newer", "device"),
+        ),
+        (
+            healthy(controller=process(*REPLIES, environment="there/2/b")),
+            *("note", "other_environment", "controller"),
+        ),
+        (
+            replace(healthy(), telemetry=telemetry(lost_every=1999)),
+            *("note", "ticks_lost", "device"),
+        ),
+        (
+            replace(healthy(recorder=process("telemetry", grown=0)), telemetry=telemetry(0)),
+            *("problem", "no_telemetry", "device"),
+        ),
+        (healthy(recorder=process("telemetry", grown=0)), "problem", "recorder_deaf", "recorder"),
+        (healthy(graph("law:=none")), "note", "no_law", "device"),
+        (
+            healthy(environment=replace(PROCESSES["environment"], restarts=2)),
+            *("note", "restarts", "environment"),
+        ),
+        (healthy(controller=silent("running", "R")), "problem", "no_answer", "controller"),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+def test_a_state_of_a_graph_is_one_finding(
+    seen: Observations, severity: str, kind: str, where: str
+) -> None:
     finding = only(seen)
-    assert (finding.kind, finding.where) == ("suspended", "launcher")
-
-
-@pytest.mark.parametrize("phase", ["starting", "engaging", "stopping"])
-def test_a_run_that_begins_or_ends_is_no_problem(phase: str) -> None:
-    finding = only(replace(healthy(), phase=phase))
-    assert finding.severity == "note"
+    assert (finding.severity, finding.kind, finding.where) == (severity, kind, where)
 
 
 @pytest.mark.parametrize("topic", LINKS)
@@ -205,12 +233,6 @@ def test_on_its_own_machine_an_environment_says_who_serves(
     assert (SERVING in finding.seen) == (SERVING in (serving, waiting))
 
 
-def test_that_another_environment_serves_is_a_note() -> None:
-    controller = process("device_state", "environment_reply", environment="there/2/b")
-    finding = only(healthy(controller=controller))
-    assert (finding.severity, finding.kind) == ("note", "other_environment")
-
-
 @pytest.mark.parametrize("reason", [*sorted(REASONS), "of_tomorrow"])
 def test_each_reason_for_a_refusal_has_an_explanation_and_advice(reason: str) -> None:
     refusing = process("force_command", rejected={reason: 20})
@@ -218,21 +240,6 @@ def test_each_reason_for_a_refusal_has_an_explanation_and_advice(reason: str) ->
     assert finding.severity == "problem"
     assert f"10 packets/s as {reason}" in finding.seen
     assert finding.advice
-
-
-def test_refusals_of_the_past_are_not_told() -> None:
-    device = process("force_command", rejected={"too_old": 9})
-    assert device.last is not None
-    earlier = changed(device.last, received={"force_command": 5})
-    assert examine(healthy(device=replace(device, first=earlier))) == []
-
-
-def test_overtaken_answers_are_usual_with_jitter() -> None:
-    config = graph()
-    jitter = replace(config.links["environment_query"], jitter=1e-3)
-    config = replace(config, links={**config.links, "environment_query": jitter})
-    device = process("force_command", rejected={"not_newer": 20})
-    assert [f.severity for f in examine(healthy(config, device=device))] == ["note"]
 
 
 def test_counts_of_a_process_that_was_started_anew_have_grown_from_zero() -> None:
@@ -298,11 +305,6 @@ def test_gaps_of_force_are_told_with_their_share() -> None:
     assert "10.0% of 2000 ticks" in finding.seen
 
 
-def test_a_device_that_answers_without_telemetry_is_a_problem() -> None:
-    seen = replace(healthy(recorder=process("telemetry", grown=0)), telemetry=telemetry(0))
-    assert only(seen).kind == "no_telemetry"
-
-
 def test_a_delay_near_the_age_limit_is_a_problem() -> None:
     finding = only(replace(healthy(), telemetry=telemetry(loop_delay=0.08)))
     assert finding.kind == "delay_near_age_limit"
@@ -333,11 +335,6 @@ def test_late_ticks_are_told_with_their_likely_causes() -> None:
     assert "/tmp/forcebound-b" in finding.advice
 
 
-def test_a_tick_lost_now_and_then_is_a_note() -> None:
-    finding = only(replace(healthy(), telemetry=telemetry(lost_every=1999)))
-    assert (finding.severity, finding.kind) == ("note", "ticks_lost")
-
-
 def test_a_recorder_that_cannot_write_is_a_problem() -> None:
     stopped = "stopped: No space left on device"
     finding = only(healthy(recorder=process("telemetry", recording=stopped)))
@@ -355,10 +352,6 @@ def test_a_disk_that_is_soon_full_is_a_problem(rate: float, free: int, left: str
     assert finding.kind == "disk_nearly_full"
     assert ("full in" in finding.seen) == bool(left)
     assert left in finding.seen
-
-
-def test_a_recorder_that_hears_nothing_is_a_problem() -> None:
-    assert only(healthy(recorder=process("telemetry", grown=0))).kind == "recorder_deaf"
 
 
 def test_a_law_that_limits_most_of_the_time_is_information() -> None:
@@ -386,11 +379,6 @@ def test_the_doctor_names_why_there_is_little_force_and_the_setting_that_gives_m
     finding = only(replace(seen, config=long))
     assert codes(finding) == ["long_hold_limit"]
     assert "device.hold_limit: auto" in finding.advice
-
-
-def test_without_a_law_nothing_protects_the_hand() -> None:
-    finding = only(healthy(graph("law:=none")))
-    assert (finding.severity, finding.kind) == ("note", "no_law")
 
 
 def test_problems_come_first() -> None:

@@ -68,10 +68,7 @@ def test_a_healthy_graph_then_a_suspended_environment_then_a_link_that_loses_all
         graph.signal("environment", signal.SIGCONT)
         graph.wait_until_in_contact()
 
-        done = graph.order(
-            "param", "set", "--run", str(graph.run_dir), "links.environment_query.loss:=1"
-        )
-        assert done.returncode == 0, done.stderr
+        graph.do("param", "set", "links.environment_query.loss:=1")
         graph.wait_until_released()
         status, found = examine(graph)
         assert status == 1
@@ -79,13 +76,9 @@ def test_a_healthy_graph_then_a_suspended_environment_then_a_link_that_loses_all
         assert found["hop_broken"]["where"] == "link environment_query"
         assert found["hop_broken"]["causes"] == ["injected_loss"]
 
-        done = graph.order(
-            "param", "set", "--run", str(graph.run_dir), "links.environment_query.loss:=0"
-        )
-        assert done.returncode == 0, done.stderr
+        graph.do("param", "set", "links.environment_query.loss:=0")
         graph.wait_until_in_contact()
-        done = graph.order("stop", "environment", "--run", str(graph.run_dir))
-        assert done.returncode == 0, done.stderr
+        graph.do("stop", "environment")
         done = graph.order("doctor", "--run", str(graph.run_dir))
         assert done.returncode == 1
         assert "problem  environment: is stopped on request" in done.stdout

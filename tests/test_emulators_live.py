@@ -14,12 +14,11 @@ import pytest
 from test_haply_board import HOME, NO_TORQUE, PUSH, SETUP
 from waiting import until
 
-from forcebound.devices.truth_file import SUFFIX, TruthFile
+from forcebound.devices.truth_file import TruthFile
 from forcebound.errors import DeviceError
 from forcebound.hardware.emulated import Emulated, start
-from forcebound.hardware.haply_2diy import Haply2DIY, OpenHaply
 from forcebound.hardware.port import Port
-from forcebound.operators.pressing import PressingHand
+from forcebound.operators.hands import PressingHand
 
 pytestmark = pytest.mark.live
 
@@ -148,29 +147,3 @@ def test_the_makers_own_client_drives_it() -> None:
 def maker() -> Any:
     """Return the maker's client, which is under the GPL and so in no extra."""
     return pytest.importorskip("HaplyHAPI", reason="needs the maker's client: make hapi")
-
-
-@pytest.mark.parametrize("fault", ["lost", "reset"])
-def test_a_torque_ends_when_a_byte_is_lost_or_the_board_is_reset(
-    tmp_path: Path, fault: str, caplog: pytest.LogCaptureFixture
-) -> None:
-    link = tmp_path / "board"
-    with program(link, "--fault", f"{fault}:at=500ms"):
-        until(link.exists, "the port")
-        # A board answers half a message after 1 s; it is lost after half of the limit.
-        device = Haply2DIY(port=str(link), watchdog_limit=1.5).open(None, 1.0)
-        truth = TruthFile(Path(f"{link}{SUFFIX}"))
-        torques: list[bool] = []
-        with pytest.raises(DeviceError):
-            push_for_ever(device, truth, torques)
-        until(lambda: (found := truth.look()) is not None and not any(found.torque), "zero torque")
-        assert any(torques)
-        assert "may still be on" not in caplog.text
-        device.close()
-        truth.close()
-
-
-def push_for_ever(device: OpenHaply, truth: TruthFile, torques: list[bool]) -> None:
-    while True:
-        device.write(0, (0.05, -0.05))
-        torques.append((found := truth.look()) is not None and any(found.torque))

@@ -9,10 +9,9 @@ from typing import Any
 import pyarrow.parquet as pq
 import pytest
 from builders import telemetry_packet
-from click.testing import CliRunner, Result
+from invoking import invoke
 from mcap.reader import make_reader
 
-from forcebound.cli import main
 from forcebound.errors import ConfigError
 from forcebound.messages.packets import ForceCommand, Packet, Scene, SceneObject
 from forcebound.nodes.events import EventLog
@@ -48,10 +47,6 @@ def record(path: Path, sent: list[Packet], flush: bool = False) -> Path:
             if flush:
                 recorder.flush()
     return path
-
-
-def invoke(*words: object) -> Result:
-    return CliRunner().invoke(main, [str(word) for word in words], catch_exceptions=False)
 
 
 def rows_of(file: Path) -> list[dict[str, str]]:

@@ -16,8 +16,7 @@ from forcebound.config.loader import load
 from forcebound.controllers.local_model import LocalModel
 from forcebound.environments import EnvironmentModel
 from forcebound.environments.active_wall import ActiveWall
-from forcebound.environments.damper import Damper
-from forcebound.environments.time_varying_wall import TimeVaryingWall
+from forcebound.environments.walls import Damper, TimeVaryingWall
 from forcebound.errors import ConfigError
 from forcebound.launch.virtual import run_virtual
 from forcebound.network.impairment import Impairment
@@ -126,8 +125,7 @@ def test_the_hand_gets_nothing_from_an_environment_that_lies(model: EnvironmentM
 @pytest.mark.live
 def test_live_a_far_wall_answers_at_once_and_its_force_ends_with_the_environment() -> None:
     with live_graph("far_wall", "delay:=50 ms") as graph:
-        stopped = graph.order("stop", "environment", "--run", str(graph.run_dir))
-        assert stopped.returncode == 0, stopped.stderr
+        graph.do("stop", "environment")
         graph.wait_until_released()
         ended = graph.end()
     pressed = (ended.columns.engagement > 0.0) & (ended.columns.applied_force[:, 0] > 0.0)

@@ -16,7 +16,7 @@ from forcebound.files import MAX_TABLE, check_writable, printable, read_rows
 from forcebound.lab.table import read_table
 from forcebound.network.distribution import read_distribution
 from forcebound.network.keys import list_keys, new_key, public_key
-from forcebound.operators.trajectory import TrajectoryHand
+from forcebound.operators.paths import TrajectoryHand
 from forcebound.recording import read
 from forcebound.sweep.plan import load_sweep
 

@@ -79,39 +79,25 @@ def test_without_a_force_nobody_is_late_and_an_orderly_end_writes_nothing(
         os.read(reader, 100)
 
 
-def test_a_guardian_outlives_a_signal_to_end_and_its_own_loss_is_said(
-    board: tuple[int, int],
+@pytest.mark.parametrize(
+    ("number", "said"), [(signal.SIGKILL, "is gone"), (signal.SIGSTOP, "is silent")]
+)
+def test_a_guardian_that_is_gone_or_stopped_is_noticed_and_ended(
+    board: tuple[int, int], number: signal.Signals, said: str
 ) -> None:
     guardian = Guardian(board[1], ZERO)
-    os.kill(guardian.process_id, signal.SIGTERM)
+    os.kill(guardian.process_id, signal.SIGTERM)  # which it outlives
     guardian.check()
-    os.kill(guardian.process_id, signal.SIGKILL)
-
-    def is_noticed() -> bool:
-        try:
-            guardian.check()
-        except DeviceError as error:
-            return "is gone" in str(error)
-        return False
-
-    until(is_noticed, "the loss of the guardian")
-    guardian.close()
-
-
-def test_a_guardian_that_is_stopped_is_noticed_and_killed_at_the_end(
-    board: tuple[int, int],
-) -> None:
-    guardian = Guardian(board[1], ZERO)
-    os.kill(guardian.process_id, signal.SIGSTOP)
+    os.kill(guardian.process_id, number)
 
     def is_noticed() -> bool:
         try:
             guardian.check()
         except GuardianError as error:
-            return "is silent" in str(error)
+            return said in str(error)
         return False
 
-    until(is_noticed, "the silence of the guardian")
+    until(is_noticed, "the loss of the guardian")
     guardian.close()
     with pytest.raises(ProcessLookupError):
         os.kill(guardian.process_id, 0)

@@ -66,14 +66,6 @@ def test_a_port_that_is_wired_the_other_way_takes_the_other_direction() -> None:
     assert board.torque == pytest.approx(PUSHED, abs=1e-12)
 
 
-def test_directions_are_kept_by_order_not_by_port() -> None:
-    board = HaplyBoard((COUNT, COUNT))
-    # Port 2 alone, counter-clockwise; the direction goes to port 1, and port 2 stays clockwise.
-    board.receive(bytes.fromhex("01 05 02 01 00 00 00"), 0)
-    assert board.receive(b"\2\5" + struct.pack("<f", 0.05), 1) == b"\5"
-    assert board.torque == pytest.approx((0.0, -PUSHED[0]), abs=1e-12)
-
-
 def test_torque_stays_after_reset_and_set_up() -> None:
     board = set_up()
     board.receive(PUSH, 1)
@@ -124,19 +116,9 @@ def test_another_address_is_answered_alone_and_the_rest_taken_for_commands() -> 
     assert board.receive(PUSH, 3) == b"\5"
 
 
-def test_two_messages_at_once_are_answered_one_after_the_other() -> None:
-    assert set_up().receive(PUSH + PUSH, 0) == HOME + HOME
-
-
 def test_bytes_without_meaning_are_passed_over() -> None:
     board = HaplyBoard((COUNT, COUNT))
     assert board.receive(b"hello" + SETUP + PUSH, 0) == HOME
-
-
-def test_analogue_and_pulse_pins_have_their_places() -> None:
-    board = HaplyBoard((COUNT, COUNT))
-    board.receive(bytes.fromhex("01 05 00 00 02 36 37 01 09"), 0)
-    assert board.receive(b"\2\5\x80", 1) == b"\5" + bytes(8)
 
 
 def test_a_reply_without_numbers_keeps_its_length() -> None:
@@ -176,7 +158,7 @@ def test_a_torque_ends_wherever_a_byte_of_a_message_is_lost(place: int) -> None:
 
 def test_a_torque_ends_whatever_bytes_the_board_has_heard() -> None:
     random = Random(1)
-    for _ in range(2000):
+    for _ in range(500):
         board = set_up()
         board.receive(PUSH, 1)
         heard = bytes(random.choice((0, 1, 2, 3, 5, 0xFF)) for _ in range(random.randrange(40)))

@@ -5,7 +5,6 @@ import struct
 
 import pytest
 
-from forcebound.errors import DeviceError
 from forcebound.hardware.hapi import (
     LARGEST_TORQUE,
     STEPS,
@@ -55,21 +54,3 @@ def test_a_motor_gives_whole_steps_towards_zero_as_the_firmware_does() -> None:
     assert held_torque(-0.02) == pytest.approx(-665 * step, rel=1e-12)
     assert held_torque(0.0) == 0.0
     assert held_torque(1.0) == pytest.approx(LARGEST_TORQUE)
-
-
-@pytest.mark.parametrize(
-    ("reply", "words"),
-    [
-        (REPLY[:8], "9 bytes, got 8"),
-        (b"", "9 bytes, got 0"),
-        (b"\xff" + REPLY[1:], "address 5, got ff .*another device"),
-        (b"unknown c", "another device at this port"),
-        (struct.pack("<Bff", 5, math.nan, 0.0), "whole counts .* got nan"),
-        (struct.pack("<Bff", 5, 0.0, math.inf), "whole counts .* got inf"),
-        (struct.pack("<Bff", 5, 0.0, 1e30), "whole counts"),
-        (struct.pack("<Bff", 5, 0.0, 168.0), "disturbed, or the firmware another"),
-    ],
-)
-def test_what_is_no_reply_is_refused_in_a_sentence(reply: bytes, words: str) -> None:
-    with pytest.raises(DeviceError, match=words):
-        parse_reply(reply, 5, VERSION_3)

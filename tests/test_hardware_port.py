@@ -18,7 +18,7 @@ from forcebound.config.loader import load
 from forcebound.errors import ConfigError, DeviceError
 from forcebound.hardware import ports
 from forcebound.hardware.port import Port
-from forcebound.hardware.ports import SerialPort, check_serial_number, find, listed
+from forcebound.hardware.ports import SerialPort, check_serial_number, find
 from forcebound.launch.live import check_here
 from forcebound.network import sockets
 
@@ -79,13 +79,9 @@ def test_a_short_reply_is_what_came_by_the_deadline(line: Line) -> None:
 def test_no_more_is_read_than_was_asked_for_and_the_rest_can_be_drained(line: Line) -> None:
     sent_by_board(line, b"abcdef")
     assert line.port.read(2, soon_ns()) == b"ab"
-    assert line.port.drain() == b"cdef"
+    assert line.port.read(1, 0) == b"c"  # what is there is read after the deadline, too
+    assert line.port.drain() == b"def"
     assert line.port.drain() == b""
-
-
-def test_what_is_there_is_read_after_the_deadline_too(line: Line) -> None:
-    sent_by_board(line, b"abc")
-    assert line.port.read(3, 0) == b"abc"
 
 
 def test_a_port_that_takes_no_more_is_an_error_and_is_not_waited_for(line: Line) -> None:
@@ -112,16 +108,6 @@ def test_an_unplugged_device_is_said_when_read_and_when_written() -> None:
 def test_a_port_in_use_is_not_opened_a_second_time(line: Line) -> None:
     with pytest.raises(DeviceError, match="in use by another program"):
         Port(line.port.path)
-
-
-def test_a_port_that_is_not_there_or_none_is_said_in_a_sentence(tmp_path: Path) -> None:
-    with pytest.raises(DeviceError, match="there is no port"):
-        Port(str(tmp_path / "nothing"))
-    with pytest.raises(DeviceError, match="expected a serial port, got a folder"):
-        Port(str(tmp_path))
-    (tmp_path / "file").write_text("")
-    with pytest.raises(DeviceError, match="expected a serial port, got a file"):
-        Port(str(tmp_path / "file"))
 
 
 def test_auto_is_the_only_port_of_the_kind_or_the_only_one() -> None:
@@ -155,11 +141,6 @@ def test_without_a_port_the_emulator_is_named(monkeypatch: pytest.MonkeyPatch) -
     assert "`forcebound emulate haply_2diy`" in CliRunner().invoke(main, ["device", "list"]).output
 
 
-def test_the_ports_of_this_machine_are_in_order() -> None:
-    paths = [port.path for port in listed()]
-    assert paths == sorted(paths)
-
-
 def test_the_numbers_of_another_board_are_refused_where_boards_can_be_told() -> None:
     there = [HAPLY, BUILT_IN]
     check_serial_number(HAPLY.path, "1A2B", there)
@@ -169,15 +150,10 @@ def test_the_numbers_of_another_board_are_refused_where_boards_can_be_told() -> 
         check_serial_number(HAPLY.path, "5E6F", there)
 
 
-@pytest.mark.parametrize("number", ["0012", "1E5", "3.10", "0x1F"])
+@pytest.mark.parametrize("number", ["0012", "1E5"])
 def test_a_serial_number_that_looks_like_a_number_is_taken_as_it_is_written(number: str) -> None:
     model: Any = load("haply_2diy.yaml", [f"device:={number}"]).device.model
     assert model.port == number
-
-
-def test_no_name_is_no_port() -> None:
-    with pytest.raises(DeviceError, match="got ''"):
-        find("", "haply_2diy", [BUILT_IN])
 
 
 @pytest.mark.parametrize(
@@ -185,6 +161,7 @@ def test_no_name_is_no_port() -> None:
     [
         ("file", "expected a serial port, got a file"),
         ("folder", "expected a serial port, got a folder"),
+        ("nothing", "there is no port"),
         ("link", "leads to .*nothing, which is not there"),
         ("/dev/zero", "got a device that is no terminal: /dev/zero"),
     ],

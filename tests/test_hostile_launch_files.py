@@ -39,12 +39,6 @@ def test_brackets_that_do_not_match_are_no_substitution(tmp_path: Path, text: st
     assert f":10:8: unknown substitution {text!r}" in message
 
 
-def test_a_file_that_includes_itself_is_refused(tmp_path: Path) -> None:
-    assert "files include each other" in problems_of(
-        written(tmp_path, GOOD + "include: graph.yaml\n")
-    )
-
-
 @st.composite
 def mutated(draw: st.DrawFn) -> bytes:
     """A shipped launch file with some pieces cut, doubled, moved or replaced."""

@@ -18,8 +18,8 @@ from forcebound.environments import ENVIRONMENTS
 from forcebound.environments.active_wall import ActiveWall
 from forcebound.launch.virtual import run_virtual
 from forcebound.network.impairment import Impairment
-from forcebound.operators.sinusoidal import SinusoidalHand
-from forcebound.operators.trajectory import TrajectoryHand
+from forcebound.operators.hands import SinusoidalHand
+from forcebound.operators.paths import TrajectoryHand
 from forcebound.sweep import kernel as lanes
 from forcebound.sweep.engine import run_all, ticks_of
 from forcebound.sweep.timing import timing_of

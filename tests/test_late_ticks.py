@@ -102,11 +102,6 @@ def test_skipped_ticks_are_counted() -> None:
     assert ticks + last.deadline_misses == last.seq + 1
 
 
-def test_the_longest_lateness_is_not_below_the_shortest() -> None:
-    with pytest.raises(ValueError, match=r"longest must be >= shortest, 0\.001 s, got 0\.0001 s"):
-        LateTicks(shortest=1e-3, longest=1e-4)
-
-
 # Without a watchdog
 
 
@@ -156,12 +151,6 @@ def test_with_a_reporting_watchdog_one_overrun_changes_nothing_but_many_do() -> 
     assert round(FLOOR * MS) < limit.limit_ns < 3 * MS
 
 
-def test_without_a_watchdog_overruns_cost_nothing() -> None:
-    limit = HoldLimit(MS, "none")
-    assert not any(limit.observe(5 * MS) for _ in range(2000))
-    assert limit.limit_ns == round(FLOOR * MS)
-
-
 @pytest.mark.parametrize("watchdog", WATCHDOGS)
 def test_old_lateness_is_forgotten(watchdog: Watchdog) -> None:
     limit = HoldLimit(MS, watchdog)
@@ -196,12 +185,6 @@ def test_many_missed_ticks_in_a_second_are_a_warning_and_not_each_second_again()
     assert "missed 100 of 1000 ticks in the last second" in str(warnings[1])
 
 
-def test_few_missed_ticks_are_no_warning() -> None:
+def test_few_missed_ticks_and_those_before_the_first_look_are_no_warning() -> None:
     overload = Overload(MS)
-    assert not any(overload.observe(k * MS, k // 20) for k in range(20_000))
-
-
-def test_ticks_missed_before_the_first_look_do_not_count() -> None:
-    overload = Overload(MS)
-    assert overload.observe(0, 5000) is None
-    assert overload.observe(1000 * MS, 5001) is None
+    assert not any(overload.observe(k * MS, 5000 + k // 20) for k in range(20_000))

@@ -129,14 +129,6 @@ def test_what_is_no_launch_file_at_all_is_said_plainly(
     assert fragment in problems_of(written(tmp_path, content))
 
 
-@pytest.mark.parametrize("path", ["no_such_wall", "nowhere/stiff_wall.yaml", ""])
-def test_of_a_missing_file_it_is_said_what_lists_those_that_ship(
-    path: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert "`forcebound launch` lists those that come" in problems_of(path) or path == ""
-
-
 def test_a_variable_in_braces_is_told_to_be_quoted(tmp_path: Path) -> None:
     path = written(tmp_path, GOOD.replace("{kind: pressing}", "{kind: ${env:KIND}}"))
     assert "within braces, write it in quotes: '${env:NAME}'" in problems_of(path)
@@ -157,10 +149,6 @@ def test_a_target_whose_unit_is_missing_is_remarked_on(
     assert not caplog.messages
     load_tried(written(tmp_path, GOOD.replace("{kind: pressing}", "{kind: pressing, end: 14}")))
     assert caplog.messages == ["the operator's target goes as far as 14 m: is a unit missing?"]
-
-
-def test_a_folder_is_not_a_launch_file(tmp_path: Path) -> None:
-    assert f"{tmp_path}: it is a folder" in problems_of(tmp_path)
 
 
 def test_all_problems_come_at_once_in_the_order_of_the_file(tmp_path: Path) -> None:
@@ -197,17 +185,6 @@ def test_a_problem_shows_its_line_and_a_caret(tmp_path: Path) -> None:
     )
 
 
-def test_a_long_line_is_shown_around_its_caret(tmp_path: Path) -> None:
-    filler = "x" * 500
-    message = problems_of(
-        written(tmp_path, GOOD.replace("seed: 1", f"? '{filler}'\n: 1\nseed: {{'{filler}': 1}}"))
-    )
-    assert max(len(line) for line in message.splitlines()[1:]) < 600
-    excerpts = [line for line in message.splitlines() if re.match(r" +\d+ \|", line)]
-    assert excerpts
-    assert max(map(len, excerpts)) <= 108
-
-
 # --- overrides -----------------------------------------------------------------------------------
 
 
@@ -242,20 +219,6 @@ def test_a_wrong_override_also_shows_the_line_that_uses_it(tmp_path: Path) -> No
     )
 
 
-def test_a_wrong_default_shows_both_lines(tmp_path: Path) -> None:
-    path = written(tmp_path, GOOD.replace("10 N/mm", "10 s"))
-    message = problems_of(path)
-    assert message.startswith(f"{path}:4:14: stiffness: expected a stiffness in N/m")
-    assert f"  used at {path}:14:14\n" in message
-
-
-def test_an_override_given_twice_is_refused(tmp_path: Path) -> None:
-    message = problems_of(written(tmp_path, GOOD), "law:=none", "law:=aol")
-    assert message == (
-        "argument law:=aol: argument 'law' is given twice\n  first argument law:=none"
-    )
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -271,39 +234,6 @@ def test_a_damaged_document_names_the_path_to_the_value(
     with pytest.raises(ConfigError) as caught:
         from_document({**to_document(load("stiff_wall")), **change})
     assert message in str(caught.value)
-
-
-FRAGMENTS = st.sampled_from(
-    [line + "\n" for line in GOOD.splitlines()]
-    + [
-        "  ",
-        "- ",
-        "? ",
-        ": ",
-        "&a ",
-        "*a ",
-        "!!str ",
-        "$(arg law)",
-        "${env:X:-1}",
-        "{",
-        "}",
-        "[",
-        "]",
-    ]
-    + ["%YAML 1.1\n---\n", "---\n", "...\n", "include: graph.yaml\n", "\t", "'", '"', "|\n", "#"]
-)
-
-
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(
-    st.binary(max_size=60)
-    | st.text(max_size=60).map(lambda text: text.encode("utf-8", "surrogatepass"))
-    | st.lists(FRAGMENTS, max_size=30).map(lambda parts: "".join(parts).encode())
-)
-def test_any_bytes_give_a_configuration_or_a_config_error(tmp_path: Path, data: bytes) -> None:
-    path = written(tmp_path, data)
-    with suppress(ConfigError):
-        assert isinstance(load(path), GraphConfig)
 
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -330,10 +260,3 @@ def test_a_name_is_found_by_its_beginning_then_a_word_of_it_then_its_looks(
 ) -> None:
     known = ("amplitude", "approach_speed", "damping")
     assert unknown("argument", name, known).endswith(f"did you mean {nearest!r}?")
-
-
-def test_a_file_that_cannot_be_read_is_named_once(tmp_path: Path) -> None:
-    links = "links:\n  environment_query: {trace: gone.csv}\n"
-    problems = problems_of(written(tmp_path, GOOD.partition("links:")[0] + links))
-    assert problems.count("gone.csv: No such file or directory") == 1
-    assert "[Errno" not in problems

@@ -27,10 +27,6 @@ def shipped_name(request: pytest.FixtureRequest) -> str:
     return str(request.param)
 
 
-def test_three_launch_files_come_with_the_package() -> None:
-    assert set(shipped()) >= {"stiff_wall.yaml", "time_varying_wall.yaml", "delayed_wall.yaml"}
-
-
 def test_every_shipped_file_takes_the_common_arguments(shipped_name: str) -> None:
     arguments = {argument.name: argument for argument in arguments_of(shipped_name)}
     common = {"law", "stiffness", "approach_speed", "delay", "compute_delay", "seed"}
@@ -122,12 +118,6 @@ def test_the_stiff_wall_is_the_experiment_of_the_paper() -> None:
         "approach_speed": 0.2,
     }
     assert document["duration"] == 6.0
-
-
-def test_the_time_varying_wall_grows_and_the_delayed_wall_is_late() -> None:
-    environment = to_document(load("time_varying_wall"))["environment"]
-    assert (environment["stiffness"], environment["stiffness_rate"]) == (300.0, 60.0)
-    assert load("delayed_wall").links["environment_query"].delay == 0.002
 
 
 @pytest.mark.parametrize("name", ["stiff_wall", "stiff_wall.yaml", "launch/stiff_wall.yaml"])
@@ -270,11 +260,6 @@ def test_another_kind_replaces_the_whole_section(tmp_path: Path) -> None:
     assert model_in(environment) == {"kind": "damper", "damping": 3.0}
 
 
-def test_a_shipped_file_can_be_included_from_anywhere(tmp_path: Path) -> None:
-    path = written(tmp_path, "forcebound: 1\ninclude: stiff_wall.yaml\nduration: 2 s\n")
-    assert load(path).duration == 2.0
-
-
 def test_a_problem_in_an_included_file_has_its_place_there(tmp_path: Path) -> None:
     base = written(tmp_path, GOOD.replace("duration: 6 s", "duration: 6 kg"), "base.yaml")
     top = written(tmp_path, "forcebound: 1\nsede: 3\ninclude: base.yaml\n", "top.yaml")
@@ -364,15 +349,6 @@ def test_the_schema_accepts_every_shipped_file_and_every_document(
 ) -> None:
     assert accepts(schema, as_plain(shipped_name))
     assert accepts(schema, to_document(load(shipped_name)))
-
-
-def test_the_schema_leaves_the_parameters_of_a_users_own_environment_to_its_file(
-    schema: dict[str, Any],
-) -> None:
-    own = {"kind": "my_spring.py:MySpring", "anything": 1, "compute_delay": "1 ms"}
-    assert accepts(schema, {**as_plain("stiff_wall.yaml"), "environment": own})
-    own["kind"] = "my_spring"
-    assert not accepts(schema, {**as_plain("stiff_wall.yaml"), "environment": own})
 
 
 @pytest.mark.parametrize(

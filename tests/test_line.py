@@ -83,17 +83,6 @@ def test_what_a_board_answers_to_the_guardian_is_not_the_reason() -> None:
     os.close(board)
 
 
-def test_a_line_that_is_closed_leaves_zero_force() -> None:
-    board, slave = os.openpty()
-    line = Line("none", os.ttyname(slave), ZERO, 60.0, {}, None)
-    line.send(FORCE, has_force=True)
-    line.close()
-    said = FORCE + ZERO
-    assert heard_by(board, len(said)) == said
-    os.close(slave)
-    os.close(board)
-
-
 @pytest.mark.parametrize("model", [Haply2DIY, ODrive])
 def test_a_force_may_last_longer_with_an_emulator_than_at_a_port(
     model: type[Haply2DIY | ODrive],
@@ -104,11 +93,6 @@ def test_a_force_may_last_longer_with_an_emulator_than_at_a_port(
     assert limits(model(port="auto")) == (0.02, 0.02)
     assert limits(model()) == (0.1, 0.1)
     assert limits(model(watchdog_limit=0.03)) == (0.03, 0.03)
-
-
-def test_a_port_that_is_not_there_leaves_nothing_open() -> None:
-    with pytest.raises(DeviceError, match="there is no port"):
-        Line("none", "/dev/none-such", ZERO, 60.0, {}, None)
 
 
 @pytest.mark.parametrize(

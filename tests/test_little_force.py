@@ -1,5 +1,6 @@
 """Why a law gives little force, from telemetry and the report of a bounder, case by case."""
 
+import dataclasses
 from typing import Any
 
 import pytest
@@ -55,18 +56,10 @@ def test_an_answer_of_another_tick_is_a_delay() -> None:
 
 
 def test_missed_ticks_are_a_cause_from_one_in_a_hundred_on() -> None:
-    def missing(every: int) -> TelemetryColumns:
-        return TelemetryColumns.from_packets(
-            [
-                telemetry_packet(
-                    k, commanded_force=(8.0,), applied_force=(1.5,), deadline_misses=k // every
-                )
-                for k in range(TICKS)
-            ]
-        )
-
-    assert causes(missing(200)) == ["dissipation"]
-    assert causes(missing(50)) == ["missed_ticks"]
+    columns = pressed()
+    for every, cause in ((200, "dissipation"), (50, "missed_ticks")):
+        missed = dataclasses.replace(columns, deadline_misses=columns.seq // every)
+        assert causes(missed) == [cause]
 
 
 def test_an_overrun_a_second_matters_with_a_silent_watchdog_and_not_with_another() -> None:
@@ -83,6 +76,7 @@ def test_a_long_hold_limit_is_set_or_learned_from_late_ticks() -> None:
     report = replace(PUNCTUAL, hold_limit=4e-3)
     assert causes(pressed(), report) == ["late_ticks"]
     assert causes(pressed(), report, hold_limit=4.0) == ["long_hold_limit"]
+    assert causes(pressed(), report, law="tdpa") == ["law_not_certified"]  # it has no ledger
 
 
 def test_a_full_ledger_is_a_cause_if_the_launch_file_has_a_cap() -> None:
@@ -94,19 +88,12 @@ def test_a_full_ledger_is_a_cause_if_the_launch_file_has_a_cap() -> None:
 
 def test_imperfections_and_a_coarse_encoder_are_causes() -> None:
     assert causes(pressed(), write_delay=1e-4, lag=1e-4) == ["imperfections"]
-    restless = TelemetryColumns.from_packets(
-        [
-            telemetry_packet(k, commanded_force=(8.0,), applied_force=(2.0 * (k % 2),))
-            for k in range(TICKS)
-        ]
+    columns = pressed(applied=2.0)
+    restless = dataclasses.replace(
+        columns, applied_force=columns.applied_force * (columns.seq % 2)[:, None]
     )
     assert causes(restless) == ["resolution"]
     assert causes(restless, resolution=0.0) == ["dissipation"]
-
-
-def test_a_law_that_is_not_certified_has_no_ledger_to_look_at() -> None:
-    report = replace(PUNCTUAL, hold_limit=4e-3)
-    assert causes(pressed(), report, law="tdpa") == ["law_not_certified"]
 
 
 def test_the_report_of_the_bounder_is_in_the_summary() -> None:
@@ -135,13 +122,6 @@ def test_the_report_of_the_bounder_is_in_the_summary() -> None:
     assert rows["largest allowance used"] == "0.500 mJ, repaid"
     assert rows["energy cap"] == "20.00 mJ"
     assert rows["numbers of the device"] == "1 assumed, 2 measured"
-
-
-def test_a_run_without_a_report_says_nothing_of_it() -> None:
-    added = summarize_bounder(pressed(), [], {"device": DEVICE})
-    assert "hold_limit_overruns" not in added
-    assert added["refused_readings"] is None
-    assert added["hold_limit_ms"] == {"mean": None, "longest": None}
 
 
 def test_a_punctual_run_reports_its_bounder_and_has_enough_force() -> None:

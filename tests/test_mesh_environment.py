@@ -11,10 +11,10 @@ import pytest
 import trimesh
 
 from forcebound.config.loader import load
-from forcebound.environments import change_environment, open_environment
+from forcebound.environments import open_environment
 from forcebound.environments.contract import check
 from forcebound.environments.mesh import TriangleMesh
-from forcebound.environments.placed_file import RABBIT
+from forcebound.environments.touching import RABBIT
 from forcebound.errors import ConfigError
 from forcebound.geometry.proxy import Surface
 from forcebound.launch.virtual import run_virtual
@@ -47,36 +47,6 @@ def test_the_force_turns_with_the_mesh(box: TriangleMesh) -> None:
     opened = open_environment(turned, 3)
     opened.force("", (0.0, -0.06, 0.0), STILL, 0.0)
     assert opened.force("", (0.01, -0.049, 0.0), STILL, 0.1) == pytest.approx((0, 1.0, 0), abs=1e-3)
-
-
-def test_a_device_that_begins_inside_is_let_out_without_a_force(box: TriangleMesh) -> None:
-    opened = open_environment(box, 3)
-    for x in (0.05, 0.03, 0.011, 0.009):
-        assert opened.force("", (x, 0.0, 0.0), STILL, 0.0) == (0.0, 0.0, 0.0)
-    assert opened.force("", (0.012, 0.0, 0.0), STILL, 0.0)[0] == pytest.approx(2.0, rel=1e-3)
-
-
-def test_friction_drags_with_its_share_of_the_normal_force(box: TriangleMesh) -> None:
-    rough = dataclasses.replace(box, surface=Surface(friction=0.4))
-    opened = rough.open(3)
-    opened.force("", (0.0, 0.0, 0.0), STILL, 0.0)
-    tips = [(0.012, 0.0003 * k, 0.0) for k in range(40)]
-    x, y, z = [opened.force("", tip, (0.0, 0.3, 0.0), 0.0) for tip in tips][-1]
-    assert x == pytest.approx(2.0, rel=1e-3)
-    assert y / x == pytest.approx(0.4, rel=0.01)
-    assert z == pytest.approx(0.0, abs=1e-6)
-
-
-def test_parameters_change_and_the_proxy_stays(box: TriangleMesh) -> None:
-    opened = open_environment(box, 3)
-    opened.force("", (0.0, 0.0, 0.0), STILL, 0.0)
-    opened.force("", (0.07, 0.0, 0.0), STILL, 0.0)  # beyond the middle: the proxy is still in front
-    stiffer = dataclasses.replace(box, stiffness=2000.0, damping=1.0)
-    assert change_environment(opened, stiffer, 3) is opened
-    assert opened.force("", (0.07, 0.0, 0.0), STILL, 0.0)[0] == pytest.approx(120.0, rel=1e-3)
-    moved = dataclasses.replace(stiffer, position=(0.065, 0.0, 0.0), surface=Surface(friction=0.2))
-    change_environment(opened, moved, 3)
-    assert opened.force("", (0.07, 0.0, 0.0), STILL, 0.0)[0] == pytest.approx(110.0, rel=1e-3)
 
 
 def test_shading_rounds_the_facets_of_a_coarse_ball(tmp_path: Path) -> None:
@@ -114,23 +84,6 @@ def test_shading_leaves_a_sharp_valley_as_it_is(tmp_path: Path) -> None:
     assert force[0] == pytest.approx(-force[1], rel=1e-3)
 
 
-def test_whole_numbers_are_positions_too(box: TriangleMesh) -> None:
-    opened = box.open(3)
-    assert opened.force("", (0, 0, 0), (0, 0, 0), 0) == (0.0, 0.0, 0.0)
-    assert opened.force("", (0.012, 0, 0), (0, 0, 0), 0)[0] == pytest.approx(2.0, rel=1e-3)
-
-
-def test_what_looks_like_millimetres_is_refused_by_the_launch_file(tmp_path: Path) -> None:
-    path = tmp_path / "part.stl"
-    vertices, faces = meshes.box()
-    trimesh.Trimesh(1e3 * vertices, faces, process=False).export(path)
-    with pytest.raises(ConfigError, match=r"looks like millimetres; say `scale: 0\.001`"):
-        load("touch_mesh", [f"mesh:={path}"])
-    model = load("touch_mesh", [f"mesh:={path}", "scale:=0.001"]).environment.model
-    assert isinstance(model, TriangleMesh)
-    assert model.open(1).scene()[0].size == (0.001,)
-
-
 def test_the_scene_names_the_file_and_its_digest() -> None:
     (rabbit,) = TriangleMesh().open(3).scene()
     assert rabbit.shape == "mesh"
@@ -144,9 +97,9 @@ def test_a_mesh_with_a_hole_gives_numbers_inside_and_out(tmp_path: Path) -> None
     vertices, faces = meshes.box()
     trimesh.Trimesh(vertices, faces[1:], process=False).export(path)
     open_box = TriangleMesh(path, may_be_open=True, position=STILL, orientation=(1.0, 0, 0, 0))
-    assert check(open_box, rounds=20).violations == ()
+    assert check(open_box, axes=(1, 3)).violations == ()
     opened, random = open_environment(open_box, 3), Random(1)
-    for _ in range(2000):
+    for _ in range(500):
         x, y, z = (random.uniform(-0.08, 0.08) for _ in range(3))
         assert all(map(math.isfinite, opened.force("", (x, y, z), STILL, 1.0)))
     with pytest.raises(ConfigError, match="is not closed"):
@@ -162,5 +115,5 @@ def test_stroking_a_torn_mesh_under_the_certified_law_stays_passive(tmp_path: Pa
     assert isinstance(config.environment.model, TriangleMesh)
     model = dataclasses.replace(config.environment.model, file=path, may_be_open=True)
     environment = dataclasses.replace(config.environment, model=model)
-    outcome = run_virtual(dataclasses.replace(config, environment=environment, duration=1.5))
+    outcome = run_virtual(dataclasses.replace(config, environment=environment, duration=1.0))
     assert outcome.summary["true_energy_min_j"] >= -1e-9

@@ -148,8 +148,7 @@ def test_delay_loss_and_an_outage_far_away_are_stable_and_told(
         live_graph(str(file), prefix=machines.at(machines.graph), variables=variables) as graph,
     ):
         graph.wait(1.0)
-        cut = graph.order("outage", "1 s", "environment_reply", "--run", str(graph.run_dir))
-        assert cut.returncode == 0, cut.stderr
+        graph.do("outage", "1 s", "environment_reply")
         graph.wait(1.0)
         graph.wait_until_in_contact()
         ended = graph.end()
@@ -218,19 +217,16 @@ def test_environments_swap_and_the_hand_is_free_between_them(
     file = write_launch_file(tmp_path, "a.yaml", f"address: {GRAPH_IPV4}, local: true, {SAFE}")
     variables = {"FORCEBOUND_KEYS": str(keys["device-lab"])}
     with live_graph(str(file), prefix=machines.at(machines.graph), variables=variables) as graph:
-        run = ("--run", str(graph.run_dir))
         with serving(file, machines.at(machines.environment), keys["server-lab"]) as environment:
             graph.until(lambda: "not serving: " in environment.log, "the refused one to say so")
             graph.until(lambda: "rejected environment" in graph.log, "the graph to say so")
-            stopped = graph.order("stop", "environment", *run)
-            assert stopped.returncode == 0, stopped.stderr
+            graph.do("stop", "environment")
             graph.until(lambda: "serving this graph now" in environment.log, "it to serve")
             graph.wait_until_in_contact()
             environment.end()
             left_ns = time.monotonic_ns()
         graph.wait_until_released()
-        started = graph.order("start", "environment", *run)
-        assert started.returncode == 0, started.stderr
+        graph.do("start", "environment")
         graph.wait_until_in_contact()
         ended = graph.end()
     assert ended.exit_status == 0, ended.log

@@ -21,14 +21,6 @@ def started(axes: int = 1) -> ODriveBoard:
     return board
 
 
-@pytest.mark.parametrize(
-    ("text", "checksum"),
-    [(b"r vbus_voltage ", 93), (b"f 0 ", 86), (b"c 0 0.05 ", 104), (b"u 0 ", 69)],
-)
-def test_the_checksum_is_that_of_the_firmware(text: bytes, checksum: int) -> None:
-    assert exclusive_or(text) == checksum
-
-
 @pytest.mark.parametrize("end", [b"\n", b"\r", b"!"])
 def test_a_line_has_one_of_three_ends(end: bytes) -> None:
     assert ODriveBoard(1).receive(b"f 0" + end, 0) == b"0.000000 0.000000\r\n"
@@ -76,18 +68,12 @@ def test_a_line_that_is_too_long_vanishes_up_to_its_end() -> None:
     [
         (b"f", b"invalid command format"),
         (b"f 1", b"invalid motor 1"),
-        (b"c 0", b"invalid command format"),
-        (b"u x", b"invalid command format"),
         (b"r", b"invalid command format"),
         (b"r axis0.nothing", b"invalid property"),
-        (b"r axis7.error", b"invalid property"),
-        (b"w axis0.nothing 1", b"invalid property"),
         (b"w vbus_voltage 1", b"not implemented"),
-        (b"hello", b"unknown command"),
         (b"r vbus_voltage", b"24.000000"),
         (b"r fw_version_minor", b"5"),
         (b"r axis0.motor.config.torque_lim", b"inf"),
-        (b"r axis0.config.enable_watchdog", b"0"),
     ],
 )
 def test_answers_to_single_lines(line: bytes, reply: bytes) -> None:
@@ -178,9 +164,3 @@ def test_axes_know_nothing_of_each_other() -> None:
     assert board.receive(b"f 1\nr axis1.current_state\n", 3 * MS).startswith(b"1.000000 ")
     board.receive(b"c 0 0.05\nc 1 0.05\n", 4 * MS)
     assert board.torque == (0.05, 0.0)
-
-
-def test_a_spoiled_reply_keeps_its_form() -> None:
-    board = ODriveBoard(1)
-    reply = board.with_nan(board.receive(b"f 0 *86\nr axis0.error\n", 0))
-    assert reply == b"nan nan*%d\r\nnan\r\n" % exclusive_or(b"nan nan")

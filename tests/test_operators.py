@@ -1,23 +1,26 @@
 """The contract of every operator, and the path of each."""
 
 import math
-from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from forcebound.devices.phantom import PhantomPremium15
 from forcebound.errors import ConfigError
-from forcebound.operators import OPERATORS, Operator
-from forcebound.operators.buttons import Press
-from forcebound.operators.chirp import ChirpHand
-from forcebound.operators.following import FollowingHand
-from forcebound.operators.palpating import PalpatingHand
-from forcebound.operators.pressing import PressingHand, pressing_target
-from forcebound.operators.sinusoidal import SinusoidalHand
-from forcebound.operators.stroking import StrokingHand
-from forcebound.operators.trajectory import TrajectoryHand
-from forcebound.operators.trembling import TremblingHand
+from forcebound.operators import OPERATORS
+from forcebound.operators.contract import check
+from forcebound.operators.hands import (
+    ChirpHand,
+    PalpatingHand,
+    Press,
+    PressingHand,
+    SinusoidalHand,
+    StrokingHand,
+    TremblingHand,
+    pressing_target,
+)
+from forcebound.operators.paths import FollowingHand, TrajectoryHand
 
 CORNER = ((0.0, 0.0), (0.03, 0.0), (0.03, 0.04))
 
@@ -29,28 +32,10 @@ def path_file(tmp_path: Path) -> Path:
     return file
 
 
-@pytest.fixture(params=sorted(OPERATORS))
-def operator(request: pytest.FixtureRequest, path_file: Path) -> Operator:
-    if request.param == "trajectory":
-        return TrajectoryHand(file=path_file)
-    if request.param == "following":
-        return FollowingHand(points=CORNER, repeat=True)
-    return OPERATORS[request.param]()
-
-
-def test_every_hand_is_passive_around_its_target(operator: Operator) -> None:
-    assert operator.mass > 0
-    assert operator.stiffness >= 0
-    assert operator.damping >= 0
-
-
-def test_every_target_is_finite_continuous_and_a_function_of_time(operator: Operator) -> None:
-    times = [0.001 * k for k in range(4000)]
-    targets = [operator.target(t) for t in times]
-    assert targets == [operator.target(t) for t in times]
-    for before, after in pairwise(targets):
-        assert all(math.isfinite(value) for value in after)
-        assert math.dist(before, after) < 1e-3  # 1 m/s
+@pytest.mark.parametrize("kind", sorted(OPERATORS))
+def test_every_hand_keeps_the_contract(kind: str, path_file: Path) -> None:
+    how: dict[str, Any] = {"trajectory": {"file": path_file}, "following": {"points": CORNER}}
+    assert check(OPERATORS[kind](**how.get(kind, {}))).violations == ()
 
 
 def test_the_pressing_hand_approaches_at_its_speed_and_stays() -> None:
@@ -59,12 +44,6 @@ def test_the_pressing_hand_approaches_at_its_speed_and_stays() -> None:
     assert hand.target(0.05)[0] == pytest.approx(0.0)
     assert hand.target(0.12)[0] == pytest.approx(0.014)
     assert hand.target(5.0) == (0.014,)
-
-
-def test_the_pressing_hand_may_press_in_the_negative_direction() -> None:
-    hand = PressingHand(start=0.01, end=-0.01, approach_speed=0.1)
-    assert hand.target(0.1)[0] == pytest.approx(0.0)
-    assert hand.target(1.0) == (-0.01,)
 
 
 def test_a_hand_that_does_not_approach_is_refused() -> None:
@@ -127,13 +106,6 @@ def test_the_palpating_hand_moves_in_and_then_swings_about_its_centre() -> None:
     assert hand.target(0.25 + 0.375)[0] == pytest.approx(0.0105)
 
 
-def test_the_palpating_hand_may_come_from_the_other_side() -> None:
-    hand = PalpatingHand(start=0.02, centre=0.0, amplitude=0.001, approach_speed=0.1)
-    assert hand.target(0.0)[0] == pytest.approx(0.02)
-    assert hand.target(0.1)[0] == pytest.approx(0.01)
-    assert hand.target(0.2)[0] == pytest.approx(0.0)
-
-
 def test_the_tremor_is_a_force_of_the_spring_about_the_path() -> None:
     calm = PressingHand(start=0.0, end=0.1, approach_speed=0.2)
     hand = TremblingHand(
@@ -161,11 +133,6 @@ def test_the_frequency_of_the_chirp_rises_by_the_same_factor_and_stays(
     before, now, after = (hand.target(time + shift)[0] for shift in (-1e-5, 0.0, 1e-5))
     speed = (after - now) / 1e-5 if time == 0.0 else (after - before) / 2e-5
     assert math.hypot(speed / (2.0 * math.pi * frequency), now) == pytest.approx(1.0, rel=2e-3)
-
-
-def test_a_chirp_of_one_frequency_is_a_sine() -> None:
-    hand = ChirpHand(centre=0.01, amplitude=0.001, lowest=5.0, highest=5.0)
-    assert hand.target(0.05)[0] == pytest.approx(0.011)
 
 
 def test_the_trajectory_is_followed_in_straight_lines(path_file: Path) -> None:
@@ -216,23 +183,19 @@ def test_a_press_that_ends_before_it_begins_is_refused() -> None:
         Press(start=2.0, end=1.0)
 
 
-def test_points_may_stand_in_a_file(tmp_path: Path) -> None:
+def test_points_may_stand_in_a_file_and_odd_ones_are_refused(tmp_path: Path) -> None:
     file = tmp_path / "points.csv"
     file.write_text("x,y\n0,0\n0.03,0\n0.03,0.04\n")
-    hand = FollowingHand(file=file)
-    times = [0.1 * k for k in range(20)]
-    expected = FollowingHand(points=CORNER)
-    assert [hand.target(time) for time in times] == [expected.target(time) for time in times]
-
-
-def test_a_path_without_points_or_with_an_odd_one_is_refused(tmp_path: Path) -> None:
-    file = tmp_path / "points.csv"
+    read, expected = FollowingHand(file=file), FollowingHand(points=CORNER)
+    assert [read.target(0.1 * k) for k in range(20)] == [
+        expected.target(0.1 * k) for k in range(20)
+    ]
     file.write_text("x,y\n0,zero\n")
     with pytest.raises(ConfigError, match="needs points or a file, got neither"):
         FollowingHand()
     with pytest.raises(ConfigError, match="needs points or a file, got both"):
         FollowingHand(points=CORNER, file=file)
-    with pytest.raises(ConfigError, match=r"point 2 must have 1 to 6 numbers .*, got 0"):
+    with pytest.raises(ConfigError, match=r"point 2 must have 1 to 6 numbers.*, got 0"):
         FollowingHand(points=((0.0,), ()))
     with pytest.raises(ConfigError, match=r"points.csv:2: expected 1 to 6 positions in m"):
         FollowingHand(file=file)
@@ -242,11 +205,9 @@ def test_a_path_without_points_or_with_an_odd_one_is_refused(tmp_path: Path) -> 
     ("text", "message"),
     [
         ("", "got no line of numbers"),
-        ("t,x\n", "got no line of numbers"),
         ("t,x\n0,zero\n", r"path.csv:2: expected time in s"),
         ("t,x\n0,0\n0,1\n", r"path.csv:3: time must increase"),
-        ("t,x\n0\n", r"path.csv:2: .* got 1 columns"),
-        ("t,x\n0,nan\n", r"path.csv:2: expected numbers within 1e\+10"),
+        ("t,x\n0,nan\n", r"path.csv:2: expected finite numbers"),
         ("t,x\n0,1,2\n", r"path.csv:2: .* got 3 columns"),
     ],
 )
@@ -257,8 +218,3 @@ def test_a_bad_trajectory_file_is_refused_with_its_line(
     file.write_text(text)
     with pytest.raises(ConfigError, match=message):
         TrajectoryHand(file=file)
-
-
-def test_a_missing_trajectory_file_is_named(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"cannot read the trajectory .*nowhere.csv"):
-        TrajectoryHand(file=tmp_path / "nowhere.csv")

@@ -27,8 +27,7 @@ from forcebound.errors import DeviceError
 from forcebound.messages.packets import Vector
 from forcebound.operators import OPERATORS, Operator
 from forcebound.operators import contract as operators
-from forcebound.operators.following import FollowingHand
-from forcebound.operators.trajectory import TrajectoryHand
+from forcebound.operators.paths import FollowingHand, TrajectoryHand
 from forcebound.parts.contract import Report
 
 ticks, openings = count(), count()

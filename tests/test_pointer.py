@@ -6,11 +6,11 @@ from typing import Any
 
 import pytest
 from addresses import control_endpoint
+from builders import MS
 from waiting import until
 
 from forcebound.config.loader import load
 from forcebound.devices.phantom import PhantomPremium15
-from forcebound.errors import ConfigError
 from forcebound.launch.build import build_device
 from forcebound.messages.control import Point, Pointed, Refused
 from forcebound.network.sockets import Network
@@ -18,7 +18,6 @@ from forcebound.nodes.device import DeviceNode
 from forcebound.operators.pointer import PointerHand
 from forcebound.process import Runner
 
-MS = 1_000_000
 HAND = PointerHand(start=(0.01, -0.01), reach=0.05, smoothing=0.01, speed=0.5)
 
 
@@ -40,15 +39,6 @@ def test_target_is_no_faster_than_its_speed_and_stays_within_reach() -> None:
         assert math.dist(before, after) <= 0.0005 * (1 + 1e-9)
         before = after
     assert before == pytest.approx((0.06, -0.06), abs=1e-6)
-
-
-def test_low_pass_does_not_depend_on_the_steps() -> None:
-    one, many = HAND.follow(1), HAND.follow(1)
-    one.point((0.011,))
-    many.point((0.011,))
-    for _ in range(10):
-        last = many.advance(0.0005)
-    assert one.advance(0.005) == pytest.approx(last, abs=1e-12)
 
 
 def node(*words: str) -> DeviceNode:
@@ -127,10 +117,3 @@ def test_law_changes_at_zero_force_and_begins_a_new_ledger() -> None:
     given = 1e3 * after[at - 1].true_energy
     assert event.message.endswith(f"under certified the hand has put in {given:.1f} mJ")
     assert float(event.data["energy_before"]) == device.status().energy_before
-
-
-def test_a_law_of_ones_own_is_refused_and_nothing_changes() -> None:
-    device = node()
-    with pytest.raises(ConfigError, match="no law of one's own"):
-        device.take_law("my_law.py")
-    assert not [p for p in run(device, 0, 20) if getattr(p, "event", "") == "law_changed"]

@@ -10,20 +10,19 @@ from typing import ClassVar
 import pytest
 from addresses import control_endpoint, topic_endpoint
 from builders import MS, query
-from fakes import DISSIPATION, FakeDevice, Sender, device_node
+from fakes import Sender, device_node
 from waiting import PATIENCE, until
 
 from forcebound.controllers.direct import DirectController
-from forcebound.environments import StatelessEnvironment
 from forcebound.messages.codec import decode, encode
 from forcebound.messages.control import (
     Accepted,
     Engage,
     Engaged,
-    EnvironmentStatus,
     GetStatus,
     NodeStatus,
     Refused,
+    Request,
     StopProcess,
 )
 from forcebound.messages.packets import (
@@ -31,7 +30,6 @@ from forcebound.messages.packets import (
     EnvironmentReply,
     ForceCommand,
     Packet,
-    Vector,
 )
 from forcebound.network import sockets
 from forcebound.network.impairment import Impairment
@@ -40,10 +38,7 @@ from forcebound.network.sockets import Network
 from forcebound.network.subscriber import Subscriber
 from forcebound.nodes import Node
 from forcebound.nodes.controller import ControllerNode
-from forcebound.nodes.device import DeviceNode
-from forcebound.nodes.environment import EnvironmentNode
 from forcebound.nodes.events import EventLog
-from forcebound.nodes.servo import ServoSettings
 from forcebound.process import Runner, Stop
 
 
@@ -165,21 +160,6 @@ def test_an_impaired_link_delays_by_its_model(network: Network, run_dir: Path) -
     assert node.heard == [query(1)]
 
 
-def test_a_lossy_link_says_what_it_lost(network: Network, run_dir: Path) -> None:
-    node = ListeningNode()
-    link: Link[Packet] = Link(Impairment(loss=1.0), 1)
-    listening = runner(node, "environment", run_dir, network, {"environment_query": link})
-    sender = Sender(network, run_dir, "environment_query")
-
-    def lost() -> bool:
-        sender.send(query(1))
-        listening.turn(MS)
-        return bool(listening.status().links["environment_query"]["lost"])
-
-    until(lost, "a loss")
-    assert node.heard == []
-
-
 @pytest.mark.parametrize("delay", [0.0, 0.001])
 def test_after_a_pause_only_the_newest_packet_counts(
     network: Network, run_dir: Path, delay: float
@@ -232,34 +212,20 @@ def test_the_status_and_the_force_are_asked_for_on_the_control_socket(
     assert isinstance(servo.answer(StopProcess()), Accepted)
 
 
-def test_only_a_servo_engages(network: Network, run_dir: Path, stop: Stop) -> None:
+@pytest.mark.parametrize(("request_", "kind"), [(GetStatus(), NodeStatus), (Engage(), Refused)])
+def test_a_wait_answers_the_control_socket(
+    network: Network, run_dir: Path, stop: Stop, request_: Request, kind: type[object]
+) -> None:
     listening = runner(ListeningNode(), "environment", run_dir, network)
     client = network.control_client(control_endpoint(run_dir, "environment"))
-    until(lambda: client.ask(Engage()), "a connection")
+    until(lambda: client.ask(request_), "a connection")
 
     def answered() -> bool:
         listening.wait(stop.descriptor)
         return client.pending()
 
-    until(answered, "the refusal")
-    answer = client.answer()
-    assert isinstance(answer, Refused)
-    assert "status, stop, configure" in answer.error
-
-
-def test_a_wait_answers_the_control_socket(network: Network, run_dir: Path, stop: Stop) -> None:
-    listening = runner(ListeningNode(), "environment", run_dir, network)
-    client = network.control_client(control_endpoint(run_dir, "environment"))
-    until(lambda: client.ask(GetStatus()), "a connection")
-
-    def answered() -> bool:
-        listening.wait(stop.descriptor)
-        return client.pending()
-
-    until(answered, "the status")
-    answer = client.answer()
-    assert isinstance(answer, NodeStatus)
-    assert answer.waiting_for == ("environment_query",)
+    until(answered, "the answer")
+    assert isinstance(client.answer(), kind)
 
 
 def test_a_stopped_servo_writes_zero_and_says_so(
@@ -303,29 +269,6 @@ def test_a_request_to_stop_ends_a_node_that_sleeps(
     runner(ListeningNode(), "environment", run_dir, network).run(stop)
 
 
-def test_a_servo_by_hand_engages_when_the_first_command_has_come(
-    network: Network, run_dir: Path, stop: Stop
-) -> None:
-    class StopsWhenEngaged(FakeDevice):
-        def engage(self, time_ns: int) -> None:
-            super().engage(time_ns)
-            stop.request()
-
-        def read(self, time_ns: int) -> tuple[float, ...]:
-            commands.send(ForceCommand(0, 0, 0, 0, (0.0,)))
-            if time.monotonic() > end:
-                stop.request()
-            return super().read(time_ns)
-
-    end = time.monotonic() + PATIENCE
-    commands = Sender(network, run_dir, "force_command")
-    device = StopsWhenEngaged()
-    node = DeviceNode(device, DISSIPATION, ServoSettings(law="none"))
-    node.engage()
-    runner(node, "device", run_dir, network).run(stop)
-    assert device.engaged_ns is not None
-
-
 def test_the_controller_connects_device_and_environment(network: Network, run_dir: Path) -> None:
     controller = runner(ControllerNode(DirectController()), "controller", run_dir, network)
     states = Sender(network, run_dir, "device_state")
@@ -354,19 +297,3 @@ def test_a_signal_asks_for_the_end_and_wakes_whoever_sleeps(number: int) -> None
         assert sockets.wait((stop.descriptor,), round(PATIENCE * 1e9)) == [stop.descriptor]
         assert stop.requested
     assert signal.getsignal(number) is before
-
-
-def test_an_environment_says_its_name_and_how_often_its_code_failed(
-    network: Network, run_dir: Path
-) -> None:
-    class Failing(StatelessEnvironment):
-        def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
-            raise ArithmeticError
-
-    node = EnvironmentNode(Failing(), name="here/1/a")
-    answering = runner(node, "environment", run_dir, network)
-    status = answering.status()
-    assert isinstance(status, EnvironmentStatus)
-    assert (status.name, status.failures) == ("here/1/a", 0)
-    node.step(5, [query(1)])
-    assert node.status().failures == 1

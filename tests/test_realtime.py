@@ -44,26 +44,24 @@ def enter(role: str, **settings: Any) -> dict[str, Any]:
 
 
 CORES = sorted(os.sched_getaffinity(0))
+GONE = max(CORES) + 1000
 
 
-def test_auto_takes_the_highest_core_because_the_first_takes_the_interrupts() -> None:
-    assert realtime.choose_core("auto", {0, 1, 2}) == 2
-    assert realtime.choose_core("auto", {3}) == 3
-
-
-def test_none_places_nothing() -> None:
-    assert realtime.choose_core("none", {0, 1}) is None
-
-
-def test_auto_keeps_off_the_cores_of_other_graphs_while_there_are_others() -> None:
-    assert realtime.choose_core("auto", (0, 1, 2), taken=[2]) == 1
-    assert realtime.choose_core("auto", (0, 1), taken=[0, 1, None]) == 1
-    assert realtime.choose_core("auto", (0, 1), taken=[0, 1, 1]) == 0
-    assert realtime.choose_core(1, (0, 1), taken=[1]) == 1  # as the launch file says
-
-
-def test_a_core_can_be_asked_for_by_number() -> None:
-    assert realtime.choose_core(1, {0, 1, 2}) == 1
+@pytest.mark.parametrize(
+    ("wanted", "cores", "taken", "chosen"),
+    [
+        ("auto", (0, 1, 2), [], 2),  # the first takes the interrupts
+        ("auto", (0, 1, 2), [2], 1),
+        ("auto", (0, 1), [0, 1, None], 1),
+        ("auto", (0, 1), [0, 1, 1], 0),
+        (1, (0, 1, 2), [1], 1),  # as the launch file says
+        ("none", (0, 1), [], None),
+    ],
+)
+def test_a_core_is_the_highest_that_no_other_graph_has_or_the_wanted_one(
+    wanted: Any, cores: tuple[int, ...], taken: list[int | None], chosen: int | None
+) -> None:
+    assert realtime.choose_core(wanted, cores, taken=taken) == chosen
 
 
 def test_a_core_that_is_not_ours_is_refused_with_those_that_are() -> None:
@@ -114,26 +112,22 @@ def test_a_node_of_the_chain_runs_as_it_says(role: str) -> None:
 
 
 @pytest.mark.live
-def test_without_a_core_there_is_no_fifo() -> None:
-    became = enter("device", core=None, lock_memory=False)
+@pytest.mark.parametrize(
+    ("core", "policy", "facts"),
+    [
+        (None, "fifo", ["any_core", "fifo_without_core"]),
+        (CORES[-1], "other", ["core", "fifo_not_wanted"]),
+        (GONE, "fifo", ["core_refused", "fifo_without_core"]),
+    ],
+)
+def test_without_a_core_or_on_request_there_is_no_fifo(
+    core: int | None, policy: str, facts: list[str]
+) -> None:
+    became = enter("device", core=core, policy=policy, lock_memory=False)
     assert became["policy"] == os.SCHED_OTHER
-    assert became["cores"] == CORES
-    assert list(became["facts"]) == ["any_core", "fifo_without_core"]
-
-
-@pytest.mark.live
-def test_a_core_that_is_gone_is_said_and_the_run_goes_on() -> None:
-    became = enter("device", core=max(CORES) + 1000, lock_memory=False)
-    assert became["policy"] == os.SCHED_OTHER
-    assert str(max(CORES) + 1000) in became["facts"]["core_refused"]
-
-
-@pytest.mark.live
-def test_ordinary_scheduling_can_be_asked_for() -> None:
-    became = enter("device", core=CORES[-1], policy="other", lock_memory=False)
-    assert became["policy"] == os.SCHED_OTHER
-    assert became["cores"] == [CORES[-1]]
-    assert list(became["facts"]) == ["core", "fifo_not_wanted"]
+    assert became["cores"] == ([core] if core == CORES[-1] else CORES)
+    assert list(became["facts"]) == facts
+    assert str(GONE) in became["facts"].get("core_refused", str(GONE))
 
 
 @pytest.mark.live
@@ -156,8 +150,3 @@ def test_processors_are_kept_awake_only_on_request_and_a_refusal_is_a_hindrance(
     (awake,) = [f for f in realtime.enter(settings, "device") if f.code == "awake"]
     assert not awake.is_hindrance
     assert latency.read_bytes() == bytes(4)
-
-
-def test_the_device_goes_before_the_controller_before_the_environment() -> None:
-    order = [ROLES[name].priority for name in ("device", "controller", "environment")]
-    assert order[0] > order[1] > order[2] > 0

@@ -23,7 +23,7 @@ from forcebound.launch.virtual import run_virtual
 from forcebound.messages.packets import EnvironmentQuery, EnvironmentReply, Event
 from forcebound.monitor.recorder import free_name
 from forcebound.nodes.events import PARAMETERS_SET
-from forcebound.operators.trajectory import TrajectoryHand
+from forcebound.operators.paths import TrajectoryHand
 from forcebound.recording import Recorder, Recording, read
 from forcebound.recordings.rerun import duration_of, graph_of
 
@@ -131,8 +131,7 @@ def test_a_part_of_a_run_is_recorded_while_it_goes_on(
     with live_graph(launched) as graph:
         monkeypatch.setenv("XDG_RUNTIME_DIR", str(graph.runtime))
         file = graph.folder / "part.mcap"
-        run = ("--run", str(graph.run_dir))
-        assert graph.order("param", "set", "device.law:=none", *run).returncode == 0
+        graph.do("param", "set", "device.law:=none")
         status, said = interrupted(graph, file)
         assert status == 0
         assert said.startswith(f"recording {launched} to {file}")

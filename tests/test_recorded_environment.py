@@ -6,9 +6,8 @@ from typing import Any
 
 import pytest
 from builders import MS
-from click.testing import CliRunner, Result
+from invoking import invoke
 
-from forcebound.cli import main
 from forcebound.config.loader import load
 from forcebound.environments.recorded import RecordedEnvironment
 from forcebound.errors import ConfigError
@@ -56,10 +55,6 @@ def path(tmp_path: Path) -> Path:
 def forces(path: Path, times: list[float], axes: int = 1) -> list[Vector]:
     environment = RecordedEnvironment(path).open(axes)
     return [environment.force("", (0.5,) * axes, (0.0,) * axes, time) for time in times]
-
-
-def invoke(*words: object) -> Result:
-    return CliRunner().invoke(main, [str(word) for word in words], catch_exceptions=False)
 
 
 def test_the_answer_is_that_to_the_nearest_state_and_zero_outside_of_the_recording(
@@ -114,7 +109,7 @@ def test_other_axes_get_no_force_and_no_contact_that_is_not_whole(path: Path) ->
 
 @pytest.mark.parametrize(
     "words",
-    [("stiff_wall", "delay:=5ms"), ("stress",)],  # stress has phases
+    [("stress",)],  # with delays and phases
     ids=" ".join,
 )
 def test_the_same_hand_meets_the_same_forces(path: Path, words: tuple[str, ...]) -> None:
@@ -148,16 +143,6 @@ def test_it_can_stand_in_any_launch_file(path: Path) -> None:
         ConfigError, match=r"mine\.yaml:3:38: cannot read the recording .*run\.mcap"
     ):
         load(file)
-
-
-def test_its_place_is_taken_by_nothing_else(path: Path) -> None:
-    recorded(path, "stiff_wall", duration=0.01)
-    refused = invoke("replay", path, "--environment", "environment:=damper")
-    assert refused.exit_code == 2
-    assert "environment:=KIND and --environment exclude each other" in refused.stderr
-    refused = invoke("replay", path, "--environment", "environment.stiffness:=5 N/mm")
-    assert refused.exit_code == 2
-    assert "stiffness" in refused.stderr
 
 
 def test_a_file_without_answers_is_named(path: Path) -> None:

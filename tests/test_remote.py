@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from remote_peers import GRAPH, SERVER, Peer, ends, meet, open_peers, run_for, run_until
+from tcp_tap import TcpTap
 from waiting import PATIENCE, free_port
 
 from forcebound.errors import ConfigError
@@ -28,9 +29,15 @@ def start() -> Iterator[Callable[..., Peer]]:
         yield start
 
 
-@pytest.mark.parametrize("secure", [True, False])
-@pytest.mark.parametrize("listens", ["graph", "environment"])
-@pytest.mark.parametrize("address", ["127.0.0.1", "[::1]", "localhost"])
+@pytest.mark.parametrize(
+    ("address", "listens", "secure"),
+    [
+        ("127.0.0.1", "graph", True),
+        ("[::1]", "environment", True),
+        ("localhost", "graph", False),
+        ("127.0.0.1", "environment", False),
+    ],
+)
 def test_packets_pass_in_both_directions(
     start: Callable[..., Peer], address: str, listens: str, secure: bool
 ) -> None:
@@ -53,24 +60,16 @@ def test_the_end_that_connects_may_start_first(start: Callable[..., Peer]) -> No
     meet(start(graph_end), environment)
 
 
-def test_the_listener_may_restart(start: Callable[..., Peer]) -> None:
-    graph_end, environment_end = ends(free_port())
-    graph, environment = start(graph_end), start(environment_end)
-    meet(graph, environment)
-    graph.close()
-    run_until(lambda: "disconnected" in environment.kinds(), "the loss", environment)
-    meet(start(graph_end), environment)
-    assert "has gone" in environment.text("disconnected")
-
-
-def test_the_other_end_may_restart(start: Callable[..., Peer]) -> None:
-    graph_end, environment_end = ends(free_port())
-    graph, environment = start(graph_end), start(environment_end)
-    meet(graph, environment)
-    environment.close()
-    run_until(lambda: "disconnected" in graph.kinds(), "the loss", graph)
-    assert "server-lab" in graph.text("disconnected")
-    meet(graph, start(environment_end))
+@pytest.mark.parametrize("restarted", [0, 1])
+def test_either_end_may_restart(start: Callable[..., Peer], restarted: int) -> None:
+    both = ends(free_port())
+    peers = [start(end) for end in both]
+    meet(*peers)
+    stays = peers[1 - restarted]
+    peers[restarted].close()
+    run_until(lambda: "disconnected" in stays.kinds(), "the loss", stays)
+    peers[restarted] = start(both[restarted])
+    meet(*peers)
 
 
 def test_every_packet_is_given_in_its_order(start: Callable[..., Peer]) -> None:
@@ -85,105 +84,35 @@ def test_every_packet_is_given_in_its_order(start: Callable[..., Peer]) -> None:
 
 
 def test_a_peer_that_hangs_is_found(start: Callable[..., Peer]) -> None:
-    # A proxy that stops passing bytes on is a peer that hangs, or a network that is gone.
     graph_end, environment_end = ends(free_port())
-    graph = start(graph_end)
     port = free_port()
-    proxy = Proxy(port, graph_end.port)
-    try:
-        environment = start(replace(environment_end, port=port))
-        proxy.peers = (graph, environment)
+    with TcpTap(port, graph_end.port) as tap:
+        peers = start(graph_end), start(replace(environment_end, port=port))
+        run_until(lambda: all(peer.link.connected for peer in peers), "a connection", *peers)
+        tap.is_held = True  # a peer that hangs, or a network that is gone
         run_until(
-            lambda: proxy.pump() and graph.link.connected,
-            "a connection through the proxy",
-            graph,
-            environment,
+            lambda: all("disconnected" in peer.kinds() for peer in peers), "heartbeats", *peers
         )
-        run_until(
-            lambda: all("disconnected" in peer.kinds() for peer in (graph, environment)),
-            "heartbeats to find it",
-            graph,
-            environment,
-        )
-        assert not graph.link.connected
-        assert not environment.link.connected
-        assert "silent" in graph.text("disconnected")
-        assert "silent" in environment.text("disconnected")
-    finally:
-        proxy.close()
-
-
-class Proxy:
-    """Passes bytes on while it is pumped."""
-
-    def __init__(self, port: int, target: int) -> None:
-        self._listener = socket.create_server(("127.0.0.1", port))
-        self._listener.setblocking(False)
-        self._target = target
-        self._pairs: list[tuple[socket.socket, socket.socket]] = []
-        self.seen = b""
-        self.peers: tuple[Peer, ...] = ()
-
-    def pump(self) -> bool:
-        try:
-            incoming, _ = self._listener.accept()
-        except BlockingIOError:
-            pass
-        else:
-            outgoing = socket.create_connection(("127.0.0.1", self._target))
-            for one in (incoming, outgoing):
-                one.setblocking(False)
-            self._pairs += [(incoming, outgoing), (outgoing, incoming)]
-        for source, sink in self._pairs:
-            try:
-                data = source.recv(65536)
-                sink.sendall(data)
-            except OSError:
-                continue
-            self.seen += data
-        return True
-
-    def close(self) -> None:
-        self._listener.close()
-        for source, _ in self._pairs:
-            source.close()
+        for peer in peers:
+            assert not peer.link.connected
+            assert "silent" in peer.text("disconnected")
 
 
 def test_what_is_sent_cannot_be_read_on_the_way(start: Callable[..., Peer]) -> None:
     graph_end, environment_end = ends(free_port())
-    graph = start(graph_end)
     port = free_port()
-    proxy = Proxy(port, graph_end.port)
-    try:
-        environment = start(replace(environment_end, port=port))
+    with TcpTap(port, graph_end.port) as tap:
+        graph, environment = start(graph_end), start(replace(environment_end, port=port))
 
         def heard() -> bool:
-            proxy.pump()
             graph.link.send(b"position of the hand")
             environment.link.send(b"force of the wall")
             return bool(graph.got and environment.got)
 
-        run_until(heard, "packets through the proxy", graph, environment)
-        on_the_way = proxy.seen
-        assert b"CURVE" in on_the_way
-        assert b"hand" not in on_the_way
-        assert b"wall" not in on_the_way
-    finally:
-        proxy.close()
-
-
-def test_a_remote_link_leaves_ipc_in_the_same_process_alone(
-    start: Callable[..., Peer], tmp_path: Path
-) -> None:
-    graph = start(ends(free_port())[0])
-    publisher = graph.network.publisher(f"ipc://{tmp_path}/a")
-    subscriber = graph.network.subscriber(f"ipc://{tmp_path}/a")
-
-    def heard() -> bool:
-        publisher.send(b"local")
-        return bool(subscriber.receive())
-
-    run_until(heard, "a local packet", graph)
+        run_until(heard, "packets through the tap", graph, environment)
+    assert b"CURVE" in tap.seen
+    assert b"hand" not in tap.seen
+    assert b"wall" not in tap.seen
 
 
 def test_insecure_listens_everywhere_without_keys(start: Callable[..., Peer]) -> None:
@@ -227,21 +156,6 @@ def test_a_port_in_use_is_said_and_leaves_nothing_open() -> None:
                 sockets.wait((), 1_000_000)
             else:
                 return
-
-
-def test_an_end_that_does_not_fit_together_is_refused() -> None:
-    graph, _ = ends(7410)
-    with pytest.raises(ConfigError, match="keys are used by both ends or by none"):
-        replace(graph, key=None)
-    with pytest.raises(ConfigError, match="keys are used by both ends or by none"):
-        replace(graph, peers={})
-    section = RemoteSection("127.0.0.1", graph_key="lab", environment_keys=("server",))
-    with pytest.raises(ConfigError, match="a graph that connects can expect only one"):
-        replace(section, listens="environment", environment_keys=("a", "b"))
-    with pytest.raises(ConfigError, match="insecure: true means no keys"):
-        replace(section, insecure=True)
-    with pytest.raises(ConfigError, match="port must be 1 to 65535"):
-        replace(section, port=65536)
 
 
 def test_the_same_section_gives_both_ends_their_keys(tmp_path: Path) -> None:
@@ -296,17 +210,6 @@ def test_a_flood_of_notices_is_counted_and_summed_up() -> None:
     assert limit.admit(2 * WINDOW_NS, []) == []
     assert limit.counts == {"refused_here": 1000, "connected": 1}
     assert limit.admit(3 * WINDOW_NS, flood[:1]) == flood[:1]
-
-
-def test_each_end_says_at_first_where_it_is(start: Callable[..., Peer]) -> None:
-    graph_end, environment_end = ends(free_port())
-    where = f"127.0.0.1 port {graph_end.port}"
-    graph, environment = start(graph_end).first, start(environment_end).first
-    assert graph.kind == environment.kind == "opened"
-    assert f"listening at {where}, with the key device-lab" in graph.message
-    assert f"connecting to {where}, with the key server-lab" in environment.message
-    assert not graph.is_problem
-    assert not environment.is_problem
 
 
 def test_every_kind_of_notice_is_documented() -> None:

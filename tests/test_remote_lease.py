@@ -95,13 +95,7 @@ def attack(graph: Graph, first: Peer, second: Peer, name: str) -> None:
     for seq in range(2, 102):
         second.link.send(encode(reply(seq + 500, name, FALSE)))
         first.link.send(encode(reply(seq, "wall-1", TRUE)))
-        count = 2 * seq - 1
-        graph.until(
-            partial(graph.has_received, count),
-            "both answers",
-            first,
-            second,
-        )
+        graph.until(partial(graph.has_received, 2 * seq - 1), "both answers", first, second)
     for _ in range(20):
         graph.turn()
 

@@ -115,8 +115,8 @@ def test_silence_ends_with_the_handshake_time(start: Callable[..., Peer]) -> Non
 
 @pytest.mark.parametrize(
     "rubbish",
-    [b"GET / HTTP/1.0\r\n\r\n", b"\0" * 300, random.Random(1).randbytes(5000)],
-    ids=["http", "zeros", "noise"],
+    [b"GET / HTTP/1.0\r\n\r\n", random.Random(1).randbytes(5000)],
+    ids=["http", "noise"],
 )
 def test_rubbish_is_said_and_harms_nobody(start: Callable[..., Peer], rubbish: bytes) -> None:
     graph_end, environment_end = ends(free_port())
@@ -128,12 +128,11 @@ def test_rubbish_is_said_and_harms_nobody(start: Callable[..., Peer], rubbish: b
     meet(graph, start(environment_end))
 
 
-@pytest.mark.parametrize("address", ["127.0.0.1", "[::1]"])
 def test_hundreds_of_connections_are_cut_down_and_a_friend_still_comes(
-    start: Callable[..., Peer], address: str
+    start: Callable[..., Peer],
 ) -> None:
-    host = address.strip("[]")
-    graph_end, environment_end = ends(free_port(host), address=address)
+    host = "127.0.0.1"
+    graph_end, environment_end = ends(free_port())
     graph = start(graph_end)
     friend = start(environment_end)
     meet(graph, friend)
@@ -237,27 +236,6 @@ def bad_peer() -> Iterator[Callable[[RemoteEnd], BadPeer]]:
     for one in made:
         one.close()
     context.term()
-
-
-def test_a_message_of_several_frames_is_one_malformed_packet(
-    start: Callable[..., Peer], bad_peer: Callable[[RemoteEnd], BadPeer]
-) -> None:
-    graph_end, environment_end = ends(free_port())
-    graph = start(graph_end)
-    bad = bad_peer(environment_end)
-
-    def heard() -> bool:
-        bad.send(b"good")
-        return b"good" in graph.got
-
-    run_until(heard, "the peer", graph)
-    run_for(0.05, graph)
-    graph.got.clear()
-    for _ in range(20_000):  # with CONFLATE this ends the process: Assertion failed: !_more
-        bad.send(b"good", b"good", b"good")
-        graph.got += [data for _, data in graph.link.channel.receive()]
-    run_until(lambda: b"" in graph.got, "the bad messages", graph)
-    assert set(graph.got) == {b""}
 
 
 @pytest.mark.parametrize("listens", ["graph", "environment"])

@@ -9,10 +9,9 @@ from typing import Any
 
 import pytest
 from builders import telemetry_packet
-from click.testing import CliRunner, Result
+from invoking import invoke
 from msgspec.structs import replace
 
-from forcebound.cli import main
 from forcebound.config.graph import DeviceConfig
 from forcebound.config.loader import load
 from forcebound.errors import ConfigError
@@ -20,7 +19,7 @@ from forcebound.launch.build import build_device, build_node
 from forcebound.launch.results import run_metadata
 from forcebound.launch.virtual import run_virtual
 from forcebound.messages.packets import TOPICS, Telemetry
-from forcebound.operators.trajectory import TrajectoryHand
+from forcebound.operators.paths import TrajectoryHand
 from forcebound.recording import Recorder, read
 from forcebound.recordings.rerun import device_of, graph_of
 from forcebound.recordings.verification import Verified, verify
@@ -61,10 +60,6 @@ def rewritten(path: Path, launch: dict[str, Any]) -> Path:
 
 def telemetry(path: Path) -> list[Telemetry]:
     return [packet for packet in read(path).packets("telemetry") if isinstance(packet, Telemetry)]
-
-
-def invoke(*words: object) -> Result:
-    return CliRunner().invoke(main, [str(word) for word in words], catch_exceptions=False)
 
 
 # --- Verification --------------------------------------------------------------------------------

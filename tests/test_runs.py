@@ -26,10 +26,10 @@ from forcebound.launch.run_directory import (
     run_directory,
     run_folders,
 )
-from forcebound.launch.run_lock import LOCK_FILE, is_held, shared
+from forcebound.launch.run_lock import LOCK_FILE, shared
 from forcebound.monitor import delay, observation, runs
 from forcebound.monitor.listing import list_graphs
-from forcebound.monitor.runs import find, running, while_running
+from forcebound.monitor.runs import find, running
 
 MakeRun = Callable[..., Path]
 
@@ -79,11 +79,6 @@ def test_a_run_of_somebody_else_is_not_looked_into(
     assert not running()
     with pytest.raises(ConfigError, match=r"not the run directory .*; none runs"):
         find(run_dir)
-
-
-def test_the_only_run_needs_no_name(tmp_path: Path, make_run: MakeRun) -> None:
-    run_dir = make_run(tmp_path, "a")
-    assert find(None) == run_dir
 
 
 @pytest.mark.usefixtures("only_here")
@@ -141,16 +136,6 @@ def test_an_environment_alone_is_found_but_does_not_count_beside_a_graph(
     graph = make_run(tmp_path, "b")
     assert find(None) == graph
     assert find(None, require_graph=True) == graph
-
-
-@pytest.mark.usefixtures("only_here")
-def test_a_run_elsewhere_is_found_by_its_directory(tmp_path: Path) -> None:
-    (tmp_path / "empty").mkdir()
-    run_dir = tmp_path / "by-hand"
-    run_dir.mkdir()
-    RunDocument(os.getpid(), None, "", []).write(run_dir)
-    with shared(run_dir):
-        assert find(run_dir) == run_dir.resolve()
 
 
 def test_a_directory_of_no_run_is_refused_with_those_that_run(
@@ -216,17 +201,6 @@ def test_a_run_directory_is_made_where_nobody_else_may_enter(
         assert made.parent.stat().st_mode & 0o077 == 0
 
 
-def test_a_name_that_another_user_has_taken_prevents_no_run(
-    run_dir: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("XDG_RUNTIME_DIR", "")
-    monkeypatch.setattr("tempfile.tempdir", str(run_dir))
-    (run_dir / f"forcebound-run-{os.getuid()}").symlink_to(run_dir / "elsewhere")
-    with run_directory() as made:
-        assert made.stat().st_mode & 0o077 == 0
-        assert not (run_dir / "elsewhere").exists()
-
-
 def test_a_node_by_hand_does_not_stand_in_the_way_of_the_graph_that_is_meant(
     tmp_path: Path, make_run: MakeRun
 ) -> None:
@@ -256,23 +230,7 @@ def test_a_graph_that_ends_while_it_is_looked_at_is_a_failed_run(
     assert f"the graph in {run_dir} has ended" in done.stderr
 
 
-def test_what_is_wrong_with_a_graph_that_goes_on_is_said_as_it_is(
-    tmp_path: Path, make_run: MakeRun
-) -> None:
-    run_dir = make_run(tmp_path, "a")
-    with pytest.raises(ConfigError, match="as it is"), while_running(run_dir):
-        raise ConfigError("as it is")
-
-
 # --- Owners, and what they leave when they die --------------------------------------------------
-
-
-def test_a_run_directory_may_have_several_owners(tmp_path: Path) -> None:
-    with shared(tmp_path):
-        with shared(tmp_path):
-            assert is_held(tmp_path)
-        assert is_held(tmp_path)
-    assert not is_held(tmp_path)
 
 
 OWNER = """
@@ -329,12 +287,3 @@ def test_only_what_is_provably_dead_and_of_no_use_is_removed(
     assert remove_left_over([tmp_path]) == [dead]
     assert set(tmp_path.iterdir()) == kept
     assert linked.is_dir()
-
-
-def test_what_somebody_else_has_left_is_not_touched(
-    tmp_path: Path, make_run: MakeRun, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    dead = make_run(tmp_path, "dead", is_alive=False)
-    monkeypatch.setattr(os, "getuid", lambda: dead.stat().st_uid + 1)
-    assert remove_left_over([tmp_path]) == []
-    assert dead.is_dir()

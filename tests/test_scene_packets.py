@@ -26,7 +26,6 @@ from forcebound.messages.packets import (
     SceneObject,
 )
 from forcebound.recording import Recorder, read
-from forcebound.recording_schema import schema
 
 BALL = SceneObject("ball", "sphere", (0.1, 0.0, 0.0), size=(0.05,), is_fixed=False)
 BUNNY = SceneObject("bunny", "mesh", file="bunny.stl", digest="0123456789abcdef" * 4)
@@ -119,21 +118,6 @@ def test_scenes_contacts_and_what_a_device_senses_come_back(tmp_path: Path) -> N
     back = [p for topic in ("device_state", "environment_reply", "scene")
             for p in recording.packets(topic)]  # fmt: skip
     assert repr(back) == repr(sent)  # repr: not-a-number equals itself
-
-
-def test_the_schema_of_a_scene_describes_its_objects() -> None:
-    objects = schema(Scene)["properties"]["objects"]
-    assert objects["items"]["required"] == ["name", "shape"]
-    described = objects["items"]["properties"]
-    assert described["shape"]["type"] == "string"
-    assert described["orientation"] == {
-        "type": "array",
-        "items": {"type": "number"},
-        "minItems": 4,
-        "maxItems": 4,
-    }
-    # Foxglove takes no arrays of arrays.
-    assert "points" not in described
 
 
 # --- Virtual time --------------------------------------------------------------------------------

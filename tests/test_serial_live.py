@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from live_graph import PROCESSES_OF_THEIR_OWN, live_graph
-from test_emulators_live import program
 from waiting import PATIENCE, until
 
 from forcebound.devices.truth_file import TruthFile
@@ -42,19 +41,6 @@ def test_when_the_device_process_is_killed_in_contact_the_torque_becomes_zero(
         # A tick has no truth where the emulator was just writing it.
         assert np.isfinite(columns.true_energy).mean() > 0.5
         assert np.nanmin(columns.true_energy) >= -allowance
-
-
-def test_an_emulator_of_its_own_that_is_unplugged_ends_the_graph_in_order(tmp_path: Path) -> None:
-    link = tmp_path / "board"
-    with program(link, "--fault", "unplug") as emulator:
-        until(link.exists, "the port")
-        with live_graph("haply_2diy", f"device:={link}", PATIENT, is_alone=False) as graph:
-            graph.process.wait(PATIENCE)
-            assert graph.process.returncode == 1
-            assert "unplugged" in graph.log, graph.log
-            assert "Traceback" not in graph.log
-        emulator.communicate()
-        assert emulator.returncode == 0
 
 
 def started_by(device: int) -> dict[str, int]:

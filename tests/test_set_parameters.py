@@ -17,7 +17,7 @@ from forcebound.config.parameters import parameters
 from forcebound.config.resolved import restore, to_document, with_parts
 from forcebound.environments import open_environment
 from forcebound.errors import ConfigError, RunError
-from forcebound.launch.run_directory import RunDocument, updating
+from forcebound.launch.run_directory import RunDocument
 from forcebound.messages.control import (
     Answer,
     Configure,
@@ -130,18 +130,6 @@ def test_of_changes_made_at_the_same_time_none_is_lost(config: GraphConfig, tmp_
     assert find_parameters(configuration(tmp_path), names) == dict.fromkeys(names, 0.025)
 
 
-def test_a_change_that_another_command_does_not_end_is_said(
-    config: GraphConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(tuning, "ANSWER_TIMEOUT", 0.02)
-    begin(tmp_path, config)
-    with updating(tmp_path, 0.0) as is_alone:
-        assert is_alone
-        with pytest.raises(RunError, match=r"another command .* suspended"):
-            set_parameters(tmp_path, {"environment.stiffness": 500})
-    assert set_parameters(tmp_path, {"environment.stiffness": 500}).values
-
-
 def test_what_ends_on_another_machine_is_changed_there(tmp_path: Path) -> None:
     remote = written(
         tmp_path, "forcebound: 1\ninclude: stiff_wall.yaml\nremote: {address: 127.0.0.1}\n"
@@ -225,14 +213,6 @@ def test_on_the_machine_of_an_environment_the_links_of_the_graph_are_refused(
     assert processes.configured == {"environment"}
     assert done == tuning.Change({"links.environment_query.delay": 0.015})
     assert changed_parameters(tmp_path) == done.values
-
-
-def test_an_environment_elsewhere_that_waits_takes_a_change_with_a_note(
-    answering: Callable[..., Answering], tmp_path: Path
-) -> None:
-    answering(is_graph=False, environment=EnvironmentStatus(name="a", refused_for="device-lab/1/a"))
-    done = set_parameters(tmp_path, {"environment.stiffness": 500})
-    check_notes(done, "device-lab/1/a serves the graph")
 
 
 RUNNING = {"device": "running", "controller": "running", "environment": "running"}

@@ -10,7 +10,7 @@ from fakes import press
 
 from forcebound.bounding import LAWS
 from forcebound.controllers.direct import DirectController
-from forcebound.environments.wall import Wall
+from forcebound.environments.walls import Wall
 from forcebound.errors import ConfigError
 from forcebound.messages.codec import decode, encode
 from forcebound.messages.packets import DeviceState, Telemetry
@@ -73,8 +73,7 @@ def test_without_a_law_a_late_stiff_wall_throws_the_hand_about_and_gives_energy(
 
 
 @pytest.mark.parametrize("law", ["certified", "certified_memoryless"])
-@pytest.mark.parametrize("delay", [0.0, 2e-3, 10e-3])
-@pytest.mark.parametrize("loss", [0.0, 0.3])
+@pytest.mark.parametrize(("delay", "loss"), [(0.0, 0.0), (2e-3, 0.3), (10e-3, 0.0), (10e-3, 0.3)])
 def test_a_certified_law_never_gives_energy_and_the_hand_comes_to_rest(
     law: str, delay: float, loss: float
 ) -> None:
@@ -99,8 +98,9 @@ def test_a_graph_without_a_publisher_is_refused() -> None:
         Simulation([controller], {}, print)
 
 
-@pytest.mark.parametrize("law", sorted(LAWS))
-@pytest.mark.parametrize("delay", [0.0, 0.002, 0.06])
+@pytest.mark.parametrize(
+    ("law", "delay"), [("certified", 0.0), ("certified", 0.06), *((law, 2e-3) for law in LAWS)]
+)
 def test_what_the_protocol_promises_of_every_tick_holds(law: str, delay: float) -> None:
     """The invariants of docs/protocol.md, on every packet of a run over a bad network."""
     late = Impairment(delay=delay, jitter=delay / 2, loss=delay * 5)

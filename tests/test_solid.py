@@ -30,7 +30,7 @@ LUMPS = (GROUND, SPHERE, Shape("sphere", position=(0.06, 0.0, 0.02), radius=0.03
 
 
 def _open(*shapes: Shape, **surface: Any) -> OpenTouchable:
-    world = open_environment(Solid(shapes, STIFFNESS, surface=Surface(**surface)), 3)
+    world = open_environment(Solid(shapes, stiffness=STIFFNESS, surface=Surface(**surface)), 3)
     assert isinstance(world, OpenTouchable)
     return world
 
@@ -93,22 +93,16 @@ def test_depth_and_direction_are_exact(name: str) -> None:
         tuple(a + (b - a) * n / 50 for a, b in zip(outside, inside, strict=True)) for n in range(51)
     ]
     for way in ((outside, inside), steps):
-        force, proxy, normal = _touched(_open(*shapes), *way)
+        world = _open(*shapes)
+        force, proxy, normal = _touched(world, *way)
+        rests = [_touched(world, inside)[1] for _ in range(20)]
+        assert max(math.dist(one, proxy) for one in rests) < 1e-9  # it does not oscillate
         assert proxy == pytest.approx(wanted, abs=2e-9)
         assert force == pytest.approx(
             [STIFFNESS * (x - p) for x, p in zip(inside, wanted, strict=True)], abs=1e-5
         )
         out = np.subtract(wanted, inside) / math.dist(wanted, inside)
         assert normal == pytest.approx(out, abs=1e-5)
-
-
-@pytest.mark.parametrize("name", CONTACTS)
-def test_a_proxy_at_rest_does_not_oscillate(name: str) -> None:
-    shapes, outside, inside, _ = CONTACTS[name]
-    world = _open(*shapes)
-    proxies = [_touched(world, outside, inside)[1]]
-    proxies += [_touched(world, inside)[1] for _ in range(20)]
-    assert max(map(math.dist, proxies, proxies[1:])) < 1e-9
 
 
 def test_a_proxy_slides_over_a_rim_into_a_shaft() -> None:
@@ -118,7 +112,7 @@ def test_a_proxy_slides_over_a_rim_into_a_shaft() -> None:
     assert world.contact("") is None
 
 
-@pytest.mark.parametrize("friction", [0.1, 0.5, 1.0])
+@pytest.mark.parametrize("friction", [0.1, 1.0])
 @pytest.mark.parametrize(
     ("shapes", "way"),
     [
@@ -152,7 +146,7 @@ _steps = st.lists(st.tuples(*[st.floats(-0.02, 0.02)] * 3), min_size=1, max_size
 
 def _walk(shapes: tuple[Shape, ...], steps: Any, pull: float, **surface: Any) -> None:
     """Random steps, pulled back to the middle; the proxy never enters, and never turns away."""
-    model = Solid(shapes, STIFFNESS, surface=Surface(**surface))
+    model = Solid(shapes, stiffness=STIFFNESS, surface=Surface(**surface))
     solid, world = model.solid(), model.open(3)
     place, before = np.array([0.08, 0.0, 0.09]), None
     world.force("", tuple(place), STILL, 0.0)
@@ -175,10 +169,9 @@ def test_the_proxy_never_enters_and_moves_towards_the_device(steps: Any, frictio
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("friction", [0.0, 0.4, 1.5])
-@pytest.mark.parametrize("scale", [0.0005, 0.005, 0.05])
+@pytest.mark.parametrize(("friction", "scale"), [(0.0, 0.005), (0.4, 0.0005), (1.5, 0.05)])
 def test_a_long_random_walk_never_enters(friction: float, scale: float) -> None:
-    steps = np.random.default_rng(1).normal(0.0, scale, (100_000, 3))
+    steps = np.random.default_rng(1).normal(0.0, scale, (20_000, 3))
     _walk(LUMPS, steps, 0.999, friction=friction)
 
 
@@ -186,19 +179,21 @@ def test_every_combination_keeps_the_contract() -> None:
     surface = Surface(
         friction=0.3, static_friction=0.6, stick_slip=0.01, viscosity=1.0, magnet=0.002
     )
-    world = Solid((GROUND, BOX, SPHERE, SHAFT, COLUMN), 1e4, 10.0, surface)
-    assert check(world, rounds=20).violations == ()
+    world = Solid(
+        (GROUND, BOX, SPHERE, SHAFT, COLUMN), stiffness=1e4, damping=10.0, surface=surface
+    )
+    assert check(world, axes=(1, 2, 3, 6)).violations == ()
 
 
 def test_parameters_change_and_the_proxy_stays() -> None:
     world = _open(BOX)
     _touched(world, (0.0, 0.0, 0.03), (0.0, 0.0, -0.015))  # nearer to the lower face
-    world.change(Solid((BOX,), 2 * STIFFNESS))
+    world.change(Solid((BOX,), stiffness=2 * STIFFNESS))
     force, proxy, _ = _touched(world, (0.0, 0.0, -0.015))
     assert proxy == pytest.approx((0.0, 0.0, 0.02))
     assert force == pytest.approx((0.0, 0.0, -2 * STIFFNESS * 0.035))
     # A face that moves over the proxy takes it along.
-    world.change(Solid((Shape("box", size=(0.05, 0.05, 0.05)),), STIFFNESS))
+    world.change(Solid((Shape("box", size=(0.05, 0.05, 0.05)),)))
     assert _touched(world, (0.0, 0.0, -0.015))[1] == pytest.approx((0.0, 0.0, 0.025))
 
 
@@ -227,8 +222,7 @@ def test_an_axis_and_a_turn_place_a_box() -> None:
     ("make", "words"),
     [
         (lambda: Solid(()), "shapes must list 1 to 64 shapes, got 0"),
-        (lambda: Solid((SHAFT,)), "nothing is left of the shapes"),
-        (lambda: Solid((BOX, Shape("sphere", radius=0.05, is_removed=True))), "nothing is left"),
+        (lambda: Solid((SHAFT,)), "removed from nothing"),
         (lambda: Shape("sphere", radius=0.0), "radius must be > 0 m, got 0 m"),
         (lambda: Shape("sphere"), "a sphere needs radius"),
         (lambda: Shape("box", size=(0.1, 0.1, 0.1), radius=0.1), "a box has no radius"),

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from forcebound.environments.placed_file import RABBIT
+from forcebound.environments.touching import RABBIT
 from forcebound.geometry.mesh_file import read_mesh
 
 EXPERIMENTS = Path(__file__).parent.parent / "experiments"

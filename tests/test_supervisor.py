@@ -300,16 +300,6 @@ def test_a_live_run_leaves_its_samples_and_nothing_else(
 
 
 @pytest.mark.live
-def test_a_recording_that_cannot_be_written_is_refused_before_anything_starts(
-    run_dir: Path,
-) -> None:
-    config = load("stiff_wall.yaml")
-    for path in (run_dir / "none" / "run.mcap", run_dir):
-        with pytest.raises(ConfigError, match="cannot write the recording"):
-            run_live(config, 0.5, path)
-
-
-@pytest.mark.live
 def test_a_start_that_fails_leaves_no_recording_in_the_way(run_dir: Path, tmp_path: Path) -> None:
     (tmp_path / "silent.py").write_text(SILENT)
     file = tmp_path / "silent.yaml"

@@ -114,7 +114,7 @@ def test_a_texture_beside_the_launch_file_is_found_and_checked(tmp_path: Path) -
         ),
         (
             "{ kind: solid, shapes: [{ shape: sphere, radius: 1 mm, is_removed: true }] }",
-            r":3:\d+: nothing is left of the shapes",
+            r":3:\d+: the first of the shapes is removed from nothing",
         ),
         (
             "{ kind: solid, surface: { friction: 0.5, static_friction: 0.4 } }",

@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-import math
 import os
 import re
 import subprocess
@@ -14,10 +13,8 @@ import pytest
 from live_graph import live_graph
 
 from forcebound.config.loader import load, load_tried
-from forcebound.config.resolved import restore, run_document, to_document, with_parts
-from forcebound.environments.contract import check
+from forcebound.config.resolved import restore, to_document, with_parts
 from forcebound.errors import ConfigError, DeviceError
-from forcebound.launch.build import build_node
 from forcebound.launch.check import check_here
 from forcebound.launch.results import RunResult, run_metadata
 from forcebound.launch.virtual import run_virtual
@@ -114,15 +111,6 @@ def test_the_device_of_the_page_slides_to_rest(tmp_path: Path) -> None:
     assert columns.position[-1, 0] == pytest.approx(0.2 * 0.2 / 0.5, rel=0.01)  # m v / b
 
 
-@pytest.mark.parametrize("force", [1e30, -math.inf, math.nan])
-def test_the_device_of_the_page_holds_no_force_above_its_saturation(
-    force: float, tmp_path: Path
-) -> None:
-    model = load(write_page("device", tmp_path)).device.model
-    held = model.open(None, 1.25e-3).write(0, (force,))
-    assert math.hypot(*held) <= model.saturation
-
-
 @pytest.mark.parametrize("page", PAGES)
 def test_a_recording_holds_the_text_of_the_file_and_processes_restore_it(
     page: str, tmp_path: Path
@@ -154,22 +142,6 @@ def test_what_is_not_certified_is_logged(
     assert message.startswith(f"{part} {pages}/my_{page}.py:")
 
 
-def test_what_ships_is_not_mentioned(caplog: pytest.LogCaptureFixture) -> None:
-    load_tried("stiff_wall")
-    assert "not certified" not in caplog.text
-
-
-def test_code_of_environment_and_controller_stays_out_of_the_devices_process(
-    tmp_path: Path,
-) -> None:
-    document = run_document(load(write_page("controller", tmp_path)))
-    document["controller"]["kind"] = str(tmp_path / "gone.py:Gone")
-    config = restore(document)
-    build_node("device", config).close()
-    with pytest.raises(ConfigError, match=r"cannot read .*gone\.py: No such file"):
-        build_node("controller", config)
-
-
 @pytest.mark.parametrize("page", PAGES)
 def test_what_the_page_shows_passes_its_check(page: str, pages: Path) -> None:
     assert check_here(page, str(pages / f"my_{page}.py")).violations == []
@@ -187,11 +159,6 @@ def sprung_mass(folder: Path) -> Path:
     launch = "forcebound: 1\ninclude: stiff_wall.yaml\nenvironment: {kind: my_mass.py}\n"
     path.write_text(launch)
     return path
-
-
-def test_the_environment_with_state_of_the_page_keeps_the_contract(tmp_path: Path) -> None:
-    model = load(sprung_mass(tmp_path)).environment.model
-    assert check(model, axes=(1, 3), rounds=30).violations == ()
 
 
 def test_the_mass_of_the_page_gives_way_where_a_wall_would_not(tmp_path: Path) -> None:
@@ -295,17 +262,6 @@ def test_the_controller_of_the_page_runs_live(tmp_path: Path) -> None:
         ended = graph.end()
     assert ended.exit_status == 0, ended.log
     assert ended.columns.commanded_force.any()
-
-
-def test_without_an_operator_nobody_moves_the_device(tmp_path: Path) -> None:
-    path = tmp_path / "graph.yaml"
-    path.write_text("forcebound: 1\ninclude: stiff_wall.yaml\noperator: null\n")
-    config = load(path)
-    assert config.operator is None
-    assert "operator" not in to_document(config)
-    columns = run_virtual(config, duration=0.5).columns
-    assert (columns.position == 0.0).all()
-    assert (columns.true_energy == 0.0).all()
 
 
 # Packages of other people

@@ -12,12 +12,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from click.testing import CliRunner, Result
+from invoking import invoke
 from launch_texts import GOOD, written
 from waiting import PATIENCE, until
 
 from forcebound.bounded_child import ChildError, in_bounded_child
-from forcebound.cli import main
 from forcebound.config.loader import load, load_tried
 from forcebound.config.users_code import tried
 from forcebound.errors import ConfigError
@@ -47,32 +46,22 @@ def own(folder: Path, code: str = "") -> tuple[Path, Path]:
     return written(folder, GOOD.replace("kind: wall", "kind: mine.py")), file
 
 
-def invoke(*words: object) -> Result:
-    return CliRunner().invoke(main, [str(word) for word in words], catch_exceptions=False)
-
-
-@pytest.mark.parametrize("code", [FOR_EVER, "import time; time.sleep(600)"])
-def test_the_line_of_code_that_never_ends_is_named(tmp_path: Path, code: str) -> None:
-    file = written(tmp_path, f"x = 1\n{code}\n", "mine.py")
+def test_the_line_of_code_that_never_ends_is_named(tmp_path: Path) -> None:
+    file = written(tmp_path, f"x = 1\n{FOR_EVER}\n", "mine.py")
     run: Any = partial(runpy.run_path, str(file))
     with pytest.raises(ConfigError) as caught:
         tried(run, [file], 3.0)
-    assert f"in {file}:2: {code}" in str(caught.value)
+    assert f"in {file}:2: {FOR_EVER}" in str(caught.value)
     assert "took more than 3 s" in str(caught.value)
 
 
 @pytest.mark.parametrize(
     ("code", "named"),
     [
-        ("os._exit(3)", "exit status 3"),
         ("os._exit(0)", "exit status 0"),
         ("os.kill(os.getpid(), 9)", "signal 9, Killed"),
         ("ctypes.string_at(0)", "mine.py:12: ctypes.string_at(0)"),
-        (
-            "sys.exit(3)",
-            "SystemExit: 3\n  in",
-        ),
-        ("1 / 0", "mine.py:12: 1 / 0"),
+        ("sys.exit(3)", "SystemExit: 3\n  in"),
         ("input()", "EOFError"),
     ],
 )

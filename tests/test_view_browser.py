@@ -10,11 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 from live_page import pointed
+from selenium import webdriver
+from selenium.webdriver import Keys
+from selenium.webdriver.support import ui
 from waiting import PATIENCE
-
-webdriver: Any = pytest.importorskip("selenium.webdriver", reason="needs extra browser")
-Keys: Any = webdriver.Keys
-ui: Any = pytest.importorskip("selenium.webdriver.support.ui")
 
 CHROMIUM, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
 QUIET = (

@@ -91,7 +91,7 @@ def view_of(run: Run, events: Sequence[Event] = ()) -> View:
 def since_engaged(columns: TelemetryColumns) -> Floats:
     """Return when the samples were, in s since the force engaged, maybe before the recording."""
     time, elapsed = columns.time, columns.elapsed
-    # A run begins with a tick before which all were missed, see operators.recorded_path.began.
+    # A run begins with a tick before which all were missed, see operators.paths.began.
     if not time.size or columns.seq[0] == columns.deadline_misses[0] or elapsed[0] == 0.0:
         return time
     return time + float(elapsed[0] - time[0])

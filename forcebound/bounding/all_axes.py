@@ -235,11 +235,8 @@ def observe_axes(ledger: Ledger, dt: float, is_unsure: bool) -> tuple[Motion, fl
 def path_penalty(ledger: Ledger, step: float, penalty: float, way: float) -> float:
     """Return the penalty of a step of all axes together, with friction along the path, in J.
 
-    Args:
-        ledger: Of the bounder.
-        step: Length of the step, in N.
-        penalty: Of the axes without friction, in J.
-        way: Longest way from reading to reading, in m.
+    ``step`` is its length, in N; ``penalty`` that of the axes without friction, in J; ``way`` the
+    longest way from reading to reading, in m.
     """
     damping = ledger.axis[0].constants.damping
     duration = 4.0 * damping * penalty / (step * step)
@@ -249,17 +246,11 @@ def path_penalty(ledger: Ledger, step: float, penalty: float, way: float) -> flo
 def unsure_cost(ledger: Ledger, capability: float, work: float, dt: float) -> float:
     r"""Return the most that a hold can have cost that was cut at an unknown time, in J.
 
-    For a cut at the share :math:`\bar s` of the interval, mean force and penalty give
-
     .. math:: \bar s (1 - \bar s) \frac{|F|^2 dt}{4b} - \bar s F \cdot \Delta q
 
-    which is concave in :math:`\bar s`, so the worst share of those possible is known.
-
-    Args:
-        ledger: Of the bounder, at the end of the hold.
-        capability: :math:`|F|^2 dt / (4b)`, the most that it can be, in J.
-        work: :math:`F \cdot \Delta q`, the least that it can be, in J.
-        dt: Length of the interval, in s.
+    is concave in the share :math:`\bar s` of the interval, so the worst share of those possible is
+    known. ``capability`` is the largest :math:`|F|^2 dt / (4b)`, ``work`` the least :math:`F \cdot
+    \Delta q`, in J.
     """
     earliest: float = ledger.held_limit * (1.0 - ledger.tolerance) / dt
     latest: float = 1.0

@@ -27,10 +27,15 @@ def largest_force(ledger: Ledger) -> float:
     """Return the largest force in the direction ``trial`` that may be held, in N."""
     low, high = 0.0, ledger.saturation
     if ledger.is_rigid:
+        one = ledger.axis[0].constants
+        friction, error = one.friction, one.weight_error
+        if ledger.is_along_path:
+            friction, error = ledger.constants.path_friction, ledger.path_error
         for end in range(ledger.ends):
             for level in range(_levels(ledger)):
                 most, duration = _most(ledger, end, level), _duration(ledger, level)
-                high = min(high, _largest_rigid(ledger, end, most, duration))
+                force = rigid_force(most, friction, one.damping, duration) - error
+                high = min(high, max(force, 0.0) / gain_at(ledger, end))
         return high
     force = high
     for _ in range(HALVINGS):  # the saturation itself comes first
@@ -71,15 +76,6 @@ def planned_hold(ledger: Ledger) -> float:
     if ledger.watchdog == NONE:
         return ledger.planned_limit
     return ledger.planned_limit * (1.0 + ledger.tolerance)
-
-
-def _largest_rigid(ledger: Ledger, end: int, available: float, duration: float) -> float:
-    one = ledger.axis[0].constants
-    friction, error = one.friction, one.weight_error
-    if ledger.is_along_path:
-        friction, error = ledger.constants.path_friction, ledger.path_error
-    force = rigid_force(available, friction, one.damping, duration) - error
-    return max(force, 0.0) / gain_at(ledger, end)
 
 
 def _may_be_held(ledger: Ledger, force: float) -> bool:

@@ -29,11 +29,6 @@ class ForceBounder:
     Call :meth:`start` once, then at each sample :meth:`bound` and :meth:`settle`. Coordinates may
     be joints: then positions are angles, in rad, and forces torques, in N m.
 
-    Args:
-        law: A key of :data:`forcebound.bounding.LAWS`.
-        dissipation: What the law may rely on.
-        axes: Length of the vectors, 1 to ``MAX_AXES``.
-
     Attributes:
         limit: Largest magnitude allowed at the last sample, in the direction of the commanded
             force, in N: the law's or the saturation.
@@ -45,8 +40,7 @@ class ForceBounder:
         late_writes: Forces that took effect later after their reading than the device states.
 
     Raises:
-        ConfigError: If the law is not known, there is no axis, or the description of the device
-            does not fit this number of axes.
+        ConfigError: If the law is not known, or the description does not fit this number of axes.
     """
 
     def __init__(self, law: str, dissipation: Dissipation, axes: int = 1) -> None:
@@ -106,13 +100,9 @@ class ForceBounder:
         return self.largest_allowance == 0.0 or self.estimated_energy >= 0.0
 
     def start(self, time_ns: int, position: Vector) -> None:
-        """Begin with the first reading and no force; forget everything before.
+        """Begin with the first reading, in m, at ``time_ns`` and no force; forget all before.
 
         The device must be without force from the last :meth:`settle` on.
-
-        Args:
-            time_ns: When it was read, in ns.
-            position: Reading of each axis, in m.
         """
         self._taken_ns = self._now_ns = self._written_ns = time_ns
         self._position = position
@@ -125,19 +115,15 @@ class ForceBounder:
         self.estimated_energy: float = self._start_law(self._ledgers)
 
     def bound(self, read_ns: int, position: Vector, commanded: Vector) -> Vector:
-        """Return the force to write at this sample.
+        """Return the force to write at this sample, in N, in the direction of the commanded force.
 
-        A reading that cannot be is refused: it is counted, changes nothing else, and the force is
-        one that is safe whatever the device does.
+        Only a law that adds damping departs from that. A reading that cannot be is refused: it is
+        counted, changes nothing else, and the force is one that is safe whatever the device does.
 
         Args:
             read_ns: When ``position`` was read, in ns; later than before.
             position: Reading of each axis, in m.
             commanded: Commanded force of each axis, in N.
-
-        Returns:
-            Bounded force of each axis, in N, in the direction of the commanded force (a law that
-            adds damping excepted).
 
         Raises:
             ValueError: If a commanded force is not finite: a mistake of the caller, since the
@@ -160,11 +146,9 @@ class ForceBounder:
         return shorten(force, magnitude, limit)
 
     def settle(self, applied: Vector, write_ns: int | None = None) -> None:
-        """Close the sample with the force that was really written.
+        """Close the sample with the force that was written, in N: what :meth:`bound` gave, or less.
 
-        Args:
-            applied: Force of each axis, in N: what :meth:`bound` returned, or less of it.
-            write_ns: When it took effect, in ns; None: when the position was read.
+        ``write_ns`` is when it took effect, in ns; None: when the position was read.
         """
         now = self._now_ns
         write_ns = now if write_ns is None or write_ns < now else write_ns
@@ -191,12 +175,7 @@ class ForceBounder:
             self._ledger.constants.energy_cap = cap
 
     def report_cut(self, time_ns: int, position: Vector) -> None:
-        """Take in where and when the watchdog dropped the force; before the next :meth:`bound`.
-
-        Args:
-            time_ns: When it dropped the force, in ns.
-            position: Reading of each axis then, in m.
-        """
+        """Take in when and where (m) the watchdog dropped the force, before :meth:`bound`."""
         if time_ns == self._written_ns:
             return  # the force before that write, which has acted until then
         self._cut_ns = time_ns

@@ -9,11 +9,7 @@ from forcebound.errors import ConfigError
 
 
 def device_constants(dissipation: Dissipation, axes: int) -> DeviceConstants:
-    """Return what laws take of a device with so many axes.
-
-    Raises:
-        ConfigError: If the description does not fit this number of axes.
-    """
+    """Return what laws take of a device with so many axes; ConfigError if it has others."""
     along_path = acts_along_path(dissipation, axes)
     return DeviceConstants(
         damping=dissipation.least_damping,
@@ -60,11 +56,7 @@ def axis_constants(dissipation: Dissipation, axes: int) -> list[AxisConstants]:
 
 
 def acts_along_path(dissipation: Dissipation, axes: int) -> bool:
-    """Return whether friction acts along the path of several axes, not on each by itself.
-
-    Raises:
-        ConfigError: If the axes have presliding but no friction of their own.
-    """
+    """Return whether friction acts along the path of several axes, not on each by itself."""
     d = dissipation
     if axes == 1 or any(isinstance(one, tuple) for one in (d.damping, d.friction, d.weight_error)):
         return False
@@ -79,12 +71,8 @@ def acts_along_path(dissipation: Dissipation, axes: int) -> bool:
 def energy_cap(dissipation: Dissipation, axes: int, hold_limit: float) -> float:
     """Return the most energy, in J, that the ledger keeps beyond its price for the held force.
 
-    By default what the costliest hold of the saturation needs: more is of no use at that instant.
-
-    Args:
-        dissipation: The device.
-        axes: Number of axes.
-        hold_limit: Longest hold that is planned, in s.
+    By default what the costliest hold of the saturation needs, of at most ``hold_limit`` s: more is
+    of no use at that instant.
     """
     if dissipation.energy_cap is not None:
         return dissipation.energy_cap

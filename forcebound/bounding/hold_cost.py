@@ -1,26 +1,19 @@
-r"""The most energy that a hand can get out of one hold.
+r"""The most energy that a hand can get out of one hold (``docs/theory.md``, section 3).
 
-A motor that resists with the force F gives energy to a hand that moves against the positive
-direction of that force. In a hold of duration T it can move by d; by Cauchy-Schwarz it then loses
-at least :math:`b d^2 / T` by damping, and by friction at least :math:`f (d - z)_+`, where z is the
-way that a hand may go before friction is sure: 0 for rigid friction, twice the presliding way for
-friction that yields elastically first. So the hold costs at most
+It can move by d against the force F; in the time T it then loses at least :math:`b d^2 / T` by
+damping, and by friction at least :math:`f (d - z)_+`, where z is the way before friction is sure: 0
+for rigid friction, twice the presliding way for friction that yields first. So the hold costs
 
 .. math:: \max_{d \ge 0} \big( |F| d - f (d - z)_+ - b d^2 / T \big)
+
+Forces are magnitudes, in N; friction f in N, way z in m, damping b in N s/m, times in s.
 """
 
 import math
 
 
 def rigid_cost(force: float, friction: float, damping: float, duration: float) -> float:
-    r"""Return :math:`(|F| - f)_+^2 T / (4b)`, in J: the cost of a hold with rigid friction.
-
-    Args:
-        force: Magnitude, in N.
-        friction: f, in N.
-        damping: b, in N s/m.
-        duration: T, in s.
-    """
+    """Return :math:`(|F| - f)_+^2 T / (4b)`, in J: the cost of a hold with rigid friction."""
     excess = max(force - friction, 0.0)
     return excess * excess * duration / (4.0 * damping)
 
@@ -39,13 +32,6 @@ def hold_cost(force: float, friction: float, way: float, damping: float, duratio
     """Return the cost of a hold in which friction is sure only beyond a ``way``, in J.
 
     The worst displacement lies before that way, beyond it, or at its end.
-
-    Args:
-        force: Magnitude, in N.
-        friction: f, in N.
-        way: z, in m.
-        damping: b, in N s/m.
-        duration: T, in s.
     """
     mobility = duration / (2.0 * damping)
     if force * mobility <= way:
@@ -57,22 +43,14 @@ def hold_cost(force: float, friction: float, way: float, damping: float, duratio
 
 
 def lagging_cost(before: float, after: float, damping: float, duration: float, lag: float) -> float:
-    r"""Return the cost of a hold that an amplifier approaches with a time constant, in J.
+    r"""Return the cost of a hold that an amplifier approaches with a time constant ``lag``, in J.
 
-    With :math:`E = e^{-t/\tau}`, the excess of the force over friction is at most
-    :math:`e(t) = e_1 (1 - E) + e_0 E`, since it is convex in the force. The cost is
+    With :math:`E = e^{-T/\tau}` the force's excess over friction, ``before`` :math:`e_0` and
+    ``after`` :math:`e_1`, is at most :math:`e(t) = e_1 (1 - E) + e_0 E`, and the cost
 
     .. math:: \frac{1}{4b} \Big( \int_0^T e^2 dt + \frac{\tau}{2} e(T)^2 \Big)
 
-    whose last term is what the hand can get while the force decays after a cut, or after a smaller
-    force. It grows with T (its derivative is :math:`e(T) e_1`), so it covers every earlier end.
-
-    Args:
-        before: :math:`e_0`, excess of the motor's force at the beginning, in N.
-        after: :math:`e_1`, excess of the new force, in N.
-        damping: b, in N s/m.
-        duration: T, in s.
-        lag: τ, in s.
+    whose last term is what the hand can get while the force decays after a cut (section 3.2 there).
     """
     left = math.exp(-duration / lag)
     once = lag * (1.0 - left)

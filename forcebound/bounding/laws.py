@@ -26,10 +26,6 @@ LAWS: Table[BoundingLaw] = Table(
 
 
 def check_law(name: str) -> None:
-    """Check that there is such a law.
-
-    Raises:
-        ConfigError: If there is not.
-    """
+    """Raise ConfigError if there is no such law."""
     if name not in LAWS:
         raise ConfigError(f"no bounding law {name!r}; known are {', '.join(sorted(LAWS))}")

@@ -36,12 +36,8 @@ which is then ``axis.force``."""
 def one_axis(law: BoundingLaw, overruns: bool = True) -> Step:
     """Return what :class:`forcebound.bounding.ForceBounder` does at a sample, for one axis.
 
-    A device is taken to apply what the bounder returns.
-
-    Args:
-        law: The law.
-        overruns: Whether a sample interval may be longer than the hold limit; code without is
-            faster.
+    A device is taken to apply what the bounder returns. Code without ``overruns``, sample intervals
+    longer than the hold limit, is faster.
     """
     limit, settle, energy = law.limit, law.settle, law.energy
     limits_holds = law.limits_holds

@@ -1,26 +1,14 @@
-r"""A sample: what a law sees, and what has to be remembered for it from sample to sample.
+"""A sample: what a law sees, and what has to be remembered for it from sample to sample.
 
-The only definition. The bounder of the live node, the compiled sweep, the audit and the fit of the
-paper's table call these same functions; they use nothing but arithmetic and :mod:`math`, so that
-they run compiled as well as in plain Python. A new observable is a field of :class:`Sample` (and
-of :class:`Motion`, :class:`AxisMemory` or :class:`Memory` if it needs them) in this file.
+The only definition. The bounder of the live node, the compiled loops and the fit of the paper's
+table call these same functions; they use nothing but arithmetic and :mod:`math`, so that they run
+compiled as well as in plain Python. A new observable is a field of :class:`Sample` (and of
+:class:`Motion`, :class:`AxisMemory` or :class:`Memory` if it needs them) in this file.
 
-One sample, for a device with any number of axes::
-
-    motion = NO_MOTION
-    for each axis:
-        axis_memory, motion = observe_axis(axis_memory, memory, reading, mean, motion, constants)
-    memory, sample = observe(memory, motion, penalty, change_price, commanded, dt, device)
-    state, largest_force, added_damping = law.limit(state, sample, device)
-    ...                                           # the force is shortened and written
-    state = law.settle(state, write, device)
-
-with the mean force and the penalty of :mod:`forcebound.bounding.waveform`.
-
-Measured loss. Two lower bounds of how far the true position has gone, as the proof of the certified
-law uses them (:mod:`forcebound.bounding.certified`, steps 3 and 4): the path of the play operator
-of each axis, and the least viscous loss (:func:`viscous_loss`), for which the readings at two
-earlier samples, the anchors, are remembered.
+A sample is :func:`observe_axis` for each axis, begun with :data:`NO_MOTION`, then :func:`observe`,
+the law's ``limit``, and its ``settle`` once the force is written. The measured loss is a lower
+bound (``docs/theory.md``, section 3, points 3 and 4): the path of the play operator of each axis,
+and :func:`viscous_loss`.
 """
 
 import math
@@ -144,18 +132,10 @@ def observe_axis(
     motion: Motion,
     constants: AxisConstants,
 ) -> tuple[AxisMemory, Motion]:
-    """Take in the new reading of one axis.
+    """Take in the new ``reading``, in m, of one axis, with the ``mean`` force since the last, in N.
 
-    Args:
-        axis: What is remembered of this axis.
-        memory: What is remembered of all axes, before this sample.
-        reading: q(n), in m.
-        mean: Mean force since the last reading, in N.
-        motion: Sums over the axes before this one; :data:`NO_MOTION` for the first.
-        constants: Of this axis.
-
-    Returns:
-        The memory of the axis, and the sums with this axis.
+    ``motion`` has the sums over the axes before this one. Returns the memory of the axis, and the
+    sums with this axis.
     """
     r, b = constants.half_resolution, constants.damping
     move = reading - axis.reading
@@ -188,19 +168,11 @@ def observe(
     dt: float,
     device: DeviceConstants,
 ) -> tuple[Memory, Sample]:
-    """Make the sample of all axes.
+    """Make the sample of all axes, ``dt`` s after the last; it follows the memory for the next.
 
-    Args:
-        memory: What is remembered of all axes.
-        motion: Sums over all axes of :func:`observe_axis`.
-        penalty: What the changes of the force since the last sample can have gained, in J.
-        change_price: Price of the change of the mean force, in J.
-        commanded: Magnitude of the commanded force, in N, already saturated.
-        dt: Time since the last sample, in s, positive.
-        device: Constants of the device.
-
-    Returns:
-        The memory for the next sample, and what the law sees of this one.
+    ``motion`` has the sums of :func:`observe_axis`; ``penalty`` is what the changes of the force
+    can have gained, ``change_price`` the price of the change of its mean, in J; ``commanded`` is
+    the magnitude of the commanded force, already saturated, in N.
     """
     older_age = memory.older_age + dt
     younger_age = memory.younger_age + dt
@@ -226,18 +198,12 @@ def observe(
 
 
 def play(reading: float, position: float, half_width: float) -> float:
-    r"""Return the new position of the play (backlash) operator.
+    r"""Return the new position of the play (backlash) operator, in m; ``half_width`` is r.
 
     .. math:: y' = \max(q - r, \min(q + r, y))
 
-    It moves only when the reading has left it by more than ``half_width``. Its path is the shortest
-    of all signals that stay within ``half_width`` of the readings, up to where it starts; so it
-    never takes an encoder that chatters on one edge for travel.
-
-    Args:
-        reading: New reading q, in m.
-        position: Position y of the operator so far, in m.
-        half_width: r, in m, half the resolution of the reading.
+    Its path is the shortest of all signals that stay within ``half_width`` of the readings, up to
+    where it starts; so it never takes an encoder that chatters on one edge for travel.
     """
     return max(reading - half_width, min(reading + half_width, position))
 
@@ -252,13 +218,11 @@ def viscous_loss(memory: Memory, motion: Motion, dt: float) -> float:
     r"""Return the least viscous loss :math:`\int b |v|^2 dt` since the older anchor, in J.
 
     .. math:: V = \max\Big(V + \frac{c_1^2}{dt}, \frac{c_a^2}{t - t_a},
-                           V_{ab} + \frac{c_b^2}{t - t_b}\Big),
-              \qquad c^2 = \sum_i b_i (|q_i - q_{before,i}| - 2r_i)_+^2
+                            V_{ab} + \frac{c_b^2}{t - t_b}\Big),
+                  \qquad c^2 = \sum_i b_i (|q_i - q_{before,i}| - 2r_i)_+^2
 
-    A slow hand moves by about one step of the encoder a sample, and one step proves nothing: the
-    true position may have been at one edge of the reading's cell and now be at the other. Over
-    several samples the same 2r is lost only once. By Cauchy-Schwarz each term is a lower bound, and
-    so is the largest. The terms are from the last sample, the older anchor a and the younger b.
+    The terms are from the last sample, the older anchor a and the younger b. Over several samples
+    the 2r that the encoder does not show is lost only once.
     """
     return max(
         memory.loss + motion.step / dt,

@@ -1,22 +1,9 @@
-r"""The motor's force between two readings.
+r"""The motor's force between two readings: its mean, and the penalty of its changes.
 
 It is known, piece by piece: the old force until the new one takes effect, the new one until it is
-replaced or the watchdog drops it. With an amplifier of time constant τ, each piece approaches its
-target as :math:`F_a(t) = F + (F_a(0) - F) e^{-t/\tau}`.
-
-What the ledger needs of an interval of length dt is the mean force :math:`\bar F` and the
-*penalty*: what the hand may gain by the deviation :math:`g = F_a - \bar F`. Write the velocity as
-:math:`\Delta x / dt + w` with :math:`\int w = 0`. Then loss and work are at least what the readings
-say with :math:`\bar F`, plus
-
-.. math:: \int (b w^2 + g w)\,dt \;\ge\; -\frac{1}{4b} \int g^2 dt
-    = -\frac{1}{4b} \Big( \int F_a^2 dt - \bar F^2 dt \Big)
-
-If the force steps once, by ΔF, the gain needs a detour u from the straight way, and a detour beyond
-the way :math:`|\Delta x|` itself slides against friction twice: the penalty is
-:func:`~forcebound.bounding.hold_cost.hold_cost` with friction :math:`2 f`, which begins at
-:math:`|\Delta x|`, and with the duration :math:`s (dt - s) / dt` for a step at s. A step below
-:math:`2 f` costs a hand at rest nothing.
+replaced or the watchdog drops it, each approached as :math:`F_a(t) = F + (F_a(0) - F) e^{-t/\tau}`.
+``docs/theory.md``, section 3.1, derives the *penalty*, what the hand may gain by the deviation from
+the mean force, and that of a single step, where friction counts.
 """
 
 import math
@@ -81,13 +68,8 @@ def penalty(
 ) -> float:
     """Return what the hand can have gained by the changes of the force in an interval, in J.
 
-    Args:
-        motor: At the end of the interval.
-        dt: Length of the interval, in s.
-        lag: τ of the amplifier, in s.
-        gain: Largest gain of the motor.
-        move: Move of the reading in the interval, in m.
-        constants: Of the axis.
+    ``motor`` is that at the end of the interval of ``dt`` s, in which the reading made a ``move``
+    in m; ``gain`` is the largest of the motor.
     """
     if motor.steps == 0.0 and lag == 0.0:
         return 0.0

@@ -206,11 +206,7 @@ def show_virtual_run(
 
 
 def report(result: "RunResult", record: Path | None, as_json: bool) -> None:
-    """Show the result of a run.
-
-    Raises:
-        RunError: If the run failed; its result is shown before.
-    """
+    """Show the result of a run; RunError, once it is shown, if the run failed."""
     if result.interrupted:
         show("forcebound: interrupted; result up to here", err=True)
     if as_json:

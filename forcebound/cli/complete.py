@@ -39,9 +39,7 @@ def _of(module: str, names: str) -> Offer:
 def _files(shipped: str, *endings: str) -> Offer:
     """Return an :func:`offering` of files with these endings, and of folders.
 
-    Args:
-        shipped: Module whose function ``shipped`` gives files that can be named without ending.
-        endings: Of the files, where the user has begun a name.
+    A module's function ``shipped`` gives files that can be named without ending.
     """
 
     @offering

@@ -22,11 +22,7 @@ POLL_S = 0.5  # between two looks for the next graph
 
 
 def check_tornado() -> None:
-    """Refuse to go on where the page's server is not installed.
-
-    Raises:
-        ConfigError: With what to install.
-    """
+    """Raise ConfigError, with what to install, where the page's server is not installed."""
     if find_spec("tornado") is None:
         raise ConfigError("the page needs tornado: pip install 'forcebound[view]'")
 
@@ -38,17 +34,11 @@ REDIRECT = """<!doctype html><meta name="referrer" content="no-referrer">
 
 @contextmanager
 def opened_in_browser(address: str, run: Path | None) -> Iterator[None]:
-    """Open a page in a browser, which stays off the core of the nodes.
+    """Open a page in a browser, which stays off the core of the nodes of a run, if there is one.
 
     Every user of the machine can read command lines, so the browser gets the name of a private file
     that leads to the address; it is deleted after the body. A browser may stay in the foreground,
     so a thread waits for it.
-
-    Without a realtime kernel even SCHED_FIFO waits for system calls, of which a browser makes many.
-
-    Args:
-        address: Of the page.
-        run: Run directory of the graph; None: there is none yet.
     """
     from forcebound.folders import runtime_folder
     from forcebound.launch.run_directory import RunDocument

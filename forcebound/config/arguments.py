@@ -42,11 +42,7 @@ class Argument:
 
 
 class Arguments:
-    """The arguments of one launch file and their values.
-
-    Attributes:
-        declared: Each argument by name.
-    """
+    """The arguments of one launch file, ``declared`` by name, and their values."""
 
     def __init__(self, root: Value, problems: Problems) -> None:
         self._problems = problems
@@ -126,11 +122,7 @@ def _place(override: str) -> Place:
 
 
 class Substitution:
-    """Puts the values of arguments and of the process's environment where they are used.
-
-    Attributes:
-        used: Names of the arguments that were used.
-    """
+    """Puts arguments and environment variables where they are used; notes those ``used``."""
 
     def __init__(self, arguments: Mapping[str, Value] | None, problems: Problems) -> None:
         """Prepare; ``arguments`` None: they are not known yet and using one is a problem."""

@@ -148,11 +148,7 @@ def with_device_file(root: Value, problems: Problems) -> Value:
 
 
 def device_section(path: Path, problems: Problems) -> Value:
-    """Return the section of the device in the file of one.
-
-    Raises:
-        ConfigError: If it cannot be read or has none.
-    """
+    """Return the section of the device in a file; ConfigError if it cannot be read or has none."""
     root = parse(read_text(path, DEVICE_FILE, MAX_BYTES), str(path), problems)
     device = None if root is None else root.entries.get("device")
     if device is None or "kind" not in device.entries:

@@ -11,13 +11,15 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, NotRequired, get_args
+from typing import Annotated, Any, NotRequired, TypeAlias, get_args
 
 from forcebound.config.fields import Field
 from forcebound.config.problems import Place, Problems, unknown
 from forcebound.config.tree import Value
 from forcebound.errors import ConfigError
 from forcebound.quantities import AS_WRITTEN
+
+Values: TypeAlias = dict[str, Any]  # of a mapping of a file, by their keys
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,18 +36,18 @@ class Form:
 
     name: str
     fields: Mapping[str, Field]
-    make: "Callable[[dict[str, Any], Value], Any] | None" = None
+    make: "Callable[[Values, Value], Any] | None" = None
     inner: "Mapping[str, Form]" = field(default_factory=dict)
     is_list: bool = False
 
-    def read(self, value: Value, problems: Problems) -> "dict[str, Any]":
+    def read(self, value: Value, problems: Problems) -> Values:
         """Return the values by key; with a problem noted, only what could be made.
 
         What ``make`` made is under the place of its mapping: ``links.device_state``, or ``""``.
         """
         from pydantic import ValidationError
 
-        made: dict[str, Any] = {}
+        made: Values = {}
         try:
             # As JSON, since strict pydantic then accepts a list for a tuple.
             text = json.dumps(self._given(value), ensure_ascii=False).encode("utf-8", "replace")
@@ -80,7 +82,7 @@ class Form:
         if make is None:
             return shape
 
-        def made(values: dict[str, Any], info: ValidationInfo) -> Any:
+        def made(values: Values, info: ValidationInfo) -> Any:
             section, found = info.context  # type: ignore[misc]
             for step in place:
                 section = section.entries.get(step, Value({}, section.place, section.key))

@@ -11,10 +11,12 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from forcebound.bounding import Dissipation
+from forcebound.config.names import Document
 from forcebound.controllers import CONTROLLERS, ControllerModel
 from forcebound.devices import DEVICES, DeviceModel
 from forcebound.environments import ENVIRONMENTS, EnvironmentModel
 from forcebound.environments.fixtures import Fixtures, WithFixtures
+from forcebound.messages.control import Parameters
 from forcebound.network.ends import RemoteSection
 from forcebound.network.impairment import Impairment, check_delay
 from forcebound.nodes.servo import ServoSettings, dissipation_of
@@ -39,16 +41,11 @@ RUN_KEYS = ("description", "seed", "duration")  # fields of GraphConfig that are
 class PartSpec:
     """A part as it travels between processes: only a process that runs it makes it.
 
-    :func:`forcebound.config.resolved.made` does. Until then it stands in a configuration where the
-    part would.
-
-    Attributes:
-        kind: Of its section's table.
-        values: Its parameters, plain JSON values in SI units.
+    :func:`forcebound.config.resolved.made` does.
     """
 
-    kind: str
-    values: Mapping[str, Any]
+    kind: str  # of its section's table
+    values: Document  # its parameters, plain JSON values in SI units
 
 
 @dataclass(frozen=True)
@@ -67,15 +64,11 @@ class DeviceFacts:
 
 @dataclass(frozen=True)
 class DeviceConfig:
-    """The device, and how its servo runs.
-
-    Attributes:
-        stated: Facts of a ``model`` that is not made here; None: the model has them.
-    """
+    """The device, and how its servo runs."""
 
     model: DeviceModel
     servo: ServoSettings
-    stated: DeviceFacts | None = field(default=None, compare=False)
+    stated: DeviceFacts | None = field(default=None, compare=False)  # of a model not made here
 
     @property
     def axes(self) -> int:
@@ -179,7 +172,7 @@ class PhaseHead:
 class Phase(PhaseHead):
     """A part of a scripted run; see :mod:`forcebound.config.phases`."""
 
-    settings: Mapping[str, Any]  # by name of a parameter, plain JSON values in SI units
+    settings: Parameters
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from forcebound.config.arguments import Argument, Arguments, Substitution
 from forcebound.config.document import find, missing, read, with_device_file
 from forcebound.config.graph import KINDS, RUN_KEYS, GraphConfig, PhaseHead
 from forcebound.config.model import PHASES, form_of
-from forcebound.config.names import LAW, ParameterName
+from forcebound.config.names import LAW, Document, ParameterName
 from forcebound.config.parameters import parameters, takeable_laws, unknown_parameter
 from forcebound.config.phases import read_phases
 from forcebound.config.problems import Problems, unknown
@@ -29,6 +29,7 @@ from forcebound.config.resolved import to_document
 from forcebound.config.tree import Value, from_plain
 from forcebound.config.users_code import tried
 from forcebound.errors import ConfigError, ForceboundError
+from forcebound.messages.control import Parameters
 from forcebound.parts.user_module import file_of, names_file
 from forcebound.topology import LINKS
 
@@ -41,8 +42,7 @@ def load(path: str | Path, overrides: Sequence[str] = ()) -> GraphConfig:
         overrides: Values for the file's arguments, each ``name:=value``.
 
     Raises:
-        ConfigError: If there is no such file or anything in it is wrong; the message has every
-            problem with its place.
+        ConfigError: With every problem of the file and its place.
     """
     problems = Problems()
     with _sane(path):
@@ -56,19 +56,11 @@ TRIAL_S = 60.0  # for loading users' files (imports, a mesh, compilation) and th
 def load_tried(
     path: str | Path, overrides: Sequence[str] = (), trial: Trial | None = None
 ) -> GraphConfig:
-    """Return the same as :func:`load`, for a command in the foreground.
+    """Return the same as :func:`load`, for a command in the foreground, after a further ``trial``.
 
-    Files of the user's own are loaded and called in a process of their own first, where they may
-    hang or exit. This process then loads them, too, and calls nothing. The log says what is not
-    certified.
-
-    Args:
-        path: As for :func:`load`.
-        overrides: Likewise.
-        trial: A further check of the configuration, in that process if there are such files.
-
-    Raises:
-        ConfigError: As :func:`load`; or if the user's code was too slow or ended its process.
+    Files of the user's own are loaded, and the graph is tried, in a process of its own first, where
+    they may hang or exit. This process then loads them, too, and calls nothing. The log says what
+    is not certified. ConfigError also if the user's code was too slow or ended its process.
     """
     problems = Problems()
     with _sane(path):
@@ -93,11 +85,7 @@ def _try(path: str | Path, overrides: Sequence[str], trial: Trial | None) -> byt
 
 
 def read_template(path: str | Path) -> Value:
-    """Return a launch file with its arguments still open, to :func:`build` it many times.
-
-    Raises:
-        ConfigError: If there is no such file or it cannot be read.
-    """
+    """Return a launch file with its arguments still open, to :func:`build` it many times."""
     problems = Problems()
     root = _read(path, problems)
     problems.raise_if_any()
@@ -107,11 +95,7 @@ def read_template(path: str | Path) -> Value:
 def build(
     template: Value, overrides: Sequence[str] = (), problems: Problems | None = None
 ) -> GraphConfig:
-    """Return the configuration of a launch file that :func:`read_template` has read.
-
-    Raises:
-        ConfigError: As :func:`load`, with the ``problems`` found before.
-    """
+    """Return the configuration of a launch file that :func:`read_template` has read."""
     problems = Problems() if problems is None else problems
     return _build(_filled(template, overrides, problems), problems)
 
@@ -126,35 +110,23 @@ def _filled(template: Value, overrides: Sequence[str], problems: Problems) -> Va
 
 
 def arguments_of(path: str | Path) -> list[Argument]:
-    """Return the arguments that a launch file declares, in its order.
-
-    Raises:
-        ConfigError: If there is no such file, or it or its arguments cannot be read.
-    """
+    """Return the arguments that a launch file declares, in its order."""
     problems = Problems()
     arguments = Arguments(_read(path, problems), problems)
     problems.raise_if_any()
     return list(arguments.declared.values())
 
 
-def from_document(document: Mapping[str, Any]) -> GraphConfig:
-    """Return the configuration of a resolved document that may have been changed.
-
-    Raises:
-        ConfigError: If anything in it is wrong.
-    """
+def from_document(document: Document) -> GraphConfig:
+    """Return the configuration of a resolved document that may have been changed."""
     return _build(from_plain(document, "document"), Problems())
 
 
-def change(config: GraphConfig, settings: Mapping[str, Any]) -> GraphConfig:
+def change(config: GraphConfig, settings: Parameters) -> GraphConfig:
     """Return the configuration with other parameters, checked as a launch file is.
 
-    Args:
-        config: What runs.
-        settings: New values by name; quantities are SI, or text with their unit.
-
-    Raises:
-        ConfigError: If there is no such parameter, or it cannot have this value.
+    The new values are by name, in SI units or text with their unit. ConfigError if there is no such
+    parameter, or it cannot have this value.
     """
     known = parameters(config)
     for name in settings:

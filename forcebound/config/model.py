@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from forcebound.analysis.delay_traces import trace_of
 from forcebound.bounding import LAWS
 from forcebound.config.fields import Field, fields_of
-from forcebound.config.forms import Form
+from forcebound.config.forms import Form, Values
 from forcebound.config.graph import (
     BESIDE_MODEL,
     FORMAT,
@@ -96,13 +96,9 @@ def _completed(root: Value) -> Value:
 
 
 def make_part(section: str, value: Value, problems: Problems) -> Any:
-    """Return the part of a section alone, without the settings that stand beside it.
-
-    Raises:
-        ConfigError: With all ``problems``.
-    """
+    """Return the part of a section, without the settings beside it; ConfigError with problems."""
     kind = _class_of(section, value, problems)
-    made: dict[str, Any] = {}
+    made: Values = {}
     if kind is not None:
         form = Form(section, {"kind": _KIND, **fields_of(kind)}, partial(_part, section, kind))
         made = form.read(value, problems)
@@ -159,7 +155,7 @@ def _check_fields(kind: type, taken: frozenset[str]) -> None:
             ) from None
 
 
-def _part(section: str, kind: type, values: dict[str, Any], written: Value) -> Any:
+def _part(section: str, kind: type, values: Values, written: Value) -> Any:
     """A part of its values; ConfigError whatever its own code raises."""
     values.pop("kind", None)
     if kind_of(kind) is None:
@@ -175,7 +171,7 @@ def _part(section: str, kind: type, values: dict[str, Any], written: Value) -> A
     return part
 
 
-def _device(section: str, kind: type, values: dict[str, Any], written: Value) -> DeviceConfig:
+def _device(section: str, kind: type, values: Values, written: Value) -> DeviceConfig:
     servo, parameters = _split(values, BESIDE[section])
     if "law" in servo:
         with user_code("", "law"):
@@ -183,9 +179,7 @@ def _device(section: str, kind: type, values: dict[str, Any], written: Value) ->
     return DeviceConfig(_part(section, kind, parameters, written), ServoSettings(**servo))
 
 
-def _environment(
-    section: str, kind: type, values: dict[str, Any], written: Value
-) -> EnvironmentConfig:
+def _environment(section: str, kind: type, values: Values, written: Value) -> EnvironmentConfig:
     beside, parameters = _split(values, BESIDE[section])
     model = _part(section, kind, parameters, written)
     environment = EnvironmentConfig(model, **beside)
@@ -198,15 +192,13 @@ def _environment(
     return environment
 
 
-def _split(
-    values: Mapping[str, Any], beside: Mapping[str, Field]
-) -> tuple[dict[str, Any], dict[str, Any]]:
+def _split(values: Values, beside: Mapping[str, Field]) -> tuple[Values, Values]:
     """The values that stand beside those of the kind, and the latter."""
     settings = {name: value for name, value in values.items() if name in beside}
     return settings, {name: value for name, value in values.items() if name not in beside}
 
 
-def _link(values: dict[str, Any], written: Value) -> Impairment:
+def _link(values: Values, written: Value) -> Impairment:
     impairment = Impairment(**values)
     with user_code("trace", "trace"):
         trace_of(impairment)

@@ -3,26 +3,21 @@
 ``device.law``, ``links.environment_query.delay``, ``environment.surface.friction``.
 """
 
-from collections.abc import MutableMapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 from forcebound.errors import ConfigError
+
+Document: TypeAlias = dict[str, Any]  # a launch file, or a section of one, in plain JSON values
 
 
 @dataclass(frozen=True)
 class ParameterName:
-    """A name in its parts.
+    """A name in its parts."""
 
-    Attributes:
-        section: Of the launch file.
-        path: Mappings within the section, from outside to inside.
-        entry: Key of the value; empty for a value at the top, such as ``seed``.
-    """
-
-    section: str
-    path: tuple[str, ...] = ()
-    entry: str = ""
+    section: str  # of the launch file
+    path: tuple[str, ...] = ()  # mappings within the section, from outside to inside
+    entry: str = ""  # key of the value; empty for a value at the top, such as ``seed``
 
     @classmethod
     def parse(cls, text: str) -> "ParameterName":
@@ -45,12 +40,8 @@ class ParameterName:
         """The topic of a link's parameter; None for others."""
         return self.path[0] if self.section == "links" and self.path else None
 
-    def put(self, document: MutableMapping[str, Any], value: Any) -> None:
-        """Set the value in a document of plain values, in mappings of its own.
-
-        Raises:
-            TypeError: If there is no mapping on the way.
-        """
+    def put(self, document: Document, value: Any) -> None:
+        """Set the value in a document of plain values, in mappings of its own."""
         *before, last = self.steps
         for step in before:
             document[step] = dict(document.get(step) or {})
@@ -62,11 +53,7 @@ class ParameterName:
 
 
 def split_setting(text: str) -> tuple[str, str]:
-    """Return name and value of ``name:=value``, as it is written on a command line.
-
-    Raises:
-        ConfigError: If it is not of this form.
-    """
+    """Return name and value of ``name:=value``; ConfigError if it is not of this form."""
     name, sign, value = text.partition(":=")
     if sign and name:
         return name, value.strip()

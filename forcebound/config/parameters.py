@@ -10,9 +10,10 @@ from typing import Any
 
 from forcebound.bounding import LAWS
 from forcebound.config.graph import GraphConfig
-from forcebound.config.names import LAW, ParameterName
+from forcebound.config.names import LAW, Document, ParameterName
 from forcebound.config.problems import shortened
 from forcebound.config.resolved import to_document
+from forcebound.messages.control import Parameters
 from forcebound.network.impairment import Impairment
 from forcebound.parts.plain import plain
 from forcebound.topology import LINKS, ONE_HAND
@@ -20,12 +21,8 @@ from forcebound.topology import LINKS, ONE_HAND
 SECTIONS = ("links", "environment")  # of a launch file, whose entries are parameters
 
 
-def parameters(config: GraphConfig | Mapping[str, Any]) -> dict[str, Any]:
-    """Return all that can be changed, by name, as plain JSON values in SI units.
-
-    Args:
-        config: A configuration, or its document (:func:`forcebound.config.resolved.to_document`).
-    """
+def parameters(config: GraphConfig | Document) -> Parameters:
+    """Return all that can be changed, by name, as plain JSON in SI units; of a document, too."""
     document = config if isinstance(config, Mapping) else to_document(config)
     links = {topic: plain(Impairment()) | document["links"].get(topic, {}) for topic in LINKS}
     found = {LAW: document["device"]["law"]}
@@ -50,9 +47,7 @@ def _leaves(place: str, section: Mapping[str, Any]) -> Iterator[tuple[str, Any]]
         yield from _leaves(full, value) if isinstance(value, Mapping) else ((full, value),)
 
 
-def differences(
-    old: GraphConfig | Mapping[str, Any], new: GraphConfig | Mapping[str, Any]
-) -> dict[str, Any]:
+def differences(old: GraphConfig | Document, new: GraphConfig | Document) -> Parameters:
     """Return the parameters of ``new`` that ``old`` does not have with this value."""
     before = parameters(old)
     return {n: v for n, v in parameters(new).items() if n not in before or v != before[n]}
@@ -102,6 +97,6 @@ def processes_of(names: Iterable[str]) -> set[str]:
     }
 
 
-def describe(settings: Mapping[str, Any]) -> str:
+def describe(settings: Parameters) -> str:
     """Return parameters and their values in words."""
     return ", ".join(f"{name} = {value}" for name, value in settings.items())

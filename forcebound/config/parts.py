@@ -16,13 +16,8 @@ from forcebound.errors import ConfigError
 def member_of(section: str, kind: str, overrides: Sequence[str] = ()) -> Any:
     """Return one part by itself, such as an environment, outside any launch file.
 
-    Args:
-        section: ``"device"``, ``"operator"``, ``"controller"`` or ``"environment"``.
-        kind: As in a launch file; a relative path starts from the current folder.
-        overrides: Its parameters, each ``name:=value``.
-
-    Raises:
-        ConfigError: If there is no such kind or a parameter is wrong.
+    ``kind`` is as in a launch file, with a path from the current folder; ``overrides`` are
+    parameters, each ``name:=value``. ConfigError if there is no such kind or a parameter is wrong.
     """
     problems = Problems()
     entries = {"kind": Value(kind, Place(section), text=kind)}
@@ -36,11 +31,7 @@ def member_of(section: str, kind: str, overrides: Sequence[str] = ()) -> Any:
 
 
 def device_of(path: Path, without: Collection[str]) -> Any:
-    """Return the device of a file, as :func:`member_of` does, but for some of its parameters.
-
-    Raises:
-        ConfigError: If it cannot be read, has no device, or anything is wrong with that.
-    """
+    """Return the device of a file, as :func:`member_of` does, but for some of its parameters."""
     problems = Problems()
     section = device_section(path, problems)
     return make_part("device", section.without(*without), problems)

@@ -33,14 +33,10 @@ def read_phases(
     build: Callable[[Value, Problems], GraphConfig],
     problems: Problems,
 ) -> tuple[Phase, ...]:
-    """Return the phases of a launch file; what is wrong is added to ``problems``.
+    """Return the phases of a launch file ``root``; what is wrong is added to ``problems``.
 
-    Args:
-        root: The launch file.
-        heads: Name and duration of each phase.
-        config: Configuration without phases.
-        build: Reads a launch file; raises ConfigError with the problems noted.
-        problems: Of the launch file.
+    ``config`` is its configuration without phases; ``build`` reads a launch file, and raises
+    ConfigError with the problems noted.
     """
     listed = root.entries["phases"].content
     assert isinstance(listed, tuple)  # checked with the rest of the file

@@ -19,20 +19,12 @@ _WIDEST_EXCERPT = 100  # characters of a source line that are shown
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Where a value was written.
+    """Where a value was written: in a file, or for example ``argument law:=none``."""
 
-    Attributes:
-        name: File, or what else it came from: ``argument law:=none``, ``document: device.law``;
-            empty if the message has it.
-        line: Counts from 1; 0 if the place has no lines.
-        column: Counts from 1, in characters.
-        text: The line itself.
-    """
-
-    name: str
-    line: int = 0
-    column: int = 0
-    text: str = ""
+    name: str  # empty if the message has it
+    line: int = 0  # counts from 1; 0 if the place has no lines
+    column: int = 0  # counts from 1, in characters
+    text: str = ""  # the line itself
 
     def __str__(self) -> str:
         return f"{self.name}:{self.line}:{self.column}" if self.line else self.name
@@ -100,11 +92,7 @@ class Problems:
         return ConfigError("\n".join(str(problem) for problem in ordered))
 
     def raise_if_any(self) -> None:
-        """Raise all of them as one error.
-
-        Raises:
-            ConfigError: If there is a problem.
-        """
+        """Raise all of them as one ConfigError."""
         if self._found:
             raise self.error()
 

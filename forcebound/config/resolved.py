@@ -6,7 +6,7 @@ no part; each process makes the part that it runs (:func:`made`).
 """
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
@@ -27,8 +27,9 @@ from forcebound.config.graph import (
     RealtimeConfig,
     RemoteConfig,
 )
-from forcebound.config.names import ParameterName
+from forcebound.config.names import Document, ParameterName
 from forcebound.errors import ConfigError
+from forcebound.messages.control import Parameters
 from forcebound.network.impairment import Impairment
 from forcebound.nodes.servo import ServoSettings
 from forcebound.parts.plain import plain, plain_value
@@ -36,14 +37,11 @@ from forcebound.parts.plain import plain, plain_value
 FACTS = "facts"  # key of a run's document beside those of a launch file: numbers of the device
 
 
-def to_document(config: GraphConfig) -> dict[str, Any]:
-    """Return the configuration as a launch file of plain JSON types in SI units.
-
-    :func:`restore` reads it back.
-    """
+def to_document(config: GraphConfig) -> Document:
+    """Return the configuration as plain JSON in SI units, for :func:`restore`."""
     device, environment = config.device, config.environment
     beside = {name: plain_value(getattr(environment, name)) for name in BESIDE_MODEL}
-    document: dict[str, Any] = {
+    document: Document = {
         "forcebound": FORMAT,
         "description": config.description,
         "seed": config.seed,
@@ -66,17 +64,13 @@ def to_document(config: GraphConfig) -> dict[str, Any]:
     return document
 
 
-def run_document(config: GraphConfig) -> dict[str, Any]:
+def run_document(config: GraphConfig) -> Document:
     """Return the document for the processes of a run: with facts of the device."""
     return {**to_document(config), FACTS: plain(config.device.facts)}
 
 
 def kind_of(section: str, member: object) -> str:
-    """Return the ``kind`` that a launch file gives to ``member`` of a section.
-
-    Raises:
-        ConfigError: If it has none: it was made by a class that no launch file can name.
-    """
+    """Return the ``kind`` that a launch file gives to ``member``; ConfigError if it has none."""
     kind = KINDS[section].kind_of(type(member))
     if kind is None:
         raise ConfigError(
@@ -86,7 +80,7 @@ def kind_of(section: str, member: object) -> str:
     return kind
 
 
-def member_document(section: str, member: object) -> dict[str, Any]:
+def member_document(section: str, member: object) -> Document:
     """Return kind and parameters of a member of a section, in plain JSON types."""
     if isinstance(member, PartSpec):
         return {"kind": member.kind, **member.values}
@@ -94,11 +88,7 @@ def member_document(section: str, member: object) -> dict[str, Any]:
 
 
 def check_plain(part: Any) -> None:
-    """Check that the parameters of a part can be written into documents and recordings.
-
-    Raises:
-        ConfigError: If one has a type or value that JSON does not have.
-    """
+    """Raise ConfigError if JSON has no type or value for a parameter of a part."""
     for name, value in plain(part).items():
         try:
             json.dumps(value, allow_nan=False)
@@ -106,7 +96,7 @@ def check_plain(part: Any) -> None:
             raise ConfigError(f"{name} cannot be written down: {error}") from None
 
 
-def restore(document: Mapping[str, Any]) -> GraphConfig:
+def restore(document: Document) -> GraphConfig:
     """Return the configuration of an unchanged document, its parts as :class:`PartSpec`.
 
     :func:`forcebound.config.loader.from_document` checks one that may have been changed.
@@ -119,11 +109,7 @@ def restore(document: Mapping[str, Any]) -> GraphConfig:
 
 
 def made(section: str, part: Any) -> Any:
-    """Return a part, made if it is a :class:`PartSpec`; None stays None.
-
-    Raises:
-        ConfigError: If the file of a user's part is gone, or it does not take its parameters.
-    """
+    """Return a part, made if it is a :class:`PartSpec`; ConfigError if it cannot be."""
     if not isinstance(part, PartSpec):
         return part
     with _refusing(f"the {section} {part.kind} cannot be made"):
@@ -131,12 +117,7 @@ def made(section: str, part: Any) -> Any:
 
 
 def with_parts(config: GraphConfig, of_users: bool = True) -> GraphConfig:
-    """Return the configuration with its parts made.
-
-    Args:
-        config: Of a run.
-        of_users: Whether also those whose code does not ship with forcebound.
-    """
+    """Return the configuration with its parts made; ``of_users``: also those of others' code."""
 
     def part(section: str, one: Any) -> Any:
         is_foreign = isinstance(one, PartSpec) and not KINDS[section].is_shipped(one.kind)
@@ -153,17 +134,11 @@ def with_parts(config: GraphConfig, of_users: bool = True) -> GraphConfig:
     )
 
 
-def with_parameters(config: GraphConfig, settings: Mapping[str, Any]) -> GraphConfig:
-    """Return the configuration with other :func:`~forcebound.config.parameters.parameters`.
+def with_parameters(config: GraphConfig, settings: Parameters) -> GraphConfig:
+    """Return the configuration with other parameters: plain JSON values, checked before, by name.
 
-    Its environment is a :class:`PartSpec` if a parameter of it changes.
-
-    Args:
-        config: What has other values.
-        settings: By name, plain JSON values in SI units, checked before.
-
-    Raises:
-        ConfigError: If there is no such parameter, or a file that one names is gone.
+    Its environment is a :class:`PartSpec` if a parameter of it changes. ConfigError if there is no
+    such parameter, or a file that one names is gone.
     """
     document = to_document(config)
     names = {ParameterName.parse(name): value for name, value in settings.items()}
@@ -191,7 +166,7 @@ def _refusing(words: str) -> Iterator[None]:
         raise ConfigError(f"{words}: {error!r}") from error
 
 
-def _graph(document: Mapping[str, Any]) -> GraphConfig:
+def _graph(document: Document) -> GraphConfig:
     remote, operator, facts = (document.get(name) for name in ("remote", "operator", FACTS))
     device, environment = document["device"], document["environment"]
     stated = None if facts is None else _restored(DeviceFacts, facts)
@@ -216,14 +191,14 @@ def _graph(document: Mapping[str, Any]) -> GraphConfig:
     )
 
 
-def _spec(section: str, document: Mapping[str, Any]) -> Any:
+def _spec(section: str, document: Document) -> Any:
     """The part of a section; as a configuration has it, so of any type."""
     settings = {"device": fields_of(ServoSettings), "environment": BESIDE_MODEL}.get(section, ())
     values = {n: v for n, v in document.items() if n != "kind" and n not in settings}
     return PartSpec(document["kind"], values)
 
 
-def _restored(kind: type, document: Mapping[str, Any]) -> Any:
+def _restored(kind: type, document: Document) -> Any:
     """A dataclass with its values in a document."""
     return kind(**_values(kind, document))
 
@@ -232,9 +207,7 @@ def _path(kind: type, value: Any) -> Any:  # the only type here that JSON does n
     return kind(value)
 
 
-def _values(
-    kind: type, document: Mapping[str, Any], names: tuple[str, ...] | None = None
-) -> dict[str, Any]:
+def _values(kind: type, document: Document, names: tuple[str, ...] | None = None) -> Document:
     return {
         field.name: msgspec.convert(document[field.name], field.hint, dec_hook=_path)
         for field in fields_of(kind, names).values()

@@ -5,7 +5,7 @@ here, and units are text. What it refuses, the loader refuses too.
 """
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, TypeAlias
 
 from forcebound.bounding import LAWS
 from forcebound.config.fields import Field, fields_of
@@ -13,12 +13,14 @@ from forcebound.config.forms import Form
 from forcebound.config.graph import FORMAT, KINDS, RUN_KEYS, GraphConfig
 from forcebound.config.model import BESIDE, FIXED
 
+Schema: TypeAlias = dict[str, Any]
+
 SUBSTITUTION = {"type": "string", "pattern": r"\$[({]", "description": "$(arg x) or ${env:X}"}
 _FILE_KIND = {"type": "string", "pattern": r"\.py(:[A-Za-z_][A-Za-z0-9_]*)?$"}  # of the user's own
 _SCALAR = {"type": ["string", "number", "boolean", "null"]}
 
 
-def json_schema() -> dict[str, Any]:
+def json_schema() -> Schema:
     """Return the JSON schema (draft 2020-12) of a launch file; a quantity is a number or text."""
     argument = {
         "default": _SCALAR,
@@ -47,7 +49,7 @@ def json_schema() -> dict[str, Any]:
     }
 
 
-def _mapping(properties: Mapping[str, Any]) -> dict[str, Any]:
+def _mapping(properties: Schema) -> Schema:
     return {
         "type": ["object", "null"],
         "properties": dict(properties),
@@ -55,13 +57,13 @@ def _mapping(properties: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def _form(form: Form) -> dict[str, Any]:
+def _form(form: Form) -> Schema:
     inner = {name: _form(one) for name, one in form.inner.items()}
     schema = _mapping({**properties(form.fields), **inner})
     return {"type": "array", "items": schema} if form.is_list else schema
 
 
-def _kinds(section: str) -> dict[str, Any]:
+def _kinds(section: str) -> Schema:
     """One alternative for each kind; the kind itself may come from an included file."""
     beside = properties(BESIDE.get(section, {}))
     if section == "device":
@@ -76,7 +78,7 @@ def _kinds(section: str) -> dict[str, Any]:
     return {"anyOf": alternatives}
 
 
-def properties(fields: Mapping[str, Field]) -> dict[str, Any]:
+def properties(fields: Mapping[str, Field]) -> Schema:
     """Return the schema of each of some fields, by name."""
     schema = Form("", fields).adapter.json_schema()
     definitions = schema.get("$defs", {})
@@ -85,14 +87,14 @@ def properties(fields: Mapping[str, Field]) -> dict[str, Any]:
         value = _inlined(schema["properties"][name], definitions)
         if field.name == "law":
             value = {"anyOf": [{"enum": sorted(LAWS)}, _FILE_KIND]}
-        described: dict[str, Any] = {"anyOf": [value, SUBSTITUTION]}
+        described: Schema = {"anyOf": [value, SUBSTITUTION]}
         if not field.required and isinstance(field.default, str | int | float):
             described["default"] = field.default
         found[name] = described
     return found
 
 
-def _inlined(schema: Any, definitions: Mapping[str, Any]) -> Any:
+def _inlined(schema: Any, definitions: Schema) -> Any:
     """Return a schema with what it refers to in place of the references."""
     if isinstance(schema, list):
         return [_inlined(entry, definitions) for entry in schema]

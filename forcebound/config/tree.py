@@ -164,8 +164,9 @@ class _Reader:
 
     def note_syntax(self, error: Exception) -> None:
         """Note what the parser raised: it has a mark, or a position in the text."""
-        mark, position = getattr(error, "problem_mark", None), getattr(error, "position", None)
-        words = getattr(error, "problem", None) or getattr(error, "reason", None) or str(error)
+        details = vars(error)
+        mark, position = details.get("problem_mark"), details.get("position")
+        words = details.get("problem") or details.get("reason") or str(error)
         message = f"this is not YAML: {words.partition(chr(10))[0] or 'damaged'}"
         if "'\\t'" in words:
             message = "a tab; YAML needs spaces here"

@@ -10,15 +10,10 @@ from forcebound.errors import ConfigError
 
 
 def tried(function: Callable[[], bytes], files: Sequence[Path], seconds: float) -> bytes:
-    """Return what ``function`` returns in a process of its own.
+    """Return what a function of a module, or a ``partial``, returns in a process of its own.
 
-    Args:
-        function: A function of a module, or a ``partial``.
-        files: With the user's code; messages name them and the line that it was on.
-        seconds: How long it may take.
-
-    Raises:
-        ConfigError: If it raises one of our errors, takes too long or ends its process.
+    ConfigError if it raises one of our errors, takes longer than so many ``seconds`` or ends its
+    process; it names the ``files`` of the user's code, and the line that it was on.
     """
     try:
         return in_bounded_child(function, seconds)

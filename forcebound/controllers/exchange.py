@@ -44,9 +44,6 @@ class ReplyTimeouts(ControllerModel):
 class Exchange:
     """Questions that wait for an answer, and how long it takes.
 
-    Args:
-        timeouts: Of the controller.
-
     Times are of the controller's clock, in ns.
     """
 

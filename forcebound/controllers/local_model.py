@@ -1,17 +1,9 @@
 """A controller that knows a plane near the hand, and answers for an environment that is far away.
 
 For each state of the device the force is that of a local plane, at once: the loop over the device
-has no delay, however far the environment is. The plane is estimated from the environment's answers
-(:mod:`forcebound.controllers.plane`) and changes without giving energy
-(:mod:`forcebound.controllers.shown_plane`).
-
-*Looking ahead.* The environment is asked about the place where the hand will be when the answer is
-back, position + velocity times the round trip. So a surface is known when the hand arrives, not one
-round trip later. Behind a surface that is known it is asked no deeper than ``margin``, or the hand:
-the environment shall not be pushed by a hand that is not there.
-
-*The end.* Nobody else knows that the environment is gone: after ``hold`` without an answer the
-force fades, then there is no command, and the plane is forgotten.
+has no delay, however far the environment is. The environment is asked about the place where the
+hand will be when the answer is back; ``docs/controllers.md`` says how the plane is estimated, shown
+and forgotten.
 
 Source: model-mediated teleoperation, Hannaford 1989; Mitra and Niemeyer, IJRR 27(2), 2008.
 """

@@ -8,11 +8,8 @@ def colgate_schenkel(
 
     .. math:: K \le \frac{b - |B|}{T / 2 + t_d}
 
-    Args:
-        damping: b of the device, in N s/m.
-        period: T, in s.
-        wall_damping: B, in N s/m, from a backward difference.
-        delay: t_d from reading to writing, in s.
+    with the device's damping b, the period T, the wall's damping B from a backward difference, and
+    the delay :math:`t_d` from reading to writing.
 
     Source: J. E. Colgate and G. Schenkel, Passivity of a class of sampled-data systems: application
     to haptic interfaces, Journal of Robotic Systems 14(1), 1997.

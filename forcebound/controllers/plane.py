@@ -1,23 +1,11 @@
-r"""A local plane, estimated from what the environment answers.
+"""A local plane, estimated from what the environment answers (``docs/controllers.md``).
 
-An answer F belongs to the position x and velocity v that were asked about. Near the surface it is
-taken for that of a plane with the unit vector u into the solid, at the offset c:
-
-.. math:: F_n = F \cdot u = k (x \cdot u - c) + b\, v \cdot u, \qquad
-          F_t = \mu F_n \text{ against the motion along the plane}
-
-An environment that tells its contact tells u and c; :class:`SpringDamper` estimates k and b from
-depth and speed, :math:`\mu` is a mean over answers in which the hand slid. One that tells only
-forces:
-
-* u is the direction of the force; friction tilts it and is not told apart.
-* k and b follow from *pairs* of answers: their difference does not depend on c, so neither a wall
-  that moves now and then nor a plane that turns (:math:`x \cdot u` changes by the turn to second
-  order only) disturbs them.
-* c then follows from the newest answer alone.
-
-A free answer says that the surface lies beyond x: the plane recedes to x if it lay before. The
-positions are those that were asked about, so the encoder's quantisation is no noise here.
+An environment that tells its contact tells the plane's direction and offset; stiffness and damping
+are estimated from depth and speed (:class:`SpringDamper`), friction is a mean over answers in which
+the hand slid. One that tells only forces: the direction is that of the force; stiffness and damping
+follow from *pairs* of answers, whose difference does not depend on the offset, so neither a wall
+that moves now and then nor a plane that turns (to first order) disturbs them; the offset then
+follows from the newest answer alone. A free answer moves the plane back.
 
 Source: contact models of stiffness and damping from the answers: Verscheure, De Schutter et al.
 2010; Li and Song 2007.
@@ -73,15 +61,11 @@ class Plane:
 
 
 class PlaneEstimator:
-    """The plane that the answers tell of.
+    """The plane that the answers tell of; None until the first contact.
 
-    Args:
-        forgetting: Weight of the information before at each new sample, 0 to 1.
-        stiffest: Largest stiffness believed, in N/m.
-        pair_way: Way along u between the two answers of a pair, in m.
-
-    Attributes:
-        plane: The newest; None until the first contact.
+    ``forgetting`` is the weight of the information before at each new sample, 0 to 1, ``stiffest``
+    the largest stiffness believed, in N/m, ``pair_way`` the way along u between the two answers of
+    a pair, in m.
     """
 
     def __init__(self, forgetting: float, stiffest: float, pair_way: float = PAIR_WAY) -> None:
@@ -95,13 +79,7 @@ class PlaneEstimator:
         self._spring = SpringDamper(forgetting)
 
     def take(self, asked: Asked, force: Vector, contact: Contact | None = None) -> None:
-        """Take an answer in.
-
-        Args:
-            asked: What it answers.
-            force: N.
-            contact: If the environment tells it.
-        """
+        """Take an answer in: the force, in N, and the contact if the environment tells it."""
         magnitude = math.hypot(*force)
         if contact is not None:
             self._take_told(asked, force, contact)

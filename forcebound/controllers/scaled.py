@@ -1,18 +1,7 @@
 r"""Workspace and force scaled, a clutch on a button, rate control beyond a border.
 
-The device at x commands a point X in the environment,
-
-.. math:: \dot X = s \dot x, \qquad F = s_f F_{env}(X)
-
-so a wall of stiffness k feels like :math:`s_f s k`. The power at the hand is :math:`s_f / s` times
-that in the environment; with :math:`s_f = s`, the default, it is the same: the controller neither
-adds nor takes any. The bounder covers what a larger :math:`s_f` adds.
-
-*Clutch.* While its button is down, X stands still and the force is zero, so the hand can move back.
-X goes on from where it stood: no jump. The force comes back over ``engage_time``.
-
-*Border.* Beyond the distance ``border`` from the device's origin the point also drifts, in the
-direction of the excess e, with :math:`\dot X = s\, g\, e`; a spring tells the hand of the border.
+The device at x commands a point X in the environment, :math:`\dot X = s \dot x` and :math:`F = s_f
+F_{env}(X)`; ``docs/controllers.md`` has the rest.
 
 Source: scaling and its power: J. E. Colgate, Robust impedance shaping telemanipulation, IEEE
 Transactions on Robotics and Automation 9(4), 1993; rate control beyond an elastic border: L.
@@ -95,22 +84,16 @@ class Scaled(ControllerModel):
 
 
 class Clutch:
-    """A button that uncouples the device while it is down.
+    """A button that uncouples the device while it is down, if it has a number.
 
-    Args:
-        button: Its number; None: there is no clutch.
-        engage_time: From no force to full force, once it is up again, in s.
-
-    Attributes:
-        is_down: Whether the device is uncoupled.
-        notices: What a person may not have meant.
+    ``engage_time`` is from no force to full force, once it is up again, in s.
     """
 
     def __init__(self, button: int | None, engage_time: float) -> None:
         self._button = button
         self._engage_time = engage_time
         self.is_down = False
-        self.notices: list[Notice] = []
+        self.notices: list[Notice] = []  # of what a person may not have meant
         self._has_begun = False
         self._changed_ns: int | None = None  # when it went down or up; None: never
         self._is_told = False  # that it is down for long

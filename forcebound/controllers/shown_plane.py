@@ -1,19 +1,11 @@
-r"""The plane that the hand is shown: it follows the estimated one without giving energy.
+"""The plane that the hand is shown: it follows the estimated one without giving energy.
 
-A spring of stiffness k at depth d stores :math:`V = k d^2 / 2`. A surface that comes towards the
-hand, or gets stiffer, would fill that spring out of nothing, and the hand could take the energy
-out. So the shown plane takes direction, stiffness, damping and friction of the estimated one at
-once, but only as much of its depth as a budget E pays:
-
-.. math:: \tfrac12 k' d'^2 = \min\big(\tfrac12 k' d_{est}^2,\; V + E\big), \qquad
-          E' = \min\big(E + P\,dt - (V' - V),\; E_{max}\big)
-
-with V what the plane shown so far stores at the new position. What a surface that recedes or
-softens takes out of the spring goes into the budget: the hand had put it in. So in any time t
-changes of the plane give the hand at most P t more than it has put in; with P = 0 nothing.
-
-Damping and friction only dissipate: the force never pulls the hand in, and the spring of the
-friction gives way at its limit and is not filled when it gets stiffer.
+A surface that comes towards the hand, or gets stiffer, would fill its spring out of nothing, and
+the hand could take the energy out. So the shown plane takes direction, stiffness, damping and
+friction of the estimated one at once, but only as much of its depth as a budget pays
+(``docs/controllers.md``, "Changes give no energy"). Damping and friction only dissipate: the force
+never pulls the hand in, and the spring of the friction gives way at its limit and is not filled
+when it gets stiffer.
 
 Source: a surface that appears where the hand is and then moves to its place: Mitra and Niemeyer,
 Model-mediated telemanipulation, International Journal of Robotics Research 27(2), 2008. The budget
@@ -30,12 +22,7 @@ MOST = 0.02  # J, of the budget: 6 N on a wall of 1 N/mm
 
 
 class ShownPlane:
-    """What is shown of a plane.
-
-    Args:
-        power: Most power P that changes of the plane may give, in W.
-        axes: Number of axes.
-    """
+    """What is shown of a plane, whose changes may give at most ``power``, in W."""
 
     def __init__(self, power: float, axes: int) -> None:
         self._power = power
@@ -46,14 +33,7 @@ class ShownPlane:
         self._stretch = self._zero  # of the spring along the surface, m
 
     def force(self, plane: Plane, position: Vector, velocity: Vector, dt: float) -> Vector:
-        """Return the force at a new position, in N.
-
-        Args:
-            plane: The estimated one.
-            position: Of the device, in m.
-            velocity: Of the device, in m/s.
-            dt: Since the position before, in s.
-        """
+        """Return the force at a new position, in N, ``dt`` s after the position before."""
         place = dot(position, plane.inwards)
         depth = self._depth(plane, position, dt)
         pressed = 0.0

@@ -16,22 +16,17 @@ UNSURE_STIFFNESS, UNSURE_DAMPING = 1e7, 1e4  # N/m, N s/m: of an estimate, over 
 
 
 class SpringDamper:
-    """An estimate of a spring and a damper side by side.
+    """An estimate of a spring and a damper side by side: k, in N/m, and b, in N s/m.
 
-    Args:
-        forgetting: Weight of the information before at each new sample, λ, above 0, at most 1.
-
-    Attributes:
-        stiffness: k, in N/m.
-        damping: b, in N s/m.
-        samples: That have been taken in.
+    ``forgetting`` is the weight of the information before at each new sample, λ, above 0, at most
+    1.
     """
 
     def __init__(self, forgetting: float) -> None:
         self._forgetting = forgetting
         self._covariance = (UNSURE_STIFFNESS**2, 0.0, UNSURE_DAMPING**2)  # P: kk, kb, bb
         self.stiffness, self.damping = 0.0, 0.0
-        self.samples = 0
+        self.samples = 0  # that have been taken in
 
     def add(self, depth: float, speed: float, force: float) -> None:
         """Take a sample in: ``depth`` in m, ``speed`` in m/s and ``force`` in N, or changes."""

@@ -1,21 +1,16 @@
 r"""A virtual coupling: spring and damper between the device and a proxy in the environment.
 
-The environment is asked about the proxy p, so it never meets the hand itself: however stiff it is,
-the device sees no more than the coupling's k and b,
-
-.. math:: F = k (x - p) + b (v - \dot p), \qquad m \ddot p = F - F_{env}(p)
-
-and is passive without any law if these are (Colgate and Schenkel). With m = 0 the proxy is where
-both forces are equal. A step of time is taken implicitly, as stiff contacts need:
+The environment is asked about the proxy p, so it never meets the hand itself
+(``docs/controllers.md``). A step of time is taken implicitly, as stiff contacts need:
 
 .. math:: \frac{m}{dt} (w' - w) = k (x - p - w'\,dt) + b (v - w') - F_{env}(p + w'\,dt)
 
-The environment's force in it is that of a plane estimated from its answers
-(:mod:`forcebound.controllers.plane`), since the answer about p' is not there yet. Ten answers
-without force where the plane has some end the plane until the next contact.
+The environment's force in it is that of a plane estimated from its answers, since the answer about
+p' is not there yet. Ten answers without force where the plane has some end the plane until the next
+contact.
 
-Source: J. E. Colgate, M. C. Stanley and J. M. Brown, Issues in the haptic display of tool use,
-IROS 1995; R. J. Adams and B. Hannaford, Stable haptic interaction with virtual environments, IEEE
+Source: J. E. Colgate, M. C. Stanley and J. M. Brown, Issues in the haptic display of tool use, IROS
+1995; R. J. Adams and B. Hannaford, Stable haptic interaction with virtual environments, IEEE
 Transactions on Robotics and Automation 15(3), 1999.
 """
 

@@ -16,14 +16,9 @@ from forcebound.operators import Operator
 
 
 class ArmBody:
-    """An arm in a hand; see ``Body``. Its readings are angles.
+    """An arm, of a SimulatedArm, with a hand at its tip; see ``Body``. Its readings are angles.
 
-    Args:
-        model: A :class:`~forcebound.devices.simulated_arm.SimulatedArm`.
-        operator: The hand at its tip.
-
-    Raises:
-        DeviceError: If the hand begins where the arm does not reach.
+    DeviceError if the hand begins where the arm does not reach.
     """
 
     def __init__(self, model: Any, operator: Operator) -> None:
@@ -78,11 +73,7 @@ class ArmBody:
         return 0.5 * float(self._plant[INERTIA] @ self._joints[SPEED] ** 2)
 
     def move(self, target: Vector, target_end: Vector, duration: float, commanded: Vector) -> None:
-        """Move the joints; see ``Body``.
-
-        Raises:
-            DeviceError: If the hand has moved the tip to where the arm cannot be held.
-        """
+        """Move the joints; DeviceError if the tip comes to where the arm cannot be held."""
         if self._weak_spot is not None:
             share = self._weak_spot.share_at(self._joints[ANGLE].tolist())
             self._plant[FRICTION:] = share * self._sound

@@ -117,15 +117,10 @@ def mean_speed(
 def yielding_speed(
     drive: float, impedance: float, h: float, friction: float, presliding: float, bristle: float
 ) -> float:
-    """Return the mean velocity of a step with friction that yields, in m/s.
+    """Return the mean velocity of a step of ``h`` s with friction that yields, in m/s.
 
-    Args:
-        drive: Force that it would take to stand still, in N.
-        impedance: Force per mean velocity, in N s/m.
-        h: Length of the step, in s.
-        friction: In N.
-        presliding: In m, > 0.
-        bristle: How far the friction has yielded, in m.
+    ``drive`` is the force that it would take to stand still, in N, ``impedance`` the force per mean
+    velocity, in N s/m, ``bristle`` how far the friction has yielded of the ``presliding``, in m.
     """
     stiffness = friction / presliding
     mean = (drive - stiffness * bristle) / (impedance + 0.5 * h * stiffness)

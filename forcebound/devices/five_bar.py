@@ -38,13 +38,9 @@ LEAST_SINE = 0.1
 def five_bar_pose(angles: Floats, geometry: Floats, tip: Floats, jacobian: Floats) -> None:
     """Pose of a five-bar; see :data:`forcebound.devices.kinematics.Pose`.
 
-    Where the distal links could not meet, or are nearly in line, the Jacobian is zero.
-
-    Args:
-        angles: Of the motors at +d/2 and -d/2, in rad.
-        geometry: l, L, d, and the coordinates of the tip's origin, in m.
-        tip: Becomes the position of the tip.
-        jacobian: Becomes its derivatives.
+    Angles of the motors at +d/2 and -d/2, in rad; the geometry is l, L, d, and the coordinates of
+    the tip's origin, in m. Where the distal links could not meet, or are nearly in line, the
+    Jacobian is zero.
     """
     proximal, distal, base, origin_x, origin_y = geometry
     ax = 0.5 * base + proximal * math.cos(angles[0])

@@ -18,10 +18,7 @@ _NEEDED = ("read", "write", "position", "torque")  # they never return None
 def guarded(device: Device) -> Device:
     """Return the device; its failures are DeviceErrors that name the method, its answers checked.
 
-    ``close`` alone passes on what it raises.
-
-    Raises:
-        DeviceError: If it does not have its attributes.
+    ``close`` alone passes on what it raises. DeviceError if it does not have its attributes.
     """
     try:
         kinematics, axes = device.kinematics, device.axes

@@ -31,14 +31,7 @@ Pose: TypeAlias = Callable[["Floats", "Floats", "Floats", "Floats"], None]
 class ArmKinematics:
     """Kinematics of an arm with as many joints as coordinates of its tip.
 
-    Args:
-        pose: Of this kind of arm.
-        geometry: What ``pose`` takes, in m.
-        joints: Number of joints.
-
-    Attributes:
-        pose: Of this kind of arm.
-        geometry: What ``pose`` takes, in m.
+    ``geometry`` is what the function ``pose`` of this kind of arm takes, in m.
     """
 
     def __init__(self, pose: Pose, geometry: Vector, joints: int) -> None:
@@ -122,15 +115,10 @@ def tip_force(
 
 
 def link_angle(near: float, far: float, reach: float) -> float | None:
-    """Return the angle between a link and the straight line from its joint to the tip.
+    """Return the angle between a link and the straight line from its joint to the tip, in rad.
 
-    Args:
-        near: Length of the link, in m.
-        far: Length of the link that leads on to the tip, in m.
-        reach: From the joint to the tip, in m.
-
-    Returns:
-        In rad, 0 to pi, by the law of cosines; None if the links do not reach.
+    ``near`` and ``far`` are the lengths of the link and of that which leads on to the tip,
+    ``reach`` is from the joint to the tip, in m. None if the links do not reach.
     """
     if not abs(near - far) <= reach <= near + far or reach == 0.0:
         return None
@@ -141,15 +129,9 @@ def link_angle(near: float, far: float, reach: float) -> float | None:
 def two_links(upper: float, lower: float, out: float, up: float) -> tuple[float, Vector] | None:
     """Return how two links reach a tip, the elbow above the line from shoulder to tip.
 
-    Args:
-        upper: Length of the link at the shoulder, in m.
-        lower: Length of the link at the tip, in m.
-        out: Place of the tip, from the shoulder, in m.
-        up: Its height above the shoulder, in m.
-
-    Returns:
-        Angle of the upper link above the level, in rad, and the way out and up from elbow to tip,
-        in m; None if the links do not reach.
+    The tip is ``out`` from the shoulder and ``up``, in m, as are the lengths of the links. Returns
+    the angle of the upper link above the level, in rad, and the way out and up from elbow to tip,
+    in m; None if the links do not reach.
     """
     corner = link_angle(upper, lower, math.hypot(out, up))
     if corner is None:

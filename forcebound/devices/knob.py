@@ -25,11 +25,7 @@ from forcebound.quantities import POSITIVE, AngularSpeed, Inertia, Length, Range
 def knob_pose(angles: Floats, geometry: Floats, tip: Floats, jacobian: Floats) -> None:
     """Pose of independent joints; see :data:`forcebound.devices.kinematics.Pose`.
 
-    Args:
-        angles: Of the joints, in rad.
-        geometry: Length of each lever, in m.
-        tip: Becomes the way along each arc.
-        jacobian: Becomes the levers, on its diagonal.
+    Angles in rad; the geometry is the length of each lever, in m; the tip, the way along each arc.
     """
     for j in range(angles.size):
         for k in range(angles.size):

@@ -13,25 +13,13 @@ LONGEST_GUARDED = 0.1  # s, if the device states no limit
 
 
 class Motor:
-    """The force commanded of the motor, over time.
+    """The force commanded of the motor, over time, per axis, in N.
 
     A written force acts after the write delay, in place of the one before. The watchdog drops a
     force that has acted for longer than the hold limit that held when it was written. A guarding
     one looks at that very instant, then once in each guard period, and drops the force at the look
     that sees an axis moved back: against the force, from where it was when the force began to act.
-
-    Args:
-        stated: What the device states.
-        truth: Where that is not true.
-        hold_limit: In s.
-        force: What the motor gives before the first write, in N.
-
-    Attributes:
-        force: Commanded now, per axis, in N.
-        next_ns: When ``force`` changes next, in ns.
-        effect_ns: When the force of the last write acts, in ns.
-        cut_ns: When the watchdog dropped a force after the last write, in ns; None if it did not.
-        guards: Whether the watchdog is a guarding one.
+    ``truth`` is where what the device states is not true.
     """
 
     def __init__(
@@ -55,10 +43,10 @@ class Motor:
         self._waiting: deque[tuple[int, int, Vector, Vector]] = deque()
         self._drop_ns = self._last_ns = NEVER
         self._written = self._reference = self._zero
-        self.force = force
-        self.next_ns = NEVER
-        self.effect_ns = 0
-        self.cut_ns: int | None = None
+        self.force = force  # commanded now
+        self.next_ns = NEVER  # when that changes next
+        self.effect_ns = 0  # when the force of the last write acts
+        self.cut_ns: int | None = None  # when the watchdog dropped a force after it
         self.set_hold_limit(hold_limit)
 
     def set_hold_limit(self, seconds: float) -> float:
@@ -73,11 +61,8 @@ class Motor:
     def write(self, time_ns: int, commanded: Vector, written: Vector, reading: Vector) -> None:
         """Take a new force; every change before ``time_ns`` has been made.
 
-        Args:
-            time_ns: Now, in ns.
-            commanded: Force commanded of the motor, in N.
-            written: What was written, in N.
-            reading: Now, in m; only a guarding watchdog looks at it.
+        It is ``written``, and ``commanded`` of the motor, in N; a guarding watchdog looks at the
+        ``reading`` of now.
         """
         self.cut_ns = None
         delay_ns, hold_ns = self._delay_ns, self._hold_ns
@@ -92,11 +77,7 @@ class Motor:
         self._plan()
 
     def change(self, reading: Vector) -> bool:
-        """Make the change that is due at ``next_ns``; return whether the watchdog dropped a force.
-
-        Args:
-            reading: Then, in m.
-        """
+        """Make the change due at ``next_ns``; return whether the watchdog dropped a force."""
         is_cut = False
         if self._is_due():
             self._begin(reading)

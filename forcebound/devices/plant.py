@@ -42,26 +42,12 @@ def advance(
     hand_stiffness: float,
     hand_damping: float,
 ) -> tuple[float, float, float, float]:
-    """Advance one axis by ``duration`` under a constant motor force.
+    """Advance one axis by ``duration``, in s, > 0, under a motor force (N) that is held.
 
-    Args:
-        x: Position, in m.
-        v: Velocity, in m/s.
-        work: Work of the hand's spring and damper so far, in J.
-        target: Where the hand wants to be at the start, in m.
-        target_end: And at the end; in between it moves evenly.
-        duration: In s, > 0.
-        substep: Longest integration step, in s.
-        motor_force: Held by the motor, in N, positive against positive motion.
-        mass: Of device and hand together, in kg.
-        damping: Of the device, in N s/m.
-        friction: Coulomb friction of the device, in N.
-        hand_stiffness: In N/m.
-        hand_damping: In N s/m.
-
-    Returns:
-        Position, velocity, work, and the mean force of the hand's spring and damper in the last
-        step, in N.
+    Returns position (m), velocity (m/s), work of the hand's spring and damper so far (J), and their
+    mean force in the last step (N). The hand's target moves evenly from ``target`` to
+    ``target_end`` (m); the mass is that of device and hand together (kg), damping and friction are
+    the device's (N s/m, N); ``substep`` is the longest integration step (s).
     """
     steps = count_steps(duration, substep)
     h = duration / steps

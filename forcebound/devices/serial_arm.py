@@ -22,11 +22,8 @@ from forcebound.quantities import POSITIVE, AngularSpeed, Inertia, Length, Range
 def planar_pose(angles: Floats, geometry: Floats, tip: Floats, jacobian: Floats) -> None:
     """Pose of two joints; see :data:`forcebound.devices.kinematics.Pose`.
 
-    Args:
-        angles: Of shoulder and elbow, in rad.
-        geometry: Lengths of the links, and the coordinates of the tip's origin, in m.
-        tip: Becomes the position of the tip.
-        jacobian: Becomes its derivatives.
+    Angles of shoulder and elbow, in rad; the geometry is the lengths of the links, and the
+    coordinates of the tip's origin, in m.
     """
     upper, lower = geometry[0], geometry[1]
     x_lower = lower * math.cos(angles[0] + angles[1])
@@ -44,11 +41,7 @@ def planar_pose(angles: Floats, geometry: Floats, tip: Floats, jacobian: Floats)
 def spatial_pose(angles: Floats, geometry: Floats, tip: Floats, jacobian: Floats) -> None:
     """Pose of three joints; see :data:`forcebound.devices.kinematics.Pose`.
 
-    Args:
-        angles: Of base, shoulder and elbow, in rad.
-        geometry: Lengths of the links, and the coordinates of the tip's origin, in m.
-        tip: Becomes the position of the tip.
-        jacobian: Becomes its derivatives.
+    Angles of base, shoulder and elbow, in rad; geometry as of :func:`planar_pose`.
     """
     upper, lower = geometry[0], geometry[1]
     cosine, sine = math.cos(angles[0]), math.sin(angles[0])

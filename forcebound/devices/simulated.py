@@ -9,33 +9,24 @@ from forcebound.devices.true_values import TrueMotor, per_axis
 from forcebound.devices.truth import Truth
 from forcebound.messages.packets import Vector
 from forcebound.operators import Operator
-from forcebound.operators.no_hand import NoHand
+from forcebound.operators.hands import NoHand
 from forcebound.operators.pointer import PointerHand
 
 
 class Body(Protocol):
-    """What moves: the mechanics of a device, in its hand.
+    """What moves: the mechanics of a device, in its hand."""
 
-    Attributes:
-        kinematics: Of an arm; None: readings are positions of the tip.
-        compensation: Force that the motor adds to every force, in N.
-    """
-
-    kinematics: Kinematics | None
-    compensation: Vector
+    kinematics: Kinematics | None  # of an arm; None: readings are positions of the tip
+    compensation: Vector  # N, that the motor adds to every force
 
     def reading(self) -> Vector:
         """Return the readings of the encoders."""
         ...
 
     def move(self, target: Vector, target_end: Vector, duration: float, commanded: Vector) -> None:
-        """Move on.
+        """Move on for ``duration`` s under a force commanded of the motor, in N (or N m).
 
-        Args:
-            target: Where the hand wants to be at the start, in m.
-            target_end: And at the end; in between it moves evenly.
-            duration: In s, > 0.
-            commanded: Force commanded of the motor, in N (or N m).
+        Where the hand wants to be moves evenly from ``target`` to ``target_end``, in m.
         """
         ...
 
@@ -56,11 +47,8 @@ class SimulatedDevice(Device):
     written force acts after the write delay; one that is too old is dropped at the very instant it
     gets too old, as the watchdog of a real device's firmware does, or guarded from then on.
 
-    Args:
-        model: A ``DeviceModel`` with its ``truth`` (None: as stated) and a method ``body`` that
-            returns the :class:`Body` in an operator's hand.
-        operator: The hand; None: nobody holds it.
-        hold_limit: In s.
+    The ``model`` is a ``DeviceModel`` with its ``truth`` (None: as stated) and a method ``body``
+    that returns the :class:`Body` in an operator's hand; without an operator nobody holds it.
     """
 
     def __init__(self, model: Any, operator: Operator | None, hold_limit: float) -> None:

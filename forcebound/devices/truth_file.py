@@ -44,15 +44,7 @@ class EmulatedTruth(NamedTuple):
 
 
 class TruthFile:
-    """The file, mapped.
-
-    Args:
-        path: Of the file.
-        creates: Whether to make it, as the emulator does; else it must be there.
-
-    Raises:
-        DeviceError: If it cannot be mapped, or is another file.
-    """
+    """The file, mapped; the emulator ``creates`` it. DeviceError if it is another file, or none."""
 
     def __init__(self, path: Path, creates: bool = False) -> None:
         flags = os.O_RDWR | os.O_CLOEXEC | (os.O_CREAT | os.O_TRUNC if creates else 0)
@@ -135,11 +127,7 @@ class TruthFile:
 
 
 def truth_beside(port: str) -> TruthFile | None:
-    """Return the truth of the emulator at a port; None for a real one.
-
-    Args:
-        port: As the user names it: the emulator's file stands beside its link.
-    """
+    """Return the truth of the emulator at a port, as the user names it; None for a real one."""
     with suppress(DeviceError):
         return TruthFile(Path(port + SUFFIX))
     return None

@@ -1,12 +1,43 @@
 """A board, its mechanism and its faults, over time; without a clock or a port."""
 
 from collections import deque
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 from forcebound.devices.truth_file import NOT_YET, TruthFile
-from forcebound.emulators.board import Board
 from forcebound.emulators.faults import Faults
 from forcebound.emulators.mechanism import Mechanism
+from forcebound.messages.packets import Vector
+
+
+class Board(Protocol):
+    """The firmware of a board: bytes and angles in, bytes and torques out.
+
+    It has no clock: times are given to it, and never run backwards.
+
+    Attributes:
+        angles: Of the motors' shafts now, in rad; set before each :meth:`receive`.
+        torque: What the motors give now, in N m, positive towards larger angles.
+        wake_ns: When it has something to do by itself, in ns, such as to end a wait; None: never.
+    """
+
+    angles: Vector
+    torque: Vector
+    wake_ns: int | None
+
+    def receive(self, data: bytes, time_ns: int) -> bytes:
+        """Take bytes that have come together; return what the board sends now.
+
+        It is called without bytes when ``wake_ns`` has come, and every millisecond or so.
+        """
+        ...
+
+    def reset(self) -> None:
+        """Forget what was set up: a fault on demand."""
+        ...
+
+    def with_nan(self, reply: bytes) -> bytes:
+        """Return a reply in which every reading is not a number: a fault on demand."""
+        ...
 
 
 class Emulated(NamedTuple):
@@ -17,13 +48,7 @@ class Emulated(NamedTuple):
 
 
 class Emulation:
-    """What happens at the far end of a serial line.
-
-    Args:
-        emulated: Board and mechanism.
-        faults: What goes wrong.
-        truth: Where the ground truth goes.
-        latency: From the bytes to the reply, beyond that of the pseudo-terminal, in s.
+    """What happens at the far end of a serial line; replies come ``latency`` s late.
 
     Attributes:
         replies: Number of replies so far.
@@ -35,15 +60,13 @@ class Emulation:
         self, emulated: Emulated, faults: Faults, truth: TruthFile, latency: float = 0.0
     ) -> None:
         self._board, self._mechanism = emulated
-        self._faults = faults
-        self._truth = truth
+        self._faults, self._truth = faults, truth
         self._latency_ns = round(1e9 * latency)
         self._unread = b""
         self._waiting: deque[tuple[int, bytes]] = deque()  # replies, and when they are due
         self._is_used = False
         self.replies = 0
-        self.lowest_energy = 0.0
-        self.longest_hold = 0.0
+        self.lowest_energy = self.longest_hold = 0.0
         self._heard_ns = 0
 
     @property
@@ -63,34 +86,31 @@ class Emulation:
         return self._faults.is_on("unplug", time_ns)
 
     def step(self, data: bytes, time_ns: int) -> bytes:
-        """Move on, take bytes that have come together, return what comes from the board.
-
-        Raises:
-            DeviceError: If the hand has moved the tip to where the arm cannot be held.
-        """
-        self._mechanism.advance(time_ns)
-        if any(self._mechanism.torque):
+        """Move on, take bytes that have come together, return what comes from the board."""
+        board, mechanism, faults = self._board, self._mechanism, self._faults
+        mechanism.advance(time_ns)
+        if any(mechanism.torque):
             self.longest_hold = max(self.longest_hold, (time_ns - self._heard_ns) * 1e-9)
         if data:
             self._heard_ns = time_ns
-            data = self._faults.lose(data, time_ns)
+            data = faults.lose(data, time_ns)
         self._unread += data
-        if self._faults.is_on("stall", time_ns):
+        if faults.is_on("stall", time_ns):
             return b""
-        board = self._board
-        board.angles = self._mechanism.angles
-        if self._faults.is_on("reset", time_ns):
+        board.angles = mechanism.angles
+        if faults.is_on("reset", time_ns):
             board.reset()
         reply = board.receive(self._unread, time_ns)
         self._unread = b""
-        sign = -1.0 if self._faults.is_on("reversed", time_ns) else 1.0
-        self._mechanism.hold(time_ns, tuple([sign * torque for torque in board.torque]))
+        sign = -1.0 if faults.is_on("reversed", time_ns) else 1.0
+        mechanism.hold(time_ns, tuple([sign * torque for torque in board.torque]))
         if reply:
             self.replies += 1
             self._is_used = True
-            self._faults.begin(time_ns)
-            spoiled = self._faults.spoil(reply, board, time_ns)
-            self._waiting.append((time_ns + self._latency_ns, spoiled))
+            faults.begin(time_ns)
+            if faults.is_on("nan", time_ns):
+                reply = board.with_nan(reply)
+            self._waiting.append((time_ns + self._latency_ns, faults.spoil(reply, time_ns)))
         due = b""
         while self._waiting and self._waiting[0][0] <= time_ns:
             due += self._waiting.popleft()[1]

@@ -1,10 +1,10 @@
 """Faults on demand: what an emulated board does wrong, and when."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from random import Random
 
-from forcebound.emulators.board import Board
 from forcebound.errors import ConfigError
 from forcebound.units import parse_quantity
 
@@ -38,11 +38,7 @@ class Fault:
 
 
 def parse_fault(text: str) -> Fault:
-    """Return the fault that a text describes, in the form ``KIND[:at=TIME][,for=TIME]``.
-
-    Raises:
-        ConfigError: If it describes none.
-    """
+    """Return the fault that a text describes, in the form ``KIND[:at=TIME][,for=TIME]``."""
     kind, _, rest = text.partition(":")
     if kind not in KINDS:
         raise ConfigError(f"no kind of fault is {kind!r}: use one of {', '.join(KINDS)}")
@@ -58,12 +54,7 @@ def parse_fault(text: str) -> Fault:
 
 
 class Faults:
-    """The faults of one board over time, which counts from its first reply.
-
-    Args:
-        faults: Any number.
-        seed: Of the noise.
-    """
+    """The faults of one board over time, which counts from its first reply."""
 
     def __init__(self, faults: Sequence[Fault], seed: int = 1) -> None:
         self._faults = tuple(faults)
@@ -78,7 +69,16 @@ class Faults:
 
     def is_on(self, kind: str, time_ns: int) -> bool:
         """Return whether a fault of a kind is on; one that happens once is over then."""
-        found = [fault for fault in self._now(time_ns) if fault.kind == kind]
+        if self._start_ns is None:
+            return False
+        elapsed = (time_ns - self._start_ns) * 1e-9
+        found = [
+            one
+            for one in self._faults
+            if one.kind == kind
+            and one not in self._done
+            and one.at <= elapsed < one.at + (math.inf if one.duration is None else one.duration)
+        ]
         if kind not in LASTING:
             self._done.update(fault for fault in found if fault.duration is None)
         return bool(found)
@@ -90,23 +90,10 @@ class Faults:
         place = self._random.randrange(len(data))
         return data[:place] + data[place + 1 :]
 
-    def spoil(self, reply: bytes, board: Board, time_ns: int) -> bytes:
+    def spoil(self, reply: bytes, time_ns: int) -> bytes:
         """Return what becomes of a reply."""
-        if self.is_on("nan", time_ns):
-            reply = board.with_nan(reply)
         if self.is_on("noise", time_ns):
             spoiled = bytearray(reply)
             spoiled[self._random.randrange(len(reply))] ^= self._random.randrange(1, 256)
             reply = bytes(spoiled)
         return reply[:-1] if self.is_on("short", time_ns) else reply
-
-    def _now(self, time_ns: int) -> list[Fault]:
-        if self._start_ns is None or not self._faults:
-            return []
-        elapsed = (time_ns - self._start_ns) * 1e-9
-        return [fault for fault in self._faults if self._is_now(fault, elapsed)]
-
-    def _is_now(self, fault: Fault, elapsed: float) -> bool:
-        if elapsed < fault.at or fault in self._done:
-            return False
-        return fault.duration is None or elapsed < fault.at + fault.duration

@@ -8,14 +8,10 @@ CARRY = 1.0  # s, to bring the tip from one place to another
 
 
 class CarryingHand(Operator):
-    """A hand that holds the tip in the pose of the set-up until it is told what to do.
+    """A hand that holds the tip in the pose of the set-up until it is sent elsewhere.
 
-    A real arm is held in a known pose while the board is set up, and only then brought to where
-    the task begins. All times are those of ``target``.
-
-    Args:
-        operator: Whose hand it is, and whose path it moves along in the end.
-        home: Where it holds the tip at first, in m.
+    A real arm is held in a known pose, ``home`` (m), while the board is set up, and only then
+    brought to where the operator's path begins. All times are those of ``target``.
     """
 
     def __init__(self, operator: Operator, home: Vector) -> None:
@@ -47,7 +43,6 @@ class CarryingHand(Operator):
             self._moves_at = max(elapsed, self._carried_at + CARRY)
 
     def target(self, elapsed: float) -> Vector:
-        """Return the target; see :class:`forcebound.operators.Operator`."""
         if self._moves_at is not None and elapsed >= self._moves_at:
             return pad(self._operator.target(elapsed - self._moves_at), len(self._home))
         share = min(max((elapsed - self._carried_at) / CARRY, 0.0), 1.0)

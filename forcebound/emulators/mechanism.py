@@ -10,7 +10,7 @@ from forcebound.emulators.hand import CarryingHand
 from forcebound.errors import DeviceError
 from forcebound.messages.packets import Vector
 from forcebound.operators import Operator
-from forcebound.operators.no_hand import NoHand
+from forcebound.operators.hands import NoHand
 
 LARGEST_TORQUE = 1e6  # N m, no limit: the board has its own
 
@@ -21,16 +21,13 @@ class Mechanism:
     It has what its model states, as any simulated device. But its motors know no hold limit, the
     write delay is that of the line, and the largest torque that of the board.
 
-    Args:
-        model: A simulated device with a field for each of the stated imperfections.
-        operator: Whose hand it is; None: nobody holds it. Then somebody puts it back into the pose
-            of the set-up when it is out of use; until then it stays in a singular pose, where a
-            real arm lies against its stops.
-        home: Where the tip is when the board is set up, in m.
+    Without an operator nobody holds it. Then somebody puts it back into the pose of the set-up,
+    whose tip is at ``home`` (m), when it is out of use; until then it stays in a singular pose,
+    where a real arm lies against its stops.
 
     Attributes:
         angles: What the encoders read, in rad.
-        torque: What the motors are told, in N m, positive towards larger angles.
+        torque: Commanded to the motors, in N m, positive towards larger angles.
         torque_ns: When that changed last, in ns.
     """
 
@@ -62,11 +59,7 @@ class Mechanism:
         self._device.engage(time_ns)
 
     def advance(self, time_ns: int) -> None:
-        """Move on under the torque that is held.
-
-        Raises:
-            DeviceError: If the hand has moved the tip to where the arm cannot be held.
-        """
+        """Move on under the torque; DeviceError if the hand has left where the arm can be held."""
         if self._is_stuck:
             return
         try:

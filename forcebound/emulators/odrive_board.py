@@ -33,6 +33,8 @@ currents' dynamics, all but the commands above and a few properties.
 import math
 import re
 from dataclasses import dataclass, field
+from functools import reduce
+from operator import xor
 
 from forcebound.messages.packets import Vector
 
@@ -52,11 +54,8 @@ Value = float | int | bool
 BOARD_VALUES: dict[str, Value] = {
     "vbus_voltage": 24.0,
     "serial_number": 0x2060_3881_4E42,
-    "hw_version_major": 3,
-    "hw_version_minor": 6,
     "fw_version_major": 0,
     "fw_version_minor": 5,
-    "fw_version_revision": 6,
 }
 AXIS_VALUES: dict[str, Value] = {
     "error": 0,
@@ -64,14 +63,11 @@ AXIS_VALUES: dict[str, Value] = {
     "requested_state": 0,
     "config.watchdog_timeout": 0.0,
     "config.enable_watchdog": False,
-    "motor.error": 0,
     "motor.config.torque_lim": math.inf,
     "motor.config.current_lim": 10.0,
     "motor.config.torque_constant": 0.04,
-    "encoder.error": 0,
     "encoder.pos_estimate": 0.0,
     "encoder.vel_estimate": 0.0,
-    "controller.error": 0,
     "controller.input_torque": 0.0,
     "controller.config.control_mode": 3,  # position
     "controller.config.input_mode": 1,  # passed through
@@ -101,14 +97,10 @@ class _Axis:
 
 
 class ODriveBoard:
-    """The board; see :class:`forcebound.emulators.board.Board`.
+    """The board; see :class:`forcebound.emulators.emulation.Board`.
 
-    Args:
-        axes: Number of axes.
-        is_calibrated: Whether motors and encoders are; else no motor can be switched on.
-
-    Attributes:
-        has_estimate: Whether the encoders give one; a fault to set.
+    A motor that is not calibrated cannot be switched on. ``has_estimate``: the encoders give one; a
+    fault to set.
     """
 
     def __init__(self, axes: int, is_calibrated: bool = True) -> None:
@@ -125,7 +117,6 @@ class ODriveBoard:
         self._reply: list[bytes] = []
 
     def receive(self, data: bytes, time_ns: int) -> bytes:
-        """Take bytes; see :class:`forcebound.emulators.board.Board`."""
         self._go_on(time_ns)
         *lines, rest = LINE_ENDS.split(self._line + data)
         for line in lines:
@@ -147,7 +138,6 @@ class ODriveBoard:
         self._axes = [_Axis() for _ in self._axes]
 
     def with_nan(self, reply: bytes) -> bytes:
-        """Return a reply without numbers; see :class:`forcebound.emulators.board.Board`."""
         lines = []
         for line in reply.splitlines():
             words = line.partition(b"*")[0].split()
@@ -241,11 +231,7 @@ class ODriveBoard:
             axis.values["error"] = 0
 
     def _find(self, command: str) -> tuple[dict[str, Value], str, _Axis | None] | str:
-        """Return the values among which a property is, its name there, its axis; or what it says.
-
-        Args:
-            command: Begins with a letter and the name of the property.
-        """
+        """Return the values with a property, its name there, its axis; or what is said of it."""
         words = command[1:].split()
         if not words:
             return "invalid command format"
@@ -284,10 +270,7 @@ class ODriveBoard:
 
 def exclusive_or(text: bytes) -> int:
     """Return the checksum of a line."""
-    result = 0
-    for byte in text:
-        result ^= byte
-    return result
+    return reduce(xor, text, 0)
 
 
 def _torque(axis: _Axis) -> float:

@@ -9,11 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from forcebound import realtime
-from forcebound.emulators import assembler
 from forcebound.emulators.emulation import Emulation
 from forcebound.emulators.faults import Fault, Faults
+from forcebound.emulators.kinds import EMULATORS, restored_operator
 from forcebound.emulators.pty import PseudoPort, serve
-from forcebound.emulators.values import restored_operator
 from forcebound.errors import ConfigError
 from forcebound.folders import runtime_folder
 from forcebound.operators import Operator
@@ -35,24 +34,13 @@ def run(
 ) -> None:
     """Run an emulator until it is interrupted, unplugs itself or is no longer used.
 
-    Args:
-        kind: A key of ``EMULATORS``.
-        values: Parameters of its mechanism, plain JSON in SI units.
-        operator: The hand on it; None: nobody holds it.
-        link: Path of the port.
-        faults: On demand.
-        latency: Of a reply, beyond that of the pseudo-terminal, in s.
-        until_unused: Whether it ends when its user has closed the port.
-        say: Takes the lines for the terminal.
-        advice: What to do with it, for the user.
-
-    Raises:
-        ConfigError: If a value is wrong, or the link cannot be made.
-        DeviceError: If the hand has moved the tip to where the arm cannot be held.
+    Kind, values and operator are those of ``EMULATORS``; a reply comes ``latency`` s late, beyond
+    that of the pseudo-terminal; with ``until_unused`` it ends when its user has closed the port.
+    ``say`` takes the lines for the terminal, the last of which may be ``advice``.
     """
     be_punctual()
     with Stop() as stop, PseudoPort(link) as port:
-        emulated = assembler(kind)(values, operator)
+        emulated = EMULATORS[kind](values, operator)
         emulation = Emulation(emulated, Faults(faults), port.truth, latency)
         realtime.freeze_garbage()
         emulation.start(time.monotonic_ns())
@@ -76,11 +64,7 @@ def be_punctual() -> None:
 
 
 def default_link(kind: str) -> Path:
-    """Return the path of the port of an emulator that is started by hand.
-
-    Raises:
-        ConfigError: If the user has no private folder.
-    """
+    """Return the path of the port of an emulator that is started by hand."""
     folder = runtime_folder()
     if folder is None:
         raise ConfigError("there is no private folder for the port: give a path with --link")
@@ -90,11 +74,7 @@ def default_link(kind: str) -> Path:
 def launch_file_values(
     file: str, arguments: Sequence[str]
 ) -> tuple[Mapping[str, Any], Operator | None]:
-    """Return mechanism and operator of a launch file whose device can be emulated.
-
-    Raises:
-        ConfigError: If it is wrong.
-    """
+    """Return mechanism and operator of a launch file whose device can be emulated."""
     from forcebound.config.loader import load  # a driver that starts an emulator reads none
 
     config = load(file, arguments)
@@ -103,11 +83,7 @@ def launch_file_values(
 
 
 def given_values(text: str) -> tuple[Mapping[str, Any], Operator | None]:
-    """Return mechanism and operator of the document that a driver gives.
-
-    Raises:
-        ConfigError: If it is no such document.
-    """
+    """Return mechanism and operator of the document that a driver gives."""
     try:
         document = json.loads(text)
         return dict(document["mechanism"]), restored_operator(document["operator"])

@@ -2,7 +2,7 @@
 
 The link is made last, when all is ready, so that whoever waits for it may begin at once. Beside it
 stands the ground truth (:mod:`forcebound.devices.truth_file`), locked for as long as the emulator
-runs: so a link that a killed emulator has left is told from one that is in use.
+runs: so a link that a killed emulator has left differs from one that is in use.
 """
 
 import errno
@@ -14,7 +14,6 @@ import time
 import tty
 from contextlib import suppress
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 from forcebound.devices.truth_file import SUFFIX, TruthFile
@@ -24,23 +23,16 @@ from forcebound.files import check_writable, reason
 from forcebound.process import Stop
 
 STEP = 1e-3  # s, longest time between two looks at the mechanism
-PATIENCE_NS = 60_000_000_000  # of an emulator that is to end when nobody uses it
+UNUSED_TIMEOUT_NS = 60_000_000_000  # of an emulator that is to end when nobody uses it
 CHUNK = 4096  # bytes; more than a pseudo-terminal keeps
 TERMINALS = "/dev/pts/"
 
 
 class PseudoPort:
-    """A port that a program plays, and the files by which others find it.
+    """A port that a program plays at a link, and the file of the ground truth beside it, mapped.
 
-    Args:
-        link: Path of the link to make.
-
-    Attributes:
-        truth: The file beside the link, mapped.
-        is_open: Whether somebody had it open at the last read.
-
-    Raises:
-        ConfigError: If the link cannot be made, or an emulator runs there.
+    ``is_open``: somebody had it open at the last read. ConfigError if the link cannot be made, or
+    an emulator runs there.
     """
 
     def __init__(self, link: Path) -> None:
@@ -50,7 +42,7 @@ class PseudoPort:
         self.descriptor, port = os.openpty()
         self._name = os.ttyname(port)
         tty.setraw(self.descriptor, termios.TCSANOW)
-        os.close(port)  # opened anew by its user, so that the end of its use is seen
+        os.close(port)  # opened again by its user, so that the end of its use is seen
         os.set_blocking(self.descriptor, False)
         self.is_open = True
         self._is_there = False
@@ -58,12 +50,7 @@ class PseudoPort:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.unplug()
         Path(f"{self._link}{SUFFIX}").unlink(missing_ok=True)
         self.truth.close()
@@ -102,14 +89,7 @@ class PseudoPort:
 def serve(emulation: Emulation, port: PseudoPort, stop: Stop, until_unused: bool) -> None:
     """Let an emulation go on in real time at a port, until a stop or the port's end.
 
-    Args:
-        emulation: What answers, started.
-        port: Shown.
-        stop: Ends it.
-        until_unused: Whether it ends, too, when its user has closed the port, or none has come.
-
-    Raises:
-        DeviceError: If the hand has moved the tip to where the arm cannot be held.
+    With ``until_unused`` it ends, too, when its user has closed the port, or none has come.
     """
     start_ns = time.monotonic_ns()
     while not stop.requested:
@@ -125,7 +105,7 @@ def serve(emulation: Emulation, port: PseudoPort, stop: Stop, until_unused: bool
         if not port.is_open:
             emulation.release(time_ns)
         was_used = emulation.replies > 0
-        is_unused = not port.is_open and (was_used or time_ns - start_ns > PATIENCE_NS)
+        is_unused = not port.is_open and (was_used or time_ns - start_ns > UNUSED_TIMEOUT_NS)
         if until_unused and is_unused:
             return
 

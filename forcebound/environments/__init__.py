@@ -57,8 +57,7 @@ class Environment(ABC):
     def change(self, model: Any) -> bool:
         """Take over the parameters of another model of the same kind, and keep the state.
 
-        Returns:
-            Whether it did; if not, the environment is closed, and ``model`` opened in its place.
+        Return whether it did; if not, the environment is closed, and ``model`` opened in its place.
         """
         return False
 
@@ -74,11 +73,7 @@ class EnvironmentModel(ABC):
         """Return a new instance in its initial state, for vectors of this many entries."""
 
     def check_files(self) -> None:
-        """Read the files that the parameters name, before anything starts.
-
-        Raises:
-            ConfigError: If one cannot be used.
-        """
+        """Read the files that the parameters name; ConfigError if one cannot be used."""
 
 
 class StatelessEnvironment(EnvironmentModel, Environment):
@@ -97,15 +92,7 @@ def may_report_contacts(model: EnvironmentModel) -> bool:
 
 
 def open_environment(model: EnvironmentModel, axes: int) -> Environment:
-    """Return an instance of a model.
-
-    Args:
-        model: With or without state.
-        axes: Number of axes of the device.
-
-    Raises:
-        ConfigError: If the model cannot be used, or its own code fails.
-    """
+    """Return an instance of a model; ConfigError if it cannot be used, or its own code fails."""
     try:
         return model.open(axes)
     except ConfigError:
@@ -115,10 +102,9 @@ def open_environment(model: EnvironmentModel, axes: int) -> Environment:
 
 
 def change_environment(opened: Environment, model: EnvironmentModel, axes: int) -> Environment:
-    """Return an instance with the parameters of ``model``, of the same kind as ``opened``.
+    """Return an instance with the parameters of ``model``, of the kind of ``opened``.
 
-    Raises:
-        ConfigError: As :func:`open_environment`; ``opened`` is then as it was.
+    If it raises ConfigError, as :func:`open_environment`, ``opened`` is as it was.
     """
     try:
         if opened.change(model):
@@ -135,11 +121,11 @@ def change_environment(opened: Environment, model: EnvironmentModel, axes: int) 
 ENVIRONMENTS: Table[type[EnvironmentModel]] = Table(
     "environments",
     {
-        "wall": "forcebound.environments.wall:Wall",
-        "damped_wall": "forcebound.environments.damped_wall:DampedWall",
-        "time_varying_wall": "forcebound.environments.time_varying_wall:TimeVaryingWall",
-        "power_law_wall": "forcebound.environments.power_law_wall:PowerLawWall",
-        "damper": "forcebound.environments.damper:Damper",
+        "wall": "forcebound.environments.walls:Wall",
+        "damped_wall": "forcebound.environments.walls:DampedWall",
+        "time_varying_wall": "forcebound.environments.walls:TimeVaryingWall",
+        "power_law_wall": "forcebound.environments.walls:PowerLawWall",
+        "damper": "forcebound.environments.walls:Damper",
         "solid": "forcebound.environments.solid:Solid",
         "distance_field": "forcebound.environments.distance_field:DistanceField",
         "point_cloud": "forcebound.environments.point_cloud:PointCloud",

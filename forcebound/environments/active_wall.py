@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from forcebound.environments import StatelessEnvironment
-from forcebound.environments.wall import on_first_axis
+from forcebound.environments.walls import on_first_axis
 from forcebound.messages.packets import Vector
 from forcebound.quantities import Damping, Length, Stiffness
 

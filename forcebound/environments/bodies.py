@@ -34,13 +34,12 @@ from forcebound.quantities import (
     check_ranges,
 )
 
-MOST_STEPS = 20  # for one answer; a scene that falls farther behind stands still meanwhile
+MOST_STEPS = 20  # for one answer; a scene that falls farther behind stands still
 FAR = 10.0  # m: the probe does not follow a hand beyond, nor does the force grow
 TOUCH = 1e-6  # m, least way between hand and probe of a contact
 HARD = [0.99, 0.99, 0.001, 0.5, 2.0]  # of the probe's contacts: the coupling is the soft part
 SECONDS, MEMORY = 30.0, 2_000_000_000  # s and bytes for the compilation and a first step
 STEPS = (1e-5, 0.1)  # s, range of the scene's timestep
-MOST_ITERATIONS = 1000  # of a solver, in a step; MuJoCo's default is 100
 PROBE, HAND = "forcebound_probe", "forcebound_hand"
 
 _logger = logging.getLogger(__name__)
@@ -72,20 +71,11 @@ class Bodies(EnvironmentModel):
         check_ranges(self)
 
     def check_files(self) -> None:
-        """Compile the scene, unless MuJoCo is only installed where the environment runs.
-
-        Raises:
-            ConfigError: If it will not do.
-        """
+        """Compile the scene, unless MuJoCo is only installed where the environment runs."""
         if find_spec("mujoco") is not None:
             _compile(engine(), self)
 
     def open(self, axes: int) -> "_Scene":
-        """Return an instance; see :class:`forcebound.environments.EnvironmentModel`.
-
-        Raises:
-            ConfigError: If MuJoCo is not installed, or cannot use the file.
-        """
         return _Scene(self, axes)
 
 
@@ -112,7 +102,6 @@ class _Scene(Environment):
         self._resets = 0
 
     def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
-        """Return the coupling's force; see :class:`forcebound.environments.Environment`."""
         x, y, z = (min(max(entry, -FAR), FAR) for entry in pad3(position))
         speed = tuple(min(max(entry, -FAR), FAR) for entry in pad3(velocity))
         if self._hand is None:
@@ -148,9 +137,9 @@ class _Scene(Environment):
             self._mujoco.mj_step(scene, data)
         self._elapsed += due * scene.opt.timestep
         if _resets(data) != self._resets:
-            self._begin_anew()
+            self._start_again()
 
-    def _begin_anew(self) -> None:
+    def _start_again(self) -> None:
         """Put the probe to the hand: MuJoCo has put everything where the file has it."""
         if self._resets == 0:
             _logger.warning(
@@ -162,7 +151,6 @@ class _Scene(Environment):
         self._data.qpos[self._place] = self._hand
 
     def contact(self, user: str) -> Contact | None:
-        """Return the probe if it touches a body, and where it is pushed to."""
         if self._hand is None or not (self._data.contact.geom == self._geom).any():
             return None
         x, y, z = self._data.qpos[self._place].tolist()
@@ -200,7 +188,7 @@ class _Scene(Environment):
         )
 
     def change(self, model: Bodies) -> bool:
-        """Take over stiffness and damping of the coupling; anything else begins anew."""
+        """Take over stiffness and damping of the coupling; anything else starts again."""
         kept = replace(model, stiffness=self._model.stiffness, damping=self._model.damping)
         if kept != self._model:
             self._begin(model)
@@ -214,11 +202,7 @@ class _Scene(Environment):
 
 
 def engine() -> Any:
-    """Return the module ``mujoco``, whose warnings go to our log.
-
-    Raises:
-        ConfigError: If it is not installed.
-    """
+    """Return the module ``mujoco``, whose warnings go to our log."""
     try:
         import mujoco
     except ImportError:
@@ -258,7 +242,9 @@ def _compiled(model: Bodies) -> bytes:
     mujoco = engine()
     try:
         spec = mujoco.MjSpec.from_file(str(model.file))
-        _check_options(spec.option)
+        step = spec.option.timestep
+        if not STEPS[0] <= step <= STEPS[1]:
+            raise ConfigError(f"timestep: expected {STEPS[0]} to {STEPS[1]} s, got {step} s")
         _add_hand(mujoco, spec, model)
         scene = spec.compile()
         mujoco.mj_step(scene, mujoco.MjData(scene))
@@ -267,23 +253,6 @@ def _compiled(model: Bodies) -> bytes:
     binary = np.empty(mujoco.mj_sizeModel(scene), np.uint8)
     mujoco.mj_saveModel(scene, None, binary)
     return binary.tobytes()
-
-
-def _check_options(option: Any) -> None:
-    """Refuse a step that has no size, or no end."""
-    if not STEPS[0] <= option.timestep <= STEPS[1]:
-        raise ConfigError(f"timestep: expected {STEPS[0]} to {STEPS[1]} s, got {option.timestep} s")
-    for name in (
-        "iterations",
-        "ls_iterations",
-        "noslip_iterations",
-        "ccd_iterations",
-        "sdf_iterations",
-        "sdf_initpoints",
-    ):
-        count = getattr(option, name)
-        if not 0 <= count <= MOST_ITERATIONS:
-            raise ConfigError(f"{name}: expected 0 to {MOST_ITERATIONS}, got {count}")
 
 
 def _add_hand(mujoco: Any, spec: Any, model: Bodies) -> None:

@@ -1,14 +1,12 @@
 """A solid as distances on a grid, from a mesh or an array."""
 
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import TYPE_CHECKING, Annotated
 
 from forcebound.environments.mesh import TriangleMesh
-from forcebound.environments.placed_file import PlacedFile
+from forcebound.environments.touching import PlacedFile
 from forcebound.errors import ConfigError
 from forcebound.folders import cache_folder
-from forcebound.geometry.vectors import Vector3
 from forcebound.messages.packets import SceneObject
 from forcebound.quantities import POSITIVE, Length
 
@@ -16,7 +14,6 @@ if TYPE_CHECKING:
     from forcebound.geometry.grid import Grid
     from forcebound.geometry.implicit import ImplicitSolid
 
-CACHED = 4  # grids
 SHARE = 100  # spacings in the longest edge of a mesh where nothing is said
 
 
@@ -42,43 +39,31 @@ class DistanceField(PlacedFile):
             raise ConfigError(f"{self.file} needs `spacing`, between two neighbours", field="file")
 
     def read(self) -> "Grid":
-        """Return the grid; see :class:`forcebound.environments.placed_file.PlacedFile`."""
-        origin = self.origin if self._is_array else None
-        return _grid(
-            TriangleMesh(file=self.file, scale=self.scale), self.version(), self.spacing, origin
-        )
+        from forcebound.geometry.grid import mesh_grid, read_grid
 
-    def solid(self) -> "ImplicitSolid":
-        """Return what the proxy slides on; see there."""
+        if self._is_array:
+            assert self.spacing is not None  # __post_init__
+            return read_grid(self.path, self.spacing, self.origin)
+        mesh = self._mesh().content()
+        spacing = self.spacing
+        if spacing is None:
+            spacing = float((mesh.vertices.max(axis=0) - mesh.vertices.min(axis=0)).max()) / SHARE
+        return mesh_grid(mesh, spacing, cache_folder("grids"))
+
+    def place(self, content: "Grid") -> "ImplicitSolid":
         from forcebound.geometry.grid import GRID, grid_data
         from forcebound.geometry.implicit import ImplicitSolid
 
-        grid = self.read()
-        data = grid_data(grid, self.position, self.rotation)
-        return ImplicitSolid(GRID, data, dip=grid.spacing / 20, still=1e-3)
+        data = grid_data(content, self.position, self.rotation)
+        return ImplicitSolid(GRID, data, dip=content.spacing / 20, still=1e-3)
 
     def scene(self) -> tuple[SceneObject, ...]:
         """Return the mesh; nothing of an array."""
-        if self._is_array:
-            return ()
-        return TriangleMesh(self.file, self.scale, self.position, self.orientation).scene()
+        return () if self._is_array else self._mesh().scene()
+
+    def _mesh(self) -> TriangleMesh:
+        return TriangleMesh(self.file, self.scale, self.position, self.orientation)
 
     @property
     def _is_array(self) -> bool:
         return self.file is not None and self.file.suffix.lower() == ".npy"
-
-
-@lru_cache(CACHED)
-def _grid(
-    mesh: TriangleMesh, version: object, spacing: float | None, origin: Vector3 | None
-) -> "Grid":
-    from forcebound.geometry.grid_file import mesh_grid, read_grid
-
-    if origin is not None:
-        assert spacing is not None
-        return read_grid(mesh.path, spacing, origin)
-    triangles = mesh.read()
-    if spacing is None:
-        corners = triangles.corners.reshape(-1, 3)
-        spacing = float((corners.max(axis=0) - corners.min(axis=0)).max()) / SHARE
-    return mesh_grid(triangles, spacing, cache_folder("grids"))

@@ -10,9 +10,10 @@ Okamura, Haptic virtual fixtures for robot-assisted manipulation, ISRR 2005.
 """
 
 import math
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Annotated, TypeAlias
+from typing import Annotated, ClassVar, TypeAlias
 
 from forcebound.environments import (
     Environment,
@@ -21,16 +22,17 @@ from forcebound.environments import (
     open_environment,
 )
 from forcebound.errors import ConfigError
+from forcebound.geometry.triangles import closest_on_segment
 from forcebound.geometry.vectors import (
     Vector3,
     add,
-    along,
     cut,
     dot,
     norm,
     pad3,
     scale,
     sub,
+    unit,
     z_onto,
 )
 from forcebound.messages.packets import Contact, SceneObject, Vector
@@ -39,13 +41,11 @@ from forcebound.quantities import (
     POSITIVE,
     Damping,
     Length,
-    Range,
     Stiffness,
     check_ranges,
 )
 
-Place: TypeAlias = tuple[Annotated[Length, Range(at_least=-1e3, at_most=1e3)], ...]
-FAR = 1e3  # m: no fixture pulls a hand that is farther away on any axis
+Place: TypeAlias = tuple[Length, ...]  # 1 to 3 numbers
 MOST_POINTS = 64  # of a path: so many can be drawn
 
 
@@ -59,15 +59,32 @@ def pull(offset: Vector3, stiffness: float, reach: float) -> Vector3:
     return scale(offset, stiffness * share * share)
 
 
-@dataclass(frozen=True)
-class _Guidance:
-    """What guidances have in common."""
+@dataclass(frozen=True, kw_only=True)
+class _Fixture(ABC):
+    """What fixtures have in common."""
 
-    stiffness: Annotated[Stiffness, NOT_NEGATIVE] = 500.0
-    reach: Annotated[Length, POSITIVE] = 0.020
+    places: ClassVar[tuple[str, ...]] = ()  # fields that are places
 
     def __post_init__(self) -> None:
         check_ranges(self)
+        for name in self.places:
+            if not 1 <= len(getattr(self, name)) <= 3:
+                count = len(getattr(self, name))
+                raise ConfigError(f"{name}: expected 1 to 3 numbers, got {count}", field=name)
+
+    @abstractmethod
+    def force(self, position: Vector3, velocity: Vector3) -> Vector3:
+        """Return the force, in N, at a position (m) and velocity (m/s)."""
+
+    @abstractmethod
+    def drawn(self, name: str) -> SceneObject:
+        """Return what there is to draw."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Guidance(_Fixture):
+    stiffness: Annotated[Stiffness, NOT_NEGATIVE] = 500.0
+    reach: Annotated[Length, POSITIVE] = 0.020
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,32 +98,28 @@ class GuidancePlane(_Guidance):
         reach: Distance at which it lets go.
     """
 
+    places: ClassVar[tuple[str, ...]] = ("point", "normal")
+
     point: Place = (0.0, 0.0, 0.0)
     normal: tuple[float, ...] = (0.0, 0.0, 1.0)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        _check_place(self.point, "point")
-        _check_place(self.normal, "normal")
-        if not (math.isfinite(length := norm(pad3(self.normal))) and length > 0.0):
-            raise ConfigError(
-                f"normal: expected a direction, got {list(self.normal)}", field="normal"
-            )
+        if not any(self.normal):
+            got = list(self.normal)
+            raise ConfigError(f"normal: expected a direction, got {got}", field="normal")
 
     @property
     def unit_normal(self) -> Vector3:
         """The normal, of length 1."""
-        normal = pad3(self.normal)
-        return scale(normal, 1.0 / norm(normal))
+        return unit(pad3(self.normal))
 
     def force(self, position: Vector3, velocity: Vector3) -> Vector3:
-        """Return the force, in N, at a position (m) and velocity (m/s)."""
         normal = self.unit_normal
         offset = scale(normal, dot(sub(position, pad3(self.point)), normal))
         return pull(offset, self.stiffness, self.reach)
 
-    def scene(self, name: str) -> SceneObject:
-        """Return what there is to draw."""
+    def drawn(self, name: str) -> SceneObject:
         turned = z_onto(self.unit_normal)
         return SceneObject(name, "plane", position=pad3(self.point), orientation=turned)
 
@@ -128,26 +141,24 @@ class GuidancePath(_Guidance):
         if not 2 <= len(self.points) <= MOST_POINTS:
             words = f"points: expected 2 to {MOST_POINTS}, got {len(self.points)}"
             raise ConfigError(words, field="points")
-        for point in self.points:
-            _check_place(point, "points")
+        if not all(1 <= len(point) <= 3 for point in self.points):
+            raise ConfigError("points: expected 1 to 3 numbers of each", field="points")
 
     def closest(self, position: Vector3) -> Vector3:
         """Return the point of the path that is closest to a position, in m."""
         corners = [pad3(point) for point in self.points]
-        found = [_on_segment(position, a, b) for a, b in pairwise(corners)]
+        found = [closest_on_segment(position, a, b) for a, b in pairwise(corners)]
         return min(found, key=lambda point: norm(sub(position, point)))
 
     def force(self, position: Vector3, velocity: Vector3) -> Vector3:
-        """Return the force, in N, at a position (m) and velocity (m/s)."""
         return pull(sub(position, self.closest(position)), self.stiffness, self.reach)
 
-    def scene(self, name: str) -> SceneObject:
-        """Return what there is to draw."""
+    def drawn(self, name: str) -> SceneObject:
         return SceneObject(name, "path", points=tuple(map(pad3, self.points)))
 
 
 @dataclass(frozen=True, kw_only=True)
-class ForbiddenRegion:
+class ForbiddenRegion(_Fixture):
     """A box or a sphere that pushes the hand out by the nearest way.
 
     It remembers nothing, so a hand that is pushed past its middle comes out on the other side. What
@@ -160,14 +171,15 @@ class ForbiddenRegion:
         stiffness: Of its skin.
     """
 
+    places: ClassVar[tuple[str, ...]] = ("centre",)
+
     centre: Place
     size: tuple[Annotated[Length, POSITIVE], ...] | None = None
     radius: Annotated[Length, POSITIVE] | None = None
     stiffness: Annotated[Stiffness, NOT_NEGATIVE] = 1000.0
 
     def __post_init__(self) -> None:
-        check_ranges(self)
-        _check_place(self.centre, "centre")
+        super().__post_init__()
         if (self.size is None) == (self.radius is None):
             raise ConfigError("a forbidden region needs size (a box) or radius (a sphere)")
         if self.size is not None and len(self.size) != 3:
@@ -175,7 +187,6 @@ class ForbiddenRegion:
             raise ConfigError(words, field="size")
 
     def force(self, position: Vector3, velocity: Vector3) -> Vector3:
-        """Return the force, in N, at a position (m) and velocity (m/s)."""
         return scale(self._way_in(sub(position, pad3(self.centre))), self.stiffness)
 
     def _way_in(self, offset: Vector3) -> Vector3:
@@ -196,8 +207,7 @@ class ForbiddenRegion:
         way[axis] = -math.copysign(shallowest, offset[axis])
         return (way[0], way[1], way[2])
 
-    def scene(self, name: str) -> SceneObject:
-        """Return what there is to draw."""
+    def drawn(self, name: str) -> SceneObject:
         centre = pad3(self.centre)
         if self.radius is not None:
             return SceneObject(name, "sphere", position=centre, size=(self.radius,))
@@ -205,7 +215,7 @@ class ForbiddenRegion:
 
 
 @dataclass(frozen=True, kw_only=True)
-class WorkspaceLimit:
+class WorkspaceLimit(_Fixture):
     """A soft wall at the ends of a workspace: a box that the hand is kept in.
 
     Attributes:
@@ -215,14 +225,15 @@ class WorkspaceLimit:
         damping: Against motion outwards, beyond the limit.
     """
 
+    places: ClassVar[tuple[str, ...]] = ("low", "high")
+
     low: Place
     high: Place
     stiffness: Annotated[Stiffness, NOT_NEGATIVE] = 1000.0
     damping: Annotated[Damping, NOT_NEGATIVE] = 0.0
 
     def __post_init__(self) -> None:
-        check_ranges(self)
-        _check_place(self.low, "low")
+        super().__post_init__()
         if len(self.low) != len(self.high):
             words = f"high: expected as many entries as low, {len(self.low)}, got {len(self.high)}"
             raise ConfigError(words, field="high")
@@ -232,7 +243,6 @@ class WorkspaceLimit:
                 raise ConfigError(words, field="low")
 
     def force(self, position: Vector3, velocity: Vector3) -> Vector3:
-        """Return the force, in N, at a position (m) and velocity (m/s)."""
         forces = [0.0, 0.0, 0.0]
         for axis, (low, high) in enumerate(zip(self.low, self.high, strict=True)):
             beyond = position[axis] - min(max(position[axis], low), high)
@@ -242,8 +252,7 @@ class WorkspaceLimit:
                 forces[axis] = self.stiffness * beyond + out * self.damping * speed
         return (forces[0], forces[1], forces[2])
 
-    def scene(self, name: str) -> SceneObject:
-        """Return what there is to draw."""
+    def drawn(self, name: str) -> SceneObject:
         low, high = pad3(self.low), pad3(self.high)
         return SceneObject(
             name, "box", position=scale(add(low, high), 0.5), size=sub(high, low), is_removed=True
@@ -269,26 +278,22 @@ class Fixtures:
     def force(self, position: Vector3, velocity: Vector3) -> Vector3:
         """Return the sum of their forces, in N, at a position (m) and velocity (m/s)."""
         total = (0.0, 0.0, 0.0)
-        if max(map(abs, position)) > FAR:
-            return total
-        for _, fixture in self._named():
+        for fixture in self._named().values():
             total = add(total, fixture.force(position, velocity))
         return total
 
     def scene(self) -> tuple[SceneObject, ...]:
         """Return what there is to draw."""
-        return tuple(fixture.scene(name) for name, fixture in self._named())
+        return tuple(fixture.drawn(name) for name, fixture in self._named().items())
 
-    def _named(
-        self,
-    ) -> list[tuple[str, GuidancePlane | GuidancePath | WorkspaceLimit | ForbiddenRegion]]:
+    def _named(self) -> dict[str, _Fixture]:
         named = {
             "guidance plane": self.plane,
             "guidance path": self.path,
             "workspace limit": self.workspace,
             **{f"forbidden {i}": region for i, region in enumerate(self.forbidden, 1)},
         }
-        return [(name, fixture) for name, fixture in named.items() if fixture is not None]
+        return {name: fixture for name, fixture in named.items() if fixture is not None}
 
 
 @dataclass(frozen=True)
@@ -299,7 +304,6 @@ class WithFixtures(EnvironmentModel):
     fixtures: Fixtures
 
     def open(self, axes: int) -> Environment:
-        """Return an instance; see :class:`forcebound.environments.EnvironmentModel`."""
         return _Guided(self, axes)
 
 
@@ -311,17 +315,14 @@ class _Guided(Environment):
         self._opened = open_environment(model.model, axes)
 
     def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
-        """Return the force of both; see :class:`forcebound.environments.Environment`."""
         force = self._opened.force(user, position, velocity, elapsed)
         more = cut(self._model.fixtures.force(pad3(position), pad3(velocity)), self._axes)
         return tuple([one + other for one, other in zip(force, more, strict=True)])
 
     def contact(self, user: str) -> Contact | None:
-        """Return the contact of the environment; fixtures have none."""
         return self._opened.contact(user)
 
     def scene(self) -> tuple[SceneObject, ...]:
-        """Return what both have to draw."""
         return (*(self._opened.scene() or ()), *self._model.fixtures.scene())
 
     def change(self, model: WithFixtures) -> bool:
@@ -332,17 +333,4 @@ class _Guided(Environment):
         return True
 
     def close(self) -> None:
-        """Close the environment."""
         self._opened.close()
-
-
-def _check_place(place: tuple[float, ...], name: str) -> None:
-    if not 1 <= len(place) <= 3:
-        raise ConfigError(f"{name}: expected 1 to 3 numbers, got {len(place)}", field=name)
-
-
-def _on_segment(position: Vector3, a: Vector3, b: Vector3) -> Vector3:
-    way = sub(b, a)
-    length = dot(way, way)
-    share = dot(sub(position, a), way) / length if length > 0.0 else 0.0
-    return along(a, way, min(max(share, 0.0), 1.0))

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from forcebound.environments import Environment, EnvironmentModel
-from forcebound.environments.wall import on_first_axis
+from forcebound.environments.walls import on_first_axis
 from forcebound.messages.packets import Contact, SceneObject, Vector
 from forcebound.quantities import (
     NOT_NEGATIVE,
@@ -19,8 +19,7 @@ from forcebound.quantities import (
 
 STEP = 1e-4  # s, longest step of the integration
 ANGLE = 0.2  # rad, of the fastest oscillation that a step may be
-LONGEST = 0.1  # s: what was not asked for longer stands still meanwhile
-FAR = 1e3  # m: the mass does not follow a hand beyond
+LONGEST = 0.1  # s: a slab that is not asked for longer stands still
 THICKNESS = 0.010  # m, as drawn
 WIDTH = 0.060  # m, as drawn
 
@@ -55,14 +54,10 @@ class MassSpring(EnvironmentModel):
     def step(self) -> float:
         """The longest step of the integration, in s."""
         fastest = math.sqrt((self.spring + self.stiffness) / self.mass)
-        return min(STEP, ANGLE / fastest if fastest > 0.0 else STEP, 0.2 * self._decay)
-
-    @property
-    def _decay(self) -> float:
-        return self.mass / self.damping if self.damping > 0.0 else math.inf
+        decay = self.mass / self.damping if self.damping > 0.0 else math.inf
+        return min(STEP, ANGLE / fastest if fastest > 0.0 else STEP, 0.2 * decay)
 
     def open(self, axes: int) -> "_Slab":
-        """Return an instance; see :class:`forcebound.environments.EnvironmentModel`."""
         return _Slab(self, axes)
 
 
@@ -76,7 +71,6 @@ class _Slab(Environment):
         self._elapsed = 0.0
 
     def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
-        """Return the contact's force; see :class:`forcebound.environments.Environment`."""
         before = position[0] if self._hand is None else self._hand[0]
         self._advance(before, position[0], min(max(elapsed - self._elapsed, 0.0), LONGEST))
         self._hand, self._elapsed = position, elapsed
@@ -91,7 +85,6 @@ class _Slab(Environment):
         """Move the slab while the hand goes evenly from ``start`` to ``end``."""
         model = self._model
         steps = math.ceil(duration / model.step)
-        start, end = (min(max(x, -FAR), FAR) for x in (start, end))
         for i in range(steps):
             h = duration / steps
             hand = start + (end - start) * (i + 0.5) / steps
@@ -101,18 +94,15 @@ class _Slab(Environment):
             self._deflection += h * self._speed
 
     def contact(self, user: str) -> Contact | None:
-        """Return the touched point of the face."""
         if self._hand is None or self._depth <= 0.0:
             return None
         return Contact((self._face, *self._hand[1:]), on_first_axis(-1.0, self._axes))
 
     def scene(self) -> tuple[SceneObject, ...]:
-        """Return the slab."""
         centre = (self._face + 0.5 * THICKNESS, 0.0, 0.0)
         size = (THICKNESS, WIDTH, WIDTH)
         return (SceneObject("slab", "box", position=centre, size=size, is_fixed=False),)
 
     def change(self, model: MassSpring) -> bool:
-        """Take over other parameters; the slab goes on from where it is."""
         self._model = model
         return True

@@ -34,28 +34,18 @@ class RecordedEnvironment(EnvironmentModel):
     file: Path
 
     def check_files(self) -> None:
-        """Read the file.
-
-        Raises:
-            ConfigError: If it cannot be read, or has no reply to a state with an engaged force.
-        """
         _read(self.file, version_of(self.file))
 
     def open(self, axes: int) -> "_OpenRecorded":
-        """Return a new instance; see :class:`forcebound.environments.EnvironmentModel`."""
         return _OpenRecorded(*_read(self.file, version_of(self.file)), axes)
 
 
 class _Answer(NamedTuple):
-    """What an environment answered."""
-
     force: Vector  # N
     contact: Contact | None  # None: free motion
 
 
 class _OpenRecorded(Environment):
-    """An :class:`forcebound.environments.Environment` of recorded answers."""
-
     def __init__(self, times: tuple[float, ...], answers: tuple[_Answer, ...], axes: int) -> None:
         self._times = times  # s since the force engaged
         self._answers = [_fitted(answer, axes) for answer in answers]
@@ -63,7 +53,6 @@ class _OpenRecorded(Environment):
         self._answer = self._nothing
 
     def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
-        """Return the force; see :meth:`forcebound.environments.Environment.force`."""
         times = self._times
         self._answer = self._nothing
         if times[0] <= elapsed <= times[-1]:
@@ -73,7 +62,6 @@ class _OpenRecorded(Environment):
         return self._answer.force
 
     def contact(self, user: str) -> Contact | None:
-        """Return what the recorded environment touched then; None: free motion."""
         return self._answer.contact
 
 
@@ -114,9 +102,6 @@ def _read(file: Path, version: tuple[int, int]) -> tuple[tuple[float, ...], tupl
 
     If the recording begins later than that, the times count from its beginning. Kept for one
     ``version`` of the file: a launch reads it to check it, and once more to open it.
-
-    Raises:
-        ConfigError: As :meth:`RecordedEnvironment.check_files`.
     """
     states: list[_State] = []
     replies: list[_Reply] = []
@@ -143,7 +128,7 @@ def _by_time(states: list[_State], replies: list[_Reply]) -> dict[float, _Answer
     last = 0.0
     for state in states:
         if state.elapsed < last:
-            break  # the device was lost, and begins anew
+            break  # the device was lost, and begins again
         last = state.elapsed
         times[state.seq, state.time_ns] = last - start
     answers = {}
@@ -151,12 +136,10 @@ def _by_time(states: list[_State], replies: list[_Reply]) -> dict[float, _Answer
         time = times.get((reply.device_seq, reply.device_time_ns))
         force = _finite(reply.force)
         if time is not None and force is not None:
-            answers[time] = _Answer(force, _contact(_finite(reply.proxy), _finite(reply.normal)))
+            proxy, normal = _finite(reply.proxy), _finite(reply.normal)
+            touched = None if proxy is None or normal is None else Contact(proxy, normal)
+            answers[time] = _Answer(force, touched)
     return dict(sorted(answers.items())) if last > 0.0 else {}
-
-
-def _contact(proxy: Vector | None, normal: Vector | None) -> Contact | None:
-    return None if proxy is None or normal is None else Contact(proxy, normal)
 
 
 def _finite(numbers: _Numbers | None) -> Vector | None:

@@ -1,32 +1,26 @@
 """Plane, sphere, box and cylinder, put together and cut out of each other."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Annotated, Literal
 
 import numpy as np
 
-from forcebound.environments import EnvironmentModel
-from forcebound.environments.touching import OpenTouchable
+from forcebound.environments.touching import Touchable
 from forcebound.errors import ConfigError
 from forcebound.geometry import shapes
 from forcebound.geometry.implicit import ImplicitSolid
-from forcebound.geometry.proxy import Surface
-from forcebound.geometry.vectors import Quaternion, Vector3, norm, rotate, unit_quaternion
+from forcebound.geometry.vectors import Quaternion, Vector3, norm, unit_quaternion
 from forcebound.messages.packets import SceneObject
 from forcebound.quantities import (
-    NOT_NEGATIVE,
     POSITIVE,
     Angle,
-    Damping,
     Length,
     Ratio,
-    Stiffness,
     check_ranges,
 )
 
 MOST = 64  # shapes: as many as a scene can show
-TRIES = 2000  # points of each shape, of which one has to be left
 KINDS = ("plane", "sphere", "box", "cylinder")  # in the order of the kernel's numbers
 NEEDS = {"plane": set(), "sphere": {"radius"}, "box": {"size"}, "cylinder": {"radius", "length"}}
 
@@ -87,6 +81,13 @@ class Shape:
             return (self.size[0] / 2, self.size[1] / 2, self.size[2] / 2)
         return (self.radius or 0.0, (self.length or 0.0) / 2, 0.0)
 
+    @property
+    def scene_size(self) -> tuple[float, ...]:
+        """The size of an object of a scene."""
+        if self.size is not None:
+            return self.size
+        return tuple(one for one in (self.radius, self.length) if one is not None)
+
     def row(self) -> list[float]:
         """Return the shape as a row of the kernel's table."""
         kind = float(KINDS.index(self.shape))
@@ -94,92 +95,41 @@ class Shape:
 
 
 @dataclass(frozen=True)
-class Solid(EnvironmentModel):
+class Solid(Touchable):
     """Shapes that the hand touches: spring, damper and surface around all of them together.
 
     Attributes:
         shapes: In their order: each is added to those before it, or cut out of them.
-        stiffness: Of the spring between the device and the proxy.
-        damping: Along the surface's normal; it pushes out and never pulls in.
-        surface: How it feels.
     """
 
     shapes: tuple[Shape, ...] = (Shape("sphere", position=(0.05, 0.0, 0.0), radius=0.04),)
-    stiffness: Annotated[Stiffness, NOT_NEGATIVE] = 1000.0
-    damping: Annotated[Damping, NOT_NEGATIVE] = 0.0
-    surface: Surface = field(default_factory=Surface)
 
     def __post_init__(self) -> None:
-        check_ranges(self)
+        super().__post_init__()
         if not 0 < len(self.shapes) <= MOST:
             raise ConfigError(
                 f"shapes must list 1 to {MOST} shapes, got {len(self.shapes)}", field="shapes"
             )
-        if not self._is_something():
+        if self.shapes[0].is_removed:
             raise ConfigError(
-                "nothing is left of the shapes: all that is added is removed again; a removed shape"
-                " cuts those before it in the list only",
+                "the first of the shapes is removed from nothing: a removed shape cuts those before"
+                " it in the list only",
                 field="shapes",
             )
 
-    def _table(self) -> "np.ndarray[tuple[int, ...], np.dtype[np.float64]]":
-        return np.array([shape.row() for shape in self.shapes])
-
-    def _is_something(self) -> bool:
-        """Whether one of many places within the shapes that were added is solid."""
-        table = self._table()
-        places = np.random.default_rng(1).uniform(-1.0, 1.0, (TRIES, 3))
-        for shape in self.shapes:
-            if shape.is_removed:
-                continue
-            radius, half = shape.extent[:2]
-            reach = (radius, radius, half if shape.shape == "cylinder" else radius)
-            ends = shape.extent if shape.shape == "box" else reach
-            if shape.shape == "plane":
-                ends = (1.0, 1.0, 1.0)  # m, near the point that it is given by
-            for x, y, z in (places * np.array(ends)).tolist():
-                inside = rotate(shape.orientation, (x, y, z))
-                point = (
-                    inside[0] + shape.position[0],
-                    inside[1] + shape.position[1],
-                    inside[2] + shape.position[2],
-                )
-                if shapes.distance(table, point) < 0.0:
-                    return True
-        return False
-
-    def check_files(self) -> None:
-        """Read what the surface names.
-
-        Raises:
-            ConfigError: If it will not do.
-        """
-        self.surface.check_files()
-
     def solid(self) -> ImplicitSolid:
-        """Return what the proxy slides on."""
-        return ImplicitSolid(shapes.SHAPES, self._table())
+        table = np.array([shape.row() for shape in self.shapes])
+        return ImplicitSolid(shapes.SHAPES, table)
 
     def scene(self) -> tuple[SceneObject, ...]:
-        """Return the shapes."""
         return tuple(
             SceneObject(
                 name=f"{one.shape}_{number}",
                 shape=one.shape,
                 position=one.position,
                 orientation=one.orientation,
-                size=_scene_size(one),
+                size=one.scene_size,
                 is_removed=one.is_removed,
             )
             for number, one in enumerate(self.shapes, start=1)
         )
-
-    def open(self, axes: int) -> OpenTouchable:
-        """Return a new instance; see :class:`forcebound.environments.EnvironmentModel`."""
-        return OpenTouchable(self, axes)
-
-
-def _scene_size(shape: Shape) -> tuple[float, ...]:
-    if shape.size is not None:
-        return shape.size
-    return tuple(one for one in (shape.radius, shape.length) if one is not None)

@@ -8,8 +8,9 @@ import statistics
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from random import Random
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
+from forcebound.environments import Environment
 from forcebound.geometry.vectors import (
     ZERO,
     Vector3,
@@ -35,36 +36,34 @@ SHALLOW = 1e-5  # m; a stiffness at less depth is mostly rounding
 PERIOD = 1e-3  # s, between two questions
 
 
-class Tip(NamedTuple):
-    """One moment of a stroke."""
+class Question(NamedTuple):
+    """What an environment is asked once."""
 
     position: Vector  # m
     velocity: Vector  # m/s
     elapsed: float  # s
 
+    def __str__(self) -> str:
+        return f"force('', {self.position}, {self.velocity}, {self.elapsed})"
 
-def strokes(
-    objects: Sequence[SceneObject], axes: int, random: Random, count: int
-) -> Iterator[list[Tip]]:
-    """Return strokes towards the objects in turn, none without objects.
 
-    Args:
-        objects: Of the scene.
-        axes: Number of entries of a position.
-        random: Decides where they begin and lead.
-        count: How many strokes.
+def strokes(objects: Sequence[SceneObject], axes: int, count: int) -> Iterator[list[Question]]:
+    """Return ``count`` strokes of so many axes towards the objects in turn; none without objects.
+
+    The same each time.
     """
+    random = Random(axes)
     for number, target in zip(range(count), itertools.cycle(objects), strict=False):
         yield _stroke(target, axes, random, float(number))
 
 
-def _stroke(target: SceneObject, axes: int, random: Random, begins: float) -> list[Tip]:
+def _stroke(target: SceneObject, axes: int, random: Random, begins: float) -> list[Question]:
     half = _half_size(target)
     place = target.position
     if target.points:
         place = add(place, rotate(target.orientation, random.choice(target.points)))
-    within: Vector3 = (_share(random, half), _share(random, half), _share(random, half))
-    aim = add(place, rotate(target.orientation, within))
+    x, y, z = (random.uniform(-0.5, 0.5) * half for _ in range(3))
+    aim = add(place, rotate(target.orientation, (x, y, z)))
     inwards, sideways = _direction(axes, random), _direction(axes, random)
     across = unit(tangential(sideways, inwards)) if axes > 1 else ZERO
     way = half + CLEARANCE
@@ -74,27 +73,17 @@ def _stroke(target: SceneObject, axes: int, random: Random, begins: float) -> li
     slow = scale(across, 0.25 * norm(velocity))
     tips += [(along(aim, slow, PERIOD * step), slow) for step in range(1, ACROSS + 1)]
     return [
-        Tip(cut(position, axes), cut(speed, axes), begins + PERIOD * step)
+        Question(cut(position, axes), cut(speed, axes), begins + PERIOD * step)
         for step, (position, speed) in enumerate(tips)
     ]
 
 
 def _half_size(target: SceneObject) -> float:
     """Return about how far from its middle an object reaches, in m."""
-    match target.shape, tuple(target.size):
-        case "sphere", (radius,):
-            return radius
-        case "box", edges if edges:
-            return 0.5 * max(edges)
-        case "cylinder", (radius, length):
-            return max(radius, 0.5 * length)
-        case "mesh" | "points", _:
-            return UNKNOWN
-    return THIN
-
-
-def _share(random: Random, half: float) -> float:
-    return random.uniform(-0.5, 0.5) * half
+    if target.shape in ("mesh", "points"):
+        return UNKNOWN
+    edges = [2.0 * one for one in target.size[:1]] + [*target.size[1:]]  # the first is a radius
+    return 0.5 * max(target.size if target.shape == "box" else edges, default=2.0 * THIN)
 
 
 def _direction(axes: int, random: Random) -> Vector3:
@@ -113,11 +102,11 @@ class Touch:
     across: float  # largest force across the normal over that along it
 
 
-def feel(environment: Any, objects: Sequence[SceneObject], axes: int, count: int) -> Touch:
+def feel(environment: Environment, objects: Sequence[SceneObject], axes: int, count: int) -> Touch:
     """Return what strokes through an open environment with ``contact`` have felt."""
     stiffness: list[float] = []
     across, touched = 0.0, 0
-    for stroke in strokes(objects, axes, Random(1), count):
+    for stroke in strokes(objects, axes, count):
         contacts = 0
         for tip in stroke:
             force = pad3(environment.force("", tip.position, (0.0,) * axes, tip.elapsed))

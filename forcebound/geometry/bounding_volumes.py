@@ -1,69 +1,62 @@
 """Tree of bounding boxes over triangles: closest point, and the first contact of a moving ball.
 
-One question a millisecond finds every cache cold, so a question should touch few lines of memory:
-
-* A node holds the boxes of its eight children side by side, 192 bytes: three cache lines.
-* The tree is balanced, so the places of children and triangles follow from their number alone.
-* Triangles lie in the order of the leaves. Their corners are floats of single precision, which the
-  boxes therefore bound without rounding; all arithmetic is in double precision.
-* A search begins with the triangle of the answer before, which is near in most cases.
+One question a millisecond finds every cache cold, so a question should touch few lines of memory. A
+node holds the boxes of its eight children side by side, 192 bytes: three cache lines. The tree is
+balanced, so the places of children and triangles follow from their number alone. Triangles lie in
+the order of the leaves; their corners have single precision, which the boxes bound without
+rounding, while all arithmetic has double precision. A search begins with the triangle of the answer
+before, which is near in most cases.
 
 Source of the wide nodes: I. Wald, C. Benthin, S. Boulos, Getting rid of packets: efficient SIMD
 single-ray traversal using multi-branching BVHs, IEEE Symposium on Interactive Ray Tracing, 2008.
 """
 
-import copy
 import math
-from typing import Any
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from forcebound.compiled import jit, outlined
-from forcebound.geometry.triangles import (
-    Triangles,
-    closest_on_triangle,
-    contact_time,
-    corner,
-)
+from forcebound.geometry.triangles import Triangles, closest_on_triangle, contact_time, corner
 from forcebound.geometry.vectors import Vector3, dot, sub
 
 WIDTH = 8  # children of a node; the loops over them become vector instructions
 LEAF = 4  # triangles in a leaf, at most
 NOTHING = 1e30  # m, box of no triangles: beyond everything, inside out
 MAX_DEPTH = 12
+STACK = (3, WIDTH * MAX_DEPTH)  # nodes, their keys; scratch
 
-_STACK = WIDTH * MAX_DEPTH
+
+class Tree(NamedTuple):
+    """What the kernels know of a tree."""
+
+    nodes: Any  # lowest x, y, z, then highest, of eight children, m; shape (n, 6, WIDTH)
+    triangles: Triangles  # in the order of the leaves
+    depth: int  # levels of nodes
 
 
 class TriangleTree:
-    """Triangles that answer where they are; see the module.
+    """Triangles, corners in m of shape (n, 3, 3), that answer where they are; see the module.
 
-    It keeps the place of its last answer, so it serves one user.
-
-    Args:
-        corners: Of the triangles, in m, shape (n, 3, 3), n at least 1; rounded to single precision.
+    It keeps the place of its last answer, so it serves one user; ``copy.copy`` makes one for
+    another.
     """
 
     def __init__(self, corners: Any) -> None:
-        import numpy as np
-
         flat = np.ascontiguousarray(np.asarray(corners, np.float32).reshape(-1, 9))
-        self.depth = depth_for(len(flat))
+        depth = depth_for(len(flat))
         #: Which triangle, counted as given, has a place in the tree.
         self.order = np.arange(len(flat))
-        jit(sort_triangles)(_centres(flat), self.order, self.depth)
-        self.triangles = flat[self.order]
-        self.nodes = np.empty(((WIDTH**self.depth - 1) // (WIDTH - 1), 6, WIDTH), np.float32)
-        jit(fill_nodes)(self.nodes, self.triangles, self.depth)
-        self.lowest = np.asarray(self.nodes[0, :3].min(axis=1), float)
-        self.highest = np.asarray(self.nodes[0, 3:].max(axis=1), float)
-        self.scratch = np.zeros((3, _STACK))
+        boxes = flat.reshape(-1, 3, 3)
+        centres = (0.5 * boxes.min(axis=1) + 0.5 * boxes.max(axis=1)).T.copy()
+        jit(sort_triangles)(centres, self.order, depth)
+        nodes = np.empty(((WIDTH**depth - 1) // (WIDTH - 1), 6, WIDTH), np.float32)
+        self.data = Tree(nodes, flat[self.order], depth)
+        jit(fill_nodes)(self.data)
+        self.lowest = np.asarray(nodes[0, :3].min(axis=1), float)
+        self.highest = np.asarray(nodes[0, 3:].max(axis=1), float)
         self._closest, self._first_contact = jit(closest), jit(first_contact)
         self._last = 0
-
-    def own(self) -> "TriangleTree":
-        """Return the same tree with memory of its own of the last answer."""
-        other = copy.copy(self)
-        other.scratch, other._last = self.scratch.copy(), 0
-        return other
 
     @property
     def size(self) -> float:
@@ -71,33 +64,19 @@ class TriangleTree:
         return math.dist(self.lowest, self.highest)
 
     def closest(self, point: Vector3) -> tuple[int, Vector3, float]:
-        """Return the place of the closest triangle in the tree, its closest point, and how far.
-
-        Args:
-            point: In m, as floats.
-        """
-        place, at, square = self._closest(
-            self.nodes, self.triangles, self.depth, point, self._last, self.scratch
-        )
-        self._last = place
-        return place, at, math.sqrt(square)
+        """Return place in the tree, closest point (m) and distance of the closest triangle."""
+        self._last, at, square = self._closest(self.data, point, self._last)
+        return self._last, at, math.sqrt(square)
 
     def first_contact(
         self, start: Vector3, end: Vector3, clearance: float = 0.0
     ) -> tuple[int, float]:
-        """Return which triangle a moving ball touches first, and when: 0 to 1.
+        """Return the place in the tree of what a moving ball touches first, and when: 0 to 1.
 
-        Args:
-            start: Of the ball's centre, in m, as floats.
-            end: Of its way.
-            clearance: Radius of the ball, in m; see :func:`triangles.contact_time`.
-
-        Returns:
-            Place of the triangle in the tree, and time; place -1: none.
+        The ball, of the radius ``clearance``, moves from ``start`` to ``end``, in m; see
+        :func:`triangles.contact_time`. Place -1: it touches nothing.
         """
-        return self._first_contact(
-            self.nodes, self.triangles, self.depth, start, end, clearance, self.scratch
-        )
+        return self._first_contact(self.data, start, end, clearance)
 
 
 def depth_for(count: int) -> int:
@@ -108,19 +87,11 @@ def depth_for(count: int) -> int:
     return depth
 
 
-def _centres(triangles: Triangles) -> Any:
-    """Return the centres of the triangles' boxes, shape (3, n)."""
-    corners = triangles.reshape(-1, 3, 3)
-    return (0.5 * corners.min(axis=1) + 0.5 * corners.max(axis=1)).T.copy()
-
-
 def sort_triangles(centres: Any, order: Any, depth: int) -> None:
     """Sort triangles, in place, so that every node has a range of them: medians, level by level.
 
-    Args:
-        centres: Of the triangles, shape (3, n); sorted too.
-        order: Numbers of the triangles.
-        depth: Levels of nodes.
+    ``centres`` has the shape (3, n), and is sorted, too; ``order`` are the numbers of the
+    triangles.
     """
     count = len(order)
     leaves = WIDTH**depth
@@ -174,49 +145,33 @@ def _partition(centres: Any, order: Any, axis: int, low: int, middle: int, high:
             break
 
 
-def fill_nodes(nodes: Any, triangles: Triangles, depth: int) -> None:
-    """Write the boxes of all nodes: lowest x, y, z, then highest, each of eight children."""
-    count, leaves = len(triangles), WIDTH**depth
-    parents = len(nodes)
-    first_leaf = parents  # nodes and leaves are numbered level by level
-    for child in range(first_leaf + leaves - 1, 0, -1):
+def fill_nodes(tree: Tree) -> None:
+    """Write the boxes of all nodes."""
+    nodes, triangles, depth = tree
+    parents = len(nodes)  # nodes and leaves are numbered level by level
+    for child in range(parents + WIDTH**depth - 1, 0, -1):
         parent, side = (child - 1) // WIDTH, (child - 1) % WIDTH
-        for axis in range(3):
-            nodes[parent, axis, side], nodes[parent, 3 + axis, side] = NOTHING, -NOTHING
+        nodes[parent, :3, side], nodes[parent, 3:, side] = NOTHING, -NOTHING
         if child < parents:
             for axis in range(3):
-                for inner in range(WIDTH):
-                    nodes[parent, axis, side] = min(
-                        nodes[parent, axis, side], nodes[child, axis, inner]
-                    )
-                    nodes[parent, 3 + axis, side] = max(
-                        nodes[parent, 3 + axis, side], nodes[child, 3 + axis, inner]
-                    )
+                nodes[parent, axis, side] = nodes[child, axis].min()
+                nodes[parent, 3 + axis, side] = nodes[child, 3 + axis].max()
             continue
-        leaf = child - first_leaf
-        for index in range(leaf * count // leaves, (leaf + 1) * count // leaves):
+        first, last = triangles_of_leaf(tree, child)
+        for index in range(first, last):
             for entry in range(9):
-                axis = entry % 3
-                nodes[parent, axis, side] = min(nodes[parent, axis, side], triangles[index, entry])
-                nodes[parent, 3 + axis, side] = max(
-                    nodes[parent, 3 + axis, side], triangles[index, entry]
-                )
+                low, high = entry % 3, 3 + entry % 3
+                nodes[parent, low, side] = min(nodes[parent, low, side], triangles[index, entry])
+                nodes[parent, high, side] = max(nodes[parent, high, side], triangles[index, entry])
 
 
-def closest(
-    nodes: Any, triangles: Triangles, depth: int, point: Vector3, guess: int, stack: Any
-) -> tuple[int, Vector3, float]:
+def closest(tree: Tree, point: Vector3, guess: int) -> tuple[int, Vector3, float]:
     """Return the closest triangle, its closest point, and the squared distance.
 
-    Args:
-        nodes: Of the tree.
-        triangles: In the tree's order.
-        depth: Levels of nodes.
-        point: In m.
-        guess: A triangle that may be near.
-        stack: Scratch memory, shape (3, _STACK).
+    ``guess`` is a triangle that may be near.
     """
-    best, at = guess, closest_on(triangles, guess, point)
+    stack = np.empty(STACK)
+    best, at = guess, closest_on(tree.triangles, guess, point)
     nearest = dot(sub(point, at), sub(point, at))
     stack[0, 0], stack[1, 0], top = 0.0, 0.0, 1
     while top > 0:
@@ -224,21 +179,21 @@ def closest(
         node = int(stack[0, top])
         if stack[1, top] >= nearest:
             continue
-        if node >= len(nodes):
-            first, last = triangles_of_leaf(nodes, triangles, depth, node)
-            for index in range(first, last):
-                here = closest_on(triangles, index, point)
-                square = dot(sub(point, here), sub(point, here))
-                if square < nearest:
-                    best, at, nearest = index, here, square
+        if node < len(tree.nodes):
+            top = push_children_near(tree.nodes, node, point, nearest, stack, top)
             continue
-        top = push_children_near(nodes, node, point, nearest, stack, top)
+        first, last = triangles_of_leaf(tree, node)
+        for index in range(first, last):
+            here = closest_on(tree.triangles, index, point)
+            square = dot(sub(point, here), sub(point, here))
+            if square < nearest:
+                best, at, nearest = index, here, square
     return best, at, nearest
 
 
-def triangles_of_leaf(nodes: Any, triangles: Triangles, depth: int, leaf: int) -> tuple[int, int]:
+def triangles_of_leaf(tree: Tree, leaf: int) -> tuple[int, int]:
     """Return the range of the triangles in a leaf; leaves are numbered after all nodes."""
-    place, leaves, count = leaf - len(nodes), WIDTH**depth, len(triangles)
+    place, leaves, count = leaf - len(tree.nodes), WIDTH**tree.depth, len(tree.triangles)
     return place * count // leaves, (place + 1) * count // leaves
 
 
@@ -284,26 +239,9 @@ def closest_on(triangles: Triangles, index: int, point: Vector3) -> Vector3:
 
 
 @outlined
-def first_contact(
-    nodes: Any,
-    triangles: Triangles,
-    depth: int,
-    start: Vector3,
-    end: Vector3,
-    clearance: float,
-    stack: Any,
-) -> tuple[int, float]:
-    """Return the first triangle that a ball touches on its way, and when; -1 if none.
-
-    Args:
-        nodes: Of the tree.
-        triangles: In the tree's order.
-        depth: Levels of nodes.
-        start: Of the ball's centre, in m.
-        end: Of its way.
-        clearance: Radius of the ball, in m.
-        stack: Scratch memory, shape (3, _STACK).
-    """
+def first_contact(tree: Tree, start: Vector3, end: Vector3, clearance: float) -> tuple[int, float]:
+    """Return the first triangle that a ball touches on its way, and when; -1 if none."""
+    nodes, triangles, stack = tree.nodes, tree.triangles, np.empty(STACK)
     best, earliest = -1, 2.0
     way = sub(end, start)
     inverse = (_inverse(way[0]), _inverse(way[1]), _inverse(way[2]))
@@ -314,16 +252,10 @@ def first_contact(
         if stack[1, top] > earliest:
             continue
         if node >= len(nodes):
-            first, last = triangles_of_leaf(nodes, triangles, depth, node)
+            first, last = triangles_of_leaf(tree, node)
             for index in range(first, last):
-                time = contact_time(
-                    start,
-                    end,
-                    corner(triangles, index, 0),
-                    corner(triangles, index, 1),
-                    corner(triangles, index, 2),
-                    clearance,
-                )
+                a, b = corner(triangles, index, 0), corner(triangles, index, 1)
+                time = contact_time(start, end, a, b, corner(triangles, index, 2), clearance)
                 if time < earliest:
                     best, earliest = index, time
             continue

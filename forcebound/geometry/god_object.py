@@ -26,10 +26,14 @@ import copy
 import math
 from typing import Any
 
+import numpy as np
+
 from forcebound.compiled import jit, outlined
 from forcebound.geometry.bounding_volumes import (
     NOTHING,
+    STACK,
     WIDTH,
+    Tree,
     TriangleTree,
     closest_on,
     first_contact,
@@ -63,59 +67,40 @@ FAR = 1e3  # sizes of the mesh; a goal beyond is taken to be there
 
 
 class MeshSolid:
-    """A triangle mesh as a solid (:class:`forcebound.geometry.proxy.Solid`).
+    """A triangle mesh, counter-clockwise as seen from outside, as a :class:`..proxy.Solid`.
 
-    Args:
-        tree: Its triangles, counter-clockwise as seen from outside.
-        is_closed: Whether there is an inside. Without one, distances are positive, and the proxy
-            stays on its side of the triangles.
-        normals: Smoothed unit normals of the three corners of each triangle, in the order that the
-            tree was made of, shape (n, 3, 3); None: there is no shading.
+    Without an inside distances are positive, and the proxy stays on its side of the triangles.
+    ``normals`` are smoothed unit normals of the three corners of each triangle, in the order that
+    the tree was made of, shape (n, 3, 3); None: there is no shading.
     """
 
     def __init__(self, tree: TriangleTree, is_closed: bool, normals: Any = None) -> None:
-        import numpy as np
-
         self.tree = tree
         self.clearance = CLEARANCE * tree.size
         self._is_closed = is_closed
         self._normals = None if normals is None else normals[tree.order]
-        self._planes = np.zeros((PLANES, 4))
         self._slide, self._pseudonormal = jit(slide), jit(pseudonormal)
         start = (float(tree.highest[0]) + tree.size, 0.0, 0.0)
         self.slide(start, start)  # compiles
         self.closest(start)
 
     def own(self) -> "MeshSolid":
-        """Return the same solid with scratch memory of its own, as each user needs it."""
+        """Return the same solid with a tree of its own, as each user needs it."""
         other = copy.copy(self)
-        other.tree, other._planes = self.tree.own(), self._planes.copy()
+        other.tree = copy.copy(self.tree)
         return other
 
     def slide(self, proxy: Vector3, goal: Vector3) -> tuple[Vector3, Vector3 | None]:
-        """Move the proxy towards the goal; see :class:`forcebound.geometry.proxy.Solid`."""
-        tree = self.tree
-        place, normal, is_free = self._slide(
-            tree.nodes,
-            tree.triangles,
-            tree.depth,
-            proxy,
-            goal,
-            self.clearance,
-            tree.scratch,
-            self._planes,
-        )
+        place, normal, is_free = self._slide(self.tree.data, proxy, goal, self.clearance)
         return (goal, None) if is_free else (place, normal)
 
     def distance(self, point: Vector3) -> float:
-        """Return the distance to the surface, in m; negative inside a closed mesh."""
         _, at, distance = self.tree.closest(point)
         if self._is_closed and dot(sub(point, at), self._normal_at(at)) < 0.0:
             return -distance
         return distance
 
     def closest(self, point: Vector3) -> tuple[Vector3, Vector3]:
-        """Return the closest place of a proxy on the surface, and the outward normal there."""
         _, at, _ = self.tree.closest(point)
         normal = self._normal_at(at)
         if not self._is_closed and dot(sub(point, at), normal) < 0.0:
@@ -130,7 +115,7 @@ class MeshSolid:
         if self._normals is None:
             return normal
         place, at, _ = self.tree.closest(point)
-        a, b, c = (corner(self.tree.triangles, place, k) for k in range(3))
+        a, b, c = (corner(self.tree.data.triangles, place, k) for k in range(3))
         x, y, z = (barycentric(at, a, b, c) @ self._normals[place]).tolist()
         smooth, side = unit((x, y, z)), dot(unit(cross(sub(b, a), sub(c, a))), normal)
         if not self._is_closed and side < 0.0:
@@ -138,16 +123,11 @@ class MeshSolid:
         return smooth if side > SHADED else normal
 
     def _normal_at(self, at: Vector3) -> Vector3:
-        tree = self.tree
-        return self._pseudonormal(
-            tree.nodes, tree.triangles, tree.depth, at, 0.01 * self.clearance, tree.scratch
-        )
+        return self._pseudonormal(self.tree.data, at, 0.01 * self.clearance)
 
 
 def placed(mesh: Mesh, position: Vector3, orientation: Quaternion, is_shaded: bool) -> MeshSolid:
     """Return a mesh, turned by a unit quaternion and then moved (m), as a solid."""
-    import numpy as np
-
     x, y, z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
     axes = np.array([rotate(orientation, axis) for axis in (x, y, z)])
     tree = TriangleTree(mesh.corners @ axes + position)
@@ -157,8 +137,6 @@ def placed(mesh: Mesh, position: Vector3, orientation: Quaternion, is_shaded: bo
 
 def barycentric(point: Vector3, a: Vector3, b: Vector3, c: Vector3) -> Any:
     """Return the weights of the corners at a point of a triangle, shape (3,)."""
-    import numpy as np
-
     normal = cross(sub(b, a), sub(c, a))
     area = dot(normal, normal)
     if area == 0.0:
@@ -169,37 +147,17 @@ def barycentric(point: Vector3, a: Vector3, b: Vector3, c: Vector3) -> Any:
 
 
 def slide(
-    nodes: Any,
-    triangles: Triangles,
-    depth: int,
-    proxy: Vector3,
-    goal: Vector3,
-    clearance: float,
-    stack: Any,
-    planes: Any,
+    tree: Tree, proxy: Vector3, goal: Vector3, clearance: float
 ) -> tuple[Vector3, Vector3, bool]:
-    """Return where the proxy comes to, the normal there, and whether it reached the goal.
-
-    Args:
-        nodes: Of the tree, as ``triangles`` and ``depth``.
-        triangles: In the tree's order.
-        depth: Levels of nodes.
-        proxy: Where it is, in m.
-        goal: Where it shall come as near as possible, in m.
-        clearance: Radius of the ball, in m.
-        stack: Scratch memory of the tree.
-        planes: Scratch memory, shape (PLANES, 4).
-    """
+    """Return where the proxy comes to, the normal there, and whether it reached the goal."""
     normal = (0.0, 0.0, 0.0)
-    is_near, place, goal = _entered(nodes, proxy, goal, clearance)
+    is_near, place, goal = _entered(tree.nodes, proxy, goal, clearance)
     if not is_near:
         return goal, normal, True
     nearest, idle = math.inf, 0
     for _ in range(SWEEPS):
         before = place
-        place, normal, count = _sweep(
-            nodes, triangles, depth, before, goal, clearance, stack, planes
-        )
+        place, normal, count = _sweep(tree, before, goal, clearance)
         if count == 0:
             return goal, normal, True
         distance = norm(sub(place, goal))
@@ -216,25 +174,18 @@ def slide(
 
 
 def _sweep(
-    nodes: Any,
-    triangles: Triangles,
-    depth: int,
-    before: Vector3,
-    goal: Vector3,
-    clearance: float,
-    stack: Any,
-    planes: Any,
+    tree: Tree, before: Vector3, goal: Vector3, clearance: float
 ) -> tuple[Vector3, Vector3, int]:
     """Return where a sweep ends, the normal of the last plane, and how many planes there were."""
+    planes = np.empty((PLANES, 4))
     place, target, normal, count = before, goal, (0.0, 0.0, 0.0), 0
     while count < PLANES:
-        index, time = first_contact(nodes, triangles, depth, place, target, clearance, stack)
+        index, time = first_contact(tree, place, target, clearance)
         if index < 0:
             return target, normal, count
         place = along(place, sub(target, place), time)
-        normal, gap = separation(triangles, index, place)
-        for axis in range(3):
-            planes[count, axis] = normal[axis]
+        normal, gap = separation(tree.triangles, index, place)
+        planes[count, 0], planes[count, 1], planes[count, 2] = normal
         # Seen from where the sweep began: there numbers are small.
         planes[count, 3] = clearance - gap + dot(normal, sub(place, before))
         count += 1
@@ -288,38 +239,28 @@ def _entered(
     return True, place, along(place, left, min(1.0, FAR * size / max(norm(left), 1e-300)))
 
 
-def pseudonormal(
-    nodes: Any, triangles: Triangles, depth: int, at: Vector3, reach: float, stack: Any
-) -> Vector3:
+def pseudonormal(tree: Tree, at: Vector3, reach: float) -> Vector3:
     """Return the outward unit normal at a point of the surface, also at an edge or a corner.
 
-    The sum of the normals of all triangles there, weighted by their angles; its sign tells on
-    which side of a closed mesh a point is whose closest point is ``at``.
+    The sum of the normals of all triangles within ``reach``, weighted by their angles; its sign
+    tells on which side of a closed mesh a point is whose closest point is ``at``.
 
     Source: J. A. Baerentzen, H. Aanaes, Signed distance computation using the angle weighted
     pseudonormal, IEEE TVCG 11(3), 2005.
-
-    Args:
-        nodes: Of the tree, as ``triangles`` and ``depth``.
-        triangles: In the tree's order.
-        depth: Levels of nodes.
-        at: Point of the surface, in m.
-        reach: Distance within which a triangle counts as being there, in m.
-        stack: Scratch memory of the tree.
     """
-    total = (0.0, 0.0, 0.0)
+    stack, total = np.empty(STACK), (0.0, 0.0, 0.0)
     stack[0, 0], stack[1, 0], top = 0.0, 0.0, 1
     while top > 0:
         top -= 1
         node = int(stack[0, top])
-        if node < len(nodes):
-            top = push_children_near(nodes, node, at, reach * reach, stack, top)
+        if node < len(tree.nodes):
+            top = push_children_near(tree.nodes, node, at, reach * reach, stack, top)
             continue
-        first, last = triangles_of_leaf(nodes, triangles, depth, node)
+        first, last = triangles_of_leaf(tree, node)
         for index in range(first, last):
-            away = sub(closest_on(triangles, index, at), at)
+            away = sub(closest_on(tree.triangles, index, at), at)
             if dot(away, away) <= reach * reach:
-                angle, normal = _angle_at(triangles, index, at, reach)
+                angle, normal = _angle_at(tree.triangles, index, at, reach)
                 total = along(total, normal, angle)
     return unit(total)
 

@@ -3,15 +3,26 @@
 Distances are exact within a *narrow band* of a few cells about the surface; beyond they stay at the
 band's width. Beyond the grid the value at its nearest point holds, so that what touches the border
 goes on there.
+
+The grid of a mesh takes seconds to make. It is kept in the user's cache folder, under a digest of
+the mesh and the spacing.
 """
 
+import hashlib
+import io
 import math
+import os
+from contextlib import suppress
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from forcebound.compiled import jit, outlined
+from forcebound.errors import ConfigError
+from forcebound.files import content_of
 from forcebound.geometry.implicit import Field
+from forcebound.geometry.mesh_file import Mesh, read_data
 from forcebound.geometry.triangles import closest_on_triangle
 from forcebound.geometry.vectors import (
     Quaternion,
@@ -25,6 +36,8 @@ from forcebound.geometry.vectors import (
 )
 
 BAND = 4  # cells on each side of the surface in which distances are exact
+MOST_POINTS = 30_000_000  # of a grid: 120 MB
+STEEPEST = 1.5  # change of distance over distance; 1 but for rounding
 
 
 class Grid(NamedTuple):
@@ -102,29 +115,78 @@ def smooth_gradient(data: Any, point: Vector3) -> Vector3:
 GRID = Field(distance, gradient, smooth_gradient)
 
 
-def grid_of(corners: Any, spacing: float) -> Grid:
-    """Return the distances to a closed mesh.
-
-    Args:
-        corners: Of its triangles, in m, counter-clockwise as seen from outside; shape (n, 3, 3).
-        spacing: Of the grid, in m.
-    """
-    triangles = np.ascontiguousarray(corners, np.float64).reshape(-1, 9)
-    margin = (BAND + 1) * spacing
-    low = corners.min(axis=(0, 1)) - margin
-    shape = grid_shape(corners, spacing)
-    values = np.full(shape, BAND * spacing, np.float32)
-    crossings = np.zeros(shape, np.int32)
-    place = np.array([*low, spacing])
-    jit(fill)(triangles, values, crossings, place)
+def mesh_grid(mesh: Mesh, spacing: float, folder: Path | None) -> Grid:
+    """Return the distances to a closed mesh, kept in a folder; ConfigError for too many points."""
+    corners = mesh.corners
+    low = corners.min(axis=(0, 1)) - (BAND + 1) * spacing
+    edges = np.ptp(corners.reshape(-1, 3), axis=0).tolist()
+    shape = tuple([math.ceil(edge / spacing) + 2 * (BAND + 1) + 1 for edge in edges])
+    if math.prod(shape) > MOST_POINTS:
+        least = spacing * (math.prod(shape) / MOST_POINTS) ** (1 / 3)
+        raise ConfigError(
+            f"a spacing of {1e3 * spacing:g} mm makes a grid of {math.prod(shape):,} points, more"
+            f" than {MOST_POINTS:,}: use at least {1e3 * least:.2g} mm, or the kind `mesh`",
+            field="spacing",
+        )
+    name = hashlib.sha256(corners.tobytes() + f"{spacing!r} {BAND}".encode()).hexdigest()
+    file = None if folder is None else folder / f"{name}.npy"
+    values = None
+    if file is not None:
+        with suppress(OSError, ValueError, EOFError):  # there is none
+            values = np.load(file)
+    if values is None or values.shape != shape:
+        values = _distances(corners.reshape(-1, 9), np.array([*low, spacing]), shape)
+        if file is not None:
+            with suppress(OSError):  # no space: it is made again next time
+                unfinished = file.with_suffix(f".{os.getpid()}.npy")
+                np.save(unfinished, values)
+                os.replace(unfinished, file)
     return Grid(values, (float(low[0]), float(low[1]), float(low[2])), spacing)
 
 
-def grid_shape(corners: Any, spacing: float) -> tuple[int, int, int]:
-    """Return the number of points along each axis of the grid of a mesh."""
-    edges = np.ptp(corners.reshape(-1, 3), axis=0)
-    x, y, z = (math.ceil(edge / spacing) + 2 * (BAND + 1) + 1 for edge in edges.tolist())
-    return x, y, z
+def _distances(triangles: Any, place: Any, shape: tuple[int, ...]) -> Any:
+    """The distances to triangles, counter-clockwise as seen from outside, on a grid."""
+    values = np.full(shape, BAND * place[3], np.float32)
+    jit(fill)(np.ascontiguousarray(triangles), values, np.zeros(shape, np.int32), place)
+    return values
+
+
+def read_grid(file: Path, spacing: float, origin: Vector3) -> Grid:
+    """Return the distances in a .npy file, an array of three axes, in m; negative: inside.
+
+    ConfigError, with what to do, if it is no such array, or its numbers are no distances.
+    """
+    data = read_data(file, "grid", 8 * MOST_POINTS + 1000)
+    with content_of(file):
+        values = np.asarray(np.load(io.BytesIO(data), allow_pickle=False), np.float32)
+    if values.ndim != 3 or min(values.shape) < 2:
+        raise ConfigError(
+            f"{file} has the shape {values.shape}: expected a grid of three axes with two points"
+            " each or more",
+            field="file",
+        )
+    bad = np.argwhere(~np.isfinite(values))
+    if len(bad):
+        where = ", ".join(map(str, bad[0].tolist()))
+        raise ConfigError(
+            f"{file} has {len(bad)} entries that are no finite numbers, the first at [{where}]:"
+            f" a distance that is not known may be {BAND} times the spacing, away from the surface",
+            field="file",
+        )
+    if not values.min() < 0.0 < values.max():
+        raise ConfigError(
+            f"{file} holds distances from {values.min():g} to {values.max():g} m: the surface is"
+            " where they change their sign, and there is none; inside is negative",
+            field="file",
+        )
+    steepest = max(float(np.abs(np.diff(values, axis=axis)).max()) for axis in range(3)) / spacing
+    if steepest > STEEPEST:
+        raise ConfigError(
+            f"{file} changes by {steepest:.3g} times the spacing between two neighbours, and a"
+            " distance by no more than once: give distance and `spacing` in m, such as 1 mm",
+            field="spacing",
+        )
+    return Grid(np.ascontiguousarray(values), origin, spacing)
 
 
 def fill(triangles: Any, values: Any, crossings: Any, place: Any) -> None:

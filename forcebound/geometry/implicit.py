@@ -1,12 +1,12 @@
-"""Solids that are told by a distance: the proxy on them.
+"""Solids that are described by a distance: the proxy on them.
 
 A *field* is a pair of compiled functions of some data and a point: the distance to the surface
 (negative inside, nowhere more than the true one), and its gradient. The proxy is moved in rounds.
 In each it sees the solid as the plane that the field has where the proxy is, and marches towards
 the closest place behind no plane; what it runs into on the way becomes another plane, until nothing
 is in the way. So in a corner of two solids both hold it. Marching goes in steps of the distance,
-which nothing can hide in (sphere tracing: J. C. Hart, Sphere tracing, The Visual Computer 12,
-1996), and dips a little below a hollow surface; the rounds bring it up again.
+which nothing can hide in (sphere tracing: J. C. Hart, The Visual Computer 12, 1996), and dips a
+little below a hollow surface; the rounds bring it up again.
 """
 
 from collections.abc import Callable
@@ -148,7 +148,7 @@ def slide_of(field: Field) -> Slide:
                     return False, goal, (0.0, 0.0, 0.0)
                 depth = norm(sub(place, goal)) + 2.0 * max(-free, 0.0)
                 move = norm(sub(place, before))
-                if depth < best:  # arrived: the solid is seen anew from here
+                if depth < best:  # arrived: the solid is seen again from here
                     rounds += 1
                     is_last = rounds > ROUNDS and best - depth < LEGAL
                     before, best, count = place, depth, 0
@@ -193,15 +193,11 @@ def closest_of(field: Field) -> Closest:
 
 
 class ImplicitSolid:
-    """A solid of a field, compiled when it is made; see :class:`forcebound.geometry.proxy.Solid`.
+    """A solid of a field and its data, compiled when it is made: a :class:`..proxy.Solid`.
 
-    Args:
-        field: Its functions.
-        data: What they know of it.
-        dip: Depth, in m, to which a move may dip below a hollow surface; what is thinner than twice
-            as much is not felt. Larger is faster.
-        still: Move, in dips, that counts as none.
-        steps: Distances that one move may ask for; what is left is done in the next.
+    A move may ``dip`` (m) below a hollow surface; what is thinner than twice as much is not felt.
+    Larger is faster. A move by ``still`` dips counts as none. One move may ask for so many
+    distances (``steps``); what is left is done in the next.
     """
 
     def __init__(
@@ -223,16 +219,13 @@ class ImplicitSolid:
         self.distance(origin)
 
     def slide(self, proxy: Vector3, goal: Vector3) -> tuple[Vector3, Vector3 | None]:
-        """Move the proxy towards the goal as far as nothing is entered."""
         is_touching, place, normal = self._slide(self._data, proxy, goal, *self._limits)
         return (place, normal) if is_touching else (goal, None)
 
     def distance(self, point: Vector3) -> float:
-        """Return the distance to the surface, or less; negative: inside."""
         return self._distance(self._data, point)
 
     def closest(self, point: Vector3) -> tuple[Vector3, Vector3]:
-        """Return the closest point of the surface, and the outward normal there."""
         return self._closest(self._data, point)
 
     def shade(self, point: Vector3, normal: Vector3) -> Vector3:

@@ -1,6 +1,6 @@
-"""Triangle meshes from files: STL, OBJ and PLY, and what has to be right about them.
+"""Triangle meshes and clouds of points from files, and what has to be right about them.
 
-trimesh reads the file; what its triangles mean is decided here.
+trimesh reads and merges; what the triangles mean is decided here.
 """
 
 import hashlib
@@ -15,12 +15,11 @@ from forcebound.files import content_of, read_bytes, reason
 
 Array: TypeAlias = "np.ndarray[Any, Any]"
 
-SUFFIXES = (".stl", ".obj", ".ply")
 LARGEST_FILE = 400_000_000  # bytes
 MOST_TRIANGLES = 2_000_000  # each million: some 5 s and 700 MB while it is opened
+MOST_POINTS = 5_000_000  # of a cloud
 LARGEST, SMALLEST = 2.0, 0.001  # m across; nothing that a hand explores on a desk is beyond
 CREASE = 0.77  # cosine of 40 degrees: a sharper edge stays one when normals are smoothed
-_ODD = np.array([0x9E3779B97F4A7C15, 0xD1342543DE82EF95, 0xA0761D6478BD642F], np.uint64)
 
 
 class Mesh(NamedTuple):
@@ -38,74 +37,105 @@ class Mesh(NamedTuple):
         return corners
 
 
+class Cloud(NamedTuple):
+    """Points that the hand can touch."""
+
+    points: Array  # m, shape (n, 3)
+    digest: str  # sha256 of the file, hex
+
+
 def read_mesh(file: Path, scale: float | None = None, may_be_open: bool = False) -> Mesh:
-    """Return the mesh in a file; equal vertices are one, triangles without three of them go.
+    """Return the mesh in an STL, OBJ or PLY file, its equal vertices merged.
 
-    Args:
-        file: STL, OBJ or PLY, by its suffix.
-        scale: Length of its unit, in m; None: it is in metres, and as large as a hand can explore.
-        may_be_open: Whether it may have holes, or triangles that do not agree what is outside.
-
-    Raises:
-        ConfigError: If it cannot be read, has no triangles or too many, is too large or too small,
-            or is open where it may not be; says where and what to do.
+    ``scale`` is the length of its unit, in m; None: it is in metres, and as large as a hand can
+    explore. ConfigError, with place and what to do, if it cannot be read, has no triangles or too
+    many, is too large or too small, or is open where it may not be.
     """
-    vertices, faces, digest = _load(file)
-    vertices = _scaled(vertices[faces], file, scale)
-    vertices, faces = _merged(vertices.reshape(-1, 3))
-    if len(faces) == 0:
+    import trimesh  # takes a while
+
+    loaded, digest = _load(file, "mesh", (".stl", ".obj", ".ply"))
+    with content_of(file):
+        faces = np.asarray(getattr(loaded, "faces", ()), int).reshape(-1, 3)
+        vertices = np.asarray(getattr(loaded, "vertices", ()), float).reshape(-1, 3)
+        corners = vertices[faces].reshape(-1, 3)  # every corner is there
+    if not 0 < len(faces) <= MOST_TRIANGLES:
+        raise ConfigError(
+            f"{file} has {len(faces):,} triangles: expected 1 to {MOST_TRIANGLES:,}; simplify it in"
+            " a mesh editor (a hand does not feel what is smaller than 0.1 mm)",
+            field="file",
+        )
+    corners = _scaled(corners, file, scale)
+    mesh: Any = trimesh.Trimesh(corners, np.arange(len(corners)).reshape(-1, 3), process=False)
+    mesh.merge_vertices()
+    a, b, c = mesh.faces.T
+    mesh.update_faces((a != b) & (b != c) & (c != a))
+    if len(mesh.faces) == 0:
         raise ConfigError(f"{file} has no triangles: all of them are points or lines", field="file")
-    fault = _opening(vertices, faces)
+    fault = _opening(mesh)
     if fault is not None and not may_be_open:
         raise ConfigError(
             f"{file} is not closed: {fault}, so the tip could get inside; close it with a mesh"
             " editor, or use the kind `mesh` with `may_be_open: true`",
             field="file",
         )
-    if fault is None and _volume(vertices[faces]) < 0.0:  # inside out
-        faces = faces[:, ::-1]
-    return Mesh(vertices, faces, fault is None, digest)
+    if fault is None and mesh.volume < 0.0:  # inside out
+        mesh.invert()
+    return Mesh(np.array(mesh.vertices), np.array(mesh.faces), fault is None, digest)
 
 
-def _load(file: Path) -> tuple[Array, Array, str]:
-    """Return vertices, triangles and digest as they stand in the file."""
-    import trimesh  # takes a while
+def read_points(file: Path, scale: float | None) -> Cloud:
+    """Return the points in a file: an array of rows x, y, z (.npy), or the corners in a .ply file.
+
+    ``scale`` and errors as in :func:`read_mesh`.
+    """
+    loaded, digest = _load(file, "points", (".npy", ".ply"))
+    with content_of(file):
+        points = np.asarray(getattr(loaded, "vertices", loaded), float)
+    if points.ndim != 2 or points.shape[1] != 3 or not 2 <= len(points) <= MOST_POINTS:
+        raise ConfigError(
+            f"{file} has the shape {points.shape}: expected 2 to {MOST_POINTS:,} rows of x, y, z",
+            field="file",
+        )
+    return Cloud(_scaled(points, file, scale), digest)
+
+
+def _load(file: Path, what: str, suffixes: tuple[str, ...]) -> tuple[Any, str]:
+    """What trimesh or numpy reads in a file, and the file's digest."""
+    import trimesh
 
     kind = file.suffix.lower()
-    if kind not in SUFFIXES:
-        expected = ", ".join(SUFFIXES)
-        raise ConfigError(f"{file}: expected a mesh ({expected}), got {kind or 'no suffix'}")
-    try:
-        data = read_bytes(file, LARGEST_FILE)
-    except OSError as error:
-        raise ConfigError(f"cannot read the mesh {file}: {reason(error)}", field="file") from error
+    if kind not in suffixes:
+        expected = f"expected {what} ({', '.join(suffixes)})"
+        raise ConfigError(f"{file}: {expected}, got {kind or 'no suffix'}", field="file")
+    data = read_data(file, what, LARGEST_FILE)
     with content_of(file):
-        loaded: Any = trimesh.load_mesh(io.BytesIO(data), file_type=kind[1:], process=False)
-        faces = np.asarray(getattr(loaded, "faces", ()), int).reshape(-1, 3)
-        vertices = np.asarray(getattr(loaded, "vertices", ()), float).reshape(-1, 3)
-        vertices[faces]  # every corner is there
-    if len(faces) == 0:
-        raise ConfigError(f"{file} has no triangles: expected a mesh, not points", field="file")
-    if len(faces) > MOST_TRIANGLES:
-        raise ConfigError(
-            f"{file} has {len(faces):,} triangles, at most {MOST_TRIANGLES:,} can be used: simplify"
-            " it in a mesh editor (a hand does not feel what is smaller than 0.1 mm)",
-            field="file",
-        )
-    (bad,) = np.nonzero(~np.isfinite(vertices).all(axis=1))
+        if kind == ".npy":
+            loaded: Any = np.load(io.BytesIO(data), allow_pickle=False)
+        else:
+            loaded = trimesh.load(io.BytesIO(data), file_type=kind[1:], process=False)
+    return loaded, hashlib.sha256(data).hexdigest()
+
+
+def read_data(file: Path, what: str, limit: int, field: str = "file") -> bytes:
+    """Return the bytes of a file that a parameter names; ConfigError if it cannot be read."""
+    try:
+        return read_bytes(file, limit)
+    except OSError as error:
+        words = f"cannot read the {what} {file}: {reason(error)}"
+        raise ConfigError(words, field=field) from error
+
+
+def _scaled(points: Array, file: Path, scale: float | None) -> Array:
+    """Return points in m."""
+    (bad,) = np.nonzero(~np.isfinite(points).all(axis=1))
     if len(bad):
         raise ConfigError(
-            f"{file} has {len(bad)} vertices whose coordinates are no finite numbers, the first is"
-            f" number {bad[0] + 1}: repair it with a mesh editor",
+            f"{file} has {len(bad)} points whose coordinates are no finite numbers, the first is"
+            f" number {bad[0] + 1}: repair it, or leave them out",
             field="file",
         )
-    return vertices, faces, hashlib.sha256(data).hexdigest()
-
-
-def _scaled(corners: Array, file: Path, scale: float | None) -> Array:
-    """Return corners in m."""
-    scaled: Array = corners * (1.0 if scale is None else scale)
-    edges = np.ptp(scaled.reshape(-1, 3), axis=0)
+    scaled: Array = points * (1.0 if scale is None else scale)
+    edges = np.ptp(scaled, axis=0)
     size = " x ".join(f"{edge:.3g}" for edge in edges)
     if scale is None and edges.max() > LARGEST:
         raise ConfigError(
@@ -122,46 +152,25 @@ def _scaled(corners: Array, file: Path, scale: float | None) -> Array:
     return scaled
 
 
-def _merged(vertices: Array) -> tuple[Array, Array]:
-    """Return the different vertices, in single precision, and the triangles that have three."""
-    rounded = vertices.astype(np.float32) + np.float32(0.0)  # -0 is 0
-    keys = (rounded.view(np.uint32).astype(np.uint64) * _ODD).sum(axis=1, dtype=np.uint64)
-    _, first, which = np.unique(keys, return_index=True, return_inverse=True)
-    different = rounded[first]
-    if not np.array_equal(
-        different[which], rounded
-    ):  # two keys are equal by chance: take it slowly
-        different, which = np.unique(rounded, axis=0, return_inverse=True)
-    faces = which.reshape(-1, 3)
-    a, b, c = faces.T
-    return different.astype(float), faces[(a != b) & (b != c) & (c != a)]
-
-
-def _opening(vertices: Array, faces: Array) -> str | None:
+def _opening(mesh: Any) -> str | None:
     """Return where a mesh is open; None: it is closed, with one side outside.
 
-    Each edge must be passed as often in one direction as in the other.
+    Each edge must be passed as often in one direction as in the other. (To trimesh, a mesh is open
+    where two parts share an edge.)
     """
-    ends = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
-    low, high = ends.min(axis=1), ends.max(axis=1)
-    edges, which = np.unique(low * len(vertices) + high, return_inverse=True)
-    passed = np.bincount(which)
-    balance = np.bincount(which, np.where(ends[:, 0] == low, 1, -1))
-    (open_edges,) = np.nonzero(balance)
-    if len(open_edges) == 0:
+    low, high = mesh.edges_sorted.T
+    edges, which = np.unique(low * len(mesh.vertices) + high, return_inverse=True)
+    (single,) = np.nonzero(np.bincount(which) % 2)
+    (uneven,) = np.nonzero(np.bincount(which, np.where(mesh.edges[:, 0] == low, 1, -1)))
+    if len(uneven) == 0:
         return None
-    (single,) = np.nonzero(passed % 2)
-    edge = edges[single[0] if len(single) else open_edges[0]]
-    x, y, z = vertices[[edge // len(vertices), edge % len(vertices)]].mean(axis=0)
-    near = f"near ({x:.4g}, {y:.4g}, {z:.4g}) m"
+    edge = edges[[*single, *uneven][0]]
+    ends = [edge // len(mesh.vertices), edge % len(mesh.vertices)]
+    x, y, z = mesh.vertices[ends].mean(axis=0)
+    near = f"one near ({x:.4g}, {y:.4g}, {z:.4g}) m"
     if len(single):
-        return f"{len(single)} edges belong to one triangle alone, one {near}"
-    return f"triangles at {len(open_edges)} edges do not agree which side is outside, two {near}"
-
-
-def _volume(corners: Array) -> float:
-    a, b, c = np.moveaxis(corners - corners.mean(axis=(0, 1)), 1, 0)
-    return float(np.einsum("ij,ij->", a, np.cross(b, c))) / 6.0
+        return f"{len(single)} edges belong to one triangle alone, {near}"
+    return f"triangles at {len(uneven)} edges do not agree which side is outside, {near}"
 
 
 def smoothed(mesh: Mesh) -> Array:
@@ -170,19 +179,14 @@ def smoothed(mesh: Mesh) -> Array:
     Each is the mean of all triangles there, or beside a crease its own. Triangles count by their
     angle at the corner, so that it does not matter how a face is cut.
     """
-    vertices, faces, corners = mesh.vertices, mesh.faces, mesh.corners
-    own = _units(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
-    total = np.zeros_like(vertices)
+    import trimesh
+
+    shape: Any = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
+    own = shape.face_normals
+    total = np.zeros_like(mesh.vertices)
     for k in range(3):
-        one, other = (_units(corners[:, k - j] - corners[:, k]) for j in (1, 2))
-        angles = np.arccos(np.clip((one * other).sum(axis=1), -1.0, 1.0))
-        for axis in range(3):
-            total[:, axis] += np.bincount(faces[:, k], angles * own[:, axis], len(vertices))
-    mean = _units(total)[faces]
+        np.add.at(total, mesh.faces[:, k], shape.face_angles[:, k, None] * own)
+    lengths = np.linalg.norm(total, axis=1)[:, None]
+    mean = (total / np.where(lengths > 0.0, lengths, 1.0))[mesh.faces]
     is_smooth = (own[:, None, :] * mean).sum(axis=2, keepdims=True) > CREASE
     return np.where(is_smooth, mean, own[:, None, :]).astype(np.float32)
-
-
-def _units(vectors: Array) -> Array:
-    lengths = np.linalg.norm(vectors, axis=1)[:, None]
-    return vectors / np.where(lengths > 0.0, lengths, 1.0)

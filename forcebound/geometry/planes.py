@@ -79,21 +79,12 @@ def onto_corner(goal: Vector3, planes: Planes, a: int, b: int, c: int) -> tuple[
 def closest_legal(
     goal: Vector3, planes: Planes, count: int, slack: float = SLACK
 ) -> tuple[bool, Vector3]:
-    """Return the point behind no plane that is closest to ``goal``; all planes at once.
+    """Return the point behind none of the first ``count`` planes that is closest to ``goal``.
 
     It minimises ``|y - goal|`` with ``n_i . y >= offset_i``: the proxy of a god-object among its
-    active constraints. Every set of one, two or three planes is tried; of a convex problem at most
-    one of them holds the goal back from the outside of all planes.
-
-    Args:
-        goal: In m.
-        planes: Unit normals and offsets.
-        count: How many of the rows count; a dozen at most, as all sets of three are tried.
-        slack: By which a point may be behind a plane, in m.
-
-    Returns:
-        Whether there is such a point (False: the planes contradict each other, to rounding), and
-        the point.
+    active constraints. Every set of one, two or three planes is tried, so a dozen planes are the
+    most; of a convex problem at most one of them holds the goal back from the outside of all
+    planes. False: the planes contradict each other, to rounding.
 
     Source: C. Zilles, J. K. Salisbury, A constraint-based god-object method for haptic display,
     IROS 1995; D. C. Ruspini, K. Kolarov, O. Khatib, The haptic display of complex graphical

@@ -45,11 +45,8 @@ FEWEST = 4  # neighbours within the radius; of points at random one in ten thous
 def cloud_data(points: Any, radius: float, position: Vector3, orientation: Quaternion) -> Any:
     """Return what the functions of ``CLOUD`` know: points sorted by cubes as wide as the reach.
 
-    Args:
-        points: In m, shape (n, 3).
-        radius: Of each, in m; so large that the cubes are not too many.
-        position: Of their origin in the world.
-        orientation: Of their axes in the world.
+    Points, shape (n, 3), and radius in m; their origin and axes in the world. The radius is so
+    large that the cubes are not too many.
     """
     edge = REACH * radius
     low = points.min(axis=0)

@@ -45,7 +45,6 @@ from forcebound.quantities import (
     check_ranges,
 )
 
-FARTHEST = 1e7  # m; a device beyond is taken to be there, so that squares stay finite
 ROUNDS = 12  # of the search for the place where the friction cone holds the proxy
 ON_SURFACE = 1e-6  # m; a proxy so near to a surface is on it
 SAME = 1e-9  # relative: a drag so close to the cone is on it
@@ -57,9 +56,8 @@ class Solid(Protocol):
     def slide(self, proxy: Vector3, goal: Vector3) -> tuple[Vector3, Vector3 | None]:
         """Move the proxy from a legal place towards the goal as far as nothing is entered.
 
-        Returns:
-            The legal place that is closest to the goal along the way (a local minimum), and the
-            direction from the goal to it, or None if the goal itself was reached: free motion.
+        Return the legal place that is closest to the goal along the way (a local minimum), and the
+        direction from the goal to it, or None if the goal itself was reached: free motion.
         """
         ...
 
@@ -117,19 +115,11 @@ class Surface:
             )
 
     def check_files(self) -> None:
-        """Read the texture, if there is one.
-
-        Raises:
-            ConfigError: If it is no height map.
-        """
+        """Read the texture, if there is one; ConfigError if it is no height map."""
         self.relief()
 
     def relief(self) -> Texture | None:
-        """Return the texture, ready for the first question.
-
-        Raises:
-            ConfigError: If it is no height map.
-        """
+        """Return the texture, ready for the first question."""
         if self.texture is None:
             return None
         return Texture.read(self.texture, self.texture_height, self.texture_size)
@@ -150,17 +140,9 @@ class Touch(NamedTuple):
 class HapticSurface:
     """The force of a solid's surface on a device, question by question.
 
-    Args:
-        solid: What the proxy slides on.
-        surface: How it feels.
-        stiffness: Of the spring between device and proxy, in N/m.
-        damping: Along the normal, in N s/m; it pushes the device out and never pulls it in.
-        axes: Number of axes of the device.
-
-    Raises:
-        ConfigError: If the texture cannot be read.
-
-    A device that begins inside the solid feels nothing until it has left it once.
+    Spring in N/m between device and proxy, damping in N s/m along the normal: it pushes the device
+    out and never pulls it in. A device that begins inside the solid feels nothing until it has left
+    it once.
     """
 
     def __init__(
@@ -186,11 +168,9 @@ class HapticSurface:
             place, _ = solid.closest(self._proxy)
             self._proxy = place if solid.distance(place) > -ON_SURFACE else None
 
-    def touch(
-        self, position: tuple[float, ...], velocity: tuple[float, ...], elapsed: float
-    ) -> tuple[float, ...]:
+    def touch(self, position: tuple[float, ...], velocity: tuple[float, ...]) -> tuple[float, ...]:
         """Return the force at a device's position, one entry per axis, in N; moves the proxy."""
-        device = _within_reach(pad3(position))
+        device = pad3([float(entry) for entry in position])
         if self._proxy is None:
             if self._solid.distance(device) <= 0.0:
                 return cut(ZERO, self._axes)
@@ -284,8 +264,3 @@ def _pull(device: Vector3, touch: Touch) -> tuple[float, float]:
     """Along and across the normal, how far the device is from the proxy, in m."""
     to_proxy = sub(touch.proxy, device)
     return dot(to_proxy, touch.normal), norm(tangential(to_proxy, touch.normal))
-
-
-def _within_reach(position: Vector3) -> Vector3:
-    x, y, z = (max(-FARTHEST, min(FARTHEST, float(entry))) for entry in position)
-    return (x, y, z)

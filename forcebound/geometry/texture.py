@@ -25,7 +25,8 @@ import numpy as np
 
 from forcebound.compiled import jit
 from forcebound.errors import ConfigError
-from forcebound.files import content_of, read_bytes, reason
+from forcebound.files import version_of
+from forcebound.geometry.mesh_file import read_data
 from forcebound.geometry.vectors import Vector3, tangential
 
 LARGEST = 130_000_000  # bytes of a file
@@ -71,12 +72,7 @@ def relief_in_space(
 
 @dataclass(frozen=True, eq=False)
 class Texture:
-    """A height map on a surface.
-
-    Args:
-        heights: In m, at most 0, shape (rows, columns).
-        size: Edge of a tile, in m.
-    """
+    """A height map on a surface: heights (m, at most 0) on a tile, whose edge is ``size`` (m)."""
 
     heights: Any
     size: float
@@ -84,17 +80,8 @@ class Texture:
 
     @classmethod
     def read(cls, path: Path, height: float, size: float) -> "Texture":
-        """Read a map from a picture or a .npy file.
-
-        Args:
-            path: Of the file.
-            height: From the lowest to the highest point, in m.
-            size: Edge of a tile, in m.
-
-        Raises:
-            ConfigError: If it is no map.
-        """
-        heights = _read(path, _changed(path))
+        """Read a map from a picture or a .npy file, ``height`` (m) from lowest to highest point."""
+        heights = _read(path, version_of(path))
         relief = jit(relief_in_space)
         relief(heights, size, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0))  # compiled before the first answer
         return cls(heights * height, size, relief)
@@ -105,23 +92,22 @@ class Texture:
         return height, tangential(gradient, normal)
 
 
-def _changed(path: Path) -> float:
-    try:
-        return path.stat().st_mtime
-    except OSError:
-        return 0.0  # reading says why
-
-
 @lru_cache(maxsize=4)
-def _read(path: Path, changed: float) -> Any:
-    """The map, from -1 to 0; read anew when the file has ``changed``."""
+def _read(path: Path, version: tuple[int, int]) -> Any:
+    """The map, from -1 to 0; read again when the file has another version."""
     advice = "give a picture (.png) or a numpy array (.npy) of rows and columns of heights"
+    data = read_data(path, "height map", LARGEST, "surface.texture")
     try:
-        raw = _from_array(path) if path.suffix == ".npy" else _from_picture(path)
-    except OSError as error:
-        raise ConfigError(
-            f"cannot read the height map {path}: {reason(error)}; {advice}", field="surface.texture"
-        ) from error
+        if path.suffix == ".npy":
+            raw = np.asarray(np.load(BytesIO(data), allow_pickle=False), float)
+        else:
+            from PIL import Image
+
+            with Image.open(BytesIO(data)) as picture:  # brightness, by the weights of ITU-R 601
+                raw = np.asarray(picture.convert("F"), float)[::-1]  # its lowest row first
+    except Exception as error:  # of bytes that are no such file
+        words = f"the height map {path} cannot be read ({type(error).__name__}): {advice}"
+        raise ConfigError(words, field="surface.texture") from error
     if raw.ndim != 2 or not 0 < raw.size <= MOST or not np.isfinite(raw).all():
         raise ConfigError(
             f"the height map {path} has the shape {raw.shape}"
@@ -132,26 +118,3 @@ def _read(path: Path, changed: float) -> Any:
     lowest, highest = float(raw.min()), float(raw.max())
     span = highest - lowest
     return np.ascontiguousarray((raw - highest) / (span if span > 0.0 else 1.0))
-
-
-def _from_array(path: Path) -> Any:
-    data = read_bytes(path, LARGEST)
-    with content_of(path):
-        return np.asarray(np.load(BytesIO(data), allow_pickle=False), float)
-
-
-def _from_picture(path: Path) -> Any:
-    """Brightness of a picture, its lowest row first."""
-    from PIL import Image
-
-    data = read_bytes(path, LARGEST)
-    try:
-        with Image.open(BytesIO(data)) as picture:
-            grey = picture.convert("F")  # brightness, by the weights of ITU-R 601
-            return np.asarray(grey, float)[::-1]
-    except Exception as error:
-        raise ConfigError(
-            f"the height map {path} is no picture ({type(error).__name__}): save it as .png, or as"
-            " a numpy array in a .npy file",
-            field="surface.texture",
-        ) from error

@@ -124,22 +124,12 @@ def approach(
 def contact_time(
     start: Vector3, end: Vector3, a: Vector3, b: Vector3, c: Vector3, clearance: float
 ) -> float:
-    """Return when a ball that moves from ``start`` (0) to ``end`` (1) touches a triangle.
+    """Return when a ball that moves from ``start`` (0) to ``end`` (1) touches a triangle; 2: never.
 
-    It touches where its centre is nearer than ``clearance``, if the way comes nearer than half of
-    that: what lies between is slack for rounding. A ball that is too near already may move if it
-    comes no nearer.
-
-    Args:
-        start: Of the ball's centre, in m.
-        end: Of its way, in m.
-        a: Corner of the triangle, in m.
-        b: The second corner.
-        c: The third corner.
-        clearance: Radius of the ball, in m; 0: when the way crosses the triangle.
-
-    Returns:
-        A time at which the ball is still free, by 0.1 % of the clearance at most; 2.0: never.
+    Its radius is ``clearance``, in m; 0: when the way crosses the triangle. It touches where its
+    centre is nearer than that, if the way comes nearer than half of it: what lies between is slack
+    for rounding. A ball that is too near already may move if it comes no nearer. At the time
+    returned the ball is still free, by 0.1 % of the clearance at most.
     """
     nearest, late = approach(start, end, a, b, c)
     first = norm(sub(start, closest_on_triangle(start, a, b, c)))

@@ -19,21 +19,12 @@ from forcebound.parts.plain import plain
 
 __all__ = ["Emulated", "TruthFile", "start", "truth_beside"]
 
-PATIENCE = 60.0  # s; a cold start on a busy machine compiles the mechanism
+START_TIMEOUT_S = 60.0  # a cold start on a busy machine compiles the mechanism
 GRACE = 5.0  # s, to end by itself
 
 
 class Emulated:
-    """An emulator that runs.
-
-    Args:
-        process: The program.
-        link: Its port.
-
-    Attributes:
-        link: Path of its port.
-        truth: Path of the file with its ground truth; see :class:`TruthFile`.
-    """
+    """A running emulator: the paths of its port and of its ground truth (:class:`TruthFile`)."""
 
     def __init__(self, process: "subprocess.Popen[bytes]", link: Path) -> None:
         self._process = process
@@ -49,15 +40,10 @@ class Emulated:
 
 
 def start(kind: str, mechanism: Mapping[str, Any], operator: Operator | None) -> Emulated:
-    """Start an emulator in a process of its own; it ends when its port is closed.
+    """Start an emulator of a kind in a process of its own; it ends when its port is closed.
 
-    Args:
-        kind: A key of ``forcebound.emulators.EMULATORS``.
-        mechanism: Parameters of the simulated device behind the board, plain JSON in SI units.
-        operator: The hand on it; None: nobody holds it.
-
-    Raises:
-        DeviceError: If it does not start; says why.
+    ``mechanism`` has parameters of the simulated device behind the board, plain JSON in SI units.
+    DeviceError says why if it does not start.
     """
     folder = runtime_folder()
     if folder is None:
@@ -96,8 +82,8 @@ def _wait_for(process: "subprocess.Popen[bytes]") -> None:
     """Wait for the emulator's first line, which it says when its link is there."""
     assert process.stdout is not None
     assert process.stderr is not None
-    if not select.select((process.stdout,), (), (), PATIENCE)[0]:
-        raise DeviceError(f"the emulator has not started within {PATIENCE:.0f} s")
+    if not select.select((process.stdout,), (), (), START_TIMEOUT_S)[0]:
+        raise DeviceError(f"the emulator has not started within {START_TIMEOUT_S:.0f} s")
     if not process.stdout.readline():  # it has ended
         said = process.stderr.read().decode(errors="replace").strip()
         raise DeviceError(f"the emulator does not start: {said}")

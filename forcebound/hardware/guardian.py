@@ -47,16 +47,8 @@ SHARED = ROBUST = 1  # PTHREAD_PROCESS_SHARED, PTHREAD_MUTEX_ROBUST
 class Guardian:
     """The guardian of an open port. The thread that makes it has to live as long.
 
-    Args:
-        descriptor: Of the port.
-        zero: The message of zero force.
-        timeout: Longest time between two beats while a force is on, in s.
-
-    Attributes:
-        process_id: Of the guardian.
-
-    Raises:
-        DeviceError: If the process cannot be started.
+    ``zero`` is the message of zero force, ``timeout`` the longest time between two beats while a
+    force is on, in s. DeviceError if the process (``process_id``) cannot be started.
     """
 
     def __init__(self, descriptor: int, zero: bytes, timeout: float = TIMEOUT) -> None:
@@ -85,19 +77,14 @@ class Guardian:
             raise DeviceError("the guardian of the port ended at its start: no force without it")
 
     def beat(self, time_ns: int) -> None:
-        """Say that a force is on, or about to be, at ``time_ns`` of the monotonic clock.
-
-        Args:
-            time_ns: Now, in ns; 0: no force is on, and none need be watched.
-        """
+        """Say that a force is on, or about to be, at ``time_ns``, monotonic; 0: none is on."""
         self._view[BEAT] = time_ns
 
     def check(self) -> None:
         """Check that the guardian watches and has had nothing to do; before and after a write.
 
-        Raises:
-            DeviceError: If it has written zero force.
-            GuardianError: If it is gone, or has been silent for too long.
+        DeviceError if it has written zero force; GuardianError if it is gone, or has been silent
+        for too long.
         """
         if self._view[FIRED]:
             raise DeviceError(

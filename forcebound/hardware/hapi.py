@@ -11,19 +11,12 @@ exchange   ``02 address`` and the torque of each motor, in N m; ``address`` and 
            encoder, in degrees
 =========  ==============================================================================
 
-Bit i of a mask is port i + 1; the entries are in the order of the ports. What this driver answers
-to:
-
-* **Offsets are cut to whole counts**: an encoder with 4880 counts a turn that is told 12 degrees
-  says 11.95082. What was cut is known, and put back.
-* **A torque is cut to whole steps of the pulse width**, 0.123 N m / 4095, towards zero.
-* **An angle is a whole number of counts.** Without a checksum this is the only check of a reply
-  beside its address and its length; noise in both angles passes it in one of a hundred cases, and
-  then most likely fails the device's ``largest_speed``.
-* **NaN passes the firmware's clamp**, so it is refused here.
-* **A reset keeps the torque**, and an exchange then only gets its address as a reply. After a lost
-  byte the board waits for numbers, at most those of a set-up with four encoders.
-  :func:`rest_message` ends the torque in any of these states.
+Bit i of a mask is port i + 1; the entries are in the order of the ports. Offsets are cut to whole
+counts, and torques to whole steps of the pulse width, towards zero. An angle is a whole number of
+counts: beside address and length the only check of a reply; noise in both angles passes it in one
+of a hundred cases, and then most likely fails the device's ``largest_speed``. NaN passes the
+firmware's clamp, so it is refused here. After a lost byte the board waits for numbers, and a reset
+keeps the torque; :func:`rest_message` ends the torque in any of these states.
 """
 
 import math
@@ -106,11 +99,7 @@ def held_torque(torque: float) -> float:
 
 
 def parse_reply(reply: bytes, address: int, wiring: Wiring) -> Vector:
-    """Return the angles of a reply, in rad.
-
-    Raises:
-        DeviceError: If it is not the whole reply of this device to an exchange.
-    """
+    """Return the angles of a reply, in rad; DeviceError if it is not the whole reply."""
     if reply == bytes((address,)):
         raise DeviceError("the board was reset: it has forgotten its set-up, not its torque")
     if len(reply) != REPLY_SIZE:

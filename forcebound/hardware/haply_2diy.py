@@ -1,40 +1,15 @@
-r"""The Haply 2DIY on its hAPI board: a five-bar of two motors, at a serial port.
+"""The Haply 2DIY on its hAPI board: a five-bar of two motors, at a serial port.
 
-**Reading and writing are one transaction.** A message sets both torques; its reply has the angles,
-latched after the torques were set. So
+How exchanges, stamps and the limits of torque work: docs/devices.md. A positive torque on the wire
+turns towards larger angles; a positive torque of forcebound resists that. Both motors are counted
+so, whatever the wiring.
 
-* ``read`` sends the torque that is held already, which changes nothing, and returns the angles;
-* ``write`` sends the new torque; the bounder has decided on the angles before, and those of this
-  reply serve the state of the next tick, if it begins at once.
-
-So a tick has two exchanges, the bounder's reading and the write, if the device's ``reply_wait`` is
-late in the period, and three if it is early: then the last angles are too old for the state, and
-there is time to ask for others. They are too old after the time within which a reply should come.
-
-**Stamps.** A message takes effect, and a reading is latched, at some time between sending (a) and
-the reply (e). The quickest exchange so far, of length m, has shown how much of this is the line's
-and the board's own time; it shifts all stamps alike, so it drops out of every difference. What an
-exchange takes longer may have passed before the latch or after. The reading is stamped a, the
-effect of a write e - m: as early and as late as each can have been, so the time between the two is
-never taken for shorter than it is. By ``e - a - m`` the interval between two readings may be longer
-than their stamps say; :meth:`OpenHaply.latch_jitter` says so, and the ledger takes the longer one,
-in which the same way dissipates less.
-
-**What is applied** is less than what is asked for: each motor has at most 0.123 N m, in whole steps
-of its pulse width; and towards singular poses, where the links at the tip or those of one side come
-into line, the torques fade to zero, because there a small torque is a large force, or none, at the
-tip. The scale is the same for both motors. ``write`` returns what is left, so the ledger takes just
-that.
-
-**Signs.** A positive torque on the wire turns towards larger angles; a positive torque of
-forcebound resists that. Both motors are counted so, whatever the wiring.
-
-**What goes wrong ends in zero torque and a DeviceError**, once: a reply that is short, of another
+What goes wrong ends in zero torque and a DeviceError, once: a reply that is short, of another
 address, or not in whole counts; a board that was reset; bytes that nobody asked for; silence for
-half of the watchdog limit (10 ms); a port that is gone; a guardian that is gone or had to step in
-(:mod:`forcebound.hardware.line`). A reply later than ``reply_within`` is counted and used: it makes
-a late tick, whose force the ledger knows. Nothing can say that the arm is in its home pose when it
-is set up, but the user who puts it there.
+half of the watchdog limit; a port that is gone; a guardian that is gone or had to step in
+(:mod:`forcebound.hardware.line`). A late reply is counted and used: it makes a late tick, whose
+force the ledger knows. Nothing can say that the arm is in its home pose when it is set up, but the
+user who puts it there.
 """
 
 import logging
@@ -58,8 +33,13 @@ from forcebound.hardware.hapi import (
     setup_message,
 )
 from forcebound.hardware.line import Line
-from forcebound.hardware.serial_device import SerialDevice
-from forcebound.hardware.serial_joints import SerialJoints
+from forcebound.hardware.serial_device import (
+    FIRST_EXCHANGES,
+    Exchange,
+    Exchanges,
+    SerialDevice,
+    SerialJoints,
+)
 from forcebound.messages.packets import Vector
 from forcebound.operators import Operator
 from forcebound.parts.plain import plain
@@ -67,7 +47,6 @@ from forcebound.quantities import Range, Time
 
 KIND = "haply_2diy"
 FIRST = 1.0  # s, what a board may need for its first reply
-FIRST_EXCHANGES = 50  # without force, for the quickest exchange
 HOME_TOLERANCE = math.radians(1.0)  # the arm may move between set-up and first reading
 # Sine of the angle between two links in line: no torque below the first, all of it above the other.
 NO_FORCE_SINE, FULL_FORCE_SINE = 0.1, 0.3
@@ -104,15 +83,12 @@ class Haply2DIY(FiveBarNumbers, SerialJoints):
         return FiveBar(**self.simulated_joints(), base=base, origin=self.origin)
 
     def kinematics(self) -> ArmKinematics:
-        """Return the kinematics of the arm."""
         return self.five_bar().kinematics()
 
     def angles(self, position: Vector) -> Vector | None:
-        """Return the joint angles, in rad, for a tip at ``position``, in m; None out of reach."""
         return self.five_bar().angles(position)
 
     def mechanism(self) -> dict[str, Any]:
-        """Return what an emulator simulates, plain JSON in SI units."""
         wiring = WIRINGS[self.version]
         return {
             **plain(self.five_bar()),
@@ -122,7 +98,6 @@ class Haply2DIY(FiveBarNumbers, SerialJoints):
         }
 
     def open(self, operator: Operator | None, hold_limit: float) -> "OpenHaply":
-        """Return the device, set up in its home pose; see ``DeviceModel``."""
         rest = rest_message(self.address, WIRINGS[self.version])
         limit, parts = self.longest_force, self.mechanism()
         line = Line(KIND, self.port, rest, limit, parts, operator, zero_reply=REPLY_SIZE)
@@ -134,34 +109,24 @@ class Haply2DIY(FiveBarNumbers, SerialJoints):
 
 
 class OpenHaply(SerialDevice):
-    """A Haply 2DIY, from open to close; see :class:`forcebound.devices.Device`.
-
-    Args:
-        model: Its parameters.
-        line: To its board.
-        clock: Monotonic, in ns.
-
-    Attributes:
-        kinematics: Of the arm.
-
-    Raises:
-        DeviceError: If the board does not answer as a hAPI board does.
-    """
+    """A Haply 2DIY on a line; DeviceError if the board does not answer as a hAPI board does."""
 
     def __init__(
         self, model: Haply2DIY, line: Line, clock: Callable[[], int] = time.monotonic_ns
     ) -> None:
-        super().__init__(line, model.reply_within, clock)
+        exchanges = Exchanges(line, model.reply_within, clock)
+        super().__init__(line, exchanges, model.reply_within, clock)
         self._model = model
         self._wiring = WIRINGS[model.version]
-        self._quickest_ns = round(FIRST * 1e9)  # of all exchanges so far
         self._torque: Vector = (0.0, 0.0)  # on the wire
         five_bar = model.five_bar()
         self._proximal = five_bar.proximal
         self.axes, self.kinematics = 2, five_bar.kinematics()
         line.send(setup_message(model.address, self._wiring), has_force=False)
         home = [math.radians(angle) for angle in self._wiring.home]
-        self._angles = self._exchange(FIRST)[2]
+        exchanges.longest_wait = FIRST
+        self._angles = self._exchange().reply
+        exchanges.longest_wait = line.silence
         if math.dist(self._angles, home) > HOME_TOLERANCE:
             degrees = ", ".join(f"{math.degrees(angle):.1f}" for angle in self._angles)
             found = DeviceError(
@@ -173,56 +138,42 @@ class OpenHaply(SerialDevice):
             raise found
         for _ in range(FIRST_EXCHANGES):
             self._exchange()
-        self.replies.restart()
+        exchanges.restart()
         tip = ", ".join(f"{1e3 * x:.1f} mm" for x in self.kinematics.position(self._angles))
         _logger.info("the present pose of the arm is now its home pose, its tip at %s", tip)
 
     def read(self, time_ns: int) -> Vector:
-        """Return the angles, in rad; see :class:`forcebound.devices.Device`."""
-        sent_ns, came_ns, self._angles = self._exchange()
-        self._read_ns = sent_ns
-        self._jitter_ns = came_ns - sent_ns - self._quickest_ns
+        exchange = self._exchange()
+        self._read_ns, self._jitter_ns = exchange.sent_ns, exchange.excess_ns
+        self._angles = exchange.reply
         return self._angles
 
     def write(self, time_ns: int, force: Vector) -> Vector:
-        """Hold torques, in N m, or less; see :class:`forcebound.devices.Device`."""
+        """Hold torques, in N m, or less."""
         if self._line.is_at_rest and not any(force):
             return force  # the last zero after a failure, which was written then
         scale = self._scale(force)
-        wanted = tuple([scale * torque for torque in force]) if scale > 0.0 else (0.0, 0.0)
-        self._torque = tuple([-torque for torque in wanted])
-        self._came_ns, self._angles = self._exchange()[1:]
-        self._effect_ns = self._came_ns - self._quickest_ns
-        return tuple([held_torque(torque) for torque in wanted])
+        scaled = tuple([scale * torque for torque in force]) if scale > 0.0 else (0.0, 0.0)
+        self._torque = tuple([-torque for torque in scaled])
+        exchange = self._exchange()
+        self._came_ns, self._angles = exchange.came_ns, exchange.reply
+        self._effect_ns = exchange.sent_ns + exchange.excess_ns
+        return tuple([held_torque(torque) for torque in scaled])
 
     def close(self) -> None:
-        """Write zero torque and release the port; see :class:`forcebound.devices.Device`."""
         self._line.close()
-        self.replies.log(_logger)
+        self.exchanges.log(_logger)
 
-    def _exchange(self, patience: float | None = None) -> tuple[int, int, Vector]:
-        """Send the torque; return when, when the reply had come, and its angles, in rad."""
-        line, address = self._line, self._model.address
-        patience = line.silence if patience is None else patience
-        try:
-            message = exchange_message(address, self._torque)
-            sent_ns = self._clock()
-            line.send(message, has_force=any(self._torque))
-            reply = line.port.read(REPLY_SIZE, sent_ns + round(patience * 1e9))
-            came_ns = self._clock()
-            if not reply:
-                raise DeviceError(
-                    f"no reply within {1e3 * patience:g} ms: is this the port of a Haply"
-                    " board, and does the board have power? (an"
-                    " emulator may get no processor: a quieter machine, or a longer watchdog_limit)"
-                )
-            angles = parse_reply(reply, address, self._wiring)
-        except DeviceError as failure:
-            line.fail(failure)
-            raise
-        self.replies.note(came_ns - sent_ns)
-        self._quickest_ns = min(self._quickest_ns, came_ns - sent_ns)
-        return sent_ns, came_ns, angles
+    def _exchange(self) -> Exchange[Vector]:
+        """Send the torque; the reply has the angles, in rad."""
+        address = self._model.address
+        return self.exchanges.exchange(
+            "exchange",
+            exchange_message(address, self._torque),
+            lambda until_ns: self._line.port.read(REPLY_SIZE, until_ns),
+            lambda reply: parse_reply(reply, address, self._wiring),
+            has_force=any(self._torque),
+        )
 
     def _scale(self, force: Vector) -> float:
         """Return the share of a torque, in N m, that is applied in this pose, 0 to 1."""
@@ -238,15 +189,12 @@ class OpenHaply(SerialDevice):
 
 
 def link_sine(jacobian: tuple[Vector, ...], proximal: float) -> float:
-    r"""Return the least sine of the angles between links that meet: at the tip, at both elbows.
+    """Return the least sine of the angles between links that meet: at the tip, at both elbows.
 
-    A column of the Jacobian is at right angles to the distal link of the other side, so the angle
-    at the tip is that of the columns; the length of column k is :math:`l s_k / s`, with the sines
-    :math:`s_k` at its elbow and :math:`s` at the tip.
-
-    Args:
-        jacobian: Of the pose, in m/rad; zeros: a singular one.
-        proximal: Length l of the links at the motors, in m.
+    A column of the Jacobian (m/rad; zeros: a singular pose) is at right angles to the distal link
+    of the other side, so the angle at the tip is that of the columns; the length of column k is
+    :math:`l s_k / s`, with the length l of the ``proximal`` links and the sines :math:`s_k` at its
+    elbow and :math:`s` at the tip.
     """
     (xx, xy), (yx, yy) = jacobian
     right, left = math.hypot(xx, yx), math.hypot(xy, yy)

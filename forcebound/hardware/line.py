@@ -30,26 +30,17 @@ _logger = logging.getLogger(__name__)
 
 
 class Line:
-    """An open line.
+    """An open line to the board of a kind of device, at a port of this name (see :func:`find`).
 
-    Args:
-        kind: Of the device, a key of ``forcebound.devices.DEVICES``.
-        name: Of its port: a path, ``auto``, a serial number, or ``emulated``.
-        zero: The message of zero force, whatever the board has heard before.
-        watchdog_limit: Time within which a force ends that nobody renews, in s.
-        mechanism: What an emulator simulates, plain JSON in SI units.
-        operator: The hand on an emulated device.
-        baud: Bits a second, where that matters.
-        zero_reply: Number of bytes with which the board answers ``zero``; 0: it does not.
+    ``zero`` is the message of zero force, whatever the board has heard before; the board answers it
+    with ``zero_reply`` bytes. A force ends that nobody renews within ``watchdog_limit`` s.
+    ``mechanism`` and ``operator`` are those of an emulator; ``baud`` matters to a UART.
 
     Attributes:
         port: Open. Write with :meth:`send`.
         silence: A board that is silent for longer is lost, in s.
         is_at_rest: Whether its last force was ended, and the board has answered if it does.
         truth: The ground truth of an emulated device; None: it is a real one.
-
-    Raises:
-        DeviceError: If the port cannot be opened.
     """
 
     def __init__(
@@ -86,17 +77,11 @@ class Line:
             self._opened = opened.pop_all()
 
     def send(self, message: bytes, has_force: bool) -> None:
-        """Write a message; the replies of all before have been read.
+        """Write a message in one piece; the replies of all before have been read.
 
-        The guardian watches from before a force until after a zero.
-
-        Args:
-            message: To write, in one piece.
-            has_force: Whether the board gives a force after it.
-
-        Raises:
-            DeviceError: If it cannot be written, there are bytes that nobody asked for, the
-                guardian has ended the force, or the line has failed before.
+        ``has_force``: the board gives a force after it. The guardian watches from before a force
+        until after a zero. DeviceError if it cannot be written, there are bytes that nobody asked
+        for, the guardian has ended the force, or the line has failed before.
         """
         if self._failure is not None:
             raise self._failure
@@ -118,9 +103,8 @@ class Line:
     def fail(self, failure: DeviceError) -> None:
         """Write zero force, if the port still takes it, and refuse every message from now on.
 
-        Raises:
-            DeviceError: If the guardian has ended the force: a board may answer its zero, too, so
-                that is what has failed first.
+        If the guardian has ended the force, that is what has failed first, and is raised: a board
+        may answer its zero, too.
         """
         try:
             if self._failure is None:

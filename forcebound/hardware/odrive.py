@@ -1,39 +1,13 @@
-r"""One to three motors on an ODrive with firmware 0.5, at a serial port: knobs.
+"""One to three motors on an ODrive with firmware 0.5, at a serial port: knobs.
 
-**A tick** has two exchanges, or three if its ``reply_wait`` is early in the period. A read asks for
-the positions. The write sets the torques and asks for the positions and for the error of one axis,
-each in its turn: lines are processed in their order, so the replies say that the torques were
-taken, and that the axis is well. These positions serve the state of the next tick, unless they are
-older than a reply should take: then there is time to ask for others.
+How ticks, stamps, readings and the watchdog work: docs/devices.md. The driver switches off what
+makes a torque other than written: the limit of torque by speed, and every input mode but the plain
+one. What the board's limits of torque and current forbid is refused at the start. A positive torque
+on the wire turns towards larger angles; a positive torque of forcebound resists that.
 
-**Stamps.** As with any line, an exchange takes the quickest time so far, m, or more, and what it
-takes longer may have passed before the board or after it. The board estimates positions and sets
-torques at its own 8 kHz: a position is up to 125 us older than the request's arrival, a torque acts
-up to 125 us after. So with a request sent at a and its reply here at e, a reading is stamped
-a - 125 us and may be later by e - a - m + 125 us (:meth:`OpenODrive.latch_jitter`); a torque is
-stamped e - m + 125 us.
-
-**Readings** come from the board's estimator, which keeps within a count of the encoder at rest and
-at constant speed, and lags by the acceleration over the square of ``encoder.config.bandwidth``.
-Where that matters the resolution has to contain it. An estimate that is not valid is repeated; the
-axis then has an error, found within as many ticks as there are axes.
-
-**The watchdog** of the board switches a motor off for good: it ends a force when host or cable
-fail, and does not cut a late hold. So the driver states ``watchdog: none``, and as its
-``watchdog_limit`` the time that it gives the board. It counts in every state, so the motors are
-switched on by the first writes, when the servo runs: until then the driver writes, and says so,
-zero torque.
-
-**What the driver switches off**, because the torque must be what was written: the limit of torque
-by speed, and every input mode but the plain one. What the board's limits of torque and current
-forbid is refused at the start.
-
-**Signs.** A positive torque on the wire turns towards larger angles; a positive torque of
-forcebound resists that.
-
-**What goes wrong ends in zero torque and a DeviceError**, once, as :mod:`forcebound.hardware.line`
-has it: silence for half of the ``watchdog_limit``; a reply that is cut short, without its checksum,
-or no number; more replies than asked for; an error of an axis; a port that is gone; a guardian that
+What goes wrong ends in zero torque and a DeviceError, once, as :mod:`forcebound.hardware.line` has
+it: silence for half of the ``watchdog_limit``; a reply that is cut short, without its checksum, or
+no number; more replies than asked for; an error of an axis; a port that is gone; a guardian that
 had to step in.
 """
 
@@ -54,6 +28,7 @@ from forcebound.errors import DeviceError
 from forcebound.hardware.line import Line
 from forcebound.hardware.odrive_lines import (
     WATCHDOG_EXPIRED,
+    Requests,
     error_words,
     number,
     on_wire,
@@ -61,7 +36,6 @@ from forcebound.hardware.odrive_lines import (
     request,
     torque_request,
 )
-from forcebound.hardware.odrive_requests import Exchange, Requests
 from forcebound.hardware.odrive_start import (
     Switch,
     check_firmware,
@@ -69,8 +43,12 @@ from forcebound.hardware.odrive_start import (
     switched_off,
     zero_torque,
 )
-from forcebound.hardware.serial_device import SerialDevice
-from forcebound.hardware.serial_joints import SerialJoints
+from forcebound.hardware.serial_device import (
+    FIRST_EXCHANGES,
+    Exchange,
+    SerialDevice,
+    SerialJoints,
+)
 from forcebound.messages.packets import Vector
 from forcebound.operators import Operator
 from forcebound.parts.plain import plain
@@ -78,9 +56,6 @@ from forcebound.quantities import POSITIVE, AngularSpeed, Length, Range, Time, T
 
 KIND = "odrive"
 CONTROL_NS = 125_000  # period of the firmware's control loop, 8 kHz
-FIRST_EXCHANGES = 50  # without force, for the quickest exchange
-BITS = 10  # on a UART for each byte
-REPLY_SIZE = 26  # bytes: of the usual reply to f
 
 _logger = logging.getLogger(__name__)
 
@@ -132,15 +107,12 @@ class ODrive(SerialJoints):
         return Knob(**numbers, joints=self.joints, lever=self.lever)
 
     def kinematics(self) -> ArmKinematics:
-        """Return the kinematics of the knobs."""
         return self.knob().kinematics()
 
     def mechanism(self) -> dict[str, Any]:
-        """Return what an emulator simulates, plain JSON in SI units."""
         return plain(self.knob())
 
     def open(self, operator: Operator | None, hold_limit: float) -> "OpenODrive":
-        """Return the device, its motors off until the first writes; see ``DeviceModel``."""
         zero = b"\n" + zero_torque(self.joints)  # the first ends a line that was cut short
         baud = self.baud or 115_200
         line = Line(KIND, self.port, zero, self.longest_force, self.mechanism(), operator, baud)
@@ -152,20 +124,10 @@ class ODrive(SerialJoints):
 
 
 class OpenODrive(SerialDevice):
-    """Motors on an ODrive, from open to close; see :class:`forcebound.devices.Device`.
+    """Motors on an ODrive, from open to close, with ``hold_limit`` s between two writes at most.
 
-    Args:
-        model: Its parameters.
-        line: To its board.
-        hold_limit: Longest time between two writes, in s.
-        clock: Monotonic, in ns.
-
-    Attributes:
-        kinematics: Of the knobs.
-
-    Raises:
-        DeviceError: If the board does not answer as an ODrive does, cannot give the torque that the
-            model states, or is too slow for ticks of this length.
+    DeviceError if the board does not answer as an ODrive does, cannot give the torque that the
+    model states, or is too slow for ticks of this length.
     """
 
     def __init__(
@@ -175,7 +137,8 @@ class OpenODrive(SerialDevice):
         hold_limit: float,
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
-        super().__init__(line, model.reply_within, clock)
+        self._requests = Requests(line, model.reply_within)
+        super().__init__(line, self._requests, model.reply_within, clock)
         self._model = model
         joints = range(model.joints)
         self._zero: Vector = (0.0,) * model.joints
@@ -183,8 +146,6 @@ class OpenODrive(SerialDevice):
         self._ask_positions = b"".join(request(f"f {axis}") for axis in joints)
         self._ask_error = [request(f"r axis{axis}.error") for axis in joints]
         self._next = 0  # axis whose error is asked for next
-        self._check_rate(hold_limit, self._seconds_on_wire())
-        self._requests = Requests(line, self.replies)
         self._switch = Switch(self._requests, model.joints, model.longest_force)
         self.axes, self.kinematics = model.joints, model.kinematics()
         self._requests.begin(b"\n" + zero_torque(model.joints))
@@ -192,20 +153,26 @@ class OpenODrive(SerialDevice):
         for axis in joints:
             set_up(self._requests, axis, model.saturation)
         for _ in range(FIRST_EXCHANGES):
-            tick_ns = self._ask().quickest_ns + self._tell(self._zero).quickest_ns
-        self._check_rate(hold_limit, tick_ns * 1e-9)
-        self._requests.patience = line.silence
-        self.replies.restart()
+            self._ask()
+            self._tell(self._zero)
+        quickest_ns = self._requests.quickest_ns("read") + self._requests.quickest_ns("write")
+        if quickest_ns * 1e-9 > hold_limit:
+            raise DeviceError(
+                f"the messages of a tick take {1e-6 * quickest_ns:.3g} ms at this port, and a force"
+                f" is held for {1e3 * hold_limit:.3g} ms: use the board's USB port or a higher baud"
+                " rate, or lower device.rate"
+            )
+        self._requests.longest_wait = line.silence
+        self._requests.restart()
 
     def read(self, time_ns: int) -> Vector:
-        """Return the angles, in rad; see :class:`forcebound.devices.Device`."""
         exchange = self._ask()
         self._read_ns = exchange.sent_ns - CONTROL_NS
         self._jitter_ns = exchange.excess_ns + CONTROL_NS
-        return _angles(exchange.said)
+        return _angles(exchange.reply)
 
     def write(self, time_ns: int, force: Vector) -> Vector:
-        """Hold torques, in N m, or less; see :class:`forcebound.devices.Device`."""
+        """Hold torques, in N m, or less."""
         if not self._switch.is_on:
             self._switch.go_on()
             self._effect_ns = self._clock()
@@ -220,7 +187,7 @@ class OpenODrive(SerialDevice):
         axis = self._next
         exchange = self._tell(force)
         self._effect_ns = exchange.sent_ns + exchange.excess_ns + CONTROL_NS
-        *turns, said = exchange.said
+        *turns, said = exchange.reply
         self._came_ns, self._angles = self._clock(), _angles(turns)
         error = int(said)
         if error == WATCHDOG_EXPIRED and not any(self._held):
@@ -237,42 +204,22 @@ class OpenODrive(SerialDevice):
         return force
 
     def close(self) -> None:
-        """Write zero torque, switch off, release the port; see ``Device``."""
+        """Write zero torque, switch off, release the port."""
         joints = self._model.joints
         with suppress(DeviceError):  # also where the line has failed, and takes no other message
             self._line.port.write(b"\n" + zero_torque(joints) + switched_off(joints))
         self._line.close()
-        self.replies.log(_logger)
+        self.exchanges.log(_logger)
 
-    def _ask(self) -> Exchange[float]:
-        return self._requests.exchange("read", self._ask_positions, self._model.joints, position)
+    def _ask(self) -> Exchange[list[float]]:
+        return self._requests.ask("read", self._ask_positions, self._model.joints, position)
 
-    def _tell(self, force: Vector) -> Exchange[float]:
+    def _tell(self, force: Vector) -> Exchange[list[float]]:
         """Set torques, which resist where positive; ask for the positions and an axis's error."""
         axis, joints = self._next, self._model.joints
         self._next = (axis + 1) % joints
         message = _torque_lines(force) + self._ask_positions + self._ask_error[axis]
-        return self._requests.exchange("write", message, joints + 1, _said, has_force=any(force))
-
-    def _seconds_on_wire(self) -> float:
-        """Return what the bytes of a tick take on a UART, in s; 0 on USB."""
-        model = self._model
-        if model.baud is None:
-            return 0.0
-        told = len(_torque_lines((-0.1,) * model.joints) + self._ask_error[0])
-        count = 2 * len(self._ask_positions) + told + (2 * model.joints + 1) * REPLY_SIZE
-        return count * BITS / model.baud
-
-    def _check_rate(self, hold_limit: float, seconds: float) -> None:
-        """Raise DeviceError if the messages of a tick take longer than a tick may."""
-        if seconds > hold_limit:
-            baud = self._model.baud
-            where = "this port" if baud is None else f"{baud} baud"
-            raise DeviceError(
-                f"the messages of a tick take {1e3 * seconds:.3g} ms at {where}, and a force is"
-                f" held for {1e3 * hold_limit:.3g} ms: at most {1.0 / seconds:.0f} ticks a second."
-                " Use the board's USB port or a higher baud rate, or lower device.rate"
-            )
+        return self._requests.ask("write", message, joints + 1, _said, has_force=any(force))
 
 
 def _torque_lines(force: Vector) -> bytes:

@@ -1,14 +1,22 @@
-"""Lines of the ODrive's ASCII protocol, with checksums both ways; firmware 0.5.
+"""Lines of the ODrive's ASCII protocol, with checksums both ways, and requests; firmware 0.5.
 
 Every request has a checksum: the board passes a spoiled one over in silence, and puts one on its
 reply.
 """
 
 import math
+import time
+from collections.abc import Callable
 from functools import reduce
 from operator import xor
+from typing import NoReturn, TypeVar
 
 from forcebound.errors import DeviceError
+from forcebound.hardware.line import Line
+from forcebound.hardware.serial_device import Exchange, Exchanges
+
+LONGEST_WAIT = 0.5  # s, for a board that has not been given a force yet
+Value = TypeVar("Value")
 
 IDLE, CLOSED_LOOP_CONTROL = 1, 8  # states of an axis
 PASSED_THROUGH = 1  # input mode: a torque is given as it comes
@@ -52,22 +60,14 @@ def on_wire(torque: float) -> float:
 
 
 def torque_request(axis: int, torque: float) -> bytes:
-    """Return the line that sets a torque, in N m, positive towards larger angles.
-
-    Raises:
-        ValueError: If it is not finite: the board would take it.
-    """
+    """Return the line that sets a torque, in N m, positive towards larger angles; finite."""
     if not math.isfinite(torque):
         raise ValueError(f"a torque must be finite, got {torque} N m")
     return request(f"c {axis} {torque:.{DECIMALS}f}")
 
 
 def answer(line: bytes) -> str:
-    """Return what a line of the board says, without its checksum.
-
-    Raises:
-        DeviceError: If it has none, or a wrong one.
-    """
+    """Return what a line of the board says, without its checksum, which is checked."""
     text, star, checksum = line.rpartition(b"*")
     if not (star and checksum.isdigit() and int(checksum) == exclusive_or(text)):
         raise DeviceError(f"the board's reply {line[:40]!r} is spoiled: its checksum is wrong")
@@ -75,11 +75,7 @@ def answer(line: bytes) -> str:
 
 
 def position(text: str) -> float:
-    """Return the position in a reply to ``f``, in turns.
-
-    Raises:
-        DeviceError: If it is not two finite numbers.
-    """
+    """Return the position in a reply to ``f``, in turns."""
     words = text.split()
     try:
         turns, velocity = map(float, words)
@@ -91,11 +87,7 @@ def position(text: str) -> float:
 
 
 def number(text: str, what: str) -> float:
-    """Return the value of a property.
-
-    Raises:
-        DeviceError: If it is no number, as where the board has no such property.
-    """
+    """Return the value of a property."""
     try:
         return float(text)
     except ValueError:
@@ -106,3 +98,74 @@ def error_words(error: int) -> str:
     """Return an axis's error as its number and the names of its bits."""
     names = [name for bit, name in ERRORS.items() if error & bit]
     return f"0x{error:x}" + (f" ({', '.join(names)})" if names else "")
+
+
+class Requests(Exchanges):
+    """Requests to the board on a line, each a line with a checksum."""
+
+    def __init__(self, line: Line, within: float) -> None:
+        super().__init__(line, within, time.monotonic_ns)
+        self.longest_wait = max(LONGEST_WAIT, line.silence)
+
+    def ask(
+        self,
+        kind: str,
+        message: bytes,
+        count: int,
+        parse: Callable[[str], Value],
+        has_force: bool = False,
+    ) -> Exchange[list[Value]]:
+        """Send lines to which the board has this many replies; as :meth:`exchange`."""
+        return self.exchange(
+            kind,
+            message,
+            lambda until_ns: self._line.port.read_lines(count, until_ns),
+            lambda data: [parse(answer(line)) for line in _lines(data, count)],
+            has_force,
+        )
+
+    def value(self, name: str) -> float | None:
+        """Return the value of a property; None if the board does not have it."""
+
+        def parse(text: str) -> float | None:
+            return None if text == "invalid property" else number(text, name)
+
+        return self.ask("property", request(f"r {name}"), 1, parse).reply[0]
+
+    def begin(self, message: bytes) -> None:
+        """Send lines without force, and pass over what comes until the board has processed all.
+
+        A board answers an empty line, or the end of one that a former user has begun; when it does
+        so is up to the machine. Nothing but a request with a checksum gets a reply with one.
+        """
+
+        def receive(until_ns: int) -> bytes:
+            data = b""
+            while not (b"*" in data and data.endswith(b"\n")):
+                more = self._line.port.read_lines(1, until_ns)
+                if not more:
+                    return b""
+                data += more
+            return data
+
+        self.exchange("begin", message + request("r fw_version_major"), receive, bytes)
+
+    def tell(self, message: bytes) -> None:
+        """Send lines without replies, and without force."""
+        self._line.send(message, has_force=False)
+
+    def end(self, failure: DeviceError) -> NoReturn:
+        """Write zero torque, refuse all further messages, raise the failure."""
+        self._line.fail(failure)
+        raise failure
+
+
+def _lines(data: bytes, count: int) -> list[bytes]:
+    """Return the replies in ``data``, as many as were asked for."""
+    *lines, rest = data.split(b"\r\n")
+    if len(lines) != count or rest:
+        raise DeviceError(
+            f"expected a reply to each request, {count} in all, got {data[:40]!r}: is this the port"
+            " of an ODrive with firmware 0.5?"
+        )
+    return lines

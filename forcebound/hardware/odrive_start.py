@@ -8,12 +8,12 @@ from forcebound.hardware.odrive_lines import (
     CLOSED_LOOP_CONTROL,
     IDLE,
     PASSED_THROUGH,
+    Requests,
     error_words,
     number,
     request,
     torque_request,
 )
-from forcebound.hardware.odrive_requests import Requests
 
 FIRMWARES = ((0, 5), (0, 0))  # the other is what a build out of a folder without git says
 SWITCHING_NS = 1_000_000_000  # for the motors to be on
@@ -37,11 +37,7 @@ def switched_off(joints: int) -> bytes:
 
 
 def check_firmware(requests: Requests) -> None:
-    """Check that the board is an ODrive whose protocol is known.
-
-    Raises:
-        DeviceError: If it is not.
-    """
+    """Check that the board is an ODrive whose protocol is known."""
     version = [requests.value(f"fw_version_{part}") for part in ("major", "minor")]
     if None not in version and tuple(version) not in FIRMWARES:
         raise DeviceError(
@@ -51,11 +47,7 @@ def check_firmware(requests: Requests) -> None:
 
 
 def set_up(requests: Requests, axis: int, saturation: float) -> None:
-    """Let the torque of an axis be what is written, and check that it can be.
-
-    Raises:
-        DeviceError: If there is no such axis, or it gives less than ``saturation``, in N m.
-    """
+    """Let the torque of an axis be what is written, up to ``saturation``, in N m."""
     if requests.value(f"axis{axis}.current_state") is None:
         raise DeviceError(f"the ODrive has no axis {axis}: expected joints: {axis} at most")
     own = f"axis{axis}.controller.config"
@@ -83,16 +75,13 @@ def _set(requests: Requests, name: str, value: int) -> None:
     requests.tell(request(f"w {name} {value}"))
     after = requests.value(name)
     if after != value:
-        raise DeviceError(f"the ODrive keeps {name} at {after}, told to set it to {value}")
+        raise DeviceError(f"the ODrive keeps {name} at {after}, after it was set to {value}")
 
 
 class Switch:
     """Switches the motors on within some ticks, without waiting.
 
-    Args:
-        requests: To the board.
-        joints: Number of motors.
-        watchdog_limit: Age at which the board switches them off again, in s.
+    The board switches them off again when no torque has come for ``watchdog_limit`` s.
     """
 
     def __init__(self, requests: Requests, joints: int, watchdog_limit: float) -> None:
@@ -109,27 +98,22 @@ class Switch:
     def begin(self) -> None:
         """Count all motors as off."""
         self._off = set(range(self._joints))
-        self._told_ns: int | None = None
+        self._ordered_ns: int | None = None
 
     def go_on(self) -> None:
-        """Tell the motors to be on, or ask one whether it is.
-
-        Raises:
-            DeviceError: If it is not within a second.
-        """
+        """Order the motors to be on, or ask one whether it is; a DeviceError after a second."""
         message, now_ns = self._zero, time.monotonic_ns()
-        if self._told_ns is None:
-            self._told_ns = now_ns
-            message += self._told()
+        if self._ordered_ns is None:
+            self._ordered_ns = now_ns
+            message += self._order()
         axis = min(self._off)
         name = f"axis{axis}.current_state"
         asked = request(f"r {name}")
-        state = self._requests.exchange(
-            "state", message + asked, 1, lambda text: number(text, name)
-        ).said[0]
+        asking = self._requests.ask("state", message + asked, 1, lambda text: number(text, name))
+        (state,) = asking.reply
         if state == CLOSED_LOOP_CONTROL:
             self._off.remove(axis)
-        elif now_ns - self._told_ns > SWITCHING_NS:
+        elif now_ns - self._ordered_ns > SWITCHING_NS:
             error = int(self._requests.value(f"axis{axis}.error") or 0)
             self._requests.end(
                 DeviceError(
@@ -138,7 +122,7 @@ class Switch:
                 )
             )
 
-    def _told(self) -> bytes:
+    def _order(self) -> bytes:
         """Return what switches on: a watchdog that is fed, no error, the state."""
         lines = b""
         for axis in range(self._joints):

@@ -14,6 +14,7 @@ import select
 import stat
 import termios
 import time
+from collections.abc import Callable
 from contextlib import suppress
 
 import serial
@@ -24,20 +25,13 @@ CHUNK = 4096  # bytes; more than a terminal keeps
 
 
 class Port:
-    """An open serial port.
-
-    Args:
-        path: Of the port, such as ``/dev/ttyACM0``.
-        baud: Bits a second; USB-CDC and pseudo-terminals ignore it.
+    """An open serial port, such as ``/dev/ttyACM0``; USB and pseudo-terminals ignore ``baud``.
 
     Attributes:
         path: Of the port.
         descriptor: Open and not blocking; of this object.
-        has_low_latency: Whether the port's driver was told to pass bytes on at once. Many have no
+        has_low_latency: Whether the port's driver passes bytes on at once. Many have no
             such mode and need none: USB-CDC, pseudo-terminals.
-
-    Raises:
-        DeviceError: If it cannot be opened.
     """
 
     def __init__(self, path: str, baud: int = 115_200) -> None:
@@ -54,11 +48,7 @@ class Port:
         fcntl.ioctl(self.descriptor, termios.TIOCEXCL)
 
     def write(self, message: bytes) -> None:
-        """Give a whole message to the port, in one piece; never waits.
-
-        Raises:
-            DeviceError: If it does not take all of it.
-        """
+        """Give a whole message to the port, in one piece; never waits; may raise DeviceError."""
         try:
             count = os.write(self.descriptor, message)
         except BlockingIOError:
@@ -72,50 +62,29 @@ class Port:
             )
 
     def read(self, count: int, deadline_ns: int) -> bytes:
-        """Return ``count`` bytes, or fewer: what has come by the deadline.
+        """Return ``count`` bytes, or fewer: what has come by the deadline, monotonic, in ns.
 
-        Args:
-            count: Of bytes.
-            deadline_ns: On the monotonic clock, in ns; what is there is read even after it.
-
-        Raises:
-            DeviceError: If the device is unplugged.
+        What is there is read even after it. DeviceError, as of all that read, if the device is
+        unplugged.
         """
-        descriptor, data = self.descriptor, b""
-        while len(data) < count:
-            wait_ns = max(deadline_ns - time.monotonic_ns(), 0)
-            if not select.select((descriptor,), (), (), wait_ns * 1e-9)[0]:
-                break
-            data += self._take(count - len(data))
-        return data
+        return self._read(deadline_ns, lambda data: count - len(data))
 
     def read_lines(self, count: int, deadline_ns: int) -> bytes:
-        """Return what has come when ``count`` lines have, or what there is by the deadline.
+        """Return what has come when ``count`` lines have, or what there is by the deadline."""
+        return self._read(deadline_ns, lambda data: CHUNK if data.count(b"\n") < count else 0)
 
-        Args:
-            count: Of line feeds.
-            deadline_ns: On the monotonic clock, in ns; what is there is read even after it.
-
-        Raises:
-            DeviceError: If the device is unplugged.
-        """
-        descriptor, data = self.descriptor, b""
-        while data.count(b"\n") < count:
+    def _read(self, deadline_ns: int, missing: Callable[[bytes], int]) -> bytes:
+        """Read until nothing is missing, or nothing has come by the deadline."""
+        data = b""
+        while count := missing(data):
             wait_ns = max(deadline_ns - time.monotonic_ns(), 0)
-            if not select.select((descriptor,), (), (), wait_ns * 1e-9)[0]:
+            if not select.select((self.descriptor,), (), (), wait_ns * 1e-9)[0]:
                 break
-            data += self._take(CHUNK)
+            data += self._take(count)
         return data
 
     def drain(self, quiet: float = 0.0) -> bytes:
-        """Return what has come and nobody has read.
-
-        Args:
-            quiet: Wait until nothing has come for so long, in s.
-
-        Raises:
-            DeviceError: If the device is unplugged.
-        """
+        """Return what has come and nobody has read, once nothing has come for ``quiet`` s."""
         data = b""
         while select.select((self.descriptor,), (), (), quiet)[0]:
             data += self._take(CHUNK)

@@ -66,16 +66,11 @@ def listed() -> list[SerialPort]:
 
 
 def find(name: str, kind: str = "", among: Sequence[SerialPort] | None = None) -> str:
-    """Return the path of a port.
+    """Return the path of a port, of those of this machine or ``among`` others.
 
-    Args:
-        name: A path; the serial number of a USB device; or ``auto``: the only port that seems to be
-            of this kind, else the only one with a USB device.
-        kind: Of the device, for ``auto``.
-        among: The ports of the machine; by default those that :func:`listed` returns.
-
-    Raises:
-        DeviceError: If there is no such port, or ``auto`` may mean several.
+    ``name`` is a path; the serial number of a USB device; or ``auto``: the only port that seems to
+    be of this kind, else the only one with a USB device. DeviceError if there is none, or ``auto``
+    may mean several.
     """
     if "/" in name:
         return name
@@ -106,15 +101,9 @@ def serial_number(path: str, among: Sequence[SerialPort] | None = None) -> str:
 
 
 def check_serial_number(path: str, wanted: str, among: Sequence[SerialPort] | None = None) -> None:
-    """Check that the device at a port is the one whose numbers are stated.
+    """Check that the device at a port is the one whose numbers are stated; empty: any.
 
-    Args:
-        path: Of the port.
-        wanted: Serial number of its USB device; empty: any.
-        among: The ports of the machine; by default those that :func:`listed` returns.
-
-    Raises:
-        DeviceError: If it has another serial number. One without any cannot be told.
+    DeviceError if it has another serial number. One without any passes.
     """
     found = serial_number(path, among) if wanted else ""
     if found and found != wanted:
@@ -126,7 +115,7 @@ def check_serial_number(path: str, wanted: str, among: Sequence[SerialPort] | No
 
 
 def _group(path: str) -> str:
-    with suppress(OSError, KeyError):  # it is gone meanwhile, or the group has no name
+    with suppress(OSError, KeyError):  # it is gone, or the group has no name
         status = os.stat(path)
         may_open = stat.S_IRGRP | stat.S_IWGRP
         if status.st_mode & may_open == may_open and status.st_gid != 0:

@@ -19,8 +19,7 @@ from forcebound.bounding.sample import NO_MEMORY, start_axis
 from forcebound.compiled import allow_in_kernels, jit
 from forcebound.devices.plant import advance, quantise
 from forcebound.environments.active_wall import active_wall_force
-from forcebound.environments.damper import damper_force
-from forcebound.environments.wall import wall_force
+from forcebound.environments.walls import damper_force, wall_force
 from forcebound.lab.adversaries import pushing_force
 from forcebound.lab.hands import PERIOD, Case, case_of, dissipation_of
 

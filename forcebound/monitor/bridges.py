@@ -42,15 +42,10 @@ def serve(
     duration: float | None = None,
     say: Callable[[str], None] = lambda text: None,
 ) -> None:
-    """Give topics of a running graph to another program, for ``duration`` s or until it ends.
+    """Give topics (none: all) of a running graph to another program.
 
-    Args:
-        bridge: :func:`plotjuggler` or :func:`foxglove`.
-        run: Run directory of the graph.
-        topics: Of the packets; none: all.
-        port: On loopback.
-        duration: In s; None: no limit.
-        say: Called with a line for people when the port is open.
+    For ``duration`` s (None: no limit), or until the graph ends. ``say`` is called with a line for
+    people when the port of loopback is open.
 
     Raises:
         ConfigError: If there is no such topic, the port is in use, or a package is missing.

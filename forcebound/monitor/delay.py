@@ -107,12 +107,10 @@ def _histogram(delays: NDArray[np.float64], least: float) -> list[Bin]:
 
 
 def measure(run: Path | None, duration: float | None = None, links: bool = False) -> Measured:
-    """Return the loop delays of a run.
+    """Return the loop delays of a recording, or of a running graph (None: the only one).
 
-    Args:
-        run: A recording; the run directory of a running graph; None: the only one that runs.
-        duration: How long to watch a running graph, in s; None: :data:`DURATION`.
-        links: Whether to measure from hop to hop, too.
+    A running graph is watched for ``duration`` s, by default :data:`DURATION`. ``links``: also from
+    hop to hop.
 
     Raises:
         ConfigError: If there is no such recording or graph, it has no tick, or a duration is given

@@ -22,6 +22,7 @@ from forcebound.monitor.doctor_loop import LESS_DELAY, LOOP_RULES
 from forcebound.monitor.findings import Finding, note, problem
 from forcebound.monitor.observation import SUSPENDED, Observations, Seen
 from forcebound.network.notices import KINDS
+from forcebound.roles import CONTROLLER, ENVIRONMENT
 
 LOSSES = ("lost", "corrupted")  # fates of packets on a link that does not deliver them
 WAITING_RATE = 5.0  # rejected replies in 1/s: of several that wait, each tries once a second
@@ -195,7 +196,7 @@ def _second_replies(status: ControllerStatus) -> int:
 
 def _environments(seen: Observations) -> Iterator[Finding]:
     own = seen.of(EnvironmentStatus).last
-    if "controller" not in seen.processes and own is not None:
+    if CONTROLLER not in seen.processes and own is not None:
         yield from _serves_elsewhere(seen.of(EnvironmentStatus), own)
     controller = seen.of(ControllerStatus).last
     if controller is None:
@@ -209,13 +210,13 @@ def _environments(seen: Observations) -> Iterator[Finding]:
             f"{other} are rejected"
         )
         action = "end one of the two; the other takes over after 1 s"
-        yield problem("second_environment", "controller", words, action)
+        yield problem("second_environment", CONTROLLER, words, action)
     elif rejected:
         words = f"{serving} serves; another{other} waits, and takes over when the first is silent"
-        yield note("waiting_environment", "controller", words)
+        yield note("waiting_environment", CONTROLLER, words)
     elif None not in (name, serving) and name != serving:
         words = f"{serving} serves, not {name} of this launcher"
-        yield note("other_environment", "controller", words)
+        yield note("other_environment", CONTROLLER, words)
 
 
 def _serves_elsewhere(
@@ -238,11 +239,11 @@ def _remote(seen: Observations) -> Iterator[Finding]:
         remote = process.last.remote
         where = f"remote link of the {name}"
         if not remote.connected:
-            is_served = name == "controller" and _delivered(seen, "force_command") > 0
+            is_served = name == CONTROLLER and _delivered(seen, "force_command") > 0
             verb = "listens at" if remote.listens else "connects to"
             words = f"nobody is there; it {verb} {remote.address} port {remote.port}"
             command = "forcebound node environment FILE"
-            if name == "environment":
+            if name == ENVIRONMENT:
                 command = "forcebound launch FILE"
             report = note if is_served else problem
             yield report("remote_not_connected", where, words, "start the other end", command)
@@ -282,7 +283,7 @@ def _rejections(status: ProcessStatus, reason: str) -> int:
 
 def _links(seen: Observations) -> Iterator[Finding]:
     for process in seen.processes.values():
-        for topic in getattr(process.last, "links", ()):
+        for topic in process.last.links if isinstance(process.last, NodeStatus) else ():
             sent, lost, corrupted = (
                 process.growth(partial(_fate, topic=topic, fate=fate)) for fate in ("sent", *LOSSES)
             )

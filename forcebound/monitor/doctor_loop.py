@@ -18,6 +18,7 @@ from forcebound.messages.control import DeviceStatus, RecorderStatus
 from forcebound.monitor.findings import Finding, note, problem
 from forcebound.monitor.observation import Observations
 from forcebound.process import COMPLETE
+from forcebound.roles import DEVICE
 from forcebound.topology import LINKS
 
 NEAR_AGE_LIMIT = 0.7  # of it; beyond, a little more delay takes the force away
@@ -35,7 +36,7 @@ def _force(seen: Observations) -> Iterator[Finding]:
     if telemetry.time_ns.size == 0:
         if seen.of(DeviceStatus).last is not None and seen.phase not in ("starting", "stopping"):
             words, action = "answers, but sends no telemetry", "does it hang in its driver?"
-            yield problem("no_telemetry", "device", words, action)
+            yield problem("no_telemetry", DEVICE, words, action)
         return
     unanswered = (telemetry.device_seq < 0) & (telemetry.elapsed > 0.0)
     if not unanswered.any():
@@ -49,11 +50,11 @@ def _force(seen: Observations) -> Iterator[Finding]:
         silence = float(telemetry.time_ns[-1] - telemetry.time_ns[start]) * 1e-9
         words = f"no force: for {silence:.1f} s and more {why}"
         action = f"repair the link or process named here; else {LESS_DELAY}"
-        yield problem("no_force", "device", words, action)
+        yield problem("no_force", DEVICE, words, action)
         return
     words = f"no force in {unanswered.mean():.1%} of {unanswered.size} ticks: {why}"
     action = f"{LESS_DELAY}; force returns over the engage ramp"
-    yield problem("force_gaps", "device", words, action)
+    yield problem("force_gaps", DEVICE, words, action)
 
 
 def _delay(seen: Observations) -> Iterator[Finding]:
@@ -97,7 +98,7 @@ def _ticks(seen: Observations) -> Iterator[Finding]:
     share = lost / (lost + telemetry.time_ns.size)
     words = f"loses {rate:.3g} ticks/s, {share:.1%} of all: costs force, never safety"
     report = problem if share >= LOST_TICKS_SHARE else note
-    yield report("ticks_lost", "device", words, causes=_lateness(seen))
+    yield report("ticks_lost", DEVICE, words, causes=_lateness(seen))
 
 
 def _lateness(seen: Observations) -> tuple[Cause, ...]:
@@ -147,7 +148,7 @@ def _law(seen: Observations) -> Iterator[Finding]:
     if law == "none":
         words = "law none: nothing protects the hand from what environment and network do"
         command = "forcebound param set device.law:=certified"
-        yield note("no_law", "device", words, command=command)
+        yield note("no_law", DEVICE, words, command=command)
         return
     section = to_document(seen.config)["device"]
     if not is_limited(seen.telemetry, section):
@@ -165,7 +166,7 @@ def _law(seen: Observations) -> Iterator[Finding]:
         overruns = seen.of(DeviceStatus).growth(lambda one: one.bounder.overruns)
         report = replace(status.bounder, overruns=overruns)
     causes = tuple(causes_of_little_force(seen.telemetry, section, report))
-    yield note("law_limits", "device", words, causes=causes)
+    yield note("law_limits", DEVICE, words, causes=causes)
 
 
 LOOP_RULES: tuple[Callable[[Observations], Iterator[Finding]], ...] = (

@@ -48,11 +48,7 @@ def as_mermaid(edges: Sequence[Edge]) -> str:
 
 
 def draw(edges: Sequence[Edge], output: Path) -> None:
-    """Write a picture; the suffix of ``output`` (.svg or .png) gives its format.
-
-    Raises:
-        OSError: If it cannot be written.
-    """
+    """Write a picture; the suffix of ``output`` (.svg or .png) gives its format."""
     from matplotlib.figure import Figure
 
     from forcebound.analysis.plots import save

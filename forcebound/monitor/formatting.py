@@ -22,22 +22,12 @@ _PLAIN = re.compile(r"[A-Za-z_/.][A-Za-z0-9_/.+-]*( [A-Za-z0-9_/.+-]+)*")
 
 
 def as_written(config: GraphConfig, values: Parameters) -> dict[str, str]:
-    """Return parameters as YAML, each fit for ``forcebound param set``.
-
-    Args:
-        config: Of the graph; its environment says which parameters it has.
-        values: Plain JSON values in SI units, by name.
-    """
+    """Return parameters of a graph as YAML, each fit for ``forcebound param set``."""
     return {name: _text(value, _hint(config, name)) for name, value in values.items()}
 
 
 def ranges(config: GraphConfig, names: Iterable[str]) -> dict[str, str]:
-    """Return in words what values parameters can have, such as ``>= 0 N/m``; "" where that is open.
-
-    Args:
-        config: Of the graph.
-        names: Of its parameters.
-    """
+    """Return in words what values parameters can have, such as ``>= 0 N/m``; "" for any."""
     found = {}
     for name in names:
         parts = list(_parts(_hint(config, name)))

@@ -21,12 +21,7 @@ COMPILE_TIMEOUT_S = 60.0  # s, for a busy machine; then the device compiles itse
 
 
 class Kernels:
-    """The kernels for the device of a graph; to be closed.
-
-    Args:
-        run_dir: Of the graph.
-        loaded: A law that the device has or had.
-    """
+    """The kernels for the device of a graph, which has ``loaded`` those of a law; to be closed."""
 
     def __init__(self, run_dir: Path, loaded: str = "") -> None:
         self._run_dir = run_dir

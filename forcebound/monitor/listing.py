@@ -41,12 +41,7 @@ class ListedGraph:
 
 
 def list_graphs(interval: float = INTERVAL, only: Path | None = None) -> list[ListedGraph]:
-    """Return the graphs that run, with what their processes use over ``interval`` s.
-
-    Args:
-        interval: Between two looks at the processes.
-        only: Run directory of the only graph to list; None: all.
-    """
+    """Return the graphs that run, or ``only`` one, with what processes use over ``interval`` s."""
     graphs: list[GraphStatus] = []
     for run_dir in running() if only is None else (only,):
         with suppress(ConfigError, RunError, OSError):  # it has ended

@@ -54,12 +54,7 @@ def record_running(
 ) -> Recorded:
     """Record a running graph for ``duration`` s, until a request to stop, or until it ends.
 
-    Args:
-        run_dir: Of the graph.
-        file: To write; replaced if it exists.
-        duration: In s; None: no limit.
-        begin: Called with the name of the graph when it begins.
-        stop: Ends it.
+    ``begin`` is called with the name of the graph when the recording begins.
 
     Raises:
         ConfigError: If no graph runs there, or the file cannot be written.

@@ -40,18 +40,13 @@ def running() -> dict[Path, RunDocument]:
 def find(
     run: Path | None = None, *, require_graph: bool = False, option: str = "--run GRAPH"
 ) -> Path:
-    """Return the run directory of one running graph.
+    """Return the run directory of one running graph: the only one, or that of a directory or name.
 
-    Args:
-        run: Its run directory, as :func:`running` gives it, or the name of its launch file; None:
-            the only graph that runs. An environment by itself counts only where no launcher runs a
-            graph.
-        require_graph: Whether to refuse an environment alone, for a graph on another machine.
-        option: How a command takes a run directory, for messages.
+    An environment by itself counts only where no launcher runs a graph, and not at all with
+    ``require_graph``. ``option`` is how a command takes a run directory, for messages.
 
     Raises:
-        ConfigError: If no graph runs, several run and ``run`` does not say which, or ``run`` is no
-            directory of one that runs.
+        ConfigError: If no graph runs, several run, or ``run`` is not one that runs.
     """
     known = running()
     if run is None:
@@ -72,11 +67,7 @@ def find(
 
 
 def find_launched(launcher: int) -> Path:
-    """Return the run directory of the graph of a launcher, by its process id, once it runs.
-
-    Raises:
-        RunError: If it does not within a minute.
-    """
+    """Return the run directory of a launcher's graph once it runs; RunError after a minute."""
     end = time.monotonic() + START_TIMEOUT
     while time.monotonic() < end:
         for run_dir, document in running().items():
@@ -87,16 +78,12 @@ def find_launched(launcher: int) -> Path:
 
 
 class Watch:
-    """Knows whether a graph has ended, also while its launcher still computes the result.
-
-    Attributes:
-        was_launched: Whether a launcher was seen; an environment by itself has none.
-    """
+    """Knows whether a graph has ended, also while its launcher still computes the result."""
 
     def __init__(self, run_dir: Path) -> None:
         self._run_dir = run_dir
         self._launcher = graph_in(run_dir).nodes[LAUNCHER]
-        self.was_launched = False
+        self.was_launched = False  # whether a launcher was seen; an environment has none
 
     @property
     def is_over(self) -> bool:
@@ -131,11 +118,7 @@ def _only(known: Mapping[Path, RunDocument], require_graph: bool, option: str) -
 
 @contextmanager
 def while_running(run_dir: Path) -> Iterator[None]:
-    """Turn errors into one clear error if the graph has ended.
-
-    Raises:
-        RunError: If the graph has ended.
-    """
+    """Turn errors into one clear RunError if the graph has ended."""
     try:
         yield
     except (ConfigError, OSError) as error:

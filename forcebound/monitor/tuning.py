@@ -43,7 +43,7 @@ from forcebound.monitor.control import ANSWER_TIMEOUT, ask_all, await_law
 from forcebound.monitor.kernels import Kernels
 from forcebound.monitor.snapshot import GraphStatus, other_environment, snapshot
 from forcebound.quantities import Range
-from forcebound.roles import LAUNCHER
+from forcebound.roles import DEVICE, ENVIRONMENT, LAUNCHER
 from forcebound.topology import LINKS
 from forcebound.units import parse_quantity
 
@@ -67,9 +67,6 @@ def find_parameters(config: GraphConfig, names: Sequence[str]) -> Parameters:
     """Return the values of some parameters; a section's name stands for all that begin with it.
 
     Without names: all that can be changed. Values that are fixed during a run are found by name.
-
-    Raises:
-        ConfigError: If a name is not known.
     """
     if not names:
         return parameters(config)
@@ -124,10 +121,8 @@ def read_settings(texts: Sequence[str]) -> Parameters:
 def cut_links(run_dir: Path, time: str, links: Sequence[str]) -> tuple[float, tuple[str, ...]]:
     """Lose every packet of some links from now for a time such as ``500ms``.
 
-    Without links: query and reply of the environment. Errors are as of :func:`set_parameters`.
-
-    Returns:
-        The time in s, and the links by topic.
+    Without links: query and reply of the environment. Returns the time, in s, and the links. Errors
+    are as of :func:`set_parameters`.
     """
     seconds = Range(above=0).check(parse_quantity(time, "s"), "s")
     for link in links:
@@ -144,10 +139,8 @@ def cut_links(run_dir: Path, time: str, links: Sequence[str]) -> tuple[float, tu
 def set_parameters(run_dir: Path, settings: Parameters, kernels: Kernels | None = None) -> Change:
     """Change parameters of a graph that runs; return when its nodes have them.
 
-    Args:
-        run_dir: Of the graph.
-        settings: New values by name, as :func:`read_settings` returns them.
-        kernels: Compiles those of a new law before the device takes it; None: the device does.
+    ``settings`` are as of :func:`read_settings`. ``kernels`` compiles those of a new law before the
+    device takes it; None: the device does.
 
     Raises:
         ConfigError: If there is no such parameter, it cannot have this value, or it belongs to a
@@ -158,7 +151,7 @@ def set_parameters(run_dir: Path, settings: Parameters, kernels: Kernels | None 
     now, graph = configuration(run_dir), snapshot(run_dir)
     concerned = sorted(processes_of(settings))
     _check_files(graph.run, settings, now)
-    other = other_environment(graph) if "environment" in concerned else None
+    other = other_environment(graph) if ENVIRONMENT in concerned else None
     if LAW in settings:
         _prepare_law(change(now, settings).device.servo.law, graph, kernels)
     with updating(run_dir, ANSWER_TIMEOUT) as is_alone:
@@ -183,7 +176,7 @@ def set_parameters(run_dir: Path, settings: Parameters, kernels: Kernels | None 
         )
         notes.append(f"{other} serves the graph, and not {here if graph.run.is_graph else waits}")
     values = differences(old, new)
-    if LAW in values and "device" not in down:
+    if LAW in values and DEVICE not in down:
         await_law(run_dir, values[LAW])
         ramp = f"the force returns over {1e3 * new.device.servo.engage_time:.3g} ms"
         notes.append(f"the law was taken without force, with a new ledger; {ramp}")
@@ -206,7 +199,7 @@ def _check_files(run: RunDocument, settings: Parameters, now: GraphConfig) -> No
 
 def _prepare_law(law: str, graph: GraphStatus, kernels: Kernels | None) -> None:
     """Get ready for a law that the device is to take."""
-    device = graph.processes.get("device")
+    device = graph.processes.get(DEVICE)
     if device is not None and device.state == "lost":
         raise ConfigError(f"{LAW}: the device is lost; first, `forcebound device resume`")
     status = graph.status_of(DeviceStatus)
@@ -259,6 +252,6 @@ def _check_reach(elsewhere: Mapping[str, str]) -> None:
         return
     listed, nodes = ", ".join(sorted(elsewhere)), " and ".join(sorted(set(elsewhere.values())))
     why = f"this link ends at the {nodes}, on the machine of the graph; here is only an environment"
-    if "environment" in elsewhere.values():
+    if ENVIRONMENT in elsewhere.values():
         why = "this belongs to the environment, which is on another machine"
     raise ConfigError(f"{listed}: {why}; use `forcebound param set` there")

@@ -26,13 +26,9 @@ class Host:
 
 
 def numeric_address(address: str) -> IpAddress | None:
-    """Return a numeric address; None for a name, which has to be looked up.
+    """Return a numeric address; None for a name, which has to be looked up; else ConfigError.
 
-    Args:
-        address: IPv4, IPv6 with or without brackets and zone (``[fe80::1%eth0]``), or a name.
-
-    Raises:
-        ConfigError: If it is none of these. Nothing is looked up.
+    IPv6 may have brackets and a zone (``[fe80::1%eth0]``). Nothing is looked up.
     """
     bare = _bare(address)
     try:

@@ -1,15 +1,9 @@
 """Chances of a link: loss, delay and the rest, drawn alike for links, computations and sweeps.
 
 Each random decision has a generator of its own, and every packet draws all its numbers: two
-settings compared under one seed differ in nothing but the setting.
-
-1. *Correlation* is netem's: ``u = (1 - rho) * new + rho * last`` of numbers uniform in [0, 1). As
-   in netem, this narrows the distribution around 1/2 (variance times ``(1 - rho) / (1 + rho)``), so
-   a correlated loss of 10 % loses less than 10 % (tc-netem(8) warns of it). ``gemodel`` does not.
-2. The *time on the way* is ``delay + jitter * quantile(u)``, rounded to nanoseconds and never
-   negative; the quantiles are in :mod:`forcebound.network.distribution`.
-3. *Gilbert-Elliott*: the state in which a packet finds the link decides its loss, then the link
-   changes its state. It begins good.
+settings compared under one seed differ in nothing but the setting. *Correlation* is netem's, ``u =
+(1 - rho) * new + rho * last``. The *time on the way* is ``delay + jitter * quantile(u)``, rounded
+to nanoseconds and never negative.
 
 A link that has nothing but delay, uniform jitter and independent loss is *plain*: a packet draws
 two numbers only (:meth:`Chances.next_plain`), or all packets of a run draw theirs as arrays
@@ -48,9 +42,7 @@ class Fate(NamedTuple):
 class Draws(dict[str, Draw]):
     """The random numbers of one link by decision, uniform in [0, 1), a generator for each.
 
-    Args:
-        seed: As given to :class:`~forcebound.network.link.Link`.
-        is_copy: For the copies of duplicated packets, which have numbers of their own.
+    The copies of duplicated packets have numbers of their own (``is_copy``).
     """
 
     def __init__(self, seed: int, *, is_copy: bool = False) -> None:
@@ -75,11 +67,7 @@ def _generator(seed: int, decision: str, is_copy: bool = False) -> np.random.Gen
 def plain_fates(
     impairment: Impairment, seed: int, count: int
 ) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
-    """Return the draws of the first ``count`` packets of a plain link (:meth:`Chances.next_plain`).
-
-    Returns:
-        Which are lost, and the time on the way of each, in ns; both of shape ``(count,)``.
-    """
+    """Return which of the first packets of a plain link are lost, and all times on the way, ns."""
     import numpy as np
 
     lost = np.zeros(count, dtype=np.bool_)

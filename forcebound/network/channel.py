@@ -47,10 +47,7 @@ class Arrival(NamedTuple):
 class Channel:
     """One ROUTER or DEALER, both ways.
 
-    Attributes:
-        descriptor: Readable when something has happened; edge-triggered, so it may be waited for
-            only after :meth:`pending` has found nothing.
-        greetings: Since they were last cleared.
+    Its descriptor is edge-triggered: wait for it only after :meth:`pending` has found nothing.
     """
 
     def __init__(self, socket: "zmq.Socket[bytes]") -> None:
@@ -59,7 +56,7 @@ class Channel:
         self._routes: list[bytes] = []
         self._sources: dict[bytes, str] = {}  # of peers that have greeted, by route
         self.descriptor = int(socket.FD)
-        self.greetings: list[Greeting] = []
+        self.greetings: list[Greeting] = []  # since they were last cleared
 
     def send(self, data: bytes) -> None:
         """Send a packet to every peer, or to the one at the other end; empty: a greeting."""

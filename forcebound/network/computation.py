@@ -13,13 +13,8 @@ from forcebound.network.trace import DelayTrace
 class ComputationTime:
     """The time that each of a row of computations takes.
 
-    Args:
-        impairment: Its settings of the delay; by default no time at all.
-        seed: At least 0; see :func:`forcebound.network.link.link_seed`.
-        trace: Content of the file ``impairment.trace``.
-
-    Raises:
-        ValueError: If the impairment names a trace and it is not given.
+    ``trace`` is the content of the file ``impairment.trace``. ValueError if it is named and not
+    given.
     """
 
     def __init__(
@@ -30,11 +25,7 @@ class ComputationTime:
         self.change(impairment, trace)
 
     def change(self, impairment: Impairment, trace: DelayTrace | None = None) -> None:
-        """Let computations that begin from now on take the time of ``impairment``.
-
-        Raises:
-            ValueError: If the impairment names a trace and it is not given.
-        """
+        """Let computations that begin from now on take the time of ``impairment``."""
         if trace is None and impairment.trace is not None:
             raise ValueError(f"a computation needs the times of its trace {impairment.trace}")
         self._trace = trace

@@ -23,14 +23,7 @@ _SLOW_NS = limits.HANDSHAKE_MS * 900_000  # a handshake that fails after this ti
 
 
 class Connector:
-    """The connection of one socket.
-
-    Args:
-        socket: It has been connected to ``endpoint``.
-        endpoint: ``tcp://HOST:PORT``, exactly as it was connected.
-        monitor: Of the socket.
-        end: This end, which connects.
-    """
+    """The connection of a socket that has been connected to ``endpoint``, ``tcp://HOST:PORT``."""
 
     def __init__(
         self, socket: "zmq.Socket[bytes]", endpoint: str, monitor: Monitor, end: RemoteEnd

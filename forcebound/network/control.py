@@ -19,12 +19,7 @@ _MAX_ITEMS = 256  # in a list or map of a request or its answer
 
 
 class ControlServer:
-    """Answers requests from the launcher and other programs of the user.
-
-    Args:
-        socket: Bound.
-        requests: Classes of the requests that this process takes; others are refused.
-    """
+    """Answers requests of some classes, from the launcher and other programs of the user."""
 
     def __init__(self, socket: "zmq.Socket[bytes]", requests: Sequence[type[Request]]) -> None:
         self._socket = socket
@@ -37,15 +32,7 @@ class ControlServer:
         return _has(self._socket, _POLLIN)
 
     def serve(self, answer: Callable[[Any], Answer], limit: int = SERVE_LIMIT) -> bool:
-        """Answer the requests that are there.
-
-        Args:
-            answer: Returns the answer to a request of one of the classes.
-            limit: Most requests in one turn of a loop, so that a flood does not hold it.
-
-        Returns:
-            Whether more may be there.
-        """
+        """Answer at most ``limit`` of the requests that are there; return whether more may be."""
         for _ in range(limit):
             data = _receive(self._socket) if self.pending() else None
             if data is None:
@@ -116,11 +103,7 @@ def _encode(message: Request | Answer) -> bytes:
 
 
 def _decode(data: bytes, kind: Any) -> Any:
-    """Return the message of a union of classes.
-
-    Raises:
-        ValueError: If it is none of them.
-    """
+    """Return the message of a union of classes; ValueError if it is none of them."""
     try:
         plain = msgpack.unpackb(data, max_array_len=_MAX_ITEMS, max_map_len=_MAX_ITEMS)
         return msgspec.convert(plain, kind)

@@ -1,22 +1,8 @@
-"""Distributions of the deviation of a delay, by name or from a file.
+"""Distributions of the deviation of a delay, by name or from a file (``docs/impairments.md``).
 
 The deviation is ``jitter * quantile(u)`` of a number ``u``, uniform in [0, 1). The quantiles are
-those of the tables that tc loads (iproute2 ``netem/normal.c``, ``pareto.c``, ``paretonormal.c``),
-without their 4096 steps and, as there, within 4:
-
-``uniform``
-    ``2 u - 1``: jitter is the largest deviation.
-``normal``
-    jitter is the standard deviation.
-``pareto``
-    ``4/3 (X - 3/2)``, ``X`` Pareto with shape 3 from 1: mean 0, from -2/3. tc scales by the
-    variance 3/4, so the standard deviation is ``2 / sqrt(3)`` times the jitter before the cut.
-``paretonormal``
-    ``(normal + 3 pareto) / 4`` of the same ``u``.
-
-A file is a table in the format of tc, as iproute2 has them (``netem/*.dist``): each of its entries
-is as likely as the others. The kernel takes the entry ``number % size``; here it is
-``floor(u * size)`` of the sorted ones, which is as likely and keeps the correlation.
+those of the tables that tc loads (iproute2 ``netem/*.c``), without their 4096 steps and, as there,
+within 4. A file is such a table, each of its entries as likely as the others.
 """
 
 from collections.abc import Callable, Mapping
@@ -58,16 +44,10 @@ QUANTILES: Mapping[str, Callable[[float], float]] = {
 
 
 def read_distribution(file: Path) -> tuple[float, ...]:
-    """Return the deviations that a table holds, each as likely as the others, in ascending order.
+    """Return the 1 to 16384 deviations that a table holds, in jitters, in ascending order.
 
     The file holds whole numbers between white space, of which 8192 are one jitter; what follows a
-    ``#`` in a line is a comment.
-
-    Returns:
-        Deviations, in jitters, within 4; 1 to 16384 of them.
-
-    Raises:
-        ConfigError: If the file cannot be read or is not such a table; names the line.
+    ``#`` in a line is a comment. ConfigError, which names the line, for another file.
 
     Source: iproute2 tc/q_netem.c (get_distribution), Linux net/sched/sch_netem.c (tabledist).
     """

@@ -41,11 +41,7 @@ _PORTS = Range(at_least=1, at_most=65535)
 
 @dataclass(frozen=True)
 class RemoteEnd:
-    """One end of the link, as :meth:`RemoteSection.end` gives it.
-
-    Raises:
-        ConfigError: If there is only one of our own key and the peers'.
-    """
+    """One end of the link, as :meth:`RemoteSection.end` gives it."""
 
     role: Role  # a graph sends queries, an environment replies
     listens: bool  # whether this end does
@@ -112,21 +108,13 @@ class RemoteSection:
             yield "address", f"address {self.address} is on a network, and {_WITHOUT_KEYS}"
 
     def end(self, role: Role, folder: Path | None = None) -> RemoteEnd:
-        """Return this machine's end, with its keys read from ``folder``, or the key folder.
-
-        Raises:
-            ConfigError: If a key is missing or unsafe, or the parts do not fit together.
-        """
+        """Return this machine's end, with its keys; ConfigError if a key is missing or unsafe."""
         pair, peers = self._keys(role, folder)
         listens = role == self.listens
         return RemoteEnd(role, listens, self.address, self.port, pair, peers, self.insecure)
 
     def check_here(self, role: Role, folder: Path | None = None) -> None:
-        """Check what an end needs of this machine: keys, the address, a free port if it listens.
-
-        Raises:
-            ConfigError: If anything is missing; it names everything that is.
-        """
+        """Check what an end needs of this machine; ConfigError names everything that is missing."""
         listens = role == self.listens
         problems: list[str] = []
         host = _noting(problems, "remote.address: ", resolve, self.address)
@@ -163,10 +151,8 @@ def loopback_keys() -> Path:
     """Return the folder with the keys for links on loopback, of this user and this session.
 
     They are made when they are first needed, in the user's runtime folder. They cannot belong to
-    one run: the other end is started by another command, maybe first.
-
-    Raises:
-        ConfigError: If there is no such folder, or the keys in it cannot be used.
+    one run: the other end is started by another command, maybe first. ConfigError without such a
+    folder.
     """
     runtime = runtime_folder()
     if runtime is None:

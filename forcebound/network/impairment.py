@@ -181,15 +181,10 @@ class Impairment:
 
 
 def check_delay(settings: Any, prefix: str = "") -> tuple[float, ...]:
-    """Check the settings of a delay; return the table of their file, if any.
+    """Check the settings of a delay, with a prefix; return the table of their file, if any.
 
-    Args:
-        settings: Has ``delay``, ``jitter``, ``distribution``, ``distribution_file`` and ``trace``
-            of :class:`Impairment`.
-        prefix: Before each of these names.
-
-    Raises:
-        ConfigError: If they are wrong or do not go together.
+    ``settings`` has ``delay``, ``jitter``, ``distribution``, ``distribution_file`` and ``trace`` of
+    :class:`Impairment`. ConfigError if they are wrong or do not go together.
     """
     names = ("delay", "jitter", "distribution", "distribution_file", "trace")
     delay, jitter, distribution, file, trace = (getattr(settings, prefix + n) for n in names)

@@ -57,11 +57,7 @@ class KeyEntry:
 
 
 def check_key(key: str) -> None:
-    """Check that a text is a valid name of a key, or a public key.
-
-    Raises:
-        ConfigError: If it is neither. Whether there is such a key is not checked.
-    """
+    """Check that a text may be a name of a key, or is a public key; else ConfigError."""
     if not _is_key(key):
         _check_name(key)
 

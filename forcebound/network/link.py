@@ -5,45 +5,21 @@ packet that arrives with the time (:meth:`Link.accept`), and asks which packets 
 (:meth:`Link.due`) and when the next one will be (:attr:`Link.next_due_ns`). The same seed and the
 same arrivals give the same deliveries, however often one asks.
 
-The words and their meaning are those of Linux netem (:mod:`forcebound.network.impairment`). In
-this order, each decided by a generator of its own:
+The words and their meaning are those of Linux netem (``docs/impairments.md``), in this order:
+duplicated or lost, lost beyond the limit, delayed or sent at once, sent at a rate, held for a slot,
+thrown away as corrupt. Where netem decides when it is asked, as for slots and the queue's length,
+this model decides when the packet arrives.
 
-1. A packet may be duplicated, and may be lost: by chance, in an outage, or by its trace. Of one
-   that is duplicated and lost by chance, one goes on. A copy has chances of its own, and no copy.
-2. When ``limit`` packets are on the way, it is lost.
-3. If it is reordered, it is through at once. If not, after its delay, or that of the trace, but
-   never before its arrival. With a ``rate``, then at the later of this and the time at which the
-   packet before is through, plus its own size over the rate.
-4. With slots, it waits for the slot.
-5. Packets come out by that time; equal times, in the order in which they arrived. A corrupt one
-   has taken its time and its place on the way, and is not delivered.
-
-Where netem decides when it is asked, as for slots and the queue's length, this model decides when
-the packet arrives, so that the answer does not depend on how often one asks.
-
-Newest wins
------------
-
-The receiver gets, of the packets that are through, only the newest, and never one that is older
-than what it got before. The others are counted as superseded. So neither a pause of the receiver
-nor jitter ever brings it a stale packet.
-
-Which of two packets is newer is decided by the *origin*: the device state that a packet answers
-(``device_time_ns``, ``device_seq``), or the packet itself if it answers nothing (``time_ns``,
-``seq``). The answerer's own ``seq`` decides between two answers to one state. While a sender lives,
-stamp and sequence number rise together and either would do. The stamp comes first because of
-restarts:
-
-* A *process* that starts again on the same machine counts from 0, but its monotonic clock goes on:
-  its first packet is newer by its stamp and passes at once.
-* A *machine* that starts again, or a microcontroller, also sets its clock back. Packets that arrive
-  stamped more than ``RESTART_NS`` before the newest arrival begin a new life of the sender, newer
-  than everything before. A clock set back by less is refused until it has caught up, so for at
-  most ``RESTART_NS``, and never for ever.
-
-The test is made in the order of arrival, before this link delays anything, so its own jitter,
-however large, is never taken for a restart. It keeps order, not age: how old a force may be is
-checked by the device node (age limit).
+*Newest wins*: the receiver gets, of the packets that are through, only the newest, and never one
+that is older than what it got before; the others are superseded. Which of two packets is newer is
+decided by the *origin*: the device state that a packet answers, or the packet itself if it answers
+nothing; the answerer's own ``seq`` decides between two answers to one state. The stamp comes before
+the sequence number because of restarts: a *process* that starts again counts from 0, but its clock
+goes on, so its first packet passes at once. A *machine* also sets its clock back: packets that
+arrive stamped more than ``RESTART_NS`` before the newest begin a new life of the sender, newer than
+everything before; a clock set back by less is refused until it has caught up. The test is made in
+the order of arrival, before this link delays anything. It keeps order, not age: how old a force may
+be is checked by the device node.
 """
 
 import hashlib
@@ -123,12 +99,8 @@ class Link(Generic[PacketT]):
     def change(self, impairment: Impairment, trace: DelayTrace | None = None) -> None:
         """Impair packets that arrive from now on; packets on the way do not change.
 
-        Args:
-            impairment: What the link does.
-            trace: Content of the file ``impairment.trace``; its time counts from the first packet.
-
-        Raises:
-            ValueError: If the impairment names a trace and it is not given.
+        The ``trace`` is the content of the file ``impairment.trace``; its time counts from the
+        first packet. ValueError if it is named and not given.
         """
         if trace is None and impairment.trace is not None:
             raise ValueError(f"a link needs the delays of its trace {impairment.trace}")
@@ -213,7 +185,10 @@ class Link(Generic[PacketT]):
     def _impair(self, time_ns: int, packet: PacketT, size: int) -> None:
         """Apply every impairment of netem to a packet."""
         fate, copy_fate = self._chances.next(), self._copy_chances.next()
-        if self._is_out(time_ns):
+        if self._outages_ns is None:
+            self._outages_ns = time_ns
+        since_ns = time_ns - self._outages_ns
+        if any(start <= since_ns < end for start, end in self._outages):
             self.lost += 1
             return
         if self._trace is not None:
@@ -236,12 +211,6 @@ class Link(Generic[PacketT]):
                 self.lost += 1
             else:
                 self._send(time_ns, packet, size, rank, copy_fate)
-
-    def _is_out(self, time_ns: int) -> bool:
-        if self._outages_ns is None:
-            self._outages_ns = time_ns
-        since_ns = time_ns - self._outages_ns
-        return any(start <= since_ns < end for start, end in self._outages)
 
     def _send(self, time_ns: int, packet: PacketT, size: int, rank: _Rank, fate: Fate) -> None:
         """Put a packet that is not lost on its way."""

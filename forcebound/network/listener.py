@@ -11,13 +11,9 @@ handshake names nothing. These facts can be relied on:
 4. A descriptor is closed only after its DISCONNECTED is in the monitor's queue. So if the queue has
    no such event after a duplicate was made, the duplicate is of that connection.
 
-libzmq has no limit on connections. Here a connection is surplus beyond ``MAX_CONNECTIONS``. For
-each, the oldest that is not established is shut (4 makes sure that no other is hit): a peer that
-holds a key completes its handshake in milliseconds, and a peer without a key can only wait.
-
-Connections come between two turns of the loop, too. If they use up all descriptors then, libzmq's
-thread tries to accept again and again without a pause; with a realtime priority, on the core of the
-loop, it takes all its time. So the process may have many more descriptors than it needs.
+libzmq has no limit on connections, so for each beyond ``MAX_CONNECTIONS`` the oldest that is not
+established is shut. If they use up all descriptors between two turns of the loop, libzmq's thread
+tries to accept without a pause; so the process may have many more than it needs.
 """
 
 import resource
@@ -42,15 +38,7 @@ class _Connection:
 
 
 class Listener:
-    """The connections of one listening socket.
-
-    Args:
-        monitor: Of the socket.
-        names: Of the peers that may connect, by public key; empty: no keys.
-
-    Attributes:
-        due_ns: When :meth:`take` should be called even if nothing happens; None: never.
-    """
+    """The connections of one listening socket; ``names`` of the peers by public key, if any."""
 
     def __init__(self, monitor: Monitor, names: Mapping[str, str]) -> None:
         self._monitor = monitor
@@ -60,7 +48,7 @@ class Listener:
         self._failure: SocketEvent | None = None
         soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
         resource.setrlimit(resource.RLIMIT_NOFILE, (max(soft, min(hard, limits.DESCRIPTORS)), hard))
-        self.due_ns: int | None = None
+        self.due_ns: int | None = None  # when to call :meth:`take` even if nothing happens
 
     @property
     def connections(self) -> int:
@@ -192,9 +180,5 @@ def _address_of(descriptor: int) -> str:
 
 
 def _duplicate(descriptor: int) -> socket.socket:
-    """Return a duplicate of a connection, which libzmq may close at any time.
-
-    Raises:
-        OSError: If it has gone.
-    """
+    """Return a duplicate of a connection, which libzmq may close at any time; else OSError."""
     return socket.fromfd(descriptor, socket.AF_INET6, socket.SOCK_STREAM)

@@ -39,15 +39,7 @@ _DOMAIN = "remote"  # of the authenticator
 class RemoteLink:
     """The socket of one end, and its peers.
 
-    Args:
-        network: Where it is opened and, at the latest, closed.
-        end: Which end this is.
-
-    Attributes:
-        send: Sends a packet to every peer: queries of a graph, replies of an environment.
-        channel: Packets that come, and their sources. Ask whether something is pending before you
-            wait for its descriptor.
-        descriptors: To wait for, besides that of ``channel``; edge-triggered.
+    Ask ``channel`` whether something is pending before you wait for its descriptor.
 
     Raises:
         ConfigError: If an address cannot be found or used, or is open to others without keys.
@@ -67,7 +59,7 @@ class RemoteLink:
         self._network = network
         self._sockets: list[zmq.Socket[bytes]] = []
         self._handler: ZapHandler | None = None
-        self.descriptors: list[int] = []
+        self.descriptors: list[int] = []  # besides that of the channel; edge-triggered
         endpoint = f"tcp://{host.numeric}:{end.port}"
         try:
             if end.listens:  # the authenticator comes first: else a peer could connect before it
@@ -82,7 +74,7 @@ class RemoteLink:
         else:
             self._peer = Connector(socket, endpoint, monitor, end)
         self.channel = Channel(socket)
-        self.send = self.channel.send
+        self.send = self.channel.send  # to every peer
 
     @property
     def connected(self) -> bool:
@@ -112,9 +104,6 @@ class RemoteLink:
 
         Never waits and never raises. Of each kind of notice, the first few in ten seconds are
         returned, then how many more there were.
-
-        Args:
-            time_ns: Now, on the monotonic clock.
         """
         notices, self._first = self._first, []
         due = [time_ns + LOOK_NS]

@@ -106,14 +106,9 @@ def make_socket(
 ) -> "zmq.Socket[bytes]":
     """Return a socket that is bound or connected to ``endpoint``, with its options set before.
 
-    Args:
-        context: Where its input and output thread lives.
-        kind: One of zmq's socket types; a ``zmq.SUB`` gets everything.
-        endpoint: ``ipc://PATH``, ``tcp://HOST:PORT`` or ``inproc://NAME``.
-        bind: Whether this end binds.
-        guard: Which peers are admitted; None: every one that can reach the endpoint.
-        monitor: ``inproc`` endpoint at which the socket reports its events; empty: none. Its
-            reader must have no limit on its queue, and stop the monitor before it leaves.
+    A ``zmq.SUB`` gets everything. A ``guard`` says which peers are admitted. A ``monitor`` is an
+    ``inproc`` endpoint at which the socket reports its events; its reader must have no limit on its
+    queue, and stop the monitor before it leaves.
 
     Raises:
         ConfigError: If the endpoint is malformed, in use or not permitted.
@@ -191,10 +186,9 @@ class Publisher:
 
 
 class Network:
-    """The sockets of one process; leaving the ``with`` block closes them all.
+    """The sockets of one process, closed by leaving the ``with`` block.
 
-    Args:
-        linger_ms: How long, in ms, the last packets may take to leave when it is closed.
+    The last packets may take ``linger_ms`` to leave then.
     """
 
     def __init__(self, linger_ms: int = 200) -> None:

@@ -19,14 +19,9 @@ _DONTWAIT = int(zmq.DONTWAIT)
 
 
 class Subscriber:
-    """One stream in.
+    """One stream in, of a SUB without CONFLATE.
 
-    Args:
-        socket: SUB without CONFLATE.
-
-    Attributes:
-        descriptor: Readable when something has happened; edge-triggered, so it may be waited for
-            only after :meth:`pending` has found nothing.
+    Its descriptor is edge-triggered: wait for it only after :meth:`pending` has found nothing.
     """
 
     def __init__(self, socket: "zmq.Socket[bytes]") -> None:
@@ -42,10 +37,9 @@ class Subscriber:
         return bool(int(self._get(self._socket, _EVENTS)) & _POLLIN)
 
     def wait(self) -> bytes | None:
-        """Sleep in the receiving call for at most ``WAIT_MS``; return one packet.
+        """Sleep in the receiving call for at most ``WAIT_MS``; return one packet, or None.
 
-        The packet is ``b""`` for a message of several frames, and None if nothing came. A newer
-        packet may be there already.
+        The packet is ``b""`` for a message of several frames. A newer one may be there already.
         """
         try:
             return self._receive(0)

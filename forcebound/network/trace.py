@@ -19,17 +19,10 @@ LARGEST = 4e9  # s; a clock that counts from 1970 has 2e9, and differences in ns
 
 
 class DelayTrace:
-    """Delays over time, again and again from the start.
+    """Delays (s, at least 0; None: lost) over time (s, increasing), again and again from the start.
 
     Each row holds from its time until the next row; the last one for as long as the row before it.
     A single row holds for ever.
-
-    Args:
-        times: When each row begins, in s, strictly increasing.
-        delays: As many delays, in s, at least 0; None: lost.
-
-    Attributes:
-        shortest: The shortest delay, in s; 0 if all is lost.
 
     Raises:
         ConfigError: If that is not what they are, or two times are less than 1 ns apart.
@@ -45,6 +38,7 @@ class DelayTrace:
                 raise ConfigError(fault)
         self.times = tuple(times)
         self.delays = tuple(delays)
+        # s; 0 if all is lost
         self.shortest = min((delay for delay in delays if delay is not None), default=0.0)
         self._times_ns = [round((time - times[0]) * 1e9) for time in times]
         self._delays_ns = [None if delay is None else round(delay * 1e9) for delay in delays]
@@ -57,11 +51,7 @@ class DelayTrace:
         return self._delays_ns[row]
 
     def write(self, file: Path) -> None:
-        """Write the file of the trace.
-
-        Raises:
-            ConfigError: If it cannot be written.
-        """
+        """Write the file of the trace; ConfigError if it cannot be written."""
         try:
             with file.open("w", newline="", encoding="utf-8") as lines:
                 writer = csv.writer(lines, lineterminator="\n")
@@ -75,9 +65,7 @@ class DelayTrace:
 def check_output(file: Path) -> None:
     """Check before the work begins that a trace can be written to a file.
 
-    Raises:
-        ConfigError: If it cannot be written, or holds something else than a trace, which would be
-            lost: a recording, say.
+    ConfigError if it cannot, or if the file holds something else, which would be lost.
     """
     check_writable(file, "the trace")
     if not file.is_file() or not file.stat().st_size:

@@ -29,12 +29,9 @@ class Verdict(NamedTuple):
 
 
 class ZapHandler:
-    """Decides by a list of public keys.
+    """Decides by a list of public keys (Z85), with names; ``socket`` is a REP at :data:`ENDPOINT`.
 
-    Args:
-        socket: REP, bound to :data:`ENDPOINT`.
-        allowed: Names by public key (Z85), and peers without CURVE are refused. Empty: every peer
-            without CURVE is allowed.
+    An empty list allows every peer without CURVE, any other none.
     """
 
     def __init__(self, socket: "zmq.Socket[bytes]", allowed: Mapping[str, str]) -> None:

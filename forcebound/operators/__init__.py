@@ -5,8 +5,8 @@ target that moves along a path. Such a hand is passive around its target, which 
 passivity argument asks of a human (``docs/theory.md``, section 1).
 
 An operator is a frozen dataclass of its parameters that inherits :class:`Operator`. To add one:
-write ``my_operator.py`` and one line in ``OPERATORS``; ``tests/test_operators.py`` tests it with
-all the others. Or name a file of your own (docs/write-your-own-device.md).
+write its class and one line in ``OPERATORS``; ``tests/test_operators.py`` tests it with all the
+others. Or name a file of your own (docs/write-your-own-device.md).
 """
 
 from abc import ABC, abstractmethod
@@ -43,15 +43,15 @@ class Operator(ABC):
 OPERATORS: Table[type[Operator]] = Table(
     "operators",
     {
-        "chirp": "forcebound.operators.chirp:ChirpHand",
-        "following": "forcebound.operators.following:FollowingHand",
-        "palpating": "forcebound.operators.palpating:PalpatingHand",
+        "chirp": "forcebound.operators.hands:ChirpHand",
+        "following": "forcebound.operators.paths:FollowingHand",
+        "palpating": "forcebound.operators.hands:PalpatingHand",
         "pointer": "forcebound.operators.pointer:PointerHand",
-        "pressing": "forcebound.operators.pressing:PressingHand",
-        "sinusoidal": "forcebound.operators.sinusoidal:SinusoidalHand",
-        "stroking": "forcebound.operators.stroking:StrokingHand",
-        "trajectory": "forcebound.operators.trajectory:TrajectoryHand",
-        "trembling": "forcebound.operators.trembling:TremblingHand",
+        "pressing": "forcebound.operators.hands:PressingHand",
+        "sinusoidal": "forcebound.operators.hands:SinusoidalHand",
+        "stroking": "forcebound.operators.hands:StrokingHand",
+        "trajectory": "forcebound.operators.paths:TrajectoryHand",
+        "trembling": "forcebound.operators.hands:TremblingHand",
     },
     Form("forcebound.operators:Operator"),
 )

@@ -2,11 +2,10 @@
 
 import math
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from forcebound.messages.packets import Vector
-from forcebound.operators.grip import SoftGrip
-from forcebound.operators.places import Place, check_places, coordinates
+from forcebound.operators.hands import Place, SoftGrip, coordinates
 from forcebound.quantities import POSITIVE, Length, Speed, Time
 
 
@@ -25,17 +24,14 @@ class PointerHand(SoftGrip):
         speed: Largest speed of the target.
     """
 
+    places: ClassVar[tuple[str, ...]] = ("start",)
+
     start: Place = 0.0
     reach: Annotated[Length, POSITIVE] = 0.1
     smoothing: Annotated[Time, POSITIVE] = 0.010
     speed: Annotated[Speed, POSITIVE] = 0.5
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_places(self, "start")
-
     def target(self, elapsed: float) -> Vector:
-        """Return where the target begins; see :class:`forcebound.operators.Operator`."""
         return coordinates(self.start)
 
     def follow(self, axes: int) -> "PointerTarget":

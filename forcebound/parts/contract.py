@@ -43,19 +43,12 @@ class Violation:
 
 @dataclass(frozen=True)
 class Report:
-    """What a check found.
+    """What a check found."""
 
-    Attributes:
-        promises: In words, by name; only those that were looked at.
-        violations: At most ``SHOWN`` of each promise.
-        questions: How many were asked.
-        left_out: How many were not, to be done in time.
-    """
-
-    promises: Mapping[str, str]
-    violations: tuple[Violation, ...]
-    questions: int
-    left_out: int = 0
+    promises: Mapping[str, str]  # in words, by name; only those that were looked at
+    violations: tuple[Violation, ...]  # at most ``SHOWN`` of each promise
+    questions: int  # how many were asked
+    left_out: int = 0  # how many were not, to be done in time
 
     @property
     def held(self) -> dict[str, bool]:

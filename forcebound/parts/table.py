@@ -32,15 +32,10 @@ _logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Form:
-    """What a part of a table must be.
+    """What a part of a table must be."""
 
-    Attributes:
-        base: ``"module:NAME"`` of the class that a part inherits, as a frozen dataclass.
-        is_object: Whether a part is an object of that class instead.
-    """
-
-    base: str
-    is_object: bool = False
+    base: str  # "module:NAME" of the class that a part inherits, as a frozen dataclass
+    is_object: bool = False  # whether a part is an object of that class instead
 
     @property
     def expected(self) -> str:
@@ -79,15 +74,10 @@ class Form:
 
 
 class Table(MutableMapping[str, Part], Generic[Part]):
-    """The parts of one section by kind.
+    """The parts of one section, such as "environments", by kind.
 
     Iterating names the parts without importing them. ``table[kind]`` imports one; ``table[kind] =
     part`` adds one that was made in Python, for this process.
-
-    Args:
-        section: Such as ``"environments"``; the entry points are those of its group.
-        shipped: ``"module:NAME"`` of each part that ships with forcebound.
-        form: What every part must be.
     """
 
     def __init__(self, section: str, shipped: Mapping[str, str], form: Form) -> None:
@@ -138,12 +128,7 @@ class Table(MutableMapping[str, Part], Generic[Part]):
     def resolve(self, kind: str, folder: Path) -> str:
         """Return a kind that means the same in every process: of a file ``/PATH/FILE.py:NAME``.
 
-        Args:
-            kind: A name, ``FILE.py`` or ``FILE.py:NAME``.
-            folder: Folder from which a relative path starts.
-
-        Raises:
-            ConfigError: If it names a file that cannot be loaded.
+        A relative path starts from ``folder``. ConfigError for a file that cannot be loaded.
         """
         if not user_module.names_file(kind) or user_module.is_absolute(kind):
             return kind

@@ -58,17 +58,12 @@ def file_of(kind: str, folder: Path) -> Path:
 
 
 def load(kind: str, folder: Path, fits: Callable[[object], bool], expected: str) -> Any:
-    """Return the part that ``kind`` names: a class or another object of the file.
+    """Return the part that ``kind``, ``FILE.py`` or ``FILE.py:NAME``, names: a class or an object.
 
-    Args:
-        kind: ``FILE.py`` or ``FILE.py:NAME``.
-        folder: Folder from which a relative path starts.
-        fits: Distinguishes the part from helpers in the same file.
-        expected: What the file should define, for messages.
-
-    Raises:
-        ConfigError: If there is no such file, its code fails (with the line), or it does not define
-            the name, or no part, or several.
+    A relative path starts from ``folder``. ``fits`` distinguishes the part from helpers in the
+    file, ``expected`` says for messages what the file should define. ConfigError if there is no
+    such file, its code fails (with the line), or it does not define the name, or no part, or
+    several.
     """
     path = file_of(kind, folder)
     if path not in _files:
@@ -103,11 +98,9 @@ def describe_user_error(error: BaseException, anywhere: bool = False) -> str:
 
 @contextlib.contextmanager
 def user_code(call: str, field: str | None = None) -> Iterator[None]:
-    """Turn whatever code of a user raises into a ConfigError that names the call.
+    """Turn whatever code of a user raises into a ConfigError that names the call, if not empty.
 
-    Args:
-        call: What is called, for the message; empty if the message says it.
-        field: Key of the section that is wrong, if it is one.
+    ``field`` is the key of the section that is wrong, if it is one.
     """
     start = f"{call}: " if call else ""
     try:

@@ -35,17 +35,11 @@ _clock = time.monotonic_ns
 
 
 class Inbox:
-    """Receives the packets of one node.
+    """Receives the packets of one node, on streams of which some have impaired ``links``.
 
-    Args:
-        streams: That the node receives.
-        links: Impaired links by stream; a stream that is not here has a perfect link.
-        reject: Called for each packet that is rejected: with the reason, and what was expected and
-            what came.
-        admit: :meth:`forcebound.nodes.Node.admit`, asked before a link or a newer packet decides.
-
-    Attributes:
-        received: Packets that came, by stream.
+    ``reject`` is called for each packet that is rejected, with the reason, and what was expected
+    and what came; ``admit`` (:meth:`forcebound.nodes.Node.admit`) before a link or a newer packet
+    decides.
     """
 
     def __init__(
@@ -61,7 +55,7 @@ class Inbox:
         for stream in streams:
             self._names.setdefault(TOPICS[stream.topic], {})[stream.hand or HAND] = stream.name
         self._expected = next(iter(self._names)) if len(self._names) == 1 else None
-        self._links = {name: link for name, link in links.items() if name in self.received}
+        self.links = {name: link for name, link in links.items() if name in self.received}
         self._reject = reject
         self._admit = admit
         self._local: Subscriber | None = None
@@ -77,46 +71,31 @@ class Inbox:
     def listen_remotely(
         self, expected: type[Packet], channel: Channel, forward: Callable[[bytes], Any]
     ) -> None:
-        """Receive one class of packet from another machine, too.
-
-        Args:
-            expected: The class; packets of others are rejected, whatever the node takes from here.
-            channel: Of the remote link.
-            forward: Called with each packet that came, for observers on this machine.
-        """
+        """Receive a class of packet from another machine, too; ``forward`` gets each."""
         self._remote_expected = expected
         self._remote = channel
         self._forward = forward
 
-    @property
-    def is_impaired(self) -> bool:
-        """Whether a link is impaired."""
-        return bool(self._links)
-
     def link(self, stream: str) -> Link[Packet] | None:
         """Return the model of the link of a stream; None if it is perfect."""
-        return self._links.get(stream)
+        return self.links.get(stream)
 
     def set_link(self, stream: str, link: Link[Packet]) -> None:
         """Impair a link that was perfect."""
-        self._links[stream] = link
+        self.links[stream] = link
 
     def link_counts(self) -> dict[str, dict[str, int]]:
         """Return the counts of packets by fate on each impaired link, by stream."""
-        return {name: link.counts for name, link in self._links.items()}
+        return {name: link.counts for name, link in self.links.items()}
 
     def wait(self, wake_ns: int | None, stop_descriptor: int) -> tuple[int, Sequence[Packet]]:
-        """Sleep until a packet arrives, at most ``LONGEST_WAIT_NS``.
+        """Sleep until a packet arrives, at most ``LONGEST_WAIT_NS``, or until ``wake_ns``.
 
-        Args:
-            wake_ns: When to return at the latest, in ns; None: no matter.
-            stop_descriptor: Ends the sleep when it is readable, unless in the receiving call.
-
-        Returns:
-            The time, in ns, and the packets that are through their links.
+        ``stop_descriptor`` ends the sleep when it is readable, unless in the receiving call.
+        Returns the time, in ns, and the packets that are through their links.
         """
         local = self._local
-        if self._links or self._remote is not None or wake_ns is not None or local is None:
+        if self.links or self._remote is not None or wake_ns is not None or local is None:
             self._sleep(wake_ns, stop_descriptor)
             time_ns = _clock()
             return time_ns, self.take(time_ns)
@@ -135,7 +114,7 @@ class Inbox:
 
     def _sleep(self, wake_ns: int | None, stop_descriptor: int) -> None:
         """Wait for descriptors until the next time of the node or of a link."""
-        times_ns = [link.next_due_ns for link in self._links.values()]
+        times_ns = [link.next_due_ns for link in self.links.values()]
         due_ns = min((t for t in (wake_ns, *times_ns) if t is not None), default=None)
         subscribers = [each for each in (self._local, self._remote) if each is not None]
         if not any(each.pending() for each in subscribers):
@@ -155,7 +134,7 @@ class Inbox:
                 if self._accept(data, self._remote_expected, source, time_ns, newest):
                     self._forward(data)
         received = list(newest.values())
-        for link in self._links.values():
+        for link in self.links.values():
             received += link.due(time_ns)
         return received
 
@@ -172,7 +151,7 @@ class Inbox:
         if packet is None:
             return False
         name = self._names[type(packet)][packet.hand]
-        link = self._links.get(name)
+        link = self.links.get(name)
         if link is None:
             newest[name] = packet
         else:

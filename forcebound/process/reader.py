@@ -29,22 +29,11 @@ class Received(NamedTuple):
 
 
 class Reader:
-    """Receives some streams; to be closed, or used by ``with``.
-
-    Args:
-        run_dir: Directory of the run.
-        streams: Of the run.
-        core: Of the nodes; this process leaves it until the reader is closed. None: any.
-
-    Attributes:
-        network: Of the reader, also for other sockets of its process.
-        received: Packets so far, by name of their stream.
-        rejected: Frames that were not the promised packet, by reason.
-    """
+    """Receives some streams of a run, off the core of its nodes; to be closed."""
 
     def __init__(self, run_dir: Path, streams: Iterable[Stream], core: int | None) -> None:
         self._cores = realtime.leave_core(core)
-        self.network = Network()
+        self.network = Network()  # also for other sockets of this process
         self._subscribers = [
             (stream, self.network.subscriber(endpoint(run_dir, stream))) for stream in streams
         ]
@@ -56,7 +45,7 @@ class Reader:
             while subscriber.receive():
                 pass
         self.received = {stream.name: 0 for stream, _ in self._subscribers}
-        self.rejected: dict[str, int] = {}
+        self.rejected: dict[str, int] = {}  # frames that were no such packet, by reason
 
     def wait(self, *descriptors: int) -> None:
         """Sleep until the next look, or until one of some descriptors is readable."""

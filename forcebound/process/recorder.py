@@ -33,19 +33,12 @@ class Sink(Protocol):
 
 
 class FailSafeSink:
-    """Writes to a sink until that fails, which is reported once; then drops the packets.
-
-    Args:
-        sink: Where the packets go; the caller closes it.
-
-    Attributes:
-        state: :data:`COMPLETE`, or why the recording is not.
-    """
+    """Writes to a sink until that fails, which is reported once; then drops the packets."""
 
     def __init__(self, sink: Sink) -> None:
         self._sink = sink
         self._flush_ns = time.monotonic_ns() + FLUSH_PERIOD_NS
-        self.state = COMPLETE
+        self.state = COMPLETE  # or why the recording is not
 
     def take(self, reader: Reader) -> bool:
         """Record what a reader has received; return whether it was anything."""
@@ -83,15 +76,7 @@ def record(
     """Record every packet of some streams until a stop request; return the last status.
 
     The packets still on their way are recorded, too, so stop the publishers first. When writing
-    fails (a full disk), the run continues without a recording.
-
-    Args:
-        sink: Where the packets go; the caller closes it.
-        run_dir: Directory of the run's ``ipc`` sockets.
-        graph: Of the run.
-        streams: Names of those to record.
-        core: The chain's core, where the recorder does not run if there is another one.
-        stop: Ends the loop.
+    fails (a full disk), the run continues without a recording. The caller closes the sink.
     """
     safe = FailSafeSink(sink)
     with Reader(run_dir, graph.named(*streams), core) as reader:

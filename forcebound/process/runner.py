@@ -71,20 +71,11 @@ _logger = logging.getLogger(__name__)
 
 
 class Runner:
-    """Drives one node; :func:`run` is the loop around it.
+    """Drives one node, the process ``name`` of a graph; :func:`run` is the loop around it.
 
-    Args:
-        node: What decides.
-        name: Of the process in the graph.
-        run_dir: Directory of the run's ``ipc`` sockets.
-        links: Impaired links by stream; a stream that is not here has a perfect link.
-        network: Where the sockets are opened.
-        spin_ns: See :class:`forcebound.realtime.Settings`.
-        configure: Brings node and links to the parameters of a request; returns those that it has
-            changed.
-        remote: The link to another machine. A controller uses it in addition to its own sockets, an
-            environment instead of them.
-        graph: Of the run.
+    A stream that is not in ``links`` has a perfect link. ``configure`` brings node and links to the
+    parameters of a request; it returns those that it has changed. A controller uses the link to
+    another machine, ``remote``, in addition to its own sockets, an environment instead of them.
 
     Raises:
         ConfigError: If an endpoint is in use or not permitted.
@@ -115,6 +106,7 @@ class Runner:
             if stream.sender == name and not stream.is_forwarded
         }
         self._inbox = Inbox(graph.received(name), links, self._reject, node.admit)
+        self.link, self.set_link = self._inbox.link, self._inbox.set_link
         if remote is None or remote.end.role == "graph":
             self._inbox.listen(network, run_dir)
         if remote is not None:
@@ -128,18 +120,14 @@ class Runner:
         self._next_complaint_ns = 0
 
     def run(self, stop: Stop, facts: Sequence[Fact] = ()) -> None:
-        """Step the node until ``stop`` is requested; then force zero and the last telemetry.
-
-        Args:
-            stop: Ends the loop.
-            facts: Of the status, ``realtime``.
-        """
+        """Step the node until ``stop`` is requested; then force zero and the last telemetry."""
         self._facts = facts
         try:
-            if self._node.wakes_on_arrival:
-                self._run_on_arrival(stop)
-            else:
-                self._run_on_schedule(stop)
+            while not (stop.requested or self._stop_requested):
+                if self._node.wakes_on_arrival:
+                    self.wait(stop.descriptor)
+                else:
+                    self.turn(realtime.wait_until(self._node.wake_ns or 0, self._spin_ns))
         finally:
             self._node.stop(time.monotonic_ns())
         self._emit_last_events()
@@ -161,17 +149,13 @@ class Runner:
         self._publish[Event](encode(emitted))
 
     def wait(self, stop_descriptor: int) -> None:
-        """Sleep until a node that wakes on arrival is due, then step it.
-
-        Args:
-            stop_descriptor: Ends the sleep when it is readable.
-        """
+        """Sleep until a node that wakes on arrival is due, or a descriptor is readable; step it."""
         self._step(*self._inbox.wait(self._node.wake_ns, stop_descriptor))
 
     def turn(self, time_ns: int) -> None:
         """Receive, step the node if it is due, publish."""
         # On an impaired link the time of arrival counts, so no packet waits for a later turn.
-        listens = self._node.needs_packets or self._inbox.is_impaired
+        listens = self._node.needs_packets or self._inbox.links
         self._step(time_ns, self._inbox.take(time_ns) if listens else ())
 
     def _step(self, time_ns: int, received: Sequence[Packet]) -> None:
@@ -213,14 +197,6 @@ class Runner:
     def nodes(self) -> tuple[Node, ...]:
         """The node that it drives; as of a simulation, which drives several."""
         return (self._node,)
-
-    def link(self, stream: str) -> Link[Packet] | None:
-        """Return the model of the link of a stream; None if it is perfect."""
-        return self._inbox.link(stream)
-
-    def set_link(self, stream: str, link: Link[Packet]) -> None:
-        """Impair a link that was perfect."""
-        self._inbox.set_link(stream, link)
 
     def _connect_remote(self, remote: RemoteLink) -> None:
         """Let packets of the environment's two topics go to, and come from, another machine.
@@ -273,14 +249,6 @@ class Runner:
         for event in (*events, *self._node.last_events(now_ns)):
             self._publish[Event](encode(event))
 
-    def _run_on_arrival(self, stop: Stop) -> None:
-        while not (stop.requested or self._stop_requested):
-            self.wait(stop.descriptor)
-
-    def _run_on_schedule(self, stop: Stop) -> None:
-        while not (stop.requested or self._stop_requested):
-            self.turn(realtime.wait_until(self._node.wake_ns or 0, self._spin_ns))
-
     def _reject(self, reason: str, why: str) -> None:
         self._node.reject(reason)
         time_ns = time.monotonic_ns()
@@ -306,19 +274,7 @@ def run(
 ) -> NodeStatus:
     """Run a node until a stop request, and close it; return its last status.
 
-    Args:
-        node: What decides.
-        name: Of the process in the graph.
-        run_dir: Directory of the run's ``ipc`` sockets.
-        links: Impaired links by stream; a stream that is not here has a perfect link.
-        settings: How punctual to be.
-        stop: Ends the loop.
-        configure: See :class:`Runner`.
-        remote_end: This end of the link to another machine.
-        graph: Of the run.
-
-    Raises:
-        ConfigError: If an endpoint is in use or not permitted.
+    Arguments and errors are those of :class:`Runner`; ``settings`` say how punctual to be.
     """
     facts = realtime.enter(settings, graph.nodes[name].role)
     _logger.info("; ".join(fact.sentence for fact in facts))

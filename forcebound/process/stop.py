@@ -10,13 +10,8 @@ from typing import Any, Self
 class SignalPipe:
     """Makes a descriptor readable when one of some signals arrives, even just before a sleep.
 
-    Within the ``with`` block the signals have no other effect, unless a subclass adds one.
-
-    Args:
-        signals: Which ones.
-
-    Attributes:
-        descriptor: Gives a byte for each signal, its number. Not blocking.
+    It gives a byte for each signal, its number. Within the ``with`` block the signals have no other
+    effect, unless a subclass adds one.
     """
 
     def __init__(self, signals: Iterable[int]) -> None:
@@ -54,11 +49,7 @@ class SignalPipe:
 
 
 class Stop(SignalPipe):
-    """A request to end the loop, from SIGTERM, SIGINT or :meth:`request`.
-
-    Attributes:
-        requested: Whether it was made; :attr:`descriptor` is readable then.
-    """
+    """A request to end the loop, from SIGTERM, SIGINT or :meth:`request`: ``requested``."""
 
     def __init__(self) -> None:
         super().__init__((signal.SIGTERM, signal.SIGINT))

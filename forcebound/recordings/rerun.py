@@ -4,7 +4,7 @@ What can be fed from the recording in place of the graph's own:
 
 * ``hand``: a hand whose path is a function of time already repeats itself, from its beginning. Any
   other (a pointer, a person on hardware, none, a hand in a recording that begins later) becomes one
-  that follows the recorded path; see :mod:`forcebound.operators.recorded_path`.
+  that follows the recorded path; see :mod:`forcebound.operators.paths`.
 * ``network``: the recorded delays and losses of each link, in place of those of links and
   environment; see :func:`forcebound.analysis.delay_traces.hop_delays`.
 * ``environment``: the recorded replies, whatever the hand does; see
@@ -30,8 +30,8 @@ from forcebound.errors import ConfigError
 from forcebound.files import content_of
 from forcebound.messages.packets import TOPIC_OF, Telemetry
 from forcebound.nodes.servo import ServoSettings
-from forcebound.operators.grip import SoftGrip
-from forcebound.operators.recorded_path import began
+from forcebound.operators.hands import SoftGrip
+from forcebound.operators.paths import began
 from forcebound.recording import Recording
 from forcebound.topology import LINKS
 

@@ -18,8 +18,7 @@ from forcebound.launch.results import RunResult
 from forcebound.launch.virtual import run_virtual
 from forcebound.nodes.servo import dissipation_of
 from forcebound.operators import Operator
-from forcebound.operators.pressing import PressingHand
-from forcebound.operators.sinusoidal import SinusoidalHand
+from forcebound.operators.hands import PressingHand, SinusoidalHand
 from forcebound.sweep import kernel as lanes
 from forcebound.sweep.timing import Timing, timing_of
 from forcebound.telemetry import TelemetryColumns

@@ -26,14 +26,15 @@ from forcebound.bounding.one_axis import one_axis
 from forcebound.bounding.sample import NO_MEMORY, NO_WRITE, start_axis
 from forcebound.compiled import allow_in_kernels, jit
 from forcebound.devices.plant import count_steps, quantise, step, step_impedance
-from forcebound.environments.damped_wall import damped_wall_force
-from forcebound.environments.damper import damper_force
-from forcebound.environments.power_law_wall import power_law_force
-from forcebound.environments.time_varying_wall import time_varying_force
-from forcebound.environments.wall import wall_force
+from forcebound.environments.walls import (
+    damped_wall_force,
+    damper_force,
+    power_law_force,
+    time_varying_force,
+    wall_force,
+)
 from forcebound.nodes.velocity import low_pass, low_pass_gain
-from forcebound.operators.pressing import pressing_target
-from forcebound.operators.sinusoidal import sinusoidal_target
+from forcebound.operators.hands import pressing_target, sinusoidal_target
 from forcebound.sweep.lanes import (
     AXIS_ROWS,
     DEVICE_ROWS,

@@ -22,19 +22,12 @@ def _token() -> str:
 
 @dataclass(frozen=True)
 class Access:
-    """The rules of one server.
+    """The rules of one server."""
 
-    Attributes:
-        hosts: By which a browser may call the server, without port.
-        port: Of the server.
-        token: Of the address that may change the graph.
-        watching: Of the address that may only look.
-    """
-
-    hosts: tuple[str, ...]
+    hosts: tuple[str, ...]  # by which a browser may call the server, without port
     port: int
-    token: str = field(default_factory=_token)
-    watching: str = field(default_factory=_token)
+    token: str = field(default_factory=_token)  # of the address that may change the graph
+    watching: str = field(default_factory=_token)  # of the address that may only look
 
     @property
     def is_local(self) -> bool:
@@ -46,12 +39,7 @@ class Access:
         return host in {f"{name}:{self.port}" for name in self.hosts}
 
     def permits_origin(self, origin: str | None, host: str | None) -> bool:
-        """Return whether a WebSocket is opened by a page of this server.
-
-        Args:
-            origin: As the browser says; a program that is none may leave it out.
-            host: Of the same request.
-        """
+        """Return whether a page of this server opens a WebSocket; a program may name no origin."""
         return self.permits_host(host) and origin in (None, f"http://{host}")
 
     def may_look(self, token: str) -> bool:

@@ -40,16 +40,7 @@ OVERDUE = 0.5  # s without an answer, after which a device is asked again: it ha
 
 
 class Controls:
-    """The controls of one running graph; to be closed.
-
-    Args:
-        run_dir: Of the graph.
-        recordings: Folder for recordings.
-
-    Attributes:
-        energy_before: Of the device's status; 0 without one.
-        recording: That a page has begun.
-    """
+    """The controls of one running graph; to be closed."""
 
     def __init__(self, run_dir: Path, recordings: Path) -> None:
         self._run_dir = run_dir
@@ -130,14 +121,8 @@ class Controls:
 class Pointer:
     """A client that sends pointer positions to the device, and never waits for an answer.
 
-    Args:
-        run_dir: Of the graph.
-        taken: Called when the device has taken a place: with its stamp, and from when on it counts,
-            in ns of the monotonic clock.
-
-    Attributes:
-        descriptor: Readable when an answer may be there; then call :meth:`send`.
-        place: Where the device has it, in m; None: no pointer yet.
+    ``taken`` is called when the device has taken a place: with its stamp, and from when on it
+    counts, in ns of the monotonic clock. When ``descriptor`` is readable, call :meth:`send`.
     """
 
     def __init__(self, run_dir: Path, taken: Callable[[Any, int], None]) -> None:
@@ -148,17 +133,12 @@ class Pointer:
             endpoint(run_dir, graph.nodes[graph.of_role(DEVICE)])
         )
         self.descriptor = self._client.descriptor
-        self.place: Vector | None = None
+        self.place: Vector | None = None  # where the device has it, in m
         self._newest: tuple[Point, Any] | None = None
         self._asked: tuple[Any, float] | None = None  # stamp, and when
 
     def point(self, target: Any, stamp: Any = None) -> str | None:
-        """Take where the pointer is now, in m, one entry per axis; return what is wrong, or None.
-
-        Args:
-            target: As a page sent it.
-            stamp: Of the caller, for ``taken``.
-        """
+        """Take where the pointer is now, in m, as a page sent it; return what is wrong, or None."""
         try:
             request = msgspec.convert({"request": "point", "target": target}, Point)
         except (msgspec.ValidationError, OverflowError) as error:

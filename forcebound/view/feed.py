@@ -39,12 +39,7 @@ class _LawStart(NamedTuple):
 
 
 class Feed:
-    """The streams of a running graph; to be closed.
-
-    Args:
-        run_dir: Of the graph.
-        energy_before: Of its device's status: the true energy counts from there.
-    """
+    """The streams of a running graph, its true energy from ``energy_before``; to be closed."""
 
     def __init__(self, run_dir: Path, energy_before: float) -> None:
         run = RunDocument.read(run_dir)

@@ -12,12 +12,7 @@ END_TIMEOUT_S = 10.0  # for the end of a recording: there may be much to write t
 
 
 class PageRecording:
-    """The recordings of one running graph, one after the other; to be ended.
-
-    Args:
-        run_dir: Of the graph.
-        folder: Where the files go.
-    """
+    """The recordings of one running graph into a folder, one after the other; to be ended."""
 
     def __init__(self, run_dir: Path, folder: Path) -> None:
         self._run_dir, self._folder, self._file = run_dir, folder, Path()
@@ -26,12 +21,7 @@ class PageRecording:
         self._result = ""  # of the last one, in words
 
     def begin(self) -> None:
-        """Begin a recording.
-
-        Raises:
-            ConfigError: If there is one already.
-            RunError: If it cannot be; the message says why.
-        """
+        """Begin a recording; ConfigError if there is one already, RunError if it cannot be."""
         if self._is_running():
             raise ConfigError(f"already recording to {self._file}")
         self._file = free_name(self._folder, self._run_dir).absolute()

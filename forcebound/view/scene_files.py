@@ -13,8 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from forcebound.geometry.cloud_file import read_points
-from forcebound.geometry.mesh_file import Array, Mesh, read_mesh
+from forcebound.geometry.mesh_file import Array, Mesh, read_mesh, read_points
 
 MOST = 3000  # triangles, or points, that a browser without a graphics card draws 30 times a second
 FINEST = 256  # cells along the longest edge of the mesh, at first

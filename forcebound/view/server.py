@@ -44,18 +44,8 @@ POLICY = "default-src 'self'; connect-src 'self'; img-src 'self' data:; frame-an
 class Server:
     """A server for pages that show one running graph, and then perhaps another one; to be closed.
 
-    It serves in the event loop in which it is made.
-
-    Args:
-        listen: Address of this machine to listen at.
-        port: 0: any that is free.
-        recordings: Folder for recordings that pages begin.
-
-    Attributes:
-        access: Who may look; it has the addresses of the page.
-        graph: That is shown; None: none is just now.
-        last: That was shown before, if a launcher ran it, which may still compute the result.
-        is_stopped: Whether :meth:`stop` was called, or SIGTERM came.
+    It serves in the event loop in which it is made, at any port that is free for port 0. ``access``
+    has the addresses of the page.
 
     Raises:
         ConfigError: If the address cannot be listened at.
@@ -64,12 +54,12 @@ class Server:
     def __init__(self, listen: str = "127.0.0.1", port: int = 0, recordings: Path = Path()) -> None:
         listening = _bound(listen, port)
         self.access = Access(hosts_of(listen), listening.getsockname()[1])
-        self.graph: _Graph | None = None
+        self.graph: _Graph | None = None  # that is shown
         self.is_stopped = False
         self._loop = asyncio.get_running_loop()
         self._loop.add_signal_handler(signal.SIGTERM, self.stop)
         self._recordings = recordings
-        self.last: Path | None = None
+        self.last: Path | None = None  # shown before; its launcher may still compute the result
         self.pages: set[_Page] = set()
         self.workers = ThreadPoolExecutor(1, "controls")  # one change after the other
         own = {"server": self}
@@ -99,11 +89,7 @@ class Server:
         self.is_stopped = True
 
     async def show(self, run_dir: Path) -> None:
-        """Show a graph until it ends, or :meth:`stop`.
-
-        Raises:
-            ConfigError: If no graph runs there.
-        """
+        """Show a graph until it ends, or :meth:`stop`; ConfigError if none runs there."""
         controls = await self._loop.run_in_executor(None, Controls, run_dir, self._recordings)
         try:
             await self._follow(_Graph(run_dir, controls, self._pointed))
@@ -160,10 +146,6 @@ class Server:
         page, own, heard = stamp
         times = {"heard": heard, "device": time_ns * 1e-9, "told": time.monotonic()}
         page.tell(json.dumps({"type": "taken", "stamp": own, **times}))
-
-    def first_messages(self) -> list[Message]:
-        """Return the first messages to a page."""
-        return [OVER] if self.graph is None else self.graph.describe()
 
     def _look_at_nodes(self, graph: "_Graph") -> None:
         """Tell the pages of the processes; in a thread, since it takes time."""
@@ -322,7 +304,8 @@ class _Page(_Handler, tornado.websocket.WebSocketHandler):
 
     def greet(self) -> None:
         """Tell what a page needs to know of the graph that is shown now."""
-        for message in self.server.first_messages():
+        graph = self.server.graph
+        for message in [OVER] if graph is None else graph.describe():
             self.tell(json.dumps({**message, "may_change": self._may_change}))
 
     def on_message(self, message: str | bytes) -> None:
