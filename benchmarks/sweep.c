@@ -1,208 +1,149 @@
-/* The limit of the sweep: forcebound/sweep/kernel.py in C, for the certified law, the elastic wall
- * and the pressing hand. Same layout, same order of operations: with -ffp-contract=off it gives
- * the same bits. The constants have the rows of kernel.py; the others are its own.
+/* The limit of a sweep: forcebound/lab/one_axis.py in C, for the certified law, the elastic wall and
+ * punctual ticks. Same order of operations: with -ffp-contract=off it gives the same bits.
  */
 #include <math.h>
 #include <stdint.h>
 
-#ifndef WIDTH
-#error "compile with -DWIDTH=..., the WIDTH of kernel.py"
-#endif
+enum { ANCHOR_SAMPLES = 8, COLUMNS = 8 }; /* bounding/sample.py, TRACE */
 
-enum { MASS, HAND_MASS, DAMPING, FRICTION, RESOLUTION, SATURATION, HAND_STIFFNESS, HAND_DAMPING,
-       /* DeviceConstants, bounding/sample.py */
-       LAW_DAMPING, LAW_FRICTION, HALF_RESOLUTION, PERIOD, HOLD_LIMIT, AXES, PATH_FRICTION,
-       START_PRICE, ENERGY_CAP,
-       ENVIRONMENT, OPERATOR = ENVIRONMENT + 4, CONSTANTS = OPERATOR + 3,
-       INERTIA = CONSTANTS, IMPEDANCE, X, V, WORK, TARGET, TARGET_VELOCITY, SAMPLE, VELOCITY,
-       STATE, ENERGY, READING, FORCE, MEAN, PLAY, WAY, OLDER, YOUNGER, PATH, LOSS, BETWEEN, WANTED,
-       ROWS };
+/* In the order in which sweep.py gives them. */
+struct rig {
+    double mass, damping, friction, hand_stiffness, hand_damping, hand_mass, substep, resolution,
+        saturation, largest_speed, cutoff, wall_stiffness, wall_position;
+    /* DeviceConstants, bounding/sample.py */
+    double law_damping, law_friction, r, period, hold_limit, axes, path_friction, start_price,
+        energy_cap;
+};
 
-enum { ANCHOR_SAMPLES = 8 }; /* bounding/sample.py */
-
-enum { COLUMNS = 6 };
-
-#define AT(row) s[(row) * WIDTH + i]
-#define LANES for (int i = 0; i < WIDTH; i++)
+struct body { double x, v, work, muscle, target; int64_t time_ns; };
 
 static inline double smaller(double a, double b) { return b < a ? b : a; }
 static inline double larger(double a, double b) { return b > a ? b : a; }
 
-static inline double clear_square(double reading, double anchor, double half_resolution)
+static inline double clear_square(double reading, double anchor, double r)
 {
-    double clear = larger(fabs(reading - anchor) - 2.0 * half_resolution, 0.0);
+    double clear = larger(fabs(reading - anchor) - 2.0 * r, 0.0);
     return clear * clear;
-}
-
-static inline double pressing_target(double elapsed, double start, double end, double speed)
-{
-    double travel = speed * elapsed;
-    double on_way = end > start ? start + travel : start - travel;
-    return travel >= fabs(end - start) ? end : on_way;
 }
 
 static inline double quantise(double x, double resolution)
 {
-    double reading = floor(x / resolution + 0.5) * resolution;
-    return resolution <= 0.0 ? x : reading;
+    return resolution <= 0.0 ? x : floor(x / resolution + 0.5) * resolution;
 }
 
-static int64_t count_steps(double duration, double substep)
+/* devices/extended.py, with rigid friction */
+static inline void move(struct body *b, const struct rig *p, int64_t time_ns, double end,
+                        double force)
 {
-    double steps = ceil(duration / substep - 1e-9);
-    return steps < 1.0 ? 1 : (int64_t)steps;
+    if (time_ns <= b->time_ns)
+        return;
+    double duration = (time_ns - b->time_ns) * 1e-9;
+    int64_t steps = (int64_t)ceil(duration / p->substep - 1e-9);
+    steps = steps < 1 ? 1 : steps;
+    double h = duration / steps, velocity = (end - b->target) / duration;
+    double inertia = 2.0 * p->mass / h;
+    double impedance = inertia + p->damping + p->hand_damping + 0.5 * h * p->hand_stiffness;
+    double x = b->x, v = b->v, work = b->work, muscle = 0.0;
+    for (int64_t i = 0; i < steps; i++) {
+        double middle = b->target + velocity * (i + 0.5) * h, mean = 0.0;
+        double drive = inertia * v + p->hand_stiffness * (middle - x);
+        drive = drive + p->hand_damping * velocity - force;
+        if (drive > p->friction)
+            mean = (drive - p->friction) / impedance;
+        else if (drive < -p->friction)
+            mean = (drive + p->friction) / impedance;
+        double dx = h * mean;
+        muscle = p->hand_stiffness * (middle - x - 0.5 * dx);
+        muscle += p->hand_damping * (velocity - mean);
+        x += dx;
+        work += muscle * dx;
+        v = 2.0 * mean - v;
+        if (mean > 0.0)
+            v = larger(v, 0.0);
+        else
+            v = mean < 0.0 ? smaller(v, 0.0) : 0.0;
+    }
+    *b = (struct body){x, v, work, muscle, end, time_ns};
 }
 
-static void move(double *restrict s, double duration, int64_t steps, double elapsed)
+int64_t run(int64_t ticks, const struct rig *p, const int64_t *restrict instants_ns,
+            const double *restrict targets, const int64_t *restrict answered,
+            const double *restrict engagement, double *restrict answers, double *restrict trace)
 {
-    LANES {
-        double end = pressing_target(elapsed, AT(OPERATOR), AT(OPERATOR + 1), AT(OPERATOR + 2));
-        AT(TARGET_VELOCITY) = (end - AT(TARGET)) / duration;
-    }
-    double h = duration / steps;
-    LANES {
-        double inertia = 2.0 * AT(MASS) / h;
-        AT(INERTIA) = inertia;
-        AT(IMPEDANCE) = inertia + AT(DAMPING) + AT(HAND_DAMPING) + 0.5 * h * AT(HAND_STIFFNESS);
-    }
-    for (int64_t n = 0; n < steps; n++) {
-        double middle = n + 0.5;
-        LANES {
-            double target_velocity = AT(TARGET_VELOCITY);
-            double target_middle = AT(TARGET) + target_velocity * middle * h;
-            double x = AT(X), v = AT(V), friction = AT(FRICTION);
-            double drive = AT(INERTIA) * v + AT(HAND_STIFFNESS) * (target_middle - x)
-                + AT(HAND_DAMPING) * target_velocity - AT(FORCE);
-            double mean = (drive - smaller(larger(drive, -friction), friction)) / AT(IMPEDANCE);
-            double end = 2.0 * mean - v;
-            double dx = h * mean;
-            double muscle = AT(HAND_STIFFNESS) * (target_middle - x - 0.5 * dx)
-                + AT(HAND_DAMPING) * (target_velocity - mean);
-            AT(X) = x + dx;
-            AT(V) = end * mean > 0.0 ? end : 0.0;
-            AT(WORK) = AT(WORK) + muscle * dx;
-        }
-    }
-    LANES AT(TARGET) += AT(TARGET_VELOCITY) * duration;
-}
-
-/* The first reading; no force is held. */
-static void start(double *restrict s)
-{
-    LANES {
-        AT(READING) = AT(PLAY) = AT(OLDER) = AT(YOUNGER) = quantise(AT(X), AT(RESOLUTION));
-        AT(STATE) = AT(ENERGY) = -AT(START_PRICE);
-    }
-}
-
-/* bounding/one_axis.py; the ages of the anchors, in s, count up to this sample. */
-static void bound(double *restrict s, double dt, double older_age, double younger_age,
-                  int moves_anchors)
-{
-    LANES {
-        double damping = AT(LAW_DAMPING), friction = AT(LAW_FRICTION), r = AT(HALF_RESOLUTION);
-        double held = AT(FORCE), younger = AT(YOUNGER), between = AT(BETWEEN);
-        double reading = quantise(AT(X), AT(RESOLUTION));
-        /* sample.py: observe_axis, observe */
-        double position = larger(reading - r, smaller(reading + r, AT(PLAY)));
-        double moved = fabs(position - AT(PLAY));
-        double way = AT(WAY) + moved;
-        double path = sqrt(way * way);
-        double loss = AT(LOSS) + damping * clear_square(reading, AT(READING), r) / dt;
-        loss = larger(loss, damping * clear_square(reading, AT(OLDER), r) / older_age);
-        loss = larger(loss, between + damping * clear_square(reading, younger, r) / younger_age);
-        double friction_loss = friction * moved + AT(PATH_FRICTION) * (path - AT(PATH));
-        double price = r * fabs(held);
-        /* certified.py: limit, energy */
-        double ledger = AT(STATE) - r * fabs(held - AT(MEAN));
-        ledger += loss - AT(LOSS) + friction_loss + held * (reading - AT(READING));
-        double state = smaller(ledger, AT(ENERGY_CAP) + price);
-        double energy = state - price;
-        /* hold_cost.py: rigid_force */
-        double largest = friction + 2.0 * sqrt(damping / AT(HOLD_LIMIT) * larger(energy, 0.0));
-        largest = smaller(largest, AT(SATURATION));
-        AT(FORCE) = smaller(larger(AT(WANTED), -largest), largest);
-        AT(STATE) = state;
-        AT(ENERGY) = energy;
-        AT(READING) = reading;
-        AT(MEAN) = held;
-        AT(PLAY) = position;
-        AT(WAY) = way;
-        AT(PATH) = path;
-        AT(OLDER) = moves_anchors ? younger : AT(OLDER);
-        AT(YOUNGER) = moves_anchors ? reading : younger;
-        AT(LOSS) = moves_anchors ? loss - between : loss;
-        AT(BETWEEN) = moves_anchors ? loss - between : between;
-    }
-}
-
-void run(int64_t ticks, int64_t period_ns, int64_t wait_ns, double substep, double cutoff,
-         const int64_t *restrict answered, const double *restrict engagement, double *restrict s,
-         double *restrict answers, int64_t answers_rows, double *restrict traces)
-{
-    double to_sample = (period_ns - wait_ns) * 1e-9;
-    double to_write = wait_ns * 1e-9;
-    int64_t steps_to_sample = count_steps(to_sample, substep);
-    int64_t steps_to_write = count_steps(to_write, substep);
-    double since_sample = period_ns * 1e-9;
-    double angle = 2.0 * M_PI * cutoff * since_sample;
-    double share = angle / (1.0 + angle);
-    double dt = period_ns / 1e9;
-    int64_t last = answers_rows - 1;
-    double older_age = 0.0, younger_age = 0.0;
-    int since_anchor = 0;
-
-    LANES {
-        for (int row = CONSTANTS; row < ROWS; row++)
-            AT(row) = 0.0;
-        double target = pressing_target(0.0, AT(OPERATOR), AT(OPERATOR + 1), AT(OPERATOR + 2));
-        AT(TARGET) = AT(X) = target;
-        AT(SAMPLE) = quantise(target, AT(RESOLUTION));
-    }
+    struct body b = {targets[0], 0.0, 0.0, 0.0, targets[0], instants_ns[0]};
+    double sample = quantise(b.x, p->resolution), velocity = 0.0, r = p->r;
+    double before = sample, force = 0.0, mean = 0.0, play = sample, way = 0.0, path = 0.0;
+    double older = sample, younger = sample, loss = 0.0, between = 0.0;
+    double older_age = 0.0, younger_age = 0.0, state = -p->start_price, energy = state;
+    int samples = 0;
+    int64_t sampled_ns = instants_ns[0], written_ns = instants_ns[0];
     for (int64_t k = 0; k < ticks; k++) {
         /* The sample. */
-        if (k > 0)
-            move(s, to_sample, steps_to_sample, k * period_ns * 1e-9);
-        double *restrict now = answers + (k & last) * WIDTH;
-        LANES {
-            double sample = quantise(AT(X), AT(RESOLUTION));
-            double measured = (sample - AT(SAMPLE)) / since_sample;
-            AT(VELOCITY) = AT(VELOCITY) + share * (measured - AT(VELOCITY));
-            AT(SAMPLE) = sample;
-            now[i] = AT(ENVIRONMENT) * larger(sample - AT(ENVIRONMENT + 1), 0.0);
+        int64_t sample_ns = instants_ns[2 * k], write_ns = instants_ns[2 * k + 1];
+        move(&b, p, sample_ns, targets[2 * k], force);
+        double reading = quantise(b.x, p->resolution), dt = (sample_ns - sampled_ns) * 1e-9;
+        if (k > 0) {
+            double angle = 2.0 * M_PI * p->cutoff * dt;
+            velocity += angle / (1.0 + angle) * ((reading - sample) / dt - velocity);
         }
+        sample = reading;
+        sampled_ns = sample_ns;
+        answers[k] = p->wall_stiffness * larger(sample - p->wall_position, 0.0);
         /* The write. */
-        if (wait_ns > 0)
-            move(s, to_write, steps_to_write, (k * period_ns + wait_ns) * 1e-9);
-        double *restrict out = traces + k * COLUMNS * WIDTH;
-        LANES {
-            double scale = engagement[k * WIDTH + i];
-            double force = answers[(answered[k * WIDTH + i] & last) * WIDTH + i] * scale;
-            double largest = AT(SATURATION) * scale, magnitude = fabs(force);
-            double shortened = largest / magnitude * force;
-            out[WIDTH + i] = force;
-            AT(WANTED) = magnitude > largest ? shortened : force;
-        }
+        move(&b, p, write_ns, targets[2 * k + 1], force);
+        reading = quantise(b.x, p->resolution);
+        double share = engagement[k];
+        double commanded = answered[k] >= 0 ? share * answers[answered[k]] : 0.0;
+        double wanted = commanded, limit = 0.0;
+        if (fabs(wanted) > share * p->saturation)
+            wanted = share * p->saturation / fabs(wanted) * wanted;
         if (k == 0) {
-            start(s);
-        } else {
+            before = play = older = younger = reading;
+        } else { /* bounding/one_axis.py */
+            dt = (write_ns - written_ns) / 1e9;
+            if (fabs(reading - before) > p->largest_speed * dt + p->resolution)
+                return k;
+            double position = larger(reading - r, smaller(reading + r, play));
+            double moved = fabs(position - play), held = force;
+            way += moved;
             older_age += dt;
             younger_age += dt;
-            int moves_anchors = ++since_anchor == ANCHOR_SAMPLES;
-            bound(s, dt, older_age, younger_age, moves_anchors);
-            if (moves_anchors) {
+            double long_way = sqrt(way * way), now = loss;
+            now += p->law_damping * clear_square(reading, before, r) / dt;
+            now = larger(now, p->law_damping * clear_square(reading, older, r) / older_age);
+            now = larger(now, between
+                + p->law_damping * clear_square(reading, younger, r) / younger_age);
+            double slid = p->law_friction * moved + p->path_friction * (long_way - path);
+            double price = r * fabs(held);
+            /* certified.py: limit, energy */
+            double ledger = state - r * fabs(held - mean);
+            ledger += now - loss + slid + held * (reading - before);
+            state = smaller(ledger, p->energy_cap + price);
+            energy = state - price;
+            /* hold_cost.py: rigid_force */
+            limit = p->law_friction
+                + 2.0 * sqrt(p->law_damping / p->hold_limit * larger(energy, 0.0));
+            limit = smaller(limit, p->saturation);
+            force = smaller(larger(wanted, -limit), limit);
+            before = reading;
+            mean = held;
+            play = position;
+            path = long_way;
+            loss = now;
+            if (++samples == ANCHOR_SAMPLES) {
+                loss = between = now - between;
+                older = younger;
+                younger = reading;
                 older_age = younger_age;
                 younger_age = 0.0;
-                since_anchor = 0;
+                samples = 0;
             }
         }
-        LANES {
-            double v = AT(V);
-            out[i] = AT(READING);
-            out[2 * WIDTH + i] = AT(FORCE);
-            out[3 * WIDTH + i] = AT(ENERGY);
-            out[4 * WIDTH + i] = AT(WORK) - 0.5 * AT(HAND_MASS) * v * v;
-            out[5 * WIDTH + i] = AT(X);
-        }
+        written_ns = write_ns;
+        double row[COLUMNS] = {reading, commanded, force, limit, energy,
+                               b.work - 0.5 * p->hand_mass * b.v * b.v, b.x, b.muscle};
+        for (int column = 0; column < COLUMNS; column++)
+            trace[k * COLUMNS + column] = row[column];
     }
+    return ticks;
 }

@@ -4,8 +4,8 @@
 
 The hand and the wall are those of ``stiff_wall``, the clock is steady. By default the hold limit is
 that of punctual ticks as shipped, 1.02 periods; with ``--hold-limit 1`` all laws rely on the same
-dissipation. The runs go through the compiled loop, which agrees with the virtual-time graph within
-rounding (``tests/test_kernel.py``).
+dissipation. The runs go through the compiled loop, which gives the bits of the virtual-time graph
+(``tests/test_one_axis.py``).
 
 ``--prices`` prints what each number of a device costs the certified law: the loss of displayed
 stiffness, on a device that has what it states. These runs go through the virtual-time graph and
@@ -27,8 +27,8 @@ from forcebound.config.graph import GraphConfig
 from forcebound.config.loader import load
 from forcebound.lab.cases import grid
 from forcebound.lab.engine import Campaign, Row, run_here
+from forcebound.lab.runs import run_all
 from forcebound.lab.views import groups, table
-from forcebound.sweep.engine import run_all
 
 LAWS = (
     "less_conservative",

@@ -10,19 +10,17 @@ that the speed of the hand makes unlikely, since rate-hardness would then be luc
 chosen half, where two laws stand in another order than in the paper or 2B is off by more than
 0.8 %. CMA-ES, started again from the best of random draws until the time is up.
 
-The runs go through a compiled loop of the very functions of the plant and the laws, a hundred times
-faster than the graph; the last line of each result is what belongs into
-``forcebound/experiments/setup.py``, whose numbers ``forcebound reproduce`` then takes through the
-nodes. Needs the extra ``lab``: pip install -e '.[lab]'.
+The runs go through the compiled loop of sweeps (:mod:`forcebound.lab.one_axis`), some hundred
+times faster than the graph, with a wall that answers at once; the last line of each result is what
+belongs into ``forcebound/experiments/setup.py``, whose numbers ``forcebound reproduce`` then takes
+through the nodes. Needs the extra ``lab``: pip install -e '.[lab]'.
 """
 
 import argparse
 import math
 import sys
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -33,12 +31,9 @@ from forcebound.analysis.contact import (
     displayed_stiffness,
     initial_rate_hardness,
 )
-from forcebound.bounding import LAWS, DeviceConstants, Dissipation
-from forcebound.bounding.one_axis import one_axis
-from forcebound.bounding.sample import NO_MEMORY, start_axis
-from forcebound.compiled import allow_in_kernels, jit
+from forcebound.bounding import LAWS, Dissipation
+from forcebound.devices.extended import Axis
 from forcebound.devices.phantom import PhantomPremium15
-from forcebound.devices.plant import advance, quantise
 from forcebound.devices.true_values import per_axis
 from forcebound.experiments.setup import (
     EARLY_SAMPLES,
@@ -50,7 +45,7 @@ from forcebound.experiments.setup import (
     SURFACE,
 )
 from forcebound.experiments.table1 import COLUMNS, PAPER, is_fitted
-from forcebound.operators.hands import trembling_target
+from forcebound.lab.one_axis import NO_MOTION, TRACE, WALL, Course, Rig, loop
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -59,9 +54,31 @@ DEVICE = PhantomPremium15()
 DAMPING, FRICTION, RESOLUTION = (
     per_axis(value, 1)[0] for value in (DEVICE.damping, DEVICE.friction, DEVICE.resolution)
 )
-PERIOD = 1e-3  # s
+PERIOD, PERIOD_NS = 1e-3, 1_000_000  # s, ns
 STIFFNESS = 10_000.0  # N/m, of the wall
 SAMPLES = 5001  # 2 to 5 s count for the displayed stiffness
+TIMES = PERIOD * np.arange(SAMPLES, dtype=np.float64)  # s
+RELIED_ON = Dissipation(
+    damping=DAMPING,
+    friction=FRICTION,
+    resolution=RESOLUTION,
+    period=PERIOD,
+    hold_limit=PERIOD,
+    saturation=DEVICE.saturation,
+)
+RIG = Rig(
+    Axis(DEVICE.mass, DAMPING, FRICTION, 0.0, 0.0, 0.0, 0.0, 0.0),
+    hand_mass=0.0,  # of no account: nothing here looks at the energy
+    substep=DEVICE.substep,
+    pieces=1,
+    resolution=RESOLUTION,
+    saturation=DEVICE.saturation,
+    hold_ns=PERIOD_NS,
+    largest_speed=math.inf,
+    cutoff=100.0,  # likewise: the wall has no damping
+    environment=WALL,
+    numbers=(0.0, 0.0, 0.0, 0.0),
+)
 FAILED = 3.0  # logarithmic error of a cell that has no value
 LAW_ROWS = {law: row for row, law in enumerate(PAPER_LAWS)}
 CELLS = np.array([PAPER[law] for law in PAPER_LAWS])
@@ -108,50 +125,6 @@ def shipped() -> Floats:
     return unit
 
 
-@cache
-def kernel(law: str) -> Callable[..., None]:
-    """Return the compiled contact of one law."""
-    start, bound = LAWS[law].start, one_axis(LAWS[law])
-    allow_in_kernels([start, bound, advance, quantise, trembling_target])
-    damping, friction, resolution = DAMPING, FRICTION, RESOLUTION
-    saturation, substep = DEVICE.saturation, DEVICE.substep
-
-    def run(
-        device: DeviceConstants,
-        surface: float,
-        mass: float,
-        hand_stiffness: float,
-        hand_damping: float,
-        tremor: float,
-        frequency: float,
-        begin: float,
-        end: float,
-        speed: float,
-        readings: Floats,
-        forces: Floats,
-    ) -> None:
-        x = target = begin
-        v = work = 0.0
-        axis, memory, state = start_axis(quantise(x, resolution)), NO_MEMORY, start(device)
-        readings[0], forces[0] = axis.reading, 0.0
-        amplitude = tremor / hand_stiffness
-        for n in range(1, readings.size):
-            target_end = trembling_target(n * PERIOD, begin, end, speed, amplitude, frequency)
-            x, v, work, _ = advance(
-                x, v, work, target, target_end, PERIOD, substep, axis.force, mass, damping,
-                friction, hand_stiffness, hand_damping,
-            )  # fmt: skip
-            target = target_end
-            reading = quantise(x, resolution)
-            commanded = min(STIFFNESS * max(reading - surface, 0.0), saturation)
-            axis, memory, state, _ = bound(
-                axis, memory, state, reading, commanded, saturation, PERIOD, device
-            )
-            readings[n], forces[n] = reading, axis.force
-
-    return jit(run)
-
-
 @dataclass(frozen=True)
 class Touch:
     """Measures of one contact."""
@@ -168,29 +141,33 @@ class Touch:
 
 def contact(law: str, numbers: Floats, approach: Floats) -> Touch:
     """Return the measures of one law's contact."""
-    speed, way, target = approach.tolist()
-    mass, *hand, offset = numbers[:6].tolist()
+    speed, way, behind = approach.tolist()
+    mass, stiffness, damping, tremor, frequency, offset = numbers[:6].tolist()
     surface = PAPER_SURFACE - offset
-    readings, forces = np.empty(SAMPLES), np.empty(SAMPLES)
-    relied_on = Dissipation(
-        damping=DAMPING,
-        friction=FRICTION,
-        resolution=RESOLUTION,
-        period=PERIOD,
-        hold_limit=PERIOD,
-        saturation=DEVICE.saturation,
+    begin, end = surface - way, surface + behind
+    travel, phase = speed * TIMES, 2.0 * np.pi * frequency * TIMES
+    targets = np.where(travel >= abs(end - begin), end, begin + travel)
+    targets += tremor / stiffness * np.sin(phase)
+    rig = RIG._replace(
+        axis=RIG.axis._replace(
+            mass=DEVICE.mass + mass, hand_stiffness=stiffness, hand_damping=damping
+        ),
+        numbers=(STIFFNESS, surface, 0.0, 0.0),
     )
-    kernel(law)(
-        LAWS[law].device(relied_on), surface, DEVICE.mass + mass, *hand,
-        surface - way, surface + target, speed, readings, forces,
+    course = Course(
+        np.repeat(np.arange(SAMPLES) * PERIOD_NS, 2), np.repeat(targets, 2), np.arange(SAMPLES),
+        np.ones(SAMPLES), np.zeros(SAMPLES), np.zeros(SAMPLES), np.zeros(SAMPLES),
     )  # fmt: skip
+    trace = np.empty((SAMPLES, len(TRACE)))
+    loop(law)(rig, LAWS[law].device(RELIED_ON), course, trace, NO_MOTION)
+    readings, forces = (trace[:, TRACE.index(name)] for name in ("position", "applied_force"))
     depth = readings - surface
     hardness = initial_rate_hardness(forces, depth)
-    stiffness = displayed_stiffness(PERIOD * np.arange(SAMPLES, dtype=np.float64), forces, depth)
+    shown = displayed_stiffness(TIMES, forces, depth)
     first = int(np.argmax(depth > 0.0))
     return Touch(
         math.nan if hardness is None else hardness * 1e-3,
-        math.nan if stiffness is None else stiffness * 1e-3,
+        math.nan if shown is None else shown * 1e-3,
         count_bounces(readings[first : first + EARLY_SAMPLES]),
         luck_of(readings[max(first - ENTRY_SAMPLES, 0) : first + 1]),
         float(depth[2000:].mean()) * 1e3,

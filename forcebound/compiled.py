@@ -135,8 +135,7 @@ def allow_in_kernels(functions: Iterable[Callable[..., object]]) -> None:
     """Let compiled kernels call these plain functions; they stay plain for everyone else.
 
     With them go the functions that they call, of this package and of their own module. All are
-    inlined, since only then a loop over simulations side by side is one over vector registers; but
-    for those that are :func:`outlined`.
+    inlined, which makes loops fast; but for those that are :func:`outlined`.
     """
     from numba.extending import register_jitable
 

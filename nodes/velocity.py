@@ -1,6 +1,6 @@
 """The velocity estimate of the device node: a low-pass on the backward difference.
 
-Pure functions of numbers; the sweep compiles them.
+Pure functions of numbers; :mod:`forcebound.lab.one_axis` compiles them.
 """
 
 import math

@@ -24,8 +24,6 @@ from forcebound.network.impairment import Impairment
 from forcebound.network.trace import DelayTrace
 from forcebound.nodes.environment import EnvironmentNode
 from forcebound.simulation import Simulation
-from forcebound.sweep.engine import run_all
-from forcebound.sweep.timing import timing_of
 
 
 @pytest.mark.parametrize("distribution", ["uniform", "normal", "pareto", "paretonormal"])
@@ -166,18 +164,6 @@ def test_problems_are_told_at_their_place(
 def test_a_computation_beyond_the_age_limit_is_refused(tmp_path: Path) -> None:
     path = computing(tmp_path, compute_delay="150 ms", compute_jitter="20 ms")
     assert "an answer takes at least 132 ms" in problems_of(path)  # with 2 ms of the link
-
-
-@pytest.mark.parametrize("settings", [{"compute_jitter": "1 ms"}, {"compute_trace": "busy.csv"}])
-def test_a_sweep_sends_computations_that_vary_to_the_graph(
-    tmp_path: Path, settings: dict[str, str]
-) -> None:
-    written(tmp_path, "time_s,delay_s\n0,0.004\n", "busy.csv")
-    config = replace(load(computing(tmp_path, **settings)), duration=0.05)
-    assert not timing_of(config, 100).is_exact
-    assert timing_of(load(computing(tmp_path, compute_delay="1.7 ms")), 100).is_exact
-    (ran,) = run_all([config])
-    assert (ran.engine, ran.error) == ("graph", None)
 
 
 def test_traces_are_taken_and_left_while_the_graph_runs(tmp_path: Path) -> None:

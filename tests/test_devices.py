@@ -11,8 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from forcebound.devices import DEVICES, Device, DeviceModel
+from forcebound.devices.extended import Axis, Moving, advance_extended
 from forcebound.devices.phantom import PhantomPremium15
-from forcebound.devices.plant import advance, quantise
+from forcebound.devices.plant import quantise
 from forcebound.devices.simulated import SimulatedDevice
 from forcebound.errors import ConfigError
 from forcebound.messages.packets import Vector
@@ -65,9 +66,9 @@ def test_the_energy_balance_holds_to_rounding(
     for force in forces:
         x0 = x
         before = 0.5 * mass * v * v
-        x, v, step_work, _ = advance(
-            x, v, 0.0, 0.01, 0.012, 5e-5, 5e-5, force, mass, damping, friction, stiffness, 1.0
-        )
+        axis = Axis(mass, damping, friction, 0.0, 0.0, 0.0, stiffness, 1.0)
+        at = Moving(x, v, 0.0, 0.0, 0.0)
+        (x, v, step_work, *_), _ = advance_extended(at, axis, 0.01, 0.012, 5e-5, 5e-5, force)
         work += step_work
         motor -= force * (x - x0)
         loss = step_work - force * (x - x0) - (0.5 * mass * v * v - before)
@@ -107,25 +108,22 @@ def test_it_sticks_while_the_force_stays_below_the_friction_and_slips_above() ->
 
 def test_a_sliding_mass_stops_after_the_way_that_friction_allows() -> None:
     mass, friction, v = 0.2, 0.4, 0.5
-    x, work = 0.0, 0.0
+    moving, axis = Moving(0.0, v, 0.0, 0.0, 0.0), Axis(mass, 0.0, friction, 0.0, 0.0, 0.0, 0.0, 0.0)
     for _ in range(2000):
-        x, v, work, _ = advance(
-            x, v, work, 0.0, 0.0, 1e-3, 5e-5, 0.0, mass, 0.0, friction, 0.0, 0.0
-        )
-    assert v == 0.0
-    assert x == pytest.approx(0.5 * mass * 0.5**2 / friction, rel=1e-3)
+        moving, _ = advance_extended(moving, axis, 0.0, 0.0, 1e-3, 5e-5, 0.0)
+    assert moving.v == 0.0
+    assert moving.x == pytest.approx(0.5 * mass * 0.5**2 / friction, rel=1e-3)
 
 
 def test_a_hand_oscillates_with_the_frequency_of_its_spring() -> None:
     mass, stiffness = 0.25, 1000.0
-    x, v, work, crossings, before = 0.01, 0.0, 0.0, [], 0.01
+    axis = Axis(mass, 0.0, 0.0, 0.0, 0.0, 0.0, stiffness, 0.0)
+    moving, crossings, before = Moving(0.01, 0.0, 0.0, 0.0, 0.0), [], 0.01
     for k in range(2000):
-        x, v, work, _ = advance(
-            x, v, work, 0.0, 0.0, 1e-3, 5e-5, 0.0, mass, 0.0, 0.0, stiffness, 0.0
-        )
-        if before > 0 >= x:
-            crossings.append(k + before / (before - x))
-        before = x
+        moving, _ = advance_extended(moving, axis, 0.0, 0.0, 1e-3, 5e-5, 0.0)
+        if before > 0 >= moving.x:
+            crossings.append(k + before / (before - moving.x))
+        before = moving.x
     period = (crossings[-1] - crossings[0]) / (len(crossings) - 1) * 1e-3
     assert period == pytest.approx(2 * math.pi * math.sqrt(mass / stiffness), rel=1e-4)
 

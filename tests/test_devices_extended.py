@@ -5,7 +5,6 @@ from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
-import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -14,12 +13,10 @@ from forcebound.config.loader import from_document
 from forcebound.config.resolved import restore, to_document, with_parts
 from forcebound.devices.extended import Axis, Moving, advance_extended
 from forcebound.devices.phantom import PhantomPremium15
-from forcebound.devices.plant import advance
 from forcebound.devices.simulated import SimulatedDevice
 from forcebound.devices.true_values import TrueAxes
 from forcebound.errors import ConfigError
 from forcebound.messages.packets import Vector
-from forcebound.sweep.engine import run_all
 
 H = 5e-5  # s
 AT_REST = Moving(0.0, 0.0, 0.0, 0.0, 0.0)
@@ -147,17 +144,6 @@ def test_a_weight_falls_with_the_acceleration_of_gravity() -> None:
     end, _ = advance_extended(AT_REST, axis, 0.0, 0.0, seconds, H, 0.0)
     assert end.v == pytest.approx(9.81 * seconds)
     assert end.x == pytest.approx(0.5 * 9.81 * seconds**2)
-
-
-def test_without_extras_it_is_the_plain_plant_to_the_bit() -> None:
-    rng = np.random.default_rng(1)
-    plain, extended = (0.0, 0.1, 0.0), Moving(0.0, 0.1, 0.0, 0.0, 0.0)
-    axis = Axis(0.3, 0.27, 0.12, 0.0, 0.0, 0.0, 950.0, 2.8)
-    for force in rng.uniform(-3, 3, 200):
-        rest = (0.3, 0.27, 0.12, 950.0, 2.8)
-        plain = advance(*plain, 0.01, 0.011, 1e-3, H, force, *rest)[:3]
-        extended, _ = advance_extended(extended, axis, 0.01, 0.011, 1e-3, H, force)
-        assert extended[:3] == plain
 
 
 # The simulated device has what it states, or what its truth says
@@ -290,18 +276,3 @@ def test_a_launch_file_states_true_values() -> None:
     config = from_document(document | {"controller": {"kind": "direct"}})
     assert config.device.model == PhantomPremium15(friction=(0.1,), truth=TrueAxes(gain=1.03))
     assert with_parts(restore(to_document(config))) == config
-
-
-@pytest.mark.parametrize(
-    ("changed", "engine"),
-    [({}, "kernel"), ({"truth": {"lag": "1 ms"}}, "graph"), ({"friction": [0.12]}, "graph")],
-)
-def test_a_sweep_runs_a_device_with_imperfections_in_the_graph(
-    changed: dict[str, Any], engine: str
-) -> None:
-    document = {"forcebound": 1, "seed": 1, "duration": 0.01, "operator": {"kind": "pressing"}}
-    parts = {"environment": {"kind": "wall"}, "controller": {"kind": "direct"}}
-    device = {"kind": "phantom_premium_1_5", **changed}
-    (ran,) = run_all([from_document({**document, **parts, "device": device})])
-    assert ran.error is None
-    assert ran.engine == engine

@@ -24,15 +24,12 @@ from launch_texts import GOOD, problems_of, written
 from forcebound.config.loader import from_document, load
 from forcebound.config.resolved import to_document
 from forcebound.errors import ConfigError
-from forcebound.launch.virtual import run_virtual
 from forcebound.messages.codec import encode
 from forcebound.messages.packets import EnvironmentQuery, EnvironmentReply
 from forcebound.network.chances import Chances, Draws, plain_fates
 from forcebound.network.distribution import QUANTILES
 from forcebound.network.impairment import GilbertElliott, Impairment, Outage, Slot
 from forcebound.network.link import Link
-from forcebound.sweep.engine import run_all
-from forcebound.sweep.timing import timing_of
 
 # Every setting
 
@@ -321,23 +318,3 @@ def test_the_rate_counts_the_bytes_of_the_encoded_packet() -> None:
     reply = next(packet for packet in packets if isinstance(packet, EnvironmentReply))
     assert reply.device_seq == query.device_seq
     assert reply.time_ns - query.time_ns == len(encode(query)) * 1000  # 1 byte in 1 µs
-
-
-@pytest.mark.parametrize(
-    "impairment",
-    [
-        Impairment(0.002, 0.001, distribution="normal"),
-        Impairment(gemodel=GilbertElliott(0.05, 0.3)),
-        Impairment(rate=100_000.0),
-        Impairment(outages=(Outage(0.1, 0.05),)),
-    ],
-    ids=str,
-)
-def test_only_the_graph_runs_them(impairment: Impairment) -> None:
-    config = replace(load("stiff_wall"), duration=0.3, links={"environment_query": impairment})
-    assert not timing_of(config, 300).is_exact
-    (ran,) = run_all([config])
-    assert ran.engine == "graph"
-    again = run_virtual(config)
-    assert ran.result is not None
-    assert ran.result.columns.applied_force.tobytes() == again.columns.applied_force.tobytes()

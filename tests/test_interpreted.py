@@ -95,7 +95,7 @@ def test_the_step_of_sweeps_does_what_the_bounder_does(law: str) -> None:
         asked = chance.uniform(-9, 9)
         force = one.bound(time_ns, (reading,), (asked,))
         one.settle(force)
-        axis, memory, state, _ = step(
+        axis, memory, state, _, limit = step(
             axis, memory, state, reading, asked, PHANTOM.saturation, interval * 1e-9, device
         )
-        assert axis.force == pytest.approx(force[0], rel=1e-9, abs=1e-12)
+        assert (axis.force, limit) == pytest.approx((force[0], one.limit), rel=1e-9, abs=1e-12)

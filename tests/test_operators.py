@@ -18,7 +18,6 @@ from forcebound.operators.hands import (
     SinusoidalHand,
     StrokingHand,
     TremblingHand,
-    pressing_target,
 )
 from forcebound.operators.paths import FollowingHand, TrajectoryHand
 
@@ -68,8 +67,6 @@ def test_on_one_axis_a_place_may_be_a_number_or_a_list_of_one() -> None:
     number, one = PressingHand(start=0.01, end=-0.012), PressingHand(start=(0.01,), end=(-0.012,))
     times = [0.01 * k for k in range(20)]
     assert [number.target(time) for time in times] == [one.target(time) for time in times]
-    kernel = [pressing_target(time, 0.01, -0.012, number.approach_speed) for time in times]
-    assert [number.target(time)[0] for time in times] == kernel
 
 
 @pytest.mark.parametrize("place", [(), (0.0,) * 7])

@@ -16,7 +16,7 @@ from forcebound.analysis.spectrum import (
 )
 from forcebound.analysis.surface import Floats
 from forcebound.config.loader import load
-from forcebound.sweep.engine import run_all
+from forcebound.lab.runs import run_all
 
 RATE = 1000.0
 PERIOD = 1.0 / RATE

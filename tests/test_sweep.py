@@ -17,30 +17,29 @@ from forcebound.sweep.plan import SHIPPED, load_sweep, shipped
 from forcebound.sweep.runner import run_sweep
 
 
-def test_a_grid_has_every_combination_the_last_argument_fastest(tmp_path: Path) -> None:
-    sweep = load_sweep(written(tmp_path, SMALL))
-    assert sweep.columns == ("law", "stiffness")
-    assert [case[0] for case in sweep.cases] == ["certified"] * 3 + ["none"] * 3
-    assert [case[1] for case in sweep.cases[:3]] == ["1.0 N/mm", "2.0 N/mm", "4.0 N/mm"]
-    assert sweep.overrides(0) == [
-        "approach_speed:=100 mm/s",
-        "law:=certified",
-        "stiffness:=1.0 N/mm",
-    ]
-
-
-def test_repeated_seeds_and_linear_ranges(tmp_path: Path) -> None:
-    over = "seed: { repeat: 2, from: 7 }\n  delay: { from: 0 ms, to: 3 ms, count: 4 }"
-    text = SMALL.replace("law: [certified, none]", over).replace(", per: law", "")
-    sweep = load_sweep(written(tmp_path, text))
-    assert {case[0] for case in sweep.cases} == {"7", "8"}
-    assert sorted({case[1] for case in sweep.cases}) == ["0.0 ms", "1.0 ms", "2.0 ms", "3.0 ms"]
-
-
-def test_all_laws_need_no_list(tmp_path: Path) -> None:
-    text = SMALL.replace("[certified, none]", "{ all: laws }")
-    sweep = load_sweep(written(tmp_path, text))
-    assert list(dict.fromkeys(case[0] for case in sweep.cases)) == list(LAWS)
+@pytest.mark.parametrize(
+    ("over", "expected"),
+    [
+        (
+            "law: [certified, none]\n"
+            "  stiffness: { from: 1 N/mm, to: 4 N/mm, count: 3, scale: log }",
+            [(law, f"{k} N/mm") for law in ("certified", "none") for k in ("1.0", "2.0", "4.0")],
+        ),
+        (
+            "seed: { repeat: 2, from: 7 }\n  stiffness: { from: 0 N/m, to: 3 N/m, count: 4 }",
+            [(seed, f"{k}.0 N/m") for seed in ("7", "8") for k in range(4)],
+        ),
+        ("law: { all: laws }\n  stiffness: 3", [(law, "3") for law in LAWS]),
+    ],
+)
+def test_a_grid_has_every_combination_the_last_argument_fastest(
+    tmp_path: Path, over: str, expected: list[tuple[str, str]]
+) -> None:
+    head = SMALL.partition("  law:")[0]
+    sweep = load_sweep(written(tmp_path, f"{head}  {over}\n"))
+    assert list(sweep.cases) == expected
+    names = [f"{name}:={value}" for name, value in zip(sweep.columns, expected[0], strict=True)]
+    assert sweep.overrides(0) == ["approach_speed:=100 mm/s", *names]
 
 
 def test_random_draws_are_the_same_for_all_combinations_and_every_time(tmp_path: Path) -> None:
@@ -69,14 +68,14 @@ def test_an_argument_on_the_command_line_no_longer_varies(tmp_path: Path) -> Non
         ("from: 1 N/mm", "from: 0 N/mm", 9, "a log range needs values > 0"),
         ("from: 1 N/mm", "from: soft", 9, "expected a number"),
         ("[certified, none]", "[]", 8, "no case"),
-        ("[certified, none]", "{ all: lows }", 8, "did you mean 'laws'?"),
+        ("[certified, none]", "{ all: lows }", 8, "expected 'laws'"),
         ("duration: 50 ms", "duration: 5 mm", 5, "duration"),
         ("x: stiffness", "x: stifness", 10, "did you mean 'stiffness'?"),
         ("launch: stiff_wall", "launch: stif_wall", 4, "no launch file"),
         ("x: stiffness", "limits: [encodr], x: stiffness", 10, "did you mean 'encoder'?"),
         ("x: stiffness", "limits: encoder, x: stiffness", 10, "limits: expected a list"),
         ("set: {", "set: { stiffness: 1 N/mm,", 6, "also varies"),
-        ("forcebound: 1", "forcebound: 2", 2, "version"),
+        ("forcebound: 1", "forcebound: 2", 2, "expected 1"),
     ],
 )
 def test_a_mistake_in_a_sweep_file_is_shown_at_its_place(

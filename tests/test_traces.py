@@ -22,8 +22,6 @@ from forcebound.launch.virtual import run_virtual
 from forcebound.network.impairment import Impairment, Outage
 from forcebound.network.link import Link
 from forcebound.network.trace import DelayTrace, read_csv
-from forcebound.sweep.engine import run_all
-from forcebound.sweep.timing import timing_of
 
 WIFI = "time_s,delay_s\n10,0.004\n10.010,\n10.020,0.002\n"  # 30 ms long
 NAMED = Impairment(trace=Path("wifi.csv"))
@@ -250,13 +248,6 @@ def test_a_changed_file_is_read_again(tmp_path: Path) -> None:
     assert read_trace(path).shortest == 0.002
     written(tmp_path, "time_s,delay_s\n0,0.0001\n", "wifi.csv")
     assert read_trace(path).shortest == 0.0001
-
-
-def test_a_sweep_sends_traces_to_the_graph(tmp_path: Path) -> None:
-    config = replace(load(traced(tmp_path)), duration=0.05)
-    assert not timing_of(config, 100).is_exact
-    (ran,) = run_all([config])
-    assert (ran.engine, ran.error) == ("graph", None)
 
 
 def test_a_phase_replays_a_trace(tmp_path: Path) -> None:

@@ -126,7 +126,7 @@ def test_the_check_tries_some_ticks_with_the_file(tmp_path: Path, command: str) 
 
 
 def test_the_check_of_a_part_names_the_line_that_ends_its_process(tmp_path: Path) -> None:
-    _, file = own(tmp_path, "position[0] == 1e6 and ctypes.string_at(0)")
+    _, file = own(tmp_path, "position[0] == 10.0 and ctypes.string_at(0)")
     result = invoke("check", "environment", file)
     assert result.exit_code == 2
     assert "mine.py:12" in result.stderr

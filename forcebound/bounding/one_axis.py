@@ -25,19 +25,18 @@ from forcebound.bounding.waveform import NO_FORCE, mean_force, penalty, retarget
 
 Step: TypeAlias = Callable[
     [AxisMemory, Memory, State, float, float, float, float, DeviceConstants],
-    tuple[AxisMemory, Memory, State, Write],
+    tuple[AxisMemory, Memory, State, Write, float],
 ]
 """``step(axis, memory, state, reading, commanded, saturation, dt, device) -> (axis, memory, state,
-write)``: one sample, from the reading, in m, and the commanded force, in N, to the force written,
-which is then ``axis.force``."""
+write, limit)``: one sample, from the reading, in m, and the commanded force, in N, to the force
+written, which is then ``axis.force``, and the largest that was allowed, in N."""
 
 
 @cache
-def one_axis(law: BoundingLaw, overruns: bool = True) -> Step:
+def one_axis(law: BoundingLaw) -> Step:
     """Return what :class:`forcebound.bounding.ForceBounder` does at a sample, for one axis.
 
-    A device is taken to apply what the bounder returns. Code without ``overruns``, sample intervals
-    longer than the hold limit, is faster.
+    A device is taken to apply what the bounder returns.
     """
     limit, settle, energy = law.limit, law.settle, law.energy
     limits_holds = law.limits_holds
@@ -51,12 +50,12 @@ def one_axis(law: BoundingLaw, overruns: bool = True) -> Step:
         saturation: float,
         dt: float,
         device: DeviceConstants,
-    ) -> tuple[AxisMemory, Memory, State, Write]:
+    ) -> tuple[AxisMemory, Memory, State, Write, float]:
         r, friction = device.half_resolution, device.friction
         constants = AxisConstants(device.damping, friction, r, r, 0.0, 0.0, 0.0)
         move = reading - axis.reading
         mean, cost = axis.force, 0.0
-        if overruns and dt > device.hold_limit:
+        if dt > device.hold_limit:
             motor = run(retarget(NO_FORCE, axis.force, 0.0, True), device.hold_limit, 0.0)
             motor = run(retarget(motor, 0.0, 0.0, False), dt - device.hold_limit, 0.0)
             mean, cost = mean_force(motor, dt, 0.0), penalty(motor, dt, 0.0, 1.0, move, constants)
@@ -80,6 +79,6 @@ def one_axis(law: BoundingLaw, overruns: bool = True) -> Step:
         if limits_holds:
             surplus -= rigid_cost(abs(force), friction, device.damping, device.hold_limit)
         write = Write(force * force, price, surplus)
-        return axis, memory, settle(state, write, device), write
+        return axis, memory, settle(state, write, device), write, largest
 
     return step

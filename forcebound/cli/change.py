@@ -56,7 +56,7 @@ def param() -> None:
 
 
 @param.command("list", short_help="List what can be changed during a run.")
-@click.option("--changed", is_flag=True, help="Only those changed since launch.")
+@click.option("--changed", is_flag=True, help="Only the changed ones.")
 @run_option
 @json_option
 def list_parameters(changed: bool, run: Path, as_json: bool) -> None:
@@ -144,7 +144,7 @@ def _print(run: Path, values: "Parameters", as_json: bool, *, with_ranges: bool 
 @run_option
 @json_option
 def outage(time: str, links: tuple[str, ...], run: Path, as_json: bool) -> None:
-    r"""Lose every packet of LINK from now for TIME. Default: environment_query, environment_reply.
+    r"""Lose every packet of LINK for TIME. Default: environment_query, environment_reply.
 
     \b
     forcebound outage 500ms

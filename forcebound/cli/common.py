@@ -64,7 +64,7 @@ COUNT = click.IntRange(min=1)
 
 json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON document.")
 json_lines_option = click.option(
-    "--json", "as_json", is_flag=True, help="One JSON document each, on a line."
+    "--json", "as_json", is_flag=True, help="Print one JSON document per line."
 )
 duration_option = partial(click.option, "--duration", type=seconds, metavar="TIME")
 run_duration_option = duration_option(help="Duration of the run, e.g. 5s or 500ms.")

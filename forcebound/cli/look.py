@@ -29,14 +29,14 @@ COLOURS = {"problem": "red", "note": "yellow", "fine": "green"}
 
 
 @click.command("list", short_help="List the graphs that run here, with their nodes.")
-@click.option("--watch", is_flag=True, help="Again each second, as long as a graph runs.")
+@click.option("--watch", is_flag=True, help="Repeat each second while a graph runs.")
 @given_run_option()
 @duration_option(help="Time after which --watch ends. Default: with the last graph.")
 @json_option
 def list_graphs(watch: bool, run: Path | None, duration: float | None, as_json: bool) -> None:
-    r"""List the graphs that run here: nodes, states, processor, memory, restarts.
+    r"""List the running graphs: nodes, states, processor, memory, restarts.
 
-    With --watch and --json, one document on each line.
+    With --watch and --json, one document per line.
 
     \b
     forcebound list
@@ -80,11 +80,11 @@ def _show_graphs(graphs: "list[ListedGraph]") -> None:
 
 
 @click.command()
-@click.option("--measure", is_flag=True, help=f"Measure this machine, too: {MEASURE_S:g} s.")
+@click.option("--measure", is_flag=True, help=f"Also measure this machine: {MEASURE_S:g} s.")
 @given_run_option()
 @json_option
 def doctor(measure: bool, run: Path | None, as_json: bool) -> None:
-    r"""Diagnose the running graph, else this machine.
+    r"""Diagnose the running graph, or this machine if none runs.
 
     With --measure, also how late wake-ups of a servo are at 1 kHz, and how long the loop of a graph
     takes, beside one of bare sockets; best when nothing else runs.

@@ -33,13 +33,13 @@ CHECKED = ("law", "device", "operator", "controller", "environment")
 
 @click.group(cls=Group, short_help="List serial ports; go on with a lost device.")
 def device() -> None:
-    """Look for devices on serial ports; let a graph go on with one that was lost."""
+    """List devices on serial ports; let a graph continue with one that was lost."""
 
 
 @device.command("list")
 @json_option
 def list_devices(as_json: bool) -> None:
-    r"""List the serial ports of this machine, and what seems to be there.
+    r"""List the serial ports of this machine, with the likely device at each.
 
     \b
     forcebound device list --json
@@ -104,7 +104,7 @@ def resume(run: Path) -> None:
     metavar="TIME",
     help="Time from a message to its reply, beyond the terminal's.",
 )
-@click.option("--no-hand", is_flag=True, help="Nobody holds it, as `forcebound identify` needs it.")
+@click.option("--no-hand", is_flag=True, help="Without a hand, as `forcebound identify` needs it.")
 @click.option("--until-unused", is_flag=True, help="End when the port is closed.")
 @click.option("--values", type=click.File(), hidden=True, help="Mechanism and hand, as JSON.")
 def emulate(
@@ -117,7 +117,7 @@ def emulate(
     until_unused: bool,
     values: TextIO | None,
 ) -> None:
-    r"""Play a device on a pseudo-terminal, for tests and trials without hardware.
+    r"""Emulate a device on a pseudo-terminal, for tests without hardware.
 
     Mechanism and hand are those of its launch file, whose arguments can be set.
 
@@ -159,9 +159,11 @@ def emulate(
 )
 @click.option("--reach", help="How far an axis may move to either side, e.g. 30mm or 20deg.")
 @click.option("--force", help="Largest force of an axis, e.g. 2N or '0.05 N m'.")
-@click.option("--weight", help="Mass that you hang on each axis, e.g. 100g: measures the gain.")
+@click.option("--weight", help="Mass that you hang on each axis, e.g. 100g, to measure the gain.")
 @click.option("--lever", help="Radius at which it pulls at a joint, e.g. 40mm.")
-@click.option("--by-hand", help="How long you move the device, e.g. 10s: measures its speed.")
+@click.option(
+    "--by-hand", help="Time for which you move the device, e.g. 10s, to measure its speed."
+)
 @click.option("--yes", is_flag=True, help="Do not wait for Enter before the device moves.")
 @json_option
 def identify(

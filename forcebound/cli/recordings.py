@@ -45,7 +45,7 @@ _run_argument = click.argument(
 @duration_option(help="Time after which it ends. Default: with the graph.")
 @json_option
 def record(graph: Path | None, output: Path | None, duration: float | None, as_json: bool) -> None:
-    r"""Record every packet of a running graph from now on, until Ctrl-C or its end.
+    r"""Record every packet of a running graph, until Ctrl-C or its end.
 
     The file is one of `forcebound launch --record`, without what was before. `forcebound plot`,
     export and replay take it; replay --verify begins at a new law.
@@ -79,7 +79,7 @@ def record(graph: Path | None, output: Path | None, duration: float | None, as_j
 def plot(runs: tuple[str, ...], output: Path | None, as_json: bool) -> None:
     r"""Draw recordings side by side: position, forces, energy, loop delay.
 
-    Says whether a hand feels the difference between the first run and each other.
+    Reports whether a hand feels the difference between the first run and each other run.
 
     \b
     forcebound plot run.mcap
@@ -127,7 +127,7 @@ def _read(run: Path, topics: Sequence[str] | None = None) -> "Recording":
 @_run_argument
 @click.option("--csv", type=FOLDER, metavar="DIR", help="Into this folder, as CSV.")
 @click.option("--parquet", type=FOLDER, metavar="DIR", help="The same, as Parquet.")
-@click.option("--overwrite", is_flag=True, help="Replace files that are there.")
+@click.option("--overwrite", is_flag=True, help="Replace existing files.")
 def export(run: Path, csv: Path | None, parquet: Path | None, overwrite: bool) -> None:
     r"""Write each topic of a recording as a table; columns.csv has their units and meanings.
 
@@ -152,7 +152,7 @@ def export(run: Path, csv: Path | None, parquet: Path | None, overwrite: bool) -
 @recording_option("-o", "--output", required=True, help="The recording to write.")
 @json_option
 def recover(run: Path, output: Path, as_json: bool) -> None:
-    r"""Write what can be read of a cut or damaged recording as a complete one; says what is lost.
+    r"""Write the readable part of a cut or damaged recording as a complete one; report the loss.
 
     \b
     forcebound recover cut.mcap -o whole.mcap
@@ -173,10 +173,10 @@ def recover(run: Path, output: Path, as_json: bool) -> None:
 @click.command(short_help="Verify a recording, or run it once more with other parts.")
 @_run_argument
 @arguments_argument()
-@click.option("--verify", is_flag=True, help="Compare the forces that its inputs give, to the bit.")
-@click.option("--network", is_flag=True, help="Feed the recorded delays, in place of those set.")
+@click.option("--verify", is_flag=True, help="Check that its inputs give its forces, to the bit.")
+@click.option("--network", is_flag=True, help="Use the recorded delays instead of the set ones.")
 @click.option(
-    "--environment", is_flag=True, help="Feed the recorded replies; they do not react to the hand."
+    "--environment", is_flag=True, help="Use the recorded replies; they do not react to the hand."
 )
 @click.option("--live", is_flag=True, help="In real time. Default: in virtual time.")
 @run_duration_option

@@ -69,7 +69,7 @@ _graph_options = all_of(
 
 @click.command("launch", short_help="Run a launch file in real time, as processes.")
 @_graph_options
-@click.option("--view", "has_view", is_flag=True, help="Open a live page of it in a browser.")
+@click.option("--view", "has_view", is_flag=True, help="Open its live page in a browser.")
 def launch_graph(
     file: str,
     arguments: tuple[str, ...],
@@ -147,7 +147,7 @@ def simulate(
 @arguments_argument(shell_complete=complete.settings)
 @click.option("--run-dir", type=click.Path(path_type=Path), hidden=True, help="Of a launcher.")
 def node(kind: str, file: str, arguments: tuple[str, ...], run_dir: Path | None) -> None:
-    r"""Run the environment of FILE for a graph on another machine, as its section remote: says.
+    r"""Run the environment of FILE for a graph on another machine, as set in its section remote:.
 
     \b
     forcebound node environment remote_wall

@@ -92,7 +92,7 @@ def completion(shell: str, only_prints: bool) -> None:
 @click.command("new", short_help="Make a folder to begin with.")
 @click.argument("folder", type=click.Path(path_type=Path))
 def new(folder: Path) -> None:
-    r"""Make FOLDER with a launch file and an environment of one's own, to be changed.
+    r"""Create FOLDER with a launch file and a sample environment to edit.
 
     \b
     forcebound new my_wall

@@ -70,7 +70,7 @@ def echo(
     run: Path,
     duration: float | None,
 ) -> None:
-    r"""Print the packets of TOPIC as they come, until Ctrl-C.
+    r"""Print the packets of TOPIC as they arrive, until Ctrl-C.
 
     \b
     forcebound echo telemetry --field position --field applied_force --line
@@ -137,9 +137,9 @@ def _text(value: Any) -> str:
 @_measuring_option
 @json_option
 def hz(topics: tuple[str, ...], run: Path, duration: float, as_json: bool) -> None:
-    r"""Measure how often topics are sent, and how many bytes. Default: all topics.
+    r"""Measure rate and bandwidth of topics. Default: all topics.
 
-    Rate and intervals are by the senders' time stamps.
+    Rates and intervals use the senders' time stamps.
 
     \b
     forcebound hz
@@ -175,7 +175,7 @@ def _stream(figures: "StreamFigures") -> tuple[str, ...]:
 def draw_graph(
     mermaid: bool, output: Path | None, run: Path, duration: float, as_json: bool
 ) -> None:
-    r"""Show who sends what to whom, with the measured rates.
+    r"""Show nodes and streams, with the measured rates.
 
     \b
     forcebound graph
@@ -201,7 +201,7 @@ def draw_graph(
 
 @click.command(short_help="Print events of a graph as they come.")
 @click.option("-q", "--quiet", is_flag=True, help="Faults only.")
-@click.option("-v", "--verbose", is_flag=True, help="Their data, too.")
+@click.option("-v", "--verbose", is_flag=True, help="Print their data, too.")
 @run_option
 @_ending_option
 @json_lines_option
@@ -238,7 +238,7 @@ def log(quiet: bool, verbose: bool, run: Path, duration: float | None, as_json: 
 @click.argument("run", required=False, type=PATH, shell_complete=complete.runs)
 @output_option(metavar="TRACE.csv", help="Write the delays as a trace for a link.")
 @duration_option(help="Measuring time of a running graph. Default: 5s.")
-@click.option("--links", is_flag=True, help="Of each link, too.")
+@click.option("--links", is_flag=True, help="Also of each link.")
 @json_option
 def delay(
     run: Path | None, output: Path | None, duration: float | None, links: bool, as_json: bool
@@ -308,7 +308,7 @@ def _delays(link: "LinkDelays") -> tuple[str, ...]:
 
 @click.group(short_help="Show a running graph in another program.", cls=Group)
 def bridge() -> None:
-    """Show a running graph in another program, which can change nothing."""
+    """Show a running graph in another program, read-only."""
 
 
 def _serving(port: int) -> Callable[[Command], Command]:

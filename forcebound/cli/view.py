@@ -59,8 +59,10 @@ def opened_in_browser(address: str, run: Path | None) -> Iterator[None]:
 
 @click.command(short_help="Open a live page of the running graph.")
 @given_run_option()
-@click.option("--wait", "waits", is_flag=True, help="Wait for the first graph, too.")
-@click.option("--port", type=click.IntRange(0, 65535), default=0, help="Default: any free one.")
+@click.option("--wait", "waits", is_flag=True, help="Also wait for the first graph.")
+@click.option(
+    "--port", type=click.IntRange(0, 65535), default=0, help="Port. Default: any free one."
+)
 @click.option(
     "--listen",
     default="127.0.0.1",
@@ -75,7 +77,7 @@ def opened_in_browser(address: str, run: Path | None) -> Iterator[None]:
     help="Folder for recordings that the page makes. Default: this one.",
 )
 @click.option("--open/--no-open", "opens", default=True, help="Whether to open a browser.")
-@click.option("--launcher", type=int, hidden=True, help="Show the graph of this process alone.")
+@click.option("--launcher", type=int, hidden=True, help="Show only the graph of this process.")
 def view(
     run: Path | None,
     waits: bool,

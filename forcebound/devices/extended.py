@@ -100,8 +100,10 @@ def advance_extended(
         v = 2.0 * mean - v
         if axis.presliding > 0.0:
             bristle = yield_by(bristle, dx, axis.presliding)
-        elif not v * mean > 0.0:
-            v = 0.0
+        elif mean > 0.0:  # no reversal within a step; branches, since a resting hand is predicted
+            v = max(v, 0.0)
+        else:
+            v = min(v, 0.0) if mean < 0.0 else 0.0
     return Moving(x, v, work, bristle, motor_force), muscle
 
 
@@ -111,7 +113,9 @@ def mean_speed(
     """Return the mean speed of a step, in m/s; see :func:`yielding_speed` for the arguments."""
     if presliding > 0.0:
         return yielding_speed(drive, impedance, h, friction, presliding, bristle)
-    return (drive - min(max(drive, -friction), friction)) / impedance
+    if drive > friction:
+        return (drive - friction) / impedance
+    return (drive + friction) / impedance if drive < -friction else 0.0
 
 
 def yielding_speed(

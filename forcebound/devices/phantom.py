@@ -57,21 +57,6 @@ class PhantomPremium15(DeviceModel):
         super().__post_init__()
         check_counts(self, PER_AXIS)
 
-    @property
-    def is_plain(self) -> bool:
-        """Whether the sweep's kernel can simulate it: alike axes, and no imperfection.
-
-        The kernel refuses no reading, so a case with one above the largest speed is none for it.
-        """
-        stated = (self.gain_error, self.lag, self.write_delay)
-        watchdog = (self.watchdog == "none", self.watchdog_tolerance)
-        own = (getattr(self, name) for name in ("presliding", "weight", "weight_error"))
-        return (
-            self.truth is None
-            and not any(isinstance(getattr(self, name), tuple) for name in PER_AXIS)
-            and not any((*stated, *own, *watchdog))
-        )
-
     def body(self, operator: Operator) -> AxesBody:
         return AxesBody(self, operator)
 

@@ -1,4 +1,4 @@
-r"""The plain plant: a mass with friction in a passive hand, integrated over real time.
+r"""The plant: a mass with friction in a passive hand, integrated over real time.
 
 How one step works. Over a step ``h`` with mean velocity :math:`\bar v`, the implicit midpoint rule
 
@@ -19,58 +19,13 @@ The energy that the paper's Eq. 1 asks about flows from the hand into the *devic
 mass moves with the handle, so the force at the interface is the muscle's (spring and damper) less
 what accelerates that mass, and its work is the muscle's less the hand's kinetic energy.
 
-:mod:`forcebound.devices.extended` has presliding, a lagging motor and weight as well. What is left
-out: the arm's kinematics (axes are independent), cable compliance, cogging. Friction acts on each
-axis by itself, which loses at least as much as friction along the path of several axes.
+:mod:`forcebound.devices.extended` has the step, with presliding, a lagging motor and weight as
+well. What is left out: the arm's kinematics (axes are independent), cable compliance, cogging.
+Friction acts on each axis by itself, which loses at least as much as friction along the path of
+several axes.
 """
 
 import math
-
-
-def advance(
-    x: float,
-    v: float,
-    work: float,
-    target: float,
-    target_end: float,
-    duration: float,
-    substep: float,
-    motor_force: float,
-    mass: float,
-    damping: float,
-    friction: float,
-    hand_stiffness: float,
-    hand_damping: float,
-) -> tuple[float, float, float, float]:
-    """Advance one axis by ``duration``, in s, > 0, under a motor force (N) that is held.
-
-    Returns position (m), velocity (m/s), work of the hand's spring and damper so far (J), and their
-    mean force in the last step (N). The hand's target moves evenly from ``target`` to
-    ``target_end`` (m); the mass is that of device and hand together (kg), damping and friction are
-    the device's (N s/m, N); ``substep`` is the longest integration step (s).
-    """
-    steps = count_steps(duration, substep)
-    h = duration / steps
-    target_velocity = (target_end - target) / duration
-    inertia = 2.0 * mass / h
-    impedance = step_impedance(inertia, damping, hand_damping, h, hand_stiffness)
-    muscle = 0.0
-    for i in range(steps):
-        x, v, work, muscle = step(
-            x,
-            v,
-            work,
-            target + target_velocity * (i + 0.5) * h,
-            target_velocity,
-            h,
-            motor_force,
-            inertia,
-            impedance,
-            friction,
-            hand_stiffness,
-            hand_damping,
-        )
-    return x, v, work, muscle
 
 
 def count_steps(duration: float, substep: float) -> int:
@@ -83,41 +38,6 @@ def step_impedance(
 ) -> float:
     """Return the force per mean velocity of a step, in N s/m; ``inertia`` is 2 M/h."""
     return inertia + damping + hand_damping + 0.5 * h * hand_stiffness
-
-
-def step(
-    x: float,
-    v: float,
-    work: float,
-    target_middle: float,
-    target_velocity: float,
-    h: float,
-    motor_force: float,
-    inertia: float,
-    impedance: float,
-    friction: float,
-    hand_stiffness: float,
-    hand_damping: float,
-) -> tuple[float, float, float, float]:
-    """Advance one axis by one step ``h``; the page above derives it.
-
-    It has no branch that depends on the numbers, so that a sweep can step many simulations side by
-    side. ``target_middle`` is the hand's target in the middle of the step, ``inertia`` and
-    ``impedance`` are those of :func:`step_impedance`; everything else as in :func:`advance`.
-    """
-    drive = (
-        inertia * v
-        + hand_stiffness * (target_middle - x)
-        + hand_damping * target_velocity
-        - motor_force
-    )
-    mean = (drive - min(max(drive, -friction), friction)) / impedance
-    end = 2.0 * mean - v
-    dx = h * mean
-    muscle = hand_stiffness * (target_middle - x - 0.5 * dx) + hand_damping * (
-        target_velocity - mean
-    )
-    return x + dx, end if end * mean > 0.0 else 0.0, work + muscle * dx, muscle
 
 
 def quantise(x: float, resolution: float) -> float:

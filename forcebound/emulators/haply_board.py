@@ -1,4 +1,4 @@
-r"""The Haply board with its firmware M3 V1.5, as seen from its port.
+"""The Haply board with its firmware M3 V1.5, as seen from its port.
 
 A message is a command, the address of a device, and what the command takes; there is no frame, no
 checksum and no acknowledgement::
@@ -9,24 +9,10 @@ checksum and no acknowledgement::
     02 address torque...                                         exchange: address angle...
 
 Masks are those of motors and of encoders, bit i for port i + 1; the pins are analogue and pulse
-pins; numbers are float32, least byte first: degrees, counts per turn, N m.
-
-What a driver must know, because the real board does it:
-
-* Single bytes are taken without waiting: one that has not come yet counts as 255. Only the numbers
-  at the end of a message are waited for, 1 s for each byte; what is missing then is whatever the
-  memory holds (here: what the last message left there).
-* A command that it does not know is one byte passed over, so after a lost byte there is no way to
-  find the next message.
-* An exchange with another address than that of the set-up gets that address alone as a reply, and
-  its torques are taken for commands.
-* Torques stay until the next exchange: reset, set-up and the host's exit do not end them. Each is
-  cut to 0.123 N m and to whole steps of 1/4095 of it, towards zero. NaN passes this cut.
-* A set-up makes the offset, cut to whole counts, the angle of the present pose.
-
-What a number that is no number does to the motor is not defined by the language of the firmware;
-this board then gives full torque. Left out: the address 0, which on the real board means every port
-that is not in use; analogue and pulse pins; that directions are kept in their order, not by port.
+pins; numbers are float32, least byte first: degrees, counts per turn, N m. What a driver must know
+of the real board, and this one does: docs/devices.md. Left out: the address 0, which on the real
+board means every port that is not in use; analogue and pulse pins; that directions are kept in
+their order, not by port.
 """
 
 import math

@@ -1,4 +1,4 @@
-r"""An ODrive with firmware 0.5.6, as seen from its port: the ASCII protocol.
+"""An ODrive with firmware 0.5.6, as seen from its port: the ASCII protocol.
 
 A line is a command, an optional checksum behind ``*``, an optional comment behind ``;``; it ends
 with a line feed, a carriage return or ``!``::
@@ -11,23 +11,10 @@ with a line feed, a carriage return or ``!``::
     sc                  clears the errors; no reply
 
 The checksum is the exclusive or of all bytes before ``*``, in decimal. A reply carries one if its
-request did, and ends with carriage return and line feed.
-
-What a driver must know, because the real board does it:
-
-* A line with a wrong checksum is passed over in silence, a line of 256 bytes and more, too.
-* An empty line is an unknown command, and gets a reply: ``\r\n`` is one end too many.
-* The watchdog counts in every state and is fed by ``c`` and ``u`` alone. When it expires, the motor
-  is off and stays off: error, idle, until the error is cleared and the state asked for again.
-* ``c`` sets the mode to torque control, but neither clears a torque that was set before, nor takes
-  the limit by speed off that is on by default: beyond ``vel_limit`` the torque is another.
-* ``nan`` and numbers too large for a float are taken.
-* Without a valid estimate ``f`` repeats the last one; the error of the axis says so.
-* ``w`` to a property that there is not is answered, one to a property that there is, is not.
-
-What a torque that is no number does to the motor is not defined; this board then gives the most.
-Left out: the estimator's filter (readings here are the encoder's), calibration (it is done), the
-currents' dynamics, all but the commands above and a few properties.
+request did, and ends with carriage return and line feed. What a driver must know of the real board,
+and this one does: docs/devices.md. Left out: the estimator's filter (readings here are the
+encoder's), calibration (it is done), the currents' dynamics, all but the commands above and a few
+properties.
 """
 
 import math

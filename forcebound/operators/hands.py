@@ -67,31 +67,6 @@ def _shifted(place: Vector, shift: Vector) -> Vector:
     return tuple([a + b for a, b in zip_longest(place, shift, fillvalue=0.0)])
 
 
-def pressing_target(elapsed: float, start: float, end: float, speed: float) -> float:
-    """Return the position, in m, of a point that moves at ``speed`` from ``start`` to ``end``.
-
-    On one axis; the same numbers as :func:`straight_way`.
-    """
-    travel = speed * elapsed
-    if travel >= abs(end - start):
-        return end
-    return start + travel if end > start else start - travel
-
-
-def sinusoidal_target(elapsed: float, centre: float, amplitude: float, frequency: float) -> float:
-    """Return the position, in m, of a sine about ``centre`` that begins at its minimum."""
-    phase = 2.0 * math.pi * frequency * elapsed
-    return centre - amplitude * math.cos(phase)
-
-
-def trembling_target(
-    elapsed: float, start: float, end: float, speed: float, amplitude: float, frequency: float
-) -> float:
-    """Return the target on one axis, with a sine of ``amplitude``, in m, on it."""
-    tremor = amplitude * math.sin(2.0 * math.pi * frequency * elapsed)
-    return pressing_target(elapsed, start, end, speed) + tremor
-
-
 @dataclass(frozen=True, kw_only=True)
 class SoftGrip(Operator):
     """Part of a hand: a mass at the handle, and spring and damper to the target.
@@ -265,7 +240,8 @@ class SinusoidalHand(SoftGrip):
     frequency: Annotated[Frequency, NOT_NEGATIVE] = 2.0
 
     def target(self, elapsed: float) -> Vector:
-        return (sinusoidal_target(elapsed, self.centre, self.amplitude, self.frequency),)
+        phase = 2.0 * math.pi * self.frequency * elapsed
+        return (self.centre - self.amplitude * math.cos(phase),)
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ With ``random``, each combination of ``over`` has the same ``count`` draws, so c
 in nothing else.
 """
 
+import dataclasses
 import math
 import os
 import random
@@ -15,7 +16,7 @@ from typing import Annotated, Any, Literal, TypeAlias
 
 from forcebound.bounding import LAWS
 from forcebound.config.document import MAX_BYTES, find
-from forcebound.config.fields import Field, fields_of
+from forcebound.config.fields import Field
 from forcebound.config.forms import Form
 from forcebound.config.graph import FORMAT
 from forcebound.config.loader import arguments_of, read_template
@@ -29,13 +30,6 @@ from forcebound.sweep.limits import LABELS
 from forcebound.units import split_quantity
 
 MAX_CASES = 2_000_000
-
-KEYS = ("forcebound", "description", "launch", "duration", "set", "over", "random", "map")
-MAP_KEYS = ("x", "y", "value", "leaks", "per", "limits", "title", "scale")
-
-#: What ``{ all: NAME }`` stands for: the names of a table.
-TABLES: Mapping[str, Mapping[str, object]] = {"laws": LAWS}
-
 SHIPPED = Path(__file__).parent
 
 _Draw: TypeAlias = tuple[random.Random, int]  # what draws, and how many
@@ -51,33 +45,43 @@ class _NumberAndUnit:
 
 
 _COUNT = Annotated[int, Range(at_least=1, at_most=MAX_CASES)]
+_WHOLE = Annotated[int, NOT_NEGATIVE]
 _END = Annotated[Any, _NumberAndUnit()]
-_OVER, _ALL = (Field(name, Any) for name in ("over", "all"))
-_RANGE = {
-    "from": Field("from", _END, True),
-    "to": Field("to", _END, True),
-    "count": Field("count", _COUNT, True),
-    "scale": Field("scale", Literal["linear", "log"], False, "linear"),
+_ARGUMENTS = dict[str, Any] | None
+
+
+def _form(name: str, needed: Mapping[str, Any], others: Mapping[str, Any], **inner: Form) -> Form:
+    fields = {key: Field(key, hint, True) for key, hint in needed.items()}
+    return Form(name, fields | {key: Field(key, hint) for key, hint in others.items()}, None, inner)
+
+
+_SCALE = {"scale": Literal["linear", "log"]}
+_FILE = _form(
+    "the sweep file",
+    {"forcebound": Literal[FORMAT], "launch": str},
+    {
+        "description": str,
+        "duration": Annotated[Time, POSITIVE],
+        "set": _ARGUMENTS,
+        "over": _ARGUMENTS,
+    },
+    random=_form("random", {"count": _COUNT, "seed": _WHOLE}, {"over": _ARGUMENTS}),
+    map=_form(
+        "map",
+        {"x": str, "value": str},
+        {
+            **dict.fromkeys(("y", "leaks", "per", "title", "scale"), str),
+            "limits": list[str],
+        },
+    ),
+)
+#: Values of an argument that are no list, by their first key; ``from``: a range.
+_VALUES = {
+    "all": _form("all", {"all": Literal["laws"]}, {}),
+    "repeat": _form("repeat", {"repeat": _COUNT}, {"from": _WHOLE}),
+    "from": _form("range", {"from": _END, "to": _END, "count": _COUNT}, _SCALE),
 }
-_REPEAT = {
-    "repeat": Field("repeat", _COUNT, True),
-    "from": Field("from", Annotated[int, NOT_NEGATIVE], False, 1),
-}
-_MAP = {name: Field(name, str, name in ("x", "value"), None) for name in MAP_KEYS}
-_MAP["limits"] = Field("limits", list[str])
-
-
-@dataclass(frozen=True)
-class _Head:
-    launch: str
-    description: str = ""
-    duration: Annotated[Time, POSITIVE] = 0.0
-
-
-@dataclass(frozen=True)
-class _Draws:
-    count: _COUNT
-    seed: Annotated[int, NOT_NEGATIVE]
+_DRAWN = _form("range", {"from": _END, "to": _END}, _SCALE)
 
 
 @dataclass(frozen=True)
@@ -154,46 +158,48 @@ def load_sweep(path: str | Path, overrides: Sequence[str] = ()) -> Sweep:
 
 def _sweep(root: Value, file: Path, overrides: Sequence[str], problems: Problems) -> Sweep:
     """Return the sweep in the tree of a sweep file."""
-    rest = {name: Field(name, Any) for name in KEYS if name not in fields_of(_Head)}
-    form = Form("the sweep file", {**rest, **fields_of(_Head)})
-    head = form.read(root, problems)
-    version = root.entries.get("forcebound")
-    if version is None or version.content is True or version.content != FORMAT:
-        message = f"the sweep file needs 'forcebound: {FORMAT}', the version of its format"
-        problems.add(message, root.place if version is None else version.place)
-    found = find(Path(head["launch"]), file.parent) if "launch" in head else None
-    if "launch" in head and found is None:
+    head = _FILE.read(root, problems)
+    problems.raise_if_any()
+    found = find(Path(head["launch"]), file.parent)
+    if found is None:
         place = root.entries["launch"].place
         problems.add(f"there is no launch file {head['launch']!r}", place)
-    problems.raise_if_any()
-    assert found is not None
+        raise problems.error()
     known = {argument.name for argument in arguments_of(found)}
     given = _overrides(overrides, known)
-    sections = {key: _mapping(root, key, problems) for key in KEYS[4:]}
-    constants = _constants(sections["set"], known, problems)
-    grid = _over(sections["over"], known, None, problems)
-    drawn, rows = _random(sections["random"], known, problems)
-    _check_map(sections["map"], {*grid, *drawn}, problems)
-    for name in (*grid, *drawn):
-        if name in constants:
-            place = sections["set"].entries[name].place
-            problems.add(f"{name!r} is constant in set: and also varies", place)
+    constants = _entries(root, known, problems, "set")
+    for name, value in constants.items():
+        if not value.is_scalar:
+            problems.add(f"set: one value for {name!r}, got {value}", value.place)
+    grid = _over(_entries(root, known, problems, "over"), None, problems)
+    draws = head.get("random", {"count": 1, "seed": 0})
+    draw = (random.Random(draws["seed"]), draws["count"])
+    drawn = _over(_entries(root, known, problems, "random", "over"), draw, problems)
+    varied, drawing = {*grid, *drawn}, head.get("map", {})
+    known_of: dict[str, Collection[str]] = {"x": varied, "y": varied, "per": varied}
+    known_of["limits"] = LABELS
+    for key in known_of.keys() & drawing.keys():
+        for name in [drawing[key]] if isinstance(drawing[key], str) else drawing[key]:
+            if name not in known_of[key]:
+                place = root.entries["map"].entries[key].place
+                problems.add(unknown(f"name in map, {key}:", name, known_of[key]), place)
+    for name in constants.keys() & varied:
+        problems.add(f"{name!r} is constant in set: and also varies", constants[name].place)
     problems.raise_if_any()
     grid = {name: values for name, values in grid.items() if name not in given}
     drawn = {name: values for name, values in drawn.items() if name not in given}
-    size = math.prod(len(values) for values in grid.values()) * rows
-    if size > MAX_CASES:
-        raise ConfigError(f"{file}: {size} cases; at most {MAX_CASES} make one sweep")
-    joint = [tuple(column[i] for column in drawn.values()) for i in range(rows)]
+    if math.prod(map(len, grid.values())) * draws["count"] > MAX_CASES:
+        raise ConfigError(f"{file}: more than {MAX_CASES} cases in one sweep")
+    joint = [tuple(column[i] for column in drawn.values()) for i in range(draws["count"])]
     return Sweep(
         name=file.stem,
         description=head.get("description", ""),
         template=read_template(found),
         duration=head.get("duration"),
-        constants=constants | given,
+        constants={name: value.text for name, value in constants.items()} | given,
         columns=(*grid, *drawn),
         cases=tuple((*combined, *row) for combined in product(*grid.values()) for row in joint),
-        drawing=sections["map"].plain,
+        drawing=drawing,
     )
 
 
@@ -206,54 +212,30 @@ def _overrides(overrides: Sequence[str], known: Collection[str]) -> dict[str, st
     return given
 
 
-def _mapping(root: Value, key: str, problems: Problems) -> Value:
-    """A section of a sweep file; empty if it is not there or, with a problem noted, no mapping."""
-    empty = Value({}, root.place, root.key)
-    value = root.entries.get(key, empty)
-    if isinstance(value.content, Mapping) or value.content is None:
-        return value if value.entries else empty
-    problems.add(f"{key} must be a mapping, got {value}", value.place)
-    return empty
-
-
-def _check_arguments(section: Value, known: Collection[str], problems: Problems) -> None:
+def _entries(
+    root: Value, known: Collection[str], problems: Problems, *keys: str
+) -> Mapping[str, Value]:
+    """Return the arguments in a section of a sweep file; empty without it."""
+    section = root
+    for key in keys:
+        section = section.entries.get(key, Value({}, section.place))
     for name, value in section.entries.items():
         if name not in known:
             problems.add(unknown("argument", name, known), value.key or value.place)
-
-
-def _constants(section: Value, known: Collection[str], problems: Problems) -> dict[str, str]:
-    _check_arguments(section, known, problems)
-    for name, value in section.entries.items():
-        if not value.is_scalar:
-            problems.add(f"set: one value for {name!r}, got {value}", value.place)
-    return {name: value.text for name, value in section.entries.items()}
+    return section.entries
 
 
 def _over(
-    section: Value, known: Collection[str], draw: _Draw | None, problems: Problems
+    entries: Mapping[str, Value], draw: _Draw | None, problems: Problems
 ) -> dict[str, list[str]]:
-    _check_arguments(section, known, problems)
+    """Return the values of each argument, or the draws of it."""
     found: dict[str, list[str]] = {}
-    for name, value in section.entries.items():
+    for name, value in entries.items():
         found[name] = _values(name, value, draw, problems)
         if draw is None and math.prod(map(len, found.values())) > MAX_CASES:
             problems.add(f"more than {MAX_CASES} cases in one sweep", value.place)
             break
     return found
-
-
-def _random(
-    section: Value, known: Collection[str], problems: Problems
-) -> tuple[dict[str, list[str]], int]:
-    """Return the values of each drawn argument, and the number of draws."""
-    if not section.entries:
-        return {}, 1
-    draws = Form("random", {**fields_of(_Draws), "over": _OVER}).read(section, problems)
-    if not draws:
-        return {}, 1
-    draw = (random.Random(draws["seed"]), draws["count"])
-    return _over(_mapping(section, "over", problems), known, draw, problems), draws["count"]
 
 
 def _values(name: str, value: Value, draw: _Draw | None, problems: Problems) -> list[str]:
@@ -264,27 +246,23 @@ def _values(name: str, value: Value, draw: _Draw | None, problems: Problems) -> 
                 problems.add(f"{name}: a list of single values, got {entry}", entry.place)
         if not value.content:
             problems.add(f"{name}: an empty list leaves no case", value.place)
-            return []
         return _drawn([entry.text for entry in value.content], draw)
     if not isinstance(value.content, Mapping):
-        return [value.text]
-    if "all" in value.entries:
-        Form(name, {"all": _ALL}).read(value, problems)
-        table = value.entries["all"]
-        if table.text not in TABLES:
-            problems.add(unknown("table", table.text, TABLES), table.place)
-            return []
-        return _drawn(list(TABLES[table.text]), draw)
-    if "repeat" in value.entries:
-        read = Form(name, _REPEAT).read(value, problems) or {"repeat": 0}
-        return [str(read.get("from", 1) + i) for i in range(read["repeat"])]
-    fields = _RANGE if draw is None else {k: f for k, f in _RANGE.items() if k != "count"}
-    found = Form(name, fields).read(value, problems)
-    return _range(value, found, draw, problems) if found else []
+        return [value.text] * (1 if draw is None else draw[1])
+    kind = next((key for key in _VALUES if key in value.entries and key != "from"), "from")
+    form = _VALUES[kind] if draw is None or kind != "from" else _DRAWN
+    read = dataclasses.replace(form, name=name).read(value, problems)
+    if not read:
+        return []
+    if kind == "all":
+        return _drawn(list(LAWS), draw)
+    if kind == "repeat":
+        return _drawn([str(read.get("from", 1) + i) for i in range(read["repeat"])], draw)
+    return _range(value, read, draw, problems)
 
 
 def _drawn(texts: list[str], draw: _Draw | None) -> list[str]:
-    return texts if draw is None else [draw[0].choice(texts) for _ in range(draw[1])]
+    return texts if draw is None or not texts else [draw[0].choice(texts) for _ in range(draw[1])]
 
 
 def _range(
@@ -305,20 +283,6 @@ def _range(
     else:
         shares = [i / max(read["count"] - 1, 1) for i in range(read["count"])]
     return [f"{_between(low, high, share, is_log)!r} {unit}".strip() for share in shares]
-
-
-def _check_map(section: Value, varied: set[str], problems: Problems) -> None:
-    if not section.entries:
-        return
-    Form("map", _MAP).read(section, problems)
-    for key in ("x", "y", "per"):
-        entry = section.entries.get(key)
-        if entry is not None and entry.text not in varied:
-            problems.add(unknown(f"varied argument for {key}:", entry.text, varied), entry.place)
-    limits = section.entries.get("limits")
-    for one in limits.content if limits and isinstance(limits.content, tuple) else ():
-        if one.text not in LABELS:
-            problems.add(unknown("limit", one.text, LABELS), one.place)
 
 
 def _between(low: float, high: float, share: float, is_log: bool) -> float:

@@ -14,7 +14,7 @@ from forcebound.config.graph import GraphConfig
 from forcebound.config.loader import build
 from forcebound.errors import ForceboundError
 from forcebound.lab.engine import Campaign, Progress, Row, run
-from forcebound.sweep.engine import run_all
+from forcebound.lab.runs import run_all
 from forcebound.sweep.plan import Sweep
 from forcebound.units import to_si
 

@@ -8,7 +8,6 @@ the wall, a white line is where a hand begins to feel it softer than it is (Webe
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -22,7 +21,6 @@ from matplotlib.patheffects import Normal, Stroke
 from forcebound.analysis.panels import in_figure
 from forcebound.analysis.perception import WEBER_FRACTIONS
 from forcebound.bounding import ENERGY_TOLERANCE
-from forcebound.errors import ConfigError
 from forcebound.lab.table import Table
 from forcebound.sweep.limits import LABELS, limit_of
 from forcebound.sweep.maps import Array, column_of, label_of, numbers_of
@@ -45,53 +43,35 @@ _STYLES = {
 _LEAK = ENERGY_TOLERANCE * 1e3  # mJ
 
 
-@dataclass(frozen=True)
 class _Map:
-    """The numbers of a map in everyday units, one for each case, and the axes of its panels."""
+    """The numbers of a map in everyday units, one for each case, and the axes of its panels.
 
-    table: Table
-    drawing: Mapping[str, Any]
-    x: Array
-    y: Array
-    value: Array
-    leaks: Array  # mJ, lowest energy; NaN: not asked for
-    rests: Array  # 1: the hand comes to rest, 0: it does not
-    group: Array  # name of the panel
-    is_energy: bool
+    Attributes:
+        leaks: Lowest energy, in mJ; NaN: not asked for.
+        rests: 1: the hand comes to rest, 0: it does not.
+        group: Name of the panel.
+    """
 
-    @classmethod
-    def of(cls, table: Table, drawing: Mapping[str, Any]) -> "_Map":
-        x, value = numbers_of(table, drawing["x"]), numbers_of(table, drawing["value"])
-        is_energy = drawing["value"].endswith("energy_min_j")
-        leaks = np.full(x.size, math.nan)
-        if is_energy or "leaks" in drawing:
-            leaks = value if is_energy else numbers_of(table, drawing["leaks"])
-        rests = table.columns["at_rest"]
-        names = column_of(table, drawing["per"]) if "per" in drawing else [None] * x.size
-        return cls(
-            table,
-            drawing,
-            x,
-            numbers_of(table, drawing["y"]),
-            value,
-            leaks,
-            np.array([1.0 if rest is None else float(rest) for rest in rests]),
-            np.array(names, dtype=object),
-            is_energy,
+    def __init__(self, table: Table, drawing: Mapping[str, Any]) -> None:
+        self.table, self.drawing = table, drawing
+        self.x, self.y, self.value = (
+            numbers_of(table, drawing[key]) for key in ("x", "y", "value")
         )
+        self.xs, self.ys = np.unique(self.x), np.unique(self.y)
+        self.is_energy = drawing["value"].endswith("energy_min_j")
+        self.leaks: Array = self.value if self.is_energy else np.full(self.x.size, math.nan)
+        if "leaks" in drawing and not self.is_energy:
+            self.leaks = numbers_of(table, drawing["leaks"])
+        rests = table.columns["at_rest"]
+        self.rests = np.array([1.0 if rest is None else float(rest) for rest in rests])
+        names = column_of(table, drawing["per"]) if "per" in drawing else [None] * self.x.size
+        self.group = np.array(names, dtype=object)
 
     def grid(self, values: Array, chosen: Array) -> Array:
         """Return the lowest value of all cases in each cell: of repeated seeds, the worst."""
-        xs, ys = np.unique(self.x), np.unique(self.y)
-        grid = np.full((ys.size, xs.size), np.nan)
-        places = zip(
-            np.searchsorted(ys, self.y[chosen]),
-            np.searchsorted(xs, self.x[chosen]),
-            values[chosen],
-            strict=True,
-        )
-        for row, column, number in places:
-            grid[row, column] = np.fmin(grid[row, column], number)
+        grid = np.full((self.ys.size, self.xs.size), np.nan)
+        rows, columns = np.searchsorted(self.ys, self.y), np.searchsorted(self.xs, self.x)
+        np.fmin.at(grid, (rows[chosen], columns[chosen]), values[chosen])
         return grid
 
     @property
@@ -105,9 +85,9 @@ def draw_surfaces(table: Table, drawing: Mapping[str, Any]) -> Figure:
     """Return the figure of a map with two varied arguments.
 
     Raises:
-        ConfigError: If the result lacks a column of the map, or a limit is unknown.
+        ConfigError: If the result lacks a column of the map.
     """
-    shown = _Map.of(table, drawing)
+    shown = _Map(table, drawing)
     panels = list(dict.fromkeys(shown.group))
     columns = min(_COLUMNS, len(panels))
     rows = -(-len(panels) // columns)
@@ -131,19 +111,18 @@ def draw_surfaces(table: Table, drawing: Mapping[str, Any]) -> Figure:
 def _draw_panel(
     axis: Axes, shown: _Map, chosen: Array, norm: Normalize, leak_norm: Normalize
 ) -> None:
-    xs, ys = np.unique(shown.x), np.unique(shown.y)
-    edges = _edges(xs, ys)
+    xs, ys = shown.xs, shown.ys
     value, leaks = shown.grid(shown.value, chosen), shown.grid(shown.leaks, chosen)
     rest = shown.grid(shown.rests, chosen)
     is_leak = leaks < -_LEAK
     axis.set_facecolor(_NO_FIGURE)
     if shown.is_energy:
         passive = np.where(leaks >= -_LEAK, 1.0, np.nan)
-        axis.pcolormesh(*edges, passive, cmap=ListedColormap([_PASSIVE]))
+        axis.pcolormesh(xs, ys, passive, cmap=ListedColormap([_PASSIVE]))
     else:
-        axis.pcolormesh(*edges, np.where(is_leak, np.nan, value), norm=norm, cmap="viridis")
-    axis.pcolormesh(*edges, np.where(is_leak, -leaks, np.nan), norm=leak_norm, cmap=_LEAKS)
-    _draw_limits(axis, shown, chosen, xs)
+        axis.pcolormesh(xs, ys, np.where(is_leak, np.nan, value), norm=norm, cmap="viridis")
+    axis.pcolormesh(xs, ys, np.where(is_leak, -leaks, np.nan), norm=leak_norm, cmap=_LEAKS)
+    _draw_limits(axis, shown, chosen)
     if xs.size < 2 or ys.size < 2:
         return  # a row has no areas and no contours
     restless = (rest == 0.0) & ~is_leak
@@ -157,7 +136,7 @@ def _draw_panel(
 
 
 def _arrange(axes: Array, shown: _Map, panels: int, columns: int) -> None:
-    xs, ys = np.unique(shown.x), np.unique(shown.y)
+    xs, ys = shown.xs, shown.ys
     if _is_log(xs):
         axes[0].set_xscale("log")
         axes[0].xaxis.set_major_formatter("{x:g}")
@@ -229,33 +208,20 @@ def _is_log(values: Array) -> bool:
     return bool(ratios.max() < 1.05 * ratios.min())
 
 
-def _edges(xs: Array, ys: Array) -> tuple[Array, Array]:
-    def between(values: Array) -> Array:
-        if values.size == 1:
-            return np.array([values[0] - 0.5, values[0] + 0.5])
-        is_log = _is_log(values)
-        v = np.log(values) if is_log else values
-        middle = (v[1:] + v[:-1]) / 2
-        edges = np.concatenate(([2 * v[0] - middle[0]], middle, [2 * v[-1] - middle[-1]]))
-        return np.exp(edges) if is_log else edges
-
-    return between(xs), between(ys)
-
-
-def _draw_limits(axis: Axes, shown: _Map, chosen: Array, xs: Array) -> None:
+def _draw_limits(axis: Axes, shown: _Map, chosen: Array) -> None:
     if shown.drawing["y"] != "stiffness":
         return
     columns = shown.table.columns
     ran = np.array([error is None for error in columns["error"]])
     for name in shown.drawing.get("limits", ()):
-        if name not in LABELS:
-            raise ConfigError(f"unknown limit {name!r}; known are {', '.join(sorted(LABELS))}")
         if name == "with_hand" and not any(columns.get("operator.damping", ())):
             continue  # the same line as without it
         line = []
-        for position in xs:
+        for position in shown.xs:
             rows = np.flatnonzero(chosen & (shown.x == position) & ran)
             row = {key: column[rows[0]] for key, column in columns.items() if rows.size}
             line.append(limit_of(row, name) * 1e-3 if row else math.nan)
         steps = "steps-mid" if shown.drawing["x"] == "delay" else "default"
-        axis.plot(xs, line, "k", ls=_STYLES[name], lw=1.3, drawstyle=steps, label=LABELS[name])
+        axis.plot(
+            shown.xs, line, "k", ls=_STYLES[name], lw=1.3, drawstyle=steps, label=LABELS[name]
+        )

@@ -1,0 +1,239 @@
+"""One axis in one compiled loop: hand, plant, encoder, environment, network and law.
+
+No physics is defined here. The plant's step, the encoder, the environments, the low-pass of the
+velocity and the law are the functions of the graph, compiled. Here is only their order in a tick,
+which :mod:`forcebound.nodes.device` fixes: move to the sample, read, query; move to the write,
+read, saturate, bound, write. Sweeps, the audit of laws and the fit of the paper's table are users.
+
+What does not depend on forces comes from outside (:class:`Course`): when the ticks are, where the
+hand wants to be, and which earlier tick's answer each force is. So delays, jitter and losses are
+indices here; :mod:`forcebound.lab.runs` takes them from the links of the graph.
+"""
+
+import math
+from collections.abc import Callable
+from functools import cache
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from forcebound.bounding import LAWS, DeviceConstants
+from forcebound.bounding.one_axis import one_axis
+from forcebound.bounding.sample import NO_MEMORY, NO_WRITE, start_axis
+from forcebound.compiled import allow_in_kernels, jit
+from forcebound.devices.extended import Axis, Moving, advance_extended
+from forcebound.devices.plant import quantise
+from forcebound.environments.active_wall import active_wall_force
+from forcebound.environments.walls import (
+    damped_wall_force,
+    damper_force,
+    power_law_force,
+    time_varying_force,
+    wall_force,
+)
+from forcebound.lab.adversaries import pushing_force
+from forcebound.nodes.velocity import low_pass, low_pass_gain
+
+Floats: TypeAlias = NDArray[np.float64]
+Integers: TypeAlias = NDArray[np.int64]
+
+#: Columns of a trace, one row a tick, SI units; named as in a run's telemetry.
+TRACE = (
+    "position",
+    "commanded_force",
+    "applied_force",
+    "force_limit",
+    "estimated_energy",
+    "true_energy",
+    "true_position",
+    "hand_force",
+)
+#: Columns of a motion, one row a piece of a move, SI units; ``motor_force`` is held in it.
+MOTION = ("duration", "motor_force", "x", "v", "work")
+NO_MOTION: Floats = np.zeros((0, len(MOTION)))
+
+WALL, DAMPED_WALL, TIME_VARYING_WALL, POWER_LAW_WALL, DAMPER = range(5)
+ACTIVE_WALL, RANDOM_FORCE, PUSHER, SPRING = range(5, 9)
+#: Environments of launch files: number, and the fields that :func:`answer` takes, in order.
+ENVIRONMENTS: dict[str, tuple[int, tuple[str, ...]]] = {
+    "wall": (WALL, ("stiffness", "position")),
+    "damped_wall": (DAMPED_WALL, ("stiffness", "damping", "position")),
+    "time_varying_wall": (TIME_VARYING_WALL, ("stiffness", "stiffness_rate", "position")),
+    "power_law_wall": (POWER_LAW_WALL, ("stiffness", "exponent", "reference", "position")),
+    "damper": (DAMPER, ("damping",)),
+}
+ENCODER, NOISY, LEADING = range(3)  # sensors
+
+
+class Rig(NamedTuple):
+    """Device, hand and environment of a run."""
+
+    axis: Axis
+    hand_mass: float  # kg
+    substep: float  # longest integration step, s
+    pieces: int  # of a move, each a row of the motion
+    resolution: float  # m
+    saturation: float  # N
+    hold_ns: int  # after which the device drops a force
+    largest_speed: float  # m/s; a faster reading ends the run
+    cutoff: float  # Hz, of the low-pass of the velocity
+    environment: int
+    numbers: tuple[float, float, float, float]  # of the environment
+    sensor: int = ENCODER
+
+
+class Course(NamedTuple):
+    """What does not depend on forces; ``n`` ticks, each with two instants: sample and write."""
+
+    instants_ns: Integers  # (2n,)
+    targets: Floats  # (2n,), m, of the hand
+    answered: Integers  # (n,), entry of ``answers`` that is the force of this tick; -1: none
+    engagement: Floats  # (n,), 0 to 1
+    answers: Floats  # (m,), m >= n, N; a tick fills its own entry, others may be given
+    chances: Floats  # (n,), -1 to 1, of random forces
+    errors: Floats  # (n,), -1 to 1, of the sensor; at most half a resolution
+
+
+class Body(NamedTuple):
+    """What moves, and until when."""
+
+    moving: Moving
+    hand_force: float  # N, mean of the last step
+    target: float  # m
+    time_ns: int
+    row: int  # of the motion, written next
+
+
+Loop: TypeAlias = Callable[[Rig, DeviceConstants, Course, Floats, Floats], int]
+
+
+def answer(rig: Rig, x: float, v: float, elapsed: float, chance: float) -> float:
+    """Return the force of the environment, in N."""
+    kind, (a, b, c, d) = rig.environment, rig.numbers
+    if kind == WALL:
+        return wall_force(x, a, b)
+    if kind == DAMPED_WALL:
+        return damped_wall_force(x, v, a, b, c)
+    if kind == TIME_VARYING_WALL:
+        return time_varying_force(x, elapsed, a, b, c)
+    if kind == POWER_LAW_WALL:
+        return power_law_force(x, a, b, c, d)
+    if kind == DAMPER:
+        return damper_force(v, a)
+    if kind == ACTIVE_WALL:
+        return active_wall_force(x, v, a, b, c)
+    if kind == RANDOM_FORCE:
+        return a * chance
+    if kind == PUSHER:
+        return pushing_force(v, a, b)
+    return a * (x - b)
+
+
+def read(rig: Rig, moving: Moving, error: float) -> float:
+    """Return a reading, in m, at most half a resolution from the truth."""
+    if rig.sensor == ENCODER:
+        return quantise(moving.x, rig.resolution)
+    if rig.sensor == LEADING:
+        error = math.copysign(error, moving.v)
+    return moving.x + 0.5 * rig.resolution * error
+
+
+def move(rig: Rig, body: Body, time_ns: int, end: float, force: float, motion: Floats) -> Body:
+    """Move until ``time_ns``, when the hand's target is ``end``, under one ``force``, in N."""
+    if time_ns <= body.time_ns:
+        return body
+    moving, hand_force, row = body.moving, body.hand_force, body.row
+    duration = (time_ns - body.time_ns) * 1e-9 / rig.pieces
+    first = body.target
+    for i in range(1, rig.pieces + 1):
+        last = end if i == rig.pieces else body.target + (end - body.target) * i / rig.pieces
+        moving, hand_force = advance_extended(
+            moving, rig.axis, first, last, duration, rig.substep, force
+        )
+        first = last
+        if motion.shape[0] > 0:
+            columns = (duration, force, moving.x, moving.v, moving.work)
+            for column, value in enumerate(columns):
+                motion[row, column] = value
+            row += 1
+    return Body(moving, hand_force, end, time_ns, row)
+
+
+def move_on(
+    rig: Rig, body: Body, time_ns: int, end: float, force: float, cut_ns: int, motion: Floats
+) -> Body:
+    """Move until ``time_ns`` under a ``force`` that the watchdog drops at ``cut_ns``."""
+    if body.time_ns < cut_ns < time_ns:
+        share = (cut_ns - body.time_ns) / (time_ns - body.time_ns)
+        middle = body.target + share * (end - body.target)
+        body = move(rig, body, cut_ns, middle, force, motion)
+    return move(rig, body, time_ns, end, force if body.time_ns < cut_ns else 0.0, motion)
+
+
+@cache
+def loop(law: str) -> Loop:
+    """Return the compiled loop of a law, a key of :data:`forcebound.bounding.LAWS`.
+
+    It is called with the rig, ``LAWS[law].device`` of what the law relies on, the course, the trace
+    to be filled, of shape ``(n, len(TRACE))``, and the motion to be filled, or an array without
+    rows. It returns the number of ticks: less than ``n`` if a reading was faster than the device.
+    """
+    start, settle, energy = LAWS[law].start, LAWS[law].settle, LAWS[law].energy
+    bound = one_axis(LAWS[law])
+
+    def run(
+        rig: Rig, device: DeviceConstants, course: Course, trace: Floats, motion: Floats
+    ) -> int:
+        instants, targets, answered, engagement, answers, chances, errors = course
+        body = Body(Moving(targets[0], 0.0, 0.0, 0.0, 0.0), 0.0, targets[0], instants[0], 0)
+        sample, velocity = read(rig, body.moving, errors[0]), 0.0
+        axis, memory, state = start_axis(sample), NO_MEMORY, start(device)
+        sampled_ns = written_ns = instants[0]
+        for k in range(answered.size):
+            sample_ns, write_ns = instants[2 * k], instants[2 * k + 1]
+            cut_ns = written_ns + rig.hold_ns
+            body = move_on(rig, body, sample_ns, targets[2 * k], axis.force, cut_ns, motion)
+            reading = read(rig, body.moving, errors[k])
+            dt = (sample_ns - sampled_ns) * 1e-9
+            if k > 0:
+                gain = low_pass_gain(rig.cutoff, dt)
+                velocity = low_pass(velocity, (reading - sample) / dt, gain)
+            sample, sampled_ns = reading, sample_ns
+            elapsed = (sample_ns - instants[0]) * 1e-9
+            answers[k] = answer(rig, sample, velocity, elapsed, chances[k])
+            body = move_on(rig, body, write_ns, targets[2 * k + 1], axis.force, cut_ns, motion)
+            reading = read(rig, body.moving, errors[k])
+            entry, share = answered[k], engagement[k]
+            commanded = share * answers[entry] if entry >= 0 else 0.0
+            wanted, largest, limit = commanded, share * rig.saturation, 0.0
+            if abs(wanted) > largest:
+                wanted = largest / abs(wanted) * wanted
+            if k == 0:
+                axis, write = start_axis(reading), NO_WRITE
+                state = settle(state, write, device)
+            else:
+                dt = (write_ns - written_ns) / 1e9
+                if abs(reading - axis.reading) > rig.largest_speed * dt + rig.resolution:
+                    return k
+                axis, memory, state, write, limit = bound(
+                    axis, memory, state, reading, wanted, rig.saturation, dt, device
+                )
+            written_ns = write_ns
+            x, v, work, _, _ = body.moving
+            columns = (
+                reading,
+                commanded,
+                axis.force,
+                limit,
+                energy(state, write, device),
+                work - 0.5 * rig.hand_mass * v * v,
+                x,
+                body.hand_force,
+            )
+            for column, value in enumerate(columns):
+                trace[k, column] = value
+        return answered.size
+
+    allow_in_kernels([start, settle, energy, bound])
+    return jit(run)

@@ -1,0 +1,223 @@
+"""Runs of many graphs: in the compiled loop of one axis where it is exact, else in virtual time.
+
+What the loop serves it runs to the same bits (``tests/test_one_axis.py``). What the network does to
+a packet never depends on the forces in it. So a run of the graph with nobody at the device gives
+the timing: which answer each tick has, how far the force is engaged, what is rejected. Cases that
+differ in nothing that decides it share it.
+
+    python -m forcebound.lab.runs        which shipped launch files the loop serves
+"""
+
+import sys
+from collections.abc import Hashable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any, Literal, TypeAlias
+
+import numpy as np
+
+from forcebound.bounding import LAWS
+from forcebound.bounding.dissipation import PER_AXIS
+from forcebound.config.document import shipped
+from forcebound.config.graph import DeviceConfig, EnvironmentConfig, GraphConfig
+from forcebound.config.loader import load
+from forcebound.config.resolved import kind_of, to_document
+from forcebound.controllers.direct import DirectController
+from forcebound.devices.extended import Axis
+from forcebound.devices.phantom import PhantomPremium15
+from forcebound.environments.walls import Wall
+from forcebound.errors import RunError
+from forcebound.lab.one_axis import ENVIRONMENTS, NO_MOTION, TRACE, Course, Floats, Rig, loop
+from forcebound.launch.results import RunResult
+from forcebound.launch.virtual import run_virtual
+from forcebound.network.impairment import Impairment
+from forcebound.nodes import safety
+from forcebound.nodes.servo import ServoSettings, dissipation_of
+from forcebound.operators import Operator
+from forcebound.operators.hands import NoHand
+from forcebound.operators.pointer import PointerHand
+from forcebound.telemetry import TelemetryColumns
+
+Engine: TypeAlias = Literal["kernel", "graph"]
+
+MAX_TICKS = 1_000_000  # a case keeps some 200 bytes of each
+
+#: The stages of the safety chain that the loop stands for.
+STAGES = (safety.fresh, safety.ramp)
+#: Numbers of a device that the loop takes to be zero.
+ZEROS = (
+    *("presliding", "weight", "weight_error", "gain_error", "lag", "write_delay"),
+    "watchdog_tolerance",
+)
+
+
+@dataclass(frozen=True)
+class Ran:
+    """Outcome of one case: its engine (``kernel``: the loop), and its result or error."""
+
+    engine: Engine
+    result: RunResult | None
+    error: Exception | None = None
+
+
+def run_all(configs: Sequence[GraphConfig], engine: Engine | None = None) -> list[Ran]:
+    """Run all cases.
+
+    Args:
+        configs: The cases.
+        engine: ``"graph"``: do not use the loop; None: choose.
+
+    Returns:
+        One outcome for each, in their order; a failed case does not stop the others.
+    """
+    return [_run(config, engine) for config in configs]
+
+
+def _run(config: GraphConfig, engine: Engine | None) -> Ran:
+    result = None
+    try:
+        if config.duration * config.device.servo.rate > MAX_TICKS:
+            raise RunError(f"a case has at most {MAX_TICKS} ticks; use a shorter duration")
+        if engine != "graph" and not any(unserved(config)):
+            result = run_compiled(config)
+        return Ran("graph", run_virtual(config)) if result is None else Ran("kernel", result)
+    except Exception as error:  # any failure of a user's part is this case's error
+        return Ran("graph", None, error)
+
+
+def unserved(config: GraphConfig) -> Iterator[str]:
+    """Yield what of a graph the loop does not serve; nothing if it serves all of it."""
+    device: Any = config.device.model
+    environment, hand, servo = config.environment, config.operator, config.device.servo
+    if type(device) is not PhantomPremium15:
+        yield f"the device {kind_of('device', device)}"
+    elif device.axes != 1:
+        yield f"{device.axes} axes"
+    else:
+        yield from (name for name in ZEROS if getattr(device, name))
+        yield from (name for name in PER_AXIS if isinstance(getattr(device, name), tuple))
+        yield from ["truth"] if device.truth is not None else []
+        yield from ["no watchdog"] if device.watchdog == "none" else []
+    if isinstance(hand, PointerHand) or not isinstance(hand, Operator | None):
+        yield f"the operator {kind_of('operator', hand)}"
+    elif not isinstance(hand, Hashable):
+        yield "an operator that may change"
+    if type(config.controller) is not DirectController:
+        yield f"the controller {kind_of('controller', config.controller)}"
+    kind = kind_of("environment", environment.model)
+    if kind not in ENVIRONMENTS:
+        yield f"the environment {kind}"
+    yield from ["fixtures"] if environment.fixtures is not None else []
+    yield from ["phases"] if config.phases else []
+    if any(link.rate for link in config.links.values()):
+        yield "a link with a rate"  # the size of a packet matters
+    if safety.stages_of(servo) != STAGES:
+        yield "a stage of the safety chain"
+    if servo.period_ns / 1e9 > servo.longest_hold:
+        yield "a hold limit of one period that is rounded down"
+
+
+def run_compiled(config: GraphConfig) -> RunResult | None:
+    """Run a graph that the loop serves; None if a reading is refused, which the graph alone can.
+
+    Raises:
+        RunError: If the run is too short to have a sample.
+    """
+    servo, timing = config.device.servo, timing_of(config)
+    trace = np.zeros((timing.seq.size, len(TRACE)))
+    device = LAWS[servo.law].device(dissipation_of(config.device.model, servo))
+    run = loop(servo.law)
+    if run(rig_of(config), device, course_of(config), trace, NO_MOTION) < timing.seq.size:
+        return None
+    columns: dict[str, Any] = {}
+    for name, column in zip(TRACE, trace.T.copy(), strict=True):
+        columns[name] = column.reshape(getattr(timing, name).shape)
+    return RunResult(replace(timing, **columns), to_document(config))
+
+
+def rig_of(config: GraphConfig) -> Rig:
+    """Return device, hand and environment of a graph that the loop serves."""
+    model: Any = config.device.model
+    hand, servo = config.operator or NoHand(), config.device.servo
+    relied_on = dissipation_of(model, servo)
+    place = config.environment.model
+    environment, fields = ENVIRONMENTS[kind_of("environment", place)]
+    a, b, c, d = (*(float(getattr(place, name)) for name in fields), 0.0, 0.0, 0.0)[:4]
+    mass, damping, friction = model.mass + hand.mass, model.damping, model.friction
+    return Rig(
+        Axis(mass, damping, friction, 0.0, 0.0, 0.0, hand.stiffness, hand.damping),
+        hand_mass=hand.mass,
+        substep=model.substep,
+        pieces=1,
+        resolution=model.resolution,
+        saturation=model.saturation,
+        hold_ns=round(relied_on.hold_limit * 1e9),
+        largest_speed=relied_on.largest_speed,
+        cutoff=servo.velocity_cutoff,
+        environment=environment,
+        numbers=(a, b, c, d),
+    )
+
+
+def course_of(config: GraphConfig) -> Course:
+    """Return what in a run of a graph does not depend on forces."""
+    timing, servo, hand = timing_of(config), config.device.servo, config.operator or NoHand()
+    ticks = timing.seq.size
+    targets = _targets if getattr(hand, "file", None) is None else _targets.__wrapped__
+    nothing = np.zeros(ticks)
+    return Course(
+        np.stack((timing.time_ns - servo.reply_wait_ns, timing.time_ns), axis=1).ravel(),
+        targets(hand, servo.period_ns, servo.reply_wait_ns, ticks),
+        timing.device_seq,
+        timing.engagement,
+        answers=np.zeros(ticks),
+        chances=nothing,
+        errors=nothing,
+    )
+
+
+@lru_cache(maxsize=64)
+def _targets(hand: Operator, period_ns: int, wait_ns: int, ticks: int) -> Floats:
+    """Return the targets of a hand at the samples and writes of each tick, in m."""
+    times = (k * period_ns + wait for k in range(ticks) for wait in (0, wait_ns))
+    return np.array([hand.target(time * 1e-9)[0] for time in times])
+
+
+def timing_of(config: GraphConfig) -> TelemetryColumns:
+    """Return the telemetry of a graph with nobody at its device, whose timing is the same.
+
+    Raises:
+        RunError: If the run is too short to have a sample.
+    """
+    links, computation = tuple(sorted(config.links.items())), config.environment.computation
+    ways = [way for _, way in links] + [computation]
+    is_fixed = all(way == Impairment(way.delay) for way in ways)
+    reads_file = any(way.trace or way.distribution_file for way in ways)
+    servo = replace(config.device.servo, law="none", velocity_cutoff=100.0, energy_cap="auto")
+    environment = replace(config.environment, model=Wall(), fixtures=None)
+    timing = _timing.__wrapped__ if reads_file else _timing
+    return timing(0 if is_fixed else config.seed, config.duration, servo, environment, links)
+
+
+@lru_cache(maxsize=64)  # some MB each
+def _timing(
+    seed: int,
+    duration: float,
+    servo: ServoSettings,
+    environment: EnvironmentConfig,
+    links: tuple[tuple[str, Impairment], ...],
+) -> TelemetryColumns:
+    device = DeviceConfig(PhantomPremium15(watchdog="silent"), servo)
+    parts = (device, None, environment, DirectController())
+    return run_virtual(GraphConfig(seed, duration, *parts, links=dict(links))).columns
+
+
+def coverage() -> Iterator[tuple[str, str]]:
+    """Yield each shipped launch file, and what of it the loop does not serve; empty: nothing."""
+    for file in shipped():
+        yield file.removesuffix(".yaml"), ", ".join(unserved(load(file)))
+
+
+if __name__ == "__main__":
+    for name, reasons in coverage():
+        sys.stdout.write(f"| `{name}` | {reasons or 'served'} |\n")
