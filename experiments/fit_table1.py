@@ -13,7 +13,7 @@ chosen half, where two laws stand in another order than in the paper or 2B is of
 The runs go through the compiled loop of sweeps (:mod:`forcebound.lab.one_axis`), some hundred
 times faster than the graph, with a wall that answers at once; the last line of each result is what
 belongs into ``forcebound/experiments/setup.py``, whose numbers ``forcebound reproduce`` then takes
-through the nodes. Needs the extra ``fit``: pip install -e '.[fit]'.
+through the nodes. Needs the extra ``lab``: pip install -e '.[lab]'.
 """
 
 import argparse

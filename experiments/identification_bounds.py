@@ -1,7 +1,7 @@
 """Whether the bounds of an identification hold: seeded identifications of devices with known truth.
 
     python experiments/identification_bounds.py [--runs 1000] [--seed 1] [--workers N]
-        [--results runs.jsonl] [--json]
+        [--results runs.parquet] [--json]
 
 Each run draws a simulated device: every fourth a five-bar, the others a knob of one axis. Its
 damping, friction, presliding, inertia, encoders, motors' gains, lag and write delay are random; it
@@ -11,8 +11,7 @@ simulated user hangs on each axis and takes off again.
 Aims: each bound holds in at least 99 % of the runs, and is not worse than 0.7 of the truth (a lower
 bound is at least 0.7 times the truth, an upper one at most the truth over 0.7).
 
-With ``--results`` each run is written there when it is done, and those that are there already are
-not done again: a study that was interrupted goes on.
+With ``--results`` the runs are kept in that file, and a study that was interrupted goes on.
 """
 
 import argparse
@@ -21,8 +20,7 @@ import json
 import math
 import os
 import sys
-from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +28,7 @@ from experiments.identified_devices import WEIGHTS, Weighted, draw
 from forcebound.errors import DeviceError
 from forcebound.identification.clock import VirtualClock
 from forcebound.identification.procedure import Found, identify
+from forcebound.lab.engine import Campaign, Row, run_here
 
 WORST = 0.7  # share of the truth
 AIM = 0.99  # share of the runs
@@ -122,28 +121,9 @@ def is_reached(document: dict[str, Any]) -> bool:
     return bool(seen) and all(one["holds"] >= AIM and one["narrow"] >= AIM for one in seen)
 
 
-def outcomes_of(seeds: Sequence[int], workers: int, results: Path | None) -> list[dict[str, Any]]:
-    """Return the outcomes of seeds; those in the file ``results`` are not done again."""
-    done: dict[int, dict[str, Any]] = {}
-    if results is not None and results.exists():
-        lines = results.read_text(encoding="utf-8").splitlines(keepends=True)
-        whole = [json.loads(line) for line in lines if line.endswith("\n")]
-        results.write_text("".join(line for line in lines if line.endswith("\n")))
-        done = {one["seed"]: one for one in whole}
-    for outcome in _judged([seed for seed in seeds if seed not in done], workers):
-        done[outcome["seed"]] = outcome
-        if results is not None:
-            with results.open("a", encoding="utf-8") as file:
-                file.write(json.dumps(outcome) + "\n")
-    return [done[seed] for seed in seeds]
-
-
-def _judged(seeds: Sequence[int], workers: int) -> Iterator[dict[str, Any]]:
-    if workers == 1:
-        yield from map(judge, seeds)
-        return
-    with ProcessPoolExecutor(workers) as pool:
-        yield from pool.map(judge, seeds)
+def outcomes_of(seeds: Sequence[int]) -> list[Row]:
+    """Return a row for each seed: its outcome as one text, since it has lists."""
+    return [{"seed": seed, "outcome": json.dumps(judge(seed))} for seed in seeds]
 
 
 def lines_of(document: dict[str, Any]) -> list[str]:
@@ -168,12 +148,14 @@ def main() -> int:
     parser = argparse.ArgumentParser(description="Whether identified bounds hold.")
     parser.add_argument("--runs", type=int, default=1000)
     parser.add_argument("--seed", type=int, default=1, help="of the first run")
-    parser.add_argument("--workers", type=int, default=os.cpu_count(), help="1: this process alone")
-    parser.add_argument("--results", type=Path, help="file to which each run is added; goes on")
+    parser.add_argument("--workers", type=int, default=os.cpu_count(), help="0: this process alone")
+    parser.add_argument("--results", type=Path, help="Parquet file of the runs; goes on")
     parser.add_argument("--json", action="store_true", help="print one JSON document")
     options = parser.parse_args()
     seeds = range(options.seed, options.seed + options.runs)
-    document = evaluate(outcomes_of(seeds, options.workers, options.results))
+    campaign = Campaign("identification", list(seeds), outcomes_of, part=1)
+    rows = run_here(campaign, options.workers, options.results).rows
+    document = evaluate([json.loads(row["outcome"]) for row in rows])
     printed = [json.dumps(document, indent=2), "\n"] if options.json else lines_of(document)
     sys.stdout.writelines(printed)
     return 0 if is_reached(document) and not document["failed"] else 1

@@ -29,12 +29,17 @@ Result = TypeVar("Result")
 
 
 @contextmanager
-def local_executor(workers: int | None = None) -> Iterator[Executor]:
+def local_executor(workers: int | None = None) -> Iterator[Executor | None]:
     """Give ``workers`` processes, by default one per core; they end with this one in any case.
+
+    With 0 workers there is no executor, and the work is done in this process.
 
     An exception, Ctrl-C included, ends them at once. SIGTERM acts as Ctrl-C: the default action
     would leave the pool's semaphores behind.
     """
+    if workers == 0:
+        yield None
+        return
     count = workers or len(os.sched_getaffinity(0))
     # Spawned, not forked: the parent may have threads (progress bar, numba).
     with (
@@ -62,6 +67,7 @@ def _termination_interrupts() -> Iterator[None]:
 
 
 def _begin_worker() -> None:
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # each has a core; before numpy is loaded
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends it
     die_with_parent(signal.SIGKILL)
 
@@ -111,25 +117,18 @@ def progress_bar(name: str) -> Iterator[Callable[[int, int], None]]:
 
     The bar appears with the first call, so that errors in arguments are reported without it.
     """
+    from rich import progress
     from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
 
     columns = (
-        TextColumn(name),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TextColumn("left:"),
-        TimeRemainingColumn(elapsed_when_finished=False),
+        progress.TextColumn(name),
+        progress.BarColumn(),
+        progress.MofNCompleteColumn(),
+        progress.TimeElapsedColumn(),
+        progress.TextColumn("left:"),
+        progress.TimeRemainingColumn(elapsed_when_finished=False),
     )
-    bar = Progress(*columns, console=Console(stderr=True))
+    bar = progress.Progress(*columns, console=Console(stderr=True))
     task = bar.add_task(name, total=None)
     with ExitStack() as stack:
 
@@ -167,13 +166,18 @@ def cluster_executor(address: str) -> Iterator[Executor]:
 
 
 def completed(
-    executor: Executor, work: Callable[[Task], Result], tasks: Iterable[Task]
+    executor: Executor | None, work: Callable[[Task], Result], tasks: Iterable[Task]
 ) -> Iterator[tuple[int, Result]]:
     """Run ``work`` on each task; yield the task's index and its result, in the order of their end.
+
+    Without an executor they run in this process.
 
     Raises:
         RunError: If the executor's processes are gone: a worker was killed, a cluster has ended.
     """
+    if executor is None:
+        yield from ((index, work(task)) for index, task in enumerate(tasks))
+        return
     try:
         futures = {executor.submit(work, task): index for index, task in enumerate(tasks)}
         for future in as_completed(futures):

@@ -1,9 +1,6 @@
-"""Texts of sweep files, and an executor that runs their cases at once."""
+"""Texts of sweep files."""
 
-from collections.abc import Callable
-from concurrent.futures import Executor, Future
 from pathlib import Path
-from typing import Any
 
 SMALL = """
 forcebound: 1
@@ -18,15 +15,6 @@ map: { x: stiffness, value: peak_force_n, per: law }
 """
 
 LONG = SMALL.replace("count: 3", "count: 320")
-
-
-class AtOnce(Executor):
-    """Runs each task when it is submitted."""
-
-    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        future: Future[Any] = Future()
-        future.set_result(fn(*args, **kwargs))
-        return future
 
 
 def written(folder: Path, text: str) -> Path:

@@ -27,8 +27,8 @@ ADVISING = {
 }
 NO_SENTENCES = ADVISING | {
     "network/notices.py",
-    "audit/command.py",
-    "audit/report.py",
+    "lab/audit.py",
+    "lab/views.py",
     "cli/parts.py",
     "config/schema.py",
     "experiments/report.py",

@@ -5,13 +5,15 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from forcebound.audit.world_campaign import UNBOUNDED, WorldTask, results_of, run_worlds
-from forcebound.audit.world_run import device_of, replay_world
-from forcebound.audit.worlds import CONTROLLERS, NUMBERS, WORLDS, world_case_of
 from forcebound.bounding import ENERGY_TOLERANCE
 from forcebound.cli import main
+from forcebound.controllers import CONTROLLERS
 from forcebound.environments import open_environment
 from forcebound.errors import ConfigError
+from forcebound.lab.adversaries import RandomForce, VelocityPusher, uniform
+from forcebound.lab.world_cases import NUMBERS, WORLDS, case_of
+from forcebound.lab.world_run import attack, device_of
+from forcebound.lab.worlds import MARGIN, UNBOUNDED, WorldCase, run
 
 GONE_WRONG = ("exploding_body", "holed_wall", "jumping_proxy")
 
@@ -24,7 +26,7 @@ GONE_WRONG = ("exploding_body", "holed_wall", "jumping_proxy")
 def test_no_world_and_no_controller_makes_a_certified_law_leak(
     law: str, controllers: list[str]
 ) -> None:
-    found = run_worlds([law], controllers=controllers, runs=1, searched=0, workers=0)
+    found = run([law], controllers=controllers, runs=1, searched=0, workers=0)
     rows = found["worlds"]
     assert {row["world"] for row in rows} == set(WORLDS)
     assert all(sorted(row["controllers"]) == controllers for row in rows)
@@ -43,22 +45,32 @@ def test_every_world_opens_at_the_ends_of_its_numbers(world: str, end: float) ->
 
 @pytest.mark.parametrize("world", GONE_WRONG)
 def test_without_a_law_the_same_attack_takes_energy(world: str) -> None:
-    found = [replay_world(UNBOUNDED, f"{world}/direct:{seed}") for seed in range(1, 9)]
-    assert min(one.lowest for one in found) < -1e-3
-    assert not all(one.is_passive for one in found)
+    found = [attack(UNBOUNDED, case_of(f"{world}/direct:{seed}")) for seed in range(1, 9)]
+    assert min(one.lost_min for one in found) < -1e-3
 
 
 def test_a_search_finds_less_than_it_began_with_and_names_its_cases() -> None:
-    task = WorldTask("certified", "jumping_proxy", "direct", True, seed=3, runs=18)
-    found = list(results_of(task))
+    found = WorldCase("certified", "jumping_proxy", "direct", True, seed=3, runs=18).rows()
     assert len(found) == 18
-    assert min(one.objective for one in found) < found[0].objective
-    again = replay_world("certified", found[-1].case.name)
-    assert again == found[-1]
+    assert min(one["share_left"] for one in found) < found[0]["share_left"]
+    again = attack("certified", case_of(found[-1]["case"]))
+    assert min(again.energy_min, again.lost_min) == found[-1][MARGIN]
+
+
+def test_adversaries_push_along_and_a_random_force_depends_on_time_and_seed_alone() -> None:
+    still = (0.0, 0.0)
+    assert VelocityPusher(2.0).force("", still, (0.1, -0.1), 0.0) == (-2.0, 2.0)
+    assert VelocityPusher(2.0).force("", still, still, 0.0) == still
+    forces = [RandomForce(2.0, 0.01, 1).force("", still, still, 0.01 * n) for n in range(500)]
+    assert forces[3] == RandomForce(2.0, 0.01, 1).force("", (1.0, 1.0), still, 0.0301)
+    assert all(abs(f) <= 2.0 for one in forces for f in one)
+    assert max(one[0] for one in forces) > 1.9
+    assert min(one[0] for one in forces) < -1.9
+    assert uniform(1, 5, 0) != uniform(2, 5, 0) != uniform(2, 5, 1)
 
 
 def test_a_case_has_two_or_three_axes_with_numbers_of_their_own() -> None:
-    cases = [world_case_of(f"damped_wall/direct:{seed}") for seed in range(20)]
+    cases = [case_of(f"damped_wall/direct:{seed}") for seed in range(20)]
     assert {case.axes for case in cases} == {2, 3}
     for case in cases:
         damping = device_of(case).damping
@@ -76,7 +88,7 @@ def test_a_case_has_two_or_three_axes_with_numbers_of_their_own() -> None:
 )
 def test_a_name_that_is_none_is_refused(name: str, message: str) -> None:
     with pytest.raises(ConfigError, match=message):
-        world_case_of(name)
+        case_of(name)
 
 
 def test_the_command_writes_a_page_and_repeats_a_run(tmp_path: Path) -> None:

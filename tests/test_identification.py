@@ -1,15 +1,13 @@
 """Identification of simulated devices, whose truth is known, in virtual time."""
 
 import dataclasses
-import json
 import math
-from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 import pytest
 
-from experiments.identification_bounds import evaluate, is_reached, judge, outcomes_of
+from experiments.identification_bounds import evaluate, is_reached, judge
 from experiments.identified_devices import ARM, KNOB, Altered, Weighted
 from forcebound.devices import DeviceModel
 from forcebound.devices.five_bar import FiveBar
@@ -204,14 +202,6 @@ def test_a_device_with_a_lag_states_no_guarding_watchdog() -> None:
     assert stated.lag >= 3e-4
     assert stated.watchdog == "reporting"
     dissipation_of(stated, ServoSettings())
-
-
-def test_a_study_that_was_interrupted_goes_on(tmp_path: Path) -> None:
-    file = tmp_path / "runs.jsonl"
-    done: list[dict[str, Any]] = [{"seed": seed, "error": None, "ratios": {}} for seed in (1, 2)]
-    file.write_text("".join(json.dumps(one) + "\n" for one in done) + '{"seed": 3, "err')
-    assert outcomes_of([1, 2], 1, file) == done
-    assert len(file.read_text().splitlines()) == 2
 
 
 def points(damping: float, friction: float, noise: float) -> list[Point]:

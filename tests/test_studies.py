@@ -1,5 +1,6 @@
 """The studies outside the package run: the fit of Table 1 and the grid of the certificate."""
 
+import json
 import re
 import subprocess
 import sys
@@ -28,7 +29,7 @@ def test_a_study_explains_its_options(name: str) -> None:
 
 
 def test_a_short_fit_of_table_1_prints_a_hand() -> None:
-    pytest.importorskip("cma", reason="cma is not installed (extra: fit)")
+    pytest.importorskip("cma", reason="cma is not installed (extra: lab)")
     done = study("fit_table1.py", "--seconds", "0.1")
     assert done.returncode == 0, done.stderr
     errors = re.search(r"all ([\d.]+)  fitted ([\d.]+)  predicted ([\d.]+)", done.stdout)
@@ -45,3 +46,14 @@ def test_the_rabbit_is_what_its_script_makes(tmp_path: Path) -> None:
     assert ours.is_closed
     assert np.array_equal(ours.faces, shipped.faces)
     assert np.abs(ours.vertices - shipped.vertices).max() < 1e-7
+
+
+@pytest.mark.slow
+def test_the_certified_laws_are_as_stiff_as_they_are_meant_to_be() -> None:
+    document = json.loads(study("certificate_grid.py", "--json").stdout)
+    aims = {aim["law"]: aim for aim in document["aims"]}
+    assert len(document["rows"]) == 7 * 24
+    assert aims["certified"]["ratio_of_mean_stiffness"] >= 1.0
+    assert aims["certified_memoryless"]["ratio_of_mean_stiffness"] >= 1.4
+    assert all(aim["ratio_of_mean_rate_hardness"] >= 1.0 for aim in aims.values())
+    assert all(row["true_energy_min_j"] >= -1e-9 for row in document["averages"])

@@ -1,32 +1,20 @@
 """Sweeps: plan files, results, interruption and continuation."""
 
 import re
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
-from sweep_files import SMALL, AtOnce, written
+from sweep_files import SMALL, written
 
 from forcebound.bounding import LAWS
 from forcebound.cli import main
 from forcebound.config.loader import build
 from forcebound.errors import ConfigError
+from forcebound.lab.table import read_table
 from forcebound.sweep.command import run
-from forcebound.sweep.parts import parts_of
 from forcebound.sweep.plan import SHIPPED, load_sweep, shipped
 from forcebound.sweep.runner import run_sweep
-from forcebound.sweep.table import read_table
-
-
-def interrupt_at(most: int) -> Callable[[int, int], None]:
-    """Return a progress that presses Ctrl-C when so many cases are done."""
-
-    def progress(done: int, cases: int) -> None:
-        if done >= most:
-            raise KeyboardInterrupt
-
-    return progress
 
 
 @pytest.mark.parametrize(
@@ -114,7 +102,7 @@ def test_a_shipped_sweep_can_be_built_case_by_case(name: str) -> None:
 
 def test_a_row_has_parameters_figures_and_engine(tmp_path: Path) -> None:
     result = tmp_path / "small.parquet"
-    document = run_sweep(load_sweep(written(tmp_path, SMALL)), result, AtOnce())
+    document = run_sweep(load_sweep(written(tmp_path, SMALL)), result)
     assert document["cases"] == 6
     assert document["failed"] == 0
     assert document["kernel"] == 6
@@ -131,7 +119,7 @@ def test_a_row_has_parameters_figures_and_engine(tmp_path: Path) -> None:
 
 def test_a_case_that_is_too_long_for_the_memory_fails_at_once(tmp_path: Path) -> None:
     sweep = load_sweep(written(tmp_path, SMALL.replace("50 ms", "1e9 s")))
-    document = run_sweep(sweep, tmp_path / "a.parquet", AtOnce())
+    document = run_sweep(sweep, tmp_path / "a.parquet")
     assert document["failed"] == document["cases"]
     assert "at most 1000000 ticks" in document["first_error"]
 
@@ -162,7 +150,7 @@ def test_what_no_case_can_repair_is_refused_before_anything_runs(
 def test_a_failed_case_is_a_row_with_its_error(tmp_path: Path) -> None:
     text = SMALL.replace("[certified, none]", "[certified, certfied]")
     result = tmp_path / "small.parquet"
-    document = run_sweep(load_sweep(written(tmp_path, text)), result, AtOnce())
+    document = run_sweep(load_sweep(written(tmp_path, text)), result)
     assert document["failed"] == 3
     table = read_table(result).columns
     assert table["error"][:3] == [None] * 3
@@ -171,52 +159,9 @@ def test_a_failed_case_is_a_row_with_its_error(tmp_path: Path) -> None:
     assert table["over.law"][3] == "certfied"
 
 
-def test_an_interrupted_sweep_goes_on_and_gives_the_same_bytes(tmp_path: Path) -> None:
-    sweep = load_sweep(written(tmp_path, SMALL.replace("count: 3", "count: 60")))
-    whole, cut = tmp_path / "whole.parquet", tmp_path / "cut.parquet"
-    run_sweep(sweep, whole, AtOnce())
-    with pytest.raises(KeyboardInterrupt):
-        run_sweep(sweep, cut, AtOnce(), interrupt_at(64))
-    assert not cut.exists()
-    document = run_sweep(sweep, cut, AtOnce())
-    assert 0 < document["resumed"] < 120
-    assert cut.read_bytes() == whole.read_bytes()
-
-
-def test_parts_of_another_sweep_are_refused_until_discarded(tmp_path: Path) -> None:
-    result = tmp_path / "one.parquet"
-    with pytest.raises(KeyboardInterrupt):
-        run_sweep(load_sweep(written(tmp_path, SMALL)), result, AtOnce(), interrupt_at(0))
-    other = load_sweep(tmp_path / "small.yaml", ["law:=aol"])
-    with pytest.raises(ConfigError, match="another sweep"):
-        run_sweep(other, result, AtOnce())
-    assert run_sweep(other, result, AtOnce(), restart=True)["cases"] == 3
-
-
-def test_the_result_of_another_sweep_is_replaced_only_if_that_is_wanted(tmp_path: Path) -> None:
-    result = tmp_path / "one.parquet"
-    sweep = load_sweep(written(tmp_path, SMALL))
-    run_sweep(sweep, result, AtOnce())
-    first = result.read_bytes()
-    other = load_sweep(tmp_path / "small.yaml", ["law:=aol"])
-    for restart in (False, True):
-        with pytest.raises(ConfigError, match=r"not a result of this sweep.*--overwrite"):
-            run_sweep(other, result, AtOnce(), restart=restart)
-    assert result.read_bytes() == first
-    run_sweep(sweep, result, AtOnce())
-    assert result.read_bytes() == first
-    assert run_sweep(other, result, AtOnce(), overwrite=True)["cases"] == 3
-
-
 def test_a_file_that_is_no_result_is_not_replaced(tmp_path: Path) -> None:
     file = written(tmp_path, SMALL)
     done = CliRunner().invoke(main, ["sweep", str(file), "-o", str(file)])
     assert done.exit_code == 2
     assert "--overwrite" in done.stderr
     assert file.read_text() == SMALL
-
-
-@pytest.mark.parametrize("cases", [1, 31, 32, 33, 5000, 100_000])
-def test_parts_cover_every_case_once(cases: int) -> None:
-    covered = [case for first, last in parts_of(cases) for case in range(first, last)]
-    assert covered == list(range(cases))

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from sweep_files import LONG, SMALL, AtOnce, written
+from sweep_files import LONG, SMALL, written
 from waiting import PATIENCE, until
 
 from forcebound.sweep.command import run
@@ -127,7 +127,7 @@ def dask_cluster(folder: Path, workers: int) -> Iterator[tuple[str, subprocess.P
 def test_a_dask_cluster_gives_the_same_file_as_this_machine(tmp_path: Path) -> None:
     file = written(tmp_path, SMALL.replace("count: 3", "count: 40"))
     here, there = tmp_path / "here.parquet", tmp_path / "there.parquet"
-    run_sweep(load_sweep(file), here, AtOnce())
+    run_sweep(load_sweep(file), here)
     with dask_cluster(tmp_path, workers=2) as (address, _):
         done = subprocess.run(
             command(file, there, "--cluster", address, "--json"), capture_output=True

@@ -9,16 +9,16 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from matplotlib.figure import Figure
-from sweep_files import SMALL, AtOnce, written
+from sweep_files import SMALL, written
 
 from forcebound.analysis.colours import LAW_COLOURS
 from forcebound.bounding import LAWS
 from forcebound.errors import ConfigError
+from forcebound.lab.table import read_table
 from forcebound.sweep.maps import draw
 from forcebound.sweep.plan import load_sweep
 from forcebound.sweep.runner import run_sweep
 from forcebound.sweep.surfaces import draw_surfaces
-from forcebound.sweep.table import read_table
 
 
 @pytest.mark.parametrize("y", ["", "y: stiffness, "])
@@ -29,14 +29,14 @@ def test_a_map_is_drawn(tmp_path: Path, y: str) -> None:
     text = text.replace("per: law }", f"per: law, {limits} }}")
     text = text.replace("map:", "  delay: { from: 0 ms, to: 1 ms, count: 2 }\nmap:")
     result, picture = tmp_path / "small.parquet", tmp_path / "small.png"
-    run_sweep(load_sweep(written(tmp_path, text)), result, AtOnce())
+    run_sweep(load_sweep(written(tmp_path, text)), result)
     draw(result, picture)
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
 def test_a_law_has_the_same_colour_as_in_any_other_figure(tmp_path: Path) -> None:
     result, picture = tmp_path / "small.parquet", tmp_path / "small.svg"
-    run_sweep(load_sweep(written(tmp_path, SMALL)), result, AtOnce())
+    run_sweep(load_sweep(written(tmp_path, SMALL)), result)
     draw(result, picture)
     text = picture.read_text().upper()
     assert all(LAW_COLOURS[law] in text for law in ("certified", "none"))
@@ -64,7 +64,7 @@ def texts(figure: Figure) -> set[str]:
 def test_a_map_of_stiffness_shows_leaks_rest_and_where_a_wall_feels_softer(tmp_path: Path) -> None:
     shown = "leaks: true_energy_min_j, limits: [colgate_schenkel, encoder], per: law }"
     result = tmp_path / "map.parquet"
-    run_sweep(load_sweep(written(tmp_path, GRID.replace("per: law }", shown))), result, AtOnce())
+    run_sweep(load_sweep(written(tmp_path, GRID.replace("per: law }", shown))), result)
     table = read_table(result)
     figure = draw_surfaces(table, table.about["map"])
     panels = [axes for axes in figure.axes if axes.get_title()]
@@ -87,7 +87,7 @@ def test_a_map_of_stiffness_shows_leaks_rest_and_where_a_wall_feels_softer(tmp_p
 
 def test_a_map_for_one_law_has_one_panel(tmp_path: Path) -> None:
     result, picture = tmp_path / "map.parquet", tmp_path / "map.svg"
-    run_sweep(load_sweep(written(tmp_path, GRID), ["law:=certified"]), result, AtOnce())
+    run_sweep(load_sweep(written(tmp_path, GRID), ["law:=certified"]), result)
     draw(result, picture)
     assert picture.read_text().startswith("<?xml")
 
@@ -95,7 +95,7 @@ def test_a_map_for_one_law_has_one_panel(tmp_path: Path) -> None:
 def test_a_map_of_energy_has_one_scale(tmp_path: Path) -> None:
     text = GRID.replace("displayed_stiffness_n_per_m, scale: log", "true_energy_min_j")
     result = tmp_path / "map.parquet"
-    run_sweep(load_sweep(written(tmp_path, text)), result, AtOnce())
+    run_sweep(load_sweep(written(tmp_path, text)), result)
     table = read_table(result)
     figure = draw_surfaces(table, table.about["map"])
     assert "no energy given" in texts(figure)
@@ -139,15 +139,13 @@ def test_a_long_text_is_read_once_for_all_rows_that_have_it(tmp_path: Path) -> N
     assert len({id(text) for text in texts}) == 1
 
 
-def test_a_result_with_too_many_cells_is_refused(
+def test_a_result_with_too_many_rows_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("forcebound.sweep.table.MAX_CELLS", 2000)
-    names = ("over.delay", "over.stiffness", "true_energy_min_j", "at_rest")
-    columns = {name: [1.0] * 1000 for name in names}
-    about = {"map": {"x": "delay", "y": "stiffness", "value": "true_energy_min_j"}}
-    with pytest.raises(ConfigError, match="2000 cells"):
-        draw(hostile(tmp_path / "a.parquet", columns, about), tmp_path / "x.png")
+    monkeypatch.setattr("forcebound.lab.table.MAX_ROWS", 999)
+    result = hostile(tmp_path / "a.parquet", {"over.delay": [1.0] * 1000}, {"map": {}})
+    with pytest.raises(ConfigError, match="999"):
+        draw(result, tmp_path / "x.png")
 
 
 def test_columns_of_no_sweep_are_refused(tmp_path: Path) -> None:

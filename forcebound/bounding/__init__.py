@@ -13,7 +13,7 @@ checks each):
 * several axes that move along one of them give what one axis gives.
 
 A law that ``is_certified`` promises more: the energy that the hand has put in, ``∫ F_h v dt``, is
-never negative, whatever force is commanded (``forcebound.audit`` tries to break that).
+never negative, whatever force is commanded (``forcebound.lab`` tries to break that).
 
 To add a law: copy ``aol.py`` to ``my_law.py``. Its functions see a
 :class:`~forcebound.bounding.sample.Sample` and the constants of the device; they use only numbers,

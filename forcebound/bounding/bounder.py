@@ -176,6 +176,8 @@ class ForceBounder:
 
     def report_cut(self, time_ns: int, position: Vector) -> None:
         """Take in when and where (m) the watchdog dropped the force, before :meth:`bound`."""
+        if time_ns == self._written_ns:
+            return  # the force before that write, which has acted until then
         self._cut_ns = time_ns
         if time_ns >= self._now_ns:
             self._sample(time_ns, position, 0.0, is_cut=True)

@@ -1,6 +1,6 @@
 """Contract of every bounding law, and its check.
 
-Whether a law is passive is not asked here: :mod:`forcebound.audit` does that.
+Whether a law is passive is not asked here: :mod:`forcebound.lab` does that.
 """
 
 import math

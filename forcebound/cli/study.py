@@ -56,6 +56,12 @@ def _campaign_options(of_each: str, runs: int) -> Callable[[Command], Command]:
         _number_option("--seed", default=1, help="Seed of the runs."),
         workers_option,
         output_option("out", metavar="REPORT.md", help="Write the report to this file."),
+        click.option(
+            "--rows",
+            type=FILE,
+            metavar="RUNS.parquet",
+            help="Keep all runs in this file; an audit that was interrupted goes on.",
+        ),
         json_option,
     )
 
@@ -77,8 +83,7 @@ def audit(context: click.Context, /, as_json: bool, **campaign: Any) -> None:
     """
     if context.invoked_subcommand is not None:
         return
-    from forcebound.audit.command import run
-    from forcebound.audit.report import holds, lines
+    from forcebound.lab.audit import holds, lines, run
 
     document = run(**campaign)
     print_document(document, as_json, lines)
@@ -97,10 +102,9 @@ def replay(law: str, case: str, duration: float | None, out: Path | None, as_jso
     \b
     forcebound audit replay tdpa 7 -o attack.png
     """
-    from forcebound.audit.command import run_again
-    from forcebound.audit.report import replay_lines
+    from forcebound.lab.replay import lines, run_again
 
-    print_document(run_again(law, case, duration, out), as_json, replay_lines)
+    print_document(run_again(law, case, duration, out), as_json, lines)
 
 
 @audit.command(short_help="Attack the laws through worlds, in two and three axes.")
@@ -115,10 +119,9 @@ def worlds(as_json: bool, **campaign: Any) -> None:
     \b
     forcebound audit worlds --world mesh --runs 20 --search 0
     """
-    from forcebound.audit.command import run_in_worlds
-    from forcebound.audit.world_report import lines
+    from forcebound.lab.worlds import lines, run
 
-    document = run_in_worlds(**campaign)
+    document = run(**campaign)
     print_document(document, as_json, lines)
     sys.exit(0 if all(row["holds"] for row in document["worlds"]) else 1)
 
@@ -136,15 +139,15 @@ def sensitivity(kind: str, runs: int, workers: int | None, as_json: bool) -> Non
     \b
     forcebound audit sensitivity --device knob --runs 100
     """
-    from forcebound.audit.command import run_mistakes
-    from forcebound.audit.report import show_energy
+    from forcebound.lab.sensitivity import run
+    from forcebound.lab.views import energy
 
-    document = run_mistakes(kind, runs, workers)
+    document = run(kind, runs, workers)
     if as_json:
         print_json(document)
         return
     for row in document["mistakes"]:
-        click.echo(f"{row['summary']:<46}{show_energy(row['energy_min_j']):>12}")
+        click.echo(f"{row['summary']:<46}{energy(row['energy_min_j']):>12}")
 
 
 @click.command(short_help="Repeat the paper's experiments.")

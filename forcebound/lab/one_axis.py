@@ -24,7 +24,7 @@ from forcebound.bounding.sample import NO_MEMORY, NO_WRITE, start_axis
 from forcebound.compiled import allow_in_kernels, jit
 from forcebound.devices.extended import Axis, Moving, advance_extended
 from forcebound.devices.plant import quantise
-from forcebound.environments.adversary import active_wall_force, pushing_force
+from forcebound.environments.active_wall import active_wall_force
 from forcebound.environments.walls import (
     damped_wall_force,
     damper_force,
@@ -32,6 +32,7 @@ from forcebound.environments.walls import (
     time_varying_force,
     wall_force,
 )
+from forcebound.lab.adversaries import pushing_force
 from forcebound.nodes.velocity import low_pass, low_pass_gain
 
 Floats: TypeAlias = NDArray[np.float64]

@@ -2,7 +2,6 @@
 
 import time
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -98,7 +97,7 @@ def _check_map(sweep: Sweep) -> None:
     wanted = {key: sweep.drawing[key] for key in ("value", "leaks") if key in sweep.drawing}
     if not wanted:
         return
-    (row,) = run_cases(replace(sweep, cases=sweep.cases[:1]), 0)
+    (row,) = run_cases(sweep, [(0, sweep.cases[0])])
     figures = [name for name in row if not name.startswith("over.")]
     for key, name in wanted.items():
         if row["error"] is None and name not in figures:

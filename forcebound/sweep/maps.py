@@ -20,7 +20,7 @@ from forcebound.analysis.tables import axis_labels
 from forcebound.config.problems import unknown
 from forcebound.errors import ConfigError
 from forcebound.files import content_of
-from forcebound.sweep.table import Table, read_table
+from forcebound.lab.table import Table, read_table
 
 Array: TypeAlias = np.ndarray[Any, Any]
 

@@ -1,53 +1,46 @@
-"""Runner of sweeps: in parts, through any executor; it can be interrupted at any time.
-
-1. Cases are cut into parts, in order (:mod:`forcebound.sweep.parts`).
-2. Each part is one task of a :class:`concurrent.futures.Executor`: this machine's cores, a dask
-   cluster, anything. Its rows are written to disk at once.
-3. When all parts are done they become one Parquet file, in one step, and are deleted.
-
-A sweep that is started again continues with the parts that it finds.
-"""
+"""Sweeps as campaigns: a row for each case, with its parameters and figures."""
 
 import json
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
 from forcebound.analysis.figures import REPORTED
 from forcebound.config.graph import GraphConfig
 from forcebound.config.loader import build
-from forcebound.errors import ConfigError, ForceboundError
+from forcebound.errors import ForceboundError
+from forcebound.lab.engine import Campaign, Progress, Row, run
 from forcebound.lab.runs import run_all
-from forcebound.sweep.parts import PartFolder, Row, digest_of, parts_of
 from forcebound.sweep.plan import Sweep
 from forcebound.units import to_si
-from forcebound.workers import completed
 
-Progress: TypeAlias = Callable[[int, int], None]  # cases done, cases in all
+SMALLEST_PART, LARGEST_PART, PARTS = 32, 256, 64  # cases in a part; parts aimed at
 
 
-def run_cases(sweep: Sweep, first: int) -> list[Row]:
-    """Return one row per case, numbered from ``first``; a failed case has a row, too."""
+def run_cases(sweep: Sweep, cases: Sequence[tuple[int, tuple[str, ...]]]) -> list[Row]:
+    """Return a row for each case, which has a number and values; a failed one has a row, too."""
     rows: list[Row] = []
     configs: list[GraphConfig] = []
     places: list[int] = []
-    for case in range(len(sweep.cases)):
-        row: Row = {"case": first + case, "engine": None, "error": None}
-        texts = dict(zip(sweep.columns, sweep.cases[case], strict=True))
+    sweep = replace(sweep, cases=tuple(values for _, values in cases))
+    for place, (number, values) in enumerate(cases):
+        row: Row = {"case": number, "engine": None, "error": None}
+        texts = dict(zip(sweep.columns, values, strict=True))
         row |= {f"over.{name}": _plain(text) for name, text in texts.items()}
         rows.append(row)
         try:
-            config = build(sweep.template, sweep.overrides(case))
+            config = build(sweep.template, sweep.overrides(place))
         except ForceboundError as error:
             row["error"] = f"{type(error).__name__}: {error}"
             continue
         if sweep.duration is not None:
             config = replace(config, duration=sweep.duration)
         configs.append(config)
-        places.append(case)
+        places.append(place)
     for place, ran in zip(places, run_all(configs), strict=True):
         rows[place]["engine"] = ran.engine
         if ran.result is None:
@@ -89,24 +82,25 @@ def _flat(document: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     return flat
 
 
+def campaign_of(sweep: Sweep) -> Campaign:
+    """Return the campaign of a sweep."""
+    part = min(max(math.ceil(len(sweep.cases) / PARTS), SMALLEST_PART), LARGEST_PART)
+    about = {"description": sweep.description, "map": dict(sweep.drawing), "name": sweep.name}
+    decisive = (sweep.template.plain, sweep.duration, dict(sweep.constants), sweep.columns)
+    work = partial(run_cases, replace(sweep, cases=()))
+    cases = list(enumerate(sweep.cases))
+    return Campaign(sweep.name, cases, work, part, decisive=decisive, about=about)
+
+
 def run_sweep(
     sweep: Sweep,
     result: Path,
-    executor: Executor,
+    executor: Executor | None = None,
     progress: Progress = lambda done, cases: None,
     restart: bool = False,
     overwrite: bool = False,
 ) -> dict[str, Any]:
-    """Run a sweep, or its remaining parts, and write its Parquet file.
-
-    Args:
-        sweep: The sweep to run.
-        result: The Parquet file. Until all parts are done they are in a folder of this name with
-            ``.parts`` appended.
-        executor: Runs the parts.
-        progress: Called when cases are done.
-        restart: Discard parts of an earlier run.
-        overwrite: Replace a ``result`` that is not of this sweep.
+    """Run a sweep, or its remaining parts; arguments as of :func:`forcebound.lab.engine.run`.
 
     Returns:
         ``result``, ``cases``, ``failed``, ``first_error``, ``kernel``, ``graph`` (cases by
@@ -116,59 +110,15 @@ def run_sweep(
         ConfigError: If ``result`` or the folder of parts is another sweep's, or not writable.
         RunError: If the executor's processes end before the work is done.
     """
-    from forcebound.sweep.table import (
-        write_table,  # fails before the work begins if pyarrow is missing
-    )
-
-    digest = digest_of(sweep)
-    if not overwrite:
-        _check_result(result, digest)
-    folder = PartFolder(result, digest, restart)
-    parts = parts_of(len(sweep.cases))
-    missing = folder.missing(parts)
-    resumed = len(sweep.cases) - sum(last - first for first, last in missing)
-    done = resumed
-    progress(done, len(sweep.cases))
-    tasks = [(replace(sweep, cases=sweep.cases[first:last]), first) for first, last in missing]
-    for index, rows in completed(executor, _run_part, tasks):
-        folder.add(missing[index], rows)
-        done += len(rows)
-        progress(done, len(sweep.cases))
-    rows = folder.rows(parts)
-    about = {"description": sweep.description, "map": dict(sweep.drawing), "name": sweep.name}
-    write_table(rows, result, {**about, "digest": digest})
-    folder.remove()
-    return {"result": str(result), **_counts(rows), "resumed": resumed}
-
-
-def _run_part(task: tuple[Sweep, int]) -> list[Row]:
-    return run_cases(*task)
-
-
-def _check_result(result: Path, digest: str) -> None:
-    """Refuse to replace a file that is not an earlier result of the same sweep."""
-    from forcebound.sweep.table import read_about
-
-    if not result.exists():
-        return
-    try:
-        is_ours = read_about(result).get("digest") == digest
-    except ConfigError:
-        is_ours = False
-    if not is_ours:
-        raise ConfigError(
-            f"{result} exists and is not a result of this sweep (other cases, launch file or "
-            "version); choose another --output, or replace it with --overwrite"
-        )
-
-
-def _counts(rows: list[Row]) -> dict[str, Any]:
+    rows, resumed = run(campaign_of(sweep), executor, progress, result, restart, overwrite)
     errors = [row["error"] for row in rows if row["error"] is not None]
     return {
+        "result": str(result),
         "cases": len(rows),
         "failed": len(errors),
         "first_error": errors[0] if errors else None,
         "kernel": sum(row["engine"] == "kernel" for row in rows),
         "graph": sum(row["engine"] == "graph" for row in rows),
         "simulated_s": math.fsum(row.get("duration") or 0.0 for row in rows),
+        "resumed": resumed,
     }

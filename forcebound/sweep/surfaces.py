@@ -21,9 +21,9 @@ from matplotlib.patheffects import Normal, Stroke
 from forcebound.analysis.panels import in_figure
 from forcebound.analysis.perception import WEBER_FRACTIONS
 from forcebound.bounding import ENERGY_TOLERANCE
+from forcebound.lab.table import Table
 from forcebound.sweep.limits import LABELS, limit_of
 from forcebound.sweep.maps import Array, column_of, label_of, numbers_of
-from forcebound.sweep.table import Table
 
 _LEAKS = LinearSegmentedColormap.from_list("leaks", ["#ffd9a8", "#e06010", "#600018"])
 _PASSIVE = "#d8e6f2"

@@ -1,4 +1,4 @@
-"""One run against a world: the nodes of a live graph in virtual time, a hand in space, a bad link.
+"""One run through a world: live nodes in virtual time, a hand in space, a bad link.
 
 Law, safety chain, controller and environment are those of every run. The device is the simulated
 one; it dissipates exactly what the law is informed of, so no law has a hidden reserve. Its energies
@@ -6,23 +6,13 @@ are looked at four times a period.
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
-from forcebound.audit.run import EARNED
-from forcebound.audit.search import objective
-from forcebound.audit.worlds import (
-    CONTROLLERS,
-    WATCHDOGS,
-    WORLDS,
-    Numbers,
-    WorldCase,
-    world_case_of,
-)
-from forcebound.bounding import ENERGY_TOLERANCE, check_law
+from forcebound.bounding import check_law
 from forcebound.devices.phantom import PhantomPremium15
 from forcebound.devices.simulated import SimulatedDevice
+from forcebound.lab.attack import EARNED
+from forcebound.lab.world_cases import WATCHDOGS, WORLDS, Case, controller_of
 from forcebound.messages.packets import TOPIC_OF, EnvironmentQuery, EnvironmentReply, Packet, Vector
 from forcebound.network.impairment import Impairment
 from forcebound.network.link import Link, link_seed
@@ -97,53 +87,27 @@ class WatchedDevice(SimulatedDevice):
                 self.share_left = min(self.share_left, lost / self._earned)
 
 
-class WorldResult(NamedTuple):
-    """Result of a run."""
-
-    law: str
-    energy_min: float  # J, lowest energy of the hand
-    loss_and_work_min: float  # J, lowest loss plus motor work
-    share_left: float  # lowest share left of the loss plus work so far; 1 if there was none
-    peak_force: float  # N
-    case: WorldCase
-
-    @property
-    def lowest(self) -> float:
-        """The lower of the two energies, in J."""
-        return min(self.energy_min, self.loss_and_work_min)
-
-    @property
-    def is_passive(self) -> bool:
-        """Whether no energy ever fell below zero by more than rounding."""
-        return self.lowest >= -ENERGY_TOLERANCE
-
-    @property
-    def objective(self) -> float:
-        """What a search minimises."""
-        return objective(self.lowest, self.share_left)
-
-
-def replay_world(law: str, name: str, seconds: float = SECONDS) -> WorldResult:
-    """Run the case of a name.
-
-    Args:
-        law: A key of :data:`forcebound.bounding.LAWS`.
-        name: See :mod:`forcebound.audit.worlds`.
-        seconds: Of the run.
+def attack(law: str, case: Case, seconds: float = SECONDS) -> WatchedDevice:
+    """Run a case, and return its device with the energies that it has kept.
 
     Raises:
-        ConfigError: If law or case are not known.
+        ConfigError: If the law is not known.
     """
     check_law(law)
-    case = world_case_of(name)
     numbers = case.numbers
     model, servo = device_of(case), servo_of(law, case)
     device = WatchedDevice(model, hand_of(case), servo.opening_hold)
-    lateness = _late_ticks_of(case).of(servo)
+    lateness = LateTicks(
+        rate=numbers["late_rate"],
+        shortest=SHORTEST_LATE,
+        longest=numbers["lateness"],
+        jitter=numbers["jitter"],
+        seed=case.seed,
+    ).of(servo)
     device_node = DeviceNode(device, dissipation_of(model, servo), servo, lateness=lateness)
     nodes = [
         EnvironmentNode(WORLDS[case.world](numbers), axes=case.axes),
-        _controller_of(case),
+        ControllerNode(controller_of(case.controller, numbers).open(case.axes)),
         device_node,
     ]
     simulation = Simulation(nodes, _links_of(case), lambda packet: None, ())
@@ -157,11 +121,10 @@ def replay_world(law: str, name: str, seconds: float = SECONDS) -> WorldResult:
         for node in nodes:
             node.stop(end_ns)
             node.close()
-    energies = (device.energy_min, device.lost_min, device.share_left)
-    return WorldResult(law, *energies, device.peak_force, case)
+    return device
 
 
-def device_of(case: WorldCase) -> PhantomPremium15:
+def device_of(case: Case) -> PhantomPremium15:
     """Return the device of a case, which has just what it states."""
     numbers, axes = case.numbers, case.axes
     damping, friction = (
@@ -179,7 +142,7 @@ def device_of(case: WorldCase) -> PhantomPremium15:
     )
 
 
-def hand_of(case: WorldCase) -> SpaceHand:
+def hand_of(case: Case) -> SpaceHand:
     """Return the hand of a case."""
     numbers, others = case.numbers, range(1, case.axes)
     frequency, detuning = numbers["frequency"], numbers["detuning"]
@@ -193,7 +156,7 @@ def hand_of(case: WorldCase) -> SpaceHand:
     )
 
 
-def servo_of(law: str, case: WorldCase) -> ServoSettings:
+def servo_of(law: str, case: Case) -> ServoSettings:
     """Return the servo of a case."""
     numbers = case.numbers
     return ServoSettings(
@@ -204,27 +167,12 @@ def servo_of(law: str, case: WorldCase) -> ServoSettings:
     )
 
 
-def _late_ticks_of(case: WorldCase) -> LateTicks:
+def _links_of(case: Case) -> dict[str, Link[Packet]]:
     numbers = case.numbers
-    return LateTicks(
-        rate=numbers["late_rate"],
-        shortest=SHORTEST_LATE,
-        longest=numbers["lateness"],
-        jitter=numbers["jitter"],
-        seed=case.seed,
-    )
-
-
-def _controller_of(case: WorldCase) -> ControllerNode:
-    return ControllerNode(CONTROLLERS[case.controller](case.numbers).open(case.axes))
-
-
-def _links_of(case: WorldCase) -> dict[str, Link[Packet]]:
-    numbers: Numbers = case.numbers
     impairment = Impairment(
         delay=numbers["delay"], jitter=numbers["delay_jitter"], loss=numbers["loss"]
     )
     if impairment == Impairment():
         return {}
-    topics: Sequence[str] = [TOPIC_OF[kind] for kind in (EnvironmentQuery, EnvironmentReply)]
+    topics = [TOPIC_OF[kind] for kind in (EnvironmentQuery, EnvironmentReply)]
     return {topic: Link(impairment, link_seed(case.seed, topic)) for topic in topics}

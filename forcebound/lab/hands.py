@@ -1,17 +1,11 @@
-"""Cases of an audit: devices, hands, adversaries and clocks, and their names.
+"""Cases of the audit of laws: devices, hands, adversaries and clocks, on one axis."""
 
-The name of a case is enough to repeat it: the seed of a random case, or for a case of a search a
-code of its parameters (``c`` and base-32 digits).
-"""
-
-import math
 import random
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from forcebound.bounding import Dissipation
-from forcebound.errors import ConfigError
+from forcebound.lab.cases import NOISES, Range, decode, seed_of
 
 PERIOD = 1e-3  # s, nominal sampling period T
 
@@ -27,15 +21,11 @@ ADVERSARIES = (
 #: Kinds of reading errors, each of at most half the resolution.
 SENSORS = ("quantised", "noisy", "chattering", "leading")
 
-LEVELS = 1024  # of each continuous parameter in a code: two base-32 digits
-DIGITS = "0123456789abcdefghijklmnopqrstuv"
-NOISES = 32  # sequences of random numbers that a code can name
-
 
 class Case(NamedTuple):
     """Definition of a run, without the law."""
 
-    name: str  # see the module's docstring
+    name: str  # a seed, or a code of forcebound.lab.cases
     seed: int  # of noise, faults and clock
     samples: int
     # device
@@ -67,46 +57,6 @@ class Case(NamedTuple):
     overruns: float  # share of periods that are up to 6 times as long
 
 
-@dataclass(frozen=True)
-class Range:
-    """Values of a continuous parameter: evenly or by logarithm from ``low`` to ``high``, or 0.
-
-    Attributes:
-        low: Lowest value, SI units.
-        high: Highest value, SI units.
-        is_logarithmic: Whether the logarithm is distributed evenly, instead of the value.
-        zeros: In a random draw, the odds of 0 against a value, as N to 1.
-        zero_share: In a code, the share of the range that means 0.
-    """
-
-    low: float
-    high: float
-    is_logarithmic: bool = False
-    zeros: int = 0
-    zero_share: float = 0.0
-
-    def draw(self, random: random.Random) -> float:
-        """Return a random value."""
-        value = self.value(random)
-        return random.choice((0.0,) * self.zeros + (value,)) if self.zeros else value
-
-    def value(self, random: random.Random) -> float:
-        """Return a random value that is not the special 0."""
-        if self.is_logarithmic:
-            return math.exp(random.uniform(math.log(self.low), math.log(self.high)))
-        return random.uniform(self.low, self.high)
-
-    def at(self, u: float) -> float:
-        """Return the value at ``u``, 0 to 1, of a code."""
-        if u < self.zero_share:
-            return 0.0
-        u -= self.zero_share
-        present = 1.0 - self.zero_share
-        if self.is_logarithmic:
-            return float(self.low * (self.high / self.low) ** (u / present))
-        return self.low + (self.high - self.low) * u / present
-
-
 #: The continuous parameters of a case, in the order of its fields.
 RANGES: dict[str, Range] = {
     "mass": Range(0.02, 0.5, is_logarithmic=True),
@@ -131,7 +81,7 @@ RANGES: dict[str, Range] = {
     "jitter": Range(0.0, 1.0, zeros=1, zero_share=0.4),
     "overruns": Range(0.0, 0.2, zeros=2, zero_share=0.5),
 }
-DIMENSIONS = len(RANGES)
+CHOICES = (len(ADVERSARIES), len(SENSORS), NOISES)  # of a code
 
 
 def _draw_resolution(draw: random.Random) -> float:
@@ -168,72 +118,20 @@ def draw_case(seed: int, seconds: float) -> Case:
     return Case(name=str(seed), seed=seed, samples=_samples(seconds), **drawn)
 
 
-def encode(choices: Sequence[int], point: Sequence[float]) -> str:
-    """Return the code of a case: what is chosen among a few, and a point of numbers in [0, 1]."""
-    digits = list(choices)
-    for u in point:
-        digits += divmod(min(LEVELS - 1, max(0, round(u * (LEVELS - 1)))), len(DIGITS))
-    return "c" + "".join(DIGITS[digit] for digit in digits)
-
-
-def decode(code: str, most: Sequence[int], dimensions: int) -> tuple[list[int], list[float]]:
-    """Return the choices and the point of a code of :func:`encode`.
-
-    Args:
-        code: The code.
-        most: How many there are to choose from, for each choice.
-        dimensions: Of the point.
-
-    Raises:
-        ConfigError: If it is no code of such a case.
-    """
-    digits = [DIGITS.find(digit) for digit in code[1:]]
-    choices, rest = digits[: len(most)], digits[len(most) :]
-    if (
-        not code.startswith("c")
-        or len(rest) != 2 * dimensions
-        or min(digits) < 0
-        or any(choice >= limit for choice, limit in zip(choices, most, strict=True))
-    ):
-        raise ConfigError(f"expected as case a seed or a code printed by an audit, got {code!r}")
-    pairs = zip(rest[::2], rest[1::2], strict=True)
-    return choices, [(len(DIGITS) * high + low) / (LEVELS - 1) for high, low in pairs]
-
-
-def _searched_case(code: str, seconds: float) -> Case:
-    (adversary, sensor, noise), point = decode(
-        code, (len(ADVERSARIES), len(SENSORS), NOISES), DIMENSIONS
-    )
-    decoded: dict[str, Any] = {
-        name: one.at(u) for (name, one), u in zip(RANGES.items(), point, strict=True)
-    }
-    decoded["hold_limit"] = _nanoseconds(PERIOD * (1.0 + decoded["hold_limit"]))
-    decoded["delay"] = round(decoded["delay"])
-    return Case(
-        name=code,
-        seed=noise,
-        samples=_samples(seconds),
-        sensor=sensor,
-        adversary=adversary,
-        **decoded,
-    )
-
-
-LARGEST_SEED = 2**63 - 1  # a compiled run carries it as a 64-bit integer
-
-
 def case_of(name: str | int, seconds: float) -> Case:
-    """Return the case of a name: a seed, or a code of :func:`encode`.
+    """Return the case of a name: a seed, or a code of :func:`forcebound.lab.cases.encode`.
 
     Raises:
         ConfigError: If it is neither.
     """
-    text = str(name)
-    if not text.isdecimal():
-        return _searched_case(text, seconds)
-    if int(text) > LARGEST_SEED:
-        raise ConfigError(f"a seed must be at most {LARGEST_SEED}, got {text}")
-    return draw_case(int(text), seconds)
+    seed = seed_of(str(name))
+    if seed is not None:
+        return draw_case(seed, seconds)
+    (adversary, sensor, noise), numbers = decode(str(name), CHOICES, RANGES)
+    numbers["hold_limit"] = _nanoseconds(PERIOD * (1.0 + numbers["hold_limit"]))
+    decoded: dict[str, Any] = numbers | {"delay": round(numbers["delay"])}
+    chosen = {"sensor": sensor, "adversary": adversary}
+    return Case(name=str(name), seed=noise, samples=_samples(seconds), **chosen, **decoded)
 
 
 def dissipation_of(case: Case) -> Dissipation:

@@ -1,14 +1,8 @@
-"""Result of a sweep as one Parquet file: one row per case, one column per parameter or figure.
-
-``docs/sweeps.md`` lists the columns. The sweep's description and its map are in the file's metadata
-under ``forcebound``.
-"""
+"""Rows of a campaign as one Parquet file; its description and map are in the file's metadata."""
 
 import json
 import os
-from collections import UserDict
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,20 +14,20 @@ try:
     import pyarrow as pa
     import pyarrow.parquet as pq
 except ImportError as missing:  # pragma: no cover - an installation without the extra
-    raise ConfigError("sweeps need pyarrow: pip install 'forcebound[sweep]'") from missing
+    raise ConfigError("Parquet files need pyarrow: pip install 'forcebound[lab]'") from missing
 
 _KEY = b"forcebound"
 _TYPES = (pa.bool_(), pa.int64(), pa.float64(), pa.string())  # of the columns that we write
-MAX_CELLS = 50_000_000  # rows times columns that are read, some 40 bytes each; a map reads ten
-MAX_BYTES = 1_000_000_000  # that a result unpacks to; two million cases have some hundred MB
+MAX_BYTES = 1_000_000_000  # that a result has, and unpacks to; two million rows have some 100 MB
+MAX_ROWS = 5_000_000
 _TEXTS = ("error", "engine")  # text columns, even if empty
 
 
 @dataclass(frozen=True)
 class Table:
-    """Result of a sweep: columns by name, all of one length, and its description."""
+    """Rows of a campaign: columns by name, all of one length, and what they are about."""
 
-    columns: Mapping[str, list[Any]]  # of a file: each is read when it is first asked for
+    columns: Mapping[str, list[Any]]
     about: Mapping[str, Any]
 
 
@@ -49,47 +43,52 @@ def write_table(rows: Sequence[Mapping[str, Any]], path: Path, about: Mapping[st
 
 
 def read_table(path: Path) -> Table:
-    """Return the content of a Parquet file of a sweep.
+    """Return the content of a Parquet file of :func:`write_table`.
 
     Raises:
         ConfigError: If it is not such a file.
     """
-    with _opened(path) as file:
-        content = file.metadata
-        if max(content.num_rows, content.num_columns, _unpacked(content)) > MAX_BYTES:
-            raise ConfigError(f"{path} unpacks to more than {MAX_BYTES} bytes: no sweep has them")
-        return Table(_Columns(file, path), _about(file))
+    file = _opened(path)
+    with content_of(path):
+        return Table(_Columns(file.read()), _about(file))
 
 
-class _Columns(UserDict[str, Any]):
-    """Columns of a file, of which only those in use take memory."""
+class _Columns(Mapping[str, list[Any]]):
+    """Columns of a file, of which only those in use become lists."""
 
-    def __init__(self, file: Any, path: Path) -> None:
-        super().__init__(dict.fromkeys(file.schema_arrow.names))
-        self._file, self._path, self._cells = file, path, 0
+    def __init__(self, content: Any) -> None:
+        self._content = content
 
-    def __getitem__(self, name: str) -> Any:
-        if super().__getitem__(name) is None:
-            self._cells += self._file.metadata.num_rows
-            if self._cells > MAX_CELLS:
-                raise ConfigError(f"{self._path}: more than {MAX_CELLS} cells (rows times columns)")
-            with content_of(self._path):
-                self[name] = _values(self._file.read(columns=[name])[name])
-        return super().__getitem__(name)
+    def __getitem__(self, name: str) -> list[Any]:
+        column = self._content[name]
+        if not pa.types.is_dictionary(column.type):
+            values: list[Any] = column.to_pylist()
+            return values
+        found = []  # one text for all rows that have it, however long it is
+        for chunk in column.chunks:
+            texts = [*chunk.dictionary.to_pylist(), None]
+            found += [texts[-1 if at is None else at] for at in chunk.indices.to_pylist()]
+        return found
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._content.column_names)
+
+    def __len__(self) -> int:
+        return len(self._content.column_names)
 
 
 def read_about(path: Path) -> dict[str, Any]:
-    """Return the metadata of a sweep's file: ``name``, ``description``, ``map``, ``digest``.
+    """Return the metadata of a result, such as ``map`` and ``digest``.
 
     Raises:
-        ConfigError: If there is no such file, or it is not a result of a sweep.
+        ConfigError: If it is not such a file.
     """
-    with _opened(path) as file:
+    file = _opened(path)
+    with content_of(path):
         return _about(file)
 
 
-@contextmanager
-def _opened(path: Path) -> Iterator[Any]:
+def _opened(path: Path) -> Any:
     try:
         data = read_bytes(path, MAX_BYTES)
     except FileNotFoundError:
@@ -106,23 +105,11 @@ def _opened(path: Path) -> Iterator[Any]:
         raise ConfigError(f"{path} is not a result of a sweep: {error}") from None
     if not is_ours:
         raise ConfigError(f"{path} is not a result of a sweep")
-    with content_of(path):
-        yield file
-
-
-def _values(column: Any) -> list[Any]:
-    if not pa.types.is_dictionary(column.type):
-        values: list[Any] = column.to_pylist()
-        return values
-    found = []  # one text for all rows that have it, however long it is
-    for chunk in column.chunks:
-        texts = [*chunk.dictionary.to_pylist(), None]
-        found += [texts[-1 if at is None else at] for at in chunk.indices.to_pylist()]
-    return found
-
-
-def _unpacked(content: Any) -> int:
-    return sum(content.row_group(i).total_byte_size for i in range(content.num_row_groups))
+    content = file.metadata
+    unpacked = sum(content.row_group(i).total_byte_size for i in range(content.num_row_groups))
+    if unpacked > MAX_BYTES or content.num_rows > MAX_ROWS:
+        raise ConfigError(f"{path} has more than {MAX_ROWS} rows or unpacks to {MAX_BYTES} bytes")
+    return file
 
 
 def _about(file: Any) -> dict[str, Any]:

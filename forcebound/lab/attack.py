@@ -10,10 +10,10 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from forcebound.audit.cases import ADVERSARIES, PERIOD, Case, case_of, dissipation_of
 from forcebound.bounding import ENERGY_TOLERANCE, LAWS, check_law
 from forcebound.devices.extended import Axis
 from forcebound.lab import one_axis
+from forcebound.lab.hands import ADVERSARIES, PERIOD, Case, case_of, dissipation_of
 from forcebound.lab.one_axis import MOTION, TRACE, Course, Integers, Rig, loop
 
 Floats: TypeAlias = one_axis.Floats
@@ -115,7 +115,7 @@ def attack(law: str, case: Case) -> tuple[Result, Floats]:
 
 
 def replay(law: str, name: str | int, seconds: float) -> tuple[Result, Floats]:
-    """Run a case again by its name; see :func:`attack` and :func:`forcebound.audit.case_of`.
+    """Run a case again by its name; see :func:`attack` and :func:`forcebound.lab.hands.case_of`.
 
     The same name with other ``seconds`` is the same run, cut.
     """

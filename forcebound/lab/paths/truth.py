@@ -1,7 +1,7 @@
 r"""Ground truth of the independent attack: what a hand gives to a device on a prescribed path.
 
-Written from ``docs/theory.md`` alone; it shares nothing with ``forcebound.audit`` and
-``forcebound.devices``. There is no mass and no integrator. The path is chosen, straight and uniform
+Written from ``docs/theory.md`` alone; it shares nothing with ``forcebound.devices``. There is no
+mass and no integrator. The path is chosen, straight and uniform
 between events (write, cut, turn), and the energy of each piece has a closed form:
 
 .. math:: E = \sum_i b_i \int v_i^2 dt + W_{friction} + \sum_i \gamma_i \int F_{a,i} v_i dt
@@ -22,9 +22,10 @@ Arrays have a row for each quantity and a column for each axis (``BODY``, ``DEVI
 import math
 from typing import TypeAlias
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from forcebound.compiled import outlined
 
 Floats: TypeAlias = NDArray[np.float64]
 
@@ -50,7 +51,7 @@ PIECES = 6
 STALL = 1.0  # s, of a late hold that is guarded
 
 
-@numba.njit(cache=True, error_model="numpy")
+@outlined
 def impulse(body: Floats, device: Floats, lag: float, axis: int, duration: float) -> float:
     """Return the time integral of the motor force of an axis over the next ``duration``, in N s."""
     target = body[TARGET, axis]
@@ -60,7 +61,7 @@ def impulse(body: Floats, device: Floats, lag: float, axis: int, duration: float
     return float(device[GAIN, axis] * integral)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@outlined
 def relax(body: Floats, lag: float, duration: float) -> None:
     """Let the amplifier settle towards its target for ``duration``."""
     share = math.exp(-duration / lag) if lag > 0.0 else 0.0
@@ -69,7 +70,7 @@ def relax(body: Floats, lag: float, duration: float) -> None:
         body[OUTPUT, axis] = target + (body[OUTPUT, axis] - target) * share
 
 
-@numba.njit(cache=True, error_model="numpy")
+@outlined
 def work_of_axis(body: Floats, device: Floats, axis: int, move: float) -> float:
     """Move the bristle of one axis; return the work against friction, stored or lost, in J."""
     friction, width = device[FRICTION, axis], device[PRESLIDING, axis]
@@ -82,7 +83,7 @@ def work_of_axis(body: Floats, device: Floats, axis: int, move: float) -> float:
     return float(stored + friction * (abs(move) - abs(after - before)))
 
 
-@numba.njit(cache=True, error_model="numpy")
+@outlined
 def work_along_path(body: Floats, device: Floats, axes: int, move: Floats) -> float:
     """Move the bristle of a friction that acts along the path; return the work, in J."""
     friction, width = device[FRICTION, 0], device[PRESLIDING, 0]
@@ -130,7 +131,7 @@ def stored_energy(body: Floats, device: Floats) -> float:
     return float(np.sum(device[FRICTION] / widths * body[BRISTLE] ** 2) / 2.0)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@outlined
 def walk(body: Floats, device: Floats, numbers: Floats, duration: float, move: Floats) -> float:
     """Move straight and uniformly by ``move`` in ``duration``; return the energy put in, in J."""
     axes, lag = int(numbers[USED_AXES]), numbers[LAG]
@@ -150,7 +151,7 @@ def walk(body: Floats, device: Floats, numbers: Floats, duration: float, move: F
     return float(energy)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@outlined
 def no_faster(move: Floats, duration: float, fastest: float) -> None:
     """Shorten ``move`` to what the hand can do in ``duration`` at its ``fastest``, m/s."""
     square = 0.0
@@ -162,7 +163,7 @@ def no_faster(move: Floats, duration: float, fastest: float) -> None:
             move[axis] *= most / math.sqrt(square)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@outlined
 def worst_of_axis(body: Floats, device: Floats, axis: int, force: float, duration: float) -> float:
     """Return the displacement, in m, that costs the hand least under a mean ``force`` of an axis.
 
@@ -181,7 +182,7 @@ def worst_of_axis(body: Floats, device: Floats, axis: int, force: float, duratio
     return float(move)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@outlined
 def worst_move(
     body: Floats, device: Floats, numbers: Floats, duration: float, move: Floats
 ) -> None:
@@ -209,7 +210,7 @@ def worst_move(
         move[axis] *= -best / size if size > 0.0 else 0.0
 
 
-@numba.njit(cache=True, error_model="numpy")
+@outlined
 def worst_length(
     body: Floats, device: Floats, numbers: Floats, duration: float, force: Floats, size: float
 ) -> float:
@@ -233,7 +234,7 @@ def worst_length(
     return float((low + high) / 2.0)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@outlined
 def worst_end(
     body: Floats, device: Floats, numbers: Floats, duration: float, pieces: int
 ) -> tuple[float, float]:
@@ -248,7 +249,7 @@ def worst_end(
     return energy, lowest
 
 
-@numba.njit(cache=True, error_model="numpy")
+@outlined
 def strike(
     body: Floats,
     device: Floats,
@@ -302,7 +303,7 @@ def strike(
     return lowest
 
 
-@numba.njit(cache=True, error_model="numpy")
+@outlined
 def strike_guarded(
     body: Floats, device: Floats, numbers: Floats, write_after: float, force: Floats
 ) -> float:

@@ -1,4 +1,4 @@
-"""Paths of the independent attack: genes, what they mean in each interval, and the worst readings.
+"""Paths of an attack: genes, what they mean in each interval, and the worst readings.
 
 A run has a row of genes for each interval between two readings. :func:`plan_of` turns them into
 times, moves and commands; :func:`tick` lets the device go through one interval. The hand knows the
@@ -9,34 +9,12 @@ of them multiples of the encoder's error (``MICRO``), a speed, and a turn within
 import math
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 
-from experiments.independent_attack.arm import walk_at_tip
-from experiments.independent_attack.truth import (
-    ALONG_PATH,
-    AT_TIP,
-    AXES,
-    COMPENSATION,
-    DAMPING,
-    DROP,
-    ERROR,
-    FASTEST,
-    FRICTION,
-    GAIN,
-    GUARD,
-    LAG,
-    OUTPUT,
-    POSITION,
-    TARGET,
-    USED_AXES,
-    WEIGHT,
-    Floats,
-    no_faster,
-    strike,
-    strike_guarded,
-    walk,
-)
+from forcebound.compiled import outlined
+from forcebound.lab.paths import truth as at
+from forcebound.lab.paths.arm import walk_at_tip
+from forcebound.lab.paths.truth import AXES, Floats, no_faster, strike, strike_guarded, walk
 
 # Columns of genes and of a plan.
 DURATION, WRITE, APPLIED, CUT, STRIKE_OLD, STRIKE, RETURN, TURN, SPLIT = range(9)
@@ -53,8 +31,8 @@ ENERGY, LOWEST, STRUCK, PEAK, SHARE, LEFT, CUT_AFTER, CUT_TIME, LATE_STRUCK, FAL
 RECORD = 10
 
 # Rows of what is remembered from tick to tick besides the body.
-READING, LAST_MOVE, AT_CUT, AT_WRITE = range(4)
-SEEN_ROWS = 4
+READING, COMMANDED, LAST_MOVE, AT_CUT, AT_WRITE = range(5)
+SEEN_ROWS = 5
 
 SMALLEST_PEAK = 1e-5  # J, of the energy; a share of less says nothing
 LARGE_PEAK = 1e-4  # J; what is left after such a peak says how tight a law is
@@ -136,13 +114,13 @@ def plan_of(
     return plan
 
 
-@numba.njit(cache=True, error_model="numpy")
+@outlined
 def misread(
     mode: int, axis: int, body: Floats, device: Floats, seen: Floats, share: float
 ) -> float:
     """Return a reading that is wrong by at most r, in m."""
-    position, error = body[POSITION, axis], device[ERROR, axis]
-    force = body[TARGET, axis] + device[WEIGHT, axis]
+    position, error = body[at.POSITION, axis], device[at.ERROR, axis]
+    force = body[at.TARGET, axis] + device[at.WEIGHT, axis]
     if mode == 1:
         return float(min(max(seen[READING, axis], position - error), position + error))
     if mode == 2:
@@ -160,7 +138,7 @@ def misread(
     return float(position + error * share)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@outlined
 def command_of(mode: int, axis: int, index: int, seen: Floats, plan: Floats) -> float:
     """Return the command of an axis for the next reading, in N."""
     command = plan[index, COMMAND + axis]
@@ -175,36 +153,38 @@ def command_of(mode: int, axis: int, index: int, seen: Floats, plan: Floats) -> 
     return float(command)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@outlined
 def worst_way(device: Floats, numbers: Floats, force: Floats, duration: float, way: Floats) -> None:
     """Put the move that costs least under a constant ``force``, rigid friction, into ``way``."""
-    axes = int(numbers[USED_AXES])
+    axes = int(numbers[at.USED_AXES])
     square = 0.0
     for axis in range(axes):
-        way[axis] = device[GAIN, axis] * force[axis]
+        way[axis] = device[at.GAIN, axis] * force[axis]
         square += way[axis] * way[axis]
     size = math.sqrt(square)
     for axis in range(axes):
-        if numbers[ALONG_PATH] > 0.0:
-            share = max(1.0 - device[FRICTION, 0] / size, 0.0) if size > 0.0 else 0.0
-            way[axis] *= -share * duration / (2.0 * device[DAMPING, axis])
+        if numbers[at.ALONG_PATH] > 0.0:
+            share = max(1.0 - device[at.FRICTION, 0] / size, 0.0) if size > 0.0 else 0.0
+            way[axis] *= -share * duration / (2.0 * device[at.DAMPING, axis])
         else:
-            excess = max(abs(way[axis]) - device[FRICTION, axis], 0.0)
-            way[axis] = -math.copysign(excess, way[axis]) * duration / (2.0 * device[DAMPING, axis])
+            excess = max(abs(way[axis]) - device[at.FRICTION, axis], 0.0)
+            way[axis] = (
+                -math.copysign(excess, way[axis]) * duration / (2.0 * device[at.DAMPING, axis])
+            )
 
 
-@numba.njit(cache=True, error_model="numpy")
+@outlined
 def is_guarded(body: Floats, device: Floats, numbers: Floats, seen: Floats) -> bool:
     """Return whether a watchdog that looks now leaves the force on: its readings hide up to 2r."""
-    for axis in range(int(numbers[USED_AXES])):
-        force = body[TARGET, axis] + device[COMPENSATION, axis]
-        back = -math.copysign(1.0, force) * (body[POSITION, axis] - seen[AT_WRITE, axis])
-        if force != 0.0 and back > 2.0 * device[ERROR, axis]:
+    for axis in range(int(numbers[at.USED_AXES])):
+        force = body[at.TARGET, axis] + device[at.COMPENSATION, axis]
+        back = -math.copysign(1.0, force) * (body[at.POSITION, axis] - seen[AT_WRITE, axis])
+        if force != 0.0 and back > 2.0 * device[at.ERROR, axis]:
             return False
-    return bool(numbers[GUARD] > 0.0)
+    return bool(numbers[at.GUARD] > 0.0)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@outlined
 def through(
     body: Floats,
     device: Floats,
@@ -229,7 +209,7 @@ def through(
         record: Energy and its lowest value; changed.
         seen: Position at the cut; changed.
     """
-    lag = numbers[LAG]
+    lag = numbers[at.LAG]
     write, cut, hold = events[0], events[1], events[2]
     now, is_leaving = 0.0, False  # a guard has seen something; a new force comes before it forgets
     step = np.empty(AXES)
@@ -238,20 +218,20 @@ def through(
         end = now + left
         while True:
             if write <= now and write >= 0.0:
-                body[TARGET] = force - device[COMPENSATION]
+                body[at.TARGET] = force - device[at.COMPENSATION]
                 cut, write, is_leaving = now + hold, -1.0, False
-                seen[AT_WRITE] = body[POSITION]
+                seen[AT_WRITE] = body[at.POSITION]
             if cut <= now and not is_leaving and is_guarded(body, device, numbers, seen):
-                cut = now + numbers[GUARD]
-            if cut <= now and not is_leaving and numbers[DROP] > 0.0:
-                cut, is_leaving = now + numbers[DROP], True
+                cut = now + numbers[at.GUARD]
+            if cut <= now and not is_leaving and numbers[at.DROP] > 0.0:
+                cut, is_leaving = now + numbers[at.DROP], True
             if cut <= now:
-                body[TARGET] = 0.0
+                body[at.TARGET] = 0.0
                 record[CUT_TIME] = now
-                seen[AT_CUT] = body[POSITION]
+                seen[AT_CUT] = body[at.POSITION]
                 cut = math.inf
             if lag <= 0.0:
-                body[OUTPUT] = body[TARGET]
+                body[at.OUTPUT] = body[at.TARGET]
             if left <= 0.0:
                 break
             after = min(end, cut)
@@ -263,7 +243,7 @@ def through(
             if duration > 0.0:
                 for axis in range(AXES):
                     step[axis] = moves[piece, axis] * duration / times[piece]
-                if numbers[AT_TIP] > 0.0:
+                if numbers[at.AT_TIP] > 0.0:
                     record[ENERGY] += walk_at_tip(body, device, numbers, duration, step)
                 else:
                     record[ENERGY] += walk(body, device, numbers, duration, step)
@@ -272,14 +252,40 @@ def through(
             now = after
             if now >= end:
                 left = 0.0
-    if write >= 0.0:  # at the very end of the interval, to rounding
-        body[TARGET] = force - device[COMPENSATION]
-        seen[AT_WRITE] = body[POSITION]
+    if 0.0 <= write < math.inf:  # at the very end of the interval, to rounding
+        body[at.TARGET] = force - device[at.COMPENSATION]
+        seen[AT_WRITE] = body[at.POSITION]
         cut = now + hold
     record[CUT_AFTER] = cut - now
 
 
-@numba.njit(cache=True, error_model="numpy")
+@outlined
+def strike_all(
+    body: Floats,
+    device: Floats,
+    numbers: Floats,
+    write: float,
+    holds: Floats,
+    force: Floats,
+    record: Floats,
+) -> None:
+    """Note the worst ends of the hold that begins with a ``write`` in so many s (:func:`tick`)."""
+    low = strike(body, device, numbers, write, record[CUT_AFTER], force, holds[1])
+    if numbers[at.GUARD] > 0.0:
+        low = min(low, strike_guarded(body, device, numbers, write, force))
+    low += record[ENERGY]
+    record[STRUCK] = min(record[STRUCK], low)
+    if record[PEAK] > SMALLEST_PEAK:
+        record[SHARE] = min(record[SHARE], low / record[PEAK])
+    if record[PEAK] > LARGE_PEAK:
+        record[LEFT] = min(record[LEFT], low)
+    if write <= 0.0 and numbers[at.LAG] <= 0.0:  # else the rest of an overdue force may act
+        record[FALLEN] = min(record[FALLEN], low - min(record[ENERGY], 0.0))
+    if holds[2] > 0.0:
+        late = strike(body, device, numbers, write, record[CUT_AFTER], force, holds[2])
+        record[LATE_STRUCK] = min(record[LATE_STRUCK], late + record[ENERGY])
+
+
 def tick(
     body: Floats,
     device: Floats,
@@ -290,11 +296,9 @@ def tick(
     holds: Floats,
     record: Floats,
     seen: Floats,
-    force_1: float,
-    force_2: float,
-    force_3: float,
-) -> tuple[float, float, float, float, float, float]:
-    """Strike with the written force, walk through an interval; return reading and next command.
+    force: Floats,
+) -> None:
+    """Strike with the written force and walk through an interval, up to the next reading.
 
     Args:
         body: The state at the reading; changed.
@@ -306,39 +310,23 @@ def tick(
         holds: How long the device really holds this force, how long it is struck, and how long in
             a late hold (0: not tried), s.
         record: Energies; changed.
-        seen: Readings and moves; changed.
-        force_1: Force written, first axis, N.
-        force_2: Second axis.
-        force_3: Third axis.
+        seen: Readings, moves and the next command; changed.
+        force: Written, N, shape ``(3,)``.
     """
-    force = np.array([force_1, force_2, force_3])
     row = plan[index]
     duration, write = row[DURATION] * 1e-9, row[WRITE] * 1e-9
     record[CUT_TIME] = -1.0
-    low = strike(body, device, numbers, write, record[CUT_AFTER], force, holds[1])
-    if numbers[GUARD] > 0.0:
-        low = min(low, strike_guarded(body, device, numbers, write, force))
-    low += record[ENERGY]
-    if low < record[STRUCK]:
-        record[STRUCK] = low
-    if record[PEAK] > SMALLEST_PEAK:
-        record[SHARE] = min(record[SHARE], low / record[PEAK])
-    if record[PEAK] > LARGE_PEAK:
-        record[LEFT] = min(record[LEFT], low)
-    if write <= 0.0 and numbers[LAG] <= 0.0:  # else the rest of an overdue force may act
-        record[FALLEN] = min(record[FALLEN], low - min(record[ENERGY], 0.0))
-    if holds[2] > 0.0:
-        late = strike(body, device, numbers, write, record[CUT_AFTER], force, holds[2])
-        record[LATE_STRUCK] = min(record[LATE_STRUCK], late + record[ENERGY])
+    if write < math.inf:
+        strike_all(body, device, numbers, write, holds, force, record)
     # The pieces: under the old force, under the new one (there and back), after its cut.
     times, moves = np.zeros(4), np.zeros((4, AXES))
     before = min(write, duration)
     held = min(duration - before, holds[0])
     times[0], times[1] = before, held * row[SPLIT]
     times[2], times[3] = held - times[1], duration - before - held
-    worst_way(device, numbers, body[TARGET] + device[WEIGHT], max(before, 1e-9), moves[0])
+    worst_way(device, numbers, body[at.TARGET] + device[at.WEIGHT], max(before, 1e-9), moves[0])
     worst_way(device, numbers, force, max(held, 1e-9), moves[1])
-    for axis in range(int(numbers[USED_AXES])):
+    for axis in range(int(numbers[at.USED_AXES])):
         old, new = row[STRIKE_OLD] * moves[0, axis], row[STRIKE] * moves[1, axis]
         drift = row[SPEED + axis]
         extra = row[MICRO + axis] + drift * held
@@ -348,23 +336,15 @@ def tick(
         moves[2, axis] = (1.0 - share) * (new + extra) - row[TURN]
         moves[3, axis] = row[RETURN] * new + drift * times[3]
     for piece in range(4):
-        no_faster(moves[piece], times[piece], numbers[FASTEST])
-    start = body[POSITION].copy()
+        no_faster(moves[piece], times[piece], numbers[at.FASTEST])
+    start = body[at.POSITION].copy()
     events = np.array([write, record[CUT_AFTER], holds[0]])
     through(body, device, numbers, times, moves, force, events, record, seen)
     record[PEAK] = max(record[PEAK], record[ENERGY])
     following = min(index + 1, len(plan) - 1)
-    seen[LAST_MOVE] = body[POSITION] - start
+    seen[LAST_MOVE] = body[at.POSITION] - start
     for axis in range(AXES):
         seen[READING, axis] = misread(
             int(modes[0]), axis, body, device, seen, plan[following, MISREAD + axis]
         )
-    mode = int(modes[1])
-    return (
-        seen[READING, 0],
-        seen[READING, 1],
-        seen[READING, 2],
-        command_of(mode, 0, following, seen, plan),
-        command_of(mode, 1, following, seen, plan),
-        command_of(mode, 2, following, seen, plan),
-    )
+        seen[COMMANDED, axis] = command_of(int(modes[1]), axis, following, seen, plan)

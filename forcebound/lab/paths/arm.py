@@ -10,30 +10,21 @@ by Gauss-Legendre quadrature over short pieces, to rounding.
 
 import math
 
-import numba
 import numpy as np
 
-from experiments.independent_attack.truth import (
-    AXES,
-    DAMPING,
-    GAIN,
-    LAG,
-    OUTPUT,
-    POSITION,
-    TARGET,
-    Floats,
-    relax,
-    work_of_axis,
-)
+from forcebound.compiled import outlined
+from forcebound.lab.paths import truth as at
+from forcebound.lab.paths.truth import Floats, relax, walk, work_of_axis
 
 LINKS = (0.25, 0.2)  # m
 FIRST_POSE = (0.4, 1.3)  # rad, where the encoders read zero
 PARTS = 4  # of a move
+FOLDED, STRETCHED = 2.6, 0.3  # rad, of the elbow: between them the tip goes straight
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(6)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@outlined
 def tip_of(first: float, second: float) -> tuple[float, float]:
     """Return the place of the tip, m, for the two angles, rad, from the first pose."""
     shoulder = FIRST_POSE[0] + first
@@ -44,7 +35,7 @@ def tip_of(first: float, second: float) -> tuple[float, float]:
     )
 
 
-@numba.njit(cache=True, error_model="numpy")
+@outlined
 def angles_of(x: float, y: float) -> tuple[float, float]:
     """Return the two angles, rad, from the first pose, elbow on one side."""
     square = x * x + y * y
@@ -56,18 +47,22 @@ def angles_of(x: float, y: float) -> tuple[float, float]:
     return shoulder - FIRST_POSE[0], bend - FIRST_POSE[1]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@outlined
+def jacobian(first: float, second: float) -> tuple[float, float, float, float]:
+    """Return a, b, c, d of J = [[a, c], [b, d]], in m, for the two angles from the first pose."""
+    shoulder = FIRST_POSE[0] + first
+    elbow = shoulder + FIRST_POSE[1] + second
+    c, d = -LINKS[1] * math.sin(elbow), LINKS[1] * math.cos(elbow)
+    return c - LINKS[0] * math.sin(shoulder), d + LINKS[0] * math.cos(shoulder), c, d
+
+
+@outlined
 def power_at_tip(
     first: float, second: float, speed_x: float, speed_y: float, damping: Floats, torque: Floats
 ) -> float:
     """Return the power of the hand, W, at the tip, against damping and motors."""
-    shoulder = FIRST_POSE[0] + first
-    elbow = shoulder + FIRST_POSE[1] + second
-    c = -LINKS[1] * math.sin(elbow)
-    d = LINKS[1] * math.cos(elbow)
-    a = c - LINKS[0] * math.sin(shoulder)
-    b = d + LINKS[0] * math.cos(shoulder)
-    size = a * d - b * c  # J = [[a, c], [b, d]]
+    a, b, c, d = jacobian(first, second)
+    size = a * d - b * c
     turn_1 = (d * speed_x - c * speed_y) / size
     turn_2 = (a * speed_y - b * speed_x) / size
     torque_1 = damping[0] * turn_1 + torque[0]
@@ -77,18 +72,15 @@ def power_at_tip(
     return float(force_x * speed_x + force_y * speed_y)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@outlined
 def turn_rate(axis: int, first: float, second: float, speed_x: float, speed_y: float) -> float:
     """Return a number with the sign of a joint's speed while the tip moves straight."""
-    shoulder = FIRST_POSE[0] + first
-    elbow = shoulder + FIRST_POSE[1] + second
-    c, d = -LINKS[1] * math.sin(elbow), LINKS[1] * math.cos(elbow)
-    a, b = c - LINKS[0] * math.sin(shoulder), d + LINKS[0] * math.cos(shoulder)
+    a, b, c, d = jacobian(first, second)
     turn = d * speed_x - c * speed_y if axis == 0 else a * speed_y - b * speed_x
     return float(turn * math.copysign(1.0, a * d - b * c))
 
 
-@numba.njit(cache=True, error_model="numpy")
+@outlined
 def rub(
     body: Floats,
     device: Floats,
@@ -117,24 +109,43 @@ def rub(
             else:
                 high = middle
         turning = one if axis == 0 else two
-        work = work_of_axis(body, device, axis, turning - body[POSITION, axis])
-        body[POSITION, axis] = turning
-    work += work_of_axis(body, device, axis, angle - body[POSITION, axis])
-    body[POSITION, axis] = angle
+        work = work_of_axis(body, device, axis, turning - body[at.POSITION, axis])
+        body[at.POSITION, axis] = turning
+    work += work_of_axis(body, device, axis, angle - body[at.POSITION, axis])
+    body[at.POSITION, axis] = angle
     return work
 
 
-@numba.njit(cache=True, error_model="numpy")
+@outlined
+def is_within_reach(
+    elbow: float, end_elbow: float, x: float, y: float, end_x: float, end_y: float
+) -> bool:
+    """Return whether the tip can go straight with the elbow between folded and stretched."""
+    low, high = min(elbow, end_elbow) + FIRST_POSE[1], max(elbow, end_elbow) + FIRST_POSE[1]
+    way_x, way_y = end_x - x, end_y - y
+    square = way_x * way_x + way_y * way_y
+    nearest = min(max(-(x * way_x + y * way_y) / square, 0.0), 1.0) if square > 0.0 else 0.0
+    near = (x + nearest * way_x) ** 2 + (y + nearest * way_y) ** 2
+    folded = LINKS[0] ** 2 + LINKS[1] ** 2 + 2.0 * LINKS[0] * LINKS[1] * math.cos(FOLDED)
+    return bool(low > STRETCHED and high < FOLDED and near > folded)
+
+
+@outlined
 def walk_at_tip(
     body: Floats, device: Floats, numbers: Floats, duration: float, move: Floats
 ) -> float:
-    """Move the tip straight to where ``move`` of the joints ends; return the hand's energy, J."""
-    first, second = body[POSITION, 0], body[POSITION, 1]
+    """Move the tip straight to where ``move`` of the joints ends; return the hand's energy, J.
+
+    Where it cannot, near the stretched or the folded arm, the joints move uniformly.
+    """
+    first, second = body[at.POSITION, 0], body[at.POSITION, 1]
     x, y = tip_of(first, second)
     end_x, end_y = tip_of(first + move[0], second + move[1])
+    if not is_within_reach(second, second + move[1], x, y, end_x, end_y):
+        return walk(body, device, numbers, duration, move)
     speed_x, speed_y = (end_x - x) / duration, (end_y - y) / duration
-    lag, energy = numbers[LAG], 0.0
-    torque = np.zeros(AXES)
+    lag, energy = numbers[at.LAG], 0.0
+    torque = np.zeros(at.AXES)
     part = duration / PARTS
     for number in range(PARTS):
         for node in range(len(_NODES)):
@@ -143,17 +154,17 @@ def walk_at_tip(
             angle_1, angle_2 = angles_of(x + speed_x * now, y + speed_y * now)
             left = math.exp(-after / lag) if lag > 0.0 else 0.0
             for axis in range(2):
-                target = body[TARGET, axis]
-                torque[axis] = target + (body[OUTPUT, axis] - target) * left
-                torque[axis] *= device[GAIN, axis]
-            power = power_at_tip(angle_1, angle_2, speed_x, speed_y, device[DAMPING], torque)
+                target = body[at.TARGET, axis]
+                torque[axis] = target + (body[at.OUTPUT, axis] - target) * left
+                torque[axis] *= device[at.GAIN, axis]
+            power = power_at_tip(angle_1, angle_2, speed_x, speed_y, device[at.DAMPING], torque)
             energy += _WEIGHTS[node] / 2.0 * part * power
-        at = (number + 1) * part
-        angle_1, angle_2 = angles_of(x + speed_x * at, y + speed_y * at)
+        end = (number + 1) * part
+        angle_1, angle_2 = angles_of(x + speed_x * end, y + speed_y * end)
         if number == PARTS - 1:
             angle_1, angle_2 = first + move[0], second + move[1]
         line = (x, y, speed_x, speed_y)
-        energy += rub(body, device, 0, line, number * part, at, angle_1)
-        energy += rub(body, device, 1, line, number * part, at, angle_2)
+        energy += rub(body, device, 0, line, number * part, end, angle_1)
+        energy += rub(body, device, 1, line, number * part, end, angle_2)
         relax(body, lag, part)
     return energy

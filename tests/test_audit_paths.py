@@ -1,15 +1,23 @@
-"""The independent attack: its ground truth by hand, and that it sees leaks where there are some."""
+"""Attacks along any path: the ground truth by hand, and leaks are seen where there are some."""
 
+import json
 import math
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
-from experiments.independent_attack.arm import walk_at_tip
-from experiments.independent_attack.cases import CERTIFICATES, draw
-from experiments.independent_attack.search import Restart, attack_at_random, attack_with_cma
-from experiments.independent_attack.truth import (
+from forcebound.bounding import ENERGY_TOLERANCE, Dissipation, ForceBounder
+from forcebound.cli import main
+from forcebound.errors import ConfigError
+from forcebound.lab.engine import rows_of_each
+from forcebound.lab.paths.arm import walk_at_tip
+from forcebound.lab.paths.campaign import LOWEST, PathCase, cases, replay, section, summary
+from forcebound.lab.paths.certificates import CERTIFICATES, draw
+from forcebound.lab.paths.search import Restart
+from forcebound.lab.paths.truth import (
     ALONG_PATH,
     AXES,
     BODY_ROWS,
@@ -30,7 +38,7 @@ from experiments.independent_attack.truth import (
     walk,
     work_along_path,
 )
-from forcebound.bounding import ENERGY_TOLERANCE, Dissipation, ForceBounder
+from forcebound.lab.sensitivity import MISTAKES, device_of, run, stated_by
 
 pytestmark = pytest.mark.no_cover  # attacks by the thousand would take twice the time
 
@@ -131,20 +139,25 @@ def attack(certificate: str, law: str, left_out: bool = False, restarts: int = 1
     found = []
     for seed in range(restarts):
         random = np.random.default_rng(seed)
-        case = draw(certificate, law, random, left_out)
-        found.append(attack_with_cma(case, random, 200))
-        found.append(attack_at_random(case, random, 50))
-    return min(found, key=lambda one: one.worst)
+        one = Restart(draw(certificate, law, random, left_out))
+        one.search(random, 150)
+        one.at_random(random, 30)
+        found.append(one)
+    return min(found, key=worst)
+
+
+def worst(restart: Restart) -> float:
+    assert restart.worst is not None
+    return restart.worst.outcome.worst
 
 
 @pytest.mark.parametrize("law", CERTIFIED)
 @pytest.mark.parametrize("certificate", sorted(CERTIFICATES))
 def test_no_certificate_leaks(certificate: str, law: str) -> None:
-    found = attack(certificate, law)
-    assert found.worst >= -ENERGY_TOLERANCE
+    assert worst(attack(certificate, law)) >= -ENERGY_TOLERANCE
 
 
-@pytest.mark.parametrize("law", ["less_conservative", "more_conservative", "aol"])
+@pytest.mark.parametrize("law", ["none", "less_conservative", "more_conservative", "aol", "tdpa"])
 def test_the_laws_of_the_paper_leak(law: str) -> None:
     assert attack("plain", law, restarts=4).lowest < -1e-5
 
@@ -153,7 +166,7 @@ def test_the_laws_of_the_paper_leak(law: str) -> None:
     "certificate", sorted(name for name in CERTIFICATES if CERTIFICATES[name].left_out)
 )
 def test_a_number_that_is_left_out_is_found(certificate: str) -> None:
-    assert attack(certificate, "certified", left_out=True, restarts=4).worst < -1e-6
+    assert worst(attack(certificate, "certified", left_out=True, restarts=4)) < -1e-6
 
 
 @pytest.mark.parametrize("late_ns", [3_900_000, 5_000_000])
@@ -178,3 +191,87 @@ def test_a_late_hold_that_the_hardware_ended_counts_as_one_that_was_replaced(lat
     energy += damping * move**2 / held - force[0] * move
     bounder.settle(bounder.bound(time_ns + late_ns, (position - move,), (0.0,)))
     assert bounder.largest_allowance == pytest.approx(-energy)
+
+
+def test_a_run_is_repeated_by_its_name_and_drawn(tmp_path: Path) -> None:
+    found = rows_of_each([PathCase("lag", "certified", True, kind, 2, 40) for kind in "rs"])
+    for row in found:
+        document, trace = replay("certified", row["case"])
+        assert document[LOWEST] == row[LOWEST]
+        assert len(trace) == document["steps"] - 1  # the first reading has no force
+    (shown,) = summary([{**found[0], "left_out": False}, found[1]])
+    assert shown["runs"] == shown["without"]["runs"] == 40
+    assert f"| {found[1]['case']} |" in "\n".join(section([shown]))
+    picture = tmp_path / "run.png"
+    again = ["audit", "replay", "certified", found[0]["case"]]
+    done = CliRunner().invoke(main, [*again, "--output", str(picture), "--json"])
+    assert json.loads(done.stdout)[LOWEST] == found[0][LOWEST]
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    done = CliRunner().invoke(main, [*again, "--duration", "1 s"])
+    assert "--duration" in done.stderr
+
+
+@pytest.mark.parametrize("name", ["all:r3.82", "gain_and_weight:r1.2", "joints:r1.65"])
+def test_what_once_broke_a_certificate_no_longer_does(name: str) -> None:
+    assert replay("certified", name)[0][LOWEST] >= -ENERGY_TOLERANCE
+
+
+def test_every_certificate_is_attacked_with_and_without_its_number() -> None:
+    found = cases(CERTIFIED, list(CERTIFICATES), 150, 700)
+    informed = [one for one in found if not one.left_out]
+    assert sum(one.runs for one in informed) == 850 * len(CERTIFICATES) * len(CERTIFIED)
+    assert {one.certificate for one in informed} == set(CERTIFICATES)
+    without = {one.certificate for one in found if one.left_out}
+    assert without == {name for name, one in CERTIFICATES.items() if one.left_out}
+
+
+@pytest.mark.parametrize("name", ["plain:", "plain:3", "plain:s3", "plain:x3.1", "nothing:s1.1"])
+def test_a_name_that_is_no_run_is_refused(name: str) -> None:
+    with pytest.raises(ConfigError):
+        replay("certified", name)
+
+
+def test_only_certified_laws_have_certificates() -> None:
+    with pytest.raises(ConfigError, match="'aol'"):
+        cases(["aol"], ["plain"], 1, 0)
+    with pytest.raises(ConfigError, match="'unheard'"):
+        cases(["certified"], ["unheard"], 1, 0)
+
+
+PHANTOM = "phantom_premium_1_5"
+
+
+@pytest.mark.parametrize(
+    ("summary", "most"),
+    [
+        ("nothing is wrong", None),
+        ("guarding, any hand: nothing is wrong", None),
+        ("guarding, any hand: first look 50 us late", -1e-4),
+        ("guarding, any hand: drops a force 50 us after the look", -1e-4),
+        ("readings wrong by 4r", -1e-4),
+        ("reading to writing 400 us", -1e-4),
+        ("the same, no largest speed stated", -1e-3),
+    ],
+)
+def test_a_broken_promise_costs_energy_and_a_kept_one_none(
+    summary: str, most: float | None
+) -> None:
+    lowest = 0.0
+    for seed in range(3):
+        random = np.random.default_rng(seed)
+        found = Restart(device_of(PHANTOM, summary, random), 100)
+        found.at_random(random, 30)
+        found.search(random, 60)
+        lowest = min(lowest, found.lowest)
+    assert lowest >= -ENERGY_TOLERANCE if most is None else lowest < most
+
+
+def test_the_device_states_its_own_numbers_and_each_mistake_is_reported_once() -> None:
+    device = stated_by(PHANTOM)
+    assert [device[name] for name in ("damping", "friction", "saturation")] == [0.27, 0.12, 8.5]
+    with pytest.raises(ConfigError, match="'unheard'"):
+        stated_by("unheard")
+    words = ["audit", "sensitivity", "--runs", "2", "--workers", "0", "--json"]
+    document = json.loads(CliRunner().invoke(main, words).stdout)
+    assert document == run(PHANTOM, 2, 0)
+    assert [row["summary"] for row in document["mistakes"]] == list(MISTAKES)

@@ -7,35 +7,19 @@ have the effect.
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass, field, replace
+from typing import Any, TypeAlias
 
 import numpy as np
 
-from experiments.independent_attack.engine import Case
-from experiments.independent_attack.paths import COMMANDS, READINGS, Manner
-from experiments.independent_attack.truth import (
-    ALONG_PATH,
-    AT_TIP,
-    AXES,
-    COMPENSATION,
-    DAMPING,
-    DEVICE_ROWS,
-    DROP,
-    ERROR,
-    FASTEST,
-    FRICTION,
-    GAIN,
-    GUARD,
-    LAG,
-    NUMBERS,
-    PRESLIDING,
-    USED_AXES,
-    WEIGHT,
-)
 from forcebound.bounding import Dissipation
+from forcebound.lab.paths import truth as at
+from forcebound.lab.paths.path import COMMANDS, READINGS, Manner
+from forcebound.lab.paths.run import Case
+from forcebound.lab.paths.truth import AXES
 
 Random = np.random.Generator
+Effect: TypeAlias = Callable[["Draft"], None]
 
 
 @dataclass(frozen=True)
@@ -44,14 +28,14 @@ class Certificate:
 
     Attributes:
         summary: One line for the report.
-        effects: Names of the functions in this file that give a device its imperfections.
+        effects: Functions that give a device its imperfections, in this order.
         left_out: Fields stated as here in the run that must break the law.
         axes: Numbers of axes to draw from.
     """
 
     summary: str
-    effects: tuple[str, ...]
-    left_out: dict[str, Any]
+    effects: tuple[Effect, ...]
+    left_out: dict[str, Any] = field(default_factory=dict)
     axes: tuple[int, ...] = (1, 1, 2, 3)
 
 
@@ -87,13 +71,19 @@ def _plain(random: Random, axes: int) -> Draft:
         "hold_limit": round(period * ratio * 1e9) / 1e9,
         "saturation": _log(random, 1.0, 30.0),
     }
-    device, numbers = np.zeros((DEVICE_ROWS, AXES)), np.zeros(NUMBERS)
-    device[GAIN], numbers[FASTEST] = 1.0, math.inf
-    numbers[USED_AXES], numbers[ALONG_PATH] = axes, float(axes > 1)
-    device[DAMPING, :axes], device[FRICTION, :axes] = fields["damping"], fields["friction"]
-    device[ERROR, :axes] = fields["resolution"] / 2.0
+    draft = draft_of(random, axes, fields)
     if axes > 1 and random.random() < 0.3:  # the isotropic law allows this, too
-        numbers[ALONG_PATH] = 0.0
+        draft.numbers[at.ALONG_PATH] = 0.0
+    return draft
+
+
+def draft_of(random: Random, axes: int, fields: dict[str, Any]) -> Draft:
+    """Return a device that has what its ``fields`` state, alike on each axis, and nothing else."""
+    device, numbers = np.zeros((at.DEVICE_ROWS, AXES)), np.zeros(at.NUMBERS)
+    device[at.GAIN], numbers[at.FASTEST] = 1.0, math.inf
+    numbers[at.USED_AXES], numbers[at.ALONG_PATH] = axes, float(axes > 1)
+    device[at.DAMPING, :axes], device[at.FRICTION, :axes] = fields["damping"], fields["friction"]
+    device[at.ERROR, :axes] = fields["resolution"] / 2.0
     return Draft(random, axes, device, numbers, fields, {})
 
 
@@ -110,54 +100,58 @@ def presliding(draft: Draft) -> None:
     draft.fields["presliding"] = ways if axes > 1 else ways[0]
     if axes > 1:
         draft.fields["friction"] = draft.per_axis("friction")
-        draft.numbers[ALONG_PATH] = 0.0
-    draft.device[PRESLIDING, :axes] = draft.per_axis("presliding")
+        draft.numbers[at.ALONG_PATH] = 0.0
+    draft.device[at.PRESLIDING, :axes] = draft.per_axis("presliding")
 
 
 def gain(draft: Draft) -> None:
     """Every motor gives a constant factor of its force, alike on each axis."""
     error = _log(draft.random, 0.005, 0.2)
     draft.fields["gain_error"] = error
-    draft.device[GAIN] = 1.0 + error * draft.random.choice([-1.0, 1.0, draft.random.uniform(-1, 1)])
+    draft.device[at.GAIN] = 1.0 + error * draft.random.choice(
+        [-1.0, 1.0, draft.random.uniform(-1, 1)]
+    )
 
 
 def gain_of_axes(draft: Draft) -> None:
     """Every motor has a factor of its own."""
     error = _log(draft.random, 0.005, 0.2)
     draft.fields["gain_error"] = error
-    draft.device[GAIN] = 1.0 + error * draft.random.choice([-1.0, 1.0], AXES)
+    draft.device[at.GAIN] = 1.0 + error * draft.random.choice([-1.0, 1.0], AXES)
 
 
 def lag(draft: Draft) -> None:
     """The amplifier is of first order."""
     draft.fields["lag"] = draft.fields["period"] * _log(draft.random, 0.02, 1.0)
-    draft.numbers[LAG] = draft.fields["lag"]
+    draft.numbers[at.LAG] = draft.fields["lag"]
+
+
+def _of_axes(draft: Draft, name: str, row: int, values: tuple[float, ...]) -> None:
+    """Give each axis a number of its own."""
+    draft.fields[name] = values
+    draft.device[row, : draft.axes] = np.array(values) * (0.5 if name == "resolution" else 1.0)
+    draft.numbers[at.ALONG_PATH] = 0.0
 
 
 def pooled(draft: Draft) -> None:
     """Every axis has its own damping, friction and resolution."""
-    axes, random = draft.axes, draft.random
-    for name, row in (("damping", DAMPING), ("friction", FRICTION), ("resolution", ERROR)):
+    for name, row in (("damping", at.DAMPING), ("friction", at.FRICTION), ("resolution", at.ERROR)):
         mean = draft.fields[name]
-        values = tuple(float(mean * _log(random, 0.2, 5.0)) for _ in range(axes))
-        draft.fields[name] = values
-        draft.device[row, :axes] = np.array(values) * (0.5 if name == "resolution" else 1.0)
-    draft.numbers[ALONG_PATH] = 0.0
+        values = tuple(float(mean * _log(draft.random, 0.2, 5.0)) for _ in range(draft.axes))
+        _of_axes(draft, name, row, values)
 
 
 def joints(draft: Draft) -> None:
     """Coordinates are the two joints of an arm; rad and N m."""
-    axes, random = draft.axes, draft.random
     for name, row, low, high in (
-        ("damping", DAMPING, 5e-4, 0.02),
-        ("friction", FRICTION, 1e-3, 0.05),
-        ("resolution", ERROR, 1e-5, 2e-3),
+        ("damping", at.DAMPING, 5e-4, 0.02),
+        ("friction", at.FRICTION, 1e-3, 0.05),
+        ("resolution", at.ERROR, 1e-5, 2e-3),
     ):
-        values = tuple(_log(random, low, high) for _ in range(axes))
-        draft.fields[name] = values
-        draft.device[row, :axes] = np.array(values) * (0.5 if name == "resolution" else 1.0)
-    draft.fields["saturation"] = _log(random, 0.1, 2.0)
-    draft.numbers[ALONG_PATH], draft.numbers[AT_TIP] = 0.0, 1.0
+        values = tuple(_log(draft.random, low, high) for _ in range(draft.axes))
+        _of_axes(draft, name, row, values)
+    draft.fields["saturation"] = _log(draft.random, 0.1, 2.0)
+    draft.numbers[at.AT_TIP] = 1.0
 
 
 def tolerance(draft: Draft) -> None:
@@ -176,21 +170,25 @@ def guarding(draft: Draft) -> None:
     """The watchdog guards a late force."""
     draft.fields["watchdog"] = draft.case["watchdog"] = "guarding"
     draft.fields["guard_period"] = draft.fields["period"] * _log(draft.random, 0.01, 0.99)
-    draft.numbers[GUARD] = draft.fields["guard_period"]
+    draft.numbers[at.GUARD] = draft.fields["guard_period"]
 
 
 def phantom(draft: Draft) -> None:
     """The numbers of the simulated PHANToM Premium 1.5, whose first look is up to 5 us late."""
     stated = {"damping": 0.27, "friction": 0.12, "resolution": 3e-5, "saturation": 8.5}
     draft.fields |= stated | {"period": 1e-3, "hold_limit": 1.02e-3}
-    draft.device[DAMPING, 0], draft.device[FRICTION, 0], draft.device[ERROR, 0] = 0.27, 0.12, 1.5e-5
+    draft.device[at.DAMPING, 0], draft.device[at.FRICTION, 0], draft.device[at.ERROR, 0] = (
+        0.27,
+        0.12,
+        1.5e-5,
+    )
     draft.case["tolerance"] = draft.fields["watchdog_tolerance"] = 5 / 1020
 
 
 def drops_late(draft: Draft) -> None:
     """A guarding watchdog needs some time to drop a force: a look at the limit comes too late."""
     drop = round(draft.fields["guard_period"] * draft.random.uniform(0.05, 0.9), 9)
-    draft.numbers[GUARD], draft.numbers[DROP] = draft.fields["guard_period"] - drop, drop
+    draft.numbers[at.GUARD], draft.numbers[at.DROP] = draft.fields["guard_period"] - drop, drop
     draft.fields["watchdog_tolerance"] = drop / draft.fields["hold_limit"]
 
 
@@ -230,7 +228,7 @@ def glitches(draft: Draft) -> None:
     """Readings that imply more than the largest speed; the hand never exceeds it."""
     draft.case["refused"] = _log(draft.random, 0.02, 0.5)
     draft.fields["largest_speed"] = draft.case["glitch"] = _log(draft.random, 0.05, 5.0)
-    draft.numbers[FASTEST] = 0.999 * draft.fields["largest_speed"]  # no true reading is refused
+    draft.numbers[at.FASTEST] = 0.999 * draft.fields["largest_speed"]  # no true reading is refused
 
 
 def too_fast(draft: Draft) -> None:
@@ -254,8 +252,8 @@ def weight(draft: Draft) -> None:
         heavy = np.clip(heavy, -0.5 * error / uncertain, 0.5 * error / uncertain)
         error *= 0.5
     draft.fields["weight"], draft.fields["weight_error"] = tuple(heavy.tolist()), error
-    draft.device[WEIGHT, :axes] = heavy + error * random.choice([-1.0, 1.0], axes)
-    draft.device[COMPENSATION, :axes] = heavy
+    draft.device[at.WEIGHT, :axes] = heavy + error * random.choice([-1.0, 1.0], axes)
+    draft.device[at.COMPENSATION, :axes] = heavy
     draft.case["punctual_only"] = True
 
 
@@ -265,90 +263,84 @@ def weight_cut(draft: Draft) -> None:
     draft.case["punctual_only"], draft.case["ledger_only"] = False, True
 
 
-EFFECTS: dict[str, Callable[[Draft], None]] = {
-    effect.__name__: effect
-    for effect in (
-        pooled, joints, write_delay, presliding, gain, gain_of_axes, lag, tolerance, reporting,
-        guarding, phantom, drops_late, none, none_punctual, changing, refused, glitches, too_fast,
-        cap, weight, weight_cut,
-    )
-}  # fmt: skip
-
 CERTIFICATES = {
     "plain": Certificate("quantised readings, any clock", (), {"resolution": 0.0}),
     "write_delay": Certificate(
-        "writes up to 0.4 T after the reading", ("write_delay",), {"write_delay": 0.0}
+        "writes up to 0.4 T after the reading", (write_delay,), {"write_delay": 0.0}
     ),
-    "presliding": Certificate("elastic friction", ("presliding",), {"presliding": 0.0}),
-    "gain": Certificate("gain error to 20 %", ("gain",), {"gain_error": 0.0}),
+    "presliding": Certificate("elastic friction", (presliding,), {"presliding": 0.0}),
+    "gain": Certificate("gain error to 20 %", (gain,), {"gain_error": 0.0}),
     "gain_of_axes": Certificate(
-        "gain error to 20 %, another in each motor", ("gain_of_axes",), {}, axes=(2, 3)
+        "gain error to 20 %, another in each motor", (gain_of_axes,), axes=(2, 3)
     ),
-    "lag": Certificate("first-order amplifier, to T", ("lag",), {"lag": 0.0}),
+    "lag": Certificate("first-order amplifier, to T", (lag,), {"lag": 0.0}),
     "pooled": Certificate(
-        "numbers of each axis", ("pooled",), {"resolution": 0.0}, axes=(1, 2, 2, 3)
+        "numbers of each axis", (pooled,), {"resolution": 0.0}, axes=(1, 2, 2, 3)
     ),
-    "joints": Certificate("an arm, energy at the tip", ("joints",), {"resolution": 0.0}, axes=(2,)),
+    "joints": Certificate("an arm, energy at the tip", (joints,), {"resolution": 0.0}, axes=(2,)),
     "tolerance": Certificate(
-        "silent watchdog in a range", ("tolerance",), {"watchdog_tolerance": 0.0}
+        "silent watchdog in a range", (tolerance,), {"watchdog_tolerance": 0.0}
     ),
-    "reporting": Certificate("reporting watchdog", ("reporting",), {}),
-    "guarding": Certificate("guarding watchdog", ("guarding",), {}),
+    "reporting": Certificate("reporting watchdog", (reporting,)),
+    "guarding": Certificate("guarding watchdog", (guarding,)),
     "guarding_late": Certificate(
         "guarding watchdog, first look early or late within a tolerance",
-        ("tolerance", "guarding"),
+        (tolerance, guarding),
         {"watchdog_tolerance": 0.0},
     ),
     "guarding_phantom": Certificate(
         "guarding watchdog, the simulated PHANToM, first look 5 us early or late",
-        ("phantom", "guarding"),
+        (phantom, guarding),
         {"watchdog_tolerance": 0.0},
         axes=(1,),
     ),
     "guarding_drop": Certificate(
         "guarding watchdog, drop some time after the look, within a tolerance",
-        ("guarding", "drops_late"),
+        (guarding, drops_late),
         {"watchdog_tolerance": 0.0},
     ),
     "guarding_all": Certificate(
         "guarding watchdog, elastic friction, gain error, other hold limits",
-        ("presliding", "gain_of_axes", "changing", "guarding"),
+        (presliding, gain_of_axes, changing, guarding),
         {"presliding": 0.0},
         axes=(1, 2, 3),
     ),
     "guarding_weight": Certificate(
-        "guarding watchdog and compensated weight: the ledger alone", ("weight_cut", "guarding"), {}
+        "guarding watchdog and compensated weight: the ledger alone", (weight_cut, guarding)
     ),
     "none": Certificate(
-        "no watchdog, late holds leak the allowance", ("none",), {"watchdog": "silent"}
+        "no watchdog, late holds leak the allowance", (none,), {"watchdog": "silent"}
     ),
-    "none_punctual": Certificate("no watchdog, punctual", ("none_punctual",), {}),
-    "changing": Certificate("changing hold limits", ("changing",), {}),
-    "refused": Certificate("refused readings", ("refused",), {}),
+    "none_punctual": Certificate("no watchdog, punctual", (none_punctual,)),
+    "changing": Certificate("changing hold limits", (changing,)),
+    "changing_reporting": Certificate(
+        "changing hold limits, reporting watchdog", (reporting, changing)
+    ),
+    "refused": Certificate("refused readings", (refused,)),
     "glitches": Certificate(
-        "glitches beyond the largest speed", ("glitches",), {"largest_speed": math.inf}
+        "glitches beyond the largest speed", (glitches,), {"largest_speed": math.inf}
     ),
-    "too_fast": Certificate("a hand faster than stated", ("too_fast",), {}),
-    "cap": Certificate("capped ledger", ("cap",), {}),
+    "too_fast": Certificate("a hand faster than stated", (too_fast,)),
+    "cap": Certificate("capped ledger", (cap,)),
     "delay_and_speed": Certificate(
-        "writes late, with a largest speed", ("write_delay", "glitches"), {"write_delay": 0.0}
+        "writes late, with a largest speed", (write_delay, glitches), {"write_delay": 0.0}
     ),
     "late_writes": Certificate(
-        "writes late and a silent watchdog in a range", ("write_delay", "tolerance"), {}
+        "writes late and a silent watchdog in a range", (write_delay, tolerance)
     ),
-    "none_and_lag": Certificate("no watchdog, a lag", ("lag", "none"), {"lag": 0.0}),
+    "none_and_lag": Certificate("no watchdog, a lag", (lag, none), {"lag": 0.0}),
     "none_and_delay": Certificate(
-        "no watchdog, writes late", ("write_delay", "none"), {"write_delay": 0.0}
+        "no watchdog, writes late", (write_delay, none), {"write_delay": 0.0}
     ),
     "lag_and_presliding": Certificate(
-        "a lag and elastic friction", ("lag", "presliding"), {"lag": 0.0}
+        "a lag and elastic friction", (lag, presliding), {"lag": 0.0}
     ),
-    "weight": Certificate("compensated weight", ("weight",), {"weight_error": 0.0}),
-    "weight_cut": Certificate("compensated weight, cuts: the ledger alone", ("weight_cut",), {}),
+    "weight": Certificate("compensated weight", (weight,), {"weight_error": 0.0}),
+    "weight_cut": Certificate("compensated weight, cuts: the ledger alone", (weight_cut,)),
     "gain_and_weight": Certificate(
-        "gain error and compensated weight", ("gain", "weight"), {"gain_error": 0.0}
+        "gain error and compensated weight", (gain, weight), {"gain_error": 0.0}
     ),
-    "all": Certificate("a random choice of all of these", (), {}),
+    "all": Certificate("a random choice of all of these", ()),
 }
 
 
@@ -365,36 +357,34 @@ def draw(name: str, law: str, random: Random, left_out: bool = False) -> Case:
     draft = _plain(random, int(random.choice(certificate.axes)))
     effects = list(certificate.effects) if name != "all" else _some(random, draft.axes)
     for effect in effects:
-        EFFECTS[effect](draft)
+        effect(draft)
     fields = draft.fields | (certificate.left_out if left_out else {})
-    return _case(law, draft, Dissipation(**fields))
+    return finished(law, draft, Dissipation(**fields))
 
 
-def _some(random: Random, axes: int) -> list[str]:
+def _some(random: Random, axes: int) -> list[Effect]:
     """Return effects that go together, in the order in which they are drawn."""
-    chosen = [["pooled", "joints", ""][random.choice([0, 1, 2] if axes == 2 else [0, 2])]]
-    for effect in ("write_delay", "presliding", "lag", "changing", "refused", "glitches", "cap"):
-        if random.random() < 0.4:
-            chosen.append(effect)
-    if random.random() < 0.4:
-        chosen.append("gain")
+    own: list[list[Effect]] = [[pooled], [joints], []]
+    chosen = list(own[random.choice([0, 1, 2] if axes == 2 else [0, 2])])
+    often = (write_delay, presliding, lag, changing, refused, glitches, cap, gain)
+    chosen += [effect for effect in often if random.random() < 0.4]
     if random.random() < 0.2:
-        chosen.append("weight")
-    watchdogs = ["", "tolerance", "reporting", "none", "none_punctual"]
-    if not {"lag", "write_delay"} & set(chosen):
-        watchdogs.append("guarding")
-    chosen.append(watchdogs[random.integers(len(watchdogs))])
-    return [effect for effect in chosen if effect]
+        chosen.append(weight)
+    watchdogs: list[list[Effect]] = [[], [tolerance], [reporting], [none], [none_punctual]]
+    if lag not in chosen and write_delay not in chosen:
+        watchdogs.append([guarding])
+    return chosen + watchdogs[random.integers(len(watchdogs))]
 
 
-def _case(law: str, draft: Draft, stated: Dissipation) -> Case:
+def finished(law: str, draft: Draft, stated: Dissipation) -> Case:
+    """Return the case of a device as it is, and as it is ``stated``, with a manner of attack."""
     random, axes = draft.random, draft.axes
     clock = 3 if draft.case.get("ledger_only") else int(random.choice([0, 1, 2, 3, 3]))
     longest = 50.0 * stated.period
     if draft.case.get("watchdog") == "none":
         longest = 2.0 * draft.fields["watchdog_limit"]
     punctual = draft.case.pop("punctual_only", False)
-    if draft.device[COMPENSATION].any() and draft.case.get("tolerance"):
+    if draft.device[at.COMPENSATION].any() and draft.case.get("tolerance"):
         draft.case["ledger_only"] = True  # an early cut lets the weight fall
     manner = Manner(
         int(random.integers(len(READINGS))),

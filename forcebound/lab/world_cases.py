@@ -1,7 +1,8 @@
 """Worlds and controllers under attack, in two and three axes, and the numbers of such a case.
 
-To add a world or a controller: one line in :data:`WORLDS` or :data:`CONTROLLERS`, a function from
-the numbers of a case to its model. A surface lies near 0 m, where the hands are.
+To add a world: one line in :data:`WORLDS`, a function from the numbers of a case to its model. A
+surface lies near 0 m, where the hands are. Every controller that launch files know is attacked;
+:data:`CONTROLLERS` says how the numbers choose its parameters.
 
 The name of a case is enough to repeat it: ``WORLD/CONTROLLER:SEED``, or
 ``WORLD/CONTROLLER:cCODE`` for one of a search.
@@ -9,10 +10,10 @@ The name of a case is enough to repeat it: ``WORLD/CONTROLLER:SEED``, or
 
 import random
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
-from forcebound.audit.cases import LARGEST_SEED, NOISES, Range, decode
 from forcebound.bounding.dissipation import Watchdog
 from forcebound.controllers import CONTROLLERS as CONTROLLER_KINDS
 from forcebound.controllers import ControllerModel
@@ -27,6 +28,15 @@ from forcebound.environments.fixtures import (
 from forcebound.environments.solid import Shape
 from forcebound.errors import ConfigError
 from forcebound.geometry.proxy import Surface
+from forcebound.lab.adversaries import (
+    Adversary,
+    ExplodingBody,
+    HoledWall,
+    JumpingProxy,
+    RandomForce,
+    VelocityPusher,
+)
+from forcebound.lab.cases import NOISES, Range, decode, seed_of
 
 Numbers: TypeAlias = Mapping[str, float]
 
@@ -160,27 +170,29 @@ WORLDS: dict[str, Callable[[Numbers], EnvironmentModel]] = {
     "damped_wall": lambda n: _environment(
         "damped_wall", stiffness=n["stiffness"], damping=50.0 * n["share_1"], position=0.0
     ),
-    "exploding_body": lambda n: _environment(
-        "exploding_body",
-        stiffness=n["stiffness"],
-        mass=_between(1e-3, 1.0, n["share_1"]),
-        reach=_between(1e-3, 1.0, n["share_2"]),
+    "exploding_body": lambda n: Adversary(
+        partial(
+            ExplodingBody,
+            n["stiffness"],
+            _between(1e-3, 1.0, n["share_1"]),
+            _between(1e-3, 1.0, n["share_2"]),
+        )
     ),
-    "holed_wall": lambda n: _environment(
-        "holed_wall",
-        stiffness=n["stiffness"],
-        position=0.0,
-        tile=_between(1e-4, 0.01, n["share_1"]),
-        holes=n["share_2"],
-        seed=int(1000.0 * n["share_3"]),
+    "holed_wall": lambda n: Adversary(
+        lambda axes: HoledWall(
+            n["stiffness"],
+            _between(1e-4, 0.01, n["share_1"]),
+            n["share_2"],
+            int(1000.0 * n["share_3"]),
+        )
     ),
-    "jumping_proxy": lambda n: _environment(
-        "jumping_proxy",
-        stiffness=n["stiffness"],
-        position=0.0,
-        reach=_between(1e-4, 0.05, n["share_1"]),
-        interval=_between(5e-4, 0.1, n["share_2"]),
-        seed=int(1000.0 * n["share_3"]),
+    "jumping_proxy": lambda n: Adversary(
+        lambda axes: JumpingProxy(
+            n["stiffness"],
+            _between(1e-4, 0.05, n["share_1"]),
+            _between(5e-4, 0.1, n["share_2"]),
+            int(1000.0 * n["share_3"]),
+        )
     ),
     "mass_spring": lambda n: _environment(
         "mass_spring",
@@ -190,11 +202,8 @@ WORLDS: dict[str, Callable[[Numbers], EnvironmentModel]] = {
         damping=10.0 * n["share_3"],
         position=0.0,
     ),
-    "random_force": lambda n: _environment(
-        "random_force",
-        magnitude=30.0 * n["share_1"],
-        interval=_between(5e-4, 0.1, n["share_2"]),
-        seed=int(1000.0 * n["share_3"]),
+    "random_force": lambda n: RandomForce(
+        30.0 * n["share_1"], _between(5e-4, 0.1, n["share_2"]), int(1000.0 * n["share_3"])
     ),
     "solid": _solid,
     "fixtures": _fixtures,
@@ -211,36 +220,34 @@ WORLDS: dict[str, Callable[[Numbers], EnvironmentModel]] = {
         orientation=(1.0, 0.2, 0.1, 0.3),
     ),
     "bodies": _bodies,
-    "velocity_pusher": lambda n: _environment("velocity_pusher", magnitude=30.0 * n["share_1"]),
+    "velocity_pusher": lambda n: VelocityPusher(30.0 * n["share_1"]),
+}
+
+#: How the numbers of a case choose the parameters of a controller; others have their defaults.
+CONTROLLERS: dict[str, Callable[[Numbers], dict[str, float]]] = {
+    "local_model": lambda n: {"power": _between(1e-3, 1e3, n["share_4"])},
+    "scaled": lambda n: {
+        "motion_scale": _between(0.1, 10.0, n["share_3"]),
+        "force_scale": _between(0.1, 10.0, n["share_4"]),
+        "border": 0.01,
+        "border_rate": _between(0.1, 100.0, n["share_2"]),
+    },
+    "virtual_coupling": lambda n: {
+        "stiffness": _between(10.0, 1e4, n["share_3"]),
+        "damping": _between(1e-3, 10.0, n["share_4"]),
+        "mass": max(n["share_2"] - 0.5, 0.0),
+    },
 }
 
 
-def _controller(kind: str, **values: Any) -> ControllerModel:
+def controller_of(kind: str, numbers: Numbers) -> ControllerModel:
+    """Return a controller of this kind."""
     make: Any = CONTROLLER_KINDS[kind]
-    model: ControllerModel = make(**values)
+    model: ControllerModel = make(**(CONTROLLERS[kind](numbers) if kind in CONTROLLERS else {}))
     return model
 
 
-CONTROLLERS: dict[str, Callable[[Numbers], ControllerModel]] = {
-    "direct": lambda n: _controller("direct"),
-    "local_model": lambda n: _controller("local_model", power=_between(1e-3, 1e3, n["share_4"])),
-    "scaled": lambda n: _controller(
-        "scaled",
-        motion_scale=_between(0.1, 10.0, n["share_3"]),
-        force_scale=_between(0.1, 10.0, n["share_4"]),
-        border=0.01,
-        border_rate=_between(0.1, 100.0, n["share_2"]),
-    ),
-    "virtual_coupling": lambda n: _controller(
-        "virtual_coupling",
-        stiffness=_between(10.0, 1e4, n["share_3"]),
-        damping=_between(1e-3, 10.0, n["share_4"]),
-        mass=max(n["share_2"] - 0.5, 0.0),
-    ),
-}
-
-
-class WorldCase(NamedTuple):
+class Case(NamedTuple):
     """Definition of a run, without the law."""
 
     name: str  # see the module's docstring
@@ -255,7 +262,17 @@ class WorldCase(NamedTuple):
         return int(self.numbers["axes"])
 
 
-def world_case_of(name: str) -> WorldCase:
+def check_name(what: str, name: str, table: Mapping[str, Any]) -> None:
+    """Check that a world or controller is under attack.
+
+    Raises:
+        ConfigError: If it is not.
+    """
+    if name not in table:
+        raise ConfigError(f"no {what} {name!r} is under attack; known are {', '.join(table)}")
+
+
+def case_of(name: str) -> Case:
     """Return the case of a name.
 
     Raises:
@@ -263,13 +280,12 @@ def world_case_of(name: str) -> WorldCase:
     """
     title, _, rest = name.partition(":")
     world, _, controller = title.partition("/")
-    for what, one, table in (("world", world, WORLDS), ("controller", controller, CONTROLLERS)):
-        if one not in table:
-            raise ConfigError(f"no {what} {one!r} is under attack; known are {', '.join(table)}")
-    if rest.isdecimal() and int(rest) <= LARGEST_SEED:
-        draw = random.Random(int(rest))
-        numbers = {name: one.draw(draw) for name, one in NUMBERS.items()}
-        return WorldCase(name, world, controller, int(rest), numbers)
-    (noise,), point = decode(rest, (NOISES,), len(NUMBERS))
-    numbers = {name: one.at(u) for (name, one), u in zip(NUMBERS.items(), point, strict=True)}
-    return WorldCase(name, world, controller, noise, numbers)
+    check_name("world", world, WORLDS)
+    check_name("controller", controller, CONTROLLER_KINDS)
+    seed = seed_of(rest)
+    if seed is not None:
+        draw = random.Random(seed)
+        drawn = {name: one.draw(draw) for name, one in NUMBERS.items()}
+        return Case(name, world, controller, seed, drawn)
+    (noise,), numbers = decode(rest, (NOISES,), NUMBERS)
+    return Case(name, world, controller, noise, numbers)

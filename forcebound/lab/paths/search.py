@@ -1,0 +1,176 @@
+"""Search of attacks along a path: programs of rows, drawn at random or improved by CMA-ES.
+
+A *program* is a few rows of genes and the order in which they are walked: a prefix that stores
+energy, and a cycle that is repeated. So a leak of a nanojoule a cycle adds up, and a cycle of 8 or
+16 rows is locked to the anchors of the certified law.
+"""
+
+import math
+import warnings
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from forcebound.bounding import ENERGY_TOLERANCE, ForceBounder
+from forcebound.lab.cases import optimiser
+from forcebound.lab.paths import path, truth
+from forcebound.lab.paths.path import COLUMNS, LARGE_PEAK
+from forcebound.lab.paths.run import Case, Outcome, run
+from forcebound.lab.paths.truth import Floats
+
+NEAR = 1e-6  # J; a restart that ends nearer to zero than this is tight
+
+
+@dataclass(frozen=True)
+class Program:
+    """Rows and their order.
+
+    Attributes:
+        rows: Number of rows of genes.
+        order: Row of each interval.
+        columns: Columns that have genes; the others are zero.
+    """
+
+    rows: int
+    order: tuple[int, ...]
+    columns: tuple[int, ...]
+
+    @property
+    def size(self) -> int:
+        """Number of genes: of the rows, and three for the bristles at the start."""
+        return self.rows * len(self.columns) + truth.AXES
+
+    def genes(self, vector: Floats) -> tuple[Floats, Floats]:
+        """Return the genes of each interval, and the bristles at the start."""
+        rows = np.zeros((self.rows, COLUMNS))
+        rows[:, self.columns] = vector[truth.AXES :].reshape(self.rows, len(self.columns))
+        return rows[list(self.order)], vector[: truth.AXES]
+
+
+class Attack(NamedTuple):
+    """A run of a restart, to be repeated; its number counts from 0."""
+
+    number: int
+    genes: Floats
+    start: Floats
+    outcome: Outcome
+
+
+@dataclass
+class Restart:
+    """What one restart has found: a device and a series of attacks on it.
+
+    Attributes:
+        case: The device.
+        longest: Samples of a run, at most.
+        runs: Number of runs.
+        steps: Samples of all runs.
+        left: Lowest energy after a peak of 0.1 mJ, J.
+        lowest: Lowest true energy, J.
+        worst: The run with the lowest energy.
+        last: The last run.
+    """
+
+    case: Case
+    longest: int = 60
+    runs: int = 0
+    steps: int = 0
+    left: float = math.inf
+    lowest: float = math.inf
+    worst: Attack | None = None
+    last: Attack | None = None
+    bounder: ForceBounder = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.bounder = ForceBounder(self.case.law, self.case.stated, self.case.axes)
+
+    @property
+    def is_tight(self) -> bool:
+        """Whether a run came back to zero, or nearly, after the energy was at least 0.1 mJ."""
+        return self.left < NEAR
+
+    def attack(self, program: Program, vector: Floats, to_zero: bool = False) -> float:
+        """Run once; return what the search minimises.
+
+        Without a leak that is the share of the peak that was left or, ``to_zero``, the energy that
+        was left after a peak of 0.1 mJ.
+        """
+        genes, start = program.genes(vector)
+        outcome = run(self.case, genes, self.bounder, start)
+        self.last = Attack(self.runs, genes, start, outcome)
+        if self.worst is None or outcome.worst < self.worst.outcome.worst:
+            self.worst = self.last
+        self.runs += 1
+        self.steps += outcome.steps
+        self.left = min(self.left, outcome.left)
+        self.lowest = min(self.lowest, outcome.lowest)
+        if outcome.worst < -ENERGY_TOLERANCE / 10.0:
+            return outcome.worst / 1e-6
+        if to_zero and outcome.left < math.inf:
+            return outcome.left / LARGE_PEAK
+        return min(outcome.share, 1.0) + (NEAR / (outcome.peak + NEAR) if to_zero else 0.0)
+
+    def at_random(self, random: np.random.Generator, runs: int) -> None:
+        """Attack with random programs."""
+        for _ in range(runs):
+            program = draw_program(random, self.case.axes, self.longest)
+            self.attack(program, random.normal(size=program.size) * 10 ** random.uniform(-1, 0.3))
+
+    def search(self, random: np.random.Generator, runs: int) -> None:
+        """Attack with programs that CMA-ES (N. Hansen) improves, one after the other."""
+        end = self.runs + runs
+        while self.runs < end:
+            self._improve(draw_program(random, self.case.axes, self.longest), random, end)
+
+    def _improve(self, program: Program, random: np.random.Generator, end: int) -> None:
+        options = {
+            "seed": int(random.integers(1, 2**31)),
+            "verbose": -9,
+            "popsize": 16,
+            "CMA_diagonal": program.size > 60,
+            "tolfun": 1e-12,
+            "tolflatfitness": 20,
+        }
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            to_zero = bool(random.random() < 0.5)
+            first = first_guess(program, self.case.axes, random)
+            strategy = optimiser().CMAEvolutionStrategy(first, 0.4, options)
+            while self.runs < end and not strategy.stop():
+                vectors = strategy.ask()[: end - self.runs]
+                values = [self.attack(program, np.asarray(one), to_zero) for one in vectors]
+                if self.runs < end:
+                    strategy.tell(vectors, values)
+
+
+def draw_program(random: np.random.Generator, axes: int, longest: int) -> Program:
+    """Return a random program of at most ``longest`` intervals for a device with ``axes`` axes."""
+    columns = list(range(path.MICRO))
+    for first in (path.MICRO, path.SPEED, path.MISREAD, path.COMMAND):
+        columns += range(first, first + axes)
+    used = [c for c in columns if random.random() < 0.8 or c >= path.COMMAND]
+    cycle = int(random.choice([1, 2, 3, 4, 5, 8, 16], p=[0.1, 0.2, 0.2, 0.2, 0.1, 0.15, 0.05]))
+    prefix = int(random.integers(0, 4))
+    order: list[int] = []
+    for row in range(prefix):
+        order += [row] * int(random.integers(1, 9))
+    repeats = max(int((longest - len(order)) * random.random() ** 2) // cycle, 1)
+    order += [prefix + row for row in range(cycle)] * repeats
+    order.append(prefix + cycle)  # a last interval of its own
+    return Program(prefix + cycle + 1, tuple(order), tuple(used))
+
+
+def first_guess(program: Program, axes: int, random: np.random.Generator) -> Floats:
+    """Return genes of a hand that moves freely first and is then pushed, with much chance."""
+    rows = random.normal(size=(program.rows, COLUMNS)) * 0.5
+    if random.random() < 0.7:
+        moving, pushed = rows[: -len(rows) // 2], rows[-len(rows) // 2 :]
+        moving[:, path.SPEED : path.SPEED + axes] += 0.8
+        moving[:, path.COMMAND : path.COMMAND + axes] *= 0.1
+        pushed[:, path.COMMAND : path.COMMAND + axes] += random.choice([-0.7, 0.7], axes)
+        pushed[:, path.STRIKE] += random.choice([0.0, 0.5, 1.0])
+    vector = np.zeros(program.size)
+    vector[: truth.AXES] = random.normal(size=truth.AXES)
+    vector[truth.AXES :] = rows[:, program.columns].ravel()
+    return vector

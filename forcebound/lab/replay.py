@@ -1,0 +1,109 @@
+"""One run of an audit again, by its name: as a document, as lines, as a picture."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from forcebound.analysis.plots import check_picture, save
+from forcebound.errors import ConfigError
+from forcebound.lab.attack import TRACE_COLUMNS
+from forcebound.lab.attack import replay as replay_law
+from forcebound.lab.hands import ADVERSARIES, SENSORS
+from forcebound.lab.paths.campaign import replay as replay_path
+from forcebound.lab.paths.run import TRACE_COLUMNS as PATH_COLUMNS
+from forcebound.lab.worlds import replay as replay_world
+
+_NUMBERS = {
+    "kg": "mass hand_mass",
+    "N s/m": "damping hand_damping environment_damping",
+    "N": "friction saturation magnitude peak_force weight weight_error",
+    "N/m": "hand_stiffness stiffness",
+    "m": "resolution amplitude surface presliding pressing sideways",
+    "s": "hold_limit period lag write_delay watchdog_limit guard_period time_of_min lateness",
+    "Hz": "slow fast frequency late_rate",
+    "J": "energy_min loss_and_work_min balance_min margin_min_j lowest late_margin peak left excess"
+    " allowance energy_cap",
+    "m/s": "largest_speed",
+    "periods": "jitter",
+}
+#: Units of the numbers of a case and of its result.
+UNITS = {name: unit for unit, names in _NUMBERS.items() for name in names.split()}
+
+
+def run_again(law: str, case: str, seconds: float | None, picture: Path | None) -> dict[str, Any]:
+    """Repeat a case, draw it on request, and return its description and result.
+
+    Args:
+        law: A key of :data:`forcebound.bounding.LAWS`.
+        case: ``SEED`` or ``cCODE``; ``CERTIFICATE:s3.17``; ``WORLD/CONTROLLER:SEED`` or
+            ``WORLD/CONTROLLER:cCODE``.
+        seconds: Length of the run, in s, if it has none of its own.
+        picture: Where to draw it.
+
+    Raises:
+        ConfigError: If the law or the case is not known, or has no such length or picture.
+    """
+    if picture is not None:
+        check_picture(picture)
+    if "/" in case:
+        if picture is not None:
+            raise ConfigError("a run against a world is not drawn: omit --output")
+        return replay_world(law, case, seconds)
+    if ":" in case:
+        if seconds is not None:
+            raise ConfigError("the case of a certificate has a length of its own: omit --duration")
+        document, trace = replay_path(law, case)
+        columns = dict(zip(PATH_COLUMNS, np.array(trace).T, strict=True))
+    else:
+        result, rows = replay_law(law, case, seconds or 2.0)
+        columns = dict(zip(TRACE_COLUMNS, rows.T, strict=True))
+        named = {
+            "adversary": ADVERSARIES[result.case.adversary],
+            "sensor": SENSORS[result.case.sensor],
+        }
+        document = {**result._asdict(), "case": result.case._asdict() | named}
+    if picture is not None:
+        _draw(columns, f"{law}, case {case}", picture)
+    return document
+
+
+def lines(document: dict[str, Any]) -> Iterator[str]:
+    """Yield a repeated run for a terminal: its case, then its result, with units."""
+    for name, value in [*document["case"].items(), *document.items()]:
+        if name != "case":
+            shown = f"{value:.6g}" if isinstance(value, float) else str(value)
+            yield f"{name:<22}{shown} {UNITS.get(name, '')}".rstrip()
+
+
+def _draw(columns: dict[str, Any], title: str, picture: Path) -> None:
+    """Draw position, forces and energies over time; .png or .svg."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(10.0, 7.0), layout="constrained")
+    top, middle, bottom = figure.subplots(3, 1, sharex=True)
+    energies = columns["energy"], columns["loss_and_work"]
+    in_joules = max(np.abs(one).max() for one in energies) >= 10.0
+    scale, unit = (1.0, "J") if in_joules else (1e3, "mJ")
+    lowest = int(np.argmin(energies[1]))
+    words = f"lowest {scale * energies[1][lowest]:.3g} {unit}"
+
+    def plot(axes: Any, label: str, curves: Sequence[tuple[str, Any]]) -> None:
+        for name, values in curves:
+            axes.plot(columns["time"], values, lw=1.0, label=name)
+        axes.set_ylabel(label)
+
+    places = ("position", 1e3 * columns["position"]), ("reading", 1e3 * columns["reading"])
+    plot(top, "position (mm)", places)
+    forces = ("commanded", columns["commanded"]), ("applied", columns["force"])
+    plot(middle, "force (N)", forces)
+    lost = ("of the hand", scale * energies[0]), ("loss plus work", scale * energies[1])
+    plot(bottom, f"energy ({unit})", lost)
+    bottom.axhline(0.0, color="k", lw=0.7)
+    bottom.axvline(columns["time"][lowest], color="r", lw=0.7, label=words)
+    bottom.set_xlabel("time (s)")
+    for axes in (top, middle, bottom):
+        axes.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), fontsize="small")
+    figure.suptitle(f"{title}: {words}", fontsize="small")
+    save(figure, picture)

@@ -1,0 +1,112 @@
+"""The engine of campaigns: parts, resuming, results; cases and views."""
+
+import math
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from forcebound.errors import ConfigError
+from forcebound.lab.cases import Range, decode, encode, grid, search, seed_of
+from forcebound.lab.engine import Campaign, Row, run
+from forcebound.lab.table import read_about, read_table
+from forcebound.lab.views import energy, groups, least, share, table, verdict
+
+
+def squares(cases: Sequence[int]) -> list[Row]:
+    return [{"x": x, "square": float(x * x), "is_even": x % 2 == 0} for x in cases]
+
+
+def campaign(cases: int = 100, part: int = 7) -> Campaign:
+    return Campaign("squares", range(cases), squares, part, about={"map": {"x": "x"}})
+
+
+def interrupt_at(most: int) -> Callable[[int, int], None]:
+    """Return a progress that presses Ctrl-C when so many cases are done."""
+
+    def progress(done: int, cases: int) -> None:
+        if done >= most:
+            raise KeyboardInterrupt
+
+    return progress
+
+
+@pytest.mark.parametrize("cases", [1, 6, 7, 8, 5000])
+def test_parts_cover_every_case_once_and_hold_as_many_runs_as_asked(cases: int) -> None:
+    parts = campaign(cases).parts()
+    assert [case for part in parts for case in part] == list(range(cases))
+    assert all(len(part) == 7 for part in parts[:-1])
+    weighed = Campaign("squares", range(cases), squares, 7, runs_of=lambda case: case)
+    assert all(sum(part) >= 7 for part in weighed.parts()[:-1])
+
+
+def test_an_interrupted_campaign_goes_on_and_gives_the_same_bytes(tmp_path: Path) -> None:
+    whole, cut = tmp_path / "whole.parquet", tmp_path / "cut.parquet"
+    done: list[tuple[int, int]] = []
+    rows, _ = run(campaign(), None, lambda *one: done.append(one), whole)
+    assert done[0] == (0, 100)
+    assert done[-1] == (100, 100)
+    with pytest.raises(KeyboardInterrupt):
+        run(campaign(), progress=interrupt_at(50), result=cut)
+    assert not cut.exists()
+    again = run(campaign(), result=cut)
+    assert again.resumed == 56
+    assert again.rows == rows == run(campaign()).rows
+    assert cut.read_bytes() == whole.read_bytes()
+    assert read_table(cut).columns["square"] == [float(x * x) for x in range(100)]
+    assert read_about(cut)["map"] == {"x": "x"}
+    assert not list(tmp_path.glob("*.parts"))
+
+
+def test_neither_parts_nor_result_of_another_campaign_are_taken_or_replaced(tmp_path: Path) -> None:
+    result = tmp_path / "one.parquet"
+    with pytest.raises(KeyboardInterrupt):
+        run(campaign(), progress=interrupt_at(0), result=result)
+    with pytest.raises(ConfigError, match="other cases"):
+        run(campaign(99), result=result)
+    run(campaign(99), result=result, restart=True)
+    with pytest.raises(ConfigError, match="not a result of these cases"):
+        run(campaign(), result=result)
+    assert len(read_table(result).columns["x"]) == 99
+    run(campaign(), result=result, overwrite=True)
+    assert len(read_table(result).columns["x"]) == 100
+
+
+def test_a_code_names_the_numbers_of_a_case_and_a_name_is_a_seed_or_a_code() -> None:
+    ranges = {"a": Range(1.0, 2.0), "b": Range(1e-3, 1.0, is_logarithmic=True, zero_share=0.1)}
+    for point, numbers in (([0.0, 0.0], (1.0, 0.0)), ([1.0, 1.0], (2.0, 1.0))):
+        choices, found = decode(encode((3,), point), (4,), ranges)
+        assert choices == [3]
+        assert tuple(found.values()) == pytest.approx(numbers)
+    for wrong in ("", "x1", "c0", "c" + "w" * 5, "c40000"):
+        with pytest.raises(ConfigError):
+            decode(wrong, (4,), ranges)
+    assert seed_of("12") == 12
+    assert seed_of("c12") is None
+    with pytest.raises(ConfigError, match="at most"):
+        seed_of("9" * 30)
+
+
+def test_the_search_goes_to_the_lowest_objective() -> None:
+    def distance(noise: int, point: Sequence[float]) -> tuple[float, float]:
+        far = math.dist(point, (0.2, 0.7, 0.5))
+        return far, far
+
+    found = list(search(distance, 3, 200, np.random.default_rng(1)))
+    assert len(found) == 200
+    assert min(found) < 0.05 < min(found[:12])
+
+
+def test_rows_are_grouped_counted_and_shown() -> None:
+    rows = squares(range(5))
+    assert groups(rows, "is_even") == {(True,): rows[::2], (False,): rows[1::2]}
+    assert least(rows, "square") is rows[0]
+    assert share(rows, "is_even") == 0.6
+    assert list(table(("x", "y"), [(1, "2")])) == ["| x | y |", "|---|---|", "| 1 | 2 |"]
+    assert grid(a=[1, 2], b="xy")[1] == {"a": 1, "b": "y"}
+    shown = [energy(one) for one in (None, 1e-12, -2e-3, 1.5, -1234.0)]
+    assert shown == ["–", "0", "-2 mJ", "1.5 J", "-1,234 J"]
+    assert verdict(-1e-6) == "BROKEN"
+    assert verdict(-1e-12) == "passive"
+    assert verdict(-1.0, is_certified=False) == "leaks"
