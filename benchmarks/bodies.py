@@ -8,9 +8,9 @@ from collections.abc import Callable
 from itertools import count
 
 from benchmarks.harness import Result, alternate, at, compare, timed
-from forcebound.config.loader import load
-from forcebound.environments.bodies import Bodies, engine
-from forcebound.monitor.measure import Round, Timing, pace
+from forcebound.graph.loader import load
+from forcebound.haptics.environments.bodies import Bodies, engine
+from forcebound.observe.measure import Round, Timing, pace
 from forcebound.realtime import Settings
 
 DURATION = 6.0

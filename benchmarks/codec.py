@@ -25,7 +25,7 @@ from forcebound.messages.packets import (
     Packet,
     Telemetry,
 )
-from forcebound.monitor.measure import Round, Timing
+from forcebound.observe.measure import Round, Timing
 
 DURATION = 15.0
 TARGET = 4.0

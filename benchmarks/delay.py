@@ -15,18 +15,18 @@ from pathlib import Path
 from typing import ClassVar
 
 from benchmarks.harness import Result, alternate, beyond, chain
+from forcebound.lab.workers import serving
+from forcebound.messages.events import EventLog
 from forcebound.messages.packets import EnvironmentQuery, Packet
-from forcebound.monitor.measure import WARMUP, Round, Timing, apart
 from forcebound.network.chances import Chances, Draws
 from forcebound.network.impairment import Impairment
 from forcebound.network.link import PACKET_SIZE, Link
 from forcebound.network.sockets import Network
 from forcebound.nodes import Node
-from forcebound.nodes.events import EventLog
-from forcebound.process import Runner, Stop
-from forcebound.process import run as run_node
+from forcebound.observe.measure import WARMUP, Round, Timing, apart
 from forcebound.realtime import Settings, enter, freeze_garbage
-from forcebound.workers import serving
+from forcebound.run.process import Runner, Stop
+from forcebound.run.process import run as run_node
 
 DURATION = 18.0
 LINKS = {

@@ -31,13 +31,13 @@ from benchmarks.harness import (
     timed,
 )
 from benchmarks.servo import answer_states, ticks
-from forcebound.emulators.program import be_punctual
 from forcebound.errors import RunError
+from forcebound.hardware.emulators.program import be_punctual
 from forcebound.hardware.odrive import ODrive
 from forcebound.hardware.odrive_lines import request
-from forcebound.monitor.measure import Round, Timing, apart, pace
+from forcebound.lab.workers import serving
+from forcebound.observe.measure import Round, Timing, apart, pace
 from forcebound.realtime import Settings, enter, freeze_garbage
-from forcebound.workers import serving
 
 DURATION = 16.0
 START = 60.0  # s, for a process that may have to compile

@@ -19,12 +19,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from benchmarks.harness import Contestant, Result, alternate, at
-from forcebound.devices.truth_file import TruthFile
+from forcebound.haptics.devices.truth_file import TruthFile
 from forcebound.messages.control import GetStatus
-from forcebound.monitor.control import ask_launcher
-from forcebound.monitor.measure import Round, Timing
+from forcebound.messages.topology import ONE_HAND
+from forcebound.observe.control import ask_launcher
+from forcebound.observe.measure import Round, Timing
 from forcebound.roles import LAUNCHER
-from forcebound.topology import ONE_HAND
 
 DURATION = 60.0
 ROOT = Path(__file__).parent.parent

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from forcebound.errors import RunError
-from forcebound.monitor.measure import Round, Timing, percentile, plan
+from forcebound.observe.measure import Round, Timing, percentile, plan
 from forcebound.realtime import Settings, choose_core, permits_fifo
 
 HERE = Path(__file__).parent

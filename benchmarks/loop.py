@@ -9,7 +9,7 @@ the same without placement. No recorder listens.
 from functools import partial
 
 from benchmarks.harness import Result, alternate, chain, compare, missed
-from forcebound.monitor.measure import bare, graph, loop
+from forcebound.observe.measure import bare, graph, loop
 
 DURATION = 18.0
 

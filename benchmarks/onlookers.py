@@ -27,8 +27,8 @@ from tornado.websocket import websocket_connect
 from benchmarks.harness import Figure, Measured, Result, compare, note
 from forcebound.errors import RunError
 from forcebound.messages.packets import TOPICS
-from forcebound.monitor.measure import Round
-from forcebound.recording import read
+from forcebound.observe.measure import Round
+from forcebound.recordings.recording import read
 
 DURATION = 90.0
 SECONDS = 3.0  # of each turn

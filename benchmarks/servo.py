@@ -19,25 +19,25 @@ from typing import ClassVar
 from msgspec.structs import replace
 
 from benchmarks.harness import Figure, Result, alternate, at, chain, compare, compiled, missed
-from forcebound.devices import DeviceModel
-from forcebound.devices.phantom import PhantomPremium15
-from forcebound.environments.walls import Wall
 from forcebound.errors import RunError
+from forcebound.graph.servo import ServoSettings, dissipation_of
+from forcebound.haptics.devices import DeviceModel
+from forcebound.haptics.devices.phantom import PhantomPremium15
+from forcebound.haptics.environments.walls import Wall
+from forcebound.haptics.hands import Operator
+from forcebound.haptics.hands.hands import SinusoidalHand
+from forcebound.lab.workers import serving
+from forcebound.messages.events import EventLog
 from forcebound.messages.packets import DeviceState, ForceCommand, Packet
-from forcebound.monitor.measure import READY, WARMUP, Round, Timing, apart, wake_ups
+from forcebound.messages.topology import ONE_HAND, Graph
 from forcebound.network.sockets import Network
 from forcebound.nodes import Node
 from forcebound.nodes.device import DeviceNode
-from forcebound.nodes.events import EventLog
-from forcebound.nodes.servo import ServoSettings, dissipation_of
-from forcebound.operators import Operator
-from forcebound.operators.hands import SinusoidalHand
-from forcebound.process import Runner, Stop
-from forcebound.process import run as run_node
+from forcebound.observe.measure import READY, WARMUP, Round, Timing, apart, wake_ups
 from forcebound.realtime import Settings, enter, freeze_garbage, wait_until
 from forcebound.roles import CONTROLLER, DEVICE, ROLES
-from forcebound.topology import ONE_HAND, Graph
-from forcebound.workers import serving
+from forcebound.run.process import Runner, Stop
+from forcebound.run.process import run as run_node
 
 DURATION = 24.0
 FAST_RATE = 4000.0  # Hz, to be held without a miss

@@ -12,8 +12,8 @@ import time
 from pathlib import Path
 
 from benchmarks.harness import Result, alternate, at
-from forcebound.launch.results import RunResult
-from forcebound.monitor.measure import Round, Timing
+from forcebound.observe.measure import Round, Timing
+from forcebound.run.results import RunResult
 
 DURATION = 10.0
 # Modules are compiled once, not again in each process.

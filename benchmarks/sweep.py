@@ -16,13 +16,13 @@ from typing import Any
 import numpy as np
 
 from benchmarks.harness import Figure, Result, alternate, compare, compiled, timed
-from forcebound.bounding import LAWS
-from forcebound.config.loader import load
 from forcebound.errors import RunError
+from forcebound.graph.loader import load
+from forcebound.graph.servo import dissipation_of
+from forcebound.haptics.laws import LAWS
 from forcebound.lab.one_axis import NO_MOTION, TRACE, Course, Floats, Rig, loop
 from forcebound.lab.runs import course_of, rig_of
-from forcebound.monitor.measure import Round, Timing
-from forcebound.nodes.servo import dissipation_of
+from forcebound.observe.measure import Round, Timing
 
 DURATION = 6.0
 SECONDS = 2.0  # that a run lasts

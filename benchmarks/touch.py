@@ -16,10 +16,10 @@ import igl
 import numpy as np
 
 from benchmarks.harness import Figure, Measured, Result, alternate, at, compare, timed
-from forcebound.geometry.bounding_volumes import TriangleTree
-from forcebound.geometry.god_object import MeshSolid
-from forcebound.geometry.vectors import Vector3
-from forcebound.monitor.measure import WARMUP, Round, Timing, pace
+from forcebound.haptics.geometry.bounding_volumes import TriangleTree
+from forcebound.haptics.geometry.god_object import MeshSolid
+from forcebound.haptics.geometry.vectors import Vector3
+from forcebound.observe.measure import WARMUP, Round, Timing, pace
 from forcebound.realtime import Settings
 
 DURATION = 16.0

@@ -5,10 +5,10 @@ from dataclasses import replace
 from functools import partial
 
 from benchmarks.harness import Figure, Result, alternate, compare
-from forcebound.config.graph import GraphConfig
-from forcebound.config.loader import load
-from forcebound.launch.virtual import run_virtual
-from forcebound.monitor.measure import Round, Timing
+from forcebound.graph.graph import GraphConfig
+from forcebound.graph.loader import load
+from forcebound.observe.measure import Round, Timing
+from forcebound.run.virtual import run_virtual
 
 DURATION = 12.0
 TARGETS = {"stiff_wall": 50.0, "three_axes": 30.0, "desktop_arm": None}  # times real time

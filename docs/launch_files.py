@@ -7,8 +7,8 @@ import re
 from collections.abc import Iterator, Mapping
 from typing import Any, get_args
 
-from forcebound.config.fields import fields_of
-from forcebound.config.graph import (
+from forcebound.graph.fields import fields_of
+from forcebound.graph.graph import (
     BESIDE_MODEL,
     KINDS,
     RUN_KEYS,
@@ -18,11 +18,11 @@ from forcebound.config.graph import (
     RealtimeConfig,
     RemoteConfig,
 )
-from forcebound.config.schema import SUBSTITUTION, properties
-from forcebound.geometry.proxy import Surface
+from forcebound.graph.schema import SUBSTITUTION, properties
+from forcebound.graph.servo import ServoSettings
+from forcebound.haptics.geometry.proxy import Surface
+from forcebound.messages.topology import LINKS
 from forcebound.network.impairment import GilbertElliott, Impairment, Outage, Slot
-from forcebound.nodes.servo import ServoSettings
-from forcebound.topology import LINKS
 
 _HEAD = """# Keys of launch files
 

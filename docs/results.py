@@ -2,8 +2,8 @@
 
 from collections.abc import Iterator
 
-from forcebound.analysis.cells import Unit
-from forcebound.analysis.figures import FIGURES
+from forcebound.results.cells import Unit
+from forcebound.results.figures import FIGURES
 
 _HEAD = """# Results of a run
 

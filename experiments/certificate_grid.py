@@ -23,8 +23,8 @@ from dataclasses import replace
 from statistics import mean
 from typing import Any
 
-from forcebound.config.graph import GraphConfig
-from forcebound.config.loader import load
+from forcebound.graph.graph import GraphConfig
+from forcebound.graph.loader import load
 from forcebound.lab.cases import grid
 from forcebound.lab.engine import Campaign, Row, run_here
 from forcebound.lab.runs import run_all

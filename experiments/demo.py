@@ -6,12 +6,12 @@ from pathlib import Path
 
 from rich.console import Console
 
-from forcebound.analysis.plots import figure, save
-from forcebound.bounding import ENERGY_TOLERANCE
 from forcebound.cli.common import INTERRUPTED, print_rows, status_line, table_of
-from forcebound.config.loader import load
 from forcebound.errors import ForceboundError, RunError
-from forcebound.launch.live import run_live
+from forcebound.graph.loader import load
+from forcebound.haptics.laws import ENERGY_TOLERANCE
+from forcebound.results.plots import figure, save
+from forcebound.run.live import run_live
 
 RESULTS = Path(__file__).parent.parent / "results" / "demo"
 

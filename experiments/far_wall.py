@@ -19,14 +19,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from forcebound.analysis.contact import count_bounces, displayed_stiffness
-from forcebound.config.graph import GraphConfig
-from forcebound.config.loader import load
-from forcebound.controllers.local_model import LocalModel
-from forcebound.launch.virtual import run_virtual
-from forcebound.operators.hands import StrokingHand
-from forcebound.operators.paths import TrajectoryHand
-from forcebound.telemetry import TelemetryColumns
+from forcebound.graph.graph import GraphConfig
+from forcebound.graph.loader import load
+from forcebound.haptics.controllers.local_model import LocalModel
+from forcebound.haptics.hands.hands import StrokingHand
+from forcebound.haptics.hands.paths import TrajectoryHand
+from forcebound.recordings.telemetry import TelemetryColumns
+from forcebound.results.contact import count_bounces, displayed_stiffness
+from forcebound.run.virtual import run_virtual
 
 LAWS = ("certified", "certified_memoryless")
 DELAYS = (20, 50)  # ms, each way

@@ -12,7 +12,7 @@ chosen half, where two laws stand in another order than in the paper or 2B is of
 
 The runs go through the compiled loop of sweeps (:mod:`forcebound.lab.one_axis`), some hundred
 times faster than the graph, with a wall that answers at once; the last line of each result is what
-belongs into ``forcebound/experiments/setup.py``, whose numbers ``forcebound reproduce`` then takes
+belongs into ``forcebound/lab/paper/setup.py``, whose numbers ``forcebound reproduce`` then takes
 through the nodes. Needs the extra ``lab``: pip install -e '.[lab]'.
 """
 
@@ -26,16 +26,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from forcebound.analysis.contact import (
-    count_bounces,
-    displayed_stiffness,
-    initial_rate_hardness,
-)
-from forcebound.bounding import LAWS, Dissipation
-from forcebound.devices.extended import Axis
-from forcebound.devices.phantom import PhantomPremium15
-from forcebound.devices.true_values import per_axis
-from forcebound.experiments.setup import (
+from forcebound.haptics.devices.extended import Axis
+from forcebound.haptics.devices.phantom import PhantomPremium15
+from forcebound.haptics.devices.true_values import per_axis
+from forcebound.haptics.laws import LAWS, Dissipation
+from forcebound.lab.one_axis import NO_MOTION, TRACE, WALL, Course, Rig, loop
+from forcebound.lab.paper.setup import (
     EARLY_SAMPLES,
     HAND,
     HIGH,
@@ -44,8 +40,12 @@ from forcebound.experiments.setup import (
     PAPER_SURFACE,
     SURFACE,
 )
-from forcebound.experiments.table1 import COLUMNS, PAPER, is_fitted
-from forcebound.lab.one_axis import NO_MOTION, TRACE, WALL, Course, Rig, loop
+from forcebound.lab.paper.table1 import COLUMNS, PAPER, is_fitted
+from forcebound.results.contact import (
+    count_bounces,
+    displayed_stiffness,
+    initial_rate_hardness,
+)
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -112,7 +112,7 @@ def decode(unit: Floats) -> Floats:
 
 
 def shipped() -> Floats:
-    """Return the point of the unit cube of the hand in ``forcebound/experiments/setup.py``."""
+    """Return the point of the unit cube of the hand in ``forcebound/lab/paper/setup.py``."""
     numbers = np.array(
         [
             HAND.mass + DEVICE.mass, HAND.stiffness, HAND.damping, HAND.tremor,

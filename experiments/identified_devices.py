@@ -5,13 +5,13 @@ import random
 from dataclasses import dataclass
 from typing import Any
 
-from forcebound.devices import Device
-from forcebound.devices.five_bar import FiveBar
-from forcebound.devices.phantom import PhantomPremium15
-from forcebound.devices.simulated import SimulatedDevice
-from forcebound.devices.stated_joints import TrueJoints
-from forcebound.devices.true_values import TrueAxes
-from forcebound.identification.procedure import Plan
+from forcebound.haptics.devices import Device
+from forcebound.haptics.devices.five_bar import FiveBar
+from forcebound.haptics.devices.phantom import PhantomPremium15
+from forcebound.haptics.devices.simulated import SimulatedDevice
+from forcebound.haptics.devices.stated_joints import TrueJoints
+from forcebound.haptics.devices.true_values import TrueAxes
+from forcebound.lab.identification.procedure import Plan
 from forcebound.messages.packets import Vector
 
 KNOB = Plan(reach=0.03, force=4.25)  # of a device of one axis like the PHANToM

@@ -13,10 +13,10 @@ import argparse
 from dataclasses import replace
 from typing import Any
 
-from forcebound.config.graph import GraphConfig
-from forcebound.config.loader import load
-from forcebound.launch.virtual import run_virtual
-from forcebound.simulation import LateTicks
+from forcebound.graph.graph import GraphConfig
+from forcebound.graph.loader import load
+from forcebound.run.simulation import LateTicks
+from forcebound.run.virtual import run_virtual
 
 LAWS = ("certified", "certified_memoryless")
 RATES = (0.0, 2.0, 20.0)  # late ticks per second

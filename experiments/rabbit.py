@@ -15,9 +15,9 @@ from typing import Any, TypeAlias
 import numpy as np
 import trimesh
 
-from forcebound.config.loader import load
-from forcebound.environments.mesh import TriangleMesh
-from forcebound.environments.touching import RABBIT
+from forcebound.graph.loader import load
+from forcebound.haptics.environments.mesh import TriangleMesh
+from forcebound.haptics.environments.touching import RABBIT
 
 Array: TypeAlias = "np.ndarray[Any, Any]"
 

@@ -15,7 +15,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from forcebound.environments.point_cloud import PointCloud
+from forcebound.haptics.environments.point_cloud import PointCloud
 
 RADIUS = 0.03  # m
 STILL = (0.0, 0.0, 0.0)

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from forcebound.controllers.scaled import Scaled
+from forcebound.haptics.controllers.scaled import Scaled
 from forcebound.messages.packets import DeviceState
 
 HALF = 0.05  # m, workspace of the device to each side

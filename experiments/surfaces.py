@@ -19,12 +19,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from forcebound.environments.distance_field import DistanceField
-from forcebound.environments.point_cloud import PointCloud
-from forcebound.environments.solid import Shape, Solid
-from forcebound.environments.touching import OpenTouchable, Touchable
-from forcebound.geometry.proxy import Surface
-from forcebound.geometry.vectors import Vector3
+from forcebound.haptics.environments.distance_field import DistanceField
+from forcebound.haptics.environments.point_cloud import PointCloud
+from forcebound.haptics.environments.solid import Shape, Solid
+from forcebound.haptics.environments.touching import OpenTouchable, Touchable
+from forcebound.haptics.geometry.proxy import Surface
+from forcebound.haptics.geometry.vectors import Vector3
 
 STILL = (0.0, 0.0, 0.0)
 STIFFNESS = 1000.0  # N/m

@@ -5,7 +5,7 @@ then say ``10 N/mm``. In the program every quantity is a float in SI units. A pa
 declare what values make sense, ``rate: Annotated[Frequency, POSITIVE] = 1000.0``.
 
 Units are read, and ranges checked, where text comes in, by the launch files
-(:mod:`forcebound.config`); ranges also by :func:`check_ranges` when a dataclass is made in Python.
+(:mod:`forcebound.graph`); ranges also by :func:`check_ranges` when a dataclass is made in Python.
 """
 
 import math

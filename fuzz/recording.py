@@ -15,29 +15,29 @@ from pathlib import Path
 
 import atheris
 
-import_module("forcebound.devices")  # before: numba cannot compile what atheris has changed
+import_module("forcebound.haptics.devices")  # before: numba cannot compile what atheris has changed
 
 with atheris.instrument_imports(  # pyright: ignore[reportAttributeAccessIssue]
     include=[
-        "forcebound.analysis",
-        "forcebound.analysis.delay_traces",
-        "forcebound.environments.recorded",
-        "forcebound.hops",
+        "forcebound.results",
+        "forcebound.results.delay_traces",
+        "forcebound.haptics.environments.recorded",
+        "forcebound.results.hops",
         "forcebound.mcap_file",
-        "forcebound.recording",
+        "forcebound.recordings.recording",
         "mcap",
     ]
 ):
-    from forcebound.analysis.delay_traces import as_link_trace, of_recording, read_trace
-    from forcebound.analysis.plots import figure
-    from forcebound.analysis.tables import phase_rows, summary_rows
-    from forcebound.environments.recorded import RecordedEnvironment
     from forcebound.errors import ConfigError
     from forcebound.files import content_of
-    from forcebound.launch.results import RunResult
+    from forcebound.haptics.environments.recorded import RecordedEnvironment
     from forcebound.messages.packets import TOPICS
-    from forcebound.recording import read
-    from forcebound.topology import LINKS
+    from forcebound.messages.topology import LINKS
+    from forcebound.recordings.recording import read
+    from forcebound.results.delay_traces import as_link_trace, of_recording, read_trace
+    from forcebound.results.plots import figure
+    from forcebound.results.tables import phase_rows, summary_rows
+    from forcebound.run.results import RunResult
 
 FILE = Path(tempfile.mkdtemp(prefix="forcebound-fuzz-")) / "run.mcap"
 DRAWN = 64  # one input in so many

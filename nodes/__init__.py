@@ -1,10 +1,10 @@
 """Nodes: functions of time and packets that decide what each process does.
 
-A node owns no clock, socket, thread or file. A runner (:mod:`forcebound.process` live,
-:mod:`forcebound.simulation` in virtual time) calls :meth:`Node.step` with the time and the packets
-that have arrived, publishes what it returns, and calls again when packets arrive or when
+A node owns no clock, socket, thread or file. A runner (:mod:`forcebound.run.process` live,
+:mod:`forcebound.run.simulation` in virtual time) calls :meth:`Node.step` with the time and the
+packets that have arrived, publishes what it returns, and calls again when packets arrive or when
 :attr:`Node.wake_ns` has come. A node does not know which of the two runs it; which packets it
-receives, and who receives its own, says :mod:`forcebound.topology`.
+receives, and who receives its own, says :mod:`forcebound.messages.topology`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -12,8 +12,8 @@ from types import MappingProxyType
 from typing import Any, ClassVar, Protocol
 
 from forcebound.messages.control import Answer, NodeStatus, Refused, Request
+from forcebound.messages.events import EventLog
 from forcebound.messages.packets import Event, Packet
-from forcebound.nodes.events import EventLog
 
 if __name__ != "forcebound.nodes":
     raise ImportError(f"import forcebound.nodes, not {__name__}")

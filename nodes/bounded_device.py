@@ -22,12 +22,12 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
 
-from forcebound.bounding import Dissipation, ForceBounder
-from forcebound.devices import Device
-from forcebound.devices.kinematics import tip_force
+from forcebound.haptics.devices import Device
+from forcebound.haptics.devices.kinematics import tip_force
+from forcebound.haptics.laws import Dissipation, ForceBounder
+from forcebound.haptics.laws.hold_limit import FIXED, HoldLimit
 from forcebound.messages.control import BounderReport
 from forcebound.messages.packets import Vector
-from forcebound.nodes.hold_limit import FIXED, HoldLimit
 
 
 class Written(NamedTuple):

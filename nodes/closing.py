@@ -3,7 +3,7 @@
 import logging
 from typing import Protocol
 
-from forcebound.parts.user_module import describe_user_error
+from forcebound.haptics.parts.user_module import describe_user_error
 
 _logger = logging.getLogger(__name__)
 

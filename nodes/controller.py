@@ -1,7 +1,7 @@
 """The controller node: connects device and environment through a controller.
 
-:mod:`forcebound.controllers` says what a controller decides, :mod:`forcebound.nodes.lease` which
-environment it is connected with.
+:mod:`forcebound.haptics.controllers` says what a controller decides, :mod:`forcebound.nodes.lease`
+which environment it is connected with.
 """
 
 import logging
@@ -12,7 +12,8 @@ from typing import ClassVar
 
 from msgspec.structs import replace
 
-from forcebound.controllers import Controller
+from forcebound.haptics.controllers import Controller
+from forcebound.haptics.parts.user_module import describe_user_error
 from forcebound.messages.control import (
     Accepted,
     Answer,
@@ -20,6 +21,7 @@ from forcebound.messages.control import (
     EnvironmentDied,
     Request,
 )
+from forcebound.messages.events import EventLog
 from forcebound.messages.packets import (
     DeviceState,
     EnvironmentQuery,
@@ -28,13 +30,11 @@ from forcebound.messages.packets import (
     Packet,
     Vector,
 )
+from forcebound.messages.topology import HAND, in_hand
 from forcebound.nodes import Node
 from forcebound.nodes.closing import close_part
-from forcebound.nodes.events import EventLog
 from forcebound.nodes.lease import LEASE_NS, Lease
-from forcebound.parts.user_module import describe_user_error
 from forcebound.roles import CONTROLLER
-from forcebound.topology import HAND, in_hand
 
 _logger = logging.getLogger(__name__)
 

@@ -19,9 +19,10 @@ from collections.abc import Callable, Sequence
 from math import isfinite
 from typing import ClassVar, NamedTuple
 
-from forcebound.bounding import LAWS, Dissipation
-from forcebound.devices import Device
 from forcebound.errors import ConfigError, DeviceError
+from forcebound.graph.servo import ServoSettings
+from forcebound.haptics.devices import Device
+from forcebound.haptics.laws import LAWS, Dissipation
 from forcebound.messages.control import (
     Answer,
     DeviceStatus,
@@ -32,17 +33,16 @@ from forcebound.messages.control import (
     Refused,
     Request,
 )
+from forcebound.messages.events import TAKES_HOLD_LIMIT, EventLog
 from forcebound.messages.packets import DeviceState, Event, Packet, Telemetry, Vector
+from forcebound.messages.topology import HAND, in_hand
 from forcebound.nodes import Node
 from forcebound.nodes.bounded_device import BoundedDevice
 from forcebound.nodes.closing import close_part
 from forcebound.nodes.device_events import DeviceEvents
-from forcebound.nodes.events import TAKES_HOLD_LIMIT, EventLog
 from forcebound.nodes.safety import SafetyChain
-from forcebound.nodes.servo import ServoSettings
 from forcebound.nodes.velocity import low_pass, low_pass_gain
 from forcebound.roles import DEVICE
-from forcebound.topology import HAND, in_hand
 
 _logger = logging.getLogger(__name__)
 

@@ -2,11 +2,11 @@
 
 from collections.abc import Mapping
 
+from forcebound.graph.servo import ServoSettings
 from forcebound.messages.control import BounderReport
+from forcebound.messages.events import BOUNDER_REPORTED, LAW_CHANGED, STATE_INTERVAL_NS, EventLog
 from forcebound.messages.packets import Event, Packet
-from forcebound.nodes.events import BOUNDER_REPORTED, LAW_CHANGED, STATE_INTERVAL_NS, EventLog
 from forcebound.nodes.overload import Overload
-from forcebound.nodes.servo import ServoSettings
 
 REFUSAL_INTERVAL_NS = 1_000_000_000  # between two events about refused readings
 

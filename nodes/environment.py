@@ -17,8 +17,9 @@ from collections.abc import Sequence
 from math import isfinite
 from typing import ClassVar, TypeAlias
 
-from forcebound.environments import EnvironmentModel, change_environment, open_environment
+from forcebound.haptics.environments import EnvironmentModel, change_environment, open_environment
 from forcebound.messages.control import EnvironmentStatus
+from forcebound.messages.events import STATE_INTERVAL_NS, EventLog
 from forcebound.messages.packets import (
     EnvironmentQuery,
     EnvironmentReply,
@@ -31,7 +32,6 @@ from forcebound.network.impairment import Impairment
 from forcebound.network.trace import DelayTrace
 from forcebound.nodes import Node
 from forcebound.nodes.closing import close_part
-from forcebound.nodes.events import STATE_INTERVAL_NS, EventLog
 from forcebound.nodes.scene import SceneTeller
 from forcebound.roles import ENVIRONMENT
 

@@ -11,8 +11,8 @@ when it arrives (:meth:`Lease.admit`), before an impaired link orders the packet
 another one must not displace that of the holder there.
 """
 
+from forcebound.messages.events import EventLog
 from forcebound.messages.packets import Event, Packet
-from forcebound.nodes.events import EventLog
 
 LEASE_NS = 1_000_000_000  # by default; twice the age limit where that is more
 REJECTED_INTERVAL_NS = 1_000_000_000  # between two events about rejected environments

@@ -32,8 +32,8 @@ from typing import Any, TypeAlias
 
 from msgspec import Struct
 
+from forcebound.graph.servo import ServoSettings
 from forcebound.messages.packets import DeviceState, ForceCommand, Packet, Vector
-from forcebound.nodes.servo import ServoSettings
 
 REMEMBERED = 4096  # ticks whose times are kept; more than any sensible age limit at 4 kHz
 

@@ -7,12 +7,12 @@ late subscribers receive it. It is made in a step of its own, after an answer ha
 import logging
 from collections.abc import Mapping, Sequence
 
-from forcebound.environments import Environment
+from forcebound.haptics.environments import Environment
+from forcebound.haptics.parts import overridden
+from forcebound.haptics.parts.user_module import describe_user_error
 from forcebound.messages.codec import MAX_SCENE_BYTES, decode, encode
+from forcebound.messages.events import EventLog
 from forcebound.messages.packets import MAX_LENGTH, Packet, Scene, SceneObject, Vector
-from forcebound.nodes.events import EventLog
-from forcebound.parts import overridden
-from forcebound.parts.user_module import describe_user_error
 
 PERIOD_NS = 33_333_334  # between two scenes that differ
 REPEAT_NS = 1_000_000_000 - PERIOD_NS  # between two that do not: one a second, at least

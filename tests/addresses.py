@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from forcebound.messages.packets import Event
-from forcebound.topology import ONE_HAND, endpoint
+from forcebound.messages.topology import ONE_HAND, endpoint
 
 
 def topic_endpoint(run_dir: Path, name: str) -> str:

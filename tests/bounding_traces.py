@@ -6,7 +6,7 @@ from typing import NamedTuple, TypeAlias
 
 from builders import MS
 
-from forcebound.bounding import Dissipation, ForceBounder
+from forcebound.haptics.laws import Dissipation, ForceBounder
 from forcebound.messages.packets import Vector
 
 PHANTOM = Dissipation(

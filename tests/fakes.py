@@ -6,12 +6,14 @@ from typing import Any
 
 from addresses import topic_endpoint
 
-from forcebound.bounding import Dissipation
-from forcebound.controllers.direct import DirectController
-from forcebound.devices import Device
-from forcebound.devices.phantom import PhantomPremium15
-from forcebound.environments import EnvironmentModel
-from forcebound.environments.walls import Wall
+from forcebound.graph.servo import ServoSettings, dissipation_of
+from forcebound.haptics.controllers.direct import DirectController
+from forcebound.haptics.devices import Device
+from forcebound.haptics.devices.phantom import PhantomPremium15
+from forcebound.haptics.environments import EnvironmentModel
+from forcebound.haptics.environments.walls import Wall
+from forcebound.haptics.hands.hands import PressingHand
+from forcebound.haptics.laws import Dissipation
 from forcebound.messages.codec import encode
 from forcebound.messages.packets import DeviceState, ForceCommand, Packet, Vector
 from forcebound.network.computation import ComputationTime
@@ -22,9 +24,7 @@ from forcebound.nodes import Node
 from forcebound.nodes.controller import ControllerNode
 from forcebound.nodes.device import DeviceNode
 from forcebound.nodes.environment import EnvironmentNode
-from forcebound.nodes.servo import ServoSettings, dissipation_of
-from forcebound.operators.hands import PressingHand
-from forcebound.simulation import LateTicks, Simulation
+from forcebound.run.simulation import LateTicks, Simulation
 
 DISSIPATION = Dissipation(
     damping=0.27, friction=0.12, resolution=0.0, period=1e-3, hold_limit=1.25e-3, saturation=8.5

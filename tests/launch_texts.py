@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from forcebound.config.loader import load
 from forcebound.errors import ConfigError
+from forcebound.graph.loader import load
 
 GOOD = """\
 forcebound: 1

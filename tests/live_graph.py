@@ -26,11 +26,11 @@ from waiting import PATIENCE
 from forcebound.messages.codec import decode
 from forcebound.messages.control import GetStatus, LauncherStatus, ProcessState
 from forcebound.messages.packets import Event, Telemetry
-from forcebound.monitor.control import ask_launcher
 from forcebound.network import sockets
 from forcebound.network.sockets import Network
-from forcebound.recording import Recording, read
-from forcebound.telemetry import TelemetryColumns
+from forcebound.observe.control import ask_launcher
+from forcebound.recordings.recording import Recording, read
+from forcebound.recordings.telemetry import TelemetryColumns
 
 AGE_LIMIT = 0.1  # s, of the shipped launch files
 ENGAGE_TIME = 0.1  # s

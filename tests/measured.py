@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from forcebound import compiled
-from forcebound.simulation import Simulation
+from forcebound.run.simulation import Simulation
 
 MEASURED_NS = 300_000_000  # virtual time
 

@@ -4,8 +4,8 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from forcebound.geometry.bounding_volumes import TriangleTree
-from forcebound.geometry.god_object import MeshSolid
+from forcebound.haptics.geometry.bounding_volumes import TriangleTree
+from forcebound.haptics.geometry.god_object import MeshSolid
 
 Mesh: TypeAlias = tuple[Any, Any]
 

@@ -16,7 +16,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
 FOLDER = ROOT / "results" / "mutation"
-FILES = ("forcebound/bounding/*", "forcebound/nodes/safety.py", "forcebound/messages/codec.py")
+FILES = ("forcebound/haptics/laws/*", "forcebound/nodes/safety.py", "forcebound/messages/codec.py")
 TESTS = (
     "bounding",
     "certified_law",
@@ -33,7 +33,7 @@ SETTINGS = f"""
 [tool.mutmut]
 source_paths = ["forcebound"]
 only_mutate = {json.dumps(FILES)}
-do_not_mutate = ["forcebound/bounding/contract.py"]
+do_not_mutate = ["forcebound/haptics/laws/contract.py"]
 also_copy = {json.dumps(COPIED)}
 pytest_add_cli_args_test_selection = {json.dumps([f"tests/test_{name}.py" for name in TESTS])}
 pytest_add_cli_args = ["-p", "no:cacheprovider", "-W", "ignore::RuntimeWarning"]

@@ -8,8 +8,8 @@ from typing import Any
 
 from builders import telemetry_packet
 
-from forcebound.config.graph import GraphConfig
-from forcebound.config.loader import load
+from forcebound.graph.graph import GraphConfig
+from forcebound.graph.loader import load
 from forcebound.messages.control import (
     BounderReport,
     ControllerStatus,
@@ -18,12 +18,12 @@ from forcebound.messages.control import (
     ProcessStatus,
     RecorderStatus,
 )
-from forcebound.monitor.doctor import examine
-from forcebound.monitor.findings import Finding
-from forcebound.monitor.observation import Observations, RecordingSeen, Seen
+from forcebound.messages.topology import ONE_HAND
+from forcebound.observe.doctor import examine
+from forcebound.observe.findings import Finding
+from forcebound.observe.observation import Observations, RecordingSeen, Seen
+from forcebound.recordings.telemetry import TelemetryColumns
 from forcebound.roles import Fact
-from forcebound.telemetry import TelemetryColumns
-from forcebound.topology import ONE_HAND
 
 PERIOD_NS = 1_000_000
 TICKS = 2000

@@ -10,9 +10,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import AxLine, Line2D
 from numpy.typing import NDArray
 
-from forcebound.analysis.panels import Run
 from forcebound.messages.packets import Telemetry
-from forcebound.telemetry import TelemetryColumns
+from forcebound.recordings.telemetry import TelemetryColumns
+from forcebound.results.panels import Run
 
 WALL = 0.010  # m
 

@@ -6,10 +6,10 @@ from typing import Any
 
 from builders import telemetry_packet
 
-from forcebound.analysis.summary import summarize
-from forcebound.analysis.tables import summary_rows
 from forcebound.messages.packets import Telemetry
-from forcebound.telemetry import TelemetryColumns
+from forcebound.recordings.telemetry import TelemetryColumns
+from forcebound.results.summary import summarize
+from forcebound.results.tables import summary_rows
 
 WALL = 0.010  # m
 RATE = 1000  # Hz

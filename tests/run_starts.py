@@ -2,8 +2,8 @@
 
 from typing import TypeAlias
 
-from forcebound.launch.actions import Action, Engage, Engaged, Event, Limits, Reported
-from forcebound.launch.lifecycle import Lifecycle
+from forcebound.run.actions import Action, Engage, Engaged, Event, Limits, Reported
+from forcebound.run.lifecycle import Lifecycle
 
 NODES = ("environment", "controller", "device", "recorder")
 LIMITS = Limits(start_ns=100, engage_ns=10, stop_ns=20, recorder_stop_ns=50, kill_ns=5)

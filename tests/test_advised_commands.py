@@ -20,19 +20,19 @@ COMMAND = re.compile(rf"(?<!`)\bforcebound (?:{'|'.join(sorted(main.commands))})
 
 # Files whose texts hold commands that are whole lines, or titles, rather than advice in a sentence.
 ADVISING = {
-    "analysis/bounder.py",
-    "monitor/doctor.py",
-    "monitor/doctor_loop.py",
-    "monitor/machine.py",
+    "results/bounder.py",
+    "observe/doctor.py",
+    "observe/doctor_loop.py",
+    "observe/machine.py",
 }
 NO_SENTENCES = ADVISING | {
     "network/notices.py",
     "lab/audit.py",
     "lab/views.py",
     "cli/parts.py",
-    "config/schema.py",
-    "experiments/report.py",
-    "experiments/setup.py",
+    "graph/schema.py",
+    "lab/paper/report.py",
+    "lab/paper/setup.py",
 }
 
 

@@ -7,11 +7,11 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from forcebound.config.document import shipped
-from forcebound.config.loader import load
-from forcebound.launch.virtual import run_virtual
+from forcebound.graph.document import shipped
+from forcebound.graph.loader import load
 from forcebound.messages.packets import Telemetry
-from forcebound.recording import read
+from forcebound.recordings.recording import read
+from forcebound.run.virtual import run_virtual
 
 WEAKER = 0.2  # of the saturation: every run saturates
 

@@ -39,7 +39,7 @@ from forcebound.messages.packets import (
     Packet,
     Telemetry,
 )
-from forcebound.monitor.control import ask
+from forcebound.observe.control import ask
 
 pytestmark = PROCESSES_OF_THEIR_OWN
 

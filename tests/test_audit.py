@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from forcebound.bounding import (
+from forcebound.cli import main
+from forcebound.errors import ConfigError
+from forcebound.haptics.laws import (
     ENERGY_TOLERANCE,
     LAWS,
     BoundingLaw,
@@ -17,9 +19,7 @@ from forcebound.bounding import (
     ForceBounder,
     Sample,
 )
-from forcebound.bounding.law import State
-from forcebound.cli import main
-from forcebound.errors import ConfigError
+from forcebound.haptics.laws.law import State
 from forcebound.lab.attack import TRACE_COLUMNS, Result, attack, replay
 from forcebound.lab.audit import run
 from forcebound.lab.cases import encode

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from forcebound.bounding import ENERGY_TOLERANCE, Dissipation, ForceBounder
 from forcebound.cli import main
 from forcebound.errors import ConfigError
+from forcebound.haptics.laws import ENERGY_TOLERANCE, Dissipation, ForceBounder
 from forcebound.lab.engine import rows_of_each
 from forcebound.lab.paths.arm import walk_at_tip
 from forcebound.lab.paths.campaign import LOWEST, PathCase, cases, replay, section, summary

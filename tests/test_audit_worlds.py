@@ -5,11 +5,11 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from forcebound.bounding import ENERGY_TOLERANCE
 from forcebound.cli import main
-from forcebound.controllers import CONTROLLERS
-from forcebound.environments import open_environment
 from forcebound.errors import ConfigError
+from forcebound.haptics.controllers import CONTROLLERS
+from forcebound.haptics.environments import open_environment
+from forcebound.haptics.laws import ENERGY_TOLERANCE
 from forcebound.lab.adversaries import RandomForce, VelocityPusher, uniform
 from forcebound.lab.world_cases import NUMBERS, WORLDS, case_of
 from forcebound.lab.world_run import attack, device_of

@@ -9,9 +9,9 @@ from benchmarks import __main__ as page
 from benchmarks import delay, harness
 from benchmarks.harness import Measured, beyond, compare
 from forcebound.errors import RunError
-from forcebound.monitor.measure import SHARES, Round, apart, percentile, plan
+from forcebound.lab.workers import serving
+from forcebound.observe.measure import SHARES, Round, apart, percentile, plan
 from forcebound.realtime import Settings
-from forcebound.workers import serving
 
 needs_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
 ORDINARY = Settings(policy="other")

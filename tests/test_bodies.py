@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from launch_texts import problems_of, written
 
-from forcebound.config.loader import load
-from forcebound.environments import bodies, open_environment
-from forcebound.environments.bodies import Bodies
 from forcebound.errors import ConfigError
-from forcebound.launch.virtual import run_virtual
+from forcebound.graph.loader import load
+from forcebound.haptics.environments import bodies, open_environment
+from forcebound.haptics.environments.bodies import Bodies
+from forcebound.run.virtual import run_virtual
 
 FLOOR = """<mujoco><option timestep="0.001"/><worldbody>
 <geom name="floor" type="plane" size="1 1 0.1" friction="0.5 0.005 0.0001"/>

@@ -7,8 +7,8 @@ import pytest
 from builders import MS
 from msgspec.structs import replace as changed
 
-from forcebound.bounding import Dissipation
-from forcebound.devices import Device
+from forcebound.haptics.devices import Device
+from forcebound.haptics.laws import Dissipation
 from forcebound.messages.packets import Vector
 from forcebound.nodes.bounded_device import BoundedDevice
 

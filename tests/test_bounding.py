@@ -12,9 +12,9 @@ from builders import MS
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from forcebound.bounding import LAWS, Dissipation, ForceBounder, Sample, play
-from forcebound.bounding.bounder import shorten
 from forcebound.errors import ConfigError
+from forcebound.haptics.laws import LAWS, Dissipation, ForceBounder, Sample, play
+from forcebound.haptics.laws.bounder import shorten
 from forcebound.messages.packets import Vector
 
 BOUNDING_LAWS = sorted(name for name, law in LAWS.items() if not law.adds_damping)

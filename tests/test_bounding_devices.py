@@ -10,13 +10,13 @@ from builders import MS
 from hypothesis import given
 from hypothesis import strategies as st
 
-from forcebound.bounding import Dissipation, ForceBounder
-from forcebound.bounding.dissipation import Watchdog
-from forcebound.bounding.hold_cost import hold_cost, lagging_cost, rigid_cost
-from forcebound.bounding.sample import AxisConstants
-from forcebound.bounding.waveform import NO_FORCE, mean_force, penalty, retarget
-from forcebound.bounding.waveform import run as run_motor
 from forcebound.errors import ConfigError
+from forcebound.haptics.laws import Dissipation, ForceBounder
+from forcebound.haptics.laws.dissipation import Watchdog
+from forcebound.haptics.laws.hold_cost import hold_cost, lagging_cost, rigid_cost
+from forcebound.haptics.laws.sample import AxisConstants
+from forcebound.haptics.laws.waveform import NO_FORCE, mean_force, penalty, retarget
+from forcebound.haptics.laws.waveform import run as run_motor
 
 PRESS = [2e-4 * min(n, 30) for n in range(1, 200)]  # m, into a wall and rest there
 NAN = (math.nan,)

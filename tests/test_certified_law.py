@@ -13,9 +13,9 @@ from builders import MS
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from forcebound.bounding import LAWS, Dissipation, ForceBounder, play
-from forcebound.bounding.certified import FORGETTING
-from forcebound.bounding.hold_cost import hold_cost
+from forcebound.haptics.laws import LAWS, Dissipation, ForceBounder, play
+from forcebound.haptics.laws.certified import FORGETTING
+from forcebound.haptics.laws.hold_cost import hold_cost
 from forcebound.messages.packets import Vector
 
 CERTIFIED_LAWS = sorted(name for name, law in LAWS.items() if law.is_certified)

@@ -7,20 +7,20 @@ from unittest.mock import Mock
 
 import pytest
 
-from forcebound.config.graph import GraphConfig
-from forcebound.config.loader import change, load
-from forcebound.config.names import LAW
-from forcebound.config.parameters import differences, parameters, processes_of
 from forcebound.errors import ConfigError
-from forcebound.launch.application import Tuner
-from forcebound.launch.build import build_device
+from forcebound.graph.graph import GraphConfig
+from forcebound.graph.loader import change, load
+from forcebound.graph.names import LAW
+from forcebound.graph.parameters import differences, parameters, processes_of
 from forcebound.messages.control import Configure
 from forcebound.messages.packets import EnvironmentQuery, Event
-from forcebound.monitor.formatting import as_written
-from forcebound.monitor.tuning import find_parameters, read_settings
+from forcebound.messages.topology import ONE_HAND
 from forcebound.nodes import Node
 from forcebound.nodes.environment import EnvironmentNode
-from forcebound.topology import ONE_HAND
+from forcebound.observe.formatting import as_written
+from forcebound.observe.tuning import find_parameters, read_settings
+from forcebound.run.application import Tuner
+from forcebound.run.build import build_device
 
 
 @pytest.fixture(scope="module")

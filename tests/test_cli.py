@@ -13,10 +13,10 @@ from invoking import invoke
 from launch_texts import written
 from waiting import PATIENCE, until
 
-from forcebound.analysis.figures import FIGURES
 from forcebound.cli import main
 from forcebound.cli.common import print_rows
-from forcebound.launch.results import RunResult
+from forcebound.results.figures import FIGURES
+from forcebound.run.results import RunResult
 
 QUICK = ("--duration", "200 ms")
 

@@ -11,19 +11,19 @@ from builders import MS, query
 from fakes import press
 from launch_texts import GOOD, problems_of, written
 
-from forcebound.config.loader import change, from_document, load
-from forcebound.config.resolved import to_document
-from forcebound.environments.walls import Wall
-from forcebound.launch.application import apply
-from forcebound.launch.build import build_device, build_node
-from forcebound.launch.links import build_links
+from forcebound.graph.loader import change, from_document, load
+from forcebound.graph.resolved import to_document
+from forcebound.haptics.environments.walls import Wall
 from forcebound.messages.packets import EnvironmentReply, Telemetry
 from forcebound.network.chances import Chances, Draws
 from forcebound.network.computation import ComputationTime
 from forcebound.network.impairment import Impairment
 from forcebound.network.trace import DelayTrace
 from forcebound.nodes.environment import EnvironmentNode
-from forcebound.simulation import Simulation
+from forcebound.run.application import apply
+from forcebound.run.build import build_device, build_node
+from forcebound.run.links import build_links
+from forcebound.run.simulation import Simulation
 
 
 @pytest.mark.parametrize("distribution", ["uniform", "normal", "pareto", "paretonormal"])

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from forcebound.analysis.contact import (
+from forcebound.results.contact import (
     BOUNCE_EXCURSION,
     count_bounces,
     extended_rate_hardness,

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from forcebound.environments import EnvironmentModel, StatelessEnvironment
-from forcebound.environments.contract import PROMISES, check
-from forcebound.environments.walls import Damper, Wall
-from forcebound.parts.contract import Findings, Violation, vector_fault
+from forcebound.haptics.environments import EnvironmentModel, StatelessEnvironment
+from forcebound.haptics.environments.contract import PROMISES, check
+from forcebound.haptics.environments.walls import Damper, Wall
+from forcebound.haptics.parts.contract import Findings, Violation, vector_fault
 
 Answer = Callable[[tuple[float, ...], tuple[float, ...], float], Any]
 

@@ -4,9 +4,8 @@ import dataclasses
 
 from builders import MS
 
-from forcebound.config.loader import load
-from forcebound.controllers.direct import DirectController
-from forcebound.launch.build import dead_lease_ns, lease_ns
+from forcebound.graph.loader import load
+from forcebound.haptics.controllers.direct import DirectController
 from forcebound.messages.control import EnvironmentDied
 from forcebound.messages.packets import (
     DeviceState,
@@ -16,6 +15,7 @@ from forcebound.messages.packets import (
     ForceCommand,
 )
 from forcebound.nodes.controller import ControllerNode
+from forcebound.run.build import dead_lease_ns, lease_ns
 
 
 def test_the_controller_asks_about_each_state_and_commands_each_answer_with_its_echo() -> None:

@@ -7,8 +7,8 @@ import pytest
 from builders import reply, state
 from msgspec.structs import replace
 
-from forcebound.controllers import CONTROLLERS, Controller
-from forcebound.controllers.direct import DirectController
+from forcebound.haptics.controllers import CONTROLLERS, Controller
+from forcebound.haptics.controllers.direct import DirectController
 from forcebound.messages.packets import (
     DeviceState,
     EnvironmentQuery,

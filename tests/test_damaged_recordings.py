@@ -16,13 +16,13 @@ from mcap.data_stream import RecordBuilder
 from mcap.records import Channel, Chunk, Footer, Message, Metadata
 from msgspec.structs import asdict
 
-from forcebound.analysis.delay_traces import read_trace
 from forcebound.cli import main
-from forcebound.config.loader import load
-from forcebound.config.resolved import to_document
 from forcebound.errors import ConfigError
+from forcebound.graph.loader import load
+from forcebound.graph.resolved import to_document
 from forcebound.mcap_file import MAGIC, MAX_RECORD
-from forcebound.recording import read
+from forcebound.recordings.recording import read
+from forcebound.results.delay_traces import read_trace
 
 LAUNCH = to_document(load("stiff_wall"))
 MIB = 1 << 20

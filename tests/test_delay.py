@@ -13,23 +13,23 @@ from launch_texts import GOOD, written
 from msgspec import structs
 from waiting import PATIENCE
 
-from forcebound.analysis.delay_traces import hop_delays, loop_delays, read_trace
 from forcebound.cli import main
-from forcebound.config.graph import GraphConfig
-from forcebound.config.loader import change, from_document, load
-from forcebound.config.resolved import to_document
 from forcebound.errors import ConfigError, RunError
-from forcebound.hops import Hops
-from forcebound.launch.run_directory import RUN_FILE, RunDocument
-from forcebound.launch.virtual import run_virtual
+from forcebound.graph.graph import GraphConfig
+from forcebound.graph.loader import change, from_document, load
+from forcebound.graph.resolved import to_document
 from forcebound.messages.codec import encode
 from forcebound.messages.packets import EnvironmentReply, Packet, Telemetry
-from forcebound.monitor.delay import DelayFigures, Measured, Percentiles, measure, watch
+from forcebound.messages.topology import LINKS
 from forcebound.network.sockets import Network
 from forcebound.network.trace import DelayTrace
-from forcebound.recording import Recorder, read
-from forcebound.telemetry import TelemetryColumns
-from forcebound.topology import LINKS
+from forcebound.observe.delay import DelayFigures, Measured, Percentiles, measure, watch
+from forcebound.recordings.recording import Recorder, read
+from forcebound.recordings.telemetry import TelemetryColumns
+from forcebound.results.delay_traces import hop_delays, loop_delays, read_trace
+from forcebound.results.hops import Hops
+from forcebound.run.run_directory import RUN_FILE, RunDocument
+from forcebound.run.virtual import run_virtual
 
 
 def test_the_delay_of_a_tick_is_that_of_its_answer(tmp_path: Path) -> None:

@@ -6,8 +6,8 @@ from typing import Any
 import pytest
 from fakes import FakeDevice
 
-from forcebound.devices.guard import guarded
 from forcebound.errors import DeviceError
+from forcebound.haptics.devices.guard import guarded
 from forcebound.messages.packets import Vector
 
 

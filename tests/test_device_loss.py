@@ -17,9 +17,14 @@ from run_starts import running
 from test_emulators_live import program
 from waiting import until
 
-from forcebound.devices.truth_file import SUFFIX, TruthFile
 from forcebound.errors import RunError
-from forcebound.launch.actions import (
+from forcebound.haptics.devices.truth_file import SUFFIX, TruthFile
+from forcebound.messages.control import ResumeDevice
+from forcebound.messages.packets import Telemetry
+from forcebound.observe.control import resume_device
+from forcebound.recordings.telemetry import TelemetryColumns
+from forcebound.roles import LOST
+from forcebound.run.actions import (
     DEVICE_LOST,
     Announce,
     Ended,
@@ -31,12 +36,7 @@ from forcebound.launch.actions import (
     Start,
     Terminate,
 )
-from forcebound.launch.lifecycle import ADVICE
-from forcebound.messages.control import ResumeDevice
-from forcebound.messages.packets import Telemetry
-from forcebound.monitor.control import resume_device
-from forcebound.roles import LOST
-from forcebound.telemetry import TelemetryColumns
+from forcebound.run.lifecycle import ADVICE
 
 HOME = (0.0, -0.0693)  # m, of the tip
 NEAR = 2e-3  # m; friction keeps a hand from its aim

@@ -9,7 +9,9 @@ from builders import MS
 from fakes import answer, device_node
 from msgspec.structs import replace
 
+from forcebound.graph.servo import ServoSettings
 from forcebound.messages.codec import decode, encode
+from forcebound.messages.events import EventLog
 from forcebound.messages.packets import (
     DeviceState,
     Event,
@@ -19,8 +21,6 @@ from forcebound.messages.packets import (
     Vector,
 )
 from forcebound.nodes.device import DeviceNode
-from forcebound.nodes.events import EventLog
-from forcebound.nodes.servo import ServoSettings
 
 
 def sample(node: DeviceNode, time_ns: int) -> DeviceState:

@@ -6,8 +6,8 @@ from typing import Literal
 import pytest
 from builders import MS
 
-from forcebound.devices.phantom import PhantomPremium15
-from forcebound.devices.simulated import SimulatedDevice
+from forcebound.haptics.devices.phantom import PhantomPremium15
+from forcebound.haptics.devices.simulated import SimulatedDevice
 
 FREE = PhantomPremium15(mass=0.1, damping=0.0, friction=0.0, resolution=0.0)
 

@@ -10,16 +10,16 @@ from builders import MS
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from forcebound.devices import DEVICES, Device, DeviceModel
-from forcebound.devices.extended import Axis, Moving, advance_extended
-from forcebound.devices.phantom import PhantomPremium15
-from forcebound.devices.plant import quantise
-from forcebound.devices.simulated import SimulatedDevice
 from forcebound.errors import ConfigError
+from forcebound.graph.servo import ServoSettings, dissipation_of
+from forcebound.haptics.devices import DEVICES, Device, DeviceModel
+from forcebound.haptics.devices.extended import Axis, Moving, advance_extended
+from forcebound.haptics.devices.phantom import PhantomPremium15
+from forcebound.haptics.devices.plant import quantise
+from forcebound.haptics.devices.simulated import SimulatedDevice
+from forcebound.haptics.hands import Operator
+from forcebound.haptics.hands.hands import PressingHand
 from forcebound.messages.packets import Vector
-from forcebound.nodes.servo import ServoSettings, dissipation_of
-from forcebound.operators import Operator
-from forcebound.operators.hands import PressingHand
 
 
 @dataclass(frozen=True)

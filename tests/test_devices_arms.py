@@ -13,16 +13,16 @@ from builders import MS
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from forcebound.devices.desktop_arm import DesktopArm
-from forcebound.devices.five_bar import FiveBar
-from forcebound.devices.knob import Knob
-from forcebound.devices.serial_arm import SerialArm
-from forcebound.devices.simulated import SimulatedDevice
-from forcebound.devices.stated_joints import TrueJoints
 from forcebound.errors import ConfigError, DeviceError
+from forcebound.haptics.devices.desktop_arm import DesktopArm
+from forcebound.haptics.devices.five_bar import FiveBar
+from forcebound.haptics.devices.knob import Knob
+from forcebound.haptics.devices.serial_arm import SerialArm
+from forcebound.haptics.devices.simulated import SimulatedDevice
+from forcebound.haptics.devices.stated_joints import TrueJoints
+from forcebound.haptics.hands import Operator
+from forcebound.haptics.hands.hands import PressingHand
 from forcebound.messages.packets import Vector
-from forcebound.operators import Operator
-from forcebound.operators.hands import PressingHand
 
 Arm: TypeAlias = DesktopArm | FiveBar | SerialArm | Knob
 

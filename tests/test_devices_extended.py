@@ -9,13 +9,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from forcebound.config.loader import from_document
-from forcebound.config.resolved import restore, to_document, with_parts
-from forcebound.devices.extended import Axis, Moving, advance_extended
-from forcebound.devices.phantom import PhantomPremium15
-from forcebound.devices.simulated import SimulatedDevice
-from forcebound.devices.true_values import TrueAxes
 from forcebound.errors import ConfigError
+from forcebound.graph.loader import from_document
+from forcebound.graph.resolved import restore, to_document, with_parts
+from forcebound.haptics.devices.extended import Axis, Moving, advance_extended
+from forcebound.haptics.devices.phantom import PhantomPremium15
+from forcebound.haptics.devices.simulated import SimulatedDevice
+from forcebound.haptics.devices.true_values import TrueAxes
 from forcebound.messages.packets import Vector
 
 H = 5e-5  # s

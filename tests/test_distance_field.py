@@ -9,14 +9,14 @@ import meshes
 import numpy as np
 import pytest
 
-from forcebound.environments.contract import check
-from forcebound.environments.distance_field import DistanceField
 from forcebound.errors import ConfigError
-from forcebound.geometry.grid import BAND, GRID, Grid, grid_data, mesh_grid
-from forcebound.geometry.implicit import ImplicitSolid
-from forcebound.geometry.mesh_file import Mesh
-from forcebound.geometry.proxy import Surface
-from forcebound.geometry.vectors import pad3
+from forcebound.haptics.environments.contract import check
+from forcebound.haptics.environments.distance_field import DistanceField
+from forcebound.haptics.geometry.grid import BAND, GRID, Grid, grid_data, mesh_grid
+from forcebound.haptics.geometry.implicit import ImplicitSolid
+from forcebound.haptics.geometry.mesh_file import Mesh
+from forcebound.haptics.geometry.proxy import Surface
+from forcebound.haptics.geometry.vectors import pad3
 
 STILL = (0.0, 0.0, 0.0)
 UPRIGHT = (1.0, 0.0, 0.0, 0.0)

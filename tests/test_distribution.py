@@ -9,9 +9,9 @@ import pytest
 from builders import MS
 from launch_texts import GOOD, problems_of, written
 
-from forcebound.config.loader import from_document, load
-from forcebound.config.resolved import to_document
 from forcebound.errors import ConfigError
+from forcebound.graph.loader import from_document, load
+from forcebound.graph.resolved import to_document
 from forcebound.network.chances import Chances, Draws
 from forcebound.network.distribution import LONGEST, read_distribution
 from forcebound.network.impairment import Impairment

@@ -5,12 +5,12 @@ from pathlib import Path
 
 import pytest
 
-from forcebound.analysis.figures import FIGURES
-from forcebound.analysis.tables import summary_rows
 from forcebound.cli import main
-from forcebound.config.loader import load
-from forcebound.launch.virtual import run_virtual
+from forcebound.graph.loader import load
 from forcebound.messages.packets import TOPIC_OF, field_types
+from forcebound.results.figures import FIGURES
+from forcebound.results.tables import summary_rows
+from forcebound.run.virtual import run_virtual
 
 ROOT = Path(__file__).parent.parent
 PAGES = sorted(

@@ -23,12 +23,12 @@ from observed_graph import (
     with_processes,
 )
 
-from forcebound.config.graph import GraphConfig
+from forcebound.graph.graph import GraphConfig
 from forcebound.messages.control import BounderReport, NodeStatus, RemoteStatus
-from forcebound.monitor.doctor import REASONS, examine
-from forcebound.monitor.observation import Observations, RecordingSeen, Seen
+from forcebound.messages.topology import LINKS, ONE_HAND
+from forcebound.observe.doctor import REASONS, examine
+from forcebound.observe.observation import Observations, RecordingSeen, Seen
 from forcebound.roles import Fact
-from forcebound.topology import LINKS, ONE_HAND
 
 
 def test_of_a_healthy_graph_there_is_nothing_to_say() -> None:

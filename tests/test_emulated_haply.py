@@ -7,17 +7,17 @@ from typing import Any, Literal
 
 import pytest
 
-from forcebound.bounding import ForceBounder
-from forcebound.config.loader import load
-from forcebound.devices.truth_file import TruthFile
-from forcebound.emulators.emulation import Emulation
-from forcebound.emulators.faults import Faults, parse_fault
-from forcebound.emulators.kinds import EMULATORS
 from forcebound.errors import DeviceError
+from forcebound.graph.loader import load
+from forcebound.graph.servo import dissipation_of
+from forcebound.haptics.devices.truth_file import TruthFile
+from forcebound.haptics.hands.hands import PressingHand
+from forcebound.haptics.laws import ForceBounder
+from forcebound.hardware.emulators.emulation import Emulation
+from forcebound.hardware.emulators.faults import Faults, parse_fault
+from forcebound.hardware.emulators.kinds import EMULATORS
 from forcebound.hardware.hapi import WIRINGS, rest_message
 from forcebound.hardware.haply_2diy import Haply2DIY, OpenHaply
-from forcebound.nodes.servo import dissipation_of
-from forcebound.operators.hands import PressingHand
 
 ROUND_TRIP_NS = 100_000
 PERIOD_NS = 1_000_000

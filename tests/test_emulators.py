@@ -8,15 +8,15 @@ from pathlib import Path
 import pytest
 from test_haply_board import NO_TORQUE, PUSH, SETUP, degrees
 
-from forcebound.devices import Truth
-from forcebound.devices.truth_file import NOBODY, TruthFile, truth_beside
-from forcebound.emulators.emulation import Emulation
-from forcebound.emulators.faults import Fault, Faults, parse_fault
-from forcebound.emulators.kinds import EMULATORS, restored_operator
-from forcebound.emulators.program import given_values
-from forcebound.emulators.pty import PseudoPort
 from forcebound.errors import ConfigError, DeviceError
-from forcebound.operators.hands import PressingHand
+from forcebound.haptics.devices import Truth
+from forcebound.haptics.devices.truth_file import NOBODY, TruthFile, truth_beside
+from forcebound.haptics.hands.hands import PressingHand
+from forcebound.hardware.emulators.emulation import Emulation
+from forcebound.hardware.emulators.faults import Fault, Faults, parse_fault
+from forcebound.hardware.emulators.kinds import EMULATORS, restored_operator
+from forcebound.hardware.emulators.program import given_values
+from forcebound.hardware.emulators.pty import PseudoPort
 
 MS = 1_000_000
 HAND = PressingHand(mass=0.1, stiffness=200.0, damping=2.0, approach_speed=0.1)

@@ -14,11 +14,11 @@ import pytest
 from test_haply_board import HOME, NO_TORQUE, PUSH, SETUP
 from waiting import until
 
-from forcebound.devices.truth_file import TruthFile
 from forcebound.errors import DeviceError
+from forcebound.haptics.devices.truth_file import TruthFile
+from forcebound.haptics.hands.hands import PressingHand
 from forcebound.hardware.emulated import Emulated, start
 from forcebound.hardware.port import Port
-from forcebound.operators.hands import PressingHand
 
 pytestmark = pytest.mark.live
 

@@ -12,14 +12,14 @@ from pathlib import Path
 import pytest
 from live_graph import live_graph
 
-from forcebound.config.loader import load
-from forcebound.config.phases import timetable
-from forcebound.launch.application import apply
-from forcebound.launch.build import build_device, build_node
-from forcebound.launch.links import build_links
+from forcebound.graph.loader import load
+from forcebound.graph.phases import timetable
 from forcebound.messages.packets import TOPIC_OF, Packet, Telemetry
-from forcebound.simulation import Simulation
-from forcebound.topology import ONE_HAND
+from forcebound.messages.topology import ONE_HAND
+from forcebound.run.application import apply
+from forcebound.run.build import build_device, build_node
+from forcebound.run.links import build_links
+from forcebound.run.simulation import Simulation
 
 HOUR_NS = 3_600_000_000_000
 MINUTE_NS = 60_000_000_000

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from forcebound.analysis.energy import largest_fall, observe, since_contact
+from forcebound.results.energy import largest_fall, observe, since_contact
 
 TIME = np.arange(2001, dtype=np.float64) * 1e-3  # s
 

@@ -7,8 +7,8 @@ import pytest
 from builders import MS, query
 from msgspec.structs import replace
 
-from forcebound.environments import StatelessEnvironment
-from forcebound.environments.walls import Wall
+from forcebound.haptics.environments import StatelessEnvironment
+from forcebound.haptics.environments.walls import Wall
 from forcebound.messages.packets import EnvironmentReply, Event, Vector
 from forcebound.network.computation import ComputationTime
 from forcebound.network.impairment import Impairment

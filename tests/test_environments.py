@@ -4,17 +4,23 @@ from pathlib import Path
 
 import pytest
 
-from forcebound.config.loader import load
-from forcebound.environments import (
+from forcebound.graph.loader import load
+from forcebound.haptics.environments import (
     ENVIRONMENTS,
     EnvironmentModel,
     StatelessEnvironment,
 )
-from forcebound.environments.active_wall import ActiveWall
-from forcebound.environments.contract import check
-from forcebound.environments.recorded import RecordedEnvironment
-from forcebound.environments.walls import DampedWall, Damper, PowerLawWall, TimeVaryingWall, Wall
-from forcebound.launch.virtual import run_virtual
+from forcebound.haptics.environments.active_wall import ActiveWall
+from forcebound.haptics.environments.contract import check
+from forcebound.haptics.environments.recorded import RecordedEnvironment
+from forcebound.haptics.environments.walls import (
+    DampedWall,
+    Damper,
+    PowerLawWall,
+    TimeVaryingWall,
+    Wall,
+)
+from forcebound.run.virtual import run_virtual
 
 WALLS = (Wall, TimeVaryingWall, PowerLawWall, ActiveWall)
 

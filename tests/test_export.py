@@ -13,10 +13,10 @@ from invoking import invoke
 from mcap.reader import make_reader
 
 from forcebound.errors import ConfigError
+from forcebound.messages.events import EventLog
 from forcebound.messages.packets import ForceCommand, Packet, Scene, SceneObject
-from forcebound.nodes.events import EventLog
-from forcebound.recording import Recorder, read
 from forcebound.recordings.export import export
+from forcebound.recordings.recording import Recorder, read
 from forcebound.recordings.recovery import RECOVERED_NAME, recover
 
 METADATA = {"seed": "1", "launch": "{}"}

@@ -10,16 +10,16 @@ import pytest
 from live_graph import live_graph
 
 from experiments.far_wall import LAWS, Figures, case, error_on_sphere, figures, touching_hand
-from forcebound.analysis.summary import summarize
-from forcebound.bounding.sample import ENERGY_TOLERANCE
-from forcebound.config.loader import load
-from forcebound.controllers.local_model import LocalModel
-from forcebound.environments import EnvironmentModel
-from forcebound.environments.active_wall import ActiveWall
-from forcebound.environments.walls import Damper, TimeVaryingWall
 from forcebound.errors import ConfigError
-from forcebound.launch.virtual import run_virtual
+from forcebound.graph.loader import load
+from forcebound.haptics.controllers.local_model import LocalModel
+from forcebound.haptics.environments import EnvironmentModel
+from forcebound.haptics.environments.active_wall import ActiveWall
+from forcebound.haptics.environments.walls import Damper, TimeVaryingWall
+from forcebound.haptics.laws.sample import ENERGY_TOLERANCE
 from forcebound.network.impairment import Impairment
+from forcebound.results.summary import summarize
+from forcebound.run.virtual import run_virtual
 
 NEAR = 0  # ms
 

@@ -8,17 +8,17 @@ from pathlib import Path
 import pytest
 from launch_texts import GOOD, written
 
-from forcebound.analysis.delay_traces import read_trace
-from forcebound.config.loader import load
-from forcebound.config.parts import law_of
 from forcebound.errors import ConfigError
 from forcebound.files import MAX_TABLE, check_writable, printable, read_rows
+from forcebound.graph.loader import load
+from forcebound.graph.parts import law_of
+from forcebound.haptics.hands.paths import TrajectoryHand
+from forcebound.lab.sweep.plan import load_sweep
 from forcebound.lab.table import read_table
 from forcebound.network.distribution import read_distribution
 from forcebound.network.keys import list_keys, new_key, public_key
-from forcebound.operators.paths import TrajectoryHand
-from forcebound.recording import read
-from forcebound.sweep.plan import load_sweep
+from forcebound.recordings.recording import read
+from forcebound.results.delay_traces import read_trace
 
 PATIENCE = 30  # s; on a machine under load, far more than a refusal needs
 

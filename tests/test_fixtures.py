@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from launch_texts import problems_of, written
 
-from forcebound.config.loader import load
-from forcebound.config.resolved import restore, to_document, with_parts
-from forcebound.environments import open_environment
-from forcebound.environments.contract import check
-from forcebound.environments.fixtures import (
+from forcebound.errors import ConfigError
+from forcebound.graph.loader import load
+from forcebound.graph.resolved import restore, to_document, with_parts
+from forcebound.haptics.environments import open_environment
+from forcebound.haptics.environments.contract import check
+from forcebound.haptics.environments.fixtures import (
     Fixtures,
     ForbiddenRegion,
     GuidancePath,
@@ -18,10 +19,9 @@ from forcebound.environments.fixtures import (
     WithFixtures,
     WorkspaceLimit,
 )
-from forcebound.environments.walls import Wall
-from forcebound.errors import ConfigError
-from forcebound.geometry.vectors import Vector3
-from forcebound.launch.virtual import run_virtual
+from forcebound.haptics.environments.walls import Wall
+from forcebound.haptics.geometry.vectors import Vector3
+from forcebound.run.virtual import run_virtual
 
 STILL = (0.0, 0.0, 0.0)
 PLANE = GuidancePlane(point=(0.0, 0.0, 0.01), normal=(0.0, 0.0, 2.0), stiffness=400.0, reach=0.02)

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from forcebound.geometry import planes, vectors
-from forcebound.geometry.planes import closest_legal
-from forcebound.geometry.vectors import Vector3
+from forcebound.haptics.geometry import planes, vectors
+from forcebound.haptics.geometry.planes import closest_legal
+from forcebound.haptics.geometry.vectors import Vector3
 
 _numbers = st.floats(-1.0, 1.0)
 _points = st.tuples(_numbers, _numbers, _numbers)

@@ -10,9 +10,9 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from forcebound.geometry.bounding_volumes import TriangleTree
-from forcebound.geometry.god_object import MeshSolid
-from forcebound.geometry.vectors import Vector3, dot, norm, scale, sub, unit
+from forcebound.haptics.geometry.bounding_volumes import TriangleTree
+from forcebound.haptics.geometry.god_object import MeshSolid
+from forcebound.haptics.geometry.vectors import Vector3, dot, norm, scale, sub, unit
 
 HALF = 0.0625  # m, of the edge of the box
 NM = 1e-7  # m, far above the clearance, far below what a hand feels

@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 from scripted_board import FREE, ScriptedBoard, angles
 
-from forcebound.devices.five_bar import FiveBar
 from forcebound.errors import DeviceError
+from forcebound.haptics.devices.five_bar import FiveBar
 from forcebound.hardware.haply_2diy import Haply2DIY, OpenHaply, link_sine
 from forcebound.messages.packets import Vector
 

@@ -6,7 +6,7 @@ from random import Random
 
 import pytest
 
-from forcebound.emulators.haply_board import LARGEST_TORQUE, HaplyBoard, held_torque
+from forcebound.hardware.emulators.haply_board import LARGEST_TORQUE, HaplyBoard, held_torque
 from forcebound.hardware.hapi import WIRINGS, exchange_message, rest_message
 
 COUNT = 2.0 * math.pi / 4880  # rad

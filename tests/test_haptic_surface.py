@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from forcebound.errors import ConfigError
-from forcebound.geometry.proxy import HapticSurface, Surface
-from forcebound.geometry.vectors import Vector3
+from forcebound.haptics.geometry.proxy import HapticSurface, Surface
+from forcebound.haptics.geometry.vectors import Vector3
 
 STIFFNESS = 1000.0  # N/m
 STILL = (0.0, 0.0, 0.0)

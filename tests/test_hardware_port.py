@@ -14,13 +14,13 @@ from click.testing import CliRunner
 from waiting import PATIENCE
 
 from forcebound.cli import main
-from forcebound.config.loader import load
 from forcebound.errors import ConfigError, DeviceError
+from forcebound.graph.loader import load
 from forcebound.hardware import ports
 from forcebound.hardware.port import Port
 from forcebound.hardware.ports import SerialPort, check_serial_number, find
-from forcebound.launch.live import check_here
 from forcebound.network import sockets
+from forcebound.run.live import check_here
 
 SOON_NS = 20_000_000
 HAPLY = SerialPort("/dev/ttyACM0", "Arduino Due", "1A2B", "haply_2diy")

@@ -7,10 +7,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from launch_texts import GOOD, problems_of, written
 
-from forcebound.config.document import SHIPPED, shipped
-from forcebound.config.loader import from_document, load
-from forcebound.config.resolved import to_document
 from forcebound.errors import ConfigError
+from forcebound.graph.document import SHIPPED, shipped
+from forcebound.graph.loader import from_document, load
+from forcebound.graph.resolved import to_document
 
 SHIPPED_TEXTS = [(SHIPPED / name).read_bytes() for name in shipped()]
 

@@ -9,18 +9,18 @@ import pytest
 
 from experiments.identification_bounds import evaluate, is_reached, judge
 from experiments.identified_devices import ARM, KNOB, Altered, Weighted
-from forcebound.devices import DeviceModel
-from forcebound.devices.five_bar import FiveBar
-from forcebound.devices.phantom import PhantomPremium15
-from forcebound.devices.stated_joints import TrueJoints
-from forcebound.devices.true_values import TrueAxes, WeakSpot
 from forcebound.errors import DeviceError
-from forcebound.identification import document, estimators, gain
-from forcebound.identification.clock import VirtualClock
-from forcebound.identification.estimators import Bounded, Point
-from forcebound.identification.procedure import Found, Plan, identify
+from forcebound.graph.servo import ServoSettings, dissipation_of
+from forcebound.haptics.devices import DeviceModel
+from forcebound.haptics.devices.five_bar import FiveBar
+from forcebound.haptics.devices.phantom import PhantomPremium15
+from forcebound.haptics.devices.stated_joints import TrueJoints
+from forcebound.haptics.devices.true_values import TrueAxes, WeakSpot
+from forcebound.lab.identification import document, estimators, gain
+from forcebound.lab.identification.clock import VirtualClock
+from forcebound.lab.identification.estimators import Bounded, Point
+from forcebound.lab.identification.procedure import Found, Plan, identify
 from forcebound.messages.packets import Vector
-from forcebound.nodes.servo import ServoSettings, dissipation_of
 
 SHORT = dataclasses.replace(KNOB, levels=(0.4, 1.0), pushes=2, strokes=4)
 

@@ -7,10 +7,10 @@ import pytest
 from test_emulators_live import program
 from waiting import until
 
-from forcebound.devices import DEVICES
 from forcebound.errors import DeviceError
-from forcebound.identification.clock import Clock
-from forcebound.identification.procedure import Plan, identify
+from forcebound.haptics.devices import DEVICES
+from forcebound.lab.identification.clock import Clock
+from forcebound.lab.identification.procedure import Plan, identify
 
 pytestmark = pytest.mark.live
 

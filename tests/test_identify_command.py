@@ -8,10 +8,10 @@ from click.testing import CliRunner
 from ruamel.yaml import YAML
 
 from forcebound.cli import main
-from forcebound.config.loader import load
 from forcebound.errors import ConfigError
-from forcebound.identification import document
-from forcebound.identification.verdict import verdict
+from forcebound.graph.loader import load
+from forcebound.lab.identification import document
+from forcebound.lab.identification.verdict import verdict
 
 USE = "forcebound: 1\ninclude: {}\ndevice: {{ include: device.yaml }}\n"
 

@@ -21,9 +21,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from launch_texts import GOOD, problems_of, written
 
-from forcebound.config.loader import from_document, load
-from forcebound.config.resolved import to_document
 from forcebound.errors import ConfigError
+from forcebound.graph.loader import from_document, load
+from forcebound.graph.resolved import to_document
 from forcebound.messages.codec import encode
 from forcebound.messages.packets import EnvironmentQuery, EnvironmentReply
 from forcebound.network.chances import Chances, Draws, plain_fates

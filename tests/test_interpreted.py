@@ -12,9 +12,9 @@ import pytest
 from bounding_traces import PHANTOM
 from builders import MS
 
-from forcebound.bounding import LAWS, Dissipation, ForceBounder, all_axes, bounder
-from forcebound.bounding.one_axis import one_axis
-from forcebound.bounding.sample import NO_MEMORY, start_axis
+from forcebound.haptics.laws import LAWS, Dissipation, ForceBounder, all_axes, bounder
+from forcebound.haptics.laws.one_axis import one_axis
+from forcebound.haptics.laws.sample import NO_MEMORY, start_axis
 
 Tick: TypeAlias = tuple[tuple[float, ...], float, float]
 UNSURE = replace(

@@ -9,15 +9,15 @@ from fakes import DISSIPATION, FakeDevice, press
 from hypothesis import given
 from hypothesis import strategies as st
 
-from forcebound.bounding.dissipation import Watchdog
-from forcebound.config.loader import load
 from forcebound.errors import ConfigError
+from forcebound.graph.loader import load
+from forcebound.graph.servo import ServoSettings
+from forcebound.haptics.laws.dissipation import Watchdog
+from forcebound.haptics.laws.hold_limit import FLOOR, LADDER, PRICES, HoldLimit
 from forcebound.messages.packets import Packet, Telemetry
 from forcebound.nodes.device import DeviceNode
-from forcebound.nodes.hold_limit import FLOOR, LADDER, PRICES, HoldLimit
 from forcebound.nodes.overload import Overload
-from forcebound.nodes.servo import ServoSettings
-from forcebound.simulation import LateTicks
+from forcebound.run.simulation import LateTicks
 
 WATCHDOGS = sorted(PRICES)
 

@@ -8,12 +8,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from launch_texts import GOOD, problems_of, written
 
-from forcebound.config.document import MAX_BYTES
-from forcebound.config.graph import GraphConfig
-from forcebound.config.loader import from_document, load, load_tried
-from forcebound.config.problems import unknown
-from forcebound.config.resolved import to_document
 from forcebound.errors import ConfigError
+from forcebound.graph.document import MAX_BYTES
+from forcebound.graph.graph import GraphConfig
+from forcebound.graph.loader import from_document, load, load_tried
+from forcebound.graph.problems import unknown
+from forcebound.graph.resolved import to_document
 
 
 @pytest.mark.parametrize(

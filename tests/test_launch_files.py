@@ -8,16 +8,16 @@ from typing import Any
 import pytest
 from launch_texts import GOOD, problems_of, written
 
-from forcebound.config.document import shipped
-from forcebound.config.fields import fields_of
-from forcebound.config.graph import BESIDE_MODEL, KINDS
-from forcebound.config.loader import arguments_of, from_document, load
-from forcebound.config.resolved import restore, run_document, to_document, with_parts
-from forcebound.config.schema import json_schema
-from forcebound.config.tree import scalar
 from forcebound.errors import ConfigError
-from forcebound.nodes.servo import ServoSettings
-from forcebound.topology import LINKS, ONE_HAND
+from forcebound.graph.document import shipped
+from forcebound.graph.fields import fields_of
+from forcebound.graph.graph import BESIDE_MODEL, KINDS
+from forcebound.graph.loader import arguments_of, from_document, load
+from forcebound.graph.resolved import restore, run_document, to_document, with_parts
+from forcebound.graph.schema import json_schema
+from forcebound.graph.servo import ServoSettings
+from forcebound.graph.tree import scalar
+from forcebound.messages.topology import LINKS, ONE_HAND
 
 # --- what ships ----------------------------------------------------------------------------------
 
@@ -71,8 +71,8 @@ def test_a_node_process_loads_no_parser_of_launch_files_or_recordings(
     document = written(tmp_path, json.dumps(run_document(load("stress"))), "launch.json")
     program = (
         "import json, sys\n"
-        "from forcebound.config.resolved import restore\n"
-        "from forcebound.launch import worker\n"
+        "from forcebound.graph.resolved import restore\n"
+        "from forcebound.run import worker\n"
         "config = restore(json.load(open(sys.argv[1])))\n"
         "worker.build_node(sys.argv[2], config)\n"
         "worker.Tuner(config)\n"
@@ -339,7 +339,7 @@ def accepts(schema: dict[str, Any], value: Any) -> bool:
 def as_plain(name: str) -> Any:
     from ruamel.yaml import YAML
 
-    from forcebound.config.document import SHIPPED
+    from forcebound.graph.document import SHIPPED
 
     return YAML(typ="safe", pure=True).load((SHIPPED / name).read_text())
 

@@ -10,9 +10,9 @@ import pytest
 from live_graph import PROCESSES_OF_THEIR_OWN, LiveGraph, is_alive, live_graph
 from waiting import PATIENCE, until
 
-from forcebound.recording import read
-from forcebound.recordings.rerun import device_of
-from forcebound.recordings.verification import verify
+from forcebound.lab.rerun import device_of
+from forcebound.lab.verification import verify
+from forcebound.recordings.recording import read
 
 pytestmark = PROCESSES_OF_THEIR_OWN
 

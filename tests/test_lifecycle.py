@@ -5,7 +5,7 @@ import signal
 import pytest
 from run_starts import LIMITS, NODES, READY, RUNNING, Step
 
-from forcebound.launch.actions import (
+from forcebound.run.actions import (
     Action,
     Announce,
     Ended,
@@ -18,7 +18,7 @@ from forcebound.launch.actions import (
     Terminate,
     describe_status,
 )
-from forcebound.launch.lifecycle import Lifecycle
+from forcebound.run.lifecycle import Lifecycle
 
 STOPPED: list[Step] = [
     (1010, Ended("device", 0), [Terminate("controller"), Terminate("environment")]),

@@ -5,15 +5,15 @@ import math
 import numpy as np
 import pytest
 
-from forcebound.config.loader import load
-from forcebound.controllers.passivity import colgate_schenkel
-from forcebound.launch.virtual import run_virtual
-from forcebound.sweep.limits import (
+from forcebound.graph.loader import load
+from forcebound.haptics.controllers.passivity import colgate_schenkel
+from forcebound.lab.sweep.limits import (
     abbott_okamura,
     diolaiti,
     encoder,
     limit_of,
 )
+from forcebound.run.virtual import run_virtual
 
 B, FRICTION, T, STEP = 0.27, 0.12, 1e-3, 3e-5  # the device of the paper
 

@@ -11,11 +11,11 @@ import pytest
 from waiting import PATIENCE
 
 from forcebound.errors import DeviceError
+from forcebound.graph.servo import ServoSettings, dissipation_of
 from forcebound.hardware.haply_2diy import Haply2DIY
 from forcebound.hardware.line import Line
 from forcebound.hardware.odrive import ODrive
 from forcebound.network import sockets
-from forcebound.nodes.servo import ServoSettings, dissipation_of
 
 pytestmark = pytest.mark.live
 FORCE, ZERO = b"force...", b"no force"

@@ -7,14 +7,14 @@ import pytest
 from builders import MS, telemetry_packet
 from msgspec.structs import replace
 
-from forcebound.analysis.bounder import causes_of_little_force
-from forcebound.analysis.summary import summarize
-from forcebound.analysis.tables import summary_rows
-from forcebound.config.loader import load
-from forcebound.launch.virtual import run_virtual
+from forcebound.graph.loader import load
 from forcebound.messages.control import BounderReport
-from forcebound.nodes.events import BOUNDER_REPORTED, EventLog
-from forcebound.telemetry import TelemetryColumns
+from forcebound.messages.events import BOUNDER_REPORTED, EventLog
+from forcebound.recordings.telemetry import TelemetryColumns
+from forcebound.results.bounder import causes_of_little_force
+from forcebound.results.summary import summarize
+from forcebound.results.tables import summary_rows
+from forcebound.run.virtual import run_virtual
 
 DEVICE: dict[str, Any] = {
     "law": "certified",

@@ -8,11 +8,11 @@ import pytest
 from builders import MS, reply, state
 from msgspec import structs
 
-from forcebound.controllers.local_model import LocalModel, OpenLocalModel
-from forcebound.controllers.plane import Asked, Plane, PlaneEstimator
-from forcebound.controllers.shown_plane import ShownPlane
-from forcebound.controllers.spring_damper import SpringDamper
-from forcebound.controllers.vectors import along, dot
+from forcebound.haptics.controllers.local_model import LocalModel, OpenLocalModel
+from forcebound.haptics.controllers.plane import Asked, Plane, PlaneEstimator
+from forcebound.haptics.controllers.shown_plane import ShownPlane
+from forcebound.haptics.controllers.spring_damper import SpringDamper
+from forcebound.haptics.controllers.vectors import along, dot
 from forcebound.messages.packets import Contact, EnvironmentReply, Vector
 
 TILTED: Vector = (0.6, 0.0, 0.8)

@@ -28,15 +28,15 @@ from waiting import PATIENCE, free_port, until
 
 from forcebound.cli import main
 from forcebound.errors import ConfigError, RunError
-from forcebound.launch.run_directory import RunDocument
 from forcebound.messages.packets import DeviceState, Event, Telemetry
-from forcebound.monitor import drawing, runs, streams
-from forcebound.monitor.bridges import foxglove, frames, plotjuggler, serve
-from forcebound.monitor.delay import Measured
-from forcebound.monitor.streams import Stream, check_fields, streams_of
+from forcebound.messages.topology import ONE_HAND
 from forcebound.network.trace import DelayTrace
-from forcebound.process import Received
-from forcebound.topology import ONE_HAND
+from forcebound.observe import drawing, runs, streams
+from forcebound.observe.bridges import foxglove, frames, plotjuggler, serve
+from forcebound.observe.delay import Measured
+from forcebound.observe.streams import Stream, check_fields, streams_of
+from forcebound.run.process import Received
+from forcebound.run.run_directory import RunDocument
 
 
 def test_rate_is_that_of_the_senders_time_stamps_and_gaps_are_counted() -> None:

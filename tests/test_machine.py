@@ -9,9 +9,9 @@ from click.testing import CliRunner
 
 from forcebound.cli import main
 from forcebound.hardware.ports import SerialPort
-from forcebound.monitor import machine, runs
-from forcebound.monitor.findings import Finding
 from forcebound.network.keys import new_key
+from forcebound.observe import machine, runs
+from forcebound.observe.findings import Finding
 
 TMP, GB = Path("/tmp"), 1_000_000_000
 

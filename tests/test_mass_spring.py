@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from forcebound.analysis.plots import figure
-from forcebound.analysis.summary import summarize
-from forcebound.config.loader import load
-from forcebound.environments import Environment
-from forcebound.environments.mass_spring import MassSpring
-from forcebound.launch.results import RunResult
-from forcebound.launch.virtual import run_virtual
+from forcebound.graph.loader import load
+from forcebound.haptics.environments import Environment
+from forcebound.haptics.environments.mass_spring import MassSpring
+from forcebound.results.plots import figure
+from forcebound.results.summary import summarize
+from forcebound.run.results import RunResult
+from forcebound.run.virtual import run_virtual
 
 MODEL = MassSpring(mass=0.2, spring=300.0, damping=8.0, stiffness=2000.0, position=0.010)
 MS = 1e-3

@@ -10,14 +10,14 @@ import meshes
 import pytest
 import trimesh
 
-from forcebound.config.loader import load
-from forcebound.environments import open_environment
-from forcebound.environments.contract import check
-from forcebound.environments.mesh import TriangleMesh
-from forcebound.environments.touching import RABBIT
 from forcebound.errors import ConfigError
-from forcebound.geometry.proxy import Surface
-from forcebound.launch.virtual import run_virtual
+from forcebound.graph.loader import load
+from forcebound.haptics.environments import open_environment
+from forcebound.haptics.environments.contract import check
+from forcebound.haptics.environments.mesh import TriangleMesh
+from forcebound.haptics.environments.touching import RABBIT
+from forcebound.haptics.geometry.proxy import Surface
+from forcebound.run.virtual import run_virtual
 
 STILL = (0.0, 0.0, 0.0)
 

@@ -10,8 +10,8 @@ import pytest
 import trimesh
 
 from forcebound.errors import ConfigError
-from forcebound.geometry import mesh_file
-from forcebound.geometry.mesh_file import read_mesh, smoothed
+from forcebound.haptics.geometry import mesh_file
+from forcebound.haptics.geometry.mesh_file import read_mesh, smoothed
 
 BOX = meshes.box()
 

@@ -4,8 +4,8 @@ import pytest
 from msgspec.structs import replace
 from pressed import config, pressing, summary_of, ticks
 
-from forcebound.analysis.summary import OF_ONE_LAW
 from forcebound.errors import ConfigError
+from forcebound.results.summary import OF_ONE_LAW
 
 
 def test_a_figure_that_is_missing_has_its_reason() -> None:

@@ -14,8 +14,8 @@ import pytest
 from click.testing import CliRunner
 
 from forcebound.cli import main
-from forcebound.config.parts import member_of
 from forcebound.errors import DeviceError
+from forcebound.graph.parts import member_of
 
 DRIVER = str(Path(__file__).parent.parent / "examples/python/my_driver.py")
 ANGLE = 0.25  # rad

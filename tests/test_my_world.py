@@ -8,11 +8,11 @@ import pytest
 from click.testing import CliRunner
 
 from forcebound.cli import main
-from forcebound.config.loader import load
-from forcebound.config.parts import member_of
-from forcebound.environments import open_environment
-from forcebound.launch.virtual import run_virtual
+from forcebound.graph.loader import load
+from forcebound.graph.parts import member_of
+from forcebound.haptics.environments import open_environment
 from forcebound.messages.packets import SceneObject
+from forcebound.run.virtual import run_virtual
 
 FOLDER = Path(__file__).parent.parent / "examples" / "python"
 STIFFNESS, RADIUS, CENTRE = 2000.0, 0.010, (0.020, 0.0, 0.0)

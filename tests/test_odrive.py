@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 from builders import MS
 
-from forcebound.devices.truth_file import TruthFile
-from forcebound.emulators.odrive_board import ODriveBoard
 from forcebound.errors import DeviceError
+from forcebound.haptics.devices.truth_file import TruthFile
+from forcebound.hardware.emulators.odrive_board import ODriveBoard
 from forcebound.hardware.odrive import ODrive, OpenODrive
 from forcebound.hardware.odrive_lines import (
     answer,

@@ -8,17 +8,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from forcebound.bounding import LAWS
-from forcebound.config.graph import GraphConfig
-from forcebound.config.loader import load
-from forcebound.environments import ENVIRONMENTS
+from forcebound.graph.graph import GraphConfig
+from forcebound.graph.loader import load
+from forcebound.haptics.environments import ENVIRONMENTS
+from forcebound.haptics.hands.hands import SinusoidalHand
+from forcebound.haptics.hands.paths import TrajectoryHand
+from forcebound.haptics.hands.pointer import PointerHand
+from forcebound.haptics.laws import LAWS
 from forcebound.lab import one_axis, runs
 from forcebound.lab.runs import coverage, run_all, unserved
-from forcebound.launch.virtual import run_virtual
 from forcebound.network.impairment import GilbertElliott, Impairment, Outage
-from forcebound.operators.hands import SinusoidalHand
-from forcebound.operators.paths import TrajectoryHand
-from forcebound.operators.pointer import PointerHand
+from forcebound.run.virtual import run_virtual
 
 LISTED = dict(coverage())
 SERVED = [name for name, reasons in LISTED.items() if not reasons]

@@ -6,11 +6,11 @@ from typing import Any
 
 import pytest
 
-from forcebound.devices.phantom import PhantomPremium15
 from forcebound.errors import ConfigError
-from forcebound.operators import OPERATORS
-from forcebound.operators.contract import check
-from forcebound.operators.hands import (
+from forcebound.haptics.devices.phantom import PhantomPremium15
+from forcebound.haptics.hands import OPERATORS
+from forcebound.haptics.hands.contract import check
+from forcebound.haptics.hands.hands import (
     ChirpHand,
     PalpatingHand,
     Press,
@@ -19,7 +19,7 @@ from forcebound.operators.hands import (
     StrokingHand,
     TremblingHand,
 )
-from forcebound.operators.paths import FollowingHand, TrajectoryHand
+from forcebound.haptics.hands.paths import FollowingHand, TrajectoryHand
 
 CORNER = ((0.0, 0.0), (0.03, 0.0), (0.03, 0.04))
 

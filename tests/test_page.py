@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-import forcebound.view
+import forcebound.observe.page
 
-PAGE = Path(forcebound.view.__file__).parent / "page"
+PAGE = Path(forcebound.observe.page.__file__).parent / "static"
 TEXTS = {file.name: file.read_text() for file in PAGE.iterdir()}
 SCRIPTS = {name: text for name, text in TEXTS.items() if name.endswith(".js")}
 STYLE = TEXTS["style.css"]

@@ -10,8 +10,8 @@ from bounding_traces import EXACT, PHANTOM, B, forces, run, steady
 from hypothesis import given
 from hypothesis import strategies as st
 
-from forcebound.bounding import LAWS, Sample
-from forcebound.experiments.noncausal import (
+from forcebound.haptics.laws import LAWS, Sample
+from forcebound.lab.paper.noncausal import (
     less_conservative_noncausal,
     more_conservative_noncausal,
 )

@@ -10,25 +10,25 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
-from forcebound.bounding import LAWS
-from forcebound.bounding import contract as laws
-from forcebound.bounding.none import NONE
 from forcebound.cli import main
-from forcebound.controllers import CONTROLLERS
-from forcebound.controllers import contract as controllers
-from forcebound.controllers.direct import DirectController
-from forcebound.devices import DEVICES, DeviceModel
-from forcebound.devices import contract as devices
-from forcebound.devices.motor import Motor
-from forcebound.devices.phantom import PhantomPremium15
-from forcebound.devices.simulated import SimulatedDevice
-from forcebound.devices.true_values import TrueAxes
 from forcebound.errors import DeviceError
+from forcebound.haptics.controllers import CONTROLLERS
+from forcebound.haptics.controllers import contract as controllers
+from forcebound.haptics.controllers.direct import DirectController
+from forcebound.haptics.devices import DEVICES, DeviceModel
+from forcebound.haptics.devices import contract as devices
+from forcebound.haptics.devices.motor import Motor
+from forcebound.haptics.devices.phantom import PhantomPremium15
+from forcebound.haptics.devices.simulated import SimulatedDevice
+from forcebound.haptics.devices.true_values import TrueAxes
+from forcebound.haptics.hands import OPERATORS, Operator
+from forcebound.haptics.hands import contract as operators
+from forcebound.haptics.hands.paths import FollowingHand, TrajectoryHand
+from forcebound.haptics.laws import LAWS
+from forcebound.haptics.laws import contract as laws
+from forcebound.haptics.laws.none import NONE
+from forcebound.haptics.parts.contract import Report
 from forcebound.messages.packets import Vector
-from forcebound.operators import OPERATORS, Operator
-from forcebound.operators import contract as operators
-from forcebound.operators.paths import FollowingHand, TrajectoryHand
-from forcebound.parts.contract import Report
 
 ticks, openings = count(), count()
 
@@ -269,7 +269,7 @@ def test_the_command_prints_one_document(tmp_path: Path) -> None:
 def test_the_command_names_a_broken_promise_and_ends_with_1(tmp_path: Path) -> None:
     file = tmp_path / "my_hand.py"
     file.write_text(
-        "from dataclasses import dataclass\n\nfrom forcebound.operators import Operator\n\n\n"
+        "from dataclasses import dataclass\n\nfrom forcebound.haptics.hands import Operator\n\n\n"
         "@dataclass(frozen=True)\nclass Jump(Operator):\n"
         "    mass: float = -1.0\n    stiffness: float = 1.0\n    damping: float = 1.0\n\n"
         "    def target(self, elapsed: float) -> tuple[float, ...]:\n        return (0.0,)\n"

@@ -6,13 +6,13 @@ from pathlib import Path
 import pytest
 from launch_texts import problems_of, written
 
-from forcebound.analysis.tables import phase_rows
-from forcebound.config.loader import from_document, load
-from forcebound.config.parameters import differences
-from forcebound.config.phases import timetable
-from forcebound.config.resolved import to_document
-from forcebound.launch.virtual import run_virtual
+from forcebound.graph.loader import from_document, load
+from forcebound.graph.parameters import differences
+from forcebound.graph.phases import timetable
+from forcebound.graph.resolved import to_document
 from forcebound.network.impairment import Impairment
+from forcebound.results.tables import phase_rows
+from forcebound.run.virtual import run_virtual
 
 PHASES = """
 forcebound: 1

@@ -10,12 +10,12 @@ from builders import telemetry_packet
 from msgspec.structs import replace
 from plotted import WALL, drawn, panel, run_of, slopes, telemetry
 
-from forcebound.analysis.panels import MOST_POINTS, PANELS, PIECES, extremes
-from forcebound.analysis.plots import DEFAULT_PANELS, figure, save
 from forcebound.errors import ConfigError
+from forcebound.messages.events import LAW_CHANGED, PHASE_BEGINS, EventLog
 from forcebound.messages.packets import Event
-from forcebound.nodes.events import LAW_CHANGED, PHASE_BEGINS, EventLog
-from forcebound.telemetry import TelemetryColumns
+from forcebound.recordings.telemetry import TelemetryColumns
+from forcebound.results.panels import MOST_POINTS, PANELS, PIECES, extremes
+from forcebound.results.plots import DEFAULT_PANELS, figure, save
 
 
 def test_the_lines_are_the_columns_in_everyday_units() -> None:

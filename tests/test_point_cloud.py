@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from forcebound.environments.contract import check
-from forcebound.environments.point_cloud import PointCloud
 from forcebound.errors import ConfigError
-from forcebound.geometry.proxy import Surface
-from forcebound.geometry.vectors import pad3
+from forcebound.haptics.environments.contract import check
+from forcebound.haptics.environments.point_cloud import PointCloud
+from forcebound.haptics.geometry.proxy import Surface
+from forcebound.haptics.geometry.vectors import pad3
 
 STILL = (0.0, 0.0, 0.0)
 UPRIGHT = (1.0, 0.0, 0.0, 0.0)

@@ -9,14 +9,14 @@ from addresses import control_endpoint
 from builders import MS
 from waiting import until
 
-from forcebound.config.loader import load
-from forcebound.devices.phantom import PhantomPremium15
-from forcebound.launch.build import build_device
+from forcebound.graph.loader import load
+from forcebound.haptics.devices.phantom import PhantomPremium15
+from forcebound.haptics.hands.pointer import PointerHand
 from forcebound.messages.control import Point, Pointed, Refused
 from forcebound.network.sockets import Network
 from forcebound.nodes.device import DeviceNode
-from forcebound.operators.pointer import PointerHand
-from forcebound.process import Runner
+from forcebound.run.build import build_device
+from forcebound.run.process import Runner
 
 HAND = PointerHand(start=(0.01, -0.01), reach=0.05, smoothing=0.01, speed=0.5)
 

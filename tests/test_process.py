@@ -13,7 +13,7 @@ from builders import MS, query
 from fakes import Sender, device_node
 from waiting import PATIENCE, until
 
-from forcebound.controllers.direct import DirectController
+from forcebound.haptics.controllers.direct import DirectController
 from forcebound.messages.codec import decode, encode
 from forcebound.messages.control import (
     Accepted,
@@ -25,6 +25,7 @@ from forcebound.messages.control import (
     Request,
     StopProcess,
 )
+from forcebound.messages.events import EventLog
 from forcebound.messages.packets import (
     DeviceState,
     EnvironmentReply,
@@ -38,8 +39,7 @@ from forcebound.network.sockets import Network
 from forcebound.network.subscriber import Subscriber
 from forcebound.nodes import Node
 from forcebound.nodes.controller import ControllerNode
-from forcebound.nodes.events import EventLog
-from forcebound.process import Runner, Stop
+from forcebound.run.process import Runner, Stop
 
 
 class ListeningNode(Node):

@@ -13,8 +13,8 @@ from waiting import PATIENCE
 
 from forcebound import realtime
 from forcebound.errors import ConfigError
+from forcebound.messages.topology import ONE_HAND
 from forcebound.roles import ROLES
-from forcebound.topology import ONE_HAND
 
 PROGRAM = """
 import gc, json, os, sys

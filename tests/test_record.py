@@ -14,18 +14,18 @@ from launch_texts import written
 from live_graph import SURFACE, LiveGraph, live_graph
 from waiting import PATIENCE
 
-from forcebound.analysis.surface import stiffness_of_run
 from forcebound.cli import main
-from forcebound.config.loader import load
-from forcebound.launch.results import RunResult
-from forcebound.launch.run_directory import RunDocument
-from forcebound.launch.virtual import run_virtual
+from forcebound.graph.loader import load
+from forcebound.haptics.hands.paths import TrajectoryHand
+from forcebound.lab.rerun import duration_of, graph_of
+from forcebound.messages.events import PARAMETERS_SET
 from forcebound.messages.packets import EnvironmentQuery, EnvironmentReply, Event
-from forcebound.monitor.recorder import free_name
-from forcebound.nodes.events import PARAMETERS_SET
-from forcebound.operators.paths import TrajectoryHand
-from forcebound.recording import Recorder, Recording, read
-from forcebound.recordings.rerun import duration_of, graph_of
+from forcebound.observe.recorder import free_name
+from forcebound.recordings.recording import Recorder, Recording, read
+from forcebound.results.surface import stiffness_of_run
+from forcebound.run.results import RunResult
+from forcebound.run.run_directory import RunDocument
+from forcebound.run.virtual import run_virtual
 
 
 def test_a_new_recording_has_a_name_of_its_own(tmp_path: Path) -> None:

@@ -8,13 +8,13 @@ import pytest
 from builders import MS
 from invoking import invoke
 
-from forcebound.config.loader import load
-from forcebound.environments.recorded import RecordedEnvironment
 from forcebound.errors import ConfigError
-from forcebound.launch.virtual import run_virtual
+from forcebound.graph.loader import load
+from forcebound.haptics.environments.recorded import RecordedEnvironment
+from forcebound.lab.rerun import graph_of
 from forcebound.messages.packets import Contact, DeviceState, EnvironmentReply, Vector
-from forcebound.recording import Recorder, read
-from forcebound.recordings.rerun import graph_of
+from forcebound.recordings.recording import Recorder, read
+from forcebound.run.virtual import run_virtual
 
 BEGIN = 70  # tick with which the force engages
 

@@ -10,12 +10,13 @@ from builders import query
 from fakes import Sender
 from waiting import PATIENCE
 
-from forcebound import process, realtime
+from forcebound import realtime
 from forcebound.messages.packets import EnvironmentQuery, Packet
+from forcebound.messages.topology import ONE_HAND
 from forcebound.network import sockets
 from forcebound.network.sockets import Network
-from forcebound.process import Stop
-from forcebound.topology import ONE_HAND
+from forcebound.run import process
+from forcebound.run.process import Stop
 
 
 class StoppingSink:
@@ -65,7 +66,7 @@ def test_a_recorder_that_is_to_end_with_the_device_has_what_the_device_sends_las
     run_dir: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(realtime, "enter", lambda settings, role: [])
-    monkeypatch.setattr("forcebound.process.recorder.DRAIN_LIMIT_NS", round(PATIENCE * 1e9))
+    monkeypatch.setattr("forcebound.run.process.recorder.DRAIN_LIMIT_NS", round(PATIENCE * 1e9))
     device = run_dir / ONE_HAND.nodes["device"].socket
     device.touch()
     waits = count()

@@ -18,6 +18,7 @@ from mcap.writer import Writer
 from msgspec.structs import replace
 
 from forcebound.errors import ConfigError
+from forcebound.messages.events import EventLog
 from forcebound.messages.packets import (
     TOPIC_OF,
     TOPICS,
@@ -32,9 +33,8 @@ from forcebound.messages.packets import (
     field_types,
     meanings,
 )
-from forcebound.nodes.events import EventLog
-from forcebound.recording import Recorder, Recording, read
-from forcebound.recording_schema import schema
+from forcebound.recordings.recording import Recorder, Recording, read
+from forcebound.recordings.schema import schema
 
 METADATA = {"seed": "1", "launch": '{"device": {"law": "certified"}}'}
 
@@ -207,7 +207,7 @@ def test_what_was_flushed_is_there_without_a_close(path: Path) -> None:
 
 def test_a_killed_recorder_leaves_what_it_flushed(path: Path) -> None:
     program = (
-        "import os, signal, sys; from forcebound.recording import Recorder;"
+        "import os, signal, sys; from forcebound.recordings.recording import Recorder;"
         "from forcebound.messages.packets import ForceCommand;"
         "r = Recorder(sys.argv[1], {'seed': '1'});"
         "r.write(ForceCommand(0, 0, 0, 0, (1.0,))); r.flush();"

@@ -10,9 +10,9 @@ from addresses import event_endpoint, remote_endpoint, topic_endpoint
 from builders import query, state
 from waiting import free_port, until
 
-from forcebound.controllers.direct import DirectController
-from forcebound.environments.walls import Wall
 from forcebound.errors import ConfigError
+from forcebound.haptics.controllers.direct import DirectController
+from forcebound.haptics.environments.walls import Wall
 from forcebound.messages.codec import decode, encode
 from forcebound.messages.control import (
     Accepted,
@@ -30,7 +30,7 @@ from forcebound.network.remote import RemoteLink
 from forcebound.network.sockets import Network, Publisher
 from forcebound.nodes.controller import ControllerNode
 from forcebound.nodes.environment import EnvironmentNode
-from forcebound.process import Runner
+from forcebound.run.process import Runner
 
 
 class Pair:

@@ -10,15 +10,15 @@ from builders import MS
 from remote_peers import SERVER, STRANGER, Peer, ends, meet, open_peers, run_until
 from waiting import free_port
 
-from forcebound.controllers.direct import DirectController
+from forcebound.haptics.controllers.direct import DirectController
 from forcebound.messages.codec import encode
 from forcebound.messages.packets import EnvironmentReply, Event, ForceCommand, Packet
+from forcebound.messages.topology import ONE_HAND
 from forcebound.network.impairment import Impairment
 from forcebound.network.link import Link
 from forcebound.nodes.controller import ControllerNode
 from forcebound.nodes.lease import LEASE_NS
-from forcebound.process.inbox import Inbox
-from forcebound.topology import ONE_HAND
+from forcebound.run.process.inbox import Inbox
 
 TRUE, FALSE = 1.0, -1.0  # N, forces of the environment that serves and of the other one
 

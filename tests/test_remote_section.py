@@ -9,11 +9,11 @@ from click.testing import CliRunner
 from waiting import free_port
 
 from forcebound.cli import main
-from forcebound.config.graph import RemoteConfig
-from forcebound.config.loader import from_document, load
-from forcebound.config.resolved import to_document
 from forcebound.errors import ConfigError
-from forcebound.launch.worker import serve_environment
+from forcebound.graph.graph import RemoteConfig
+from forcebound.graph.loader import from_document, load
+from forcebound.graph.resolved import to_document
+from forcebound.run.worker import serve_environment
 
 # --- Launch files and the command ----------------------------------------------------------------
 

@@ -14,23 +14,23 @@ from fakes import FakeDevice, answer
 from invoking import invoke
 from msgspec.structs import replace
 
-from forcebound.config.graph import DeviceConfig
-from forcebound.config.loader import load
-from forcebound.devices import Device, DeviceModel
 from forcebound.errors import ConfigError
-from forcebound.launch.build import build_device, build_node
-from forcebound.launch.results import run_metadata
-from forcebound.launch.virtual import run_virtual
+from forcebound.graph.graph import DeviceConfig
+from forcebound.graph.loader import load
+from forcebound.graph.servo import ServoSettings, dissipation_of
+from forcebound.haptics.devices import Device, DeviceModel
+from forcebound.haptics.hands import Operator
+from forcebound.haptics.hands.paths import TrajectoryHand
+from forcebound.lab.rerun import device_of, graph_of
+from forcebound.lab.verification import Verified, verify
 from forcebound.messages.packets import TOPICS, DeviceState, Packet, Telemetry, Vector
+from forcebound.messages.topology import ONE_HAND
 from forcebound.nodes.device import DeviceNode
-from forcebound.nodes.servo import ServoSettings, dissipation_of
-from forcebound.operators import Operator
-from forcebound.operators.paths import TrajectoryHand
-from forcebound.recording import Recorder, read
-from forcebound.recordings.rerun import device_of, graph_of
-from forcebound.recordings.verification import Verified, verify
-from forcebound.simulation import LateTicks, Simulation
-from forcebound.topology import ONE_HAND
+from forcebound.recordings.recording import Recorder, read
+from forcebound.run.build import build_device, build_node
+from forcebound.run.results import run_metadata
+from forcebound.run.simulation import LateTicks, Simulation
+from forcebound.run.virtual import run_virtual
 
 
 def recorded(path: Path, *words: str, duration: float = 0.3) -> Path:

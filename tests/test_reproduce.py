@@ -12,12 +12,12 @@ import pytest
 from click.testing import CliRunner
 
 from forcebound.cli import main
-from forcebound.config.loader import load
 from forcebound.errors import ConfigError
-from forcebound.experiments import ALIASES, EXPERIMENTS, palpation, saturated, setup, table1, traces
-from forcebound.experiments.contacts import UNBOUNDED
-from forcebound.experiments.reproduce import Reproduction, choose, reproduce
-from forcebound.experiments.setup import CERTIFIED, HAND, HIGH, LOW, PAPER_LAWS, SPEEDS, Runs
+from forcebound.graph.loader import load
+from forcebound.lab.paper import ALIASES, EXPERIMENTS, palpation, saturated, setup, table1, traces
+from forcebound.lab.paper.contacts import UNBOUNDED
+from forcebound.lab.paper.reproduce import Reproduction, choose, reproduce
+from forcebound.lab.paper.setup import CERTIFIED, HAND, HIGH, LOW, PAPER_LAWS, SPEEDS, Runs
 
 SHOWN = ("table1", "fig7", "fig18")  # drawn in the tests; drawing all takes a minute
 

@@ -3,7 +3,8 @@
 import pytest
 from run_starts import LIMITS, NODES, running
 
-from forcebound.launch.actions import (
+from forcebound.messages.control import StartNode, StopNode
+from forcebound.run.actions import (
     Action,
     Announce,
     Ended,
@@ -15,8 +16,7 @@ from forcebound.launch.actions import (
     Start,
     Terminate,
 )
-from forcebound.launch.lifecycle import Lifecycle
-from forcebound.messages.control import StartNode, StopNode
+from forcebound.run.lifecycle import Lifecycle
 
 SECOND = 1_000_000_000  # ns
 

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from forcebound.analysis.summary import OF_ONE_LAW
 from forcebound.cli import main
 from forcebound.cli.common import table_of
-from forcebound.config.loader import load
-from forcebound.launch.results import RunResult
-from forcebound.launch.virtual import run_virtual
-from forcebound.nodes.events import LAW_CHANGED, EventLog
+from forcebound.graph.loader import load
+from forcebound.messages.events import LAW_CHANGED, EventLog
+from forcebound.results.summary import OF_ONE_LAW
+from forcebound.run.results import RunResult
+from forcebound.run.virtual import run_virtual
 
 MOMENT_NS = 3_000_000_000
 BEFORE = 0.002  # J

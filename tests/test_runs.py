@@ -17,7 +17,10 @@ from click.testing import CliRunner
 
 from forcebound.cli import main
 from forcebound.errors import ConfigError
-from forcebound.launch.run_directory import (
+from forcebound.observe import delay, observation, runs
+from forcebound.observe.listing import list_graphs
+from forcebound.observe.runs import find, running
+from forcebound.run.run_directory import (
     LAUNCH_FILE,
     RECORDING,
     RUN_FILE,
@@ -26,10 +29,7 @@ from forcebound.launch.run_directory import (
     run_directory,
     run_folders,
 )
-from forcebound.launch.run_lock import LOCK_FILE, shared
-from forcebound.monitor import delay, observation, runs
-from forcebound.monitor.listing import list_graphs
-from forcebound.monitor.runs import find, running
+from forcebound.run.run_lock import LOCK_FILE, shared
 
 MakeRun = Callable[..., Path]
 
@@ -236,7 +236,7 @@ def test_a_graph_that_ends_while_it_is_looked_at_is_a_failed_run(
 OWNER = """
 import os, sys
 from pathlib import Path
-from forcebound.launch.run_directory import (RunDocument, run_directory)
+from forcebound.run.run_directory import (RunDocument, run_directory)
 with run_directory() as run_dir:
     RunDocument(os.getpid(), None, "", []).write(run_dir)
     print(run_dir, flush=True)

@@ -6,16 +6,16 @@ from pathlib import Path
 import pytest
 from msgspec.structs import replace
 
-from forcebound.config.loader import load
+from forcebound.graph.loader import load
+from forcebound.graph.servo import ServoSettings
+from forcebound.lab.rerun import device_of
 from forcebound.lab.runs import unserved
-from forcebound.launch.virtual import run_virtual
+from forcebound.lab.verification import verify
 from forcebound.messages.packets import DeviceState, ForceCommand, Telemetry
 from forcebound.nodes import safety as stages
 from forcebound.nodes.safety import REMEMBERED, Demand, SafetyChain, fresh, ramp
-from forcebound.nodes.servo import ServoSettings
-from forcebound.recording import read
-from forcebound.recordings.rerun import device_of
-from forcebound.recordings.verification import verify
+from forcebound.recordings.recording import read
+from forcebound.run.virtual import run_virtual
 
 AGE_LIMIT_NS, ENGAGE_NS = 100, 1_000
 SERVO = ServoSettings(age_limit=AGE_LIMIT_NS * 1e-9, engage_time=ENGAGE_NS * 1e-9)

@@ -8,15 +8,15 @@ import pytest
 from builders import MS, reply, state
 from msgspec import structs
 
-from forcebound.config.loader import load
-from forcebound.config.parts import member_of
-from forcebound.controllers.scaled import HELD_LONG, OpenScaled, Scaled
-from forcebound.controllers.vectors import dot
 from forcebound.errors import ConfigError
-from forcebound.launch.virtual import run_virtual
+from forcebound.graph.loader import load
+from forcebound.graph.parts import member_of
+from forcebound.haptics.controllers.scaled import HELD_LONG, OpenScaled, Scaled
+from forcebound.haptics.controllers.vectors import dot
+from forcebound.haptics.hands.hands import Press, StrokingHand
 from forcebound.messages.packets import Event
 from forcebound.nodes.controller import ControllerNode
-from forcebound.operators.hands import Press, StrokingHand
+from forcebound.run.virtual import run_virtual
 
 DOWN, UP = 0b100, 0
 

@@ -9,14 +9,14 @@ import pytest
 from builders import MS, telemetry_packet
 from msgspec.structs import replace
 
-from forcebound.environments import (
+from forcebound.haptics.environments import (
     Environment,
     EnvironmentModel,
     may_report_contacts,
     open_environment,
 )
-from forcebound.environments.contract import check
-from forcebound.environments.walls import Wall
+from forcebound.haptics.environments.contract import check
+from forcebound.haptics.environments.walls import Wall
 from forcebound.messages.codec import MAX_SCENE_BYTES, encode
 from forcebound.messages.packets import (
     MAX_LENGTH,
@@ -32,7 +32,7 @@ from forcebound.messages.packets import (
 from forcebound.network.computation import ComputationTime
 from forcebound.network.impairment import Impairment
 from forcebound.nodes.environment import EnvironmentNode
-from forcebound.telemetry import TelemetryColumns
+from forcebound.recordings.telemetry import TelemetryColumns
 
 BALL = SceneObject("ball", "sphere", size=(0.05,), is_fixed=False)
 

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from forcebound.geometry.mesh_file import read_mesh
-from forcebound.view.scene_files import MOST, coarse, content
+from forcebound.haptics.geometry.mesh_file import read_mesh
+from forcebound.observe.page.scene_files import MOST, coarse, content
 
 LAUNCH = Path(__file__).parent.parent / "launch"
 

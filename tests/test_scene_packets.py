@@ -13,9 +13,8 @@ from launch_texts import GOOD, written
 from mcap.reader import make_reader
 from msgspec.structs import replace
 
-from forcebound.config.loader import load, load_tried
 from forcebound.errors import ConfigError, PacketError
-from forcebound.launch.virtual import run_virtual
+from forcebound.graph.loader import load, load_tried
 from forcebound.messages.codec import MAX_BYTES, MAX_SCENE_BYTES, decode, encode
 from forcebound.messages.packets import (
     MAX_LENGTH,
@@ -25,7 +24,8 @@ from forcebound.messages.packets import (
     Scene,
     SceneObject,
 )
-from forcebound.recording import Recorder, read
+from forcebound.recordings.recording import Recorder, read
+from forcebound.run.virtual import run_virtual
 
 BALL = SceneObject("ball", "sphere", (0.1, 0.0, 0.0), size=(0.05,), is_fixed=False)
 BUNNY = SceneObject("bunny", "mesh", file="bunny.stl", digest="0123456789abcdef" * 4)
@@ -125,7 +125,7 @@ def test_scenes_contacts_and_what_a_device_senses_come_back(tmp_path: Path) -> N
 FLOOR = """\
 from dataclasses import dataclass
 
-from forcebound.environments import Environment, EnvironmentModel
+from forcebound.haptics.environments import Environment, EnvironmentModel
 from forcebound.messages.packets import Contact, SceneObject
 from forcebound.quantities import Stiffness
 

@@ -3,11 +3,11 @@
 import pytest
 from run_starts import NODES
 
-from forcebound.config.loader import load
-from forcebound.launch.actions import Engaged, Interrupted, Limits, Reported
-from forcebound.launch.lifecycle import Lifecycle
-from forcebound.launch.screen import Screen, doing
-from forcebound.launch.virtual import run_virtual
+from forcebound.graph.loader import load
+from forcebound.run.actions import Engaged, Interrupted, Limits, Reported
+from forcebound.run.lifecycle import Lifecycle
+from forcebound.run.screen import Screen, doing
+from forcebound.run.virtual import run_virtual
 
 
 def test_each_step_of_a_start_is_told() -> None:

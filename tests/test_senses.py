@@ -8,17 +8,17 @@ import pytest
 from builders import MS
 from fakes import DISSIPATION, FakeDevice
 
-from forcebound.controllers.direct import DirectController
-from forcebound.devices.contract import check
-from forcebound.devices.guard import guarded
-from forcebound.devices.phantom import PhantomPremium15
-from forcebound.devices.simulated import SimulatedDevice
 from forcebound.errors import DeviceError
+from forcebound.graph.servo import ServoSettings
+from forcebound.haptics.controllers.direct import DirectController
+from forcebound.haptics.devices.contract import check
+from forcebound.haptics.devices.guard import guarded
+from forcebound.haptics.devices.phantom import PhantomPremium15
+from forcebound.haptics.devices.simulated import SimulatedDevice
+from forcebound.haptics.hands import Operator
 from forcebound.messages.packets import DeviceState, EnvironmentQuery
 from forcebound.nodes.controller import ControllerNode
 from forcebound.nodes.device import DeviceNode
-from forcebound.nodes.servo import ServoSettings
-from forcebound.operators import Operator
 
 TURNED = (math.sqrt(0.5), 0.0, 0.0, -math.sqrt(0.5))
 

@@ -9,9 +9,9 @@ import pytest
 from live_graph import PROCESSES_OF_THEIR_OWN, live_graph
 from waiting import PATIENCE, until
 
-from forcebound.devices.truth_file import TruthFile
-from forcebound.monitor.control import resume_device
-from forcebound.recording import read
+from forcebound.haptics.devices.truth_file import TruthFile
+from forcebound.observe.control import resume_device
+from forcebound.recordings.recording import read
 
 pytestmark = PROCESSES_OF_THEIR_OWN
 

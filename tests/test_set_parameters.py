@@ -11,13 +11,12 @@ from pathlib import Path
 import pytest
 from launch_texts import written
 
-from forcebound.config.graph import GraphConfig
-from forcebound.config.loader import load
-from forcebound.config.parameters import parameters
-from forcebound.config.resolved import restore, to_document, with_parts
-from forcebound.environments import open_environment
 from forcebound.errors import ConfigError, RunError
-from forcebound.launch.run_directory import RunDocument
+from forcebound.graph.graph import GraphConfig
+from forcebound.graph.loader import load
+from forcebound.graph.parameters import parameters
+from forcebound.graph.resolved import restore, to_document, with_parts
+from forcebound.haptics.environments import open_environment
 from forcebound.messages.control import (
     Answer,
     Configure,
@@ -28,8 +27,9 @@ from forcebound.messages.control import (
     ProcessState,
     Request,
 )
-from forcebound.monitor import control, snapshot, tuning
-from forcebound.monitor.tuning import (
+from forcebound.messages.topology import ONE_HAND
+from forcebound.observe import control, snapshot, tuning
+from forcebound.observe.tuning import (
     Change,
     changed_parameters,
     configuration,
@@ -37,7 +37,7 @@ from forcebound.monitor.tuning import (
     found_elsewhere,
     set_parameters,
 )
-from forcebound.topology import ONE_HAND
+from forcebound.run.run_directory import RunDocument
 
 
 def check_notes(change: Change, *words: str) -> None:
@@ -109,7 +109,7 @@ def test_a_node_that_does_not_answer_is_named(
 SETTER = """
 import sys
 from pathlib import Path
-from forcebound.monitor.tuning import configuration, find_parameters, set_parameters
+from forcebound.observe.tuning import configuration, find_parameters, set_parameters
 run_dir, name = Path(sys.argv[1]), sys.argv[2]
 for value in (number * 1e-3 for number in range(1, 26)):
     set_parameters(run_dir, {name: value})

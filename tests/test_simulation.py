@@ -8,18 +8,18 @@ import numpy as np
 import pytest
 from fakes import press
 
-from forcebound.bounding import LAWS
-from forcebound.controllers.direct import DirectController
-from forcebound.environments.walls import Wall
 from forcebound.errors import ConfigError
+from forcebound.graph.servo import ServoSettings
+from forcebound.haptics.controllers.direct import DirectController
+from forcebound.haptics.environments.walls import Wall
+from forcebound.haptics.laws import LAWS
 from forcebound.messages.codec import decode, encode
 from forcebound.messages.packets import DeviceState, Telemetry
 from forcebound.network.computation import ComputationTime
 from forcebound.network.impairment import Impairment
 from forcebound.nodes.controller import ControllerNode
-from forcebound.nodes.servo import ServoSettings
-from forcebound.simulation import Simulation
-from forcebound.telemetry import TelemetryColumns
+from forcebound.recordings.telemetry import TelemetryColumns
+from forcebound.run.simulation import Simulation
 
 
 def run(law: str, seconds: float = 4.0, **graph: Any) -> TelemetryColumns:

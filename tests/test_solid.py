@@ -8,13 +8,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from forcebound.environments import open_environment
-from forcebound.environments.contract import check
-from forcebound.environments.solid import Shape, Solid
-from forcebound.environments.touching import OpenTouchable
 from forcebound.errors import ConfigError
-from forcebound.geometry.proxy import Surface
-from forcebound.geometry.vectors import Vector3, pad3
+from forcebound.haptics.environments import open_environment
+from forcebound.haptics.environments.contract import check
+from forcebound.haptics.environments.solid import Shape, Solid
+from forcebound.haptics.environments.touching import OpenTouchable
+from forcebound.haptics.geometry.proxy import Surface
+from forcebound.haptics.geometry.vectors import Vector3, pad3
 
 STIFFNESS = 1000.0
 STILL = (0.0, 0.0, 0.0)

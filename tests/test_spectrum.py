@@ -6,17 +6,17 @@ from random import Random
 import numpy as np
 import pytest
 
-from forcebound.analysis.perception import differences, vibration_threshold
-from forcebound.analysis.spectrum import (
+from forcebound.graph.loader import load
+from forcebound.lab.runs import run_all
+from forcebound.results.perception import differences, vibration_threshold
+from forcebound.results.spectrum import (
     Impedance,
     bands,
     displayed_impedance,
     transparency_bandwidth,
     vibration,
 )
-from forcebound.analysis.surface import Floats
-from forcebound.config.loader import load
-from forcebound.lab.runs import run_all
+from forcebound.results.surface import Floats
 
 RATE = 1000.0
 PERIOD = 1.0 / RATE

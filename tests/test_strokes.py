@@ -4,9 +4,9 @@ import math
 
 import pytest
 
-from forcebound.environments import StatelessEnvironment
-from forcebound.environments.strokes import ACROSS, INWARDS, feel, strokes
-from forcebound.geometry.vectors import norm, scale, sub, unit
+from forcebound.haptics.environments import StatelessEnvironment
+from forcebound.haptics.environments.strokes import ACROSS, INWARDS, feel, strokes
+from forcebound.haptics.geometry.vectors import norm, scale, sub, unit
 from forcebound.messages.packets import Contact, SceneObject, Vector
 
 BALL = SceneObject("ball", "sphere", (0.02, 0.3, -0.1), size=(0.05,))

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from forcebound.environments.touching import RABBIT
-from forcebound.geometry.mesh_file import read_mesh
+from forcebound.haptics.environments.touching import RABBIT
+from forcebound.haptics.geometry.mesh_file import read_mesh
 
 EXPERIMENTS = Path(__file__).parent.parent / "experiments"
 

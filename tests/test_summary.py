@@ -6,10 +6,10 @@ import pytest
 from msgspec.structs import replace
 from pressed import WALL, config, pressing, summary_of, ticks
 
-from forcebound.analysis.summary import summarize
-from forcebound.analysis.tables import summary_rows
-from forcebound.nodes.events import EventLog
-from forcebound.telemetry import TelemetryColumns
+from forcebound.messages.events import EventLog
+from forcebound.recordings.telemetry import TelemetryColumns
+from forcebound.results.summary import summarize
+from forcebound.results.tables import summary_rows
 
 # --- Stiffness and hardness ----------------------------------------------------------------------
 

@@ -17,17 +17,17 @@ import pytest
 from live_graph import children_of
 from waiting import PATIENCE, until
 
-from forcebound.config.loader import load
 from forcebound.errors import ConfigError, RunError
-from forcebound.launch.actions import Limits
-from forcebound.launch.live import run_live
-from forcebound.launch.screen import Screen
-from forcebound.launch.supervisor import Supervisor
+from forcebound.graph.loader import load
 from forcebound.messages.control import Configure, ConfigureNode, Engage, GetStatus, ProcessState
-from forcebound.monitor import control
-from forcebound.monitor.control import ask_launcher, start_node, stop_node
+from forcebound.messages.topology import ONE_HAND
 from forcebound.network import sockets
-from forcebound.topology import ONE_HAND
+from forcebound.observe import control
+from forcebound.observe.control import ask_launcher, start_node, stop_node
+from forcebound.run.actions import Limits
+from forcebound.run.live import run_live
+from forcebound.run.screen import Screen
+from forcebound.run.supervisor import Supervisor
 
 NODES = ("environment", "controller", "device", "recorder")
 
@@ -36,7 +36,7 @@ import os, signal, sys
 from forcebound.network import sockets
 from forcebound.network.sockets import Network
 from forcebound.messages.control import *
-from forcebound.topology import ONE_HAND, endpoint
+from forcebound.messages.topology import ONE_HAND, endpoint
 REQUESTS = (*OF_NODES, Engage, EnvironmentDied)
 name, run_dir, mode = sys.argv[1:]
 if mode == "starts no more" and os.path.exists(f"{run_dir}/engaged"):
@@ -68,7 +68,7 @@ PATIENT = Limits(*[round(PATIENCE * 1e9)] * 5)
 
 SILENT = """import sys
 from dataclasses import dataclass
-from forcebound.environments import StatelessEnvironment
+from forcebound.haptics.environments import StatelessEnvironment
 
 @dataclass(frozen=True)
 class Silent(StatelessEnvironment):
@@ -128,7 +128,7 @@ def test_who_dies_again_and_again_ends_the_run_with_its_last_words(
     run_dir: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # On a slow machine five deaths take longer than the ten seconds that are said.
-    monkeypatch.setattr("forcebound.launch.restarts.GIVE_UP_NS", round(PATIENCE * 1e9))
+    monkeypatch.setattr("forcebound.run.restarts.GIVE_UP_NS", round(PATIENCE * 1e9))
     message = r"(?s)environment ended unexpectedly 5 times within 10 s.*status 3.*out of order"
     modes = {"device": "good", "environment": "dies later"}
     with pytest.raises(RunError, match=message):
@@ -238,7 +238,7 @@ def test_a_launcher_that_hangs_is_told_from_one_that_is_not_there(
 def test_a_process_whose_log_nobody_reads_goes_on_and_drops_lines() -> None:
     program = (
         "import logging, os, sys\n"
-        "from forcebound.launch.worker import never_wait_for_a_reader\n"
+        "from forcebound.run.worker import never_wait_for_a_reader\n"
         "logging.basicConfig(level=logging.INFO)\n"
         "never_wait_for_a_reader()\n"
         "for number in range(20_000):\n"

@@ -7,14 +7,14 @@ import pytest
 from click.testing import CliRunner
 from sweep_files import SMALL, written
 
-from forcebound.bounding import LAWS
 from forcebound.cli import main
-from forcebound.config.loader import build
 from forcebound.errors import ConfigError
+from forcebound.graph.loader import build
+from forcebound.haptics.laws import LAWS
+from forcebound.lab.sweep.command import run
+from forcebound.lab.sweep.plan import SHIPPED, load_sweep, shipped
+from forcebound.lab.sweep.runner import run_sweep
 from forcebound.lab.table import read_table
-from forcebound.sweep.command import run
-from forcebound.sweep.plan import SHIPPED, load_sweep, shipped
-from forcebound.sweep.runner import run_sweep
 
 
 @pytest.mark.parametrize(

@@ -13,9 +13,9 @@ import pytest
 from sweep_files import LONG, SMALL, written
 from waiting import PATIENCE, until
 
-from forcebound.sweep.command import run
-from forcebound.sweep.plan import load_sweep
-from forcebound.sweep.runner import run_sweep
+from forcebound.lab.sweep.command import run
+from forcebound.lab.sweep.plan import load_sweep
+from forcebound.lab.sweep.runner import run_sweep
 
 
 def command(file: Path, result: Path, *options: str) -> list[str]:

@@ -11,14 +11,14 @@ import pytest
 from matplotlib.figure import Figure
 from sweep_files import SMALL, written
 
-from forcebound.analysis.colours import LAW_COLOURS
-from forcebound.bounding import LAWS
 from forcebound.errors import ConfigError
+from forcebound.haptics.laws import LAWS
+from forcebound.lab.sweep.maps import draw
+from forcebound.lab.sweep.plan import load_sweep
+from forcebound.lab.sweep.runner import run_sweep
+from forcebound.lab.sweep.surfaces import draw_surfaces
 from forcebound.lab.table import read_table
-from forcebound.sweep.maps import draw
-from forcebound.sweep.plan import load_sweep
-from forcebound.sweep.runner import run_sweep
-from forcebound.sweep.surfaces import draw_surfaces
+from forcebound.results.colours import LAW_COLOURS
 
 
 @pytest.mark.parametrize("y", ["", "y: stiffness, "])

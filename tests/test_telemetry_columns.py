@@ -6,7 +6,7 @@ from builders import full_telemetry
 from msgspec.structs import replace
 
 from forcebound.messages.packets import Telemetry, field_types
-from forcebound.telemetry import TelemetryColumns
+from forcebound.recordings.telemetry import TelemetryColumns
 
 
 @pytest.mark.parametrize("axes", [1, 3])

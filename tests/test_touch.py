@@ -10,13 +10,13 @@ import pytest
 from builders import telemetry_packet
 from numpy.typing import NDArray
 
-from forcebound.analysis.plots import figure
-from forcebound.analysis.summary import summarize
-from forcebound.analysis.surface import touch_of_run
-from forcebound.analysis.tables import summary_rows
 from forcebound.errors import ConfigError
-from forcebound.nodes.events import PARAMETERS_SET, EventLog
-from forcebound.telemetry import TelemetryColumns
+from forcebound.messages.events import PARAMETERS_SET, EventLog
+from forcebound.recordings.telemetry import TelemetryColumns
+from forcebound.results.plots import figure
+from forcebound.results.summary import summarize
+from forcebound.results.surface import touch_of_run
+from forcebound.results.tables import summary_rows
 
 Floats = NDArray[np.float64]
 RADIUS, STIFFNESS, FRICTION = 0.03, 1000.0, 0.3

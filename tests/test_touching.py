@@ -5,11 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from forcebound.config.loader import change, load
-from forcebound.config.parameters import parameters
-from forcebound.config.resolved import restore, to_document, with_parameters, with_parts
 from forcebound.errors import ConfigError
-from forcebound.launch.virtual import run_virtual
+from forcebound.graph.loader import change, load
+from forcebound.graph.parameters import parameters
+from forcebound.graph.resolved import restore, to_document, with_parameters, with_parts
+from forcebound.run.virtual import run_virtual
 
 SURFACE = 'environment: { kind: solid, surface: { texture: "relief.npy" } }'
 

@@ -13,15 +13,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from launch_texts import GOOD, problems_of, written
 
-from forcebound.analysis.delay_traces import read_trace, shortest_of
-from forcebound.config.loader import from_document, load
-from forcebound.config.resolved import to_document
 from forcebound.errors import ConfigError
-from forcebound.launch.links import build_links
-from forcebound.launch.virtual import run_virtual
+from forcebound.graph.loader import from_document, load
+from forcebound.graph.resolved import to_document
 from forcebound.network.impairment import Impairment, Outage
 from forcebound.network.link import Link
 from forcebound.network.trace import DelayTrace, read_csv
+from forcebound.results.delay_traces import read_trace, shortest_of
+from forcebound.run.links import build_links
+from forcebound.run.virtual import run_virtual
 
 WIFI = "time_s,delay_s\n10,0.004\n10.010,\n10.020,0.002\n"  # 30 ms long
 NAMED = Impairment(trace=Path("wifi.csv"))

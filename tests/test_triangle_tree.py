@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from forcebound.geometry.bounding_volumes import LEAF, WIDTH, TriangleTree, depth_for
-from forcebound.geometry.triangles import closest_on_triangle, contact_time
-from forcebound.geometry.vectors import Vector3, norm, sub
+from forcebound.haptics.geometry.bounding_volumes import LEAF, WIDTH, TriangleTree, depth_for
+from forcebound.haptics.geometry.triangles import closest_on_triangle, contact_time
+from forcebound.haptics.geometry.vectors import Vector3, norm, sub
 
 coordinate = st.integers(-6, 6).map(lambda n: 0.25 * n)  # many equal, parallel, in one line
 vector = st.tuples(coordinate, coordinate, coordinate)

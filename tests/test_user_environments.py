@@ -11,16 +11,16 @@ from invoking import invoke
 from launch_texts import GOOD, problems_of, written
 from live_graph import live_graph
 
-from forcebound.config.graph import GraphConfig
-from forcebound.config.loader import change, from_document, load
-from forcebound.config.phases import timetable
-from forcebound.config.resolved import member_document, restore, run_document, to_document
-from forcebound.environments import open_environment
 from forcebound.errors import ConfigError
-from forcebound.launch.build import build_node
-from forcebound.launch.results import run_metadata
-from forcebound.launch.virtual import run_virtual
+from forcebound.graph.graph import GraphConfig
+from forcebound.graph.loader import change, from_document, load
+from forcebound.graph.phases import timetable
+from forcebound.graph.resolved import member_document, restore, run_document, to_document
+from forcebound.haptics.environments import open_environment
 from forcebound.messages.packets import Vector
+from forcebound.run.build import build_node
+from forcebound.run.results import run_metadata
+from forcebound.run.virtual import run_virtual
 
 ROOT = Path(__file__).parent.parent
 EXAMPLES = ROOT / "examples" / "python"
@@ -29,7 +29,7 @@ SPRING = """\
 from dataclasses import dataclass
 from typing import Annotated
 
-from forcebound.environments import StatelessEnvironment
+from forcebound.haptics.environments import StatelessEnvironment
 from forcebound.messages.packets import Vector
 from forcebound.quantities import NOT_NEGATIVE, Length, Stiffness
 

@@ -12,15 +12,15 @@ from typing import Any
 import pytest
 from live_graph import live_graph
 
-from forcebound.config.loader import load, load_tried
-from forcebound.config.resolved import restore, to_document, with_parts
 from forcebound.errors import ConfigError, DeviceError
-from forcebound.launch.check import check_here
-from forcebound.launch.results import RunResult, run_metadata
-from forcebound.launch.virtual import run_virtual
+from forcebound.graph.loader import load, load_tried
+from forcebound.graph.resolved import restore, to_document, with_parts
 from forcebound.messages.packets import EnvironmentQuery, EnvironmentReply
 from forcebound.network.impairment import Impairment
 from forcebound.nodes.environment import EnvironmentNode
+from forcebound.run.check import check_here
+from forcebound.run.results import RunResult, run_metadata
+from forcebound.run.virtual import run_virtual
 
 DOCS = Path(__file__).parent.parent / "docs"
 PAGES = ("law", "controller", "device")
@@ -28,7 +28,7 @@ PAGES = ("law", "controller", "device")
 HAND = """\
 from dataclasses import dataclass
 
-from forcebound.operators import Operator
+from forcebound.haptics.hands import Operator
 
 from forcebound.messages.packets import Vector
 
@@ -286,8 +286,8 @@ def run_python(code: str, environ: dict[str, str]) -> str:
 
 
 RUN = """
-from forcebound.config.loader import load
-from forcebound.launch.virtual import run_virtual
+from forcebound.graph.loader import load
+from forcebound.run.virtual import run_virtual
 print(run_virtual(load({path!r}), duration=0.3).summary["samples"])
 """
 
@@ -304,7 +304,7 @@ def test_a_package_that_cannot_be_imported_is_named_and_breaks_nothing_else(
 ) -> None:
     environ = package(tmp_path, "environments", "sand = lab_parts:Sand", "import nonsense\n")
     code = """
-from forcebound.environments import ENVIRONMENTS
+from forcebound.haptics.environments import ENVIRONMENTS
 from forcebound.errors import ConfigError
 print("sand" in ENVIRONMENTS, "sand" in ENVIRONMENTS.usable(), "wall" in ENVIRONMENTS.usable())
 try:

@@ -17,15 +17,15 @@ from launch_texts import GOOD, written
 from waiting import PATIENCE, until
 
 from forcebound.bounded_child import ChildError, in_bounded_child
-from forcebound.config.loader import load, load_tried
-from forcebound.config.users_code import tried
 from forcebound.errors import ConfigError
-from forcebound.launch.check import check_here, lines
+from forcebound.graph.loader import load, load_tried
+from forcebound.graph.users_code import tried
+from forcebound.run.check import check_here, lines
 
 SOURCE = """\
 import ctypes, os, subprocess, sys, time
 from dataclasses import dataclass
-from forcebound.environments import StatelessEnvironment
+from forcebound.haptics.environments import StatelessEnvironment
 from forcebound.quantities import Stiffness
 
 
@@ -135,8 +135,8 @@ def test_the_check_of_a_part_names_the_line_that_ends_its_process(tmp_path: Path
 def test_a_slow_environment_is_asked_fewer_questions(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("forcebound.launch.check.QUERYING", 1.0)
-    monkeypatch.setattr("forcebound.launch.check.TIMING", 0.2)
+    monkeypatch.setattr("forcebound.run.check.QUERYING", 1.0)
+    monkeypatch.setattr("forcebound.run.check.TIMING", 0.2)
     _, file = own(tmp_path, "time.sleep(0.02)")
     checked = check_here("environment", str(file), [], [1, 2])
     assert checked.passed

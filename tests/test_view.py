@@ -32,14 +32,14 @@ from waiting import PATIENCE
 from forcebound.cli import main
 from forcebound.cli.view import opened_in_browser
 from forcebound.errors import ConfigError
-from forcebound.launch.run_directory import RunDocument
-from forcebound.operators.paths import TrajectoryHand
-from forcebound.recording import Recording, read
-from forcebound.recordings.rerun import device_of, duration_of, graph_of
-from forcebound.recordings.verification import verify
-from forcebound.view.access import LOOPBACK, Access, hosts_of
-from forcebound.view.scene_files import content
-from forcebound.view.server import Server
+from forcebound.haptics.hands.paths import TrajectoryHand
+from forcebound.lab.rerun import device_of, duration_of, graph_of
+from forcebound.lab.verification import verify
+from forcebound.observe.page.access import LOOPBACK, Access, hosts_of
+from forcebound.observe.page.scene_files import content
+from forcebound.observe.page.server import Server
+from forcebound.recordings.recording import Recording, read
+from forcebound.run.run_directory import RunDocument
 
 
 def test_only_the_servers_own_host_and_origin_get_in() -> None:
@@ -270,7 +270,7 @@ def test_a_graph_that_ends_while_its_controls_are_made_leaves_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     controls = Mock()
-    monkeypatch.setattr("forcebound.view.server.Controls", lambda *_: controls)
+    monkeypatch.setattr("forcebound.observe.page.server.Controls", lambda *_: controls)
 
     async def visit() -> None:
         server = Server()
@@ -286,7 +286,7 @@ def test_a_graph_that_ends_while_its_controls_are_made_leaves_nothing(
 def test_a_body_is_refused_at_the_headers_and_connections_are_limited(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("forcebound.view.server.MOST_CONNECTIONS", 3)
+    monkeypatch.setattr("forcebound.observe.page.server.MOST_CONNECTIONS", 3)
 
     async def said(server: Server, request: bytes) -> tuple[bytes, asyncio.StreamWriter]:
         reader, writer = await asyncio.open_connection("127.0.0.1", server.access.port)

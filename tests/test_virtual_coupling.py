@@ -6,12 +6,12 @@ from dataclasses import replace
 import pytest
 from builders import MS, reply, state
 
-from forcebound.analysis.summary import summarize
-from forcebound.config.loader import load, load_tried
-from forcebound.controllers import ControllerModel
-from forcebound.controllers.direct import DirectController
-from forcebound.controllers.virtual_coupling import OpenVirtualCoupling, VirtualCoupling
-from forcebound.launch.virtual import run_virtual
+from forcebound.graph.loader import load, load_tried
+from forcebound.haptics.controllers import ControllerModel
+from forcebound.haptics.controllers.direct import DirectController
+from forcebound.haptics.controllers.virtual_coupling import OpenVirtualCoupling, VirtualCoupling
+from forcebound.results.summary import summarize
+from forcebound.run.virtual import run_virtual
 
 SURFACE = 0.01  # m
 

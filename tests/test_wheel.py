@@ -13,7 +13,12 @@ import pytest
 from packaging.requirements import Requirement
 
 ROOT = Path(__file__).parent.parent
-NOT_SOURCES = shutil.ignore_patterns(".*", "build", "*.egg-info", "results", "docs", "node_modules")
+BESIDE = {"build", "docs", "results"}  # at the root, beside the sources
+
+
+def not_sources(folder: str, names: list[str]) -> set[str]:
+    beside = BESIDE if Path(folder) == ROOT else set()
+    return {n for n in names if n in beside or n.startswith(".") or n == "node_modules"}
 
 
 def run(*words: str | Path, cwd: Path = ROOT, **variables: str) -> str:
@@ -46,7 +51,7 @@ def link_requirements(package: Distribution, folder: Path, known: set[str]) -> N
 def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder of an environment that has the wheel and what it requires, and nothing else."""
     folder = tmp_path_factory.mktemp("wheel")
-    shutil.copytree(ROOT, folder / "clone", symlinks=True, ignore=NOT_SOURCES)
+    shutil.copytree(ROOT, folder / "clone", symlinks=True, ignore=not_sources)
     pip = (sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet")
     run(*pip, "wheel", "--no-deps", "--wheel-dir", folder, folder / "clone")
     (wheel,) = folder.glob("forcebound-*.whl")

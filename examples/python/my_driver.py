@@ -22,11 +22,11 @@ from binascii import crc_hqx
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from forcebound.devices import Device, DeviceModel
 from forcebound.errors import DeviceError
+from forcebound.haptics.devices import Device, DeviceModel
+from forcebound.haptics.hands import Operator
 from forcebound.hardware.line import Line
 from forcebound.messages.packets import Vector
-from forcebound.operators import Operator
 from forcebound.quantities import POSITIVE, Damping, Force, Length, Speed, Time
 
 SIZE = 7  # bytes of a message

@@ -12,8 +12,18 @@ import math
 from dataclasses import dataclass
 from typing import Annotated
 
-from forcebound.environments import Environment, EnvironmentModel
-from forcebound.geometry.vectors import Vector3, along, cut, dot, norm, pad3, scale, sub, unit
+from forcebound.haptics.environments import Environment, EnvironmentModel
+from forcebound.haptics.geometry.vectors import (
+    Vector3,
+    along,
+    cut,
+    dot,
+    norm,
+    pad3,
+    scale,
+    sub,
+    unit,
+)
 from forcebound.messages.packets import Contact, SceneObject, Vector
 from forcebound.quantities import POSITIVE, Length, Stiffness
 

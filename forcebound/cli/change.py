@@ -24,8 +24,8 @@ def stop(node: str, run: Path) -> None:
     \b
     forcebound stop environment
     """
-    from forcebound.monitor.control import stop_node
-    from forcebound.monitor.snapshot import other_environment, snapshot
+    from forcebound.observe.control import stop_node
+    from forcebound.observe.snapshot import other_environment, snapshot
 
     serving = other_environment(snapshot(run)) if node == ENVIRONMENT else None
     stop_node(run, node)
@@ -44,7 +44,7 @@ def start(node: str, run: Path) -> None:
     \b
     forcebound start environment
     """
-    from forcebound.monitor.control import start_node
+    from forcebound.observe.control import start_node
 
     start_node(run, node)
     show(f"{node} runs")
@@ -66,7 +66,7 @@ def list_parameters(changed: bool, run: Path, as_json: bool) -> None:
     forcebound param list
     forcebound param list --changed --json
     """
-    from forcebound.monitor import tuning
+    from forcebound.observe import tuning
 
     if changed:
         _print(run, tuning.changed_parameters(run), as_json)
@@ -88,7 +88,7 @@ def get_parameters(names: tuple[str, ...], run: Path, as_json: bool) -> None:
     forcebound param get environment.stiffness device.law
     forcebound param get links
     """
-    from forcebound.monitor import tuning
+    from forcebound.observe import tuning
 
     _print(run, tuning.find_parameters(tuning.configuration(run), names), as_json)
 
@@ -111,8 +111,8 @@ def set_parameters(settings: tuple[str, ...], run: Path, as_json: bool) -> None:
     """
     from contextlib import closing
 
-    from forcebound.monitor import tuning
-    from forcebound.monitor.kernels import Kernels
+    from forcebound.observe import tuning
+    from forcebound.observe.kernels import Kernels
 
     with closing(Kernels(run)) as kernels:
         change = tuning.set_parameters(run, tuning.read_settings(settings), kernels)
@@ -124,8 +124,8 @@ def set_parameters(settings: tuple[str, ...], run: Path, as_json: bool) -> None:
 
 
 def _print(run: Path, values: "Parameters", as_json: bool, *, with_ranges: bool = False) -> None:
-    from forcebound.monitor.formatting import as_written, ranges
-    from forcebound.monitor.tuning import configuration, found_elsewhere
+    from forcebound.observe.formatting import as_written, ranges
+    from forcebound.observe.tuning import configuration, found_elsewhere
 
     if as_json:
         print_json(values)
@@ -150,7 +150,7 @@ def outage(time: str, links: tuple[str, ...], run: Path, as_json: bool) -> None:
     forcebound outage 500ms
     forcebound outage 2s force_command
     """
-    from forcebound.monitor.tuning import cut_links
+    from forcebound.observe.tuning import cut_links
 
     seconds, cut = cut_links(run, time, links)
     if as_json:

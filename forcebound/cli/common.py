@@ -17,9 +17,9 @@ from forcebound.errors import ConfigError, RunError
 from forcebound.files import RECORDING_SUFFIX, printable
 
 if TYPE_CHECKING:
-    from forcebound.config.graph import GraphConfig
-    from forcebound.launch.results import RunResult
-    from forcebound.launch.screen import Screen
+    from forcebound.graph.graph import GraphConfig
+    from forcebound.run.results import RunResult
+    from forcebound.run.screen import Screen
 
 Command: TypeAlias = Callable[..., None]
 T = TypeVar("T")
@@ -40,7 +40,7 @@ class Group(click.Group):
         """Find the command that the arguments begin with."""
         name = args[0]
         if not (name in self.commands or name.startswith("-") or ctx.resilient_parsing):
-            from forcebound.config.problems import unknown
+            from forcebound.graph.problems import unknown
 
             ctx.fail(unknown("command", name, self.commands))
         return super().resolve_command(ctx, args)
@@ -110,7 +110,7 @@ topics_argument = click.argument("topics", nargs=-1, metavar="[TOPIC]...", shell
 
 def _running(require_graph: bool) -> Callable[..., Path]:
     def find_run(context: click.Context, _: click.Parameter, run: Path | None) -> Path:
-        from forcebound.monitor.runs import find, while_running
+        from forcebound.observe.runs import find, while_running
 
         run_dir = find(run, require_graph=require_graph)
         context.with_resource(while_running(run_dir))
@@ -142,7 +142,7 @@ def slow_bar(name: str, as_json: bool) -> Iterator[Callable[[int, int], None]]:
     if as_json or not sys.stderr.isatty():
         yield lambda done, total: None
         return
-    from forcebound.workers import progress_bar
+    from forcebound.lab.workers import progress_bar
 
     began = time.monotonic()
     with progress_bar(name) as show_bar:
@@ -166,7 +166,7 @@ def show(text: str, err: bool = False) -> None:
 @contextmanager
 def status_line(as_json: bool) -> "Iterator[Screen]":
     """A screen that says what a launcher is doing, if somebody looks; empty at the end."""
-    from forcebound.launch.screen import Screen
+    from forcebound.run.screen import Screen
 
     screen = Screen(has_status=sys.stderr.isatty() and not as_json)
     try:
@@ -184,7 +184,7 @@ def show_live_run(
     folder: Path = Path(),
 ) -> None:
     """Run a graph in real time, and show the result; see :func:`report`."""
-    from forcebound.launch.live import run_live
+    from forcebound.run.live import run_live
 
     with status_line(as_json) as screen:
         result = run_live(config, duration, record, None, file, screen, folder)
@@ -197,7 +197,7 @@ def show_virtual_run(
     config: "GraphConfig", duration: float | None, record: Path | None, as_json: bool
 ) -> None:
     """Run a graph in virtual time, and show the result; see :func:`report`."""
-    from forcebound.launch.virtual import run_virtual
+    from forcebound.run.virtual import run_virtual
 
     with slow_bar("ms of virtual time", as_json) as tell:
         result = run_virtual(config, duration, record, may_end_early=True, progress=tell)
@@ -220,7 +220,7 @@ def report(result: "RunResult", record: Path | None, as_json: bool) -> None:
 
 
 def _show_result(result: "RunResult") -> None:
-    from forcebound.analysis.tables import phase_rows
+    from forcebound.results.tables import phase_rows
 
     print_rows(*table_of([result]))
     for cause in result.summary["little_force"]:
@@ -235,7 +235,7 @@ def table_of(
     results: "list[RunResult]", labels: Sequence[str] = ()
 ) -> tuple[Sequence[str], list[Sequence[str]]]:
     """Return head and rows of the key figures of some runs, headed by labels or their laws."""
-    from forcebound.analysis.tables import summary_rows
+    from forcebound.results.tables import summary_rows
 
     shown = []  # a run that changed its law has a column for each of them, too
     for label, result in zip(labels or [one.label for one in results], results, strict=True):

@@ -60,17 +60,17 @@ def _files(shipped: str, *endings: str) -> Offer:
 @offering
 def graphs(_: click.Context, begun: str) -> Iterable[str]:
     """Graphs that run, by the names of their launch files."""
-    from forcebound.monitor.runs import running
+    from forcebound.observe.runs import running
 
     return (run.file.partition(" ")[0] for run in running().values())
 
 
-launch_files = _files("config.document", ".yaml", ".yml")
-sweeps = _files("sweep.plan", ".yaml", ".yml")
+launch_files = _files("graph.document", ".yaml", ".yml")
+sweeps = _files("lab.sweep.plan", ".yaml", ".yml")
 parts = _files("", ".py")
 recordings = _files("", RECORDING_SUFFIX)
-topics, links = _of("messages.packets", "TOPICS"), _of("topology", "LINKS")
-laws = _of("bounding", "LAWS")
+topics, links = _of("messages.packets", "TOPICS"), _of("messages.topology", "LINKS")
+laws = _of("haptics.laws", "LAWS")
 nodes = offering(lambda *_: (ENVIRONMENT, CONTROLLER))  # that can be stopped
 
 
@@ -82,9 +82,9 @@ def runs(context: click.Context, parameter: click.Parameter, begun: str) -> list
 @offering
 def settings(context: click.Context, begun: str) -> Iterable[str]:
     """Arguments of the launch file, each ``name:=``, and the values that one may choose."""
-    from forcebound.bounding import LAWS
-    from forcebound.config.loader import arguments_of
-    from forcebound.controllers import CONTROLLERS
+    from forcebound.graph.loader import arguments_of
+    from forcebound.haptics.controllers import CONTROLLERS
+    from forcebound.haptics.laws import LAWS
 
     name, sign, _ = begun.partition(":=")
     known = {one.name: one for one in arguments_of(context.params["file"])}
@@ -113,7 +113,7 @@ def fields(context: click.Context, begun: str) -> Iterable[str]:
 @offering
 def parameters(context: click.Context, begun: str) -> Iterable[str]:
     """Parameters of the running graph, also those that are fixed."""
-    from forcebound.monitor.tuning import configuration, every_parameter
+    from forcebound.observe.tuning import configuration, every_parameter
 
     return every_parameter(configuration(context.params["run"], with_code=False))
 
@@ -121,10 +121,10 @@ def parameters(context: click.Context, begun: str) -> Iterable[str]:
 @offering
 def changes(context: click.Context, begun: str) -> Iterable[str]:
     """Parameters of the running graph, each ``name:=``, and its value; for the law all choices."""
-    from forcebound.config.names import LAW
-    from forcebound.config.parameters import takeable_laws
-    from forcebound.monitor.formatting import as_written
-    from forcebound.monitor.tuning import configuration, find_parameters
+    from forcebound.graph.names import LAW
+    from forcebound.graph.parameters import takeable_laws
+    from forcebound.observe.formatting import as_written
+    from forcebound.observe.tuning import configuration, find_parameters
 
     config = configuration(context.params["run"], with_code=False)
     known = find_parameters(config, ())

@@ -21,7 +21,7 @@ from forcebound.cli.common import (
 from forcebound.files import printable
 
 if TYPE_CHECKING:
-    from forcebound.monitor.listing import ListedGraph
+    from forcebound.observe.listing import ListedGraph
 
 HEAD = ("node", "state", "pid", "processor", "memory", "restarts")
 MEASURE_S = 12.0  # of all contestants together, without their start
@@ -42,8 +42,8 @@ def list_graphs(watch: bool, run: Path | None, duration: float | None, as_json: 
     forcebound list
     forcebound list --watch --run stiff_wall --duration 10s
     """
-    from forcebound.monitor.listing import list_graphs as find_graphs
-    from forcebound.monitor.runs import find
+    from forcebound.observe.listing import list_graphs as find_graphs
+    from forcebound.observe.runs import find
 
     only = None if run is None else find(run)
     if not watch:
@@ -97,8 +97,8 @@ def doctor(measure: bool, run: Path | None, as_json: bool) -> None:
     forcebound doctor --measure
     forcebound doctor --run stiff_wall --json
     """
-    from forcebound.monitor import doctor, machine, runs
-    from forcebound.monitor.observation import observe
+    from forcebound.observe import doctor, machine, runs
+    from forcebound.observe.observation import observe
 
     graph = None if run is None and not runs.running() else runs.find(run)
     findings = machine.examine() if graph is None else doctor.examine(observe(graph))
@@ -125,7 +125,7 @@ def doctor(measure: bool, run: Path | None, as_json: bool) -> None:
 
 def _measured() -> dict[str, dict[str, float]]:
     """Return what this machine is capable of, by what was measured."""
-    from forcebound.monitor.measure import SHARES, measure, percentile
+    from forcebound.observe.measure import SHARES, measure, percentile
 
     return {
         name: {f"{share}_us": round(percentile(rounds, share) / 1e3, 1) for share in SHARES}

@@ -77,7 +77,7 @@ def resume(run: Path) -> None:
     \b
     forcebound device resume --run haply_2diy
     """
-    from forcebound.monitor.control import resume_device
+    from forcebound.observe.control import resume_device
 
     resume_device(run)
     show("the device is back; its force engages")
@@ -126,8 +126,8 @@ def emulate(
     forcebound emulate haply_2diy approach_speed:=50mm/s
     forcebound emulate haply_2diy --fault short:at=3s --fault stall:at=5s,for=50ms
     """
-    from forcebound.emulators import program
-    from forcebound.emulators.faults import parse_fault
+    from forcebound.hardware.emulators import program
+    from forcebound.hardware.emulators.faults import parse_fault
 
     planned = [parse_fault(text) for text in faults]
     link = program.default_link(kind) if link is None else link.absolute()
@@ -208,7 +208,7 @@ def identify(
 def _identification() -> Any:
     """Return the module that identifies; it needs packages of an extra."""
     try:
-        from forcebound.identification import command
+        from forcebound.lab.identification import command
     except ModuleNotFoundError as error:
         if error.name != "scipy":
             raise
@@ -262,7 +262,7 @@ def check(part: str, kind: str, as_json: bool, **options: Any) -> None:
     forcebound check environment my_environment.py --axes 1 --rest 0mm=0N
     forcebound check law my_law.py
     """
-    from forcebound.launch.check import check_part, lines
+    from forcebound.run.check import check_part, lines
 
     if part != "environment" and (options["axes"] or options["rest"]):
         raise click.UsageError("--axes and --rest are for environments")

@@ -30,7 +30,7 @@ from forcebound.cli.common import (
 from forcebound.files import content_of
 
 if TYPE_CHECKING:
-    from forcebound.recording import Recording
+    from forcebound.recordings.recording import Recording
 
 _run_argument = click.argument(
     "run", metavar="RUN.mcap", type=FILE, shell_complete=complete.recordings
@@ -54,9 +54,9 @@ def record(graph: Path | None, output: Path | None, duration: float | None, as_j
     forcebound record
     forcebound record stiff_wall -o run.mcap --duration 10s
     """
-    from forcebound.monitor.recorder import free_name, record_running
-    from forcebound.monitor.runs import find, while_running
-    from forcebound.process import Stop
+    from forcebound.observe.recorder import free_name, record_running
+    from forcebound.observe.runs import find, while_running
+    from forcebound.run.process import Stop
 
     run_dir = find(graph, require_graph=True, option="`forcebound record GRAPH`")
 
@@ -85,10 +85,10 @@ def plot(runs: tuple[str, ...], output: Path | None, as_json: bool) -> None:
     forcebound plot run.mcap
     forcebound plot none.mcap certified.mcap -o both.svg
     """
-    from forcebound.analysis.perception import differences
-    from forcebound.analysis.plots import check_picture, figure, save
-    from forcebound.analysis.tables import difference_text
-    from forcebound.launch.results import RunResult
+    from forcebound.results.perception import differences
+    from forcebound.results.plots import check_picture, figure, save
+    from forcebound.results.tables import difference_text
+    from forcebound.run.results import RunResult
 
     output = Path(runs[0]).with_suffix(".png") if output is None else output
     check_picture(output)
@@ -115,7 +115,7 @@ def plot(runs: tuple[str, ...], output: Path | None, as_json: bool) -> None:
 
 def _read(run: Path, topics: Sequence[str] | None = None) -> "Recording":
     """Return a recording, with these topics or all, and say if it is incomplete."""
-    from forcebound.recording import read
+    from forcebound.recordings.recording import read
 
     recording = read(run) if topics is None else read(run, topics)
     if not recording.complete:
@@ -212,8 +212,8 @@ def replay(
         if live or network or environment or duration or record:
             raise click.UsageError("--verify runs no graph: give it alone, or with NAME:=VALUE")
         _verify(run, arguments, as_json)
+    from forcebound.lab.rerun import duration_of, graph_of
     from forcebound.messages.packets import TOPIC_OF, Telemetry
-    from forcebound.recordings.rerun import duration_of, graph_of
 
     if record is not None and record.exists() and record.samefile(run):
         raise click.UsageError(f"--record: {record} is the recording itself")
@@ -229,9 +229,9 @@ def replay(
 
 
 def _verify(run: Path, settings: Sequence[str], as_json: bool) -> NoReturn:
-    from forcebound.recordings.rerun import device_of
-    from forcebound.recordings.verification import TOPICS
-    from forcebound.recordings.verification import verify as verify_recording
+    from forcebound.lab.rerun import device_of
+    from forcebound.lab.verification import TOPICS
+    from forcebound.lab.verification import verify as verify_recording
 
     recording = _read(run, TOPICS)
     device = device_of(recording, settings)

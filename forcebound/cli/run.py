@@ -28,11 +28,11 @@ from forcebound.cli.view import check_tornado
 from forcebound.ending import end
 from forcebound.errors import ConfigError
 from forcebound.files import check_writable
+from forcebound.messages.topology import ONE_HAND
 from forcebound.roles import ENVIRONMENT
-from forcebound.topology import ONE_HAND
 
 if TYPE_CHECKING:
-    from forcebound.config.graph import GraphConfig
+    from forcebound.graph.graph import GraphConfig
 
 PAGE_END_TIMEOUT_S = 15.0  # for the last message to pages, and the end of a recording
 
@@ -41,7 +41,7 @@ def _named_file(context: click.Context, parameter: click.Parameter, file: str | 
     """Return FILE; without one, list the shipped launch files."""
     if file is not None:
         return file
-    from forcebound.config.document import descriptions
+    from forcebound.graph.document import descriptions
 
     known = descriptions()
     width = max(map(len, known))
@@ -87,8 +87,8 @@ def launch_graph(
     forcebound launch pointer_wall --view
     forcebound launch my_wall.yaml --duration 60s --record run.mcap
     """
-    from forcebound.config.document import folder_of
-    from forcebound.launch.live import check_here
+    from forcebound.graph.document import folder_of
+    from forcebound.run.live import check_here
 
     if has_view:
         check_tornado()
@@ -152,7 +152,7 @@ def node(kind: str, file: str, arguments: tuple[str, ...], run_dir: Path | None)
     \b
     forcebound node environment remote_wall
     """
-    from forcebound.launch.worker import run_node, serve_environment
+    from forcebound.run.worker import run_node, serve_environment
 
     if run_dir is not None:  # a launcher starts its processes so
         sys.exit(run_node(kind, run_dir))
@@ -171,8 +171,8 @@ def _configuration(
     also: "Callable[[GraphConfig], None]" = lambda config: None,
 ) -> "GraphConfig | None":
     """Return the configuration of a launch file; None if it was only checked or shown."""
-    from forcebound.config.loader import load_tried
-    from forcebound.config.resolved import to_document
+    from forcebound.graph.loader import load_tried
+    from forcebound.graph.resolved import to_document
 
     if show_args:
         _show_arguments(file, as_json)
@@ -188,13 +188,13 @@ def _configuration(
 
 
 def _try_start(config: "GraphConfig") -> None:
-    from forcebound.launch.trial import try_start
+    from forcebound.run.trial import try_start
 
     try_start(config)
 
 
 def _show_arguments(file: str, as_json: bool) -> None:
-    from forcebound.config.loader import arguments_of
+    from forcebound.graph.loader import arguments_of
 
     arguments = arguments_of(file)
     if as_json:

@@ -177,6 +177,6 @@ def schema() -> None:
     \b
     forcebound schema > forcebound.schema.json
     """
-    from forcebound.config.schema import json_schema
+    from forcebound.graph.schema import json_schema
 
     print_json(json_schema())

@@ -167,8 +167,8 @@ def reproduce(names: tuple[str, ...], out: Path, as_json: bool) -> None:
     forcebound reproduce table1
     forcebound reproduce -o results/paper
     """
-    from forcebound.experiments.reproduce import reproduce, tables
-    from forcebound.experiments.setup import Runs
+    from forcebound.lab.paper.reproduce import reproduce, tables
+    from forcebound.lab.paper.setup import Runs
 
     done = reproduce(names, out, Runs(lambda line: show(line, err=True)))
     if as_json:
@@ -200,7 +200,7 @@ def sweep(file: str, restart: bool, as_json: bool, **options: Any) -> None:
     forcebound sweep stability_map --plot
     forcebound sweep my_sweep.yaml -o my_sweep.parquet --workers 2
     """
-    from forcebound.sweep.command import run
+    from forcebound.lab.sweep.command import run
 
     try:
         document = run(file, restart=restart, **options)
@@ -227,7 +227,7 @@ def draw_map(result: Path, output: Path | None) -> None:
     \b
     forcebound map stability_map.parquet -o map.svg
     """
-    from forcebound.sweep.maps import draw
+    from forcebound.lab.sweep.maps import draw
 
     output = output or result.with_suffix(".png")
     draw(result, output)

@@ -34,8 +34,8 @@ from forcebound.cli.common import (
 )
 
 if TYPE_CHECKING:
-    from forcebound.monitor.delay import Bin, LinkDelays
-    from forcebound.monitor.streams import StreamFigures
+    from forcebound.observe.delay import Bin, LinkDelays
+    from forcebound.observe.streams import StreamFigures
 
 BAR = 40  # characters, of the longest bar of a histogram
 BARS = "·▁▂▃▄▅▆▇█"  # of a histogram in one line; ·: none
@@ -77,7 +77,7 @@ def echo(
     forcebound echo event --json
     forcebound echo telemetry --csv --duration 5s > telemetry.csv
     """
-    from forcebound.monitor.streams import check_fields, fields_of_packet, packets_of, streams_of
+    from forcebound.observe.streams import check_fields, fields_of_packet, packets_of, streams_of
 
     if as_csv + as_line + as_json > 1:
         raise click.UsageError("choose one of --csv, --line, --json")
@@ -145,7 +145,7 @@ def hz(topics: tuple[str, ...], run: Path, duration: float, as_json: bool) -> No
     forcebound hz
     forcebound hz telemetry force_command --duration 10s --json
     """
-    from forcebound.monitor.streams import measure_streams
+    from forcebound.observe.streams import measure_streams
 
     figures = measure_streams(run, topics, duration)
     if as_json:
@@ -182,10 +182,10 @@ def draw_graph(
     forcebound graph --mermaid > graph.md
     forcebound graph -o graph.svg
     """
-    from forcebound.monitor import drawing
+    from forcebound.observe import drawing
 
     if output is not None:
-        from forcebound.analysis.plots import check_picture
+        from forcebound.results.plots import check_picture
 
         check_picture(output)
     edges = drawing.measure_edges(run, duration)
@@ -217,7 +217,7 @@ def log(quiet: bool, verbose: bool, run: Path, duration: float | None, as_json: 
     from datetime import datetime
 
     from forcebound.messages.packets import Event
-    from forcebound.monitor.streams import fields_of_packet, packets_of
+    from forcebound.observe.streams import fields_of_packet, packets_of
 
     ahead_ns = time.time_ns() - time.monotonic_ns()
 
@@ -253,9 +253,9 @@ def delay(
     forcebound delay stiff_wall --links --duration 10s
     forcebound delay run.mcap -o trace.csv
     """
-    from forcebound.analysis.delay_traces import as_link_trace
-    from forcebound.monitor.delay import measure
     from forcebound.network.trace import check_output
+    from forcebound.observe.delay import measure
+    from forcebound.results.delay_traces import as_link_trace
 
     if output is not None:
         check_output(output)
@@ -288,7 +288,7 @@ def _show_histogram(bins: Sequence["Bin"]) -> None:
 
 
 def _show_links(links: Mapping[str, "LinkDelays"]) -> None:
-    from forcebound.monitor.delay import SHARES
+    from forcebound.observe.delay import SHARES
 
     shares = [name.replace("_", ".") for name in SHARES]
     head = ("from sending, ms", "least", *shares, "ticks", "least to p99.9")
@@ -319,7 +319,7 @@ def _serving(port: int) -> Callable[[Command], Command]:
 
 
 def _serve(program: str, topics: Sequence[str], **options: Any) -> None:
-    from forcebound.monitor import bridges
+    from forcebound.observe import bridges
 
     bridges.serve(getattr(bridges, program), topics=topics, say=partial(show, err=True), **options)
 

@@ -16,7 +16,7 @@ from forcebound.cli.common import given_run_option, show
 from forcebound.errors import ConfigError, ForceboundError
 
 if TYPE_CHECKING:
-    from forcebound.view.server import Server
+    from forcebound.observe.page.server import Server
 
 POLL_S = 0.5  # between two looks for the next graph
 
@@ -41,8 +41,8 @@ def opened_in_browser(address: str, run: Path | None) -> Iterator[None]:
     so a thread waits for it.
     """
     from forcebound.folders import runtime_folder
-    from forcebound.launch.run_directory import RunDocument
     from forcebound.realtime import on_cores
+    from forcebound.run.run_directory import RunDocument
 
     core = None if run is None else RunDocument.read(run).core
     with tempfile.NamedTemporaryFile("w", suffix=".html", dir=runtime_folder()) as file:  # 0600
@@ -101,10 +101,10 @@ def view(
     """
     import asyncio
 
-    from forcebound.monitor.runs import find, find_launched
+    from forcebound.observe.runs import find, find_launched
 
     check_tornado()
-    from forcebound.view.server import Server
+    from forcebound.observe.page.server import Server
 
     first: Path | None = None
     if launcher is not None:
@@ -155,7 +155,7 @@ async def _next(server: "Server", name: Path | None) -> Path | None:
     """Return the next graph; None: the server is to stop. It is reported once if several run."""
     import asyncio
 
-    from forcebound.monitor.runs import find, running
+    from forcebound.observe.runs import find, running
 
     reported = ""
     while not server.is_stopped:

@@ -10,12 +10,12 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from forcebound.devices.truth_file import SUFFIX, TruthFile, truth_beside
 from forcebound.ending import end
 from forcebound.errors import DeviceError
 from forcebound.folders import runtime_folder
-from forcebound.operators import OPERATORS, Operator
-from forcebound.parts.plain import plain
+from forcebound.haptics.devices.truth_file import SUFFIX, TruthFile, truth_beside
+from forcebound.haptics.hands import OPERATORS, Operator
+from forcebound.haptics.parts.plain import plain
 
 __all__ = ["Emulated", "TruthFile", "start", "truth_beside"]
 

@@ -19,9 +19,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Literal
 
-from forcebound.devices.five_bar import FiveBar, FiveBarNumbers
-from forcebound.devices.kinematics import ArmKinematics
 from forcebound.errors import DeviceError
+from forcebound.haptics.devices.five_bar import FiveBar, FiveBarNumbers
+from forcebound.haptics.devices.kinematics import ArmKinematics
+from forcebound.haptics.hands import Operator
+from forcebound.haptics.parts.plain import plain
 from forcebound.hardware.hapi import (
     LARGEST_TORQUE,
     REPLY_SIZE,
@@ -41,8 +43,6 @@ from forcebound.hardware.serial_device import (
     SerialJoints,
 )
 from forcebound.messages.packets import Vector
-from forcebound.operators import Operator
-from forcebound.parts.plain import plain
 from forcebound.quantities import Range, Time
 
 KIND = "haply_2diy"

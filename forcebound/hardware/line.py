@@ -11,13 +11,13 @@ from collections.abc import Mapping
 from contextlib import ExitStack, suppress
 from typing import Any
 
-from forcebound.devices.truth_file import TruthFile, truth_beside
 from forcebound.errors import DeviceError
+from forcebound.haptics.devices.truth_file import TruthFile, truth_beside
+from forcebound.haptics.hands import Operator
 from forcebound.hardware.emulated import start
 from forcebound.hardware.guardian import Guardian
 from forcebound.hardware.port import Port
 from forcebound.hardware.ports import find
-from forcebound.operators import Operator
 
 EMULATED = "emulated"  # a port's name
 # Shares of the watchdog limit: after the first a silent board is lost, after the other the guardian

@@ -19,12 +19,14 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar
 
-from forcebound.devices import Source
-from forcebound.devices.kinematics import ArmKinematics
-from forcebound.devices.knob import Knob
-from forcebound.devices.stated_joints import AngleOfJoints, DampingOfJoints, TorqueOfJoints
-from forcebound.devices.true_values import per_axis
 from forcebound.errors import DeviceError
+from forcebound.haptics.devices import Source
+from forcebound.haptics.devices.kinematics import ArmKinematics
+from forcebound.haptics.devices.knob import Knob
+from forcebound.haptics.devices.stated_joints import AngleOfJoints, DampingOfJoints, TorqueOfJoints
+from forcebound.haptics.devices.true_values import per_axis
+from forcebound.haptics.hands import Operator
+from forcebound.haptics.parts.plain import plain
 from forcebound.hardware.line import Line
 from forcebound.hardware.odrive_lines import (
     WATCHDOG_EXPIRED,
@@ -50,8 +52,6 @@ from forcebound.hardware.serial_device import (
     SerialJoints,
 )
 from forcebound.messages.packets import Vector
-from forcebound.operators import Operator
-from forcebound.parts.plain import plain
 from forcebound.quantities import POSITIVE, AngularSpeed, Length, Range, Time, Torque
 
 KIND = "odrive"

@@ -26,8 +26,8 @@ class SerialPort:
         path: To open.
         description: Of the device behind it, in its maker's words.
         serial_number: Of its USB device; empty if it has none.
-        seems: Kind of device, a key of ``forcebound.devices.DEVICES``, by its USB vendor and
-            product; empty if unknown. A board of this kind may also be something else.
+        seems: Kind of device, a key of ``forcebound.haptics.devices.DEVICES``, by its USB vendor
+            and product; empty if unknown. A board of this kind may also be something else.
         is_permitted: Whether this user may open it.
         group: Whose members may open it; empty: no group may.
     """

@@ -6,11 +6,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Generic, Literal, NamedTuple, TypeVar
 
-from forcebound.devices import Device
-from forcebound.devices.kinematics import ArmKinematics
-from forcebound.devices.stated_joints import StatedJoints
-from forcebound.devices.truth import Truth
 from forcebound.errors import DeviceError
+from forcebound.haptics.devices import Device
+from forcebound.haptics.devices.kinematics import ArmKinematics
+from forcebound.haptics.devices.stated_joints import StatedJoints
+from forcebound.haptics.devices.truth import Truth
 from forcebound.hardware.line import EMULATED, Line
 from forcebound.hardware.port import Port
 from forcebound.hardware.ports import check_serial_number, find, serial_number

@@ -8,7 +8,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from forcebound.environments import Environment, EnvironmentModel, StatelessEnvironment
+from forcebound.haptics.environments import Environment, EnvironmentModel, StatelessEnvironment
 from forcebound.messages.packets import Contact, Vector
 
 LONGEST = 0.1  # s, of a step of the exploding body
@@ -44,7 +44,7 @@ class VelocityPusher(StatelessEnvironment):
     threshold: float = 0.001  # m/s; below it the direction is not known
 
     def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
-        """Return the pushing force; see :class:`forcebound.environments.Environment`."""
+        """Return the pushing force; see :class:`forcebound.haptics.environments.Environment`."""
         return tuple(pushing_force(v, self.magnitude, self.threshold) for v in velocity)
 
 
@@ -57,7 +57,7 @@ class RandomForce(StatelessEnvironment):
     seed: int
 
     def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
-        """Return the random force; see :class:`forcebound.environments.Environment`."""
+        """Return the random force; see :class:`forcebound.haptics.environments.Environment`."""
         step = int(elapsed / self.interval)
         sides = (2.0 * uniform(self.seed, step, axis) - 1.0 for axis in range(len(position)))
         return tuple(self.magnitude * side for side in sides)
@@ -70,7 +70,7 @@ class Adversary(EnvironmentModel):
     make: Callable[[int], "Touching"]
 
     def open(self, axes: int) -> Environment:
-        """Return a new instance; see :class:`forcebound.environments.EnvironmentModel`."""
+        """Return a new instance; see :class:`forcebound.haptics.environments.EnvironmentModel`."""
         return self.make(axes)
 
 
@@ -105,7 +105,7 @@ class JumpingProxy(Touching):
         self._reach, self._interval, self._seed = reach, interval, seed
 
     def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
-        """Return the spring's force; see :class:`forcebound.environments.Environment`."""
+        """Return the spring's force; see :class:`forcebound.haptics.environments.Environment`."""
         step = int(elapsed / self._interval)
         should = enumerate((min(position[0], 0.0), *position[1:]))
         jumps = [p + self._reach * (2.0 * uniform(self._seed, step, a) - 1.0) for a, p in should]
@@ -124,7 +124,7 @@ class HoledWall(Touching):
         self._tile, self._holes, self._seed = tile, holes, seed
 
     def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
-        """Return the wall's force; see :class:`forcebound.environments.Environment`."""
+        """Return the wall's force; see :class:`forcebound.haptics.environments.Environment`."""
         row, column = (*(math.floor(x / self._tile) for x in position[1:3]), 0, 0)[:2]
         is_hole = uniform(self._seed, row, column) < self._holes
         is_free = position[0] <= 0.0 or is_hole
@@ -146,7 +146,7 @@ class ExplodingBody(Touching):
         self._elapsed = 0.0
 
     def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
-        """Return the spring's force; see :class:`forcebound.environments.Environment`."""
+        """Return the spring's force; see :class:`forcebound.haptics.environments.Environment`."""
         h = min(max(elapsed - self._elapsed, 0.0), LONGEST)
         self._elapsed = elapsed
         place = position if self._place is None else self._place

@@ -10,8 +10,8 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from forcebound.bounding import ENERGY_TOLERANCE, LAWS, check_law
-from forcebound.devices.extended import Axis
+from forcebound.haptics.devices.extended import Axis
+from forcebound.haptics.laws import ENERGY_TOLERANCE, LAWS, check_law
 from forcebound.lab import one_axis
 from forcebound.lab.hands import ADVERSARIES, PERIOD, Case, case_of, dissipation_of
 from forcebound.lab.one_axis import MOTION, TRACE, Course, Integers, Rig, loop
@@ -63,7 +63,7 @@ def attack(law: str, case: Case) -> tuple[Result, Floats]:
     """Run one case.
 
     Args:
-        law: A key of :data:`forcebound.bounding.LAWS`.
+        law: A key of :data:`forcebound.haptics.laws.LAWS`.
         case: The case to run.
 
     Returns:

@@ -4,8 +4,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from forcebound.bounding import LAWS
 from forcebound.errors import ConfigError
+from forcebound.haptics.laws import LAWS
 from forcebound.lab import laws as of_laws
 from forcebound.lab.cases import optimiser
 from forcebound.lab.engine import Campaign, run_here, runs_of

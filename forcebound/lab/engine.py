@@ -20,7 +20,7 @@ from typing import Any, NamedTuple, Protocol, TypeAlias
 
 from forcebound.errors import ConfigError
 from forcebound.files import read_bytes, reason
-from forcebound.workers import completed, local_executor, progress_bar
+from forcebound.lab.workers import completed, local_executor, progress_bar
 
 Row: TypeAlias = dict[str, Any]  # plain values: numbers, texts, truth values, None
 Progress: TypeAlias = Callable[[int, int], None]  # called with the runs done, and all runs

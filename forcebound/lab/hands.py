@@ -4,7 +4,7 @@ import random
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
-from forcebound.bounding import Dissipation
+from forcebound.haptics.laws import Dissipation
 from forcebound.lab.cases import NOISES, Range, decode, seed_of
 
 PERIOD = 1e-3  # s, nominal sampling period T

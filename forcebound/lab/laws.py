@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from forcebound.bounding import ENERGY_TOLERANCE, LAWS, check_law
+from forcebound.haptics.laws import ENERGY_TOLERANCE, LAWS, check_law
 from forcebound.lab.attack import Result, attack, replay
 from forcebound.lab.cases import encode, search
 from forcebound.lab.engine import Row
@@ -76,7 +76,7 @@ def cases(
     """Return the cases of an audit.
 
     Args:
-        laws: Keys of :data:`forcebound.bounding.LAWS`.
+        laws: Keys of :data:`forcebound.haptics.laws.LAWS`.
         runs: Random runs of each law; they have the seeds ``seed``, ``seed + 1``, ...
         searched: Runs of each law in the search, shared by the niches.
         seed: Of the first random run, and of the search.

@@ -18,20 +18,20 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from forcebound.bounding import LAWS, DeviceConstants
-from forcebound.bounding.one_axis import one_axis
-from forcebound.bounding.sample import NO_MEMORY, NO_WRITE, start_axis
 from forcebound.compiled import allow_in_kernels, jit
-from forcebound.devices.extended import Axis, Moving, advance_extended
-from forcebound.devices.plant import quantise
-from forcebound.environments.active_wall import active_wall_force
-from forcebound.environments.walls import (
+from forcebound.haptics.devices.extended import Axis, Moving, advance_extended
+from forcebound.haptics.devices.plant import quantise
+from forcebound.haptics.environments.active_wall import active_wall_force
+from forcebound.haptics.environments.walls import (
     damped_wall_force,
     damper_force,
     power_law_force,
     time_varying_force,
     wall_force,
 )
+from forcebound.haptics.laws import LAWS, DeviceConstants
+from forcebound.haptics.laws.one_axis import one_axis
+from forcebound.haptics.laws.sample import NO_MEMORY, NO_WRITE, start_axis
 from forcebound.lab.adversaries import pushing_force
 from forcebound.nodes.velocity import low_pass, low_pass_gain
 
@@ -173,7 +173,7 @@ def move_on(
 
 @cache
 def loop(law: str) -> Loop:
-    """Return the compiled loop of a law, a key of :data:`forcebound.bounding.LAWS`.
+    """Return the compiled loop of a law, a key of :data:`forcebound.haptics.laws.LAWS`.
 
     It is called with the rig, ``LAWS[law].device`` of what the law relies on, the course, the trace
     to be filled, of shape ``(n, len(TRACE))``, and the motion to be filled, or an array without

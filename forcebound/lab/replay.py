@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from forcebound.analysis.plots import check_picture, save
 from forcebound.errors import ConfigError
 from forcebound.lab.attack import TRACE_COLUMNS
 from forcebound.lab.attack import replay as replay_law
@@ -14,6 +13,7 @@ from forcebound.lab.hands import ADVERSARIES, SENSORS
 from forcebound.lab.paths.campaign import replay as replay_path
 from forcebound.lab.paths.run import TRACE_COLUMNS as PATH_COLUMNS
 from forcebound.lab.worlds import replay as replay_world
+from forcebound.results.plots import check_picture, save
 
 _NUMBERS = {
     "kg": "mass hand_mass",
@@ -36,7 +36,7 @@ def run_again(law: str, case: str, seconds: float | None, picture: Path | None) 
     """Repeat a case, draw it on request, and return its description and result.
 
     Args:
-        law: A key of :data:`forcebound.bounding.LAWS`.
+        law: A key of :data:`forcebound.haptics.laws.LAWS`.
         case: ``SEED`` or ``cCODE``; ``CERTIFICATE:s3.17``; ``WORLD/CONTROLLER:SEED`` or
             ``WORLD/CONTROLLER:cCODE``.
         seconds: Length of the run, in s, if it has none of its own.

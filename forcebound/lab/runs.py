@@ -16,27 +16,27 @@ from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
-from forcebound.bounding import LAWS
-from forcebound.bounding.dissipation import PER_AXIS
-from forcebound.config.document import shipped
-from forcebound.config.graph import DeviceConfig, EnvironmentConfig, GraphConfig
-from forcebound.config.loader import load
-from forcebound.config.resolved import kind_of, to_document
-from forcebound.controllers.direct import DirectController
-from forcebound.devices.extended import Axis
-from forcebound.devices.phantom import PhantomPremium15
-from forcebound.environments.walls import Wall
 from forcebound.errors import RunError
+from forcebound.graph.document import shipped
+from forcebound.graph.graph import DeviceConfig, EnvironmentConfig, GraphConfig
+from forcebound.graph.loader import load
+from forcebound.graph.resolved import kind_of, to_document
+from forcebound.graph.servo import ServoSettings, dissipation_of
+from forcebound.haptics.controllers.direct import DirectController
+from forcebound.haptics.devices.extended import Axis
+from forcebound.haptics.devices.phantom import PhantomPremium15
+from forcebound.haptics.environments.walls import Wall
+from forcebound.haptics.hands import Operator
+from forcebound.haptics.hands.hands import NoHand
+from forcebound.haptics.hands.pointer import PointerHand
+from forcebound.haptics.laws import LAWS
+from forcebound.haptics.laws.dissipation import PER_AXIS
 from forcebound.lab.one_axis import ENVIRONMENTS, NO_MOTION, TRACE, Course, Floats, Rig, loop
-from forcebound.launch.results import RunResult
-from forcebound.launch.virtual import run_virtual
 from forcebound.network.impairment import Impairment
 from forcebound.nodes import safety
-from forcebound.nodes.servo import ServoSettings, dissipation_of
-from forcebound.operators import Operator
-from forcebound.operators.hands import NoHand
-from forcebound.operators.pointer import PointerHand
-from forcebound.telemetry import TelemetryColumns
+from forcebound.recordings.telemetry import TelemetryColumns
+from forcebound.run.results import RunResult
+from forcebound.run.virtual import run_virtual
 
 Engine: TypeAlias = Literal["kernel", "graph"]
 

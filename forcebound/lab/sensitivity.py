@@ -11,9 +11,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from forcebound.bounding import Dissipation
-from forcebound.devices import DEVICES, DeviceModel
 from forcebound.errors import ConfigError
+from forcebound.haptics.devices import DEVICES, DeviceModel
+from forcebound.haptics.laws import Dissipation
 from forcebound.lab.audit import check_runs
 from forcebound.lab.engine import Campaign, Row, run_here, runs_of
 from forcebound.lab.paths import truth
@@ -127,7 +127,7 @@ def run(kind: str, runs: int, workers: int | None = None) -> dict[str, Any]:
     """Search for the lowest energy with each mistake; return it ready for JSON.
 
     Args:
-        kind: Key of :data:`forcebound.devices.DEVICES`.
+        kind: Key of :data:`forcebound.haptics.devices.DEVICES`.
         runs: Of each mistake, in restarts.
         workers: Processes; None: one for each core; 0: this process.
 

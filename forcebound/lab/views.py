@@ -6,9 +6,9 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from forcebound.bounding import ENERGY_TOLERANCE
 from forcebound.errors import ConfigError
 from forcebound.files import check_writable, reason
+from forcebound.haptics.laws import ENERGY_TOLERANCE
 from forcebound.lab.cases import Range
 from forcebound.lab.engine import Row
 

@@ -14,20 +14,20 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
-from forcebound.bounding.dissipation import Watchdog
-from forcebound.controllers import CONTROLLERS as CONTROLLER_KINDS
-from forcebound.controllers import ControllerModel
-from forcebound.environments import ENVIRONMENTS, EnvironmentModel
-from forcebound.environments.fixtures import (
+from forcebound.errors import ConfigError
+from forcebound.haptics.controllers import CONTROLLERS as CONTROLLER_KINDS
+from forcebound.haptics.controllers import ControllerModel
+from forcebound.haptics.environments import ENVIRONMENTS, EnvironmentModel
+from forcebound.haptics.environments.fixtures import (
     Fixtures,
     GuidancePath,
     GuidancePlane,
     WithFixtures,
     WorkspaceLimit,
 )
-from forcebound.environments.solid import Shape
-from forcebound.errors import ConfigError
-from forcebound.geometry.proxy import Surface
+from forcebound.haptics.environments.solid import Shape
+from forcebound.haptics.geometry.proxy import Surface
+from forcebound.haptics.laws.dissipation import Watchdog
 from forcebound.lab.adversaries import (
     Adversary,
     ExplodingBody,
@@ -148,7 +148,7 @@ def _fixtures(n: Numbers) -> EnvironmentModel:
 BACK = (0.042, 0.0, 0.008)  # m, of the rabbit: its back is near 0 m
 OPEN_BOX = Path(__file__).parent / "open_box.obj"  # a face is missing
 
-BOXES = Path(__file__).parents[1] / "launch" / "push_boxes.xml"  # needs the extra mujoco
+BOXES = Path(__file__).parents[1] / "launch_files" / "push_boxes.xml"  # needs the extra mujoco
 
 
 def _bodies(n: Numbers) -> EnvironmentModel:

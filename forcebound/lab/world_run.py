@@ -8,9 +8,11 @@ are looked at four times a period.
 import math
 from dataclasses import dataclass
 
-from forcebound.bounding import check_law
-from forcebound.devices.phantom import PhantomPremium15
-from forcebound.devices.simulated import SimulatedDevice
+from forcebound.graph.servo import ServoSettings, dissipation_of
+from forcebound.haptics.devices.phantom import PhantomPremium15
+from forcebound.haptics.devices.simulated import SimulatedDevice
+from forcebound.haptics.hands import Operator
+from forcebound.haptics.laws import check_law
 from forcebound.lab.attack import EARNED
 from forcebound.lab.world_cases import WATCHDOGS, WORLDS, Case, controller_of
 from forcebound.messages.packets import TOPIC_OF, EnvironmentQuery, EnvironmentReply, Packet, Vector
@@ -19,9 +21,7 @@ from forcebound.network.link import Link, link_seed
 from forcebound.nodes.controller import ControllerNode
 from forcebound.nodes.device import DeviceNode
 from forcebound.nodes.environment import EnvironmentNode
-from forcebound.nodes.servo import ServoSettings, dissipation_of
-from forcebound.operators import Operator
-from forcebound.simulation import LateTicks, Simulation
+from forcebound.run.simulation import LateTicks, Simulation
 
 SECONDS = 0.25  # of a run
 ENGAGE = 0.01  # s: soon at full force
@@ -42,7 +42,7 @@ class SpaceHand(Operator):
     frequencies: Vector  # Hz
 
     def target(self, elapsed: float) -> Vector:
-        """Return the target after ``elapsed`` s; see :class:`forcebound.operators.Operator`."""
+        """Return the target after ``elapsed`` s; see :class:`forcebound.haptics.hands.Operator`."""
         turn = 2.0 * math.pi * elapsed
         places = zip(self.amplitudes, self.frequencies, strict=True)
         first, *others = [a * math.cos(turn * f) for a, f in places]
@@ -68,7 +68,7 @@ class WatchedDevice(SimulatedDevice):
         self.peak_force = 0.0
 
     def write(self, time_ns: int, force: Vector) -> Vector:
-        """Hold ``force`` from now on; see :class:`forcebound.devices.Device`."""
+        """Hold ``force`` from now on; see :class:`forcebound.haptics.devices.Device`."""
         held = super().write(time_ns, force)
         self.peak_force = max(self.peak_force, math.hypot(*held))
         return held

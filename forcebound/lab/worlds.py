@@ -7,8 +7,8 @@ from zlib import crc32
 
 import numpy as np
 
-from forcebound.bounding import ENERGY_TOLERANCE, LAWS, check_law
-from forcebound.controllers import CONTROLLERS
+from forcebound.haptics.controllers import CONTROLLERS
+from forcebound.haptics.laws import ENERGY_TOLERANCE, LAWS, check_law
 from forcebound.lab.audit import check_runs, command_of
 from forcebound.lab.cases import encode, search
 from forcebound.lab.engine import Campaign, Row, run_here, runs_of
@@ -105,9 +105,9 @@ def run(
     """Attack laws through worlds and controllers; return the worst results, ready for JSON.
 
     Args:
-        laws: Keys of :data:`forcebound.bounding.LAWS`; none: the certified ones.
+        laws: Keys of :data:`forcebound.haptics.laws.LAWS`; none: the certified ones.
         worlds: Keys of :data:`.WORLDS`; none: all.
-        controllers: Keys of :data:`forcebound.controllers.CONTROLLERS`; none: all.
+        controllers: Keys of :data:`forcebound.haptics.controllers.CONTROLLERS`; none: all.
         runs: Random runs of each law with each world and controller.
         searched: Runs of each in a search.
         seed: Seed of the first random run, and of the search.

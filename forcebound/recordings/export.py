@@ -26,8 +26,8 @@ from forcebound.messages.packets import (
     field_types,
     meanings,
 )
-from forcebound.recording import Recording
-from forcebound.recording_schema import plain_type
+from forcebound.recordings.recording import Recording
+from forcebound.recordings.schema import plain_type
 
 COLUMNS = "columns.csv"  # what each column means
 _TYPES = {int: "int64", float: "float64", bool: "bool", Vector: "float64", Quaternion: "float64"}

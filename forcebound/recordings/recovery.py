@@ -14,7 +14,7 @@ from mcap.writer import Writer
 from forcebound import mcap_file
 from forcebound.errors import ConfigError
 from forcebound.files import check_writable, reason
-from forcebound.recording import read
+from forcebound.recordings.recording import read
 
 RECOVERED_NAME = "forcebound.recovered"  # of the metadata record
 

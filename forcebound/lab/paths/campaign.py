@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from forcebound.bounding import ENERGY_TOLERANCE, LAWS
 from forcebound.errors import ConfigError
+from forcebound.haptics.laws import ENERGY_TOLERANCE, LAWS
 from forcebound.lab.engine import Row
 from forcebound.lab.paths.certificates import CERTIFICATES, draw
 from forcebound.lab.paths.run import Vector, run
@@ -69,7 +69,7 @@ def cases(
     """Return the restarts of an audit.
 
     Args:
-        laws: Certified laws, keys of :data:`forcebound.bounding.LAWS`.
+        laws: Certified laws, keys of :data:`forcebound.haptics.laws.LAWS`.
         certificates: Keys of :data:`.CERTIFICATES`.
         runs: Random runs of each law with each certificate.
         searched: Runs of each in searches; where a number can be left out, at most as many without.

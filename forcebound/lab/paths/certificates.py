@@ -12,7 +12,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from forcebound.bounding import Dissipation
+from forcebound.haptics.laws import Dissipation
 from forcebound.lab.paths import truth as at
 from forcebound.lab.paths.path import COMMANDS, READINGS, Manner
 from forcebound.lab.paths.run import Case

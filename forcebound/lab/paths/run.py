@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from forcebound.bounding import Dissipation, ForceBounder
 from forcebound.compiled import jit
+from forcebound.haptics.laws import Dissipation, ForceBounder
 from forcebound.lab.paths import path, truth
 from forcebound.lab.paths.path import Manner, plan_of
 from forcebound.lab.paths.truth import AXES, Floats, stored_energy
@@ -27,7 +27,7 @@ class Case:
     """A device as it is, as it is described to the bounder, and how the attack reads its genes.
 
     Attributes:
-        law: A key of :data:`forcebound.bounding.LAWS`.
+        law: A key of :data:`forcebound.haptics.laws.LAWS`.
         stated: What the bounder is given.
         axes: Number of axes, 1 to 3.
         device: Properties, rows of ``truth.DEVICE_ROWS``.

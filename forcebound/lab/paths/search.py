@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from forcebound.bounding import ENERGY_TOLERANCE, ForceBounder
+from forcebound.haptics.laws import ENERGY_TOLERANCE, ForceBounder
 from forcebound.lab.cases import optimiser
 from forcebound.lab.paths import path, truth
 from forcebound.lab.paths.path import COLUMNS, LARGE_PEAK

@@ -1,8 +1,8 @@
 r"""Ground truth of the independent attack: what a hand gives to a device on a prescribed path.
 
-Written from ``docs/theory.md`` alone; it shares nothing with ``forcebound.devices``. There is no
-mass and no integrator. The path is chosen, straight and uniform
-between events (write, cut, turn), and the energy of each piece has a closed form:
+Written from ``docs/theory.md`` alone; it shares nothing with ``forcebound.haptics.devices``. There
+is no mass and no integrator. The path is chosen, straight and uniform between events (write, cut,
+turn), and the energy of each piece has a closed form:
 
 .. math:: E = \sum_i b_i \int v_i^2 dt + W_{friction} + \sum_i \gamma_i \int F_{a,i} v_i dt
 

@@ -1,1 +1,0 @@
-"""Launch files: reading, checks, changes and writing; :mod:`forcebound.launch` starts graphs."""

@@ -1,0 +1,1 @@
+"""Launch files: reading, checks, changes and writing; :mod:`forcebound.run` starts graphs."""

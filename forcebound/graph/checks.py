@@ -1,0 +1,127 @@
+"""Checks beyond the form of a launch file: what does not go together, and users' own parts.
+
+Each raises ConfigError, with the key of the section that is wrong where it is one.
+"""
+
+import logging
+from collections.abc import Mapping
+from importlib import import_module
+from typing import Any
+
+from forcebound.errors import ConfigError
+from forcebound.graph.graph import KINDS, DeviceConfig, EnvironmentConfig, GraphConfig
+from forcebound.graph.servo import ServoSettings, dissipation_of
+from forcebound.haptics.hands import Operator
+from forcebound.haptics.laws import LAWS, ForceBounder
+from forcebound.haptics.parts.contract import Findings
+from forcebound.haptics.parts.user_module import kind_of, user_code
+from forcebound.messages.packets import MAX_AXES
+from forcebound.network.impairment import Impairment
+from forcebound.results.delay_traces import shortest_of
+
+FAR = 2.0  # m; no hand reaches so far
+TRIED = 20  # times at which the target is evaluated
+END_OF_APPROACH = 1e6  # s; the slowest approach is over
+
+_logger = logging.getLogger(__name__)
+
+
+def check_device(device: DeviceConfig) -> None:
+    """Check the number of axes, and that laws have what they rely on."""
+    axes = device.model.axes
+    if not isinstance(axes, int) or not 1 <= axes <= MAX_AXES:
+        raise ConfigError(f"axes must be 1 to {MAX_AXES}, got {axes!r}")
+    with user_code("the numbers of the device"):
+        dissipation_of(device.model, device.servo)
+
+
+def check_law(device: DeviceConfig) -> None:
+    """Call a user's law once."""
+    law, model = device.servo.law, device.model
+    if LAWS.is_shipped(law):
+        return
+    with user_code("law", "law"):
+        bounder = ForceBounder(law, dissipation_of(model, device.servo), model.axes)
+        bounder.bound(device.servo.period_ns, (0.0,) * model.axes, (1.0,) * model.axes)
+        bounder.settle((0.0,) * model.axes)
+
+
+def check_path(operator: Operator, axes: int) -> None:
+    """Check that the path of an operator has no more axes than the device."""
+    with user_code("target(0.0)", "kind"):
+        found = len(operator.target(0.0))
+    if found > axes:
+        raise ConfigError(f"the operator's path has {found} axes, the device only {axes}")
+
+
+def check_delays(
+    servo: ServoSettings, environment: EnvironmentConfig, links: Mapping[str, Impairment]
+) -> None:
+    """Check that the loop is not so long that the device would refuse every answer."""
+    parts = (environment.computation, *links.values())
+    delays = sum(shortest_of(part) for part in parts)
+    wait = servo.reply_wait / servo.rate  # the device takes an answer when it writes
+    shortest = max(delays, wait)
+    if shortest < servo.age_limit:
+        return
+    what, remedy = "delays of the links and the environment", "lower the delays"
+    if wait > delays:
+        what, remedy = "reply_wait over rate", "raise the rate"
+    raise ConfigError(
+        f"an answer takes at least {shortest * 1e3:g} ms ({what}), and the device refuses answers"
+        f" older than age_limit = {servo.age_limit * 1e3:g} ms, so there would never be a force:"
+        f" set age_limit in device: above {shortest * 1e3:g} ms, or {remedy}",
+        field="age_limit",
+    )
+
+
+def check_part(section: str, model: Any, axes: int) -> None:
+    """Ask a user's environment or controller once for all that its contract promises."""
+    if kind_of(type(model)) is None:
+        return
+    contract = import_module(f"forcebound.haptics.{section}s.contract")
+    found = Findings()
+    contract.ask_once(model, axes, found)
+    for violation in found.report({}, 1).violations[:1]:
+        words = f"{violation.where}: expected {violation.expected}; got {violation.got}"
+        raise ConfigError(words, field="kind")
+
+
+def warn(config: GraphConfig) -> None:
+    """Log what is not wrong but worth knowing before a run."""
+    _warn_uncertified(config)
+    kind = KINDS["operator"].kind_of(type(config.operator))
+    if config.operator is not None and kind is not None and KINDS["operator"].is_shipped(kind):
+        _warn_far(config.operator, config.duration)
+    servo = config.device.servo
+    damping = dissipation_of(config.device.model, servo).least_damping
+    period = servo.period_ns * 1e-9
+    with user_code("controller: cautions"):
+        cautions = config.controller.cautions(damping, period, servo.reply_wait * period)
+    for caution in cautions:
+        _logger.warning("controller: %s", caution)
+
+
+def _warn_uncertified(config: GraphConfig) -> None:
+    """Log which parts in the device's process, beside the bounder, do not ship with forcebound."""
+    law, device = config.device.servo.law, config.device.model
+    uncertified = [] if LAWS.is_shipped(law) else [("law", law)]
+    for section, part in (("device", device), ("operator", config.operator)):
+        kind = KINDS[section].kind_of(type(part))
+        if part is not None and (kind is None or not KINDS[section].is_shipped(kind)):
+            uncertified.append((section, kind or type(part).__name__))
+    for section, kind in uncertified:
+        _logger.warning(
+            "%s %s is not certified by forcebound: it runs in the device's process, and the proof"
+            " of passivity does not cover it",
+            section,
+            kind,
+        )
+
+
+def _warn_far(operator: Operator, duration: float) -> None:
+    """Log a target so far away that its unit is missing: 14 for 14 mm."""
+    times = [*(duration * share / TRIED for share in range(TRIED)), END_OF_APPROACH]
+    far = max(abs(x) for time in times for x in operator.target(time))
+    if far > FAR:
+        _logger.warning("the operator's target goes as far as %g m: is a unit missing?", far)

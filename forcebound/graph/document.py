@@ -1,0 +1,156 @@
+"""A launch file and the files that it includes, as one tree.
+
+``include: other.yaml`` at the top of a file is read the same way, and what the including file says
+overrides it, key by key. A section that names another ``kind`` is replaced as a whole, since the
+parameters of one kind mean nothing to another. An included file is looked for in the including
+one's folder, then among those that come with the package.
+
+``device: {include: device.yaml}`` takes the section ``device:`` of a file from ``forcebound
+identify``. A file of another kind of device is refused: its numbers would promise what this device
+does not keep.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from forcebound.errors import ConfigError
+from forcebound.files import read_text
+from forcebound.graph.arguments import Substitution
+from forcebound.graph.problems import Place, Problems, nearest_file
+from forcebound.graph.tree import Value, parse
+
+MAX_BYTES = 256_000  # a launch file is a page or two; more is a mistake, and slow to read
+DEVICE_FILE = "the file of the device"
+
+SHIPPED = Path(__file__).parents[1] / "launch_files"
+
+
+def find(path: Path, folder: Path = Path()) -> Path | None:
+    """Return the launch file meant by ``path`` in a folder: on disk, or else of those shipped."""
+    on_disk = folder / path
+    if not on_disk.is_file() and path.parent in (Path(), Path("launch")):
+        for name in (path.name, f"{path.name}.yaml"):
+            if name in shipped():
+                return SHIPPED / name
+    return on_disk if on_disk.exists() else None
+
+
+def folder_of(path: Path) -> Path:
+    """Return the folder of a launch file's own files; of a shipped one, the current folder."""
+    found = find(path)
+    return Path.cwd() if found is None or found.parent == SHIPPED else found.parent.resolve()
+
+
+def shipped() -> list[str]:
+    """Return the names of the launch files that come with the package."""
+    return sorted(path.name for path in SHIPPED.glob("*.yaml"))
+
+
+def descriptions() -> dict[str, str]:
+    """Return what each launch file of the package describes, by its name without ending."""
+    trees = {name: read(SHIPPED / name, Problems()) for name in shipped()}
+    return {
+        Path(name).stem: str(tree.entries["description"].content)
+        for name, tree in trees.items()
+        if tree is not None
+    }
+
+
+def missing(path: str | Path, folder: Path = Path()) -> str:
+    """Return the message for a launch file that does not exist, with the nearest one."""
+    named = folder / path
+    beside = [one.name for one in named.parent.glob("*.y*ml")]
+    guess = nearest_file(named.name, [*shipped(), *beside])
+    return (
+        f"there is no launch file {str(path)!r}; {guess}"
+        "`forcebound launch` lists those that come with forcebound"
+    )
+
+
+def read(path: Path, problems: Problems, including: tuple[Path, ...] = ()) -> Value | None:
+    """Return the tree of the file and all that it includes; None if nothing can be made of it."""
+    try:
+        text = read_text(path, "the launch file", MAX_BYTES)
+    except ConfigError as error:
+        problems.add(str(error), Place(""))
+        return None
+    root = parse(text, str(path), problems)
+    if root is None or "include" not in root.entries:
+        return root
+    named = Substitution(None, problems).apply(root.entries["include"])
+    if named.is_broken:
+        return None
+    found = None
+    if not isinstance(named.content, str):
+        problems.add(f"include must name one launch file, got {named}", named.place)
+    elif (found := find(Path(named.content), path.parent)) is None:
+        problems.add(missing(named.content, path.parent), named.place)
+    elif found.resolve() in (*including, path.resolve()):
+        files = (*including, path, found)
+        chain = " includes ".join(str(file.name) for file in files)
+        problems.add(f"files include each other: {chain}", named.place)
+        found = None
+    base = None if found is None else read(found, problems, (*including, path.resolve()))
+    return None if base is None else merge(base, root.without("include"))
+
+
+def merge(base: Value, above: Value) -> Value:
+    """Return ``base`` with all that ``above`` says laid over it; see the module's page."""
+    if not isinstance(base.content, Mapping) or not isinstance(above.content, Mapping):
+        return above
+    kinds = [side.entries["kind"].plain for side in (base, above) if "kind" in side.entries]
+    if len(kinds) == 2 and kinds[0] != kinds[1]:
+        return above
+    entries = dict(base.content)
+    for name, value in above.content.items():
+        if name == "arguments" and name in entries:
+            entries[name], value = _in_full(entries[name]), _in_full(value)
+        entries[name] = merge(entries[name], value) if name in entries else value
+    return above.with_entries(entries)
+
+
+def _in_full(arguments: Value) -> Value:
+    """``name: value`` as ``name: {default: value}``, so that help and choices stay."""
+    return arguments.with_entries(
+        {
+            name: value
+            if isinstance(value.content, Mapping)
+            else value.with_entries({"default": value})
+            for name, value in arguments.entries.items()
+        }
+    )
+
+
+def with_device_file(root: Value, problems: Problems) -> Value:
+    """Return a launch file with the file that its device includes under that section."""
+    section = root.entries.get("device")
+    if section is None or "include" not in section.entries:
+        return root
+    named, own = section.entries["include"], section.without("include")
+    base = None
+    if isinstance(named.content, str):
+        path = named.folder / named.text
+        try:
+            base = device_section(path, problems)
+            kind, meant = base.entries["kind"], own.entries.get("kind")
+            if meant is not None and kind.plain != meant.plain:
+                message = (
+                    f"{path} is of a device of the kind {kind}, this launch file is for {meant}"
+                )
+                raise ConfigError(f"{message}: identify this one with `forcebound identify`")
+        except ConfigError as error:
+            problems.add(str(error), named.place)
+            base = None
+    elif named.content is not None and not named.is_broken:
+        problems.add(f"device: include must name one file, got {named}", named.place)
+    device = own if base is None else merge(base, own)
+    return root.with_entries({**root.entries, "device": device})
+
+
+def device_section(path: Path, problems: Problems) -> Value:
+    """Return the section of the device in a file; ConfigError if it cannot be read or has none."""
+    root = parse(read_text(path, DEVICE_FILE, MAX_BYTES), str(path), problems)
+    device = None if root is None else root.entries.get("device")
+    if device is None or "kind" not in device.entries:
+        raise ConfigError(f"{path} has no section device: with a kind")
+    return device

@@ -1,0 +1,200 @@
+"""The configuration of a graph: frozen dataclasses in SI units.
+
+:mod:`forcebound.graph.loader` makes it from launch files, :mod:`forcebound.graph.resolved` writes
+it as plain JSON and reads that back.
+"""
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from forcebound.graph.names import Document
+from forcebound.graph.servo import ServoSettings, dissipation_of
+from forcebound.haptics.controllers import CONTROLLERS, ControllerModel
+from forcebound.haptics.devices import DEVICES, DeviceModel
+from forcebound.haptics.environments import ENVIRONMENTS, EnvironmentModel
+from forcebound.haptics.environments.fixtures import Fixtures, WithFixtures
+from forcebound.haptics.hands import OPERATORS, Operator
+from forcebound.haptics.laws import Dissipation
+from forcebound.haptics.parts import Table
+from forcebound.messages.control import Parameters
+from forcebound.network.ends import RemoteSection
+from forcebound.network.impairment import Impairment, check_delay
+from forcebound.quantities import NOT_NEGATIVE, POSITIVE, PROBABILITY, Ratio, Time, check_ranges
+
+FORMAT = 1  # version of the launch file format: the value of the key "forcebound"
+
+# Section -> name of a kind -> dataclass of its parameters.
+KINDS: Mapping[str, Table[Any]] = {
+    "device": DEVICES,
+    "operator": OPERATORS,
+    "controller": CONTROLLERS,
+    "environment": ENVIRONMENTS,
+}
+
+RUN_KEYS = ("description", "seed", "duration")  # fields of GraphConfig that are no sections
+
+
+@dataclass(frozen=True)
+class PartSpec:
+    """A part as it travels between processes: only a process that runs it makes it.
+
+    :func:`forcebound.graph.resolved.made` does.
+    """
+
+    kind: str  # of its section's table
+    values: Document  # its parameters, plain JSON values in SI units
+
+
+@dataclass(frozen=True)
+class DeviceFacts:
+    """Numbers of a device for the processes that do not make it."""
+
+    axes: int
+    dissipation: Dissipation
+    workspace: tuple[float, ...] | None  # m, edges; None: not stated
+
+    @classmethod
+    def of(cls, model: DeviceModel, servo: ServoSettings) -> "DeviceFacts":
+        """Return those of a device at the rate of its servo."""
+        return cls(model.axes, dissipation_of(model, servo), model.workspace)
+
+
+@dataclass(frozen=True)
+class DeviceConfig:
+    """The device, and how its servo runs."""
+
+    model: DeviceModel
+    servo: ServoSettings
+    stated: DeviceFacts | None = field(default=None, compare=False)  # of a model not made here
+
+    @property
+    def axes(self) -> int:
+        """Number of axes."""
+        return self.model.axes if self.stated is None else self.stated.axes
+
+    @property
+    def facts(self) -> DeviceFacts:
+        """What processes need that do not make the device."""
+        return self.stated or DeviceFacts.of(self.model, self.servo)
+
+
+@dataclass(frozen=True)
+class EnvironmentConfig:
+    """The virtual environment, and the time that it computes on top of what its code needs.
+
+    Attributes:
+        compute_delay: Time for an answer, during which it answers nothing else.
+        compute_jitter: Scale of the deviation from it, as of a link's delay.
+        compute_distribution: Of the deviation.
+        compute_correlation: Of a time with the one before.
+        compute_distribution_file: Table of the deviation, instead of a distribution.
+        compute_trace: File of recorded times, instead of delay and jitter.
+        fixtures: Guidance and limits beside the environment; null: none.
+
+    Raises:
+        ConfigError: If the settings of that time do not go together or a file cannot be read.
+    """
+
+    model: EnvironmentModel
+    compute_delay: Annotated[Time, NOT_NEGATIVE] = 0.0
+    compute_jitter: Annotated[Time, NOT_NEGATIVE] = 0.0
+    compute_distribution: Literal["uniform", "normal", "pareto", "paretonormal"] = "uniform"
+    compute_correlation: Annotated[Ratio, PROBABILITY] = 0.0
+    compute_distribution_file: Path | None = None
+    compute_trace: Path | None = None
+    fixtures: Fixtures | None = None
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+        check_delay(self, "compute_")
+
+    @property
+    def computation(self) -> Impairment:
+        """The time that it computes, in the words of a link."""
+        start = "compute_"
+        names = (name for name in BESIDE_MODEL if name.startswith(start))
+        return Impairment(**{name.removeprefix(start): getattr(self, name) for name in names})
+
+    @property
+    def served(self) -> EnvironmentModel:
+        """The model, with its fixtures."""
+        return self.model if self.fixtures is None else WithFixtures(self.model, self.fixtures)
+
+
+# Keys of the section `environment` that are not the model's own.
+BESIDE_MODEL = tuple(
+    field.name for field in dataclasses.fields(EnvironmentConfig) if field.name != "model"
+)
+
+
+@dataclass(frozen=True)
+class RealtimeConfig:
+    """Scheduling of the processes of a live run; see :mod:`forcebound.realtime`.
+
+    Attributes:
+        policy: Scheduling class: ``fifo`` goes before ordinary processes.
+        cores: Core of the chain of nodes: one that is chosen, none in particular, or its number.
+        lock_memory: Whether no page of memory may be moved to disk.
+        deep_sleep: Whether idle processors may sleep deeply; false costs energy.
+        spin: Time before an instant at which sleeping turns into spinning.
+    """
+
+    policy: Literal["fifo", "other"] = "fifo"
+    cores: Literal["auto", "none"] | Annotated[int, NOT_NEGATIVE] = "auto"
+    lock_memory: bool = True
+    deep_sleep: bool = True
+    spin: Annotated[Time, NOT_NEGATIVE] = 30e-6
+
+
+@dataclass(frozen=True)
+class RemoteConfig(RemoteSection):
+    """An environment on another machine: where the two meet, and who may; see docs/remote.md.
+
+    Attributes:
+        local: Whether the launcher starts the environment here, too.
+    """
+
+    local: bool = False
+
+
+@dataclass(frozen=True)
+class PhaseHead:
+    """Keys of a phase besides its settings."""
+
+    name: str
+    duration: Annotated[Time, POSITIVE]
+
+
+@dataclass(frozen=True)
+class Phase(PhaseHead):
+    """A part of a scripted run; see :mod:`forcebound.graph.phases`."""
+
+    settings: Parameters
+
+
+@dataclass(frozen=True)
+class GraphConfig:
+    """Everything that a run is made of; each part an object, or the :class:`PartSpec` of one.
+
+    Attributes:
+        description: In a sentence.
+        seed: Of everything random.
+        duration: From the moment when the force engages; with phases, theirs together.
+        links: Impairments by topic; a topic that is not named has a perfect link.
+        phases: One after the other, from the moment when the force engages.
+    """
+
+    seed: Annotated[int, NOT_NEGATIVE]
+    duration: Annotated[Time, POSITIVE]
+    device: DeviceConfig
+    operator: Operator | None  # None: no hand holds the device
+    environment: EnvironmentConfig
+    controller: ControllerModel
+    description: str = ""
+    links: Mapping[str, Impairment] = field(default_factory=dict)
+    realtime: RealtimeConfig = field(default_factory=RealtimeConfig)
+    remote: RemoteConfig | None = None
+    phases: tuple[Phase, ...] = ()

@@ -1,0 +1,232 @@
+"""Launch files read into configurations, with every problem reported at once.
+
+1. :mod:`forcebound.graph.document` reads the file, and those that it includes, into a tree.
+2. :mod:`forcebound.graph.arguments` finds the value of each argument and puts it where it is used.
+3. :mod:`forcebound.graph.model` makes the dataclasses of :mod:`forcebound.graph.graph` of it, and
+   :mod:`forcebound.graph.checks` checks what concerns several sections.
+
+Each step notes its problems and passes on what is sound, so that all of them are seen at once.
+"""
+
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any, TypeAlias
+
+from forcebound.errors import ConfigError, ForceboundError
+from forcebound.graph import checks
+from forcebound.graph.arguments import Argument, Arguments, Substitution
+from forcebound.graph.document import find, missing, read, with_device_file
+from forcebound.graph.graph import KINDS, RUN_KEYS, GraphConfig, PhaseHead
+from forcebound.graph.model import PHASES, form_of
+from forcebound.graph.names import LAW, Document, ParameterName
+from forcebound.graph.parameters import parameters, takeable_laws, unknown_parameter
+from forcebound.graph.phases import read_phases
+from forcebound.graph.problems import Problems, unknown
+from forcebound.graph.resolved import to_document
+from forcebound.graph.tree import Value, from_plain
+from forcebound.graph.users_code import tried
+from forcebound.haptics.parts.user_module import file_of, names_file
+from forcebound.messages.control import Parameters
+from forcebound.messages.topology import LINKS
+
+
+def load(path: str | Path, overrides: Sequence[str] = ()) -> GraphConfig:
+    """Return the configuration that a launch file describes.
+
+    Args:
+        path: A file; or the name of one that comes with forcebound: ``stiff_wall``.
+        overrides: Values for the file's arguments, each ``name:=value``.
+
+    Raises:
+        ConfigError: With every problem of the file and its place.
+    """
+    problems = Problems()
+    with _sane(path):
+        return build(_read(path, problems), overrides, problems)
+
+
+Trial: TypeAlias = Callable[[GraphConfig], None]  # raises ConfigError if it fails
+TRIAL_S = 60.0  # for loading users' files (imports, a mesh, compilation) and the trial
+
+
+def load_tried(
+    path: str | Path, overrides: Sequence[str] = (), trial: Trial | None = None
+) -> GraphConfig:
+    """Return the same as :func:`load`, for a command in the foreground, after a further ``trial``.
+
+    Files of the user's own are loaded, and the graph is tried, in a process of its own first, where
+    they may hang or exit. This process then loads them, too, and calls nothing. The log says what
+    is not certified. ConfigError also if the user's code was too slow or ended its process.
+    """
+    problems = Problems()
+    with _sane(path):
+        filled = _filled(_read(path, problems), overrides, problems)
+    files = user_files(filled)
+    if files:
+        tried(partial(_try, path, overrides, trial), files, TRIAL_S)
+    with _sane(path):
+        config = _build(filled, problems, asks=not files)
+    if trial is not None and not files:
+        trial(config)
+    checks.warn(config)
+    return config
+
+
+def _try(path: str | Path, overrides: Sequence[str], trial: Trial | None) -> bytes:
+    """Load a launch file for its problems alone, in the process of :func:`load_tried`."""
+    config = load(path, overrides)
+    if trial is not None:
+        trial(config)
+    return b""
+
+
+def read_template(path: str | Path) -> Value:
+    """Return a launch file with its arguments still open, to :func:`build` it many times."""
+    problems = Problems()
+    root = _read(path, problems)
+    problems.raise_if_any()
+    return root
+
+
+def build(
+    template: Value, overrides: Sequence[str] = (), problems: Problems | None = None
+) -> GraphConfig:
+    """Return the configuration of a launch file that :func:`read_template` has read."""
+    problems = Problems() if problems is None else problems
+    return _build(_filled(template, overrides, problems), problems)
+
+
+def _filled(template: Value, overrides: Sequence[str], problems: Problems) -> Value:
+    """The template with its arguments' values in their places."""
+    arguments = Arguments(template, problems)
+    substitution = Substitution(arguments.values(overrides), problems)
+    filled = substitution.apply(template.without("arguments"))
+    arguments.note_unused(overrides, substitution.used)
+    return with_device_file(filled, problems)
+
+
+def arguments_of(path: str | Path) -> list[Argument]:
+    """Return the arguments that a launch file declares, in its order."""
+    problems = Problems()
+    arguments = Arguments(_read(path, problems), problems)
+    problems.raise_if_any()
+    return list(arguments.declared.values())
+
+
+def from_document(document: Document) -> GraphConfig:
+    """Return the configuration of a resolved document that may have been changed."""
+    return _build(from_plain(document, "document"), Problems())
+
+
+def change(config: GraphConfig, settings: Parameters) -> GraphConfig:
+    """Return the configuration with other parameters, checked as a launch file is.
+
+    The new values are by name, in SI units or text with their unit. ConfigError if there is no such
+    parameter, or it cannot have this value.
+    """
+    known = parameters(config)
+    for name in settings:
+        if name not in known:
+            raise ConfigError(unknown_parameter(name, config))
+    _check_law(settings.get(LAW, known[LAW]), known[LAW])
+    document = to_document(config)
+    for name, value in settings.items():
+        ParameterName.parse(name).put(document, value)
+    try:
+        return from_document(document)
+    except ConfigError as error:  # the places are names of parameters: they need no other words
+        raise ConfigError(re.sub(r"^document: ", "", str(error), flags=re.MULTILINE)) from None
+
+
+def _check_law(law: Any, present: str) -> None:
+    """Refuse a law that a running device cannot take."""
+    if law == present or law in takeable_laws():
+        return
+    message = unknown("law", str(law), takeable_laws())
+    if names_file(str(law)):
+        message = "a law of your own needs a launch of its own: law:=FILE.py"
+    raise ConfigError(f"{LAW}: {message}")
+
+
+@contextmanager
+def _sane(path: str | Path) -> Iterator[None]:
+    """Turn what a value raises that no launch file has, such as a name with a zero byte."""
+    try:
+        yield
+    except ForceboundError:
+        raise
+    except (ValueError, OverflowError, RecursionError, OSError) as error:
+        raise ConfigError(f"{path}: it holds what no launch file has: {error}") from error
+
+
+def _read(path: str | Path, problems: Problems) -> Value:
+    found = find(Path(path))
+    if found is None:
+        raise ConfigError(missing(path))
+    root = read(found, problems)
+    if root is None:
+        raise problems.error()
+    return root
+
+
+def user_files(root: Value) -> list[Path]:
+    """Return the files of the user's own that a launch file names."""
+    kinds = [root.entries[name].entries.get("kind") for name in KINDS if name in root.entries]
+    if "device" in root.entries:
+        kinds.append(root.entries["device"].entries.get("law"))
+    named = [kind for kind in kinds if kind is not None and names_file(kind.text)]
+    return list(dict.fromkeys(file_of(kind.text, kind.folder) for kind in named))
+
+
+def _build(root: Value, problems: Problems, asks: bool = True) -> GraphConfig:
+    """Return what the tree says; ``asks``: whether to call a user's own parts once."""
+    form, root = form_of(root, problems)
+    made = form.read(root, problems)
+    made["links"] = {t: made[f"links.{t}"] for t in LINKS if f"links.{t}" in made}
+    _check_together(made, root, problems, asks)
+    problems.raise_if_any()
+    names = (*KINDS, "links", "realtime", "remote", *RUN_KEYS)
+    known = {name: made[name] for name in names if name in made}
+    config = GraphConfig(**{"operator": None, "duration": 1.0, **known})
+    if PHASES not in root.entries:
+        return config
+    heads = [PhaseHead(one["name"], one["duration"]) for one in made[PHASES]]
+    phases = read_phases(root, heads, config, partial(_build, asks=asks), problems)
+    problems.raise_if_any()
+    return replace(config, phases=phases, duration=sum(phase.duration for phase in phases))
+
+
+def _check_together(made: Mapping[str, Any], root: Value, problems: Problems, asks: bool) -> None:
+    """Check what concerns several sections, as far as they could be made."""
+    device, environment = made.get("device"), made.get("environment")
+    controller, operator = made.get("controller"), made.get("operator")
+
+    def check(section: str, what: Callable[..., None], *arguments: Any) -> bool:
+        try:
+            what(*arguments)
+        except ConfigError as error:
+            value = root.entries[section]
+            at = value.entries.get(error.field or "")
+            place = value.key or value.place if at is None else at.place
+            problems.add(f"{section}: {error}", place, None if at is None else at.related)
+            return False
+        return True
+
+    if device is None or not check("device", checks.check_device, device):
+        return
+    axes = device.model.axes
+    if asks:
+        check("device", checks.check_law, device)
+    if operator is not None:
+        check("operator", checks.check_path, operator, axes)
+    answers_states = controller is not None and controller.answers_states
+    if environment is not None and not answers_states:
+        check("device", checks.check_delays, device.servo, environment, made["links"])
+    if environment is not None and asks:
+        check("environment", checks.check_part, "environment", environment.model, axes)
+    if controller is not None and asks:
+        check("controller", checks.check_part, "controller", controller, axes)

@@ -1,0 +1,215 @@
+"""The resolved launch document: a configuration as plain JSON in SI units, and back.
+
+It is itself a launch file, without arguments and with every value written out. Every recording
+holds it. The processes of a run read it with :func:`restore`, which checks nothing again and makes
+no part; each process makes the part that it runs (:func:`made`).
+"""
+
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import Any
+
+import msgspec
+
+from forcebound.errors import ConfigError
+from forcebound.graph.fields import fields_of
+from forcebound.graph.graph import (
+    BESIDE_MODEL,
+    FORMAT,
+    KINDS,
+    DeviceConfig,
+    DeviceFacts,
+    EnvironmentConfig,
+    GraphConfig,
+    PartSpec,
+    Phase,
+    RealtimeConfig,
+    RemoteConfig,
+)
+from forcebound.graph.names import Document, ParameterName
+from forcebound.graph.servo import ServoSettings
+from forcebound.haptics.parts.plain import plain, plain_value
+from forcebound.messages.control import Parameters
+from forcebound.network.impairment import Impairment
+
+FACTS = "facts"  # key of a run's document beside those of a launch file: numbers of the device
+
+
+def to_document(config: GraphConfig) -> Document:
+    """Return the configuration as plain JSON in SI units, for :func:`restore`."""
+    device, environment = config.device, config.environment
+    beside = {name: plain_value(getattr(environment, name)) for name in BESIDE_MODEL}
+    document: Document = {
+        "forcebound": FORMAT,
+        "description": config.description,
+        "seed": config.seed,
+        "duration": config.duration,
+        "device": {**member_document("device", device.model), **plain(device.servo)},
+        "controller": member_document("controller", config.controller),
+        "environment": {**member_document("environment", environment.model), **beside},
+        "links": {topic: plain(impairment) for topic, impairment in config.links.items()},
+        "realtime": plain(config.realtime),
+    }
+    if config.operator is not None:
+        document["operator"] = member_document("operator", config.operator)
+    if config.remote is not None:
+        document["remote"] = plain(config.remote)
+    if config.phases:
+        document["phases"] = [
+            {"name": phase.name, "duration": phase.duration, "set": dict(phase.settings)}
+            for phase in config.phases
+        ]
+    return document
+
+
+def run_document(config: GraphConfig) -> Document:
+    """Return the document for the processes of a run: with facts of the device."""
+    return {**to_document(config), FACTS: plain(config.device.facts)}
+
+
+def kind_of(section: str, member: object) -> str:
+    """Return the ``kind`` that a launch file gives to ``member``; ConfigError if it has none."""
+    kind = KINDS[section].kind_of(type(member))
+    if kind is None:
+        raise ConfigError(
+            f"no kind of {section} is a {type(member).__name__}: keep the class in a file and name"
+            " it in a launch file, kind: my_file.py"
+        )
+    return kind
+
+
+def member_document(section: str, member: object) -> Document:
+    """Return kind and parameters of a member of a section, in plain JSON types."""
+    if isinstance(member, PartSpec):
+        return {"kind": member.kind, **member.values}
+    return {"kind": kind_of(section, member), **plain(member)}
+
+
+def check_plain(part: Any) -> None:
+    """Raise ConfigError if JSON has no type or value for a parameter of a part."""
+    for name, value in plain(part).items():
+        try:
+            json.dumps(value, allow_nan=False)
+        except (TypeError, ValueError) as error:
+            raise ConfigError(f"{name} cannot be written down: {error}") from None
+
+
+def restore(document: Document) -> GraphConfig:
+    """Return the configuration of an unchanged document, its parts as :class:`PartSpec`.
+
+    :func:`forcebound.graph.loader.from_document` checks one that may have been changed.
+
+    Raises:
+        ConfigError: If it is no such document, or a file that it names is gone.
+    """
+    with _refusing("this is no resolved launch document"):
+        return _graph(document)
+
+
+def made(section: str, part: Any) -> Any:
+    """Return a part, made if it is a :class:`PartSpec`; ConfigError if it cannot be."""
+    if not isinstance(part, PartSpec):
+        return part
+    with _refusing(f"the {section} {part.kind} cannot be made"):
+        return _restored(KINDS[section][part.kind], part.values)
+
+
+def with_parts(config: GraphConfig, of_users: bool = True) -> GraphConfig:
+    """Return the configuration with its parts made; ``of_users``: also those of others' code."""
+
+    def part(section: str, one: Any) -> Any:
+        is_foreign = isinstance(one, PartSpec) and not KINDS[section].is_shipped(one.kind)
+        return one if is_foreign and not of_users else made(section, one)
+
+    return replace(
+        config,
+        device=replace(config.device, model=part("device", config.device.model)),
+        operator=part("operator", config.operator),
+        controller=part("controller", config.controller),
+        environment=replace(
+            config.environment, model=part("environment", config.environment.model)
+        ),
+    )
+
+
+def with_parameters(config: GraphConfig, settings: Parameters) -> GraphConfig:
+    """Return the configuration with other parameters: plain JSON values, checked before, by name.
+
+    Its environment is a :class:`PartSpec` if a parameter of it changes. ConfigError if there is no
+    such parameter, or a file that one names is gone.
+    """
+    document = to_document(config)
+    names = {ParameterName.parse(name): value for name, value in settings.items()}
+    with _refusing("these are no parameters of this graph"):
+        for name, value in names.items():
+            if name.topic is not None:
+                document["links"].setdefault(name.topic, plain(Impairment()))
+            name.put(document, value)
+        changed = _graph(document)
+    has_environment = any(name.section == "environment" for name in names)
+    return replace(
+        config,
+        device=replace(config.device, servo=changed.device.servo),
+        links=changed.links,
+        environment=changed.environment if has_environment else config.environment,
+    )
+
+
+@contextmanager
+def _refusing(words: str) -> Iterator[None]:
+    """Turn what the values of a document raise into a ConfigError."""
+    try:
+        yield
+    except (KeyError, TypeError, AttributeError, msgspec.ValidationError) as error:
+        raise ConfigError(f"{words}: {error!r}") from error
+
+
+def _graph(document: Document) -> GraphConfig:
+    remote, operator, facts = (document.get(name) for name in ("remote", "operator", FACTS))
+    device, environment = document["device"], document["environment"]
+    stated = None if facts is None else _restored(DeviceFacts, facts)
+    return GraphConfig(
+        description=document["description"],
+        seed=document["seed"],
+        duration=float(document["duration"]),
+        device=DeviceConfig(_spec("device", device), _restored(ServoSettings, device), stated),
+        operator=None if operator is None else _spec("operator", operator),
+        controller=_spec("controller", document["controller"]),
+        environment=EnvironmentConfig(
+            _spec("environment", environment),
+            **_values(EnvironmentConfig, environment, BESIDE_MODEL),
+        ),
+        links={t: _restored(Impairment, link) for t, link in document["links"].items()},
+        realtime=_restored(RealtimeConfig, document["realtime"]),
+        remote=None if remote is None else _restored(RemoteConfig, remote),
+        phases=tuple(
+            Phase(phase["name"], float(phase["duration"]), phase["set"])
+            for phase in document.get("phases", ())
+        ),
+    )
+
+
+def _spec(section: str, document: Document) -> Any:
+    """The part of a section; as a configuration has it, so of any type."""
+    settings = {"device": fields_of(ServoSettings), "environment": BESIDE_MODEL}.get(section, ())
+    values = {n: v for n, v in document.items() if n != "kind" and n not in settings}
+    return PartSpec(document["kind"], values)
+
+
+def _restored(kind: type, document: Document) -> Any:
+    """A dataclass with its values in a document."""
+    return kind(**_values(kind, document))
+
+
+def _path(kind: type, value: Any) -> Any:  # the only type here that JSON does not have
+    return kind(value)
+
+
+def _values(kind: type, document: Document, names: tuple[str, ...] | None = None) -> Document:
+    return {
+        field.name: msgspec.convert(document[field.name], field.hint, dec_hook=_path)
+        for field in fields_of(kind, names).values()
+        if field.required or field.name in document  # a recording may be older than a setting
+    }

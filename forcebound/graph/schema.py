@@ -1,0 +1,105 @@
+"""The JSON schema of launch files, for editors.
+
+The schema is less strict than the loader: a key that an included file may give is not required
+here, and units are text. What it refuses, the loader refuses too.
+"""
+
+from collections.abc import Mapping
+from typing import Any, TypeAlias
+
+from forcebound.graph.fields import Field, fields_of
+from forcebound.graph.forms import Form
+from forcebound.graph.graph import FORMAT, KINDS, RUN_KEYS, GraphConfig
+from forcebound.graph.model import BESIDE, FIXED
+from forcebound.haptics.laws import LAWS
+
+Schema: TypeAlias = dict[str, Any]
+
+SUBSTITUTION = {"type": "string", "pattern": r"\$[({]", "description": "$(arg x) or ${env:X}"}
+_FILE_KIND = {"type": "string", "pattern": r"\.py(:[A-Za-z_][A-Za-z0-9_]*)?$"}  # of the user's own
+_SCALAR = {"type": ["string", "number", "boolean", "null"]}
+
+
+def json_schema() -> Schema:
+    """Return the JSON schema (draft 2020-12) of a launch file; a quantity is a number or text."""
+    argument = {
+        "default": _SCALAR,
+        "help": {"type": "string"},
+        "choices": {"type": "array", "items": _SCALAR},
+    }
+    fixed = {name: _form(form) for name, form in FIXED.items()}
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "forcebound launch file",
+        **_mapping(
+            {
+                "forcebound": {"const": FORMAT, "description": "version of the format"},
+                "include": {"type": "string", "description": "launch file that this one overrides"},
+                "identified": {"type": "object", "description": "where its numbers come from"},
+                "arguments": {
+                    "type": ["object", "null"],
+                    "additionalProperties": {"anyOf": [_SCALAR, _mapping(argument)]},
+                },
+                **properties(fields_of(GraphConfig, RUN_KEYS)),
+                **{name: _kinds(name) for name in KINDS},
+                **fixed,
+            }
+        ),
+        "required": ["forcebound"],
+    }
+
+
+def _mapping(properties: Schema) -> Schema:
+    return {
+        "type": ["object", "null"],
+        "properties": dict(properties),
+        "additionalProperties": False,
+    }
+
+
+def _form(form: Form) -> Schema:
+    inner = {name: _form(one) for name, one in form.inner.items()}
+    schema = _mapping({**properties(form.fields), **inner})
+    return {"type": "array", "items": schema} if form.is_list else schema
+
+
+def _kinds(section: str) -> Schema:
+    """One alternative for each kind; the kind itself may come from an included file."""
+    beside = properties(BESIDE.get(section, {}))
+    if section == "device":
+        beside["include"] = {"type": ["string", "null"]}
+    alternatives = []
+    for name, kind in sorted(KINDS[section].usable().items()):
+        chosen = {"kind": {"anyOf": [{"const": name}, SUBSTITUTION]}}
+        alternatives.append(_mapping({**chosen, **properties(fields_of(kind)), **beside}))
+    # In a user's file any parameters: only that file knows them.
+    known = {"kind": _FILE_KIND, **beside}
+    alternatives.append({"type": "object", "properties": known, "required": ["kind"]})
+    return {"anyOf": alternatives}
+
+
+def properties(fields: Mapping[str, Field]) -> Schema:
+    """Return the schema of each of some fields, by name."""
+    schema = Form("", fields).adapter.json_schema()
+    definitions = schema.get("$defs", {})
+    found = {}
+    for name, field in fields.items():
+        value = _inlined(schema["properties"][name], definitions)
+        if field.name == "law":
+            value = {"anyOf": [{"enum": sorted(LAWS)}, _FILE_KIND]}
+        described: Schema = {"anyOf": [value, SUBSTITUTION]}
+        if not field.required and isinstance(field.default, str | int | float):
+            described["default"] = field.default
+        found[name] = described
+    return found
+
+
+def _inlined(schema: Any, definitions: Schema) -> Any:
+    """Return a schema with what it refers to in place of the references."""
+    if isinstance(schema, list):
+        return [_inlined(entry, definitions) for entry in schema]
+    if not isinstance(schema, Mapping):
+        return schema
+    if "$ref" in schema:
+        return _inlined(definitions[schema["$ref"].rpartition("/")[2]], definitions)
+    return {name: _inlined(entry, definitions) for name, entry in schema.items()}

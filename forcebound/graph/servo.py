@@ -1,0 +1,122 @@
+"""Settings of a servo, and what a law relies on for a device at its rate."""
+
+import math
+from dataclasses import dataclass, fields
+from functools import cached_property
+from typing import Annotated, Literal
+
+from forcebound.errors import ConfigError
+from forcebound.haptics.devices import DeviceModel
+from forcebound.haptics.laws import Dissipation
+from forcebound.haptics.laws.dissipation import StatedNumbers
+from forcebound.haptics.laws.hold_limit import FIXED, FLOOR
+from forcebound.quantities import (
+    NOT_NEGATIVE,
+    POSITIVE,
+    Energy,
+    Frequency,
+    Range,
+    Ratio,
+    Time,
+    check_ranges,
+)
+
+SLOWEST, FASTEST = 0.1, 1e6  # Hz; beyond, a period in whole ns is coarse, or no servo
+LONGEST_HOLD = 1e6  # periods
+
+
+@dataclass(frozen=True)
+class ServoSettings:
+    """Settings of the servo of the device node.
+
+    Attributes:
+        law: Bounding law, a key of ``forcebound.haptics.laws.LAWS``.
+        rate: Of the servo.
+        reply_wait: Share of the period between reading and writing.
+        hold_limit: Periods that a force may be held: T_max; auto: as short as the lateness of the
+            ticks allows, or 1.25 for a device that cannot be given another one.
+        allowance: Energy that the hand may get out of holds longer than the hold limit, which is
+            paid back before more force comes; 0: none.
+        energy_cap: Most energy that the law keeps for later; auto: what the saturation can use.
+        age_limit: An answer to an older state gives no force.
+        engage_time: From no force to full force.
+        velocity_cutoff: Of the low-pass on the backward difference.
+    """
+
+    law: str = "certified"
+    rate: Annotated[Frequency, Range(at_least=SLOWEST, at_most=FASTEST)] = 1000.0
+    reply_wait: Annotated[Ratio, Range(at_least=0, below=1)] = 0.4
+    hold_limit: Literal["auto"] | Annotated[Ratio, Range(at_least=1, at_most=LONGEST_HOLD)] = "auto"
+    allowance: Annotated[Energy, NOT_NEGATIVE] = 0.0
+    energy_cap: Literal["auto"] | Annotated[Energy, POSITIVE] = "auto"
+    age_limit: Annotated[Time, POSITIVE] = 0.1
+    engage_time: Annotated[Time, NOT_NEGATIVE] = 0.1
+    velocity_cutoff: Annotated[Frequency, POSITIVE] = 100.0
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+
+    @cached_property
+    def period_ns(self) -> int:
+        """Sampling period, in ns."""
+        return round(1e9 / self.rate)
+
+    @cached_property
+    def reply_wait_ns(self) -> int:
+        """Time from reading to writing, in ns."""
+        return round(self.reply_wait * self.period_ns)
+
+    @cached_property
+    def age_limit_ns(self) -> int:
+        """Age limit, in ns."""
+        return round(self.age_limit * 1e9)
+
+    @cached_property
+    def engage_time_ns(self) -> int:
+        """Time from no force to full force, in ns."""
+        return round(self.engage_time * 1e9)
+
+    @property
+    def longest_hold(self) -> float:
+        """Longest time that a force may be held, T_max, in s; with auto that of punctual ticks."""
+        return self._periods(FLOOR)
+
+    @property
+    def opening_hold(self) -> float:
+        """The hold limit with which a device is opened, in s: it may know no other one."""
+        return self._periods(FIXED)
+
+    def _periods(self, learned: float) -> float:
+        periods = learned if self.hold_limit == "auto" else self.hold_limit
+        return round(periods * self.period_ns) * 1e-9
+
+
+def dissipation_of(model: DeviceModel, servo: ServoSettings) -> Dissipation:
+    """Return what laws rely on, for this device at this rate; ConfigError if it does not fit."""
+    stated = {each.name: getattr(model, each.name) for each in fields(StatedNumbers)}
+    if model.watchdog == "silent" and model.watchdog_tolerance is None:
+        raise ConfigError(
+            "a silent watchdog needs watchdog_tolerance, the share of the hold limit by which it"
+            " may be early or late",
+            field="watchdog_tolerance",
+        )
+    dissipation = Dissipation(
+        **{
+            **stated,
+            "watchdog_tolerance": model.watchdog_tolerance or 0.0,
+            "watchdog_limit": model.longest_force,
+            "largest_speed": model.largest_speed or math.inf,
+        },
+        period=servo.period_ns * 1e-9,
+        hold_limit=servo.longest_hold,
+        allowance=servo.allowance,
+        energy_cap=None if servo.energy_cap == "auto" else servo.energy_cap,
+    )
+    certain = 1.0 - dissipation.watchdog_tolerance  # share of the hold limit
+    if servo.hold_limit != "auto" and servo.hold_limit * certain < 1.0:
+        raise ConfigError(
+            f"a watchdog with a tolerance of {dissipation.watchdog_tolerance:.0%} may drop a force"
+            f" before the period is over: expected a hold_limit of at least {1.0 / certain:.3g}"
+            f" periods, or auto, got {servo.hold_limit:g}"
+        )
+    return dissipation

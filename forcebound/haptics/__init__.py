@@ -1,0 +1,1 @@
+"""The parts of a loop: laws, devices, hands, controllers, environments."""

@@ -1,0 +1,103 @@
+"""Controllers: what connects the device with the environment.
+
+A controller is a frozen dataclass of its parameters (:class:`ControllerModel`) whose ``open``
+returns the :class:`Controller` that the controller node calls: for each device state, first
+``on_state``, then ``query``; for each reply of the environment, ``on_reply``. Each force that one
+of them returns is commanded at once, as the answer to that state, or to the state that the reply
+answers. The device takes no answer to an older state than the one it has taken.
+
+The bounder at the device keeps every controller passive. A controller that answers states by itself
+should let its force end when replies stay away: nobody else knows that the environment is gone.
+
+To add a controller: copy ``direct.py`` to ``my_controller.py``, add one line to ``CONTROLLERS``;
+``tests/test_controllers.py`` tests it with all the others, and launch files know it as
+``controller: {kind: my_controller}``. Or name a file of your own
+(docs/write-your-own-controller.md).
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import ClassVar, NamedTuple
+
+from forcebound.haptics.parts import Form, Table
+from forcebound.messages.packets import DeviceState, EnvironmentReply, Vector
+
+
+class Notice(NamedTuple):
+    """Something that people should know; it becomes an event, a fault of the run."""
+
+    event: str  # what kind, in one word
+    message: str  # for people
+
+
+class Controller(ABC):
+    """An open controller, which may keep state; ``query`` alone has no default.
+
+    The same calls, in the same order from ``open`` on, return the same forces.
+    """
+
+    @abstractmethod
+    def query(self, state: DeviceState) -> tuple[Vector, Vector]:
+        """Return the position, in m, and velocity, in m/s, to send to the environment."""
+
+    def on_state(self, state: DeviceState, time_ns: int) -> Vector | None:
+        """Return the force to command now, in N, one entry per axis; None: no command.
+
+        Args:
+            state: Of the device.
+            time_ns: Now, on the clock of the controller's process, in ns.
+        """
+        return None
+
+    def on_reply(self, reply: EnvironmentReply, time_ns: int) -> Vector | None:
+        """Return the force to command now, in N, one entry per axis; None: no command.
+
+        Args:
+            reply: Of the environment; ``reply.force`` is a force on the device, in N.
+            time_ns: As for :meth:`on_state`.
+        """
+        return None
+
+    def notices(self) -> Sequence[Notice]:
+        """Return what has happened since the last call; called after each state."""
+        return ()
+
+    def close(self) -> None:
+        """Release what ``open`` took; called once."""
+
+
+class ControllerModel(ABC):
+    """Parameters of a kind of controller: a frozen dataclass.
+
+    Attributes:
+        answers_states: Whether ``on_state`` returns forces, so that an environment may be further
+            away than the device's age limit.
+    """
+
+    answers_states: ClassVar[bool] = False
+
+    @abstractmethod
+    def open(self, axes: int) -> Controller:
+        """Return a new controller in its initial state, for vectors of this many entries."""
+
+    def cautions(self, damping: float, period: float, delay: float) -> Sequence[str]:
+        """Return what to know about the parameters before a start, a sentence each; it is logged.
+
+        Args:
+            damping: Least damping of the device, in N s/m.
+            period: Of its servo, in s.
+            delay: From reading to writing, in s.
+        """
+        return ()
+
+
+CONTROLLERS: Table[type[ControllerModel]] = Table(
+    "controllers",
+    {
+        "direct": "forcebound.haptics.controllers.direct:DirectController",
+        "local_model": "forcebound.haptics.controllers.local_model:LocalModel",
+        "scaled": "forcebound.haptics.controllers.scaled:Scaled",
+        "virtual_coupling": "forcebound.haptics.controllers.virtual_coupling:VirtualCoupling",
+    },
+    Form("forcebound.haptics.controllers:ControllerModel"),
+)

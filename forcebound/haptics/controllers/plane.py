@@ -1,0 +1,163 @@
+"""A local plane, estimated from what the environment answers (``docs/controllers.md``).
+
+An environment that tells its contact tells the plane's direction and offset; stiffness and damping
+are estimated from depth and speed (:class:`SpringDamper`), friction is a mean over answers in which
+the hand slid. One that tells only forces: the direction is that of the force; stiffness and damping
+follow from *pairs* of answers, whose difference does not depend on the offset, so neither a wall
+that moves now and then nor a plane that turns (to first order) disturbs them; the offset then
+follows from the newest answer alone. A free answer moves the plane back.
+
+Source: contact models of stiffness and damping from the answers: Verscheure, De Schutter et al.
+2010; Li and Song 2007.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from forcebound.haptics.controllers.spring_damper import SpringDamper
+from forcebound.haptics.controllers.vectors import across, dot
+from forcebound.messages.packets import Contact, Vector
+
+NO_FORCE = 1e-9  # N; less is none
+PAIR_WAY = 1e-4  # m; of a hand
+PAIR_NS = 50_000_000  # ns; an older answer makes no pair
+TURNED = math.cos(math.radians(30.0))  # a surface that has turned further is another one
+SOFTEST = 1.0  # N/m; less cannot be told from a constant force
+GUESS = 1e3  # N/m, of a surface that was never seen from outside
+SLIDING = 0.005  # m/s along the plane, from which friction is estimated
+FRICTION_SHARE = 0.05  # weight of a new friction coefficient
+
+
+class Asked(NamedTuple):
+    """What the environment was asked about, and when."""
+
+    position: Vector  # m
+    velocity: Vector  # m/s
+    time_ns: int  # device's clock
+
+
+@dataclass(frozen=True)
+class Plane:
+    """A plane that resists what enters it."""
+
+    inwards: Vector  # unit vector u into the solid
+    offset: float  # c, m
+    stiffness: float  # k, N/m
+    damping: float = 0.0  # b, N s/m
+    friction: float = 0.0  # coefficient of the friction along it
+
+    def depth(self, position: Vector) -> float:
+        """Return how deep a position lies behind the surface, in m; negative before it."""
+        return dot(position, self.inwards) - self.offset
+
+    def energy(self, position: Vector) -> float:
+        """Return what its spring stores at a position, in J."""
+        return 0.5 * self.stiffness * max(self.depth(position), 0.0) ** 2
+
+    def at(self, offset: float) -> "Plane":
+        """Return the same plane at another offset."""
+        return Plane(self.inwards, offset, self.stiffness, self.damping, self.friction)
+
+
+class PlaneEstimator:
+    """The plane that the answers tell of; None until the first contact.
+
+    ``forgetting`` is the weight of the information before at each new sample, 0 to 1, ``stiffest``
+    the largest stiffness believed, in N/m, ``pair_way`` the way along u between the two answers of
+    a pair, in m.
+    """
+
+    def __init__(self, forgetting: float, stiffest: float, pair_way: float = PAIR_WAY) -> None:
+        self._forgetting = forgetting
+        self._stiffest = stiffest
+        self._pair_way = pair_way
+        self.plane: Plane | None = None
+        self._free: Asked | None = None  # the last answer without contact
+        self._first: tuple[Asked, float] | None = None  # of the next pair, with its force
+        self._friction = 0.0
+        self._spring = SpringDamper(forgetting)
+
+    def take(self, asked: Asked, force: Vector, contact: Contact | None = None) -> None:
+        """Take an answer in: the force, in N, and the contact if the environment tells it."""
+        magnitude = math.hypot(*force)
+        if contact is not None:
+            self._take_told(asked, force, contact)
+        elif magnitude > NO_FORCE:
+            self._take_force(asked, tuple([f / magnitude for f in force]), magnitude)
+        else:
+            self._take_free(asked)
+
+    def _take_free(self, asked: Asked) -> None:
+        self._free, self._first = asked, None
+        plane = self.plane
+        if plane is not None and (depth := plane.depth(asked.position)) > 0.0:
+            self.plane = plane.at(plane.offset + depth)
+
+    def _take_told(self, asked: Asked, force: Vector, contact: Contact) -> None:
+        """Take in an answer that tells where the surface is."""
+        inwards = tuple([-n for n in contact.normal])
+        self._begin_surface(inwards)
+        offset, pressed = dot(contact.proxy, inwards), dot(force, inwards)
+        speed = dot(asked.velocity, inwards)
+        if pressed > NO_FORCE:  # else the damper has taken it all
+            self._spring.add(dot(asked.position, inwards) - offset, speed, pressed)
+            self._take_friction(asked, inwards, across(force, inwards), pressed)
+        self.plane = self._known(inwards, offset)
+
+    def _take_force(self, asked: Asked, inwards: Vector, pressed: float) -> None:
+        """Take in an answer that tells only the force."""
+        self._begin_surface(inwards)
+        self._take_pair(asked, inwards, pressed)
+        place = dot(asked.position, inwards)
+        if not self._spring.samples:
+            stiffness = min(max(self._guess(place, inwards, pressed), SOFTEST), self._stiffest)
+            self.plane = Plane(inwards, place - pressed / stiffness, stiffness)
+            return
+        known = self._known(inwards, place)
+        elastic = max(pressed - known.damping * dot(asked.velocity, inwards), 0.0)
+        self.plane = known.at(place - elastic / known.stiffness)
+
+    def _begin_surface(self, inwards: Vector) -> None:
+        """Forget a surface that looks another way."""
+        if self.plane is not None and dot(self.plane.inwards, inwards) < TURNED:
+            self._spring = SpringDamper(self._forgetting)
+            self._first, self._friction = None, 0.0
+
+    def _take_pair(self, asked: Asked, inwards: Vector, pressed: float) -> None:
+        if self._first is None:
+            self._first = asked, pressed
+            return
+        before, pressed_before = self._first
+        way = dot(asked.position, inwards) - dot(before.position, inwards)
+        if abs(way) < self._pair_way:
+            if asked.time_ns - before.time_ns > PAIR_NS:
+                self._first = asked, pressed
+            return
+        speed = dot(asked.velocity, inwards) - dot(before.velocity, inwards)
+        self._spring.add(way, speed, pressed - pressed_before)
+        self._first = asked, pressed
+
+    def _take_friction(
+        self, asked: Asked, inwards: Vector, tangential: Vector, pressed: float
+    ) -> None:
+        slip = across(asked.velocity, inwards)
+        speed = math.hypot(*slip)
+        if speed < SLIDING:
+            return
+        coefficient = max(dot(tangential, slip) / speed / pressed, 0.0)
+        self._friction += FRICTION_SHARE * (coefficient - self._friction)
+
+    def _known(self, inwards: Vector, offset: float) -> Plane:
+        """The plane with the stiffness, damping and friction known so far."""
+        stiffness = min(max(self._spring.stiffness, SOFTEST), self._stiffest)
+        damping = max(self._spring.damping, 0.0)
+        return Plane(inwards, offset, stiffness, damping, self._friction)
+
+    def _guess(self, place: float, inwards: Vector, pressed: float) -> float:
+        """A stiffness, in N/m, rather too small: the surface is behind the last free place."""
+        if self._free is not None:
+            way = place - dot(self._free.position, inwards)
+            if way > 0.0:
+                return pressed / way
+        return self.plane.stiffness if self.plane is not None else GUESS

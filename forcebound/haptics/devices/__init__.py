@@ -1,0 +1,242 @@
+"""Devices: what the hand holds.
+
+A device is a frozen dataclass of its parameters (:class:`DeviceModel`) whose ``open`` returns the
+:class:`Device` that the device node reads and writes. Damping and friction are *minimum* values:
+the bounder's guarantee rests on them, so state where they come from (measured, data sheet).
+
+To add a device: copy ``phantom.py`` to ``my_device.py``, add one line to ``DEVICES``;
+``tests/test_devices.py`` tests it with all the others, and launch files know it as
+``device: {kind: my_device}``. Or name a file of one's own (docs/write-your-own-device.md).
+
+A device that does not answer, or answers nonsense, raises :class:`forcebound.errors.DeviceError`:
+the node then tries to write zero force, closes the device, and the graph ends.
+"""
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from typing import ClassVar, Literal, Protocol, TypeAlias
+
+from forcebound.errors import ConfigError
+from forcebound.haptics.devices.truth import Truth
+from forcebound.haptics.hands import Operator
+from forcebound.haptics.laws.dissipation import StatedNumbers
+from forcebound.haptics.parts import Form, Table
+from forcebound.messages.packets import Quaternion, Vector
+
+__all__ = ["DEVICES", "Device", "DeviceModel", "Kinematics", "Source", "Truth"]
+
+#: Where a number comes from.
+Source: TypeAlias = Literal["measured", "data sheet", "assumed"]
+
+
+class Kinematics(Protocol):
+    """Geometry of an arm whose readings are joint angles and whose motors give torques."""
+
+    def position(self, angles: Vector) -> Vector:
+        """Return the position of the tip, in m, of joint angles in rad."""
+        ...
+
+    def torque(self, angles: Vector, force: Vector) -> Vector:
+        """Return the joint torques, in N m, of a force at the tip, in N: J(angles)^T force."""
+        ...
+
+
+class Device(ABC):
+    """An open device; only ``axes``, ``read`` and ``write`` have no default.
+
+    Attributes:
+        axes: Number of axes, 1 to 6.
+        kinematics: Of an arm: ``read`` then returns joint angles, in rad, and ``write`` takes
+            torques, in N m, in place of positions and forces. None: it is no arm.
+        is_exchange: Whether a write is an exchange with the device that brings a reading, which
+            :meth:`fresh_reading` returns. After a slow one the next write then waits 0.3 periods
+            for the answer to the late state.
+    """
+
+    axes: int
+    kinematics: Kinematics | None = None
+    is_exchange: bool = False
+
+    @property
+    def serial_number(self) -> str:
+        """Serial number of its USB device; empty: it has none."""
+        return ""
+
+    @abstractmethod
+    def read(self, time_ns: int) -> Vector:
+        """Return the encoder readings at ``time_ns``, in m."""
+
+    @abstractmethod
+    def write(self, time_ns: int, force: Vector) -> Vector:
+        """Hold ``force``, in N, from ``time_ns`` on; return what is really applied.
+
+        The device lets the force fall to zero by itself when it is older than the hold limit,
+        unless it states ``watchdog: none``; with ``guarding`` once a reading has moved back from
+        where it was when the force began to act, at the hold limit at the earliest.
+        """
+
+    def engage(self, time_ns: int) -> None:
+        """Start the run now; a simulated hand begins to move."""
+
+    def close(self) -> None:
+        """Release the device, its force at zero; called once, whatever came before."""
+
+    def set_hold_limit(self, seconds: float) -> float | None:
+        """Drop the forces from the next write on when they have acted for ``seconds``.
+
+        Returns:
+            The hold limit that was really set, in s: the bounder plans with it. None: this device
+            keeps the one with which it was opened.
+        """
+        return None
+
+    def cut(self) -> tuple[int, Vector] | None:
+        """Return when and where the watchdog has dropped a force since the last write.
+
+        Returns:
+            Time when the force was gone, in ns, and the reading then; None if it has dropped none.
+            If it has dropped the force of the last write and, before it began to act, that of the
+            one before, the later cut.
+        """
+        return None
+
+    def stamps(self) -> tuple[int, int] | None:
+        """Return when the last reading was latched, and when the last write acts, in ns.
+
+        None: both happen at the time that ``read`` and ``write`` are given.
+        """
+        return None
+
+    def latch_jitter(self) -> int | None:
+        """Return by how much the last reading may be later than its stamp, in ns.
+
+        Beside what shifts all stamps alike. The ledger takes the longest time that can have passed
+        since the reading before, in which the same way dissipates least. None: it is exact.
+        """
+        return None
+
+    def fresh_reading(self) -> Vector | None:
+        """Return the reading that came with the last write; None: ask for a new one.
+
+        Give it only while it is young. It serves the state of the next tick, which then need not
+        wait for an exchange with the device; the ledger takes a reading of its own.
+        """
+        return None
+
+    def orientation(self) -> Quaternion | None:
+        """Return the orientation of the tip at the last reading, a unit quaternion w x y z."""
+        return None
+
+    def buttons(self) -> int | None:
+        """Return which buttons were down at the last reading, bit i of button i; None: has none."""
+        return None
+
+    def truth(self) -> Truth | None:
+        """Return the ground truth at the last read or write; None for hardware."""
+        return None
+
+    def kinetic_energy(self) -> float:
+        """Return what the motion of a simulated device holds, in J, the hand's mass not counted."""
+        return 0.0
+
+    def point(self, place: Vector) -> Vector | None:
+        """Move the pointer that a simulated hand follows; None: this hand follows none.
+
+        Args:
+            place: In m; entries that it does not have stay as they are.
+
+        Returns:
+            Where the pointer is now, in m: within the hand's reach.
+        """
+        return None
+
+
+@dataclass(frozen=True, kw_only=True)
+class DeviceModel(StatedNumbers, ABC):
+    """Parameters of a kind of device: its stated numbers, and those of its own.
+
+    Attributes:
+        sources: By name of a number: measured, data sheet or assumed; for reports.
+        simulated_in: Launch file with the simulated device of this kind, if it has no virtual time.
+        port: Path of its serial port; empty: it is at none.
+        on_loss: While the force is on: ``end`` ends the graph when the device is lost; ``wait``
+            keeps it, without force, until the user says that the device is in order.
+        workspace: Edges of the box about 0 m in which the hand should stay, in m; None: unknown.
+    """
+
+    simulated_in: ClassVar[str | None] = None
+
+    sources: Mapping[str, Source] = field(default_factory=dict, hash=False)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        known = {each.name for each in fields(self)}
+        for name in self.sources:
+            if name not in known:
+                raise ConfigError(f"sources: the device has no number {name!r}", field="sources")
+
+    @property
+    @abstractmethod
+    def axes(self) -> int:
+        """Number of axes, 1 to 6."""
+
+    @abstractmethod
+    def open(self, operator: Operator | None, hold_limit: float) -> Device:
+        """Return the device, ready to read.
+
+        Args:
+            operator: The hand on a simulated device; None: nobody holds it. Hardware ignores it.
+            hold_limit: Longest time that a force is held without a new one, in s.
+
+        Raises:
+            DeviceError: If the device does not answer.
+        """
+
+    @property
+    def port(self) -> str:
+        return ""
+
+    @property
+    def on_loss(self) -> Literal["end", "wait"]:
+        return "end"
+
+    @property
+    def workspace(self) -> Vector | None:
+        return None
+
+    @property
+    def longest_force(self) -> float:
+        """The watchdog limit, in s; infinite if it is ``auto``."""
+        return math.inf if self.watchdog_limit == "auto" else self.watchdog_limit
+
+    def check_here(self) -> None:
+        """Check, before anything starts, that this machine has the device.
+
+        Raises:
+            DeviceError: If not; says what to try.
+        """
+
+    def kinematics(self) -> Kinematics | None:
+        """Return the geometry of an arm; None: it is no arm."""
+        return None
+
+    def angles(self, position: Vector) -> Vector | None:
+        """Return the joint angles of an arm, in rad, for a tip at ``position``, in m."""
+        return None
+
+
+DEVICES: Table[type[DeviceModel]] = Table(
+    "devices",
+    {
+        "desktop_arm": "forcebound.haptics.devices.desktop_arm:DesktopArm",
+        "five_bar": "forcebound.haptics.devices.five_bar:FiveBar",
+        "haply_2diy": "forcebound.hardware.haply_2diy:Haply2DIY",
+        "knob": "forcebound.haptics.devices.knob:Knob",
+        "odrive": "forcebound.hardware.odrive:ODrive",
+        "phantom_premium_1_5": "forcebound.haptics.devices.phantom:PhantomPremium15",
+        "serial_arm": "forcebound.haptics.devices.serial_arm:SerialArm",
+    },
+    Form("forcebound.haptics.devices:DeviceModel"),
+)

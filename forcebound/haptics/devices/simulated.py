@@ -1,0 +1,162 @@
+"""A simulated device, and the hand on it: its time, its motor and its watchdog."""
+
+import math
+from typing import Any, Protocol
+
+from forcebound.haptics.devices import Device, Kinematics
+from forcebound.haptics.devices.motor import Motor
+from forcebound.haptics.devices.true_values import TrueMotor, per_axis
+from forcebound.haptics.devices.truth import Truth
+from forcebound.haptics.hands import Operator
+from forcebound.haptics.hands.hands import NoHand
+from forcebound.haptics.hands.pointer import PointerHand
+from forcebound.messages.packets import Vector
+
+
+class Body(Protocol):
+    """What moves: the mechanics of a device, in its hand."""
+
+    kinematics: Kinematics | None  # of an arm; None: readings are positions of the tip
+    compensation: Vector  # N, that the motor adds to every force
+
+    def reading(self) -> Vector:
+        """Return the readings of the encoders."""
+        ...
+
+    def move(self, target: Vector, target_end: Vector, duration: float, commanded: Vector) -> None:
+        """Move on for ``duration`` s under a force commanded of the motor, in N (or N m).
+
+        Where the hand wants to be moves evenly from ``target`` to ``target_end``, in m.
+        """
+        ...
+
+    def truth(self) -> Truth:
+        """Return the ground truth."""
+        ...
+
+    def kinetic_energy(self) -> float:
+        """Return that of the device without the hand's mass, in J."""
+        ...
+
+
+class SimulatedDevice(Device):
+    """A device with a hand on it, whose time is that of the reads and writes.
+
+    It starts at rest at the hand's first target and rests there until :meth:`engage`. Every read
+    and write first moves the body to the given time, under the force that was held meanwhile. A
+    written force acts after the write delay; one that is too old is dropped at the very instant it
+    gets too old, as the watchdog of a real device's firmware does, or guarded from then on.
+
+    The ``model`` is a ``DeviceModel`` with its ``truth`` (None: as stated) and a method ``body``
+    that returns the :class:`Body` in an operator's hand; without an operator nobody holds it.
+    """
+
+    def __init__(self, model: Any, operator: Operator | None, hold_limit: float) -> None:
+        operator = NoHand() if operator is None else operator
+        truth = model.truth or TrueMotor()
+        self._operator = operator
+        self._has_buttons = operator.buttons(0.0) is not None
+        self.axes, self._saturation = model.axes, model.saturation
+        self._body: Body = model.body(operator)
+        self.kinematics = self._body.kinematics
+        gain = 1.0 + model.gain_error if truth.gain is None else truth.gain
+        self._gain = per_axis(gain, self.axes)
+        self._compensation = self._body.compensation
+        self._scales = any(g != 1.0 for g in self._gain) or any(self._compensation)
+        self._motor = Motor(model, truth, hold_limit, self._told((0.0,) * self.axes))
+        self._reports_cuts = model.watchdog in ("guarding", "reporting")
+        self._reading_at_cut = self._body.reading()
+        self._time_ns: int | None = None
+        self._engaged_ns: int | None = None
+        self._read_ns = 0
+        self._target = self._target_at(0.0)
+        self._pointer = operator.follow(self.axes) if isinstance(operator, PointerHand) else None
+
+    def engage(self, time_ns: int) -> None:
+        self._advance_to(time_ns)
+        if self._engaged_ns is None:
+            self._engaged_ns = time_ns
+
+    def read(self, time_ns: int) -> Vector:
+        self._advance_to(time_ns)
+        self._read_ns = time_ns
+        return self._body.reading()
+
+    def write(self, time_ns: int, force: Vector) -> Vector:
+        self._advance_to(time_ns)
+        magnitude = math.hypot(*force)
+        if not magnitude <= self._saturation:
+            scale = self._saturation / magnitude if math.isfinite(magnitude) else 0.0
+            force = tuple([scale * f if math.isfinite(f) else 0.0 for f in force])
+        reading = self._body.reading() if self._motor.guards else ()
+        self._motor.write(time_ns, self._told(force), force, reading)
+        return force
+
+    def set_hold_limit(self, seconds: float) -> float:
+        return self._motor.set_hold_limit(seconds)
+
+    def cut(self) -> tuple[int, Vector] | None:
+        cut_ns = self._motor.cut_ns if self._reports_cuts else None
+        return None if cut_ns is None else (cut_ns, self._reading_at_cut)
+
+    def stamps(self) -> tuple[int, int]:
+        return self._read_ns, self._motor.effect_ns
+
+    def truth(self) -> Truth:
+        return self._body.truth()
+
+    def kinetic_energy(self) -> float:
+        return self._body.kinetic_energy()
+
+    def point(self, place: Vector) -> Vector | None:
+        return None if self._pointer is None else self._pointer.point(place)
+
+    def _told(self, force: Vector) -> Vector:
+        """What the motor gives for a force of a write, in N, once its lag has passed."""
+        if not self._scales:
+            return force
+        total = zip(self._gain, force, self._compensation, strict=True)
+        return tuple([g * (f + c) for g, f, c in total])
+
+    def buttons(self) -> int | None:
+        if not self._has_buttons:
+            return None
+        began_ns = self._engaged_ns
+        if began_ns is None:
+            return 0
+        return self._operator.buttons((self._read_ns - began_ns) * 1e-9) or 0
+
+    def _target_at(self, elapsed: float) -> Vector:
+        return pad(self._operator.target(elapsed), self.axes)
+
+    def _advance_to(self, time_ns: int) -> None:
+        if self._time_ns is None:
+            self._time_ns = time_ns
+        if time_ns <= self._time_ns:
+            return
+        motor = self._motor
+        while motor.next_ns < time_ns:
+            self._hold_until(motor.next_ns)
+            reading = self._body.reading()
+            if motor.change(reading):
+                self._reading_at_cut = reading
+        self._hold_until(time_ns)
+
+    def _hold_until(self, time_ns: int) -> None:
+        assert self._time_ns is not None
+        duration = (time_ns - self._time_ns) * 1e-9
+        if duration == 0.0:
+            return
+        self._time_ns = time_ns
+        end = self._target
+        if self._pointer is not None:
+            end = self._pointer.advance(duration)
+        elif self._engaged_ns is not None:
+            end = self._target_at((time_ns - self._engaged_ns) * 1e-9)
+        self._body.move(self._target, end, duration, self._motor.force)
+        self._target = end
+
+
+def pad(target: Vector, axes: int) -> Vector:
+    """Return a target of a hand with as many entries as there are axes: 0 m where it has none."""
+    return target if len(target) == axes else (target + (0.0,) * axes)[:axes]

@@ -1,0 +1,88 @@
+"""What an arm states: numbers of its joints."""
+
+from dataclasses import dataclass
+from typing import Annotated, ClassVar, TypeAlias
+
+from forcebound.haptics.devices import DeviceModel
+from forcebound.haptics.devices.true_values import TrueMotor, check_counts
+from forcebound.quantities import (
+    NOT_NEGATIVE,
+    POSITIVE,
+    Angle,
+    AngularSpeed,
+    Inertia,
+    JointDamping,
+    Time,
+    Torque,
+)
+
+# One number for all joints alike, or a list of one for each joint.
+DampingOfJoints: TypeAlias = (
+    Annotated[JointDamping, NOT_NEGATIVE] | tuple[Annotated[JointDamping, NOT_NEGATIVE], ...]
+)
+TorqueOfJoints: TypeAlias = (
+    Annotated[Torque, NOT_NEGATIVE] | tuple[Annotated[Torque, NOT_NEGATIVE], ...]
+)
+AngleOfJoints: TypeAlias = (
+    Annotated[Angle, NOT_NEGATIVE] | tuple[Annotated[Angle, NOT_NEGATIVE], ...]
+)
+
+PER_JOINT = ("damping", "friction", "resolution", "presliding")
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrueJoints(TrueMotor):
+    """True values of an arm; null: as stated.
+
+    Attributes:
+        damping: Viscous damping of the joints; one number, or one of each, as are the next three.
+        friction: Coulomb friction of each joint by itself.
+        presliding: Angle over which friction yields elastically.
+        resolution: Resolution of the encoder.
+    """
+
+    damping: DampingOfJoints | None = None
+    friction: TorqueOfJoints | None = None
+    presliding: AngleOfJoints | None = None
+    resolution: AngleOfJoints | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class StatedJoints(DeviceModel):
+    """What an arm states: the numbers of its joints.
+
+    Attributes:
+        inertia: Of each joint, with the links that it carries; it does not change with the pose.
+        damping: Minimum viscous damping of the joints; one number, or one of each.
+        friction: Minimum Coulomb friction; one of each joint gives more force than one number,
+            which counts along the path of all joints.
+        resolution: Of the encoders.
+        saturation: Largest torque: length of the vector of the joints' torques.
+        presliding: Angle over which friction yields elastically before it dissipates.
+        largest_speed: A reading that implies more is refused; null: none is.
+        substep: Longest integration step.
+        truth: What the simulated arm really has, where that differs from what is stated.
+    """
+
+    # Gravity pulls at a joint as the pose has it, so no constant of an arm describes it.
+    weight: ClassVar[float] = 0.0  # type: ignore[misc]
+    weight_error: ClassVar[float] = 0.0  # type: ignore[misc]
+
+    inertia: Annotated[Inertia, POSITIVE]
+    damping: DampingOfJoints
+    friction: TorqueOfJoints
+    resolution: AngleOfJoints
+    saturation: Annotated[Torque, POSITIVE]
+    presliding: AngleOfJoints = 0.0
+    largest_speed: Annotated[AngularSpeed, POSITIVE] | None = None
+    substep: Annotated[Time, POSITIVE] = 5e-5
+    truth: TrueJoints | None = None
+
+    @property
+    def axes(self) -> int:
+        """Number of joints, and of coordinates of the tip."""
+        return 2
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_counts(self, PER_JOINT)

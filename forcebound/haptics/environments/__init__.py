@@ -1,0 +1,139 @@
+"""Virtual environments: the force that answers a position.
+
+An environment is a frozen dataclass of its parameters, the *model*, whose ``open`` returns the
+:class:`Environment` that the environment node asks. A model that keeps no state inherits
+:class:`StatelessEnvironment` and has a method ``force``; any other inherits
+:class:`EnvironmentModel` and has a method ``open``.
+
+To add an environment: copy ``wall.py`` to ``my_environment.py``, add one line to ``ENVIRONMENTS``;
+``tests/test_environments.py`` tests it with all the others, and launch files know it as
+``environment: {kind: my_environment}`` with the fields of its dataclass as parameters. Or name a
+file of your own (docs/write-your-own-environment.md).
+
+A force is positive when it resists motion in the positive direction, so a wall that the hand
+pushes into answers a positive force.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import Any
+
+from forcebound.errors import ConfigError
+from forcebound.haptics.parts import Form, Table, overridden
+from forcebound.haptics.parts.user_module import describe_user_error
+from forcebound.messages.packets import Contact, SceneObject, Vector
+
+
+class Environment(ABC):
+    """An open environment, which may keep state from one query to the next.
+
+    The same queries, in the same order from ``open`` on, have the same answers; ``contact`` and
+    ``scene`` change none of them. Only ``force`` has no default.
+    """
+
+    @abstractmethod
+    def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
+        """Return the force on a hand, in N, one entry per axis.
+
+        Args:
+            user: Name of the hand that asks; a graph with one hand has one, without a name: "".
+            position: Of the device, in m, shape ``(axes,)``.
+            velocity: Of the device, in m/s, same shape.
+            elapsed: Time since the force engaged, in s; 0 before.
+        """
+
+    def contact(self, user: str) -> Contact | None:
+        """Return the contact of a hand at its last query; None: free motion, or unknown."""
+        return None
+
+    def scene(self) -> tuple[SceneObject, ...] | None:
+        """Return what there is to draw now; None: nothing, ever.
+
+        It is called at most 30 times a second, and may be called before the first query.
+        """
+        return None
+
+    def change(self, model: Any) -> bool:
+        """Take over the parameters of another model of the same kind, and keep the state.
+
+        Return whether it did; if not, the environment is closed, and ``model`` opened in its place.
+        """
+        return False
+
+    def close(self) -> None:
+        """Release what ``open`` took; called once."""
+
+
+class EnvironmentModel(ABC):
+    """Parameters of a kind of environment: a frozen dataclass."""
+
+    @abstractmethod
+    def open(self, axes: int) -> Environment:
+        """Return a new instance in its initial state, for vectors of this many entries."""
+
+    def check_files(self) -> None:
+        """Read the files that the parameters name; ConfigError if one cannot be used."""
+
+
+class StatelessEnvironment(EnvironmentModel, Environment):
+    """A model whose force depends on nothing but the query: it is its own instance."""
+
+    def open(self, axes: int) -> Environment:
+        """Return itself."""
+        return self
+
+
+def may_report_contacts(model: EnvironmentModel) -> bool:
+    """Return whether an instance of a model may report contacts; only the instance knows."""
+    return not isinstance(model, StatelessEnvironment) or "contact" in overridden(
+        model, Environment
+    )
+
+
+def open_environment(model: EnvironmentModel, axes: int) -> Environment:
+    """Return an instance of a model; ConfigError if it cannot be used, or its own code fails."""
+    try:
+        return model.open(axes)
+    except ConfigError:
+        raise
+    except Exception as error:
+        raise ConfigError(f"environment: open({axes}): {describe_user_error(error)}") from error
+
+
+def change_environment(opened: Environment, model: EnvironmentModel, axes: int) -> Environment:
+    """Return an instance with the parameters of ``model``, of the kind of ``opened``.
+
+    If it raises ConfigError, as :func:`open_environment`, ``opened`` is as it was.
+    """
+    try:
+        if opened.change(model):
+            return opened
+    except ConfigError:
+        raise
+    except Exception as error:
+        raise ConfigError(f"environment: change: {describe_user_error(error)}") from error
+    new = open_environment(model, axes)
+    opened.close()
+    return new
+
+
+ENVIRONMENTS: Table[type[EnvironmentModel]] = Table(
+    "environments",
+    {
+        "wall": "forcebound.haptics.environments.walls:Wall",
+        "damped_wall": "forcebound.haptics.environments.walls:DampedWall",
+        "time_varying_wall": "forcebound.haptics.environments.walls:TimeVaryingWall",
+        "power_law_wall": "forcebound.haptics.environments.walls:PowerLawWall",
+        "damper": "forcebound.haptics.environments.walls:Damper",
+        "solid": "forcebound.haptics.environments.solid:Solid",
+        "distance_field": "forcebound.haptics.environments.distance_field:DistanceField",
+        "point_cloud": "forcebound.haptics.environments.point_cloud:PointCloud",
+        "mass_spring": "forcebound.haptics.environments.mass_spring:MassSpring",
+        "bodies": "forcebound.haptics.environments.bodies:Bodies",
+        "recorded": "forcebound.haptics.environments.recorded:RecordedEnvironment",
+        "mesh": "forcebound.haptics.environments.mesh:TriangleMesh",
+        "active_wall": "forcebound.haptics.environments.active_wall:ActiveWall",
+    },
+    Form("forcebound.haptics.environments:EnvironmentModel"),
+)

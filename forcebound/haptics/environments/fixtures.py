@@ -1,0 +1,336 @@
+"""Virtual fixtures: guidance and limits that may stand beside any environment.
+
+Their forces are added to that of the environment. Each is the gradient of a potential (plus a
+damping that only resists), so that without delay no fixture gives energy; the bounder at the
+device guards them like any other force. Positions with fewer than three entries have zeros in
+the others.
+
+Source: L. B. Rosenberg, Virtual fixtures, IEEE VRAIS 1993; J. J. Abbott, P. Marayong, A. M.
+Okamura, Haptic virtual fixtures for robot-assisted manipulation, ISRR 2005.
+"""
+
+import math
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Annotated, ClassVar, TypeAlias
+
+from forcebound.errors import ConfigError
+from forcebound.haptics.environments import (
+    Environment,
+    EnvironmentModel,
+    change_environment,
+    open_environment,
+)
+from forcebound.haptics.geometry.triangles import closest_on_segment
+from forcebound.haptics.geometry.vectors import (
+    Vector3,
+    add,
+    cut,
+    dot,
+    norm,
+    pad3,
+    scale,
+    sub,
+    unit,
+    z_onto,
+)
+from forcebound.messages.packets import Contact, SceneObject, Vector
+from forcebound.quantities import (
+    NOT_NEGATIVE,
+    POSITIVE,
+    Damping,
+    Length,
+    Stiffness,
+    check_ranges,
+)
+
+Place: TypeAlias = tuple[Length, ...]  # 1 to 3 numbers
+MOST_POINTS = 64  # of a path: so many can be drawn
+
+
+def pull(offset: Vector3, stiffness: float, reach: float) -> Vector3:
+    """Return the force of a guidance at an offset (m) from it: a spring that lets go.
+
+    ``F = k d (1 - (d / reach)^2)^2`` within its reach, 0 beyond: the gradient of
+    ``k reach^2 (1 - (1 - (d / reach)^2)^3) / 6``.
+    """
+    share = max(0.0, 1.0 - (norm(offset) / reach) ** 2)
+    return scale(offset, stiffness * share * share)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Fixture(ABC):
+    """What fixtures have in common."""
+
+    places: ClassVar[tuple[str, ...]] = ()  # fields that are places
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+        for name in self.places:
+            if not 1 <= len(getattr(self, name)) <= 3:
+                count = len(getattr(self, name))
+                raise ConfigError(f"{name}: expected 1 to 3 numbers, got {count}", field=name)
+
+    @abstractmethod
+    def force(self, position: Vector3, velocity: Vector3) -> Vector3:
+        """Return the force, in N, at a position (m) and velocity (m/s)."""
+
+    @abstractmethod
+    def drawn(self, name: str) -> SceneObject:
+        """Return what there is to draw."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Guidance(_Fixture):
+    stiffness: Annotated[Stiffness, NOT_NEGATIVE] = 500.0
+    reach: Annotated[Length, POSITIVE] = 0.020
+
+
+@dataclass(frozen=True, kw_only=True)
+class GuidancePlane(_Guidance):
+    """A plane that the hand is drawn to.
+
+    Attributes:
+        point: On the plane.
+        normal: Across it, of any length but 0.
+        stiffness: Near the plane.
+        reach: Distance at which it lets go.
+    """
+
+    places: ClassVar[tuple[str, ...]] = ("point", "normal")
+
+    point: Place = (0.0, 0.0, 0.0)
+    normal: tuple[float, ...] = (0.0, 0.0, 1.0)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not any(self.normal):
+            got = list(self.normal)
+            raise ConfigError(f"normal: expected a direction, got {got}", field="normal")
+
+    @property
+    def unit_normal(self) -> Vector3:
+        """The normal, of length 1."""
+        return unit(pad3(self.normal))
+
+    def force(self, position: Vector3, velocity: Vector3) -> Vector3:
+        normal = self.unit_normal
+        offset = scale(normal, dot(sub(position, pad3(self.point)), normal))
+        return pull(offset, self.stiffness, self.reach)
+
+    def drawn(self, name: str) -> SceneObject:
+        turned = z_onto(self.unit_normal)
+        return SceneObject(name, "plane", position=pad3(self.point), orientation=turned)
+
+
+@dataclass(frozen=True, kw_only=True)
+class GuidancePath(_Guidance):
+    """A path that the hand is drawn to, straight from point to point.
+
+    Attributes:
+        points: Of the path, 2 to 64.
+        stiffness: Near the path.
+        reach: Distance at which it lets go.
+    """
+
+    points: tuple[Place, ...]
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not 2 <= len(self.points) <= MOST_POINTS:
+            words = f"points: expected 2 to {MOST_POINTS}, got {len(self.points)}"
+            raise ConfigError(words, field="points")
+        if not all(1 <= len(point) <= 3 for point in self.points):
+            raise ConfigError("points: expected 1 to 3 numbers of each", field="points")
+
+    def closest(self, position: Vector3) -> Vector3:
+        """Return the point of the path that is closest to a position, in m."""
+        corners = [pad3(point) for point in self.points]
+        found = [closest_on_segment(position, a, b) for a, b in pairwise(corners)]
+        return min(found, key=lambda point: norm(sub(position, point)))
+
+    def force(self, position: Vector3, velocity: Vector3) -> Vector3:
+        return pull(sub(position, self.closest(position)), self.stiffness, self.reach)
+
+    def drawn(self, name: str) -> SceneObject:
+        return SceneObject(name, "path", points=tuple(map(pad3, self.points)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class ForbiddenRegion(_Fixture):
+    """A box or a sphere that pushes the hand out by the nearest way.
+
+    It remembers nothing, so a hand that is pushed past its middle comes out on the other side. What
+    nobody may pass is the environment ``solid``.
+
+    Attributes:
+        centre: Of the box or sphere.
+        size: Edges of a box along the axes; null: it is a sphere.
+        radius: Of a sphere; null: it is a box.
+        stiffness: Of its skin.
+    """
+
+    places: ClassVar[tuple[str, ...]] = ("centre",)
+
+    centre: Place
+    size: tuple[Annotated[Length, POSITIVE], ...] | None = None
+    radius: Annotated[Length, POSITIVE] | None = None
+    stiffness: Annotated[Stiffness, NOT_NEGATIVE] = 1000.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if (self.size is None) == (self.radius is None):
+            raise ConfigError("a forbidden region needs size (a box) or radius (a sphere)")
+        if self.size is not None and len(self.size) != 3:
+            words = f"size: expected three edges in m, got {len(self.size)}"
+            raise ConfigError(words, field="size")
+
+    def force(self, position: Vector3, velocity: Vector3) -> Vector3:
+        return scale(self._way_in(sub(position, pad3(self.centre))), self.stiffness)
+
+    def _way_in(self, offset: Vector3) -> Vector3:
+        """The way from the nearest point of the skin to an offset inside; 0 outside."""
+        if self.radius is not None:
+            distance = norm(offset)
+            if distance >= self.radius:
+                return (0.0, 0.0, 0.0)
+            out = scale(offset, 1.0 / distance) if distance > 0.0 else (1.0, 0.0, 0.0)
+            return scale(out, distance - self.radius)
+        assert self.size is not None  # __post_init__
+        depths = [0.5 * edge - abs(x) for edge, x in zip(self.size, offset, strict=True)]
+        shallowest = min(depths)
+        if shallowest <= 0.0:
+            return (0.0, 0.0, 0.0)
+        axis = depths.index(shallowest)
+        way = [0.0, 0.0, 0.0]
+        way[axis] = -math.copysign(shallowest, offset[axis])
+        return (way[0], way[1], way[2])
+
+    def drawn(self, name: str) -> SceneObject:
+        centre = pad3(self.centre)
+        if self.radius is not None:
+            return SceneObject(name, "sphere", position=centre, size=(self.radius,))
+        return SceneObject(name, "box", position=centre, size=self.size or ())
+
+
+@dataclass(frozen=True, kw_only=True)
+class WorkspaceLimit(_Fixture):
+    """A soft wall at the ends of a workspace: a box that the hand is kept in.
+
+    Attributes:
+        low: Lowest position on each axis; axes without an entry have no limit.
+        high: Highest position on each axis.
+        stiffness: Of the wall.
+        damping: Against motion outwards, beyond the limit.
+    """
+
+    places: ClassVar[tuple[str, ...]] = ("low", "high")
+
+    low: Place
+    high: Place
+    stiffness: Annotated[Stiffness, NOT_NEGATIVE] = 1000.0
+    damping: Annotated[Damping, NOT_NEGATIVE] = 0.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if len(self.low) != len(self.high):
+            words = f"high: expected as many entries as low, {len(self.low)}, got {len(self.high)}"
+            raise ConfigError(words, field="high")
+        for axis, (low, high) in enumerate(zip(self.low, self.high, strict=True)):
+            if low >= high:
+                words = f"low: expected less than high, got {low:g} m and {high:g} m (axis {axis})"
+                raise ConfigError(words, field="low")
+
+    def force(self, position: Vector3, velocity: Vector3) -> Vector3:
+        forces = [0.0, 0.0, 0.0]
+        for axis, (low, high) in enumerate(zip(self.low, self.high, strict=True)):
+            beyond = position[axis] - min(max(position[axis], low), high)
+            if beyond != 0.0:
+                out = math.copysign(1.0, beyond)
+                speed = max(0.0, out * velocity[axis])
+                forces[axis] = self.stiffness * beyond + out * self.damping * speed
+        return (forces[0], forces[1], forces[2])
+
+    def drawn(self, name: str) -> SceneObject:
+        low, high = pad3(self.low), pad3(self.high)
+        return SceneObject(
+            name, "box", position=scale(add(low, high), 0.5), size=sub(high, low), is_removed=True
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fixtures:
+    """Virtual fixtures beside an environment; what is null is not there.
+
+    Attributes:
+        plane: The hand is drawn to it.
+        path: The hand is drawn to it.
+        workspace: The hand is kept in it.
+        forbidden: The hand is kept out of these.
+    """
+
+    plane: GuidancePlane | None = None
+    path: GuidancePath | None = None
+    workspace: WorkspaceLimit | None = None
+    forbidden: tuple[ForbiddenRegion, ...] = ()
+
+    def force(self, position: Vector3, velocity: Vector3) -> Vector3:
+        """Return the sum of their forces, in N, at a position (m) and velocity (m/s)."""
+        total = (0.0, 0.0, 0.0)
+        for fixture in self._named().values():
+            total = add(total, fixture.force(position, velocity))
+        return total
+
+    def scene(self) -> tuple[SceneObject, ...]:
+        """Return what there is to draw."""
+        return tuple(fixture.drawn(name) for name, fixture in self._named().items())
+
+    def _named(self) -> dict[str, _Fixture]:
+        named = {
+            "guidance plane": self.plane,
+            "guidance path": self.path,
+            "workspace limit": self.workspace,
+            **{f"forbidden {i}": region for i, region in enumerate(self.forbidden, 1)},
+        }
+        return {name: fixture for name, fixture in named.items() if fixture is not None}
+
+
+@dataclass(frozen=True)
+class WithFixtures(EnvironmentModel):
+    """An environment with fixtures beside it."""
+
+    model: EnvironmentModel
+    fixtures: Fixtures
+
+    def open(self, axes: int) -> Environment:
+        return _Guided(self, axes)
+
+
+class _Guided(Environment):
+    """An open environment with fixtures."""
+
+    def __init__(self, model: WithFixtures, axes: int) -> None:
+        self._model, self._axes = model, axes
+        self._opened = open_environment(model.model, axes)
+
+    def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
+        force = self._opened.force(user, position, velocity, elapsed)
+        more = cut(self._model.fixtures.force(pad3(position), pad3(velocity)), self._axes)
+        return tuple([one + other for one, other in zip(force, more, strict=True)])
+
+    def contact(self, user: str) -> Contact | None:
+        return self._opened.contact(user)
+
+    def scene(self) -> tuple[SceneObject, ...]:
+        return (*(self._opened.scene() or ()), *self._model.fixtures.scene())
+
+    def change(self, model: WithFixtures) -> bool:
+        """Take over other parameters; the environment keeps its state if it can."""
+        if model.model != self._model.model:
+            self._opened = change_environment(self._opened, model.model, self._axes)
+        self._model = model
+        return True
+
+    def close(self) -> None:
+        self._opened.close()

@@ -1,0 +1,330 @@
+"""The bounder of any number of axes as compiled functions.
+
+They work on one record (:mod:`forcebound.haptics.laws.ledger`), so that a call from Python costs
+little: a tick runs once a millisecond, with cold caches, and there interpreted arithmetic costs
+several times more than compiled.
+
+A motor whose gain is uncertain has two ledgers, one for each end of the range. Loss and work are
+linear in the gain, penalties and costs of holds convex; so what both ledgers allow, every gain
+between allows. Several motors may have different gains. With P_i the work on axis i in the ledger,
+the worst of all their combinations has x (Σ|P_i| - |Σ P_i|) less than the worse of the two ledgers;
+that is then paid beforehand (:func:`spread_price`), and the hold's cost is that of the largest
+gain.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from functools import cache
+from typing import TypeAlias
+
+from forcebound.compiled import allow_in_kernels, jit
+from forcebound.haptics.laws.allowance import gain_at, largest_force, surplus
+from forcebound.haptics.laws.hold_cost import hold_cost
+from forcebound.haptics.laws.law import BoundingLaw
+from forcebound.haptics.laws.ledger import (
+    SILENT,
+    Ledger,
+    store_axis,
+    store_force,
+    store_memory,
+    store_motor,
+)
+from forcebound.haptics.laws.sample import (
+    NO_MEMORY,
+    NO_MOTION,
+    Motion,
+    Sample,
+    Write,
+    observe,
+    observe_axis,
+    start_axis,
+)
+from forcebound.haptics.laws.timeline import acting_cost, advance, drop, may_be_dropped, take_effect
+from forcebound.haptics.laws.waveform import NO_FORCE, begin_interval, mean_force, penalty
+
+#: An array of one ledger.
+Ledgers: TypeAlias = Sequence[Ledger]
+Start: TypeAlias = Callable[[Ledgers], float]
+Limit: TypeAlias = Callable[[Ledgers, float, float, float, int], tuple[float, float, int]]
+Settle: TypeAlias = Callable[[Ledgers, float], float]
+
+#: What becomes of a reading: it is refused, taken in, or the ledger starts anew from it.
+REFUSED, TAKEN, RESTART = 0, 1, 2
+_UNSURE = 3  # taken in, after a hold that was cut at an unknown time
+
+
+@cache
+def compiled(law: BoundingLaw) -> tuple[Start, Limit, Settle]:
+    """Return what a bounder does with its ledger, compiled.
+
+    ``start(ledgers) -> estimated energy``, with the first ``reading``;
+    ``limit(ledgers, magnitude, duration, dt, closing) -> (largest force, added damping, closing)``,
+    with the ``reading`` and the commanded ``force``, its ``magnitude``, ``duration`` since the last
+    call and ``dt`` since the last reading that was taken in;
+    and ``settle(ledgers, delay) -> estimated energy``, with the applied ``force`` and ``delay``
+    until it takes effect.
+    """
+    allow_in_kernels([law.start, law.limit, law.settle, law.energy])
+    return jit(_start(law)), jit(_limit(law)), jit(_settle(law))
+
+
+def _start(law: BoundingLaw) -> Start:
+    start_law, energy = law.start, law.energy
+
+    def start(ledgers: Ledgers) -> float:
+        ledger = ledgers[0]
+        begin(ledger)
+        ledger.state[0] = ledger.state[1] = start_law(ledger.constants)
+        return energy(ledger.state[0], Write(0.0, 0.0, 0.0), ledger.constants)
+
+    return start
+
+
+def _limit(law: BoundingLaw) -> Limit:
+    limit_force, energy, limits_holds = law.limit, law.energy, law.limits_holds
+
+    def limit(
+        ledgers: Ledgers, magnitude: float, duration: float, dt: float, closing: int
+    ) -> tuple[float, float, int]:
+        ledger = ledgers[0]
+        device = ledger.constants
+        advance(ledger, duration)
+        if limits_holds and closing != REFUSED:
+            closing = closing_of(ledger, closing)
+        largest, added_damping = math.inf if limits_holds else 0.0, 0.0
+        if closing == RESTART:
+            restart(ledger)
+        elif closing != REFUSED:
+            motion, cost, price = observe_axes(ledger, dt, closing == _UNSURE)
+            saturated = min(magnitude, ledger.saturation)
+            memory, sample = observe(ledger.memory, motion, cost, price, saturated, dt, device)
+            store_memory(ledger.memory, memory)
+            # Both ledgers pay all of the drift, also the one that scales prices by less than 1.
+            ledger.held_price = sample.held_price + drift_price(ledger) / (1.0 - ledger.gain)
+            for end in range(ledger.ends):
+                seen = scaled(sample, gain_at(ledger, end), ledger.held_price)
+                state, largest, added_damping = limit_force(ledger.state[end], seen, device)
+                ledger.state[end] = state
+        if closing != REFUSED:
+            ledger.spent = ledger.since = 0.0
+            ledger.is_unsure = False
+        if limits_holds:
+            plan = min(ledger.write_delay, ledger.until_cut)
+            for end in range(ledger.ends):
+                gain = gain_at(ledger, end)
+                held = Write(0.0, gain * ledger.held_price, 0.0)
+                available = energy(ledger.state[end], held, device) - ledger.spent
+                if plan > 0.0:
+                    available -= acting_cost(ledger, plan, gain)
+                ledger.available[end] = available
+            if ledger.axes > 1 and ledger.gain > 0.0:
+                least = min(ledger.available[0], ledger.available[1]) - spread_price(ledger)
+                ledger.available[0] = ledger.available[1] = least
+            want_direction(ledger, magnitude)
+            largest = min(largest, largest_force(ledger))
+        return min(largest, ledger.saturation), added_damping, closing
+
+    return limit
+
+
+def _settle(law: BoundingLaw) -> Settle:
+    settle_law, energy, limits_holds = law.settle, law.energy, law.limits_holds
+
+    def settle(ledgers: Ledgers, delay: float) -> float:
+        ledger = ledgers[0]
+        square = 0.0
+        for k in range(ledger.axes):
+            axis, force = ledger.axis[k], ledger.force[k]
+            axis.pending = axis.trial = force
+            store_force(axis.memory, force)
+            square += force * force
+        ledger.pending_limit = ledger.planned_limit
+        ledger.pending_budget = ledger.available[0]
+        least = math.inf
+        for end in range(ledger.ends):
+            price = gain_at(ledger, end) * ledger.held_price
+            left = surplus(ledger, end) if limits_holds else 0.0
+            write = Write(square, price, left)
+            ledger.state[end] = settle_law(ledger.state[end], write, ledger.constants)
+            ledger.pending_budget = min(ledger.pending_budget, ledger.available[end])
+            least = min(least, energy(ledger.state[end], write, ledger.constants))
+        ledger.until_write = delay
+        if delay <= 0.0:
+            take_effect(ledger)
+        if limits_holds and ledger.axes > 1 and ledger.gain > 0.0:
+            least -= spread_price(ledger)
+        return least
+
+    return settle
+
+
+def cut(ledgers: Ledgers) -> None:
+    """Let the watchdog drop the force."""
+    drop(ledgers[0])
+
+
+def begin(ledger: Ledger) -> None:
+    """Put every axis at its first reading, without force."""
+    store_memory(ledger.memory, NO_MEMORY)
+    for k in range(ledger.axes):
+        axis, reading = ledger.axis[k], ledger.reading[k]
+        store_axis(axis.memory, start_axis(reading))
+        store_motor(axis.motor, NO_FORCE)
+        axis.pending = axis.trial = axis.work = 0.0
+        axis.origin = reading
+    ledger.held_price = ledger.spent = ledger.since = 0.0
+    ledger.available[0] = ledger.available[1] = ledger.largest_leak = 0.0
+    ledger.age = ledger.given = ledger.budget = ledger.pending_budget = 0.0
+    ledger.held_limit = ledger.pending_limit = ledger.planned_limit
+    ledger.until_cut, ledger.until_write = math.inf, -1.0
+    ledger.is_unsure, ledger.is_dropped = False, True
+
+
+def closing_of(ledger: Ledger, closing: int) -> int:
+    """Return what becomes of a reading, given what the watchdog may have done before it."""
+    if not ledger.is_unsure:
+        return closing
+    if may_be_dropped(ledger) and ledger.write_delay > 0.0:
+        return REFUSED  # when it was dropped is known only once the next force acts
+    is_one_hold = ledger.age == ledger.since and ledger.lag == 0.0
+    for k in range(ledger.axes):
+        is_one_hold = is_one_hold and ledger.axis[k].constants.dropped == 0.0
+    return _UNSURE if is_one_hold and closing == TAKEN else RESTART
+
+
+def observe_axes(ledger: Ledger, dt: float, is_unsure: bool) -> tuple[Motion, float, float]:
+    """Take in the new reading of every axis, ``dt`` after the last, in s.
+
+    If the force was cut at an unknown time, see :func:`unsure_cost`.
+
+    Returns:
+        The sums over the axes, the penalty and the price of the change of the force, in J.
+    """
+    motion = NO_MOTION
+    lag, gain = ledger.lag, 1.0 + ledger.gain
+    capability = work = uncertain = price = 0.0
+    step = deviation = most_steps = 0.0
+    for k in range(ledger.axes):
+        axis, reading = ledger.axis[k], ledger.reading[k]
+        one, before, motor = axis.constants, axis.memory, axis.motor
+        force, move = before.force, reading - before.reading
+        mean = mean_force(motor, dt, lag)
+        change = abs(mean - before.mean_force)
+        step += motor.step * motor.step
+        deviation += penalty(motor, dt, lag, gain, move, one)
+        most_steps = max(most_steps, motor.steps)
+        if is_unsure:
+            mean, change = 0.0, unsure_change(before.mean_force, force)
+            capability += force * force * dt / (4.0 * one.damping)
+            work += force * move
+            uncertain += ledger.gain * abs(force * move)
+        price += one.half_resolution * change
+        axis.work += mean * move - one.half_resolution * change
+        after, motion = observe_axis(before, ledger.memory, reading, mean, motion, one)
+        store_axis(before, after)
+        store_motor(motor, begin_interval(motor))
+    if is_unsure:
+        cost = unsure_cost(ledger, gain * gain * capability, work - uncertain, dt)
+        return motion, cost, price
+    if most_steps == 1.0 and deviation > 0.0 and lag == 0.0 and ledger.is_along_path:
+        way = math.sqrt(motion.distance_square) + ledger.resolution
+        return motion, path_penalty(ledger, gain * math.sqrt(step), deviation, way), price
+    return motion, deviation, price
+
+
+def path_penalty(ledger: Ledger, step: float, penalty: float, way: float) -> float:
+    """Return the penalty of a step of all axes together, with friction along the path, in J.
+
+    ``step`` is its length, in N; ``penalty`` that of the axes without friction, in J; ``way`` the
+    longest way from reading to reading, in m.
+    """
+    damping = ledger.axis[0].constants.damping
+    duration = 4.0 * damping * penalty / (step * step)
+    return hold_cost(step, 2.0 * ledger.constants.path_friction, way, damping, duration)
+
+
+def unsure_cost(ledger: Ledger, capability: float, work: float, dt: float) -> float:
+    r"""Return the most that a hold can have cost that was cut at an unknown time, in J.
+
+    .. math:: \bar s (1 - \bar s) \frac{|F|^2 dt}{4b} - \bar s F \cdot \Delta q
+
+    is concave in the share :math:`\bar s` of the interval, so the worst share of those possible is
+    known. ``capability`` is the largest :math:`|F|^2 dt / (4b)`, ``work`` the least :math:`F \cdot
+    \Delta q`, in J.
+    """
+    earliest: float = ledger.held_limit * (1.0 - ledger.tolerance) / dt
+    latest: float = 1.0
+    if ledger.watchdog == SILENT:
+        latest = min(ledger.held_limit * (1.0 + ledger.tolerance) / dt, 1.0)
+    share = 0.5 - 0.5 * work / capability if capability > 0.0 else latest
+    share = min(max(share, earliest), latest)
+    return capability * share * (1.0 - share) - work * share
+
+
+def unsure_change(mean: float, force: float) -> float:
+    r"""Return the most that a change to an unknown mean force, then to none, can be, in N.
+
+    :math:`|\bar F(n-2) - \bar s F| + \bar s |F|` is convex in the share, so an end is the worst.
+    """
+    return max(abs(mean), abs(mean - force) + abs(force))
+
+
+def restart(ledger: Ledger) -> None:
+    """Forget what was measured before this reading, at its price; the forces stay."""
+    for k in range(ledger.axes):
+        axis, reading = ledger.axis[k], ledger.reading[k]
+        force, mean = axis.memory.force, axis.memory.mean_force
+        store_axis(axis.memory, start_axis(reading))
+        store_force(axis.memory, force)
+        axis.work -= axis.constants.half_resolution * abs(mean)
+        axis.origin = reading
+        store_motor(axis.motor, begin_interval(axis.motor))
+    for end in range(ledger.ends):
+        price = ledger.spent + gain_at(ledger, end) * ledger.held_price
+        ledger.state[end] -= price + ledger.constants.start_price
+    ledger.held_price = 0.0
+    store_memory(ledger.memory, NO_MEMORY)
+
+
+def spread_price(ledger: Ledger) -> float:
+    """Return what motors with different gains can give beyond motors with the same gain, in J."""
+    total = magnitudes = 0.0
+    for k in range(ledger.axes):
+        axis = ledger.axis[k]
+        work = axis.work - axis.constants.half_resolution * abs(axis.memory.mean_force)
+        total += work
+        magnitudes += abs(work)
+    return ledger.gain * (magnitudes - abs(total))
+
+
+def drift_price(ledger: Ledger) -> float:
+    """Return what an error of the weights can have given since the start, in J."""
+    price = 0.0
+    for k in range(ledger.axes):
+        one = ledger.axis[k].constants
+        way = abs(ledger.reading[k] - ledger.axis[k].origin)
+        price += one.weight_error * (way + 2.0 * one.half_resolution)
+    return price
+
+
+def scaled(sample: Sample, gain: float, held_price: float) -> Sample:
+    """Return the sample of a motor with this gain."""
+    return Sample(
+        sample.commanded,
+        sample.dt,
+        sample.distance,
+        gain * sample.work,
+        sample.held,
+        sample.viscous_loss,
+        sample.friction_loss,
+        sample.penalty,
+        gain * sample.change_price,
+        gain * held_price,
+    )
+
+
+def want_direction(ledger: Ledger, magnitude: float) -> None:
+    """Set ``trial`` to the direction of the commanded force; without one the first axis."""
+    for k in range(ledger.axes):
+        share = ledger.force[k] / magnitude if magnitude > 0.0 else 1.0 - min(k, 1)
+        ledger.axis[k].trial = share

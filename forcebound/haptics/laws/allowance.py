@@ -1,0 +1,130 @@
+"""The largest force for which a hold costs no more than the ledger can pay.
+
+For rigid friction in one direction this is a formula (``rigid_force``). With a lag, presliding, or
+axes that differ, it is found by bisection along the commanded direction, from the safe side: the
+cost grows with the force.
+
+Without a watchdog there are two conditions: a hold of the hold limit may cost what the ledger has,
+one as long as the force can stay on may cost the allowance more.
+"""
+
+import math
+
+from forcebound.haptics.laws.hold_cost import lagging_cost, rigid_force
+from forcebound.haptics.laws.ledger import NONE, Ledger
+from forcebound.haptics.laws.timeline import axis_cost, path_cost
+from forcebound.haptics.laws.waveform import Motor
+
+HALVINGS = 40  # of the saturation: 8 pN
+
+
+def gain_at(ledger: Ledger, end: int) -> float:
+    """Return the gain at one end of its range, 0 or 1; 1 if it has no error."""
+    return 1.0 + (2.0 * end - 1.0) * ledger.gain
+
+
+def largest_force(ledger: Ledger) -> float:
+    """Return the largest force in the direction ``trial`` that may be held, in N."""
+    low, high = 0.0, ledger.saturation
+    if ledger.is_rigid:
+        one = ledger.axis[0].constants
+        friction, error = one.friction, one.weight_error
+        if ledger.is_along_path:
+            friction, error = ledger.constants.path_friction, ledger.path_error
+        for end in range(ledger.ends):
+            for level in range(_levels(ledger)):
+                most, duration = _most(ledger, end, level), _duration(ledger, level)
+                force = rigid_force(most, friction, one.damping, duration) - error
+                high = min(high, max(force, 0.0) / gain_at(ledger, end))
+        return high
+    force = high
+    for _ in range(HALVINGS):  # the saturation itself comes first
+        if _may_be_held(ledger, force):
+            low = force
+        else:
+            high = force
+        force = 0.5 * (low + high)
+    return low
+
+
+def surplus(ledger: Ledger, end: int) -> float:
+    """Return what the force ``trial`` leaves of the energy available, in J."""
+    gain, left = gain_at(ledger, end), math.inf
+    for level in range(_levels(ledger)):
+        most = _most(ledger, end, level)
+        left = min(left, most - cost(ledger, gain, _duration(ledger, level)))
+    return left
+
+
+def _levels(ledger: Ledger) -> int:
+    """Conditions that a force meets: for a punctual hold and, without a watchdog, a late one."""
+    return 2 if ledger.watchdog == NONE else 1
+
+
+def _most(ledger: Ledger, end: int, level: int) -> float:
+    """Most that a hold may cost, in J."""
+    return ledger.available[end] + level * ledger.allowance
+
+
+def _duration(ledger: Ledger, level: int) -> float:
+    """How long it can last, in s."""
+    return ledger.watchdog_limit if level == 1 else planned_hold(ledger)
+
+
+def planned_hold(ledger: Ledger) -> float:
+    """Return how long the next force must be expected to last, in s, if it is punctual."""
+    if ledger.watchdog == NONE:
+        return ledger.planned_limit
+    return ledger.planned_limit * (1.0 + ledger.tolerance)
+
+
+def _may_be_held(ledger: Ledger, force: float) -> bool:
+    """Whether ``force`` in the direction ``trial`` costs at most what there is.
+
+    In deficit it may cost what no force at all does: the rest of the old one, paid for before.
+    """
+    for end in range(ledger.ends):
+        scale = force * gain_at(ledger, end)
+        for level in range(_levels(ledger)):
+            duration = _duration(ledger, level)
+            most = max(_most(ledger, end, level), cost(ledger, 0.0, duration))
+            if cost(ledger, scale, duration) > most:
+                return False
+    return True
+
+
+def cost(ledger: Ledger, scale: float, duration: float) -> float:
+    """Return what a hold of ``scale`` times the force ``trial`` can cost, in J."""
+    lag = ledger.lag
+    total = square = before_square = 0.0
+    for k in range(ledger.axes):
+        axis = ledger.axis[k]
+        one = axis.constants
+        force = abs(scale * axis.trial)
+        if ledger.is_along_path:
+            square += force * force
+            before = _strongest(ledger, axis.motor)
+            before_square += before * before
+        elif lag > 0.0:
+            error = one.weight_error - (one.friction if one.presliding == 0.0 else 0.0)
+            before = max(_strongest(ledger, axis.motor) + error, 0.0)
+            after = max(force + error, 0.0)
+            total += lagging_cost(before, after, one.damping, duration, lag)
+        else:
+            total += axis_cost(one, force, duration)
+    if not ledger.is_along_path:
+        return total
+    if lag == 0.0:
+        return path_cost(ledger, math.sqrt(square), duration)
+    error = ledger.path_error - ledger.constants.path_friction
+    before = max(math.sqrt(before_square) + error, 0.0)
+    after = max(math.sqrt(square) + error, 0.0)
+    return lagging_cost(before, after, ledger.axis[0].constants.damping, duration, lag)
+
+
+def _strongest(ledger: Ledger, motor: Motor) -> float:
+    """Return the largest force of the motor, in N, when the next takes effect."""
+    force = abs(motor.actual)
+    if ledger.write_delay > 0.0:
+        force = max(force, abs(motor.target))
+    return force * (1.0 + ledger.gain)

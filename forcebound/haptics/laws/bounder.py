@@ -1,0 +1,245 @@
+"""The bounder: a law, its memory and the vectors, as the device node calls it at each sample."""
+
+import math
+from functools import partial
+from struct import Struct
+from typing import Any, TypeAlias
+
+from forcebound.compiled import jit, new_records
+from forcebound.errors import ConfigError
+from forcebound.haptics.laws.all_axes import REFUSED, RESTART, TAKEN, compiled, cut
+from forcebound.haptics.laws.constants import acts_along_path, axis_constants, energy_cap
+from forcebound.haptics.laws.dissipation import WATCHDOGS, Dissipation
+from forcebound.haptics.laws.law import BoundingLaw
+from forcebound.haptics.laws.laws import LAWS, check_law
+from forcebound.haptics.laws.ledger import Ledger
+from forcebound.messages.packets import MAX_AXES
+
+Vector: TypeAlias = tuple[float, ...]
+
+SHORTEST_NS = 1000  # a reading sooner after the last proves nothing
+LARGEST_READING = 1e6  # m; a reading beyond is none
+ROUNDING = 1e-15  # more than the relative error of scaling a vector and taking its length
+SMALLEST_LIMIT = 1e-290  # N; below it numbers lose the precision that ROUNDING relies on
+
+
+class ForceBounder:
+    """Bounds the force vector of a device with one law; one ledger for all axes.
+
+    Call :meth:`start` once, then at each sample :meth:`bound` and :meth:`settle`. Coordinates may
+    be joints: then positions are angles, in rad, and forces torques, in N m.
+
+    Attributes:
+        limit: Largest magnitude allowed at the last sample, in the direction of the commanded
+            force, in N: the law's or the saturation.
+        estimated_energy: Energy that the law believes in after the last sample, in J; its meaning
+            is the law's.
+        overruns: Holds that lasted longer than the hold limit.
+        refused_readings: Readings that were not believed: not finite, too soon after the last, or
+            faster than the device's largest speed.
+        late_writes: Forces that took effect later after their reading than the device states.
+
+    Raises:
+        ConfigError: If the law is not known, or the description does not fit this number of axes.
+    """
+
+    def __init__(self, law: str, dissipation: Dissipation, axes: int = 1) -> None:
+        check_law(law)
+        if not 1 <= axes <= MAX_AXES:
+            raise ConfigError(f"axes must be 1 to {MAX_AXES}, got {axes}")
+        self._start_law, self._limit_force, self._settle_force = compiled(LAWS[law])
+        self._cut = jit(cut)
+        self._axes = axes
+        self._dissipation = dissipation
+        self._ledgers: Any = new_records(Ledger)
+        self._ledger = self._ledgers[0]
+        pack = Struct(f"{axes}d").pack_into  # numpy takes longer to set numbers
+        self._set_reading = partial(pack, self._ledger.reading.data, 0)
+        self._set_force = partial(pack, self._ledger.force.data, 0)
+        self._is_gated = dissipation.largest_speed < math.inf
+        self._fill_settings(LAWS[law])
+        self._longest_limit = self._limit_s = dissipation.hold_limit
+        self._limit_ns = round(dissipation.hold_limit * 1e9)
+        self._write_delay_ns = round(dissipation.write_delay * 1e9)
+        self._slack = float(self._ledger.resolution)
+        # Compile, or load from the cache, before time matters.
+        rest = (0.0,) * axes
+        self.start(0, rest)
+        self.settle(self.bound(1_000_000, rest, rest))
+        self.report_cut(2_000_000, rest)
+        self.start(0, rest)
+
+    def _fill_settings(self, law: BoundingLaw) -> None:
+        d, ledger, axes = self._dissipation, self._ledger, self._axes
+        constants = axis_constants(d, axes)
+        along_path = acts_along_path(d, axes)
+        has_presliding = any(one.presliding > 0.0 for one in constants)
+        ledger.constants = law.device(d, axes)
+        ledger.axes = axes
+        ledger.saturation, ledger.lag, ledger.write_delay = d.saturation, d.lag, d.write_delay
+        ledger.gain = d.gain_error if law.limits_holds else 0.0
+        ledger.ends = 2 if ledger.gain > 0.0 else 1
+        ledger.watchdog, ledger.tolerance = WATCHDOGS.index(d.watchdog), d.watchdog_tolerance
+        ledger.watchdog_limit, ledger.allowance = d.watchdog_limit, d.allowance
+        ledger.is_along_path = along_path
+        ledger.is_rigid = (axes == 1 or along_path) and not has_presliding and d.lag == 0.0
+        ledger.planned_limit = d.hold_limit
+        ledger.path_error = math.hypot(*[one.weight_error for one in constants])
+        ledger.resolution = math.hypot(*d.of_axes("resolution", axes))
+        for k, one in enumerate(constants):
+            ledger.axis[k].constants = one
+
+    @property
+    def largest_allowance(self) -> float:
+        """Most energy that a late hold can have given the hand, in J."""
+        return float(self._ledger.largest_leak)
+
+    @property
+    def allowance_repaid(self) -> bool:
+        """Whether the ledger has back what late holds can have given."""
+        return self.largest_allowance == 0.0 or self.estimated_energy >= 0.0
+
+    def start(self, time_ns: int, position: Vector) -> None:
+        """Begin with the first reading, in m, at ``time_ns`` and no force; forget all before.
+
+        The device must be without force from the last :meth:`settle` on.
+        """
+        self._taken_ns = self._now_ns = self._written_ns = time_ns
+        self._position = position
+        self._candidate: tuple[int, Vector] | None = None
+        self._held_limit_ns = self._limit_ns
+        self._cut_ns = time_ns - 1_000_000_000  # none yet
+        self._set_reading(*position)
+        self.limit = 0.0
+        self.overruns = self.refused_readings = self.late_writes = 0
+        self.estimated_energy: float = self._start_law(self._ledgers)
+
+    def bound(self, read_ns: int, position: Vector, commanded: Vector) -> Vector:
+        """Return the force to write at this sample, in N, in the direction of the commanded force.
+
+        Only a law that adds damping departs from that. A reading that cannot be is refused: it is
+        counted, changes nothing else, and the force is one that is safe whatever the device does.
+
+        Args:
+            read_ns: When ``position`` was read, in ns; later than before.
+            position: Reading of each axis, in m.
+            commanded: Commanded force of each axis, in N.
+
+        Raises:
+            ValueError: If a commanded force is not finite: a mistake of the caller, since the
+                safety chain has rejected such a force before. So is a vector of another length
+                (:class:`struct.error`), here and in the other methods.
+        """
+        self._set_force(*commanded)
+        magnitude = math.hypot(*commanded)
+        if not magnitude < math.inf:
+            raise ValueError(f"commanded forces must be finite, got {commanded} N")
+        before = self._position
+        limit, damping, dt = self._sample(read_ns, position, magnitude)
+        force = commanded
+        if damping > 0.0:
+            rate = damping / dt
+            moved = zip(force, position, before, strict=True)
+            force = tuple([f + rate * (now - then) for f, now, then in moved])
+            magnitude = math.hypot(*force)
+        self.limit = limit
+        return shorten(force, magnitude, limit)
+
+    def settle(self, applied: Vector, write_ns: int | None = None) -> None:
+        """Close the sample with the force that was written, in N: what :meth:`bound` gave, or less.
+
+        ``write_ns`` is when it took effect, in ns; None: when the position was read.
+        """
+        now = self._now_ns
+        write_ns = now if write_ns is None or write_ns < now else write_ns
+        if write_ns - self._written_ns > self._held_limit_ns:
+            self.overruns += 1
+        if write_ns - now > self._write_delay_ns:
+            self.late_writes += 1
+        self._written_ns, self._held_limit_ns = write_ns, self._limit_ns
+        self._set_force(*applied)
+        self.estimated_energy = self._settle_force(self._ledgers, (write_ns - now) / 1e9)
+
+    def set_hold_limit(self, seconds: float) -> None:
+        """Plan the forces from the next :meth:`bound` on for this hold limit, in s.
+
+        The device must have been given it before it gets such a force.
+        """
+        if seconds == self._limit_s:
+            return
+        self._limit_s, self._limit_ns = seconds, round(seconds * 1e9)
+        self._ledger.planned_limit = self._ledger.constants.hold_limit = seconds
+        if seconds > self._longest_limit:
+            self._longest_limit = seconds
+            cap = energy_cap(self._dissipation, self._axes, seconds)
+            self._ledger.constants.energy_cap = cap
+
+    def report_cut(self, time_ns: int, position: Vector) -> None:
+        """Take in when and where (m) the watchdog dropped the force, before :meth:`bound`."""
+        if time_ns == self._written_ns:
+            return  # the force before that write, which has acted until then
+        self._cut_ns = time_ns
+        if time_ns >= self._now_ns:
+            self._sample(time_ns, position, 0.0, is_cut=True)
+        self._cut(self._ledgers)
+
+    def _sample(
+        self, read_ns: int, position: Vector, magnitude: float, is_cut: bool = False
+    ) -> tuple[float, float, float]:
+        """Let time pass up to a reading and take it in; return force, added damping and dt."""
+        self._set_reading(*position)
+        since_ns = read_ns - self._taken_ns
+        closing = TAKEN
+        if (
+            since_ns < SHORTEST_NS
+            or read_ns < self._now_ns
+            or not math.hypot(*position) < LARGEST_READING
+        ):
+            closing = REFUSED
+        elif self._is_gated:
+            closing = self._judge(read_ns, position)
+        # Too soon after the reading at a cut is no fault of this one.
+        if closing == REFUSED and not is_cut and read_ns - self._cut_ns >= SHORTEST_NS:
+            self.refused_readings += 1
+        if is_cut:
+            self._ledger.is_unsure = False
+        passed_ns = read_ns - self._now_ns
+        if passed_ns > 0:
+            self._now_ns = read_ns
+        dt = since_ns / 1e9
+        limit, damping, closing = self._limit_force(
+            self._ledgers, magnitude, passed_ns / 1e9, dt, closing
+        )
+        if closing != REFUSED:
+            self._taken_ns, self._position = read_ns, position
+        return limit, damping, dt
+
+    def _judge(self, read_ns: int, position: Vector) -> int:
+        """Return whether the device can have moved to a reading."""
+        candidate, self._candidate = self._candidate, None
+        if candidate is not None and self._is_credible(candidate, read_ns, position):
+            return RESTART  # it really is there: begin anew, with the price of not knowing how
+        if self._is_credible((self._taken_ns, self._position), read_ns, position):
+            return TAKEN
+        self._candidate = read_ns, position
+        return REFUSED
+
+    def _is_credible(self, before: tuple[int, Vector], read_ns: int, position: Vector) -> bool:
+        way = math.dist(before[1], position)
+        dt = (read_ns - before[0]) / 1e9
+        return way <= self._dissipation.largest_speed * dt + self._slack
+
+
+def shorten(force: Vector, magnitude: float, limit: float) -> Vector:
+    """Return ``force``, of ``magnitude`` N, no longer than ``limit`` N; its direction is kept.
+
+    The length is at most ``limit`` to the last bit, not only to rounding.
+    """
+    if magnitude <= limit:
+        return force
+    if len(force) == 1:
+        return (math.copysign(limit, force[0]),)
+    if limit < SMALLEST_LIMIT:
+        return (0.0,) * len(force)
+    scale = limit / magnitude * (1.0 - ROUNDING)
+    return tuple([scale * f for f in force])

@@ -1,0 +1,81 @@
+"""A bounding law: four pure functions, and the constants of a device that it may rely on.
+
+The functions take and return numbers and the NamedTuples of :mod:`forcebound.haptics.laws.sample`,
+and use nothing but arithmetic and :mod:`math`. So the very same function objects run in plain
+Python, and compiled in the live node, in audits and in sweeps.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from forcebound.haptics.laws.constants import device_constants
+from forcebound.haptics.laws.dissipation import Dissipation
+from forcebound.haptics.laws.sample import DeviceConstants, Sample, Write
+
+#: What a law remembers from sample to sample: an energy, in J (or a stiffness, in N/m).
+State: TypeAlias = float
+
+
+def zero_energy(device: DeviceConstants) -> State:
+    """``start`` of a law whose state is an energy that begins at 0 J."""
+    return 0.0
+
+
+def settle_nothing(state: State, write: Write, device: DeviceConstants) -> State:
+    """``settle`` of a law that needs no settling: return ``state``."""
+    return state
+
+
+def state_is_energy(state: State, write: Write, device: DeviceConstants) -> float:
+    """``energy`` of a law whose state is the energy that it believes in, in J."""
+    return state
+
+
+@dataclass(frozen=True)
+class BoundingLaw:
+    """One bounding law; :mod:`forcebound.haptics.laws` says what it promises.
+
+    Attributes:
+        summary: One line for lists and legends.
+        limit: ``(state, sample, device) -> (state, largest force in N, added damping in N s/m)``.
+        start: ``(device) -> state`` at the first reading.
+        settle: ``(state, write, device) -> state`` once the force of this sample is written.
+        energy: ``(state, write, device) -> J``: the energy that the law believes in after
+            ``settle``.
+        limits_holds: The next hold may cost at most the law's ``energy``; the bounder finds the
+            largest force for which it does (:mod:`forcebound.haptics.laws.hold_cost`). The state is
+            an energy, in J.
+        uses_friction: False: the law counts viscous damping alone, f_c = 0.
+        is_certified: The bound holds for the physical energy (``docs/theory.md``).
+        adds_damping: The law may add a force of its own, so it may exceed the commanded force.
+    """
+
+    summary: str
+    limit: Callable[[State, Sample, DeviceConstants], tuple[State, float, float]]
+    start: Callable[[DeviceConstants], State] = zero_energy
+    settle: Callable[[State, Write, DeviceConstants], State] = settle_nothing
+    energy: Callable[[State, Write, DeviceConstants], float] = state_is_energy
+    limits_holds: bool = False
+    uses_friction: bool = True
+    is_certified: bool = False
+    adds_damping: bool = False
+
+    def device(self, dissipation: Dissipation, axes: int = 1) -> DeviceConstants:
+        """Return the constants that the functions of this law take."""
+        device = device_constants(dissipation, axes)
+        return device if self.uses_friction else device._replace(friction=0.0)
+
+
+def observe_energy(state: State, sample: Sample, device: DeviceConstants) -> State:
+    r"""Return the energy of the device, in J, as the paper's passivity observer sees it.
+
+    .. math:: E_1(n) = E_1(n-1) + B \Delta x(n)^2 + f_c |\Delta x(n)| + F_d(n-1) \Delta x(n)
+
+    with :math:`B = b / T`.
+
+    Source: Eq. 6 and 11 of the paper.
+    """
+    capability = device.damping / device.period
+    distance = sample.distance
+    return state + capability * distance * distance + device.friction * distance + sample.work

@@ -1,0 +1,107 @@
+"""What a bounder remembers between two calls: one record, which compiled functions take over.
+
+Compiled functions read and write it by attribute, without copying; interpreted ones do the same.
+"""
+
+from typing import Annotated, Any
+
+from forcebound.haptics.laws.sample import AxisConstants, AxisMemory, DeviceConstants, Memory
+from forcebound.haptics.laws.waveform import Motor
+from forcebound.messages.packets import MAX_AXES
+
+# : Values of ``Ledger.watchdog``, in the order of
+# :data:`forcebound.haptics.laws.dissipation.WATCHDOGS`.
+GUARDING, REPORTING, SILENT, NONE = range(4)
+
+
+class Axis:
+    """What belongs to one axis."""
+
+    memory: AxisMemory
+    motor: Motor
+    constants: AxisConstants
+    pending: float  # N, force that was written
+    trial: float  # N, force whose cost is computed, or the direction of one
+    origin: float  # m, reading at the start
+    work: float  # J, in the ledger, of this axis: less the prices that grow with the gain
+
+
+class Ledger:
+    """What a bounder remembers."""
+
+    reading: Annotated[list[float], MAX_AXES]  # m, input of a call
+    force: Annotated[list[float], MAX_AXES]  # N, input of a call
+    # Settings.
+    axes: int
+    saturation: float  # N
+    ends: int  # of the range of gains: 2, or 1 if the gain has no error
+    gain: float  # its largest relative error
+    lag: float  # s
+    write_delay: float  # s
+    watchdog: int
+    tolerance: float  # of the watchdog
+    watchdog_limit: float  # s
+    allowance: float  # J
+    is_rigid: bool  # a formula gives the largest force
+    is_along_path: bool  # of friction
+    planned_limit: float  # s, hold limit of the next force
+    path_error: float  # N, length of the vector of the errors of the weights
+    resolution: float  # m, length of the vector of the axes' resolutions
+    constants: DeviceConstants
+    # The law: state and energy available for the next hold, at the least and the largest gain.
+    state: Annotated[list[float], 2]
+    available: Annotated[list[float], 2]
+    held_price: float  # J, of the last reading that was taken in
+    spent: float  # J, the most that the force since that reading can have given
+    since: float  # s, since that reading
+    memory: Memory
+    # The force that acts.
+    age: float  # s
+    until_cut: float  # s until it will be dropped, or inf
+    held_limit: float  # s, that it was planned for
+    budget: float  # J, that it was planned for
+    given: float  # J, the most that it can have given since it took effect
+    is_dropped: bool
+    is_unsure: bool  # the watchdog may have dropped the force since the last reading
+    largest_leak: float  # J, the most that a late hold can have given
+    # The force that was written and will act.
+    until_write: float  # s, or -1: there is none
+    pending_limit: float  # s
+    pending_budget: float  # J
+    axis: Annotated[list[Axis], MAX_AXES]
+
+
+def store_axis(into: Any, memory: AxisMemory) -> None:
+    """Put the memory of an axis into a record."""
+    into.reading = memory.reading
+    into.force = memory.force
+    into.mean_force = memory.mean_force
+    into.play = memory.play
+    into.path = memory.path
+    into.older = memory.older
+    into.younger = memory.younger
+
+
+def store_force(into: Any, force: float) -> None:
+    """Put the force that was written last into the memory of an axis, in N."""
+    into.force = force
+
+
+def store_memory(into: Any, memory: Memory) -> None:
+    """Put the memory of all axes into a record."""
+    into.path = memory.path
+    into.loss = memory.loss
+    into.between = memory.between
+    into.older_age = memory.older_age
+    into.younger_age = memory.younger_age
+    into.samples = memory.samples
+
+
+def store_motor(into: Any, motor: Motor) -> None:
+    """Put the motor of an axis into a record."""
+    into.target = motor.target
+    into.actual = motor.actual
+    into.first = motor.first
+    into.second = motor.second
+    into.steps = motor.steps
+    into.step = motor.step

@@ -1,0 +1,85 @@
+r"""The motor's force between two readings: its mean, and the penalty of its changes.
+
+It is known, piece by piece: the old force until the new one takes effect, the new one until it is
+replaced or the watchdog drops it, each approached as :math:`F_a(t) = F + (F_a(0) - F) e^{-t/\tau}`.
+``docs/theory.md``, section 3.1, derives the *penalty*, what the hand may gain by the deviation from
+the mean force, and that of a single step, where friction counts.
+"""
+
+import math
+from typing import NamedTuple
+
+from forcebound.haptics.laws.hold_cost import hold_cost
+from forcebound.haptics.laws.sample import AxisConstants
+
+
+class Motor(NamedTuple):
+    """The force of one axis since the last reading."""
+
+    target: float  # N, that the amplifier approaches
+    actual: float  # N, now
+    first: float  # N s, integral of the force since the last reading
+    second: float  # N² s, integral of its square
+    steps: float  # number of steps of the target since the last reading
+    step: float  # N, the last of them
+
+
+NO_FORCE = Motor(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def run(motor: Motor, duration: float, lag: float) -> Motor:
+    """Return the motor ``duration`` later, in s; ``lag`` is τ, in s."""
+    target, first, second = motor.target, motor.first, motor.second
+    away = motor.actual - target
+    first += target * duration
+    second += target * target * duration
+    if away != 0.0:  # only with a lag: else the force is on its target at once
+        left = math.exp(-duration / lag)
+        mean = lag * (1.0 - left)
+        first += away * mean
+        second += 2.0 * target * away * mean + 0.5 * away * away * lag * (1.0 - left * left)
+        away *= left
+    return Motor(target, target + away, first, second, motor.steps, motor.step)
+
+
+def retarget(motor: Motor, target: float, lag: float, is_first: bool) -> Motor:
+    """Return the motor with a new target, in N; ``is_first``: right at the reading."""
+    actual = motor.actual if lag > 0.0 else target
+    step = target - motor.target
+    if is_first or step == 0.0:
+        return Motor(target, actual, motor.first, motor.second, motor.steps, motor.step)
+    return Motor(target, actual, motor.first, motor.second, motor.steps + 1.0, step)
+
+
+def begin_interval(motor: Motor) -> Motor:
+    """Return the motor at a reading, from which it is observed anew."""
+    return Motor(motor.target, motor.actual, 0.0, 0.0, 0.0, 0.0)
+
+
+def mean_force(motor: Motor, dt: float, lag: float) -> float:
+    """Return the mean force of an interval of length ``dt``, in s; exact if nothing changed."""
+    if motor.steps == 0.0 and lag == 0.0:
+        return motor.target
+    return motor.first / dt
+
+
+def penalty(
+    motor: Motor, dt: float, lag: float, gain: float, move: float, constants: AxisConstants
+) -> float:
+    """Return what the hand can have gained by the changes of the force in an interval, in J.
+
+    ``motor`` is that at the end of the interval of ``dt`` s, in which the reading made a ``move``
+    in m; ``gain`` is the largest of the motor.
+    """
+    if motor.steps == 0.0 and lag == 0.0:
+        return 0.0
+    damping = constants.damping
+    deviation = max(motor.second - motor.first * motor.first / dt, 0.0)
+    if deviation == 0.0:
+        return 0.0
+    if motor.steps != 1.0 or lag > 0.0 or constants.presliding > 0.0 or constants.friction == 0.0:
+        return gain * gain * deviation / (4.0 * damping)
+    step = abs(motor.step)
+    way = abs(move) + 2.0 * constants.half_resolution
+    share = deviation / (step * step)
+    return hold_cost(gain * step, 2.0 * constants.friction, way, damping, share)

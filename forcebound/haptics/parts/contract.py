@@ -1,0 +1,180 @@
+"""Broken promises as data, and the checks that the contracts of all rooms share.
+
+A contract is a table of promises and a function ``check`` that asks a part, at random and at its
+limits, and returns a :class:`Report`. ``forcebound check`` runs it on a user's file, the
+repository's own tests on every part that ships.
+"""
+
+import dataclasses
+import math
+import numbers
+import pickle
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+from forcebound.haptics.parts.user_module import describe_user_error
+
+VALUE = {"value": "is a frozen dataclass that can be copied, changed and pickled"}
+SHOWN = 3  # violations of one promise in a report; the others are alike
+
+
+@dataclass(frozen=True)
+class Fault:
+    """What is wrong with an answer."""
+
+    expected: str
+    got: str
+
+    def __str__(self) -> str:
+        return f"expected {self.expected}; got {self.got}"
+
+
+@dataclass(frozen=True)
+class Violation:
+    """One promise that was broken."""
+
+    promise: str
+    expected: str
+    got: str
+    where: str  # the question, or what else was done
+
+
+@dataclass(frozen=True)
+class Report:
+    """What a check found."""
+
+    promises: Mapping[str, str]  # in words, by name; only those that were looked at
+    violations: tuple[Violation, ...]  # at most ``SHOWN`` of each promise
+    questions: int  # how many were asked
+    left_out: int = 0  # how many were not, to be done in time
+
+    @property
+    def held(self) -> dict[str, bool]:
+        """Whether each promise was kept."""
+        broken = {violation.promise for violation in self.violations}
+        return {promise: promise not in broken for promise in self.promises}
+
+
+def vector_fault(answer: object, axes: int, unit: str) -> Fault | None:
+    """Return what is wrong with the form of a vector in ``unit``; None if nothing."""
+    tolist = getattr(answer, "tolist", None)  # of an array
+    entries: object = answer if tolist is None else tolist()
+    expected = f"a tuple with {axes} number{'s' * (axes > 1)} in {unit}, one per axis"
+    if isinstance(entries, str | bytes) or not isinstance(entries, Sequence):
+        return Fault(expected, shown(answer))
+    if len(entries) != axes:
+        return Fault(expected, f"{len(entries)} entries: {shown(answer)}")
+    for entry in entries:
+        if isinstance(entry, bool) or not isinstance(entry, numbers.Real):
+            return Fault(expected, f"an entry {shown(entry)}")
+    return None
+
+
+class Findings:
+    """Broken promises that a check has found until now."""
+
+    def __init__(self) -> None:
+        self._found: dict[str, list[Violation]] = {}
+
+    def add(self, promise: str, expected: str, got: str, where: str) -> None:
+        """Note a broken promise, up to ``SHOWN`` times."""
+        found = self._found.setdefault(promise, [])
+        violation = Violation(promise, expected, got, where)
+        if len(found) < SHOWN and violation not in found:
+            found.append(violation)
+
+    @contextmanager
+    def noting(self, promise: str, expected: str, where: str) -> Iterator[None]:
+        """Note what is raised within as a broken promise."""
+        try:
+            yield
+        except (Exception, SystemExit) as error:
+            self.add(promise, expected, describe_user_error(error, anywhere=True), where)
+
+    def check_value(self, model: Any) -> None:
+        """Check that a model is a frozen dataclass that can be copied and pickled."""
+        if not is_frozen(type(model)):
+            kind = type(model).__name__
+            self.add("value", "@dataclass(frozen=True)", f"class {kind} without it", kind)
+            return
+        copies: dict[str, Callable[[], Any]] = {
+            "dataclasses.replace": lambda: dataclasses.replace(model),
+            "pickle": lambda: pickle.loads(pickle.dumps(model)),
+        }
+        for what, make in copies.items():
+            with self.noting("value", "an equal object", what):
+                made = make()
+                if made != model:
+                    self.add("value", f"an equal object, {model!r}", repr(made), what)
+
+    def check_number(self, promise: str, model: Any, name: str, unit: str, above: bool) -> None:
+        """Check an attribute: finite, and at least 0, or ``above`` 0."""
+        value = getattr(model, name)
+        lowest = math.ulp(0.0) if above else 0.0
+        if not isinstance(value, int | float) or not lowest <= value < math.inf:
+            self.add(promise, f"{'>' if above else '>='} 0 {unit}, finite", repr(value), name)
+
+    def check_vector(
+        self, answer: Any, axes: int, unit: str, where: str, finite: str = "finite"
+    ) -> bool:
+        """Return whether a vector has its form (promise "shape"); check that it is finite."""
+        fault = vector_fault(answer, axes, unit)
+        if fault is not None:
+            self.add("shape", fault.expected, fault.got, where)
+        elif not all(map(math.isfinite, answer)):
+            self.add(finite, "finite numbers", repr(answer), where)
+        return fault is None
+
+    def check_repeats(self, one: Sequence[Any], other: Sequence[Any], where: str) -> None:
+        """Check that the answers of two runs are the same (promise "pure")."""
+        for place, (before, after) in enumerate(zip(one, other, strict=True)):
+            if before != after:
+                self.add("pure", f"{before}, as before", str(after), f"{where}, answer {place}")
+                return
+
+    def is_broken(self, promise: str) -> bool:
+        """Whether a promise was broken until now."""
+        return promise in self._found
+
+    def report(
+        self,
+        promises: Mapping[str, str],
+        questions: int,
+        left_out: int = 0,
+        unseen: Collection[str] = (),
+    ) -> Report:
+        """Return what was found; no promise in ``unseen`` is called kept."""
+        violations = tuple(one for found in self._found.values() for one in found)
+        named = {
+            name: words
+            for name, words in promises.items()
+            if name not in unseen or self.is_broken(name)
+        }
+        return Report(named, violations, questions, left_out)
+
+
+def is_frozen(kind: type) -> bool:
+    """Return whether a class is a frozen dataclass itself, whatever it inherits."""
+    parameters = vars(kind).get("__dataclass_params__")
+    return parameters is not None and parameters.frozen
+
+
+def is_unit(numbers: Sequence[float]) -> bool:
+    """Return whether numbers are a vector, or quaternion, of length 1, to rounding."""
+    return abs(math.hypot(*numbers) - 1.0) <= 1e-6
+
+
+def copy_of(model: Any) -> Any:
+    """Return a copy of a model; the model itself if it cannot be copied."""
+    try:
+        return dataclasses.replace(model)
+    except Exception:
+        return model
+
+
+def shown(value: object) -> str:
+    """Return a value and its type, shortened."""
+    text = f"{value!r} of type {type(value).__name__}" if value is not None else "None"
+    return text if len(text) <= 120 else text[:117] + "..."

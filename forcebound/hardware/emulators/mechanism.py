@@ -1,0 +1,110 @@
+"""What an emulated board turns: a simulated device, in a hand, at the angles of its motors."""
+
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+from forcebound.errors import DeviceError
+from forcebound.haptics.devices.simulated import SimulatedDevice
+from forcebound.haptics.devices.truth import Truth
+from forcebound.haptics.hands import Operator
+from forcebound.haptics.hands.hands import NoHand
+from forcebound.hardware.emulators.hand import CarryingHand
+from forcebound.messages.packets import Vector
+
+LARGEST_TORQUE = 1e6  # N m, no limit: the board has its own
+
+
+class Mechanism:
+    """A simulated device whose motors hold a board's torque until the board changes it.
+
+    It has what its model states, as any simulated device. But its motors know no hold limit, the
+    write delay is that of the line, and the largest torque that of the board.
+
+    Without an operator nobody holds it. Then somebody puts it back into the pose of the set-up,
+    whose tip is at ``home`` (m), when it is out of use; until then it stays in a singular pose,
+    where a real arm lies against its stops.
+
+    Attributes:
+        angles: What the encoders read, in rad.
+        torque: Commanded to the motors, in N m, positive towards larger angles.
+        torque_ns: When that changed last, in ns.
+    """
+
+    def __init__(self, model: Any, operator: Operator | None, home: Vector) -> None:
+        free = replace(
+            model,
+            saturation=LARGEST_TORQUE,
+            write_delay=0.0,
+            watchdog="none",
+            watchdog_limit="auto",
+        )
+        self._is_held = operator is not None
+        self._is_stuck = self._is_away = False
+        self._hand = CarryingHand(operator or NoHand(), home)
+        self._new_device = partial(SimulatedDevice, free, self._hand, 1.0)
+        self._device = self._new_device()
+        self._start_ns = 0
+        self.angles: Vector = (0.0,) * model.axes
+        self.torque: Vector = (0.0,) * model.axes
+        self.torque_ns = 0
+
+    def start(self, time_ns: int) -> None:
+        """Begin at this time, at rest."""
+        self._start_ns = self.torque_ns = time_ns
+        self._begin(time_ns)
+
+    def _begin(self, time_ns: int) -> None:
+        self.angles = self._device.read(time_ns)
+        self._device.engage(time_ns)
+
+    def advance(self, time_ns: int) -> None:
+        """Move on under the torque; DeviceError if the hand has left where the arm can be held."""
+        if self._is_stuck:
+            return
+        try:
+            self.angles = self._device.read(time_ns)
+        except DeviceError:
+            if self._is_held:
+                raise
+            self._is_stuck = True
+
+    def hold(self, time_ns: int, torque: Vector) -> None:
+        """Hold a torque from now on, in N m."""
+        if torque != self.torque:
+            if not self._is_stuck:
+                self._device.write(time_ns, tuple([-t for t in torque]))  # resists, where positive
+            self.torque, self.torque_ns = torque, time_ns
+
+    def truth(self) -> Truth:
+        """Return the ground truth, at the tip."""
+        return self._device.truth()
+
+    def hold_home(self, time_ns: int) -> None:
+        """Let the hand bring the tip to the pose of the set-up, if it is not there."""
+        if not self._is_held:
+            self._put_home(time_ns)
+        elif not self._hand.is_home:
+            self._hand.carry_home(self._elapsed(time_ns))
+
+    def use(self, time_ns: int, may_move: bool) -> None:
+        """Let the hand bring the tip to where its path begins; ``may_move``: and move along it."""
+        if not self._is_held:
+            if not may_move:
+                self._put_home(time_ns)
+            self._is_away = may_move
+            return
+        if self._hand.is_home:
+            self._hand.carry_out(self._elapsed(time_ns))
+        if may_move:
+            self._hand.move(self._elapsed(time_ns))
+
+    def _put_home(self, time_ns: int) -> None:
+        if self._is_away:
+            self._is_away = self._is_stuck = False
+            self._device = self._new_device()
+            self._begin(time_ns)
+            self._device.write(time_ns, tuple([-t for t in self.torque]))
+
+    def _elapsed(self, time_ns: int) -> float:
+        return (time_ns - self._start_ns) * 1e-9

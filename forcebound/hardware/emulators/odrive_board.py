@@ -1,0 +1,286 @@
+"""An ODrive with firmware 0.5.6, as seen from its port: the ASCII protocol.
+
+A line is a command, an optional checksum behind ``*``, an optional comment behind ``;``; it ends
+with a line feed, a carriage return or ``!``::
+
+    c AXIS TORQUE       torque, in N m; feeds the watchdog; no reply
+    f AXIS              reply: position and velocity, in turns and turns/s
+    u AXIS              feeds the watchdog; no reply
+    r PROPERTY          reply: its value, cut to 9 characters
+    w PROPERTY VALUE    no reply
+    sc                  clears the errors; no reply
+
+The checksum is the exclusive or of all bytes before ``*``, in decimal. A reply carries one if its
+request did, and ends with carriage return and line feed. What a driver must know of the real board,
+and this one does: docs/devices.md. Left out: the estimator's filter (readings here are the
+encoder's), calibration (it is done), the currents' dynamics, all but the commands above and a few
+properties.
+"""
+
+import math
+import re
+from dataclasses import dataclass, field
+from functools import reduce
+from operator import xor
+
+from forcebound.messages.packets import Vector
+
+LINE_ENDS = re.compile(rb"[\r\n!]")
+LONGEST_LINE = 256  # bytes, with its end
+LONGEST_VALUE = 9  # characters
+IDLE, CLOSED_LOOP_CONTROL = 1, 8  # states of an axis
+TORQUE_CONTROL = 1
+# Errors of an axis.
+INVALID_STATE, MOTOR_FAILED, ENCODER_FAILED, WATCHDOG_EXPIRED = 0x1, 0x40, 0x100, 0x800
+STATE_NS = 1_000_000  # from the request for a state to the state
+NUMBER = r"[-+]?(?:inf(?:inity)?|nan|(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?)"
+LARGEST_FLOAT = 3.4028235e38
+
+Value = float | int | bool
+
+BOARD_VALUES: dict[str, Value] = {
+    "vbus_voltage": 24.0,
+    "serial_number": 0x2060_3881_4E42,
+    "fw_version_major": 0,
+    "fw_version_minor": 5,
+}
+AXIS_VALUES: dict[str, Value] = {
+    "error": 0,
+    "current_state": IDLE,
+    "requested_state": 0,
+    "config.watchdog_timeout": 0.0,
+    "config.enable_watchdog": False,
+    "motor.config.torque_lim": math.inf,
+    "motor.config.current_lim": 10.0,
+    "motor.config.torque_constant": 0.04,
+    "encoder.pos_estimate": 0.0,
+    "encoder.vel_estimate": 0.0,
+    "controller.input_torque": 0.0,
+    "controller.config.control_mode": 3,  # position
+    "controller.config.input_mode": 1,  # passed through
+    "controller.config.vel_limit": 2.0,
+    "controller.config.vel_gain": 1.0 / 6.0,
+    "controller.config.enable_torque_mode_vel_limit": True,
+}
+READ_ONLY = {*BOARD_VALUES, "current_state", "encoder.pos_estimate", "encoder.vel_estimate"}
+
+
+@dataclass
+class _Axis:
+    values: dict[str, Value] = field(default_factory=AXIS_VALUES.copy)
+    fed_until_ns: int = 0
+    state_from_ns: int | None = None  # when a state that was asked for is taken on
+    angle: float | None = None  # rad, at the last look
+
+    @property
+    def is_on(self) -> bool:
+        """Whether the motor is."""
+        return self.values["current_state"] == CLOSED_LOOP_CONTROL
+
+    def fail(self, error: int) -> None:
+        """Note an error of the axis: the motor is off."""
+        self.values["error"] = int(self.values["error"]) | error
+        self.values["current_state"] = IDLE
+
+
+class ODriveBoard:
+    """The board; see :class:`forcebound.hardware.emulators.emulation.Board`.
+
+    A motor that is not calibrated cannot be switched on. ``has_estimate``: the encoders give one; a
+    fault to set.
+    """
+
+    def __init__(self, axes: int, is_calibrated: bool = True) -> None:
+        self.angles: Vector = (0.0,) * axes
+        self.torque: Vector = (0.0,) * axes
+        self.wake_ns: int | None = None
+        self.has_estimate = True
+        self._is_calibrated = is_calibrated
+        self._values = dict(BOARD_VALUES)
+        self._axes = [_Axis() for _ in range(axes)]
+        self._line = b""
+        self._is_passed_over = False  # the rest of a line that was too long
+        self._time_ns: int | None = None
+        self._reply: list[bytes] = []
+
+    def receive(self, data: bytes, time_ns: int) -> bytes:
+        self._go_on(time_ns)
+        *lines, rest = LINE_ENDS.split(self._line + data)
+        for line in lines:
+            if self._is_passed_over or len(line) >= LONGEST_LINE:
+                self._is_passed_over = False
+            else:
+                self._process(line, time_ns)
+        if len(rest) >= LONGEST_LINE:
+            self._is_passed_over, rest = True, b""
+        self._line = rest
+        self.torque = tuple(map(_torque, self._axes))
+        self.wake_ns = self._next_ns()
+        reply = b"".join(self._reply)
+        self._reply.clear()
+        return reply
+
+    def reset(self) -> None:
+        """Forget what was written; the motors are off."""
+        self._axes = [_Axis() for _ in self._axes]
+
+    def with_nan(self, reply: bytes) -> bytes:
+        lines = []
+        for line in reply.splitlines():
+            words = line.partition(b"*")[0].split()
+            lines.append(_ended(" ".join("nan" for _ in words), b"*" in line))
+        return b"".join(lines)
+
+    def _go_on(self, time_ns: int) -> None:
+        """Let time pass: estimates, states that were asked for, watchdogs."""
+        for axis, angle in zip(self._axes, self.angles, strict=True):
+            self._estimate(axis, angle, time_ns)
+            values = axis.values
+            if axis.state_from_ns is not None and time_ns >= axis.state_from_ns:
+                axis.state_from_ns = None
+                self._enter(axis)
+            if values["config.enable_watchdog"] and time_ns >= axis.fed_until_ns:
+                axis.fail(WATCHDOG_EXPIRED)
+        self._time_ns = time_ns
+
+    def _estimate(self, axis: _Axis, angle: float, time_ns: int) -> None:
+        if not self.has_estimate:
+            axis.fail(ENCODER_FAILED)
+            return
+        values = axis.values
+        values["encoder.pos_estimate"] = angle / math.tau
+        if self._time_ns is not None and axis.angle is not None and time_ns > self._time_ns:
+            seconds = (time_ns - self._time_ns) * 1e-9
+            values["encoder.vel_estimate"] = (angle - axis.angle) / math.tau / seconds
+        axis.angle = angle
+
+    def _enter(self, axis: _Axis) -> None:
+        wanted = axis.values["requested_state"]
+        axis.values["requested_state"] = 0
+        if wanted == CLOSED_LOOP_CONTROL and (not self._is_calibrated or axis.values["error"]):
+            axis.fail(INVALID_STATE)
+        elif wanted in (IDLE, CLOSED_LOOP_CONTROL):
+            axis.values["current_state"] = wanted
+        else:
+            axis.fail(INVALID_STATE)
+
+    def _next_ns(self) -> int | None:
+        due = [axis.state_from_ns for axis in self._axes if axis.state_from_ns is not None]
+        for axis in self._axes:
+            if axis.is_on and axis.values["config.enable_watchdog"]:
+                due.append(axis.fed_until_ns)
+        return min(due, default=None)
+
+    def _process(self, line: bytes, time_ns: int) -> None:
+        text, star, rest = line.partition(b";")[0].partition(b"*")
+        if star:
+            given = re.match(rb"\s*\+?(\d+)", rest)
+            if given is None or int(given[1]) != exclusive_or(text):
+                return
+        command = text.decode("latin-1")
+        answer = self._answer(command, time_ns)
+        if answer is not None:
+            self._reply.append(_ended(answer, bool(star)))
+
+    def _answer(self, command: str, time_ns: int) -> str | None:
+        kind = command[:1]
+        if kind == "s":
+            if command[1:2] == "c":
+                self._clear_errors()
+            return None
+        if kind == "r":
+            return self._read(command)
+        if kind == "w":
+            return self._write(command, time_ns)
+        if kind not in ("c", "f", "u"):
+            return "unknown command"
+        form = rf"{kind}\s*\+?(\d+)" + (rf"\s*({NUMBER})" if kind == "c" else "")
+        given = re.match(form, command, re.IGNORECASE)
+        if given is None:
+            return "invalid command format"
+        if int(given[1]) >= len(self._axes):
+            return f"invalid motor {given[1]}"
+        axis = self._axes[int(given[1])]
+        if kind == "f":
+            values = axis.values
+            return f"{values['encoder.pos_estimate']:f} {values['encoder.vel_estimate']:f}"
+        if kind == "c":
+            axis.values["controller.config.control_mode"] = TORQUE_CONTROL
+            axis.values["controller.input_torque"] = _as_float(given[2])
+        self._feed(axis, time_ns)
+        return None
+
+    def _feed(self, axis: _Axis, time_ns: int) -> None:
+        axis.fed_until_ns = time_ns + round(float(axis.values["config.watchdog_timeout"]) * 1e9)
+
+    def _clear_errors(self) -> None:
+        for axis in self._axes:
+            axis.values["error"] = 0
+
+    def _find(self, command: str) -> tuple[dict[str, Value], str, _Axis | None] | str:
+        """Return the values with a property, its name there, its axis; or what is said of it."""
+        words = command[1:].split()
+        if not words:
+            return "invalid command format"
+        name = words[0]
+        found = re.fullmatch(r"axis(\d+)\.(.+)", name)
+        if found is None:
+            return (self._values, name, None) if name in self._values else "invalid property"
+        number, own = int(found[1]), found[2]
+        if number >= len(self._axes) or own not in AXIS_VALUES:
+            return "invalid property"
+        return self._axes[number].values, own, self._axes[number]
+
+    def _read(self, command: str) -> str:
+        found = self._find(command)
+        if isinstance(found, str):
+            return found
+        value = found[0][found[1]]
+        return (f"{value:f}" if isinstance(value, float) else str(int(value)))[:LONGEST_VALUE]
+
+    def _write(self, command: str, time_ns: int) -> str | None:
+        found = self._find(command)
+        if isinstance(found, str):
+            return found
+        values, name, axis = found
+        words = command[1:].split()
+        form = NUMBER if isinstance(values[name], float) else r"[-+]?\d+"
+        given = re.match(form, words[1] if len(words) > 1 else "", re.IGNORECASE)
+        if name in READ_ONLY or given is None:
+            return "not implemented"
+        kind = type(values[name])
+        values[name] = _as_float(given[0]) if kind is float else kind(int(given[0]))
+        if axis is not None and name == "requested_state":
+            axis.state_from_ns = time_ns + STATE_NS
+        return None
+
+
+def exclusive_or(text: bytes) -> int:
+    """Return the checksum of a line."""
+    return reduce(xor, text, 0)
+
+
+def _torque(axis: _Axis) -> float:
+    """Return what a motor gives, in N m."""
+    values = axis.values
+    if not axis.is_on or values["controller.config.control_mode"] != TORQUE_CONTROL:
+        return 0.0
+    torque = float(values["controller.input_torque"])
+    if values["controller.config.enable_torque_mode_vel_limit"]:
+        limit, gain = values["controller.config.vel_limit"], values["controller.config.vel_gain"]
+        velocity = values["encoder.vel_estimate"]
+        torque = min(max(torque, (-limit - velocity) * gain), (limit - velocity) * gain)
+    most = float(values["motor.config.current_lim"]) * values["motor.config.torque_constant"]
+    most = min(most, float(values["motor.config.torque_lim"]))
+    return most if math.isnan(torque) else min(max(torque, -most), most)
+
+
+def _as_float(text: str) -> float:
+    """Return a number as the firmware's float takes it."""
+    number = float(text)
+    return number if abs(number) <= LARGEST_FLOAT else math.copysign(math.inf, number)
+
+
+def _ended(answer: str, has_checksum: bool) -> bytes:
+    line = answer.encode("latin-1")
+    return line + (b"*%d\r\n" % exclusive_or(line) if has_checksum else b"\r\n")

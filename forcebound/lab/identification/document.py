@@ -1,0 +1,283 @@
+"""The file of an identified device: ``device.yaml``.
+
+It is a launch file with the section ``device:``, which others include, and the section
+``identified:``, which says where its numbers come from and which no run reads.
+"""
+
+import dataclasses
+import json
+import math
+from collections.abc import Mapping, Sequence
+from io import StringIO
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple
+
+import msgspec
+
+from forcebound.errors import ConfigError
+from forcebound.files import read_text
+from forcebound.graph.document import DEVICE_FILE, MAX_BYTES
+from forcebound.graph.fields import fields_of
+from forcebound.graph.problems import Problems
+from forcebound.graph.resolved import member_document
+from forcebound.graph.tree import parse
+from forcebound.haptics.devices import DeviceModel
+from forcebound.lab.identification.estimators import Bounded
+from forcebound.lab.identification.procedure import Found
+from forcebound.messages.packets import Vector
+
+DIGITS = 4  # of a bound
+
+#: How each number was measured.
+METHODS = {
+    "damping": "growth of the loss with the speed, passes there and back; lower bound",
+    "friction": "loss of slow passes in the weakest part of the range; lower bound",
+    "presliding": "way that comes back after pushes below the friction; upper bound",
+    "resolution": "smallest change of a reading in motion, and noise at rest; upper bound",
+    "weight_error": "force that depends on the place, largest of all parts; upper bound",
+    "write_delay": "from reading to the effect of the write, 999 of 1000; upper bound",
+    "lag": "by which the ripple of the speed follows a force that jumps; upper bound",
+    "gain_error": "force for a hanging weight, how far motors are from their mean; upper bound",
+}
+LOWER = ("damping", "friction")  # a lower bound is the careful one
+
+
+_Positive = Annotated[float, msgspec.Meta(gt=0.0)]
+
+
+class RecordedPlan(msgspec.Struct):
+    """How a device was identified; see :class:`forcebound.lab.identification.procedure.Plan`."""
+
+    reach: _Positive
+    force: _Positive
+    rate: _Positive
+
+
+class RecordedNumber(msgspec.Struct):
+    """A number, for each axis."""
+
+    found: float | list[float]
+    stated: float | list[float]
+
+
+class RecordedNumbers(msgspec.Struct):
+    """The numbers that a check compares."""
+
+    damping: RecordedNumber
+    friction: RecordedNumber
+    presliding: RecordedNumber
+    resolution: RecordedNumber
+
+
+class Identified(msgspec.Struct):
+    """What a check of a device needs of the section ``identified``."""
+
+    plan: RecordedPlan
+    serial_number: str
+    numbers: RecordedNumbers
+
+
+COMPARED = RecordedNumbers.__struct_fields__  # in a check
+
+
+class Number(NamedTuple):
+    """A number of a device: as it was found, and the bound that the device may state."""
+
+    found: float | Vector
+    stated: float | Vector
+
+
+def numbers_of(model: DeviceModel, found: Found) -> dict[str, Number]:
+    """Return the numbers of a device after an identification.
+
+    With a weight they count in forces of the mean gain, of which each motor gives its share.
+    """
+    shares = _shares(found)
+    numbers, known = {}, {field.name for field in dataclasses.fields(model)}
+    for name in (*COMPARED, "weight_error"):
+        if name not in known:  # no joint has a weight error
+            continue
+        each = [axis.load if name == "weight_error" else getattr(axis, name) for axis in found.axes]
+        if name in (*LOWER, "weight_error"):
+            each = [one.times(share) for one, share in zip(each, shares, strict=True)]
+        numbers[name] = _number(each, name in LOWER)
+    numbers["write_delay"] = _number([found.write_delay])
+    lag = lag_of(found)
+    if lag is not None and (lag.lower > 0.0 or model.watchdog != "guarding"):
+        numbers["lag"] = Number(max(lag.estimate, 0.0), up(max(lag.upper, 0.0)))
+    if found.gain:
+        error = max(abs(share.estimate - 1.0) for share in shares)
+        numbers["gain_error"] = Number(
+            error, up(max(max(share.upper - 1.0, 1.0 - share.lower) for share in shares))
+        )
+    return numbers
+
+
+def _number(values: Sequence[Bounded], is_lower: bool = False) -> Number:
+    found = tuple(abs(one.estimate) for one in values)
+    stated = tuple(down(one.lower) if is_lower else up(one.upper) for one in values)
+    return Number(found, stated) if len(values) > 1 else Number(found[0], stated[0])
+
+
+def lag_of(found: Found) -> Bounded | None:
+    """Return the lag of the slowest amplifier, in s; None if that of an axis is not known."""
+    lags = [axis.lag for axis in found.axes if axis.lag is not None]
+    if len(lags) < len(found.axes):
+        return None
+    return max(lags, key=lambda one: one.upper)
+
+
+def _shares(found: Found) -> list[Bounded]:
+    """Gain of each motor over the mean: the middle of the least and the largest that can be."""
+    if not found.gain:
+        return [Bounded(1.0, 1.0, 1.0)] * len(found.axes)
+    mean = 0.5 * (min(g.lower for g in found.gain) + max(g.upper for g in found.gain))
+    return [one.times(Bounded(1 / mean, 1 / mean, 1 / mean)) for one in found.gain]
+
+
+def identified_model(model: Any, found: Found) -> Any:
+    """Return the model with the numbers that were found.
+
+    What a late force costs under a guarding watchdog is known only without lag and write delay; a
+    device that has either states a reporting one.
+    """
+    bounds: dict[str, Any] = {name: one.stated for name, one in numbers_of(model, found).items()}
+    sources = {**model.sources, **dict.fromkeys(bounds, "measured")}
+    if model.watchdog == "guarding" and (bounds.get("lag") or bounds["write_delay"]):
+        bounds["watchdog"] = "reporting"
+    return dataclasses.replace(model, **bounds, sources=sources)
+
+
+def down(value: float) -> float:
+    """Return a value rounded down to so many digits as are written."""
+    if value == 0.0:
+        return 0.0
+    scale = 10.0 ** (DIGITS - 1 - math.floor(math.log10(abs(value))))
+    return math.floor(value * scale * (1.0 + math.copysign(1e-6, value))) / scale
+
+
+def up(value: float) -> float:
+    """Return a value rounded up alike."""
+    return -down(-value) if value else 0.0
+
+
+def document_of(
+    model: Any,
+    found: Found,
+    date: str,
+    serial: str,
+    plan: Mapping[str, float],
+    included: str | None,
+) -> dict[str, Any]:
+    """Return the content of the file.
+
+    Args:
+        model: As it was given, without the numbers that were found.
+        found: In the identification.
+        date: Of today.
+        serial: Serial number of the device; empty if it has none.
+        plan: How it was identified.
+        included: Launch file that it is for; None: none.
+    """
+    identified, numbers = identified_model(model, found), numbers_of(model, found)
+    values = member_document("device", identified)
+    kind: type = type(model)
+    defaults = {name: field.default for name, field in fields_of(kind).items()}
+    kept = {name for name in defaults if getattr(identified, name) != defaults[name]}
+    kept |= {"kind", "sources", *numbers}
+    device = {name: value for name, value in values.items() if name in kept}
+    if serial and "serial_number" in defaults:
+        device["serial_number"] = serial
+    numbers_found = {
+        name: {"found": _short(one.found), "stated": values[name], "method": METHODS[name]}
+        for name, one in numbers.items()
+    }
+    return {
+        "forcebound": 1,
+        **({"include": included} if included else {}),
+        "device": device,
+        "identified": {
+            "date": date,
+            "serial_number": serial,
+            "plan": dict(plan),
+            "range": _short(found.measured_range),
+            "numbers": numbers_found,
+            **_further(found),
+        },
+    }
+
+
+def _further(found: Found) -> dict[str, Any]:
+    """Return what is found beside the numbers of a device."""
+    lag = lag_of(found)
+    both = {"lag": [] if lag is None else [lag], "gain": found.gain}
+    bounds = {
+        name: {
+            "found": _short([one.estimate for one in each]),
+            "lower": _short([one.lower for one in each]),
+            "upper": _short([one.upper for one in each]),
+        }
+        for name, each in both.items()
+        if each
+    }
+    loads = [
+        {"mean": _short(axis.load.estimate), "largest": _short(axis.load.upper)}
+        for axis in found.axes
+    ]
+    interval = found.interval
+    return {
+        **bounds,
+        "load": loads,
+        "inertia": _short([axis.inertia for axis in found.axes]),
+        "interval": {"median": _short(interval.estimate), "longest": _short(interval.upper)},
+    }
+
+
+def _short(value: Any) -> Any:
+    """Round a number, or those in sequences."""
+    if isinstance(value, Sequence):
+        return [_short(one) for one in value]
+    return float(f"{value:.{DIGITS}g}")
+
+
+def write(path: Path, document: Mapping[str, Any], command: str) -> None:
+    """Write the file.
+
+    Raises:
+        ConfigError: If it cannot be written.
+    """
+    from ruamel.yaml import YAML
+
+    yaml = YAML()  # the kind that keeps the order
+    yaml.default_flow_style = None
+    yaml.width = 200  # a line for each number
+    text = StringIO()
+    yaml.dump(json.loads(json.dumps(document)), text)  # no object twice: that gives anchors
+    use = f"`device: {{include: {path.name}}}` in a launch file"
+    head = f"# Written by `{command}`. Use: {use}.\n"
+    try:
+        path.write_text(head + text.getvalue(), encoding="utf-8")
+    except OSError as error:
+        raise ConfigError(f"cannot write {DEVICE_FILE} {path}: {error.strerror}") from error
+
+
+def read(path: Path) -> Identified:
+    """Return what such a file says of an identification.
+
+    Raises:
+        ConfigError: If it cannot be read, is none, or is damaged.
+    """
+    problems = Problems()
+    root = parse(read_text(path, DEVICE_FILE, MAX_BYTES), str(path), problems)
+    problems.raise_if_any()
+    content: dict[str, Any] = {} if root is None else root.plain
+    if "identified" not in content:
+        raise ConfigError(
+            f"{path} has no section identified: write it with `forcebound identify DEVICE -o FILE`"
+        )
+    try:
+        return msgspec.convert(content["identified"], Identified)
+    except msgspec.ValidationError as error:
+        raise ConfigError(
+            f"{path}: identified: {error}; identify the device again with `forcebound identify`"
+        ) from error

@@ -1,0 +1,113 @@
+"""The verdict: what the certified law will show on an identified device, and what limits it.
+
+A reading goes along a prescribed way, at 100 mm/s to 2 mm behind a surface, and rests there, while
+the environment asks for more force than the law will ever give. What the law lets through, over
+these 2 mm, is the stiffness that a wall can have on this device: no device is simulated, and no
+hand. Repeated with one number better than it was measured, this gives what measuring it is worth.
+"""
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from forcebound.graph.servo import ServoSettings, dissipation_of
+from forcebound.haptics.devices import Device, DeviceModel
+from forcebound.lab.identification.rig import Floats
+from forcebound.messages.packets import Vector
+from forcebound.nodes.bounded_device import BoundedDevice
+
+SPEED, DEPTH = 0.1, 2e-3  # m/s, m
+RESTING = 0.2  # s
+
+#: By how many times a number is better on a better device, and what that is called.
+BETTER = {
+    **dict.fromkeys(("damping", "friction", "saturation"), (1.2, "a fifth more of it")),
+    "largest_speed": (0.8, "a fifth less of it"),
+    **dict.fromkeys(
+        ("presliding", "resolution", "write_delay", "gain_error", "lag", "weight_error"),
+        (0.0, "without it"),
+    ),
+}
+
+
+class _Prescribed(Device):
+    """A device whose readings go along a way of their own, whatever the force."""
+
+    def __init__(self, model: DeviceModel, start: Floats, turn: Floats, step: Floats) -> None:
+        self.kinematics, self.axes = model.kinematics(), model.axes
+        self._start, self._turn, self._step = start, turn, step
+
+    def read(self, time_ns: int) -> Vector:
+        """Return where the way is now, in steps of the encoder."""
+        way = self._start + min(1.0, time_ns * 1e-9 * SPEED / DEPTH) * self._turn
+        step = np.where(self._step > 0.0, self._step, 1.0)
+        return tuple(np.where(self._step > 0.0, step * np.round(way / step), way).tolist())
+
+    def write(self, time_ns: int, force: Vector) -> Vector:
+        """Take any force."""
+        return force
+
+
+def displayed_stiffness(model: DeviceModel, rate: float, start: Vector) -> float:
+    """Return the largest stiffness that the law ``certified`` displays after the press, in N/m.
+
+    Args:
+        model: What the device states.
+        rate: Of the servo, in Hz.
+        start: Readings at the surface.
+    """
+    arm, servo = model.kinematics(), ServoSettings(rate=rate)
+    axes = np.eye(len(start if arm is None else arm.position(start)))
+    # Row i: the readings by which the tip moves along its coordinate i.
+    jacobian = (
+        axes if arm is None else np.array([arm.torque(start, tuple(e)) for e in axes.tolist()])
+    )
+    turn = np.linalg.lstsq(jacobian, DEPTH * axes[0], rcond=None)[0]
+    dissipation = dissipation_of(model, servo)
+    step = np.array(dissipation.of_axes("resolution", len(start)))
+    device = BoundedDevice(
+        _Prescribed(model, np.array(start), turn, step), servo.law, dissipation, learns=False
+    )
+    device.begin()
+    lever = float(np.linalg.norm(jacobian[0]))
+    force = tuple((0.99 * model.saturation / lever * axes[0]).tolist())
+    for tick in range(round((DEPTH / SPEED + RESTING) * rate)):
+        written = device.write(tick * servo.period_ns, force, 1.0)
+    return math.hypot(*written.applied) / DEPTH
+
+
+def verdict(
+    model: Any, estimates: Mapping[str, float | Vector], rate: float, start: Vector
+) -> dict[str, Any]:
+    """Return what the law ``certified`` shows on a device.
+
+    Args:
+        model: With the bounds that were found.
+        estimates: What was found of each number, without its uncertainty.
+        rate: Of the servo, in Hz.
+        start: Readings in the middle of the workspace.
+
+    Returns:
+        ``stiffness`` in N/m; ``gains`` by number: how many times stiffer a wall would be on a
+        better device (``built``, see :data:`BETTER`), and if the number had been found without any
+        uncertainty (``measured``); ``limit``, the number with the largest gain of a better device.
+    """
+
+    def shown(**changed: object) -> float:
+        return displayed_stiffness(dataclasses.replace(model, **changed), rate, start)
+
+    now = shown()
+    gains: dict[str, dict[str, float]] = {}
+    for name, (factor, _) in BETTER.items():
+        value = getattr(model, name) or 0.0
+        if not np.any(value):
+            continue
+        better = tuple(factor * v for v in value) if isinstance(value, tuple) else factor * value
+        gains[name] = {"built": shown(**{name: better}) / (now or math.inf)}
+        if name in estimates:
+            gains[name]["measured"] = shown(**{name: estimates[name]}) / (now or math.inf)
+    limit = max(gains, key=lambda name: gains[name]["built"])
+    return {"stiffness": now, "gains": gains, "limit": limit}

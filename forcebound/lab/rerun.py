@@ -1,0 +1,182 @@
+"""The graph of a recording, to run it once more: with its own parts, others, or what it recorded.
+
+What can be fed from the recording in place of the graph's own:
+
+* ``hand``: a hand whose path is a function of time already repeats itself, from its beginning. Any
+  other (a pointer, a person on hardware, none, a hand in a recording that begins later) becomes one
+  that follows the recorded path; see :mod:`forcebound.haptics.hands.paths`.
+* ``network``: the recorded delays and losses of each link, in place of those of links and
+  environment; see :func:`forcebound.results.delay_traces.hop_delays`.
+* ``environment``: the recorded replies, whatever the hand does; see
+  :mod:`forcebound.haptics.environments.recorded`.
+"""
+
+import dataclasses
+import json
+import re
+from collections.abc import Collection, Iterator, Sequence
+from pathlib import Path
+from typing import Any, cast
+
+from forcebound.errors import ConfigError
+from forcebound.files import content_of
+from forcebound.graph.graph import BESIDE_MODEL, KINDS, DeviceConfig, GraphConfig
+from forcebound.graph.loader import from_document
+from forcebound.graph.model import make_part
+from forcebound.graph.names import ParameterName, split_setting
+from forcebound.graph.parts import law_of
+from forcebound.graph.problems import Problems, unknown
+from forcebound.graph.servo import ServoSettings
+from forcebound.graph.tree import from_plain, scalar
+from forcebound.haptics.hands.hands import SoftGrip
+from forcebound.haptics.hands.paths import began
+from forcebound.haptics.laws import LAWS
+from forcebound.messages.packets import TOPIC_OF, Telemetry
+from forcebound.messages.topology import LINKS
+from forcebound.recordings.recording import Recording
+
+_GRIP = tuple(field.name for field in dataclasses.fields(SoftGrip))
+_COMPUTATION = tuple(name for name in BESIDE_MODEL if name.startswith("compute_"))
+
+
+def graph_of(
+    recording: Recording, settings: Sequence[str] = (), feeds: Collection[str] = ()
+) -> GraphConfig:
+    """Return the graph of a recording.
+
+    Args:
+        recording: With its launch file.
+        settings: Other values, each ``name:=value``: ``law``; ``device``, ``operator``,
+            ``controller`` or ``environment`` for another kind with its defaults; or a key of the
+            launch file, ``environment.stiffness``.
+        feeds: Some of :data:`FEEDS`.
+
+    Raises:
+        ConfigError: If the recording holds none, a setting is wrong, or the recording names code or
+            a serial port of its own, which only the user may.
+    """
+    document = _document(recording)
+    document.pop("remote", None)  # the environment runs here
+    file = str(recording.path.absolute())
+    with content_of(recording.path):
+        if "network" in feeds:
+            _feed_network(document, file)
+        if "environment" in feeds:
+            _feed_environment(document, file)
+        if "hand" in feeds:
+            _feed_hand(document, file, began(_ticks(recording)) > 0.0)
+    named = {_set(document, setting) for setting in settings}
+    if "environment" in feeds and "environment" in named:
+        raise ConfigError("environment:=KIND and --environment exclude each other: give one")
+    _check_code(recording, document, named, KINDS)
+    config = from_document(document)
+    if "device" not in named and config.device.model.simulated_in is not None:
+        raise ConfigError(
+            f"{recording.path} was recorded on a device at a serial port; name a simulated one,"
+            " such as device:=five_bar, or this one: device:=KIND device.port:=PORT"
+        )
+    return config
+
+
+def device_of(recording: Recording, settings: Sequence[str] = ()) -> DeviceConfig:
+    """Return the device of a recording and its servo; ``settings`` as for :func:`graph_of`.
+
+    Raises:
+        ConfigError: As :func:`graph_of`, of device and law alone.
+    """
+    document = _document(recording)
+    named = {_set(document, setting) for setting in settings}
+    _check_code(recording, document, named, ("device",))
+    with content_of(recording.path):
+        section = from_plain(document["device"], "device")
+        device: DeviceConfig = make_part("device", section, Problems(), is_whole=True)
+    return device
+
+
+def duration_of(recording: Recording, config: GraphConfig) -> float:
+    """Return for how long the force was engaged in a recording, in s."""
+    longest = max((tick.elapsed for tick in _ticks(recording)), default=0.0)
+    longest -= began(_ticks(recording))
+    period = config.device.servo.period_ns * 1e-9
+    return (longest // period + 1.0) * period
+
+
+def _ticks(recording: Recording) -> Iterator[Telemetry]:
+    return cast("Iterator[Telemetry]", recording.stream(TOPIC_OF[Telemetry]))
+
+
+def _document(recording: Recording) -> dict[str, Any]:
+    """The launch file of a recording, to be changed."""
+    document: dict[str, Any] = json.loads(json.dumps(recording.launch))
+    if "device" not in document:
+        raise ConfigError(f"{recording.path} holds no launch file")
+    document["device"].pop("late_ticks", None)  # of recordings before format 4
+    return document
+
+
+def _feed_network(document: dict[str, Any], file: str) -> None:
+    document["links"] = {topic: {"trace": file, "trace_hop": topic} for topic in LINKS}
+    environment = document["environment"]
+    for name in _COMPUTATION:
+        environment.pop(name, None)
+    _drop_from_phases(document, r"links\.|environment\.compute_")
+
+
+def _feed_environment(document: dict[str, Any], file: str) -> None:
+    environment = document["environment"]
+    kept = {name: environment[name] for name in _COMPUTATION if name in environment}
+    document["environment"] = {"kind": "recorded", "file": file, **kept}
+    _drop_from_phases(document, r"environment\.(?!compute_)")
+
+
+def _drop_from_phases(document: dict[str, Any], fed: str) -> None:
+    """Take the settings out of the phases whose names begin as a regular expression says."""
+    for phase in document.get("phases", ()):
+        phase["set"] = {k: value for k, value in phase["set"].items() if not re.match(fed, k)}
+
+
+def _feed_hand(document: dict[str, Any], file: str, is_part: bool) -> None:
+    hand = document.get("operator", {})
+    if hand and hand["kind"] != "pointer" and not is_part:
+        return
+    kept = {name: hand[name] for name in _GRIP if name in hand}
+    document["operator"] = {"kind": "trajectory", "file": file, **kept}
+
+
+def _set(document: dict[str, Any], setting: str) -> str:
+    """Put a setting into the document; return its name."""
+    name, text = split_setting(setting)
+    if name == "law":
+        document["device"]["law"] = law_of(text)
+    elif name in KINDS:
+        document[name] = _kept(document, name) | {"kind": KINDS[name].resolve(text, Path())}
+    else:
+        place = ParameterName.parse(name)
+        known = [*KINDS, "links", "realtime"]
+        if not place.entry or place.section not in known:
+            names = ["law", *KINDS, *(f"{section}.KEY" for section in known)]
+            raise ConfigError(unknown("setting", name, names))
+        place.put(document, scalar(text))
+    return name
+
+
+def _kept(document: dict[str, Any], name: str) -> dict[str, Any]:
+    """Keys of a section that are not the kind's own."""
+    names: Collection[str] = BESIDE_MODEL if name == "environment" else ()
+    if name == "device":
+        names = [field.name for field in dataclasses.fields(ServoSettings)]
+    return {key: value for key, value in document.get(name, {}).items() if key in names}
+
+
+def _check_code(
+    recording: Recording, document: dict[str, Any], named: Collection[str], used: Collection[str]
+) -> None:
+    """Check that the recording chooses no code: only forcebound and the user do."""
+    tables = {name: (KINDS[name], document.get(name, {}).get("kind")) for name in used}
+    tables["law"] = (LAWS, document["device"]["law"])
+    for name, (table, kind) in tables.items():
+        if kind is not None and name not in named and not table.is_shipped(kind):
+            raise ConfigError(
+                f"{recording.path} names code of its own, {kind}: to run it, name it yourself,"
+                f" {name}:=FILE.py, or another {name}"
+            )

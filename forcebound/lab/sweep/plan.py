@@ -1,0 +1,295 @@
+"""Sweep files: a launch file and the values of its arguments; ``docs/sweeps.md`` has the format.
+
+With ``random``, each combination of ``over`` has the same ``count`` draws, so combinations differ
+in nothing else.
+"""
+
+import dataclasses
+import math
+import os
+import random
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeAlias
+
+from forcebound.errors import ConfigError
+from forcebound.files import read_text
+from forcebound.graph.document import MAX_BYTES, find
+from forcebound.graph.fields import Field
+from forcebound.graph.forms import Form
+from forcebound.graph.graph import FORMAT
+from forcebound.graph.loader import arguments_of, read_template
+from forcebound.graph.names import split_setting
+from forcebound.graph.problems import Problems, nearest_file, unknown
+from forcebound.graph.tree import Value, parse
+from forcebound.haptics.laws import LAWS
+from forcebound.lab.sweep.limits import LABELS
+from forcebound.quantities import NOT_NEGATIVE, POSITIVE, Range, Time
+from forcebound.units import split_quantity
+
+MAX_CASES = 2_000_000
+SHIPPED = Path(__file__).parent
+
+_Draw: TypeAlias = tuple[random.Random, int]  # what draws, and how many
+
+
+class _NumberAndUnit:
+    """Lets pydantic read an end of a range."""
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
+        from pydantic_core import core_schema
+
+        return core_schema.no_info_plain_validator_function(lambda v: split_quantity(str(v)))
+
+
+_COUNT = Annotated[int, Range(at_least=1, at_most=MAX_CASES)]
+_WHOLE = Annotated[int, NOT_NEGATIVE]
+_END = Annotated[Any, _NumberAndUnit()]
+_ARGUMENTS = dict[str, Any] | None
+
+
+def _form(name: str, needed: Mapping[str, Any], others: Mapping[str, Any], **inner: Form) -> Form:
+    fields = {key: Field(key, hint, True) for key, hint in needed.items()}
+    return Form(name, fields | {key: Field(key, hint) for key, hint in others.items()}, None, inner)
+
+
+_SCALE = {"scale": Literal["linear", "log"]}
+_FILE = _form(
+    "the sweep file",
+    {"forcebound": Literal[FORMAT], "launch": str},
+    {
+        "description": str,
+        "duration": Annotated[Time, POSITIVE],
+        "set": _ARGUMENTS,
+        "over": _ARGUMENTS,
+    },
+    random=_form("random", {"count": _COUNT, "seed": _WHOLE}, {"over": _ARGUMENTS}),
+    map=_form(
+        "map",
+        {"x": str, "value": str},
+        {
+            **dict.fromkeys(("y", "leaks", "per", "title", "scale"), str),
+            "limits": list[str],
+        },
+    ),
+)
+#: Values of an argument that are no list, by their first key; ``from``: a range.
+_VALUES = {
+    "all": _form("all", {"all": Literal["laws"]}, {}),
+    "repeat": _form("repeat", {"repeat": _COUNT}, {"from": _WHOLE}),
+    "from": _form("range", {"from": _END, "to": _END, "count": _COUNT}, _SCALE),
+}
+_DRAWN = _form("range", {"from": _END, "to": _END}, _SCALE)
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """A sweep, ready to run.
+
+    Attributes:
+        name: Of its file, without the ending.
+        description: Its subject.
+        template: The launch file; :func:`forcebound.graph.loader.build` makes a case of it.
+        duration: Of each run, in s; None: that of the launch file.
+        constants: Arguments that are the same in all cases, as text.
+        columns: Names of the arguments that vary, in order.
+        cases: Their values, as text, one row for each case.
+        drawing: The map section, as plain values; empty without one.
+    """
+
+    name: str
+    description: str
+    template: Value
+    duration: float | None
+    constants: Mapping[str, str]
+    columns: tuple[str, ...]
+    cases: tuple[tuple[str, ...], ...]
+    drawing: Mapping[str, Any]
+
+    def overrides(self, case: int) -> list[str]:
+        """Return the arguments of a case, each ``name:=value``."""
+        values = {**self.constants, **dict(zip(self.columns, self.cases[case], strict=True))}
+        return [f"{name}:={value}" for name, value in values.items()]
+
+
+def shipped() -> list[str]:
+    """Return the names of the sweep files that come with the package."""
+    return sorted(path.name for path in SHIPPED.glob("*.yaml"))
+
+
+def find_sweep(path: Path) -> Path:
+    """Return the sweep file meant by ``path``: on disk, or one that comes with the package.
+
+    Raises:
+        ConfigError: If there is none.
+    """
+    if os.path.lexists(path):  # what is no file is refused when it is read
+        return path
+    for name in (path.name, f"{path.name}.yaml"):
+        if path.parent == Path() and name in shipped():
+            return SHIPPED / name
+    raise ConfigError(
+        f"there is no sweep file {str(path)!r}; {nearest_file(path.name, shipped())}"
+        f"those that come with forcebound: {', '.join(shipped())}"
+    )
+
+
+def load_sweep(path: str | Path, overrides: Sequence[str] = ()) -> Sweep:
+    """Return the sweep of a file.
+
+    Args:
+        path: The file, or the name of one that comes with forcebound: ``z_width``.
+        overrides: ``name:=value``: arguments held constant, even if the file varies them.
+
+    Raises:
+        ConfigError: If there is no such file, or with every problem in it and its location.
+            Values of launch file arguments are checked case by case.
+    """
+    file = find_sweep(Path(path))
+    problems = Problems()
+    text = read_text(file, "the sweep file", MAX_BYTES)
+    root = parse(text, str(file), problems)
+    if root is None:
+        raise problems.error()
+    return _sweep(root, file, overrides, problems)
+
+
+def _sweep(root: Value, file: Path, overrides: Sequence[str], problems: Problems) -> Sweep:
+    """Return the sweep in the tree of a sweep file."""
+    head = _FILE.read(root, problems)
+    problems.raise_if_any()
+    found = find(Path(head["launch"]), file.parent)
+    if found is None:
+        place = root.entries["launch"].place
+        problems.add(f"there is no launch file {head['launch']!r}", place)
+        raise problems.error()
+    known = {argument.name for argument in arguments_of(found)}
+    given = _overrides(overrides, known)
+    constants = _entries(root, known, problems, "set")
+    for name, value in constants.items():
+        if not value.is_scalar:
+            problems.add(f"set: one value for {name!r}, got {value}", value.place)
+    grid = _over(_entries(root, known, problems, "over"), None, problems)
+    draws = head.get("random", {"count": 1, "seed": 0})
+    draw = (random.Random(draws["seed"]), draws["count"])
+    drawn = _over(_entries(root, known, problems, "random", "over"), draw, problems)
+    varied, drawing = {*grid, *drawn}, head.get("map", {})
+    known_of: dict[str, Collection[str]] = {"x": varied, "y": varied, "per": varied}
+    known_of["limits"] = LABELS
+    for key in known_of.keys() & drawing.keys():
+        for name in [drawing[key]] if isinstance(drawing[key], str) else drawing[key]:
+            if name not in known_of[key]:
+                place = root.entries["map"].entries[key].place
+                problems.add(unknown(f"name in map, {key}:", name, known_of[key]), place)
+    for name in constants.keys() & varied:
+        problems.add(f"{name!r} is constant in set: and also varies", constants[name].place)
+    problems.raise_if_any()
+    grid = {name: values for name, values in grid.items() if name not in given}
+    drawn = {name: values for name, values in drawn.items() if name not in given}
+    if math.prod(map(len, grid.values())) * draws["count"] > MAX_CASES:
+        raise ConfigError(f"{file}: more than {MAX_CASES} cases in one sweep")
+    joint = [tuple(column[i] for column in drawn.values()) for i in range(draws["count"])]
+    return Sweep(
+        name=file.stem,
+        description=head.get("description", ""),
+        template=read_template(found),
+        duration=head.get("duration"),
+        constants={name: value.text for name, value in constants.items()} | given,
+        columns=(*grid, *drawn),
+        cases=tuple((*combined, *row) for combined in product(*grid.values()) for row in joint),
+        drawing=drawing,
+    )
+
+
+def _overrides(overrides: Sequence[str], known: Collection[str]) -> dict[str, str]:
+    given = {}
+    for name, value in map(split_setting, overrides):
+        if name not in known:
+            raise ConfigError(unknown("argument", name, known))
+        given[name] = value
+    return given
+
+
+def _entries(
+    root: Value, known: Collection[str], problems: Problems, *keys: str
+) -> Mapping[str, Value]:
+    """Return the arguments in a section of a sweep file; empty without it."""
+    section = root
+    for key in keys:
+        section = section.entries.get(key, Value({}, section.place))
+    for name, value in section.entries.items():
+        if name not in known:
+            problems.add(unknown("argument", name, known), value.key or value.place)
+    return section.entries
+
+
+def _over(
+    entries: Mapping[str, Value], draw: _Draw | None, problems: Problems
+) -> dict[str, list[str]]:
+    """Return the values of each argument, or the draws of it."""
+    found: dict[str, list[str]] = {}
+    for name, value in entries.items():
+        found[name] = _values(name, value, draw, problems)
+        if draw is None and math.prod(map(len, found.values())) > MAX_CASES:
+            problems.add(f"more than {MAX_CASES} cases in one sweep", value.place)
+            break
+    return found
+
+
+def _values(name: str, value: Value, draw: _Draw | None, problems: Problems) -> list[str]:
+    """Return the values of one argument: one, a list, a repetition or a range."""
+    if isinstance(value.content, tuple):
+        for entry in value.content:
+            if not entry.is_scalar:
+                problems.add(f"{name}: a list of single values, got {entry}", entry.place)
+        if not value.content:
+            problems.add(f"{name}: an empty list leaves no case", value.place)
+        return _drawn([entry.text for entry in value.content], draw)
+    if not isinstance(value.content, Mapping):
+        return [value.text] * (1 if draw is None else draw[1])
+    kind = next((key for key in _VALUES if key in value.entries and key != "from"), "from")
+    form = _VALUES[kind] if draw is None or kind != "from" else _DRAWN
+    read = dataclasses.replace(form, name=name).read(value, problems)
+    if not read:
+        return []
+    if kind == "all":
+        return _drawn(list(LAWS), draw)
+    if kind == "repeat":
+        return _drawn([str(read.get("from", 1) + i) for i in range(read["repeat"])], draw)
+    return _range(value, read, draw, problems)
+
+
+def _drawn(texts: list[str], draw: _Draw | None) -> list[str]:
+    return texts if draw is None or not texts else [draw[0].choice(texts) for _ in range(draw[1])]
+
+
+def _range(
+    value: Value, read: Mapping[str, Any], draw: _Draw | None, problems: Problems
+) -> list[str]:
+    entries = value.entries
+    (low, unit), (high, other) = read["from"], read["to"]
+    is_log = read.get("scale") == "log"
+    if unit != other:
+        message = f"from and to must have one unit, got {unit!r} and {other!r}"
+        problems.add(message, entries["to"].place)
+        return []
+    if is_log and not (low > 0 and high > 0):
+        problems.add("a log range needs values > 0", entries["from"].place)
+        return []
+    if draw is not None:
+        shares = [draw[0].random() for _ in range(draw[1])]
+    else:
+        shares = [i / max(read["count"] - 1, 1) for i in range(read["count"])]
+    return [f"{_between(low, high, share, is_log)!r} {unit}".strip() for share in shares]
+
+
+def _between(low: float, high: float, share: float, is_log: bool) -> float:
+    """Interpolate: the ends exactly, other values rounded to 12 digits."""
+    if share == 0.0:
+        return low
+    if share == 1.0:
+        return high
+    value = low * (high / low) ** share if is_log else low + (high - low) * share
+    return float(f"{value:.12g}")

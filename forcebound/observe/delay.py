@@ -1,0 +1,157 @@
+"""Delays of a graph that runs or was recorded: of its loop, and from hop to hop."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from msgspec import Struct
+from numpy.typing import NDArray
+
+from forcebound.errors import ConfigError, RunError
+from forcebound.files import RECORDING_SUFFIX
+from forcebound.messages.packets import Telemetry
+from forcebound.network.trace import DelayTrace
+from forcebound.observe.runs import find, while_running
+from forcebound.observe.streams import packets_of
+from forcebound.recordings.telemetry import TelemetryColumns
+from forcebound.results.delay_traces import loop_delays, of_recording
+from forcebound.results.hops import HOPS, Hops
+from forcebound.run.run_directory import read_launch_document
+
+DURATION = 5.0  # s, how long a running graph is watched
+SHARES = {"p50": 50.0, "p90": 90.0, "p99": 99.0, "p99_9": 99.9, "max": 100.0}
+CLASSES = 12  # of a histogram
+LEAST, LEAST_OF_LINK = 0.12, 0.012  # ms, width of a histogram of equal delays
+
+
+class Bin(Struct, frozen=True):
+    """A class of a histogram."""
+
+    from_ms: float
+    to_ms: float
+    count: int
+
+
+class Percentiles(Struct, frozen=True):
+    """Delays that these shares of all do not exceed, in ms; None: every answer was lost."""
+
+    p50: float | None = None
+    p90: float | None = None
+    p99: float | None = None
+    p99_9: float | None = None
+    max: float | None = None
+
+
+class LinkDelays(Percentiles, frozen=True, kw_only=True):
+    """Times from hop to hop."""
+
+    count: int
+    histogram: list[Bin]
+
+
+class DelayFigures(Struct, frozen=True, omit_defaults=True):
+    """Loop delays in a few figures."""
+
+    ticks: int
+    lost_share: float  # 0 to 1
+    loop_delay_ms: Percentiles
+    histogram: list[Bin]  # of the loop delay
+    links_ms: dict[str, LinkDelays] = {}  # of each link and ``loop``; empty: not measured
+
+
+@dataclass(frozen=True)
+class Measured:
+    """The loop delays of a graph."""
+
+    trace: DelayTrace  # see :func:`forcebound.results.delay_traces.loop_delays`
+    document: Mapping[str, Any]  # launch file of the graph, as resolved
+    is_complete: bool = True  # False: a recording that was cut off
+    hops: Hops | None = None  # None: not asked for
+
+    @property
+    def figures(self) -> DelayFigures:
+        """The delays in a few figures."""
+        known = np.array([delay for delay in self.trace.delays if delay is not None]) * 1e3
+        ticks = len(self.trace.delays)
+        hops = {} if self.hops is None else self.hops.delays()
+        return DelayFigures(
+            ticks=ticks,
+            lost_share=1.0 - known.size / ticks,
+            loop_delay_ms=Percentiles(**_percentiles(known)),
+            histogram=_histogram(known, LEAST),
+            links_ms={
+                name: LinkDelays(
+                    **_percentiles(one), count=one.size, histogram=_histogram(one, LEAST_OF_LINK)
+                )
+                for name, one in hops.items()
+            },
+        )
+
+
+def _percentiles(delays: NDArray[np.float64]) -> dict[str, float]:
+    if not delays.size:
+        return {}
+    return dict(zip(SHARES, np.percentile(delays, list(SHARES.values())).tolist(), strict=True))
+
+
+def _histogram(delays: NDArray[np.float64], least: float) -> list[Bin]:
+    """Return classes of equal width up to the 99.9th percentile; the last has all beyond, too."""
+    if not delays.size:
+        return []
+    low, high = float(delays.min()), float(np.percentile(delays, SHARES["p99_9"]))
+    counts, edges = np.histogram(delays.clip(max=high), CLASSES, (low, max(high, low + least)))
+    rows = zip(edges, edges[1:], counts, strict=False)
+    return [Bin(float(a), float(b), int(n)) for a, b, n in rows]
+
+
+def measure(run: Path | None, duration: float | None = None, links: bool = False) -> Measured:
+    """Return the loop delays of a recording, or of a running graph (None: the only one).
+
+    A running graph is watched for ``duration`` s, by default :data:`DURATION`. ``links``: also from
+    hop to hop.
+
+    Raises:
+        ConfigError: If there is no such recording or graph, it has no tick, or a duration is given
+            for a recording.
+        RunError: If the graph sent nothing, or ended.
+    """
+    if run is not None and (run.suffix == RECORDING_SUFFIX or (not run.suffix and run.is_file())):
+        from forcebound.recordings.recording import read
+
+        if duration is not None:
+            raise ConfigError(f"{run} is a recording, which is read whole: leave out --duration")
+        recorded = Hops.of(read(run).stream(*HOPS)) if links else None
+        return Measured(*of_recording(run), recorded)
+    run_dir = find(run, require_graph=True, option="`forcebound delay GRAPH`")
+    hops = Hops() if links else None
+    with while_running(run_dir):
+        document = read_launch_document(run_dir)
+        columns = watch(run_dir, DURATION if duration is None else duration, hops)
+    return Measured(loop_delays(columns), document, hops=hops)
+
+
+def watch(run_dir: Path, duration: float, hops: Hops | None = None) -> TelemetryColumns:
+    """Return the telemetry of a running graph, for ``duration`` s or until the graph ends.
+
+    Args:
+        run_dir: Of the graph.
+        duration: In s.
+        hops: Gets the packets of all links, if there is one.
+
+    Raises:
+        RunError: If none came.
+    """
+    packets: list[Telemetry] = []
+    for topic, packet, _ in packets_of(run_dir, HOPS[-1:] if hops is None else HOPS, duration):
+        if hops is not None:
+            hops.add(topic, packet)
+        if isinstance(packet, Telemetry):
+            packets.append(packet)
+    if not packets:
+        raise RunError(
+            f"no telemetry in {duration:g} s from the graph in {run_dir}: is it starting, or"
+            " ending? If it starts, try again, with a longer --duration"
+        )
+    return TelemetryColumns.from_packets(packets)

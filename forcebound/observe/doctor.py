@@ -1,0 +1,308 @@
+"""Diagnosis of a running graph: what is wrong with it, where, and the likely causes.
+
+:func:`examine` judges what :mod:`forcebound.observe.observation` saw, and touches nothing. Each
+rule gives findings. A cause is named once, and not again by all that follows from it: of the chain
+device, controller, environment, controller, device only the first hop that is broken is named.
+
+To add a rule: a function from observations to findings, and its name in ``RULES``.
+"""
+
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import Any, TypeAlias
+
+from forcebound.messages.control import (
+    ControllerStatus,
+    EnvironmentStatus,
+    NodeStatus,
+    ProcessStatus,
+)
+from forcebound.network.notices import KINDS
+from forcebound.observe.doctor_loop import LESS_DELAY, LOOP_RULES
+from forcebound.observe.findings import Finding, note, problem
+from forcebound.observe.observation import SUSPENDED, Observations, Seen
+from forcebound.results.bounder import Cause
+from forcebound.roles import CONTROLLER, ENVIRONMENT
+
+LOSSES = ("lost", "corrupted")  # fates of packets on a link that does not deliver them
+WAITING_RATE = 5.0  # rejected replies in 1/s: of several that wait, each tries once a second
+
+_CHECK = "forcebound check environment FILE"
+_OTHER_SOFTWARE = "find the sender: a node of your own, or of another version of forcebound"
+_ENCODER = "compare the sender with docs/protocol.md and its golden bytes"
+_NEWER = ("a reason of a newer version", _ENCODER)
+
+#: Reasons for a rejected packet, of codec, safety chain and controller: meaning, and what to do.
+REASONS: dict[str, tuple[str, str]] = {
+    "malformed": ("not one msgpack map with text keys", _OTHER_SOFTWARE),
+    "version": ("another version of the wire format", "use one version on both ends"),
+    "keys": ("a key is missing, unknown or twice, or another packet", _ENCODER),
+    "value": ("a value of a wrong type, range or length", _ENCODER),
+    "unexpected": ("a packet that no device takes", _OTHER_SOFTWARE),
+    "wrong_length": (
+        "a force with another number of axes than the device has",
+        "let the environment answer with one number per axis",
+    ),
+    "not_finite": (
+        "a force that is infinite or not a number",
+        f"look for a division by zero in the environment: {_CHECK}",
+    ),
+    "too_old": ("an answer to a state older than device.age_limit", LESS_DELAY),
+    "not_newer": (
+        "an answer that a newer one has overtaken, or a copy",
+        "usual with jitter, reordering or duplicates; else a sender repeats itself",
+    ),
+    "from_the_future": (
+        "an answer to a future tick",
+        "end nodes left over from an earlier run, and environments that count ticks themselves",
+    ),
+    "wrong_echo": (
+        "an answer that does not echo device_time_ns as it came",
+        "let the environment echo device_seq and device_time_ns unchanged (docs/protocol.md)",
+    ),
+}
+
+
+def examine(seen: Observations) -> list[Finding]:
+    """Return the findings about a running graph, problems first."""
+    findings = [finding for rule in RULES for finding in rule(seen)]
+    return sorted(findings, key=lambda finding: finding.severity != "problem")
+
+
+def _launcher(seen: Observations) -> Iterator[Finding]:
+    if seen.launcher is None:
+        words = "no launcher: an environment by itself, which none restarts"
+        yield note("no_launcher", "launcher", words)
+    elif seen.phase is None:
+        yield _silent("launcher", seen.launcher)
+    elif seen.phase in ("starting", "engaging"):
+        yield note("starting", "launcher", f"the run is {seen.phase}: no force yet")
+    elif seen.phase == "stopping":
+        yield note("stopping", "launcher", "the run is ending")
+
+
+def _processes(seen: Observations) -> Iterator[Finding]:
+    log = "the launcher's log says why it ended"
+    for name, process in seen.processes.items():
+        state, again = process.state, f"restarted {process.restarts} times in this run"
+        then = f"; {again}" if process.restarts else ""
+        if state == "starting":
+            action = "wait a second and ask again"
+            yield note("process_starting", name, f"is starting{then}", action)
+        elif state == "lost":
+            words = "is lost: zero force; plug it in, switch it on, hold it in its home pose"
+            yield problem("device_lost", name, words, command="forcebound device resume")
+        elif state in ("restarting", "ended"):
+            yield problem("process_dead", name, f"has ended, its state is {state}{then}", log)
+        elif state in ("stopped", "stopping"):
+            is_replaced = name == "environment" and _delivered(seen, "force_command")
+            words, command = f"is {state} on request", f"forcebound start {name}"
+            report = note if is_replaced else problem
+            yield report("process_stopped", name, words, command=command)
+        elif process.last is None:
+            yield _silent(name, process)
+        elif process.restarts:
+            yield note("restarts", name, f"was {again}", log)
+
+
+def _silent(name: str, process: Seen[Any]) -> Finding:
+    pid, state = process.pid, process.kernel_state
+    if state in SUSPENDED:
+        words = f"does not answer: process {pid} is suspended (SIGSTOP, Ctrl-Z, debugger)"
+        return problem("suspended", name, words, command=f"kill -CONT {pid}")
+    words = "does not answer" if pid is None else f"does not answer: process {pid}"
+    words += f" is in state {state}" if state else ""
+    action = "it computes without end, waits for something, is suspended or gone"
+    return problem("no_answer", name, words, action, "" if pid is None else f"top -p {pid}")
+
+
+def _chain(seen: Observations) -> Iterator[Finding]:
+    if _delivered(seen, "force_command"):
+        return  # what arrives at the end has passed every hop
+    for link in seen.graph.links:
+        topic, sender, receiver = link.name, link.sender, str(link.receiver)
+        sending, receiving = seen.process(sender), seen.process(receiver)
+        if sender in seen.processes and sending.last is None:
+            return  # has a finding of its own
+        if receiver not in seen.processes:
+            continue  # on another machine
+        if receiving.last is None:
+            return
+        remote = receiving.last.remote
+        if sender not in seen.processes and remote is not None and not remote.connected:
+            return  # has a finding of its own
+        if not receiving.received(topic):
+            yield _nothing_arrives(seen, topic, sender, receiver)
+            return
+        if not _delivered(seen, topic):
+            yield _all_lost(receiving, topic, receiver)
+            return
+
+
+def _delivered(seen: Observations, topic: str) -> int:
+    """Return how many packets of a topic have reached the node that they are for."""
+    receiver = seen.process(next(str(s.receiver) for s in seen.graph.links if s.name == topic))
+    if receiver.last is not None and topic in receiver.last.links:
+        return receiver.growth(partial(_fate, topic=topic, fate="delivered"))
+    return 0 if receiver.last is None else receiver.received(topic)
+
+
+def _fate(status: NodeStatus, topic: str, fate: str) -> int:
+    return status.links.get(topic, {}).get(fate, 0)
+
+
+def _all_lost(receiving: Seen[Any], topic: str, receiver: str) -> Finding:
+    lost = sum(receiving.rate(partial(_fate, topic=topic, fate=fate)) for fate in LOSSES)
+    arriving = receiving.rate_of(topic)
+    words = (
+        f"nothing gets through to the {receiver}: {arriving:.3g} packets/s arrive, "
+        f"{lost:.3g}/s are lost on purpose"
+    )
+    advice = "its parameters lose every packet; see and set them"
+    cause = Cause("injected_loss", advice, f"forcebound param get links.{topic}")
+    return problem("hop_broken", f"link {topic}", words, causes=(cause,))
+
+
+def _nothing_arrives(seen: Observations, topic: str, sender: str, receiver: str) -> Finding:
+    receiving = seen.process(receiver)
+    earlier = 0 if receiving.last is None else receiving.last.received.get(topic, 0)
+    words = (
+        f"nothing gets through to the {receiver}: no packet in {receiving.interval:.1f} s, "
+        f"{earlier} before"
+    )
+    cause = Cause("sender_silent", f"see what the {sender} says in the log")
+    if sender not in seen.processes:
+        where = "it is not on this machine, or not in this run directory"
+        cause = Cause("sender_elsewhere", f"is the {sender} running? {where}")
+    elif topic == "environment_reply":
+        environment = seen.of(EnvironmentStatus)
+        status, queries = environment.last, environment.rate_of("environment_query")
+        words += f"; the {sender} gets {queries:.3g} queries/s"
+        if status is not None and status.failures:
+            words += f"; its code failed to answer {status.failures} times"
+            cause = Cause("environment_fails", "its log says how; then", _CHECK)
+        else:
+            limit = "does it compute for longer than that (environment.compute_delay)?"
+            cause = Cause("environment_slow", f"{limit} See its log")
+    elif topic == "force_command" and seen.of(ControllerStatus).growth(_second_replies):
+        cause = Cause("replies_rejected", "the replies are of an environment that does not serve")
+    return problem("hop_broken", f"link {topic}", words, causes=(cause,))
+
+
+def _second_replies(status: ControllerStatus) -> int:
+    """Return how many replies came from an environment that does not serve."""
+    return _rejections(status, "second_environment")
+
+
+def _environments(seen: Observations) -> Iterator[Finding]:
+    own = seen.of(EnvironmentStatus).last
+    if CONTROLLER not in seen.processes and own is not None:
+        yield from _serves_elsewhere(seen.of(EnvironmentStatus), own)
+    controller = seen.of(ControllerStatus).last
+    if controller is None:
+        return
+    serving, name = controller.environment, None if own is None else own.name
+    rejected = seen.of(ControllerStatus).rate(_second_replies)
+    other = f", {name}," if name not in (None, serving) else ""
+    if rejected > WAITING_RATE:
+        words = (
+            f"two environments answer: {serving} serves, {rejected:.2g} replies/s of another"
+            f"{other} are rejected"
+        )
+        action = "end one of the two; the other takes over after 1 s"
+        yield problem("second_environment", CONTROLLER, words, action)
+    elif rejected:
+        words = f"{serving} serves; another{other} waits, and takes over when the first is silent"
+        yield note("waiting_environment", CONTROLLER, words)
+    elif None not in (name, serving) and name != serving:
+        words = f"{serving} serves, not {name} of this launcher"
+        yield note("other_environment", CONTROLLER, words)
+
+
+def _serves_elsewhere(
+    environment: Seen[EnvironmentStatus], status: EnvironmentStatus
+) -> Iterator[Finding]:
+    """Report an environment whose graph is on another machine."""
+    queries = environment.rate_of("environment_query")
+    if status.remote is None or not status.remote.connected or not queries:
+        return  # has a finding of its own
+    other = status.refused_for
+    words = f"connected with the graph, {queries:.3g} queries/s; {other or status.name} serves"
+    words += f", and {status.name} waits" if other else ""
+    yield note("remote_connected", "remote link of the environment", words)
+
+
+def _remote(seen: Observations) -> Iterator[Finding]:
+    for name, process in seen.processes.items():
+        if not isinstance(process.last, NodeStatus) or process.last.remote is None:
+            continue
+        remote = process.last.remote
+        where = f"remote link of the {name}"
+        if not remote.connected:
+            is_served = name == CONTROLLER and _delivered(seen, "force_command") > 0
+            verb = "listens at" if remote.listens else "connects to"
+            words = f"nobody is there; it {verb} {remote.address} port {remote.port}"
+            command = "forcebound node environment FILE"
+            if name == ENVIRONMENT:
+                command = "forcebound launch FILE"
+            report = note if is_served else problem
+            yield report("remote_not_connected", where, words, "start the other end", command)
+        for code, kind in KINDS.items():
+            count = remote.counts.get(code, 0)
+            if kind.is_problem and count:
+                recent = process.growth(partial(_notices, kind=code))
+                words = f"{kind.meaning} ({code}: {count} times, {recent} just now)"
+                report = problem if recent or not remote.connected else note
+                yield report(f"remote_{code}", where, words, kind.action, kind.command)
+
+
+def _notices(status: NodeStatus, kind: str) -> int:
+    return 0 if status.remote is None else status.remote.counts.get(kind, 0)
+
+
+def _rejected(seen: Observations) -> Iterator[Finding]:
+    is_reordered = any(
+        link.jitter or link.reorder or link.duplicate or link.trace
+        for link in seen.config.links.values()
+    )
+    for name, process in seen.processes.items():
+        for reason in () if process.last is None else process.last.rejected:
+            rate = process.rate(partial(_rejections, reason=reason))
+            if not rate or reason == "second_environment":  # which has a finding of its own
+                continue
+            meaning, action = REASONS.get(reason, _NEWER)
+            words = f"rejects {rate:.3g} packets/s as {reason}: {meaning}"
+            report = note if is_reordered and reason == "not_newer" else problem
+            kind = f"rejected_{reason if reason in REASONS else 'unknown'}"
+            yield report(kind, name, words, action)
+
+
+def _rejections(status: ProcessStatus, reason: str) -> int:
+    return status.rejected.get(reason, 0)
+
+
+def _links(seen: Observations) -> Iterator[Finding]:
+    for process in seen.processes.values():
+        for topic in process.last.links if isinstance(process.last, NodeStatus) else ():
+            sent, lost, corrupted = (
+                process.growth(partial(_fate, topic=topic, fate=fate)) for fate in ("sent", *LOSSES)
+            )
+            # If all are lost, the chain is broken there.
+            if 0 < lost + corrupted < sent:
+                words = f"loses {lost} and damages {corrupted} of {sent} packets, on purpose"
+                command = f"forcebound param get links.{topic}"
+                yield note("injected_loss", f"link {topic}", words, command=command)
+
+
+Rule: TypeAlias = Callable[[Observations], Iterator[Finding]]
+
+RULES: tuple[Rule, ...] = (
+    _launcher,
+    _processes,
+    _chain,
+    _remote,
+    _environments,
+    _rejected,
+    *LOOP_RULES,
+    _links,
+)

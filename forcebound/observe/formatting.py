@@ -1,0 +1,93 @@
+"""Parameters as text for a launch file, with the unit that their type names."""
+
+import dataclasses
+import json
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from types import UnionType
+from typing import Annotated, Any, Union, get_args, get_origin
+
+from forcebound.graph.fields import fields_of
+from forcebound.graph.graph import EnvironmentConfig, GraphConfig, RealtimeConfig
+from forcebound.graph.names import LAW, ParameterName
+from forcebound.graph.parameters import takeable_laws
+from forcebound.graph.servo import ServoSettings
+from forcebound.graph.tree import scalar
+from forcebound.messages.control import Parameters
+from forcebound.network.impairment import Impairment
+from forcebound.quantities import Range, Unit
+
+# YAML reads it as text without quotes, also within { } and [ ].
+_PLAIN = re.compile(r"[A-Za-z_/.][A-Za-z0-9_/.+-]*( [A-Za-z0-9_/.+-]+)*")
+
+
+def as_written(config: GraphConfig, values: Parameters) -> dict[str, str]:
+    """Return parameters of a graph as YAML, each fit for ``forcebound param set``."""
+    return {name: _text(value, _hint(config, name)) for name, value in values.items()}
+
+
+def ranges(config: GraphConfig, names: Iterable[str]) -> dict[str, str]:
+    """Return in words what values parameters can have, such as ``>= 0 N/m``; "" for any."""
+    found = {}
+    for name in names:
+        parts = list(_parts(_hint(config, name)))
+        symbol = "".join(part.symbol for part in parts if isinstance(part, Unit))
+        found[name] = " and ".join(p.describe(symbol) for p in parts if isinstance(p, Range))
+    if LAW in found:
+        found[LAW] = ", ".join(takeable_laws())
+    return found
+
+
+def _hint(config: GraphConfig, name: str) -> Any:
+    place = ParameterName.parse(name)
+    beside: dict[str, tuple[type, ...]] = {
+        "environment": (type(config.environment.model), EnvironmentConfig),
+        "device": (type(config.device.model), ServoSettings),
+        "operator": (type(config.operator),) if config.operator is not None else (),
+        "controller": (type(config.controller),),
+        "realtime": (RealtimeConfig,),
+        "links": (Impairment,),
+    }
+    for kind in beside.get(place.section, (GraphConfig,)):
+        field = fields_of(kind).get(place.last)
+        if field is not None:
+            return field.hint
+    return None
+
+
+def _text(value: Any, hint: Any) -> str:
+    if value is None:
+        return "null"
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, int | float):
+        number = f"{value:.15g}" if float(f"{value:.15g}") == value else repr(value)
+        units = [part.symbol for part in _parts(hint) if isinstance(part, Unit)]
+        return f"{number} {units[0]}" if units and units[0] else number
+    if isinstance(value, list):
+        inner = [part for part in _parts(hint) if get_origin(part) in (tuple, list)]
+        entries = get_args(inner[0]) if inner else ()
+        hints = [entry for entry in entries if entry is not Ellipsis] or [None]
+        texts = [_text(entry, hints[min(i, len(hints) - 1)]) for i, entry in enumerate(value)]
+        return f"[{', '.join(texts)}]"
+    if isinstance(value, Mapping):
+        classes = [part for part in _parts(hint) if dataclasses.is_dataclass(part)]
+        fields = fields_of(classes[0]) if classes and isinstance(classes[0], type) else {}
+        pairs = [
+            f"{key}: {_text(entry, fields[key].hint if key in fields else None)}"
+            for key, entry in value.items()
+        ]
+        return f"{{ {', '.join(pairs)} }}"
+    text = str(value)
+    is_plain = _PLAIN.fullmatch(text) and isinstance(scalar(text), str)
+    return text if is_plain else json.dumps(text)
+
+
+def _parts(hint: Any) -> Iterator[Any]:
+    """Give the parts of a type at its top: members of unions, annotations, the type itself."""
+    origin = get_origin(hint)
+    if origin is Annotated or origin in (Union, UnionType):
+        for part in get_args(hint):
+            yield from _parts(part)
+    else:
+        yield hint

@@ -1,0 +1,187 @@
+"""What a page may do: change parameters, nodes, links; record; move the hand."""
+
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from forcebound.errors import ConfigError, ForceboundError
+from forcebound.graph.graph import GraphConfig
+from forcebound.graph.names import LAW
+from forcebound.graph.parameters import takeable_laws
+from forcebound.haptics.environments import StatelessEnvironment
+from forcebound.haptics.environments.fixtures import WithFixtures
+from forcebound.haptics.hands.pointer import PointerHand
+from forcebound.messages.control import Point, Pointed
+from forcebound.messages.packets import Vector
+from forcebound.messages.topology import LINKS, endpoint
+from forcebound.network.sockets import Network
+from forcebound.observe.control import device_status, start_node, stop_node
+from forcebound.observe.formatting import as_written, ranges
+from forcebound.observe.kernels import Kernels
+from forcebound.observe.page.feed import Message
+from forcebound.observe.page.recording import PageRecording
+from forcebound.observe.tuning import (
+    configuration,
+    cut_links,
+    find_parameters,
+    read_settings,
+    set_parameters,
+)
+from forcebound.roles import DEVICE
+from forcebound.run.run_directory import RunDocument, graph_in
+
+DELAYED = ("links.environment_query.delay", "links.environment_reply.delay")
+BROKEN = {LAW: "none"} | dict.fromkeys(DELAYED, "5 ms")
+SAFE = {LAW: "certified"} | dict.fromkeys(DELAYED, "0 ms")
+OVERDUE = 0.5  # s without an answer, after which a device is asked again: it has restarted
+
+
+class Controls:
+    """The controls of one running graph; to be closed."""
+
+    def __init__(self, run_dir: Path, recordings: Path) -> None:
+        self._run_dir = run_dir
+        self.recording = PageRecording(run_dir, recordings)
+        self._config = configuration(run_dir, with_code=False)
+        status = device_status(run_dir)
+        self.energy_before = 0.0 if status is None else status.energy_before
+        self._kernels = Kernels(run_dir, self._config.device.servo.law)
+        self._kernels.begin((BROKEN[LAW], SAFE[LAW]))
+        self._actions: dict[str, Callable[[Message], None]] = {
+            "set": lambda request: self._set(request["settings"]),
+            "stop": lambda request: stop_node(run_dir, str(request["node"])),
+            "start": lambda request: start_node(run_dir, str(request["node"])),
+            "outage": lambda request: self._cut(str(request["time"])),
+            "record": lambda _: self.recording.begin(),
+            "end_recording": lambda _: self.recording.end(),
+            "break": lambda _: self._set(BROKEN),
+            "safe": lambda _: self._set(SAFE),
+        }
+
+    def describe(self) -> Message:
+        """Return the description of the graph for a page, before its first frame."""
+        config = self._config
+        facts, servo = config.device.facts, config.device.servo
+        return {
+            "type": "hello",
+            "name": RunDocument.read(self._run_dir).file,
+            "description": config.description,
+            "axes": facts.axes,
+            "laws": takeable_laws(),
+            "links": list(LINKS),
+            "period": servo.period_ns * 1e-9,
+            "hand": _hand(config),
+            "workspace": facts.workspace,
+        }
+
+    def parameters(self) -> Message:
+        """Return the parameters that can change, each as text with its unit, and their ranges."""
+        config = configuration(self._run_dir, with_code=False)
+        found = find_parameters(config, ())
+        return {
+            "type": "parameters",
+            "values": as_written(config, found),
+            "ranges": ranges(config, found),
+            "wall": _wall(config),
+        }
+
+    def act(self, request: Message) -> str | None:
+        """Do what a page requests; return what is wrong, or None. It may take seconds."""
+        action = self._actions.get(str(request.get("do")))
+        if action is None:
+            return f"no such control: {request.get('do')!r}"
+        try:
+            action(request)
+        except KeyError as error:
+            return f"{request.get('do')} needs {error}"
+        except ForceboundError as error:
+            return str(error)
+        except Exception as error:  # a value that nobody thought of: the page's error, not ours
+            return f"{request.get('do')}: {type(error).__name__}: {error}"
+        return None
+
+    def _set(self, settings: Any) -> None:
+        if not isinstance(settings, Mapping):
+            raise ConfigError("settings: expected names and values")
+        chosen = read_settings([f"{name}:={value}" for name, value in settings.items()])
+        set_parameters(self._run_dir, chosen, self._kernels)
+
+    def _cut(self, time: str) -> None:
+        cut_links(self._run_dir, time, ())
+
+    def close(self) -> None:
+        """End what is still under way."""
+        self.recording.end()
+        self._kernels.close()
+
+
+class Pointer:
+    """A client that sends pointer positions to the device, and never waits for an answer.
+
+    ``taken`` is called when the device has taken a place: with its stamp, and from when on it
+    counts, in ns of the monotonic clock. When ``descriptor`` is readable, call :meth:`send`.
+    """
+
+    def __init__(self, run_dir: Path, taken: Callable[[Any, int], None]) -> None:
+        self._taken = taken
+        self._network = Network()
+        graph = graph_in(run_dir)
+        self._client = self._network.control_client(
+            endpoint(run_dir, graph.nodes[graph.of_role(DEVICE)])
+        )
+        self.descriptor = self._client.descriptor
+        self.place: Vector | None = None  # where the device has it, in m
+        self._newest: tuple[Point, Any] | None = None
+        self._asked: tuple[Any, float] | None = None  # stamp, and when
+
+    def point(self, target: Any, stamp: Any = None) -> str | None:
+        """Take where the pointer is now, in m, as a page sent it; return what is wrong, or None."""
+        try:
+            request = msgspec.convert({"request": "point", "target": target}, Point)
+        except (msgspec.ValidationError, OverflowError) as error:
+            return str(error)
+        self._newest = request, stamp
+        self.send()
+        return None
+
+    def send(self) -> None:
+        """Send the newest place if the device has answered to the one before."""
+        if self._asked is not None:
+            stamp, asked = self._asked
+            answer = self._client.answer()
+            if answer is not None:
+                self._asked = None
+                if isinstance(answer, Pointed):
+                    self.place = answer.target
+                    self._taken(stamp, answer.time_ns)
+            elif time.monotonic() - asked > OVERDUE:
+                self._asked = None
+        if self._newest is not None and self._asked is None:
+            request, stamp = self._newest
+            if self._client.ask(request):
+                self._newest, self._asked = None, (stamp, time.monotonic())
+
+    def close(self) -> None:
+        """Close the client."""
+        self._network.close()
+
+
+def _wall(config: GraphConfig) -> float | None:
+    """Where the surface of a wall is, in m; None: the environment itself says what there is."""
+    model = config.environment.model
+    if isinstance(model, WithFixtures):
+        model = model.model
+    place = getattr(model, "position", None) if isinstance(model, StatelessEnvironment) else None
+    return place if isinstance(place, float) else None
+
+
+def _hand(config: GraphConfig) -> Message | None:
+    """What a pointer may do; None: the hand follows none."""
+    hand = config.operator
+    if not isinstance(hand, PointerHand):
+        return None
+    start = hand.start if isinstance(hand.start, tuple) else (hand.start,)
+    return {"start": start, "reach": hand.reach, "speed": hand.speed}

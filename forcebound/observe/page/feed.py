@@ -1,0 +1,135 @@
+"""What pages see of a running graph: samples, contacts, the scene, events.
+
+The graph is looked at some thirty times a second; each frame has all samples since the last one.
+"""
+
+import math
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, NamedTuple, TypeAlias
+
+from forcebound.errors import ConfigError
+from forcebound.messages.packets import EnvironmentReply, Event, Scene, Telemetry
+from forcebound.observe.page.scene_files import content
+from forcebound.observe.streams import fields_of_packet
+from forcebound.run.process import Reader
+from forcebound.run.run_directory import RunDocument
+
+#: To or from the pages, as JSON.
+Message: TypeAlias = dict[str, Any]
+
+SHOWN = ("telemetry", "environment_reply", "scene", "event")
+SAMPLES = {
+    "position": "position",
+    "commanded": "commanded_force",
+    "applied": "applied_force",
+    "limit": "force_limit",
+    "energy": "estimated_energy",
+}
+
+
+class _LawStart(NamedTuple):
+    """The beginning of a law."""
+
+    time_ns: int
+    energy: float  # J, true energy then
+    previous_energy: float  # J, that of the law before
+
+
+class Feed:
+    """The streams of a running graph, its true energy from ``energy_before``; to be closed."""
+
+    def __init__(self, run_dir: Path, energy_before: float) -> None:
+        run = RunDocument.read(run_dir)
+        self._reader = Reader(run_dir, run.graph.named(*SHOWN), run.core)
+        self._ahead_ns = time.time_ns() - time.monotonic_ns()
+        self.scene: Message | None = None  # the newest
+        self._law = _LawStart(0, energy_before, 0.0)
+
+    def look(self) -> list[Message]:
+        """Return the messages to the pages about what has come since the last look."""
+        samples: list[Telemetry] = []
+        messages: list[Message] = []
+        contact: EnvironmentReply | None = None
+        for _, packet, _ in self._reader.take():
+            if isinstance(packet, Telemetry):
+                samples.append(packet)
+            elif isinstance(packet, EnvironmentReply):
+                contact = packet
+            elif isinstance(packet, Scene):
+                self.scene = {"type": "scene", **fields_of_packet(packet)}
+                messages.append(self.scene)
+            elif isinstance(packet, Event):
+                messages.append(self._event(packet))
+        if samples:
+            frame = _frame(samples, contact)
+            frame["true_energy"] = [self._energy_under_law(sample) for sample in samples]
+            messages.append(frame)
+        return messages
+
+    def file(self, digest: str) -> Message | None:
+        """Return what a file of the scene has to draw, as :func:`content`; None: it is not here.
+
+        It may take seconds.
+        """
+        for thing in (self.scene or {}).get("objects", ()):
+            if thing.get("digest") == digest and thing.get("file"):
+                with suppress(ConfigError):
+                    return content(thing)
+        return None
+
+    def close(self) -> None:
+        """Close the streams."""
+        self._reader.close()
+
+    def _energy_under_law(self, sample: Telemetry) -> float | None:
+        """Return the true energy since the law of a sample began, in J."""
+        if sample.elapsed == 0.0:  # a device has started
+            self._law = _LawStart(0, 0.0, 0.0)
+        if sample.true_energy is None:
+            return None
+        law = self._law
+        is_new = sample.time_ns > law.time_ns
+        energy = sample.true_energy - (law.energy if is_new else law.previous_energy)
+        return energy if math.isfinite(energy) else None  # JSON has no other
+
+    def _event(self, event: Event) -> Message:
+        if "energy_before" in event.data:
+            energy = float(event.data["energy_before"])
+            self._law = _LawStart(event.time_ns, energy, self._law.energy)
+        at = (event.time_ns + self._ahead_ns) * 1e-9
+        return {
+            "type": "event",
+            "time": at,
+            "node": event.node,
+            "event": event.event,
+            "data": event.data,
+            "is_fault": event.is_fault,
+            "message": event.message,
+        }
+
+
+def _frame(samples: Sequence[Telemetry], contact: EnvironmentReply | None) -> Message:
+    frame: Message = {
+        "type": "frame",
+        "hand": samples[-1].hand,
+        "time": [sample.time_ns * 1e-9 for sample in samples],
+        "delay": [sample.loop_delay for sample in samples],
+        "reply_age": [sample.reply_age for sample in samples],
+        "engagement": samples[-1].engagement,
+        "misses": samples[-1].deadline_misses,
+        "tip": samples[-1].true_position or samples[-1].position,
+        "proxy": None if contact is None else contact.proxy,
+    }
+    for name, field in SAMPLES.items():
+        frame[name] = [_finite(getattr(sample, field)) for sample in samples]
+    return frame
+
+
+def _finite(value: Any) -> Any:
+    """Return a value that JSON can have."""
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

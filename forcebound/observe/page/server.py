@@ -1,0 +1,355 @@
+"""The server of the page: files, and a WebSocket for each page that is open."""
+
+import asyncio
+import json
+import mimetypes
+import signal
+import socket
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, ClassVar
+
+import tornado.httpserver
+import tornado.iostream
+import tornado.web
+import tornado.websocket
+
+from forcebound.errors import ConfigError, ForceboundError
+from forcebound.messages.events import LAW_CHANGED, PARAMETERS_SET
+from forcebound.observe.listing import list_graphs
+from forcebound.observe.page.access import Access, hosts_of
+from forcebound.observe.page.controls import Controls, Pointer
+from forcebound.observe.page.feed import Feed, Message
+from forcebound.observe.runs import Watch
+
+PAGE = Path(__file__).parent / "static"
+FRAME = 1.0 / 30.0  # s between two looks at the graph
+PROCESSES_PERIOD = 1.0  # s between two looks at its processes
+PING = 30.0  # s between two; as long may a page on a busy machine take to answer one
+CLOSE_TIMEOUT_S = 1.0  # s that pages have to close
+MOST_PAGES = 32
+MOST_CONNECTIONS = 64  # besides those of pages; a page needs a few while it loads
+MOST_REQUEST = 16_000  # B, of the head of a request; no route takes a body
+IDLE = 10.0  # s that a connection may wait with its next request
+MOST_MESSAGE = 64_000  # B, of a message from a page
+MOST_WAITING = 2_000_000  # B that a page may leave unread before it misses frames
+OVER = {"type": "over"}  # message while there is no graph
+POLICY = "default-src 'self'; connect-src 'self'; img-src 'self' data:; frame-ancestors 'none'"
+
+
+class Server:
+    """A server for pages that show one running graph, and then perhaps another one; to be closed.
+
+    It serves in the event loop in which it is made, at any port that is free for port 0. ``access``
+    has the addresses of the page.
+
+    Raises:
+        ConfigError: If the address cannot be listened at.
+    """
+
+    def __init__(self, listen: str = "127.0.0.1", port: int = 0, recordings: Path = Path()) -> None:
+        listening = _bound(listen, port)
+        self.access = Access(hosts_of(listen), listening.getsockname()[1])
+        self.graph: _Graph | None = None  # that is shown
+        self.is_stopped = False
+        self._loop = asyncio.get_running_loop()
+        self._loop.add_signal_handler(signal.SIGTERM, self.stop)
+        self._recordings = recordings
+        self.last: Path | None = None  # shown before; its launcher may still compute the result
+        self.pages: set[_Page] = set()
+        self.workers = ThreadPoolExecutor(1, "controls")  # one change after the other
+        own = {"server": self}
+        routes = [
+            (r"/", _Index, own),
+            (r"/live", _Page, own),
+            (r"/file/([0-9a-f]{64})", _SceneFile, own),
+            (r"/([a-z]+\.(?:js|css|svg))", _File, own),
+        ]
+        application = tornado.web.Application(
+            routes,
+            websocket_ping_interval=PING,
+            websocket_max_message_size=MOST_MESSAGE,
+            log_function=lambda request: None,  # an address has its token
+        )
+        self._http = _Http(
+            application,
+            max_header_size=MOST_REQUEST,
+            max_body_size=0,
+            max_buffer_size=10 * MOST_MESSAGE,
+            idle_connection_timeout=IDLE,
+        )
+        self._http.add_socket(listening)
+
+    def stop(self) -> None:
+        """End :meth:`show`."""
+        self.is_stopped = True
+
+    async def show(self, run_dir: Path) -> None:
+        """Show a graph until it ends, or :meth:`stop`; ConfigError if none runs there."""
+        controls = await self._loop.run_in_executor(None, Controls, run_dir, self._recordings)
+        try:
+            await self._follow(_Graph(run_dir, controls, self._pointed))
+        finally:
+            self.graph = None
+            self.tell(OVER)
+            # After what is under way.
+            await self._loop.run_in_executor(self.workers, controls.close)
+            self.tell(controls.recording.describe())
+
+    async def _follow(self, graph: "_Graph") -> None:
+        """Tell the pages what comes from a graph, until its end."""
+        self.graph, loop = graph, self._loop
+        loop.add_reader(graph.pointer.descriptor, graph.pointer.send)
+        for page in tuple(self.pages):
+            page.greet()
+        next_nodes = 0.0
+        try:
+            while not (graph.watch.is_over or self.is_stopped):
+                started = time.monotonic()
+                for message in graph.look():
+                    self._note(message)
+                    self.tell(message)
+                graph.pointer.send()
+                if self.pages and started >= next_nodes:
+                    next_nodes = started + PROCESSES_PERIOD
+                    loop.run_in_executor(self.workers, self._look_at_nodes, graph)
+                await asyncio.sleep(max(0.0, FRAME - (time.monotonic() - started)))
+        finally:
+            if graph.watch.was_launched:  # else its run directory may be used again
+                self.last = graph.run_dir
+            loop.remove_reader(graph.pointer.descriptor)
+            graph.close()
+
+    def tell(self, message: Message) -> None:
+        """Send a message to every page; one that does not read misses it."""
+        if self.pages:
+            text = json.dumps(message)
+            for page in tuple(self.pages):
+                page.tell(text)
+
+    def _note(self, message: Message) -> None:
+        """Send the parameters to the pages again when some have changed, from wherever."""
+        if message.get("event") in (LAW_CHANGED, PARAMETERS_SET) and self.graph:
+            self.workers.submit(self.tell_parameters, self.graph.controls)
+
+    def tell_parameters(self, controls: Controls) -> None:
+        """Tell the pages the parameters of a graph; from a thread, since it takes time."""
+        with suppress(ForceboundError):  # the graph has ended
+            self.later(self.tell, controls.parameters())
+
+    def _pointed(self, stamp: tuple["_Page", Any, float], time_ns: int) -> None:
+        """Tell a page that the device has taken its place, and the times of it, in s."""
+        page, own, heard = stamp
+        times = {"heard": heard, "device": time_ns * 1e-9, "told": time.monotonic()}
+        page.tell(json.dumps({"type": "taken", "stamp": own, **times}))
+
+    def _look_at_nodes(self, graph: "_Graph") -> None:
+        """Tell the pages of the processes; in a thread, since it takes time."""
+        looked = time.monotonic()
+        try:
+            (listed,) = list_graphs(0.3, graph.run_dir)
+        except (ForceboundError, ValueError):
+            return  # it ended just now
+        processes = [asdict(process) for process in listed.processes]
+        message = {"type": "nodes", "time": looked, "phase": listed.phase, "processes": processes}
+        self.later(self.tell, message)
+        self.later(self.tell, graph.controls.recording.describe())
+
+    def later(self, call: Callable[..., object], *arguments: object) -> None:
+        """Call something in the server's own thread, from another one."""
+        self._loop.call_soon_threadsafe(call, *arguments)
+
+    async def close(self) -> None:
+        """Tell the pages that the server closes, and end."""
+        self.tell({"type": "closed"})
+        for page in tuple(self.pages):
+            page.close()
+        end = time.monotonic() + CLOSE_TIMEOUT_S
+        while self.pages and time.monotonic() < end:
+            await asyncio.sleep(FRAME)
+        self._http.stop()
+        await self._http.close_all_connections()
+        self.workers.shutdown(wait=True, cancel_futures=True)
+
+
+class _Graph:
+    """A running graph that is shown: what comes from it, and what may be done to it."""
+
+    def __init__(
+        self, run_dir: Path, controls: Controls, taken: Callable[[Any, int], None]
+    ) -> None:
+        self.run_dir = run_dir
+        self._shown_since = time.monotonic()  # s; no other graph of this server has the same
+        self.watch = Watch(run_dir)
+        self.controls = controls
+        self.feed = Feed(run_dir, controls.energy_before)  # first: the graph may have ended
+        self.pointer = Pointer(run_dir, taken)
+
+    def describe(self) -> list[Message]:
+        """Return what a page needs to know before its first frame."""
+        controls, scene = self.controls, self.feed.scene
+        hello = {**controls.describe(), "graph": self._shown_since}
+        return [hello, controls.parameters(), *([scene] if scene else [])]
+
+    def look(self) -> list[Message]:
+        """Return the messages to the pages about what has come since the last look."""
+        messages = self.feed.look()
+        for message in messages:
+            if message["type"] == "frame":
+                message["pointer"] = self.pointer.place  # whoever has moved it
+        return messages
+
+    def close(self) -> None:
+        """Close what comes from the graph."""
+        self.feed.close()
+        self.pointer.close()
+
+
+class _Http(tornado.httpserver.HTTPServer):
+    """An HTTP server that closes the connections that are too many."""
+
+    def handle_stream(self, stream: tornado.iostream.IOStream, address: tuple[Any, ...]) -> None:
+        if len(self._connections) >= MOST_CONNECTIONS:
+            stream.close()
+        else:
+            super().handle_stream(stream, address)
+
+
+def _bound(listen: str, port: int) -> socket.socket:
+    try:
+        family, *_, address = socket.getaddrinfo(listen, port, type=socket.SOCK_STREAM)[0]
+        listening = socket.create_server(address[:2], family=family)
+    except OSError as error:
+        words = f"cannot listen at {listen}, port {port}: {error.strerror}"
+        raise ConfigError(words) from error
+    listening.setblocking(False)
+    return listening
+
+
+class _Handler(tornado.web.RequestHandler):
+    """A request from a browser that calls this server by its own name, and has a token."""
+
+    needs_token: ClassVar[bool] = True
+
+    def initialize(self, server: Server) -> None:
+        self.server = server
+
+    def prepare(self) -> None:
+        access, self.token = self.server.access, self.get_query_argument("token", "")
+        if not access.permits_host(self.request.headers.get("Host")):
+            raise tornado.web.HTTPError(403, "another host")
+        if self.needs_token and not access.may_look(self.token):
+            raise tornado.web.HTTPError(403, "no token")
+
+    def set_default_headers(self) -> None:
+        self.set_header("Content-Security-Policy", POLICY)
+        self.set_header("Referrer-Policy", "no-referrer")
+        self.set_header("X-Content-Type-Options", "nosniff")
+        self.set_header("Cache-Control", "no-store")
+
+    def log_exception(self, *_: object) -> None:
+        """Say nothing: a refusal is the browser's to tell."""
+
+
+class _Index(_Handler):
+    def get(self) -> None:
+        self.set_header("Content-Type", "text/html; charset=utf-8")
+        self.write((PAGE / "index.html").read_bytes())
+
+
+class _File(_Handler):
+    needs_token = False
+
+    def get(self, name: str) -> None:
+        file = PAGE / name
+        if not file.is_file():
+            raise tornado.web.HTTPError(404)
+        self.set_header("Content-Type", mimetypes.guess_type(name)[0] or "text/plain")
+        self.write(file.read_bytes())
+
+
+class _SceneFile(_Handler):
+    """Triangles of a mesh of the scene, or points of a cloud."""
+
+    async def get(self, digest: str) -> None:
+        loop, graph = asyncio.get_running_loop(), self.server.graph
+        content = None
+        if graph is not None:  # a change need not wait for it
+            content = await loop.run_in_executor(None, graph.feed.file, digest)
+        if content is None:
+            raise tornado.web.HTTPError(404)
+        self.write(content)
+
+
+class _Page(_Handler, tornado.websocket.WebSocketHandler):
+    """One open page."""
+
+    def check_origin(self, origin: str) -> bool:
+        return self.server.access.permits_origin(origin, self.request.headers.get("Host"))
+
+    def prepare(self) -> None:
+        super().prepare()
+        if len(self.server.pages) >= MOST_PAGES:
+            raise tornado.web.HTTPError(503, "too many pages")
+        self._may_change = self.server.access.may_change(self.token)
+
+    def open(self, *_: str, **__: str) -> None:
+        self.set_nodelay(True)
+        self.greet()
+        self.server.pages.add(self)
+
+    def greet(self) -> None:
+        """Tell what a page needs to know of the graph that is shown now."""
+        graph = self.server.graph
+        for message in [OVER] if graph is None else graph.describe():
+            self.tell(json.dumps({**message, "may_change": self._may_change}))
+
+    def on_message(self, message: str | bytes) -> None:
+        try:
+            wanted = json.loads(message)
+            do = wanted["do"]
+        except (ValueError, TypeError, KeyError, RecursionError):
+            return
+        graph = self.server.graph
+        if not self._may_change:
+            self._answer(wanted, "this page may only look")
+        elif graph is None:
+            self._answer(wanted, "no graph runs")
+        elif do == "point":
+            stamp = self, wanted.get("stamp"), time.monotonic()
+            error = graph.pointer.point(wanted.get("target"), stamp)
+            if error is not None:
+                self._answer(wanted, error)
+        else:
+            self.server.workers.submit(self._act, graph.controls, wanted)
+
+    def on_close(self) -> None:
+        self.server.pages.discard(self)
+
+    def tell(self, text: str) -> None:
+        """Send a message unless the page has stopped reading."""
+        stream = None if self.ws_connection is None else self.ws_connection.stream
+        if stream is None or stream.closed():
+            return
+        if len(getattr(stream, "_write_buffer", ())) > MOST_WAITING:
+            return
+        try:
+            sent = self.write_message(text)
+        except tornado.websocket.WebSocketClosedError:
+            self.server.pages.discard(self)
+        else:
+            sent.add_done_callback(asyncio.Future.exception)  # it closed just now: no news
+
+    def _act(self, controls: Controls, wanted: Message) -> None:
+        """Do what the page wants; in the thread of changes."""
+        server = self.server
+        server.later(self._answer, wanted, controls.act(wanted))
+        server.later(server.tell, controls.recording.describe())
+        server.tell_parameters(controls)
+
+    def _answer(self, wanted: Message, error: str | None) -> None:
+        self.tell(json.dumps({"type": "answer", "id": wanted.get("id"), "error": error}))

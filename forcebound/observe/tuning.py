@@ -1,0 +1,257 @@
+"""Parameters of a running graph: reading and changing them.
+
+The launch document in the run directory holds the present values. A change rewrites it
+and sends the values to the nodes; a node that starts later reads the document.
+
+Not every parameter in the document belongs to this machine: with an environment elsewhere, each
+machine has a document of its own, which the nodes there read.
+"""
+
+import json
+import os
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from forcebound.errors import ConfigError, RunError
+from forcebound.graph.graph import GraphConfig
+from forcebound.graph.loader import change
+from forcebound.graph.names import LAW, split_setting
+from forcebound.graph.parameters import (
+    differences,
+    parameters,
+    processes_of,
+    unknown_parameter,
+)
+from forcebound.graph.problems import Problems, unknown
+from forcebound.graph.resolved import restore, to_document, with_parts
+from forcebound.graph.tree import parse
+from forcebound.messages.control import (
+    Configure,
+    ConfigureNode,
+    DeviceStatus,
+    Parameters,
+    Refused,
+)
+from forcebound.messages.topology import LINKS
+from forcebound.observe.control import ANSWER_TIMEOUT, ask_all, await_law
+from forcebound.observe.kernels import Kernels
+from forcebound.observe.snapshot import GraphStatus, other_environment, snapshot
+from forcebound.quantities import Range
+from forcebound.roles import DEVICE, ENVIRONMENT, LAUNCHER
+from forcebound.run.run_directory import (
+    RunDocument,
+    read_launch_document,
+    updating,
+    write_launch_document,
+)
+from forcebound.units import parse_quantity
+
+PATHS = ("trace", "distribution_file", ".file", ".texture")  # ends of names of file parameters
+
+
+@dataclass(frozen=True)
+class Change:
+    """The outcome of a change."""
+
+    values: Parameters  # the parameters that are new, by name, in SI units
+    notes: tuple[str, ...] = ()  # about nodes that have it later, or do not serve; for people
+
+
+def configuration(run_dir: Path, with_code: bool = True) -> GraphConfig:
+    """Return the present configuration of a graph; ``with_code``: also parts in users' files."""
+    return with_parts(restore(read_launch_document(run_dir)), of_users=with_code)
+
+
+def find_parameters(config: GraphConfig, names: Sequence[str]) -> Parameters:
+    """Return the values of some parameters; a section's name stands for all that begin with it.
+
+    Without names: all that can be changed. Values that are fixed during a run are found by name.
+    """
+    if not names:
+        return parameters(config)
+    every = every_parameter(config)
+    found: Parameters = {}
+    for name in names:
+        matching = {key: every[key] for key in every if key == name or key.startswith(f"{name}.")}
+        if not matching:
+            raise ConfigError(unknown_parameter(name, config))
+        found |= matching
+    return found
+
+
+def every_parameter(config: GraphConfig) -> Parameters:
+    """Return all values by name: those that can be changed, and what is fixed during a run."""
+    fixed: Parameters = {}
+    for section, value in to_document(config).items():
+        if isinstance(value, Mapping):
+            fixed |= {f"{section}.{name}": entry for name, entry in value.items()}
+        elif section != "forcebound":
+            fixed[section] = value
+    fixed = {name: value for name, value in fixed.items() if not name.startswith("links.")}
+    return parameters(config) | fixed
+
+
+def found_elsewhere(run_dir: Path, config: GraphConfig, names: Iterable[str]) -> set[str]:
+    """Return those of some parameters that belong to nodes on another machine."""
+    return set(_elsewhere(names, snapshot(run_dir), config))
+
+
+def changed_parameters(run_dir: Path) -> Parameters:
+    """Return the parameters of a graph that were changed since its launch, with their values."""
+    started = json.loads(RunDocument.read(run_dir).metadata["launch"])
+    return differences(started, configuration(run_dir))
+
+
+def read_settings(texts: Sequence[str]) -> Parameters:
+    """Return the settings of ``NAME:=VALUE`` texts; a value is YAML, as in a launch file."""
+    settings: Parameters = {}
+    for name, value in map(split_setting, texts):
+        problems = Problems()
+        tree = parse(f"value: {value}", name, problems)
+        problems.raise_if_any()
+        assert tree is not None  # what is no YAML was a problem
+        plain = tree.entries["value"].plain
+        if name.endswith(PATHS) and isinstance(plain, str):
+            plain = str(Path(plain).absolute())  # the nodes have another current folder
+        settings[name] = plain
+    return settings
+
+
+def cut_links(run_dir: Path, time: str, links: Sequence[str]) -> tuple[float, tuple[str, ...]]:
+    """Lose every packet of some links from now for a time such as ``500ms``.
+
+    Without links: query and reply of the environment. Returns the time, in s, and the links. Errors
+    are as of :func:`set_parameters`.
+    """
+    seconds = Range(above=0).check(parse_quantity(time, "s"), "s")
+    for link in links:
+        if link not in LINKS:
+            raise ConfigError(unknown("link", link, LINKS))
+    chosen = tuple(links) or ("environment_query", "environment_reply")
+    names = [f"links.{topic}.outages" for topic in chosen]
+    # The same outages once more would be no change.
+    set_parameters(run_dir, {name: [] for name in names})
+    set_parameters(run_dir, {name: [{"start": 0.0, "duration": seconds}] for name in names})
+    return seconds, chosen
+
+
+def set_parameters(run_dir: Path, settings: Parameters, kernels: Kernels | None = None) -> Change:
+    """Change parameters of a graph that runs; return when its nodes have them.
+
+    ``settings`` are as of :func:`read_settings`. ``kernels`` compiles those of a new law before the
+    device takes it; None: the device does.
+
+    Raises:
+        ConfigError: If there is no such parameter, it cannot have this value, or it belongs to a
+            node on another machine; nothing is changed then.
+        RunError: If a node refuses, or does not answer; it will read the change later. If another
+            command does not end its change.
+    """
+    now, graph = configuration(run_dir), snapshot(run_dir)
+    concerned = sorted(processes_of(settings))
+    _check_files(graph.run, settings, now)
+    other = other_environment(graph) if ENVIRONMENT in concerned else None
+    if LAW in settings:
+        _prepare_law(change(now, settings).device.servo.law, graph, kernels)
+    with updating(run_dir, ANSWER_TIMEOUT) as is_alone:
+        if not is_alone:
+            raise RunError(
+                f"another command is changing parameters in {run_dir}, and has not ended for "
+                f"{ANSWER_TIMEOUT:g} s; is it suspended (Ctrl-Z)?"
+            )
+        old = configuration(run_dir)
+        new = change(old, settings)
+        _check_reach(_elsewhere(settings, graph, new))
+        request = write_launch_document(run_dir, new)
+    # Also those for which the document has the values already: they may not have had the request.
+    down = {node: why for node in concerned if (why := _why_down(node, graph))}
+    _configure(graph, [node for node in concerned if node not in down], request)
+    notes = list(down.values())
+    if other is not None:
+        waits = "this environment, which waits: it has the change, which is felt when it serves"
+        here = (
+            "the environment of this machine, to which the change was made: use `forcebound param"
+            " set` on the other's machine"
+        )
+        notes.append(f"{other} serves the graph, and not {here if graph.run.is_graph else waits}")
+    values = differences(old, new)
+    if LAW in values and DEVICE not in down:
+        await_law(run_dir, values[LAW])
+        ramp = f"the force returns over {1e3 * new.device.servo.engage_time:.3g} ms"
+        notes.append(f"the law was taken without force, with a new ledger; {ramp}")
+    return Change(values, tuple(notes))
+
+
+def _check_files(run: RunDocument, settings: Parameters, now: GraphConfig) -> None:
+    """Refuse other files than those beside the launch file: a page may be someone else's."""
+    before = parameters(now)
+    for name, value in settings.items():
+        if not name.endswith(PATHS) or value in (None, before.get(name)):
+            continue
+        folder = Path(run.folder).resolve()
+        if not Path(os.path.realpath(str(value))).is_relative_to(folder):
+            raise ConfigError(
+                f"{name}: expected a file in {folder} or below, the folder of the launch file (of"
+                f" one that comes with forcebound: where it was started); got {value}"
+            )
+
+
+def _prepare_law(law: str, graph: GraphStatus, kernels: Kernels | None) -> None:
+    """Get ready for a law that the device is to take."""
+    device = graph.processes.get(DEVICE)
+    if device is not None and device.state == "lost":
+        raise ConfigError(f"{LAW}: the device is lost; first, `forcebound device resume`")
+    status = graph.status_of(DeviceStatus)
+    if kernels is not None and status is not None and status.law != law:
+        kernels.wait(law)
+
+
+def _why_down(node: str, graph: GraphStatus) -> str:
+    """Return why a node does not take a change now; empty: it does."""
+    process = graph.processes.get(node)
+    if process is None:
+        return f"no {node} is running here"
+    if process.state == "stopped":
+        words = f"{node} is stopped on request, and has the change when it starts again"
+        return f"{words} (`forcebound start {node}`)"
+    return f"{node} has ended" if process.state == "ended" else ""
+
+
+def _configure(graph: GraphStatus, nodes: Collection[str], request: Configure) -> None:
+    """Send the launch document of now to nodes."""
+    answers = ask_all(graph.run_dir, nodes, request, ANSWER_TIMEOUT)
+    for node, answer in answers.items():
+        if isinstance(answer, Refused):
+            raise RunError(f"{node} did not take the change: {answer.error}")
+    silent = [node for node, answer in answers.items() if answer is None]
+    if not silent:
+        return
+    listed = " and ".join(silent)
+    if graph.phase is None:
+        raise RunError(
+            f"{listed} did not answer: no change there; suspended (Ctrl-Z), or just ending?"
+        )
+    for node in silent:
+        ask_all(graph.run_dir, [LAUNCHER], ConfigureNode(node, request), ANSWER_TIMEOUT)
+    raise RunError(
+        f"{listed} did not answer; the change is kept until it continues (if it is suspended) or"
+        " restarts"
+    )
+
+
+def _elsewhere(names: Iterable[str], graph: GraphStatus, config: GraphConfig) -> dict[str, str]:
+    """Return the parameters that belong to nodes on another machine, with those."""
+    here = graph.nodes_here(config)
+    return {name: node for name in names for node in processes_of([name]) if node not in here}
+
+
+def _check_reach(elsewhere: Mapping[str, str]) -> None:
+    """Refuse a change without effect here, because its node is on another machine."""
+    if not elsewhere:
+        return
+    listed, nodes = ", ".join(sorted(elsewhere)), " and ".join(sorted(set(elsewhere.values())))
+    why = f"this link ends at the {nodes}, on the machine of the graph; here is only an environment"
+    if ENVIRONMENT in elsewhere.values():
+        why = "this belongs to the environment, which is on another machine"
+    raise ConfigError(f"{listed}: {why}; use `forcebound param set` there")

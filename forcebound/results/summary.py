@@ -1,0 +1,85 @@
+"""Summary of a run: its figures as one JSON document.
+
+A figure that the run or the launch file does not define is ``None``, never NaN, so that a summary
+is always valid JSON.
+"""
+
+from collections.abc import Mapping, Sequence
+from itertools import zip_longest
+from typing import Any
+
+import numpy as np
+
+from forcebound.messages.events import PHASE_BEGINS
+from forcebound.messages.packets import Event
+from forcebound.recordings.telemetry import TelemetryColumns
+from forcebound.results.figures import FIGURES
+from forcebound.results.samples import Samples
+from forcebound.results.ticks import answered_share
+
+#: Figures of one law; a run that changed it has them for each law.
+OF_ONE_LAW = tuple(figure.key for figure in FIGURES if figure.needs.of_run)
+
+_OF_A_PHASE = ("loop_delay_ms", "reply_age_ms", "peak_force_n")
+
+
+def summarize(
+    columns: TelemetryColumns, config: Mapping[str, Any], events: Sequence[Event] = ()
+) -> dict[str, Any]:
+    """Return the figures of a run by key, ready for JSON; ``docs/results.md`` lists them.
+
+    ``undefined`` has the reasons, by key, why a figure of a law is missing.
+
+    Args:
+        columns: Telemetry of the run.
+        config: The launch file as resolved for the run, in SI numbers.
+        events: Of the run.
+
+    Raises:
+        ConfigError: If the launch file describes a surface that does not fit the run.
+    """
+    run = Samples(columns, config, events)
+    lacks = run.lacks()
+    figures: dict[str, Any] = {}
+    undefined = {}
+    for figure in FIGURES:
+        missing = [lacks[need] for need in figure.needs.of_run.split() if need in lacks]
+        figures[figure.key] = value = None if missing else figure.of(run)
+        if value is None and figure.needs.of_run:
+            undefined[figure.key] = (*missing, figure.needs.otherwise)[0]
+    return {**figures, "undefined": undefined}
+
+
+def summarize_phases(
+    columns: TelemetryColumns, events: Sequence[Event], config: Mapping[str, Any]
+) -> list[dict[str, Any]]:
+    """Return the figures of each phase of a scripted run, ready for JSON.
+
+    Args:
+        columns: Telemetry of the run.
+        events: Of the run; they hold the start of each phase.
+        config: The launch file as resolved for the run.
+    """
+    begins = [event for event in events if event.event == PHASE_BEGINS]
+    phases = []
+    for event, following in zip_longest(begins, begins[1:]):
+        end_ns = 2**63 - 1 if following is None else following.time_ns
+        inside = (columns.time_ns >= event.time_ns) & (columns.time_ns < end_ns)
+        if inside.any():
+            name = event.data.get("name", "")
+            phases.append({"name": name} | _phase(columns.slice(inside), config))
+    return phases
+
+
+def _phase(part: TelemetryColumns, config: Mapping[str, Any]) -> dict[str, Any]:
+    run = Samples(part, config)
+    energy = part.true_energy[np.isfinite(part.true_energy)]
+    return {
+        "start_s": float(part.elapsed[0]),
+        "duration_s": float(part.elapsed[-1] - part.elapsed[0]),
+        "answered_share": answered_share(part),
+        "force_share": float(np.mean(part.engagement > 0.0)),
+        **{figure.key: figure.of(run) for figure in FIGURES if figure.key in _OF_A_PHASE},
+        "true_energy_min_j": float(energy.min()) if energy.size else None,
+        "deadline_misses": int(part.deadline_misses[-1] - part.deadline_misses[0]),
+    }

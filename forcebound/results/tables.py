@@ -1,0 +1,58 @@
+"""Tables of summaries in everyday units (N/mm, mm, mJ, ms), and labels of maps."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from forcebound.results.cells import MJ, PERCENT, N, Unit, percentiles
+from forcebound.results.figures import FIGURES
+
+
+def summary_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Return a summary as rows of label and value.
+
+    The labels do not depend on the run, except for those of the bounder and of several axes, so the
+    rows of several runs go side by side into one table.
+    """
+    rows = [(figure.label, figure.cell(summary)) for figure in FIGURES if figure.label]
+    return [(label, cell) for label, cell in rows if cell]
+
+
+def axis_labels() -> dict[str, tuple[str, float]]:
+    """Return by key the label of a figure for the axis of a map, and the factor of its unit."""
+    return {
+        figure.key: (_with_unit(figure.label, figure.shown.name), figure.shown.factor)
+        for figure in FIGURES
+        if isinstance(figure.shown, Unit)
+    }
+
+
+def _with_unit(label: str, unit: str) -> str:
+    if label.endswith(")"):
+        return f"{label[:-1]}, {unit})"
+    return f"{label} ({unit})" if unit else label
+
+
+def difference_text(difference: Mapping[str, Any]) -> str:
+    """Return a difference of two runs in words; see :func:`.perception.differences`."""
+    name = difference["figure"].rpartition("_n")[0].replace("_", " ")
+    least = f"{difference['weber_fraction']:.0%}, {difference['source']}"
+    felt = "a hand feels it" if difference["is_perceptible"] else "a hand does not feel it"
+    return f"{name} {difference['difference']:+.0%}; {felt} (from {least})"
+
+
+def phase_rows(phases: Sequence[Mapping[str, Any]]) -> list[tuple[str, ...]]:
+    """Return a table of phases, its head first; delays are p50/p99/max."""
+    head = ("phase", "delay, ms", "age of reply, ms", "answered", "force on", "peak force")
+    return [(*head, "minimum energy"), *map(_phase_row, phases)]
+
+
+def _phase_row(phase: Mapping[str, Any]) -> tuple[str, ...]:
+    return (
+        phase["name"],
+        percentiles(phase["loop_delay_ms"], 1),
+        percentiles(phase["reply_age_ms"], 1),
+        PERCENT.show(phase["answered_share"]),
+        PERCENT.show(phase["force_share"]),
+        N.show(phase["peak_force_n"]),
+        MJ.show(phase["true_energy_min_j"]),
+    )

@@ -1,0 +1,111 @@
+"""Nodes of a graph, made from its configuration; changes of nodes and links."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from forcebound.errors import ConfigError, DeviceError
+from forcebound.graph.graph import EnvironmentConfig, GraphConfig
+from forcebound.graph.resolved import made
+from forcebound.graph.servo import dissipation_of
+from forcebound.haptics.devices import Device
+from forcebound.haptics.devices.guard import guarded
+from forcebound.haptics.devices.simulated import SimulatedDevice
+from forcebound.haptics.environments import EnvironmentModel
+from forcebound.haptics.parts.user_module import describe_user_error
+from forcebound.messages.packets import Packet
+from forcebound.messages.topology import ONE_HAND, Graph
+from forcebound.network.computation import ComputationTime
+from forcebound.network.impairment import Impairment
+from forcebound.network.link import Link, link_seed
+from forcebound.nodes import Node
+from forcebound.nodes.controller import ControllerNode
+from forcebound.nodes.device import DeviceNode
+from forcebound.nodes.environment import EnvironmentNode
+from forcebound.nodes.lease import LEASE_NS
+from forcebound.results.delay_traces import trace_of
+from forcebound.roles import CONTROLLER, DEVICE, ENVIRONMENT
+
+
+def build_node(
+    name: str,
+    config: GraphConfig,
+    environment_name: str = ENVIRONMENT,
+    clock: Callable[[], int] | None = None,
+    graph: Graph = ONE_HAND,
+) -> Node:
+    """Return a node of a graph with its parts, which are made if need be.
+
+    The graph knows an environment process from others by ``environment_name``. ``clock`` gives the
+    time, in ns, of a device without stamps; None: virtual time. KeyError if there is no such node.
+    """
+    role = graph.nodes[name].role
+    if role == DEVICE:
+        return build_device(config, clock)
+    if role == CONTROLLER:
+        return build_controller(config)
+    if role == ENVIRONMENT:
+        served, axes = _served(config.environment), config.device.axes
+        return EnvironmentNode(served, _computation(config), environment_name, axes)
+    raise KeyError(name)
+
+
+def build_controller(config: GraphConfig) -> ControllerNode:
+    """Return the controller node with its controller, opened; ConfigError if that fails."""
+    try:
+        controller = made(CONTROLLER, config.controller).open(config.device.axes)
+    except Exception as error:
+        raise ConfigError(f"controller: open: {describe_user_error(error)}") from error
+    return ControllerNode(controller, lease_ns(config), dead_lease_ns(config))
+
+
+def lease_ns(config: GraphConfig) -> int:
+    """Return the silence after which another environment may serve, in ns."""
+    return max(LEASE_NS, dead_lease_ns(config))
+
+
+def dead_lease_ns(config: GraphConfig) -> int:
+    """Return the same for an environment whose process has ended, in ns.
+
+    The force of its last answer is at zero after the age limit.
+    """
+    return round(2e9 * config.device.servo.age_limit)
+
+
+def build_device(
+    config: GraphConfig,
+    clock: Callable[[], int] | None = None,
+    lateness: Callable[[], int] | None = None,
+) -> DeviceNode:
+    """Return the device node with its device, opened; DeviceError if that fails."""
+    model, servo = made(DEVICE, config.device.model), config.device.servo
+    try:
+        device = model.open(made("operator", config.operator), servo.opening_hold)
+    except Exception as error:
+        words = str(error) if isinstance(error, DeviceError) else describe_user_error(error)
+        raise DeviceError(f"the device cannot be opened: {words}") from error
+    if not isinstance(device, Device):
+        raise DeviceError(f"open must return a forcebound.haptics.devices.Device, got {device!r}")
+    if not isinstance(device, SimulatedDevice):  # which cannot fail, and runs in sweeps
+        device = guarded(device)
+    return DeviceNode(device, dissipation_of(model, servo), servo, clock, lateness)
+
+
+def change_link(link: Link[Packet], impairment: Impairment) -> None:
+    """Impair later packets by ``impairment``."""
+    link.change(impairment, trace_of(impairment))
+
+
+def change_environment(node: EnvironmentNode, environment: EnvironmentConfig) -> None:
+    """Answer from the next query on with ``environment`` and its computation time."""
+    computation = environment.computation
+    node.change(_served(environment), computation, trace_of(computation))
+
+
+def _served(environment: EnvironmentConfig) -> EnvironmentModel:
+    return replace(environment, model=made(ENVIRONMENT, environment.model)).served
+
+
+def _computation(config: GraphConfig) -> ComputationTime:
+    computation = config.environment.computation
+    seed = link_seed(config.seed, "computation")
+    return ComputationTime(computation, seed, trace_of(computation))

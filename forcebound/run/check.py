@@ -1,0 +1,284 @@
+"""Checks of parts against their contracts, for ``forcebound check``."""
+
+import math
+import statistics
+import time
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import msgspec
+from msgspec import Struct
+
+from forcebound.errors import ConfigError
+from forcebound.graph.names import Document
+from forcebound.graph.parts import law_of, member_of
+from forcebound.graph.resolved import member_document
+from forcebound.graph.users_code import tried
+from forcebound.haptics.controllers import contract as controllers
+from forcebound.haptics.devices import contract as devices
+from forcebound.haptics.environments import (
+    Environment,
+    EnvironmentModel,
+    open_environment,
+)
+from forcebound.haptics.environments import contract as environments
+from forcebound.haptics.environments.strokes import ACROSS, INWARDS, Touch, feel
+from forcebound.haptics.hands import contract as operators
+from forcebound.haptics.laws import contract as laws
+from forcebound.haptics.parts import overridden
+from forcebound.haptics.parts.contract import Report, Violation
+from forcebound.haptics.parts.user_module import file_of, names_file
+from forcebound.messages.packets import MAX_AXES
+from forcebound.units import parse_quantity
+
+CONTRACTS: Mapping[str, Any] = {
+    "law": laws,
+    "device": devices,
+    "operator": operators,
+    "controller": controllers,
+    "environment": environments,
+}
+
+PROBES = (-0.010, 0.0, 0.005, 0.010, 0.011, 0.015, 0.020, 0.050)  # m, positions for forces at rest
+FEWEST_CALLS, CALLS = 10, 300  # that are timed
+FEWEST_STROKES, STROKES = 2, 40
+# s, approximately: queries of the contract, timed calls, strokes.
+QUERYING, TIMING, STROKING = 10.0, 2.0, 2.0
+CHECK_S = 120.0  # for all of it, in a process of its own
+
+Progress: TypeAlias = Callable[[str, int, int], None]
+
+
+class AtRest(Struct, frozen=True):
+    """Force of an environment at rest, on the first axis."""
+
+    position_m: float
+    force_n: float | None  # None: no answer
+
+
+class AnswerTimes(Struct, frozen=True):
+    """Times of the answers of an environment, in s; None: it gives none."""
+
+    median: float | None
+    max: float | None
+    answers: int
+
+
+class Checked(Struct, kw_only=True, omit_defaults=True):
+    """What the contract test finds of a part."""
+
+    part: Document  # kind and parameters
+    passed: bool
+    questions: int
+    promises: dict[str, bool]  # which were kept
+    violations: list[Violation]
+    # Of an environment:
+    axes: list[int] = []  # numbers of axes that were tried
+    left_out: int | None = None  # queries that were not sent
+    at_rest: list[AtRest] = []
+    touch: Touch | None = None  # what strokes felt; None without contact or scene
+    seconds_per_answer: AnswerTimes | None = None
+
+
+def no_progress(doing: str, done: int, total: int) -> None:
+    """Report no progress."""
+
+
+def check_part(
+    section: str,
+    kind: str,
+    arguments: Sequence[str] = (),
+    axes: Sequence[int] = (),
+    rest: Sequence[str] = (),
+    progress: Progress = no_progress,
+) -> Checked:
+    """Return what the contract test finds of a part.
+
+    A user's file runs in a process of its own. A slow environment gets fewer queries.
+
+    Args:
+        section: ``"law"``, ``"device"``, ``"operator"``, ``"controller"`` or ``"environment"``.
+        kind: ``FILE.py``, ``FILE.py:NAME`` or a kind that is installed.
+        arguments: Its parameters, each ``name:=value``; a law has none.
+        axes: Numbers of axes of an environment; none: 1 to 6.
+        rest: Forces expected of an environment at rest, each ``POSITION=FORCE``.
+        progress: Called before each answer with the question, answers so far and in all.
+
+    Raises:
+        ConfigError: If there is no such part, or the user's code was too slow or ended its process.
+    """
+    check = partial(check_here, section, kind, arguments, axes, rest, progress)
+    if not names_file(kind):
+        return check()
+    data = tried(partial(_as_json, check), [file_of(kind, Path())], CHECK_S)
+    return msgspec.json.decode(data, type=Checked)
+
+
+def _as_json(check: Callable[[], Checked]) -> bytes:
+    return msgspec.json.encode(check())
+
+
+def check_here(
+    section: str,
+    kind: str,
+    arguments: Sequence[str] = (),
+    axes: Sequence[int] = (),
+    rest: Sequence[str] = (),
+    progress: Progress = no_progress,
+) -> Checked:
+    """Do the work of :func:`check_part` in this process."""
+    if section == "law":
+        law = law_of(kind)
+        return _checked({"kind": law}, laws.check(law))
+    expected = dict(map(_expected, rest))
+    model = member_of(section, kind, arguments)
+    part = member_document(section, model)
+    if section == "environment":
+        return _check_environment(part, progress, model, axes, expected)
+    return _checked(part, CONTRACTS[section].check(model))
+
+
+def _checked(part: Document, report: Report) -> Checked:
+    return Checked(
+        part=part,
+        passed=not report.violations,
+        questions=report.questions,
+        promises=report.held,
+        violations=list(report.violations),
+    )
+
+
+def _check_environment(
+    part: Document,
+    progress: Progress,
+    model: EnvironmentModel,
+    axes: Sequence[int],
+    expected: Mapping[float, float],
+) -> Checked:
+    one = min(axes, default=1)
+    axes = axes or range(1, MAX_AXES + 1)
+    environment = open_environment(model, one)
+    at_rest, times = [], []
+    for position in PROBES:
+        progress(f"force at rest, at {position * 1e3:g} mm,", 0, 0)
+        began = time.perf_counter()
+        at_rest.append(AtRest(position, _at_rest(environment, position, one)))
+        times.append(time.perf_counter() - began)
+    usual = statistics.median(times)
+    report = environments.check(
+        model,
+        axes,
+        expected,
+        at_most=round(QUERYING / usual / 2),
+        progress=progress,
+    )
+    checked = _checked(part, report)
+    checked.axes, checked.left_out, checked.at_rest = sorted(set(axes)), report.left_out, at_rest
+    checked.touch = _touch(model, min(max(axes), 3), round(STROKING / usual), progress)
+    times = _times(environment, one, min(max(FEWEST_CALLS, round(TIMING / usual)), CALLS), progress)
+    median = statistics.median(times) if times else None
+    checked.seconds_per_answer = AnswerTimes(median, max(times, default=None), len(times))
+    return checked
+
+
+def lines(section: str, checked: Checked) -> list[str]:
+    """Return the result of :func:`check_part` as lines of text."""
+    text = []
+    for promise, held in checked.promises.items():
+        words = CONTRACTS[section].PROMISES[promise]
+        text.append(f"{'kept  ' if held else 'BROKEN'}  {promise:<8} {words}")
+        for violation in checked.violations:
+            if violation.promise == promise:
+                text.append(f"          {violation.where}")
+                text.append(f"            expected {violation.expected}")
+                text.append(f"            got      {violation.got}")
+    return text + _measured(checked)
+
+
+def _measured(checked: Checked) -> list[str]:
+    answer = checked.seconds_per_answer
+    if answer is None:
+        return []  # no environment
+    shown = ", ".join(
+        f"{one.position_m * 1e3:g} mm: "
+        + ("no answer" if one.force_n is None else f"{one.force_n:.4g} N")
+        for one in checked.at_rest
+    )
+    tried = ", ".join(map(str, checked.axes))
+    text = [f"numbers of axes tried: {tried}", f"at rest, on the first axis: {shown}"]
+    if checked.touch is not None:
+        text += _touched(checked.touch)
+    if checked.left_out:
+        known = checked.questions + checked.left_out
+        text.append(f"{checked.questions} of {known} queries, since answers are slow")
+    if answer.median is not None and answer.max is not None:
+        text.append(
+            f"one answer takes {answer.median * 1e6:.1f} us (longest of {answer.answers}:"
+            f" {answer.max * 1e6:.0f} us); at 1 kHz a tick has 1000 us"
+        )
+    return text
+
+
+def _touched(touch: Touch) -> list[str]:
+    count, touched = touch.strokes, touch.touched
+    text = [f"strokes towards what the scene shows: {count}, of which touched it: {touched}"]
+    if touch.stiffness is not None:
+        least, median, most = (f"{stiffness * 1e-3:.3g} N/mm" for stiffness in touch.stiffness)
+        text.append(
+            f"along the normal {median} ({least} to {most}); across it at most"
+            f" {touch.across:.2g} of that"
+        )
+    return text
+
+
+def _touch(model: EnvironmentModel, axes: int, calls: int, progress: Progress) -> Touch | None:
+    """What strokes feel; None of an environment without contact or scene."""
+    progress("strokes towards its scene", 0, 0)
+    try:
+        environment = open_environment(model, axes)
+        try:
+            scene = environment.scene()
+            if scene is None or "contact" not in overridden(environment, Environment):
+                return None
+            count = min(max(calls // (INWARDS + ACROSS), FEWEST_STROKES), STROKES)
+            return feel(environment, scene, axes, count)
+        finally:
+            environment.close()
+    except Exception:  # reported by the contract
+        return None
+
+
+def _expected(text: str) -> tuple[float, float]:
+    position, separator, force = text.partition("=")
+    try:
+        if separator:
+            return parse_quantity(position, "m"), parse_quantity(force, "N")
+    except ConfigError as error:
+        raise ConfigError(f"--rest {text}: {error}") from None
+    raise ConfigError(f"--rest {text}: expected POSITION=FORCE, for example 0mm=0N")
+
+
+def _at_rest(environment: Environment, position: float, axes: int) -> float | None:
+    still = (0.0,) * axes
+    try:
+        force = float(environment.force("", (position, *still[1:]), still, 1.0)[0])
+    except (Exception, SystemExit):  # reported by the contract
+        return None
+    return force if math.isfinite(force) else None
+
+
+def _times(environment: Environment, axes: int, calls: int, progress: Progress) -> list[float]:
+    """Time for each answer, in s, at positions with a force; none if one fails."""
+    times = []
+    for call in range(calls):
+        position = (0.05 * call / calls,) + (0.0,) * (axes - 1)
+        progress(f"force({position}, {(0.1,) * axes}, 1.0)", call, calls)
+        began = time.perf_counter()
+        try:
+            environment.force("", position, (0.1,) * axes, 1.0)
+        except (Exception, SystemExit):  # reported by the contract
+            return []
+        times.append(time.perf_counter() - began)
+    return times

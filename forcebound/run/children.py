@@ -1,0 +1,81 @@
+"""Child processes of a launcher: output, end and signals."""
+
+import os
+import signal
+import socket
+import subprocess
+from collections import deque
+from collections.abc import Callable, Sequence
+
+from forcebound.ending import end
+from forcebound.files import printable
+from forcebound.run.process import SignalPipe
+
+LAST_CHANCE = 2.0  # s to SIGKILL, for the rest of a group, or when the launcher itself fails
+TAIL_LINES = 20  # of a node's log, in the message of a failure
+CHUNK = 65_536  # bytes
+MAX_LINE = 65_536  # bytes without a line end that are kept
+
+
+def name_begins(pid: int) -> str:
+    """Return the beginning of the name of an environment in a process of this machine."""
+    return f"{socket.gethostname()[:32]}/{pid}/"
+
+
+class Signals(SignalPipe):
+    """Signals that end a run, and ends of children, as bytes on a descriptor."""
+
+    ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+    def __init__(self) -> None:
+        super().__init__((*self.ENDING, signal.SIGCHLD))
+
+    def take(self) -> bool:
+        """Read the received signals; return whether one of them ends the run."""
+        try:
+            numbers = os.read(self.descriptor, CHUNK)
+        except BlockingIOError:
+            return False
+        return any(number in self.ENDING for number in numbers)
+
+
+class Child:
+    """One process of the run, and its output."""
+
+    def __init__(self, name: str, command: Sequence[str], show: Callable[[str, str], None]) -> None:
+        self.name = name
+        self.tail: deque[str] = deque(maxlen=TAIL_LINES)
+        self._show = show
+        self._partial = b""
+        self.process = subprocess.Popen(
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+            env={**os.environ, "PYTHONUNBUFFERED": "1"},
+        )
+        assert self.process.stdout is not None
+        self.descriptor = self.process.stdout.fileno()
+        os.set_blocking(self.descriptor, False)
+
+    def read(self) -> bool:
+        """Show the complete lines read so far; return False at the end of the stream."""
+        try:
+            data = os.read(self.descriptor, CHUNK)
+        except BlockingIOError:
+            return True
+        *lines, self._partial = (self._partial + data).split(b"\n")
+        if not data or len(self._partial) > MAX_LINE:
+            lines, self._partial = [*lines, *filter(None, [self._partial])], b""
+        for line in lines:
+            text = printable(line.decode(errors="replace").rstrip())
+            self.tail.append(text)
+            self._show(self.name, text)
+        return bool(data)
+
+    def end(self) -> None:
+        """End the process if it still runs, and close its stream."""
+        end(self.process, LAST_CHANCE)
+        assert self.process.stdout is not None
+        self.process.stdout.close()

@@ -1,0 +1,234 @@
+"""Live run of a launch file: a run directory, four processes, a recording."""
+
+import os
+import sys
+from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import suppress
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import cast
+
+from forcebound import realtime
+from forcebound.errors import ConfigError, DeviceError, RunError
+from forcebound.files import check_writable
+from forcebound.graph.graph import GraphConfig
+from forcebound.graph.names import LAW
+from forcebound.graph.parameters import differences, processes_of
+from forcebound.graph.phases import Part, timetable
+from forcebound.graph.resolved import to_document, with_parameters
+from forcebound.haptics.environments import may_report_contacts
+from forcebound.messages.control import Configure, Parameters
+from forcebound.messages.packets import (
+    TOPIC_OF,
+    EnvironmentReply,
+    ForceCommand,
+    Telemetry,
+)
+from forcebound.messages.topology import ONE_HAND, Graph
+from forcebound.roles import ENVIRONMENT, LAUNCHER
+from forcebound.run.actions import Limits
+from forcebound.run.links import check_links
+from forcebound.run.results import RunResult, run_metadata
+from forcebound.run.run_directory import (
+    EVENT,
+    LAUNCH_FILE,
+    RECORDING,
+    REPLY,
+    TELEMETRY,
+    RunDocument,
+    own_run_directories,
+    read_launch_document,
+    run_directory,
+    run_folders,
+    updating,
+    write_launch_document,
+)
+from forcebound.run.run_lock import is_held
+from forcebound.run.screen import Screen
+from forcebound.run.supervisor import Step, Supervisor
+
+# Hz, of the servo of a live run. A tick with its partners is longer than a shorter period; between
+# two ticks of a slower one nothing is heard of a request to engage or to stop. Not measured here:
+# that would depend on what else runs just now, and refuse on a busy machine what runs well.
+SLOWEST, FASTEST = 10.0, 5000.0
+
+# What an environment's first answer brings.
+REMOTE_TOPICS = (TOPIC_OF[EnvironmentReply], TOPIC_OF[ForceCommand])
+
+PHASE_TIMEOUT = 0.1  # s that the launcher waits for the lock at the beginning of a phase
+
+
+def run_live(
+    config: GraphConfig,
+    duration: float | None = None,
+    record: Path | None = None,
+    limits: Limits | None = None,
+    file: str = "",
+    screen: Screen | None = None,
+    folder: Path = Path(),
+) -> RunResult:
+    """Run a graph as processes, one per node and one that records.
+
+    An interrupt (Ctrl-C, SIGTERM) ends the run early and is no error. Call it from the main thread,
+    because it catches signals.
+
+    Args:
+        config: What to run.
+        duration: Duration with an engaged force, in s; None: that of the launch file.
+        record: Where to keep the recording; None: nowhere.
+        limits: How long start and stop may take.
+        file: Launch file, with its arguments, by which one may know the graph.
+        screen: Where to say what happens; None: on standard error, lines of the processes only.
+        folder: That has the files that a parameter may name during the run, maybe further below.
+
+    Raises:
+        ConfigError: As :func:`check_here`.
+        RunError: If a process did not become ready, failed or did not stop. Where the force has
+            engaged, the result says it instead.
+        KeyboardInterrupt: If the run was interrupted before its first sample; no recording is left.
+    """
+    check_here(config, record)
+    screen = screen or Screen()
+    core = realtime.choose_core(config.realtime.cores, taken=_taken_cores())
+    with run_directory() as run_dir:
+        recording = run_dir / RECORDING if record is None else record.absolute()
+        write_launch_document(run_dir, config)
+        recorded = list(ONE_HAND.names)
+        if record is None:  # a summary needs few
+            contacts = [REPLY] if may_report_contacts(config.environment.model) else []
+            recorded = [TELEMETRY, *contacts, EVENT]
+        told = (recorded, run_metadata(config), file, str(folder.resolve()))
+        run = RunDocument(os.getpid(), core, str(recording), *told)
+        run.write(run_dir)
+        cores = realtime.leave_core(core)
+        try:
+            supervisor = _supervisor(config, run_dir, run.graph, duration, limits, screen, cores)
+            interrupted, failure = supervisor.run(), ""
+        except RunError as error:
+            if _discard_if_empty(recording):
+                raise
+            interrupted, failure = False, str(error)
+        finally:
+            os.sched_setaffinity(0, cores)
+        screen.status("reading the recording for the result")
+        return replace(_result(recording, interrupted), failure=failure)
+
+
+def _supervisor(
+    config: GraphConfig,
+    run_dir: Path,
+    graph: Graph,
+    duration: float | None,
+    limits: Limits | None,
+    screen: Screen,
+    start_cores: Collection[int],
+) -> Supervisor:
+    is_here = config.remote is None or config.remote.local
+    elsewhere = {LAUNCHER} if is_here else {LAUNCHER, ENVIRONMENT}
+    commands = {name: node_command(name, run_dir) for name in graph.nodes if name not in elsewhere}
+    return Supervisor(
+        commands,
+        run_dir,
+        round((config.duration if duration is None else duration) * 1e9),
+        limits,
+        screen,
+        script=[
+            Step(part.start_ns, partial(_begin, run_dir, part), part.message, part.data)
+            for part in timetable(config)
+        ],
+        remote_topics=() if config.remote is None else REMOTE_TOPICS,
+        changes=partial(_changes, to_document(config), run_dir),
+        start_cores=start_cores,
+        graph=graph,
+    )
+
+
+def _result(recording: Path, interrupted: bool) -> RunResult:
+    if interrupted and _discard_if_empty(recording):
+        raise KeyboardInterrupt
+    try:
+        return replace(RunResult.from_recording(recording), interrupted=interrupted)
+    except ConfigError as error:
+        raise RunError(str(error)) from error
+
+
+def _discard_if_empty(recording: Path) -> bool:
+    """Remove a recording without a sample, which would stand in the way of the next run."""
+    from forcebound.recordings.recording import read  # slow, and rarely needed here
+
+    with suppress(ConfigError):
+        samples = cast("Iterator[Telemetry]", read(recording).stream(TELEMETRY))
+        if any(sample.engagement > 0.0 for sample in samples):
+            return False
+    recording.unlink(missing_ok=True)
+    return True
+
+
+def check_here(config: GraphConfig, record: Path | None = None) -> None:
+    """Check that this machine has what a live run needs, before any process starts.
+
+    Raises:
+        ConfigError: If the rate is too high or low, the chain cannot be placed, the recording not
+            be written, a link lose all packets, a key be missing, the address not be ours or a port
+            be in use, or the device's port not be opened; the message names all that is wrong.
+    """
+    problems = []
+    rate = config.device.servo.rate
+    if not SLOWEST <= rate <= FASTEST:
+        problems.append(
+            f"device.rate: a live run keeps {SLOWEST:g} Hz to {FASTEST:g} Hz, got {rate:g} Hz;"
+            " virtual time keeps any: `forcebound simulate`"
+        )
+    checks: list[Callable[[], object]] = [
+        partial(realtime.choose_core, config.realtime.cores),
+        partial(check_links, config),
+    ]
+    if record is not None:
+        checks.append(partial(check_writable, record, "the recording"))
+    if config.remote is not None:
+        checks.append(partial(config.remote.check_here, "graph"))
+    checks.append(config.device.model.check_here)
+    for check in checks:
+        try:
+            check()
+        except ConfigError as error:
+            problems.append(str(error))
+        except DeviceError as error:
+            problems.append(f"device: {error}")
+    if problems:
+        raise ConfigError("\n".join(problems))
+
+
+def _begin(run_dir: Path, part: Part) -> Mapping[str, Configure]:
+    """Write what holds in a phase; return the request for each process that it concerns."""
+    with updating(run_dir, PHASE_TIMEOUT):  # a suspended command must not block the launcher
+        before = read_launch_document(run_dir)
+        config = with_parameters(part.config, {LAW: before["device"]["law"]})  # it stays
+        request = write_launch_document(run_dir, config)
+    # Unaffected processes are not disturbed, least of all the servo.
+    return dict.fromkeys(sorted(processes_of(differences(before, config))), request)
+
+
+def _changes(started: Parameters, run_dir: Path, node: str) -> Parameters:
+    """Return the parameters of a node that differ from the launch file."""
+    try:
+        document = read_launch_document(run_dir)
+    except ConfigError:
+        return {}  # the node has reported that it cannot read it
+    changed = differences(started, document)
+    return {name: value for name, value in changed.items() if node in processes_of([name])}
+
+
+def node_command(name: str, run_dir: Path) -> list[str]:
+    """Return the command line of one process of a run."""
+    program = [sys.executable, "-m", "forcebound", "node", name]
+    return [*program, str(run_dir / LAUNCH_FILE), "--run-dir", str(run_dir)]
+
+
+def _taken_cores() -> list[int | None]:
+    """Return the cores that this user's other graphs have for their nodes."""
+    held = filter(is_held, own_run_directories(run_folders()))
+    with suppress(OSError, ConfigError):  # one begins or ends just now
+        return [RunDocument.read(run_dir).core for run_dir in held]
+    return []

@@ -1,0 +1,175 @@
+"""Inbox of a node: sockets, decoding, and models of impaired links.
+
+Strategy:
+
+1. All streams of this machine share one socket, so the process can sleep in the receiving call
+   itself. Waiting for descriptors first costs more per packet, because Python code that has not
+   run for a millisecond is slow.
+2. Of a perfect link only the newest packet is taken, and the link has no object. A call that has
+   slept returns the only packet; after a call that has not slept, the inbox looks for more.
+3. If a link is impaired, if the node waits for an instant, or if packets also come from another
+   machine, the process waits for descriptors; this wait ends within microseconds of the instant.
+"""
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from forcebound.errors import PacketError
+from forcebound.messages.codec import decode
+from forcebound.messages.packets import TOPIC_OF, TOPICS, Packet
+from forcebound.messages.topology import HAND, Stream, endpoint
+from forcebound.network import sockets
+from forcebound.network.channel import Channel
+from forcebound.network.link import Link
+from forcebound.network.sockets import Network
+from forcebound.network.subscriber import Subscriber
+
+LONGEST_WAIT_NS = 10_000_000  # then the runner polls its control socket
+SLEPT_NS = 5_000  # a receiving call that took longer has slept
+
+HERE = ""  # source of packets of this machine
+
+_clock = time.monotonic_ns
+
+
+class Inbox:
+    """Receives the packets of one node, on streams of which some have impaired ``links``.
+
+    ``reject`` is called for each packet that is rejected, with the reason, and what was expected
+    and what came; ``admit`` (:meth:`forcebound.nodes.Node.admit`) before a link or a newer packet
+    decides.
+    """
+
+    def __init__(
+        self,
+        streams: Sequence[Stream],
+        links: Mapping[str, Link[Packet]],
+        reject: Callable[[str, str], None],
+        admit: Callable[[Packet, str, int], bool],
+    ) -> None:
+        self._streams = streams
+        self.received = {stream.name: 0 for stream in streams}
+        self._names: dict[type[Packet], dict[str, str]] = {}  # of the streams, by class and hand
+        for stream in streams:
+            self._names.setdefault(TOPICS[stream.topic], {})[stream.hand or HAND] = stream.name
+        self._expected = next(iter(self._names)) if len(self._names) == 1 else None
+        self.links = {name: link for name, link in links.items() if name in self.received}
+        self._reject = reject
+        self._admit = admit
+        self._local: Subscriber | None = None
+        self._remote: Channel | None = None
+        self._remote_expected: type[Packet] | None = None
+        self._forward: Callable[[bytes], Any] | None = None
+
+    def listen(self, network: Network, run_dir: Path) -> None:
+        """Receive from the processes of this machine."""
+        if self._streams:
+            self._local = network.subscriber(*(endpoint(run_dir, s) for s in self._streams))
+
+    def listen_remotely(
+        self, expected: type[Packet], channel: Channel, forward: Callable[[bytes], Any]
+    ) -> None:
+        """Receive a class of packet from another machine, too; ``forward`` gets each."""
+        self._remote_expected = expected
+        self._remote = channel
+        self._forward = forward
+
+    def link(self, stream: str) -> Link[Packet] | None:
+        """Return the model of the link of a stream; None if it is perfect."""
+        return self.links.get(stream)
+
+    def set_link(self, stream: str, link: Link[Packet]) -> None:
+        """Impair a link that was perfect."""
+        self.links[stream] = link
+
+    def link_counts(self) -> dict[str, dict[str, int]]:
+        """Return the counts of packets by fate on each impaired link, by stream."""
+        return {name: link.counts for name, link in self.links.items()}
+
+    def wait(self, wake_ns: int | None, stop_descriptor: int) -> tuple[int, Sequence[Packet]]:
+        """Sleep until a packet arrives, at most ``LONGEST_WAIT_NS``, or until ``wake_ns``.
+
+        ``stop_descriptor`` ends the sleep when it is readable, unless in the receiving call.
+        Returns the time, in ns, and the packets that are through their links.
+        """
+        local = self._local
+        if self.links or self._remote is not None or wake_ns is not None or local is None:
+            self._sleep(wake_ns, stop_descriptor)
+            time_ns = _clock()
+            return time_ns, self.take(time_ns)
+        begun_ns = _clock()
+        data = local.wait()
+        time_ns = _clock()
+        if data is None:
+            return time_ns, ()
+        if time_ns - begun_ns < SLEPT_NS:
+            newest: dict[str, Packet] = {}
+            for each in (data, *local.receive()):
+                self._accept(each, self._expected, HERE, time_ns, newest)
+            return time_ns, list(newest.values())
+        packet = self._decoded(data, self._expected, HERE, time_ns)
+        return time_ns, () if packet is None else (packet,)
+
+    def _sleep(self, wake_ns: int | None, stop_descriptor: int) -> None:
+        """Wait for descriptors until the next time of the node or of a link."""
+        times_ns = [link.next_due_ns for link in self.links.values()]
+        due_ns = min((t for t in (wake_ns, *times_ns) if t is not None), default=None)
+        subscribers = [each for each in (self._local, self._remote) if each is not None]
+        if not any(each.pending() for each in subscribers):
+            sleep_ns = LONGEST_WAIT_NS if due_ns is None else due_ns - _clock()
+            waited = [each.descriptor for each in subscribers]
+            sockets.wait((*waited, stop_descriptor), min(sleep_ns, LONGEST_WAIT_NS))
+
+    def take(self, time_ns: int) -> list[Packet]:
+        """Return the packets that have passed their links; never waits."""
+        newest: dict[str, Packet] = {}
+        if self._local is not None:
+            for data in self._local.receive():
+                self._accept(data, self._expected, HERE, time_ns, newest)
+        if self._remote is not None:
+            assert self._forward is not None
+            for source, data in self._remote.receive():
+                if self._accept(data, self._remote_expected, source, time_ns, newest):
+                    self._forward(data)
+        received = list(newest.values())
+        for link in self.links.values():
+            received += link.due(time_ns)
+        return received
+
+    def _accept(
+        self,
+        data: bytes,
+        expected: type[Packet] | None,
+        source: str,
+        time_ns: int,
+        newest: dict[str, Packet],
+    ) -> bool:
+        """Decode a frame, and give its packet to its link or, where that is perfect, to newest."""
+        packet = self._decoded(data, expected, source, time_ns)
+        if packet is None:
+            return False
+        name = self._names[type(packet)][packet.hand]
+        link = self.links.get(name)
+        if link is None:
+            newest[name] = packet
+        else:
+            link.accept(time_ns, packet, len(data))
+        return True
+
+    def _decoded(
+        self, data: bytes, expected: type[Packet] | None, source: str, time_ns: int
+    ) -> Packet | None:
+        """Return the packet in a frame; None, and counted, if it is rejected."""
+        try:
+            packet = decode(data, expected)
+            self.received[self._names[type(packet)][packet.hand]] += 1
+        except PacketError as error:
+            self._reject(error.reason, str(error))
+            return None
+        except KeyError:
+            got = f"{TOPIC_OF[type(packet)]} of hand {packet.hand!r}"
+            self._reject("unexpected", f"expected {', '.join(self.received)}, got {got}")
+            return None
+        return packet if self._admit(packet, source, time_ns) else None

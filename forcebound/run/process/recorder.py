@@ -1,0 +1,117 @@
+"""Recorder process: records every packet of some streams until a stop request."""
+
+import logging
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Protocol
+
+from forcebound.messages.control import GetStatus, RecorderStatus, StopProcess
+from forcebound.messages.packets import Packet
+from forcebound.messages.topology import Graph, endpoint, is_bound
+from forcebound.roles import DEVICE, RECORDER
+from forcebound.run.process.reader import PERIOD_NS, Reader
+from forcebound.stop import Stop
+
+COMPLETE = "complete"  # a complete recording
+FLUSH_PERIOD_NS = 250_000_000  # a killed recorder loses at most this
+DRAIN_NS = 50_000_000  # silence after a stop request that ends the recording
+DRAIN_LIMIT_NS = 1_000_000_000  # longest wait for that silence, and for the device's end
+_logger = logging.getLogger(__name__)
+
+
+class Sink(Protocol):
+    """Sink of a recorder's packets; :class:`forcebound.recordings.recording.Recorder` is one."""
+
+    def write(self, packet: Packet) -> None:
+        """Record one packet."""
+        ...
+
+    def flush(self) -> None:
+        """Flush, so that all packets so far survive the end of this process."""
+        ...
+
+
+class FailSafeSink:
+    """Writes to a sink until that fails, which is reported once; then drops the packets."""
+
+    def __init__(self, sink: Sink) -> None:
+        self._sink = sink
+        self._flush_ns = time.monotonic_ns() + FLUSH_PERIOD_NS
+        self.state = COMPLETE  # or why the recording is not
+
+    def take(self, reader: Reader) -> bool:
+        """Record what a reader has received; return whether it was anything."""
+        any_came = False
+        for received in reader.take():
+            any_came = True
+            self._try(self._sink.write, received.packet)
+        if time.monotonic_ns() >= self._flush_ns:
+            self.flush()
+        return any_came
+
+    def flush(self) -> None:
+        """Flush the sink."""
+        self._try(self._sink.flush)
+        self._flush_ns = time.monotonic_ns() + FLUSH_PERIOD_NS
+
+    def _try(self, act: Callable[..., None], *packet: Packet) -> None:
+        if self.state != COMPLETE:
+            return
+        try:
+            act(*packet)
+        except OSError as error:
+            self.state = f"stopped: {error.strerror or error}"
+            _logger.error("recording %s; the run continues", self.state)
+
+
+def record(
+    sink: Sink,
+    run_dir: Path,
+    graph: Graph,
+    streams: Sequence[str],
+    core: int | None,
+    stop: Stop,
+) -> RecorderStatus:
+    """Record every packet of some streams until a stop request; return the last status.
+
+    The packets still on their way are recorded, too, so stop the publishers first. When writing
+    fails (a full disk), the run continues without a recording. The caller closes the sink.
+    """
+    safe = FailSafeSink(sink)
+    with Reader(run_dir, graph.named(*streams), core) as reader:
+        requests = (GetStatus, StopProcess)
+        control = reader.network.control_server(endpoint(run_dir, graph.nodes[RECORDER]), requests)
+
+        def status() -> RecorderStatus:
+            return RecorderStatus(
+                received=reader.received, rejected=reader.rejected, recording=safe.state
+            )
+
+        def answer(request: GetStatus | StopProcess) -> RecorderStatus:
+            if isinstance(request, StopProcess):
+                stop.request()
+            return status()
+
+        while not stop.requested:
+            reader.wait(stop.descriptor)
+            control.serve(answer)
+            safe.take(reader)
+        devices = [node for node in graph.nodes.values() if node.role == DEVICE]
+        _drain(reader, safe, lambda: any(is_bound(run_dir, device) for device in devices))
+        safe.flush()
+    return status()
+
+
+def _drain(reader: Reader, safe: FailSafeSink, has_device: Callable[[], bool]) -> None:
+    """Record what is still on its way, until nothing comes and there is no device.
+
+    A launcher ends the device first. When it is killed, all are to end at once, and a device that
+    gets no processor has its zero force still to write.
+    """
+    limit_ns = time.monotonic_ns() + DRAIN_LIMIT_NS
+    silent_ns = 0
+    while silent_ns < DRAIN_NS and time.monotonic_ns() < limit_ns:
+        is_silent = not safe.take(reader) and not has_device()
+        silent_ns = silent_ns + PERIOD_NS if is_silent else 0
+        reader.wait()

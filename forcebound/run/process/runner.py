@@ -1,0 +1,290 @@
+"""The live runner: one node, the real clock, ZeroMQ.
+
+One loop for every node: wait, receive, step, publish. Only the waiting differs:
+
+* A node that wakes on arrival (controller, environment) sleeps until a packet arrives, until one
+  is due on an impaired link, or until its own ``wake_ns`` (:mod:`forcebound.run.process.inbox`).
+* A servo (the device) never waits for packets. It sleeps until its ``wake_ns``, spins the last few
+  microseconds, and takes the packets that have arrived.
+
+Strategy:
+
+1. Between receiving and sending, only necessary work is done: no exception, no logging, no
+   allocation of objects that the garbage collector tracks.
+2. The control socket and the remote link's connections are polled every 10 ms, between steps; the
+   control socket of a device whose hand was dragged, after each tick.
+3. Rejected packets are counted by reason in the node, so that a device's telemetry shows them.
+4. When the loop ends, the servo first writes zero force, whether the cause is a stop request, a
+   signal, the end of the launcher or a programming error.
+
+Each process answers requests (:mod:`forcebound.messages.control`) between two steps, and publishes
+faults and changes as events.
+"""
+
+import logging
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+import msgspec
+
+from forcebound import realtime
+from forcebound.errors import ConfigError
+from forcebound.messages.codec import encode, encode_unchecked
+from forcebound.messages.control import (
+    OF_NODES,
+    Accepted,
+    Answer,
+    Configure,
+    GetStatus,
+    NodeStatus,
+    Parameters,
+    Refused,
+    RemoteStatus,
+    Request,
+    StopProcess,
+)
+from forcebound.messages.events import PARAMETERS_SET
+from forcebound.messages.packets import (
+    TOPIC_OF,
+    TOPICS,
+    EnvironmentQuery,
+    EnvironmentReply,
+    Event,
+    Packet,
+)
+from forcebound.messages.topology import ONE_HAND, Graph, endpoint
+from forcebound.network import sockets
+from forcebound.network.ends import RemoteEnd
+from forcebound.network.link import Link
+from forcebound.network.remote import RemoteLink
+from forcebound.network.sockets import Network
+from forcebound.nodes import Node
+from forcebound.roles import Fact
+from forcebound.run.process.inbox import LONGEST_WAIT_NS, Inbox
+from forcebound.stop import Stop
+
+COMPLAINT_INTERVAL_NS = 1_000_000_000  # between two events about rejected packets
+FINAL_STEPS = 4  # until the last telemetry, with zero force, is sent
+
+_logger = logging.getLogger(__name__)
+
+
+class Runner:
+    """Drives one node, the process ``name`` of a graph; :func:`run` is the loop around it.
+
+    A stream that is not in ``links`` has a perfect link. ``configure`` brings node and links to the
+    parameters of a request; it returns those that it has changed. A controller uses the link to
+    another machine, ``remote``, in addition to its own sockets, an environment instead of them.
+
+    Raises:
+        ConfigError: If an endpoint is in use or not permitted.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        name: str,
+        run_dir: Path,
+        links: Mapping[str, Link[Packet]],
+        network: Network,
+        spin_ns: int = 0,
+        configure: "Callable[[Runner, Configure], Parameters] | None" = None,
+        remote: RemoteLink | None = None,
+        graph: Graph = ONE_HAND,
+    ) -> None:
+        self._node = node
+        self._network = network
+        self._configure = configure
+        self._spin_ns = spin_ns
+        self._remote = remote
+        self._run_dir = run_dir
+        self.graph = graph
+        self._publish = {
+            TOPICS[stream.topic]: network.publisher(endpoint(run_dir, stream)).send
+            for stream in graph.streams
+            if stream.sender == name and not stream.is_forwarded
+        }
+        self._inbox = Inbox(graph.received(name), links, self._reject, node.admit)
+        self.link, self.set_link = self._inbox.link, self._inbox.set_link
+        if remote is None or remote.end.role == "graph":
+            self._inbox.listen(network, run_dir)
+        if remote is not None:
+            self._connect_remote(remote)
+        requests = (*OF_NODES, *node.requests)
+        self._control = network.control_server(endpoint(run_dir, graph.nodes[name]), requests)
+        self._look_ns = 0  # next poll of the control socket and of the remote link
+        self._stop_requested = False
+        self._facts: Sequence[Fact] = ()
+        self.steps = 0
+        self._next_complaint_ns = 0
+
+    def run(self, stop: Stop, facts: Sequence[Fact] = ()) -> None:
+        """Step the node until ``stop`` is requested; then force zero and the last telemetry."""
+        self._facts = facts
+        try:
+            while not (stop.requested or self._stop_requested):
+                if self._node.wakes_on_arrival:
+                    self.wait(stop.descriptor)
+                else:
+                    self.turn(realtime.wait_until(self._node.wake_ns or 0, self._spin_ns))
+        finally:
+            self._node.stop(time.monotonic_ns())
+        self._emit_last_events()
+        if not self._node.wakes_on_arrival:
+            for _ in range(FINAL_STEPS):
+                self.turn(realtime.wait_until(self._node.wake_ns or 0, 0))
+
+    def emit(
+        self,
+        event: str,
+        message: str,
+        data: Mapping[str, str] | None = None,
+        *,
+        is_fault: bool = False,
+    ) -> None:
+        """Publish an event, and log it; see :meth:`forcebound.messages.events.EventLog.emit`."""
+        time_ns = time.monotonic_ns()
+        emitted = self._node.events.emit(time_ns, event, message, data, is_fault=is_fault)
+        self._publish[Event](encode(emitted))
+
+    def wait(self, stop_descriptor: int) -> None:
+        """Sleep until a node that wakes on arrival is due, or a descriptor is readable; step it."""
+        self._step(*self._inbox.wait(self._node.wake_ns, stop_descriptor))
+
+    def turn(self, time_ns: int) -> None:
+        """Receive, step the node if it is due, publish."""
+        # On an impaired link the time of arrival counts, so no packet waits for a later turn.
+        listens = self._node.needs_packets or self._inbox.links
+        self._step(time_ns, self._inbox.take(time_ns) if listens else ())
+
+    def _step(self, time_ns: int, received: Sequence[Packet]) -> None:
+        wake_ns = self._node.wake_ns
+        if received or (wake_ns is not None and wake_ns <= time_ns):
+            publish = self._publish
+            for packet in self._node.step(time_ns, received):
+                publish[type(packet)](encode_unchecked(packet))
+            self.steps += 1
+        if time_ns >= self._look_ns:
+            self.look(time_ns)
+        elif self._node.awaits_requests:
+            self._control.serve(self.answer, 1)
+
+    def look(self, time_ns: int) -> None:
+        """Serve the control socket and the remote link."""
+        self._look_ns = time_ns + LONGEST_WAIT_NS
+        self._control.serve(self.answer)
+        remote = self._remote
+        if remote is not None and (time_ns >= remote.due_ns or sockets.wait(remote.descriptors, 0)):
+            for notice in remote.watch(time_ns):
+                event = f"remote_{notice.kind}"
+                self.emit(event, notice.message, notice.data, is_fault=notice.is_problem)
+
+    def answer(self, request: Request) -> Answer:
+        """Return the answer to a request of the control socket."""
+        match request:
+            case GetStatus():
+                return self.status()
+            case StopProcess():
+                self._stop_requested = True
+                return Accepted()
+            case Configure():
+                return self._change(request)
+            case _:
+                return self._node.handle(request)
+
+    @property
+    def nodes(self) -> tuple[Node, ...]:
+        """The node that it drives; as of a simulation, which drives several."""
+        return (self._node,)
+
+    def _connect_remote(self, remote: RemoteLink) -> None:
+        """Let packets of the environment's two topics go to, and come from, another machine.
+
+        Sent packets also go to this machine's sockets; received packets are passed on to them, on
+        an address of its own: so a recorder here sees both.
+        """
+        sent: type[Packet] = EnvironmentQuery
+        came: type[Packet] = EnvironmentReply
+        if remote.end.role == "environment":
+            sent, came = came, sent
+        here, there = self._publish[sent], remote.send
+
+        def both(data: bytes) -> None:
+            there(data)
+            here(data)
+
+        self._publish[sent] = both
+        forwarded = self.graph.forwarded(TOPIC_OF[came])
+        forward = self._network.publisher(endpoint(self._run_dir, forwarded)).send
+        self._inbox.listen_remotely(came, remote.channel, forward)
+
+    def _change(self, request: Configure) -> Answer:
+        try:
+            changed = {} if self._configure is None else self._configure(self, request)
+        except ConfigError as error:
+            return Refused(str(error))
+        if changed:
+            values = {name: str(value) for name, value in changed.items()}
+            changes = ", ".join(f"{name} = {value}" for name, value in values.items())
+            self.emit(PARAMETERS_SET, f"changed: {changes}", values)
+        return Accepted()
+
+    def status(self) -> NodeStatus:
+        """Return how the process is doing."""
+        status = self._node.status()
+        status.received = dict(self._inbox.received)
+        status.steps = self.steps
+        status.links = self._inbox.link_counts()
+        if self._remote is not None:
+            status.remote = msgspec.convert(self._remote.status(), RemoteStatus)
+        status.realtime = list(self._facts)
+        return status
+
+    def _emit_last_events(self) -> None:
+        """Publish the last events of the run: counts of the links, and events of the node."""
+        now_ns = time.monotonic_ns()
+        counted = self._inbox.link_counts().items()
+        events = [self._node.events.link_counts(now_ns, *link) for link in counted]
+        for event in (*events, *self._node.last_events(now_ns)):
+            self._publish[Event](encode(event))
+
+    def _reject(self, reason: str, why: str) -> None:
+        self._node.reject(reason)
+        time_ns = time.monotonic_ns()
+        if time_ns >= self._next_complaint_ns:
+            self._next_complaint_ns = time_ns + COMPLAINT_INTERVAL_NS
+            rejected = self._node.status().rejected
+            data = {name: str(count) for name, count in rejected.items()}
+            counts = ", ".join(f"{count} {name}" for name, count in data.items())
+            message = f"rejected packets so far: {counts}; the last: {why}"
+            self.emit("packets_refused", message, data, is_fault=True)
+
+
+def run(
+    node: Node,
+    name: str,
+    run_dir: Path,
+    links: Mapping[str, Link[Packet]],
+    settings: realtime.Settings,
+    stop: Stop,
+    configure: Callable[[Runner, Configure], Parameters] | None = None,
+    remote_end: RemoteEnd | None = None,
+    graph: Graph = ONE_HAND,
+) -> NodeStatus:
+    """Run a node until a stop request, and close it; return its last status.
+
+    Arguments and errors are those of :class:`Runner`; ``settings`` say how punctual to be.
+    """
+    facts = realtime.enter(settings, graph.nodes[name].role)
+    _logger.info("; ".join(fact.sentence for fact in facts))
+    try:
+        with Network() as network:
+            end = None if remote_end is None else RemoteLink(network, remote_end)
+            spin_ns = settings.spin_ns
+            runner = Runner(node, name, run_dir, links, network, spin_ns, configure, end, graph)
+            realtime.freeze_garbage()
+            runner.run(stop, facts)
+            return runner.status()
+    finally:
+        node.close()

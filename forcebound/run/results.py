@@ -1,0 +1,165 @@
+"""Result of a run, live or in virtual time: samples, configuration, summary."""
+
+import json
+import logging
+import math
+import platform
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from importlib.metadata import version
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+from forcebound.files import content_of
+from forcebound.graph.graph import KINDS, GraphConfig
+from forcebound.graph.names import Document
+from forcebound.graph.resolved import to_document
+from forcebound.haptics.parts.user_module import source_of
+from forcebound.messages.events import BOUNDER_REPORTED, LAW_CHANGED
+from forcebound.messages.packets import TOPIC_OF, EnvironmentReply, Event, Telemetry
+from forcebound.recordings.telemetry import TelemetryColumns
+
+_logger = logging.getLogger(__name__)
+
+LEAST_ENGAGEMENT = 0.01  # at the end of a run; with less, its force was never felt
+OF_THE_RUN = ("rejected_packets", "links")  # counted over all laws
+_PACKAGES = ("forcebound", "numpy", "numba", "msgpack", "msgspec", "pyzmq", "mcap")
+
+
+def run_metadata(config: GraphConfig) -> dict[str, str]:
+    """Return the metadata of a recording: configuration, versions, seed."""
+    versions = {"python": platform.python_version()}
+    versions |= {package: version(package) for package in _PACKAGES}
+    document = to_document(config)
+    metadata = {
+        "launch": json.dumps(document, sort_keys=True),
+        "versions": json.dumps(versions),
+        "seed": str(config.seed),
+    }
+    kinds = {section: document[section]["kind"] for section in KINDS if section in document}
+    for section, kind in {**kinds, "law": config.device.servo.law}.items():
+        source = source_of(kind)
+        if source is not None:  # the file may change before the recording is read
+            metadata[f"{section}_source"] = source
+    return metadata
+
+
+@dataclass(frozen=True)
+class RunResult:
+    """The samples of one run and the resolved launch document that made them."""
+
+    columns: TelemetryColumns
+    document: Document
+    events: Sequence[Event] = ()
+    is_complete: bool = True  # False: the recording was cut off, at its end or before
+    interrupted: bool = False  # the run ended before its planned duration
+    failure: str = ""  # why it ended before, or not in order
+    energy_before: float = 0.0  # J, of the device, what was taken from the true energy
+    times_real_time: float = 1.0  # how fast the loop ran, without start and evaluation
+
+    @classmethod
+    def from_recording(cls, path: Path) -> "RunResult":
+        """Return the result that a recording holds; ConfigError if it is none of a run.
+
+        True energy of one that begins later counts from when the law of then began.
+        """
+        from forcebound.recordings.recording import read  # slow to import; no node process needs it
+
+        recording = read(path, [TOPIC_OF[kind] for kind in (Telemetry, EnvironmentReply, Event)])
+        with content_of(path):
+            columns, events = recording.run
+            document = recording.launch
+            before = recording.energy_before
+            columns = replace(columns, true_energy=columns.true_energy - before)
+        if not recording.complete:
+            _logger.warning("recording incomplete: using the readable part of %s", path)
+        return cls(columns, document, events, recording.complete, energy_before=before)
+
+    @property
+    def label(self) -> str:
+        """The run's law, for titles; if it changed, the laws in their order."""
+        first = str(self.document.get("device", {}).get("law", "unknown law"))
+        return ", then ".join((first, *(event.data["law"] for event in self._changes)))
+
+    @property
+    def _changes(self) -> list[Event]:
+        return [event for event in self.events if event.event == LAW_CHANGED]
+
+    @property
+    def by_law(self) -> "Iterator[RunResult]":
+        """The time of each law of a run that changed it, each with its own beginning.
+
+        True energy counts from when the law began. What the device reports at the end of the run is
+        of all laws together, and so of none.
+        """
+        device, all_ns = self.document.get("device", {}), self.columns.time_ns
+        begins = [(-1, device.get("law"), self.energy_before)]
+        for event in self._changes:
+            energy = float(event.data.get("energy_before", "nan"))
+            begins.append((event.time_ns, event.data["law"], energy))
+        for (start, law, energy), (end, *_) in pairwise([*begins, (2**63 - 1, "", 0.0)]):
+            part = self.columns.slice((all_ns > start) & (all_ns <= end))
+            engaged = part.time[part.engagement > 0.0]
+            since = part.time - (engaged[0] if engaged.size else 0.0)
+            given = part.true_energy - (energy - self.energy_before)
+            events = [
+                event
+                for event in self.events
+                if event.time_ns <= end and not (event.is_fault and event.time_ns <= start)
+                if event.event not in (LAW_CHANGED, BOUNDER_REPORTED)
+            ]
+            document = {**self.document, "device": {**device, "law": law}}
+            columns = replace(part, time=since, true_energy=given)
+            if since.size:
+                yield replace(self, columns=columns, document=document, events=events)
+
+    @property
+    def failed(self) -> str:
+        """Why the run failed, or nothing came of it; empty: it did what it was to do."""
+        if self.failure or self.interrupted:
+            return self.failure
+        if not (self.columns.engagement >= LEAST_ENGAGEMENT).any():
+            return (
+                "the force never engaged: no command younger than the age limit reached the device,"
+                " or the run was much shorter than device.engage_time"
+            )
+        is_answered = bool((self.columns.reply_age >= 0.0).any())
+        return "" if is_answered else "no tick was answered by the environment"
+
+    @cached_property
+    def summary(self) -> dict[str, Any]:
+        """The figures; see :func:`forcebound.results.summary.summarize`.
+
+        An incomplete recording is a further fault, ``recording_incomplete``.
+        """
+        from forcebound.results.summary import OF_ONE_LAW, summarize, summarize_phases
+
+        summary = {
+            **summarize(self.columns, self.document, self.events),
+            "hand": self.columns.hand,
+            "law": self.label,
+            "phases": summarize_phases(self.columns, self.events, self.document),
+            "interrupted": self.interrupted,
+        }
+        if not self.is_complete:
+            summary["faults"]["recording_incomplete"] = 1
+        if self._changes:
+            reasons = dict.fromkeys(OF_ONE_LAW, "the run had several laws: see `laws`")
+            laws = [
+                {**part.summary, **dict.fromkeys(OF_THE_RUN), "start_s": part.columns.elapsed[0]}
+                for part in self.by_law
+            ]
+            summary |= {**dict.fromkeys(OF_ONE_LAW), "little_force": [], "undefined": reasons}
+            summary["laws"] = laws
+        return {name: _finite(value) for name, value in summary.items()}
+
+
+def _finite(value: Any) -> Any:
+    """A value of a summary; None for a number that JSON does not have."""
+    if isinstance(value, dict):
+        return {name: _finite(entry) for name, entry in value.items()}
+    if isinstance(value, list):
+        return [_finite(entry) for entry in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,0 +1,315 @@
+"""Supervisor: starts, monitors and ends the processes of a run.
+
+:mod:`forcebound.run.lifecycle` decides; this module acts. One loop without threads sleeps until
+a process writes a line, ends or answers, a signal arrives, or a deadline of the lifecycle.
+
+No process survives the launcher: each gets a signal from the kernel when the launcher ends
+(:mod:`forcebound.run.worker`), and what is left of its group when it has ended, such as a
+stopped guardian, is killed. Each is in a session of its own, so that Ctrl-C in the terminal
+reaches only the launcher, which then stops them in order.
+
+The launcher answers requests on a control socket of its own and publishes events like every
+process.
+"""
+
+import selectors
+import time
+from collections import deque
+from collections.abc import Callable, Collection, Mapping, Sequence
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from forcebound import realtime
+from forcebound.ending import end_group
+from forcebound.errors import RunError
+from forcebound.messages import control, packets
+from forcebound.messages.codec import encode
+from forcebound.messages.events import PARAMETERS_SET, PHASE_BEGINS, EventLog
+from forcebound.messages.topology import ONE_HAND, Graph, endpoint
+from forcebound.network.control import ControlServer
+from forcebound.network.sockets import Network
+from forcebound.roles import CONTROLLER, ENVIRONMENT, LAUNCHER
+from forcebound.run.actions import (
+    Action,
+    Announce,
+    Ended,
+    Engage,
+    Engaged,
+    Event,
+    Interrupted,
+    Kill,
+    Limits,
+    Phase,
+    Reported,
+    Start,
+    Terminate,
+)
+from forcebound.run.children import LAST_CHANCE, Child, Signals, name_begins
+from forcebound.run.lifecycle import Lifecycle
+from forcebound.run.screen import Screen, doing
+
+REQUEST_INTERVAL_NS = 20_000_000  # between two requests to a node that is not ready
+NOT_STARTED = 126  # exit status of a process that could not be started, as in a shell
+
+
+@dataclass(frozen=True)
+class Step:
+    """Action at a time of the run: the beginning of a phase."""
+
+    start_ns: int  # since the force engaged
+    act: Callable[[], Mapping[str, control.Configure]]  # does it; returns requests by process
+    message: str
+    data: Mapping[str, str]
+
+
+@dataclass(eq=False)
+class Supervisor:
+    """Runs the processes of one run to their end.
+
+    ``commands`` has the command line of each process by name, in the order in which they start.
+    ``script`` has steps in order. ``changes`` returns the parameters of a node that were changed
+    since the run began. The processes start on ``start_cores``, which takes most of a second of
+    each; none: those of the launcher, as for a process that restarts during a run. The others are
+    as of :class:`~forcebound.run.lifecycle.Lifecycle`.
+    """
+
+    commands: Mapping[str, Sequence[str]]
+    run_dir: Path
+    duration_ns: int | None
+    limits: Limits | None = None
+    screen: Screen = field(default_factory=Screen)
+    script: Sequence[Step] = ()
+    remote_topics: Collection[str] = ()
+    changes: Callable[[str], control.Parameters] = lambda _: {}
+    start_cores: Collection[int] = ()
+    graph: Graph = ONE_HAND
+
+    def __post_init__(self) -> None:
+        self._steps = deque(self.script)
+        self._began_ns: int | None = None  # when the force engaged
+        self._children: dict[str, Child] = {}
+        self._running: set[str] = set()
+        self._not_started: list[str] = []
+        self._has_requests = False  # more than the last turn has answered
+        self._events = EventLog(LAUNCHER)
+
+    def run(self) -> bool:
+        """Start, monitor and end the processes; return whether the run was interrupted.
+
+        Raises:
+            RunError: If the lifecycle has a failure; the message has the last lines of its process.
+                All processes have ended then, too.
+        """
+        with ExitStack() as stack:
+            network = stack.enter_context(Network())
+            graph, run_dir = self.graph, self.run_dir
+            own_events = graph.sent(LAUNCHER, packets.Event)
+            self._publish = network.publisher(endpoint(run_dir, own_events)).send
+            server = network.control_server(
+                endpoint(run_dir, graph.nodes[LAUNCHER]), control.OF_LAUNCHER
+            )
+            signals = stack.enter_context(Signals())
+            self._selector = stack.enter_context(selectors.DefaultSelector())
+            for descriptor in (signals.descriptor, server.descriptor):
+                self._selector.register(descriptor, selectors.EVENT_READ)
+            stack.callback(self._end_children)
+            with realtime.on_cores(self.start_cores):
+                for name in self.commands:
+                    self._start(name)
+            self._clients = {
+                name: network.control_client(endpoint(run_dir, graph.nodes[name]))
+                for name in self.commands
+            }
+            times = self.duration_ns, time.monotonic_ns(), self.limits or Limits()
+            lifecycle = Lifecycle(list(self.commands), *times, self.remote_topics, graph)
+            self._loop(lifecycle, signals, server)
+        if lifecycle.failure is not None:
+            raise RunError(self._failure_message(lifecycle))
+        return lifecycle.interrupted
+
+    def _loop(self, lifecycle: Lifecycle, signals: Signals, server: ControlServer) -> None:
+        requested_ns = 0
+
+        def advance(event: Event | None) -> None:
+            for action in lifecycle.advance(time.monotonic_ns(), event):
+                self._do(action)
+
+        def answer(request: control.Request) -> control.Answer:
+            return self._answer(request, lifecycle, advance)
+
+        began_ns = time.monotonic_ns()
+        while lifecycle.phase is not Phase.OVER:
+            now_ns = time.monotonic_ns()
+            self.screen.status(doing(lifecycle, (now_ns - began_ns) * 1e-9))
+            if now_ns - requested_ns >= REQUEST_INTERVAL_NS:
+                requested_ns = now_ns
+                self._ask(lifecycle)
+            for key, _ in self._selector.select(self._timeout(lifecycle, now_ns)):
+                if key.data is not None and not key.data.read():
+                    self._selector.unregister(key.fd)
+            events: list[Event | None] = [*self._answers(), *self._ends()]
+            if signals.take():
+                events.append(Interrupted())
+            awaited = self._awaited(lifecycle)
+            for event in events or [None]:
+                advance(event)
+                if isinstance(event, Reported) and event.node in awaited:
+                    self._announce_changes(event.node)
+            self._has_requests = server.serve(answer)
+            if lifecycle.phase is Phase.RUNNING:
+                self._follow_script(time.monotonic_ns())
+
+    def _follow_script(self, now_ns: int) -> None:
+        if self._began_ns is None:
+            self._began_ns = now_ns
+        while self._steps and now_ns >= self._began_ns + self._steps[0].start_ns:
+            step = self._steps.popleft()
+            for name, request in step.act().items():
+                if name in self._clients:  # a stopped one reads the document when it starts
+                    self._clients[name].ask(request)
+            self._emit(PHASE_BEGINS, step.message, step.data)
+
+    def _start(self, name: str) -> None:
+        child = Child(name, self.commands[name], self.screen.show)
+        self._selector.register(child.descriptor, selectors.EVENT_READ, child)
+        self._children[name] = child
+        self._running.add(name)
+
+    def _restart(self, name: str) -> None:
+        former = self._children[name]
+        with suppress(KeyError):  # it is there if the stream's end has not been read
+            self._selector.unregister(former.descriptor)
+        former.end()
+        try:
+            self._start(name)
+        except OSError as error:  # out of memory or processes: treated as an end
+            self.screen.show(name, f"cannot be started: {error.strerror}")
+            self._not_started.append(name)
+
+    def _end_children(self) -> None:
+        with ExitStack() as stack:
+            for child in self._children.values():
+                stack.callback(child.end)
+
+    def _timeout(self, lifecycle: Lifecycle, now_ns: int) -> float | None:
+        if self._not_started or self._has_requests:
+            return 0.0
+        is_starting = lifecycle.phase in (Phase.STARTING, Phase.ENGAGING)
+        if is_starting or lifecycle.returning or self._awaited(lifecycle):
+            return REQUEST_INTERVAL_NS * 1e-9
+        ends_ns = [] if lifecycle.deadline_ns is None else [lifecycle.deadline_ns]
+        if self._steps and lifecycle.phase is Phase.RUNNING and self._began_ns is not None:
+            ends_ns.append(self._began_ns + self._steps[0].start_ns)
+        return max(0.0, (min(ends_ns) - now_ns) * 1e-9) if ends_ns else None
+
+    def _ask(self, lifecycle: Lifecycle) -> None:
+        if lifecycle.phase is Phase.STARTING:
+            for name in lifecycle.not_ready:
+                self._clients[name].ask(control.GetStatus())
+        for name in lifecycle.engaging:
+            self._clients[name].ask(control.Engage())
+        for name in lifecycle.returning.difference(lifecycle.engaging):
+            self._clients[name].ask(control.GetStatus())
+        for name in self._awaited(lifecycle):
+            self._clients[name].ask(control.GetStatus())
+
+    def _awaited(self, lifecycle: Lifecycle) -> list[str]:
+        """Restarted nodes that have not answered yet."""
+        return lifecycle.silent if lifecycle.phase is Phase.RUNNING else []
+
+    def _answer(
+        self, request: control.Request, lifecycle: Lifecycle, advance: Callable[[Event], None]
+    ) -> control.Answer:
+        """Return the answer to a request of the launcher's control socket."""
+        match request:
+            case control.StopNode() | control.StartNode() | control.ResumeDevice():
+                refusal = lifecycle.refusal(request)
+                if refusal is not None:
+                    return control.Refused(refusal)
+                advance(request)
+            case control.ConfigureNode(node, configure):
+                if node not in self._clients:
+                    return control.Refused(f"the launcher of this graph does not run {node!r}")
+                # This request waits for a suspended node; one of the client's own ends with it.
+                self._clients[node].ask(configure)
+        return control.LauncherStatus(
+            phase=lifecycle.phase.name.lower(),
+            nodes={
+                name: control.ProcessState(
+                    lifecycle.state(name),
+                    child.process.pid if name in self._running else None,
+                    lifecycle.restarts.counts[name],
+                )
+                for name, child in self._children.items()
+            },
+        )
+
+    def _answers(self) -> list[Event]:
+        events: list[Event] = []
+        for name, client in self._clients.items():
+            match client.answer():
+                case control.ProcessStatus() as status:
+                    events.append(Reported(name, status.waiting_for))
+                case control.Engaged():
+                    events.append(Engaged(name))
+        return events
+
+    def _ends(self) -> list[Event]:
+        events: list[Event] = [Ended(name, NOT_STARTED) for name in self._not_started]
+        self._not_started.clear()
+        for name in sorted(self._running):
+            child = self._children[name]
+            status = child.process.poll()
+            if status is not None:
+                end_group(child.process.pid, LAST_CHANCE)
+                self._running.discard(name)
+                child.read()  # its last lines, for the message of the failure
+                if self.graph.nodes[name].role == ENVIRONMENT:
+                    self._report_death(child.process.pid)
+                events.append(Ended(name, status))
+        return events
+
+    def _report_death(self, pid: int) -> None:
+        """Report the end of an environment's process to the controllers."""
+        for name, client in self._clients.items():
+            if self.graph.nodes[name].role == CONTROLLER:
+                client.ask(control.EnvironmentDied(name_begins(pid)))
+
+    def _do(self, action: Action) -> None:
+        match action:
+            case Engage(name):
+                self._clients[name].ask(control.Engage())
+            case Kill(name):
+                self._children[name].process.kill()
+            case Terminate(name):
+                self._children[name].process.terminate()
+            case Start(name):
+                self._restart(name)
+            case Announce():
+                self._announce(action)
+
+    def _announce(self, action: Announce) -> None:
+        data = {"node": action.node} | ({"status": action.status} if action.status else {})
+        self._emit(action.event, action.message, data, is_fault=action.is_fault)
+
+    def _announce_changes(self, node: str) -> None:
+        """Publish the changed parameters that a restarted node has read."""
+        changed = {name: str(value) for name, value in self.changes(node).items()}
+        if changed:
+            values = ", ".join(f"{name} = {value}" for name, value in changed.items())
+            message = f"{node} was restarted with changed parameters: {values}"
+            self._emit(PARAMETERS_SET, message, changed)
+
+    def _emit(
+        self, event: str, message: str, data: Mapping[str, str], *, is_fault: bool = False
+    ) -> None:
+        time_ns = time.monotonic_ns()
+        self._publish(encode(self._events.emit(time_ns, event, message, data, is_fault=is_fault)))
+
+    def _failure_message(self, lifecycle: Lifecycle) -> str:
+        failure = lifecycle.failure
+        assert failure is not None
+        tail = self._children[failure.node].tail if failure.node is not None else ()
+        last = "".join(f"\n  {line}" for line in tail)
+        return f"{failure.message}{'; its last lines:' if last else ''}{last}"

@@ -1,0 +1,46 @@
+"""Trial of a launch file in virtual time, so that `correct` means that it starts."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from forcebound.errors import ConfigError, DeviceError, ForceboundError, RunError
+from forcebound.graph.graph import KINDS, GraphConfig
+from forcebound.graph.resolved import kind_of
+from forcebound.haptics.parts.user_module import describe_user_error
+from forcebound.run.virtual import run_virtual
+
+TICKS = 20
+FAILURES = ("environment_failed", "controller_failed")  # events of code of the user's own
+
+
+def try_start(config: GraphConfig) -> None:
+    """Run the first ticks of a graph in virtual time; ConfigError if it does not start.
+
+    A graph with a device of the user's own, which may be hardware, or at a port is passed over.
+    """
+    device = config.device.model
+    is_at_port = device.simulated_in is not None
+    if is_at_port or not KINDS["device"].is_shipped(kind_of("device", device)):
+        return
+    some_ticks = (TICKS + 1.0) / config.device.servo.rate
+    try:
+        with np.errstate(all="ignore"):
+            result = run_virtual(replace(config, phases=()), min(config.duration, some_ticks))
+    except (RunError, DeviceError, ArithmeticError) as error:
+        raise ConfigError(f"the graph does not start: {error}") from error
+    except ForceboundError:
+        raise
+    except Exception as error:
+        raise ConfigError(f"the graph does not start: {describe_user_error(error)}") from error
+    for event in result.events:
+        if event.event in FAILURES:
+            raise ConfigError(f"in a trial of {TICKS} ticks {event.message}")
+    columns = result.columns
+    for name in ("position", "applied_force", "estimated_energy"):
+        if not math.isfinite(float(np.sum(getattr(columns, name)))):
+            raise ConfigError(
+                f"after {TICKS} ticks in virtual time the {name.replace('_', ' ')} is no number:"
+                " the numbers of device, operator and environment do not go together"
+            )
