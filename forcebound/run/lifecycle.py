@@ -188,9 +188,8 @@ class Lifecycle:
             and self._awaits_remote()
         ):
             self._phase_end_ns = None
-            message = (
-                "waiting for a remote environment; start it there with `forcebound node environment FILE`"
-            )
+            command = "`forcebound node environment FILE`"
+            message = f"waiting for a remote environment; on its machine: {command}"
             return [Announce("environment_awaited", self._graph.of_role(ENVIRONMENT), message)]
         if self._phase_end_ns is not None and time_ns >= self._phase_end_ns:
             return self._on_deadline(time_ns)
