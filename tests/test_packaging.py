@@ -24,6 +24,9 @@ def rooms() -> set[str]:
 
 def test_every_room_is_packaged() -> None:
     packages = set(PROJECT["tool"]["setuptools"]["packages"])
+    inner = ROOT.glob("forcebound/*/*/__init__.py")
+    assert {".".join(one.parent.relative_to(ROOT).parts) for one in inner} <= packages
+    packages = {one for one in packages if one.count(".") < 2}
     assert packages == rooms() | {"forcebound.examples"}  # a user's own parts, to be copied
 
 
