@@ -62,9 +62,10 @@ audit: $(STAMP)
 bench: $(STAMP)
 	$(BIN)/python -m benchmarks --page docs/benchmarks.md
 
-# The page of all keys of launch files, from their schema.
+# The pages of all keys of launch files and of all figures of a run, from their tables.
 reference: $(STAMP)
 	$(BIN)/python docs/launch_files.py > docs/launch-files.md
+	$(BIN)/python docs/results.py > docs/results.md
 
 mutation: $(STAMP)
 	@$(BIN)/python -c 'import mutmut' 2>/dev/null \

@@ -29,11 +29,8 @@ NAMES = (
     "start",
     "guardian",
     "onlookers",
-    "bridges",
-    "live_page",
 )
-#: Those that start graphs again and again, or a browser.
-SLOW = ("start", "guardian", "onlookers", "bridges", "live_page")
+SLOW = ("start", "guardian", "onlookers")  # those that start graphs
 MEASURED = ("measured", "p50", "p99", "p99.9", "max", "count", "missed", "processor")
 FIGURES = ("figure", "here", "round by round", "target", "reached")
 HEAD = """# Figures of one machine

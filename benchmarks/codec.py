@@ -5,8 +5,10 @@ inner caches was written: closer to what a process pays that runs once a millise
 fields of the telemetry cost its sender that only `forcebound replay --verify` reads.
 """
 
+import re
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 
 import msgpack
 from msgspec import defstruct
@@ -27,36 +29,11 @@ from forcebound.monitor.measure import Round, Timing
 
 DURATION = 15.0
 TARGET = 4.0
-NOW = 1_234_567_890_123_456  # ns, two weeks after a start
-SAMPLES: tuple[Packet, ...] = (
-    DeviceState(4321, NOW, 4.3, (0.01203,), (0.0523,), (1.25,)),
-    EnvironmentQuery(4321, NOW, 4321, NOW, 4.3, (0.01203,), (0.0523,), "wall"),
-    EnvironmentReply(4321, NOW, 4321, NOW, 4321, NOW, (1.25,), "wall"),
-    ForceCommand(4321, NOW, 4321, NOW, (1.25,)),
-    Telemetry(
-        seq=4321,
-        time_ns=NOW,
-        elapsed=4.3,
-        position=(0.01203,),
-        commanded_force=(20.3,),
-        applied_force=(1.25,),
-        force_limit=1.25,
-        estimated_energy=0.0021,
-        true_energy=0.0032,
-        true_position=(0.012041,),
-        hand_force=(1.31,),
-        engagement=1.0,
-        device_seq=4321,
-        loop_delay=0.0004,
-        deadline_misses=0,
-        rejected={"age": 3},
-        read_ns=NOW,
-        write_ns=NOW,
-    ),
-)
-FOR_VERIFICATION = (
+GOLDEN = Path(__file__).parent.parent / "tests" / "golden"
+SENT_EACH_TICK = (DeviceState, EnvironmentQuery, EnvironmentReply, ForceCommand, Telemetry)
+FOR_VERIFICATION = {
     *("read_ns", "write_ns", "joints", "torques", "cut_ns", "cut_position", "ahead_ns"),
-)
+}
 CALLS, ROUNDS = 500, 10  # warm calls of one measurement, rounds of each contestant
 
 Work = Callable[[], object]
@@ -66,7 +43,9 @@ _ballast = bytearray(4 << 20)  # larger than the inner caches of usual processor
 def run(duration: float, rate: float) -> Result:
     """Run the benchmark."""
     contestants: dict[str, Contestant] = {}
-    for packet in SAMPLES:
+    samples = [_golden(kind) for kind in SENT_EACH_TICK]
+    telemetry = samples[-1]
+    for packet in samples:
         data, message = encode(packet), msgpack.unpackb(encode(packet))
         works: dict[str, Work] = {
             "": partial(_there_and_back, packet),
@@ -78,14 +57,14 @@ def run(duration: float, rate: float) -> Result:
                 f"{label}, warm": partial(_warm, work),
                 f"{label}, cold": partial(_cold, work),
             }
-    less, encoder = _without_verification(), Encoder()
-    contestants["encode telemetry"] = partial(_warm, partial(encoder.encode, SAMPLES[-1]))
+    less, encoder = _without_verification(telemetry), Encoder()
+    contestants["encode telemetry"] = partial(_warm, partial(encoder.encode, telemetry))
     contestants["encode without --verify"] = partial(_warm, partial(encoder.encode, less))
     found = alternate(duration, rate, contestants, ROUNDS)
     of_packets, whole, cut = found[:-2], found[-2], found[-1]
     warm = [(ours, bare) for ours, bare in zip(of_packets[::4], of_packets[2::4], strict=True)]
     cold = [(ours, bare) for ours, bare in zip(of_packets[1::4], of_packets[3::4], strict=True)]
-    size = len(encoder.encode(SAMPLES[-1])) - len(encoder.encode(less))
+    size = len(encoder.encode(telemetry)) - len(encoder.encode(less))
     return found, [
         *(compare(*pair, "p50", TARGET) for pair in warm),
         *(compare(*pair, "p50") for pair in cold),
@@ -102,11 +81,15 @@ def _there_and_back_bare(message: object) -> object:
     return msgpack.unpackb(msgpack.packb(message))
 
 
-def _without_verification() -> object:
-    packet = SAMPLES[-1]
-    kept = {name: getattr(packet, name) for name in packet.__struct_fields__}
-    for name in FOR_VERIFICATION:
-        del kept[name]
+def _golden(kind: type[Packet]) -> Packet:
+    """Return the packet of a type that the tests have bytes of."""
+    lines = (GOLDEN / f"{TOPIC_OF[kind]}.hex").read_text()
+    return decode(bytes.fromhex(re.sub("#.*", "", lines)), kind)
+
+
+def _without_verification(packet: Packet) -> object:
+    names = [name for name in packet.__struct_fields__ if name not in FOR_VERIFICATION]
+    kept = {name: getattr(packet, name) for name in names}
     return defstruct("Less", list(kept), gc=False, tag="telemetry", tag_field="packet")(**kept)
 
 

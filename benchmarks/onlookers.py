@@ -1,40 +1,228 @@
-"""The commands that look at a running graph: lateness and loop delay of its servo with each.
+"""Programs that look at a running graph: lateness and loop delay of its servo with each.
 
-In turns: nobody looks, then one command after the other does, its start and end included. The servo
-must not notice.
+In turns: nobody looks, then one command after the other does, its start and end included; the
+bridges to PlotJuggler and Foxglove, each with a client that receives all topics; and the live page,
+with three programs that read what pages receive. The servo must not notice.
 """
 
+import asyncio
+import json
+import os
+import signal
 import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import AsyncIterator, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any, NamedTuple
 
-from benchmarks.harness import Result, note
-from benchmarks.turns import ALONE, Graph, Turn, graph, servo
+import numpy as np
+import zmq
+import zmq.asyncio
+from tornado.websocket import websocket_connect
 
-DURATION = 60.0
+from benchmarks.harness import Figure, Measured, Result, compare, note
+from forcebound.errors import RunError
+from forcebound.messages.packets import TOPICS
+from forcebound.monitor.measure import Round
+from forcebound.recording import read
+
+DURATION = 90.0
 SECONDS = 3.0  # of each turn
+END_TIMEOUT_S = 120.0
+ALONE = "nobody"
+TARGET = 1.05  # times that of a turn in which nobody looks
 COMMANDS = ("list --watch", "echo telemetry --json", "hz", "graph", "delay --links", "log")
+PORTS = {"plotjuggler": 19872, "foxglove": 18765}
+PAGE, READERS = "live page", 3
+
+
+class Turn(NamedTuple):
+    """A part of a run: who looks, and when, in ns of the monotonic clock."""
+
+    viewers: str
+    begin_ns: int
+    end_ns: int
+
+
+@dataclass(frozen=True)
+class Graph:
+    """A running graph.
+
+    Attributes:
+        launcher: Its process.
+        variables: Of the environment, for commands that look at it.
+        address: Of its page; who has it may change the graph. Empty: there is no page.
+    """
+
+    launcher: "subprocess.Popen[Any]"
+    variables: Mapping[str, str]
+    address: str = ""
+
+    def run_for(self, seconds: float) -> None:
+        """Let it run for a time.
+
+        Raises:
+            RunError: If it ends before.
+        """
+        try:
+            self.launcher.wait(seconds)
+        except subprocess.TimeoutExpired:
+            return
+        raise RunError(f"the graph has ended, status {self.launcher.returncode}")
+
+
+@contextmanager
+def graph(folder: str, *words: str) -> Iterator[Graph]:
+    """Run ``forcebound launch`` with ``words``, from the first force on."""
+    variables = {**os.environ, "XDG_RUNTIME_DIR": folder}
+    command = [sys.executable, "-u", "-m", "forcebound", "launch", *words]
+    quiet: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE, "text": True}
+    running = subprocess.Popen(command, env=variables, **quiet)
+    try:
+        next(line for line in running.stderr or () if "ramping force up" in line)
+        yield Graph(running, variables)
+    finally:
+        running.send_signal(signal.SIGINT)
+        running.communicate(timeout=END_TIMEOUT_S)
+
+
+@contextmanager
+def page(running: Graph) -> Iterator[Graph]:
+    """Serve the page of a graph."""
+    command = [sys.executable, "-u", "-m", "forcebound", "view", "--no-open"]
+    command += ["--launcher", str(running.launcher.pid)]
+    with _serving(command, running, subprocess.PIPE) as server:
+        assert server.stdout is not None
+        yield replace(running, address=server.stdout.readline().decode().split()[-1])
+
+
+@contextmanager
+def _serving(command: list[str], running: Graph, stdout: int) -> Iterator["subprocess.Popen[Any]"]:
+    quiet = subprocess.DEVNULL
+    with subprocess.Popen(command, env=running.variables, stdout=stdout, stderr=quiet) as server:
+        try:
+            yield server
+        finally:
+            server.send_signal(signal.SIGINT)
+            server.wait(END_TIMEOUT_S)
 
 
 def run(duration: float, rate: float) -> Result:
     """Run the benchmark, at the rate of the launch file."""
-    turns = max(2, int(duration / SECONDS / (1 + len(COMMANDS))))
+    kinds = (ALONE, *COMMANDS, *PORTS, PAGE)
+    turns = max(2, int(duration / SECONDS / len(kinds)))
     with tempfile.TemporaryDirectory(prefix="fb-") as folder:
         record = Path(folder) / "run.mcap"
         words = ("stiff_wall", "--duration", "30min", "--record", str(record))
         with graph(folder, *words) as running:
-            taken = [_turn(viewer, running) for _ in range(turns) for viewer in (ALONE, *COMMANDS)]
+            taken = [_turn(viewers, running) for _ in range(turns) for viewers in kinds]
         return servo(record, taken)
 
 
-def _turn(viewer: str, running: Graph) -> Turn:
-    note(viewer)
-    look = [sys.executable, "-m", "forcebound", *viewer.split(), "--duration", f"{SECONDS} s"]
+def _turn(viewers: str, running: Graph) -> Turn:
+    note(viewers)
+    program = [sys.executable, "-m", "forcebound"]
     begin_ns = time.monotonic_ns()
-    if viewer == ALONE:
-        running.run_for(SECONDS)
+    if viewers in PORTS:
+        command = [*program, "bridge", viewers, *TOPICS, "--port", str(PORTS[viewers])]
+        with _serving(command, running, subprocess.DEVNULL):
+            begin_ns = asyncio.run(_receive(CLIENTS[viewers](PORTS[viewers])))
+    elif viewers == PAGE:
+        with page(running) as served:
+            address = served.address.replace("http:", "ws:").replace("/?", "/live?")
+            begin_ns = asyncio.run(_receive(*(_as_page(address) for _ in range(READERS))))
+    elif viewers in COMMANDS:
+        command = [*program, *viewers.split(), "--duration", f"{SECONDS} s"]
+        subprocess.run(command, env=running.variables, stdout=subprocess.DEVNULL, check=True)
     else:
-        subprocess.run(look, env=running.variables, stdout=subprocess.DEVNULL, check=True)
-    return Turn(viewer, begin_ns, time.monotonic_ns())
+        running.run_for(SECONDS)
+    return Turn(viewers, begin_ns, time.monotonic_ns())
+
+
+async def _receive(*clients: AsyncIterator[object]) -> int:
+    """Let clients receive for the time of a turn; return when the first one began to, in ns."""
+    received = asyncio.Event()
+
+    async def listen(client: AsyncIterator[object]) -> None:
+        async for _ in client:
+            received.set()
+
+    listening = [asyncio.create_task(listen(client)) for client in clients]
+    await asyncio.wait_for(received.wait(), END_TIMEOUT_S)
+    begin_ns = time.monotonic_ns()
+    await asyncio.sleep(SECONDS)
+    for task in listening:
+        task.cancel()
+    return begin_ns
+
+
+async def _connected(address: str, **options: Any) -> Any:
+    while True:
+        try:
+            return await websocket_connect(address, **options)
+        except OSError:  # it does not serve yet
+            await asyncio.sleep(0.1)
+
+
+async def _as_page(address: str) -> AsyncIterator[object]:
+    client = await _connected(address)
+    while (got := await client.read_message()) is not None:
+        yield got
+
+
+async def _as_plotjuggler(port: int) -> AsyncIterator[object]:
+    with zmq.asyncio.Context() as context, context.socket(zmq.SUB) as subscriber:
+        subscriber.subscribe(b"")
+        subscriber.connect(f"tcp://127.0.0.1:{port}")
+        while True:
+            yield await subscriber.recv_multipart()
+
+
+async def _as_foxglove(port: int) -> AsyncIterator[object]:
+    """Subscribe to every channel, and receive their messages."""
+    client = await _connected(f"ws://127.0.0.1:{port}", subprotocols=["foxglove.sdk.v1"])
+    while (got := await client.read_message()) is not None:
+        if isinstance(got, bytes):
+            yield got
+        elif (answer := json.loads(got))["op"] == "advertise":
+            topics = [{"id": one["id"], "channelId": one["id"]} for one in answer["channels"]]
+            await client.write_message(json.dumps({"op": "subscribe", "subscriptions": topics}))
+
+
+CLIENTS = {"plotjuggler": _as_plotjuggler, "foxglove": _as_foxglove}
+
+
+def lateness(time_ns: Any, period_ns: float) -> Any:
+    """Return how much later than the earliest of its turn each write is in its period, in ns."""
+    angle = 2.0 * np.pi * (((time_ns - time_ns[0]) / period_ns) % 1.0)
+    middle = np.angle(np.exp(1j * angle).mean())
+    phase = np.angle(np.exp(1j * (angle - middle))) / (2.0 * np.pi) * period_ns
+    return phase - np.percentile(phase, 1)
+
+
+def servo(record: Path, turns: Sequence[Turn]) -> Result:
+    """Return lateness of the writes and loop delay in each kind of turn, against nobody's."""
+    recording = read(record)
+    columns, period_ns = recording.telemetry, 1e9 / recording.launch["device"]["rate"]
+    found: dict[tuple[str, str], Measured] = {}
+    for viewers, begin_ns, end_ns in turns:
+        here = (columns.time_ns >= begin_ns) & (columns.time_ns < end_ns)
+        delay = columns.loop_delay[here]
+        measured = {
+            "lateness": lateness(columns.time_ns[here], period_ns),
+            "loop delay": delay[np.isfinite(delay)] * 1e9,
+        }
+        for name, values in measured.items():
+            one = found.setdefault((name, viewers), Measured(f"{name}, {viewers}"))
+            one.rounds.append(Round(values.astype(int).tolist()))
+    figures: list[Figure] = [
+        compare(one, found[name, ALONE], share, TARGET)
+        for (name, viewers), one in found.items()
+        for share in ("p50", "p99")
+        if viewers != ALONE
+    ]
+    return list(found.values()), figures

@@ -6,7 +6,7 @@
 Each run draws a simulated device: every fourth a five-bar, the others a knob of one axis. Its
 damping, friction, presliding, inertia, encoders, motors' gains, lag and write delay are random; it
 is then identified in virtual time as ``forcebound identify`` does it, with a weight that a
-simulated user hangs on each axis and takes off again; a knob is also moved by a simulated hand.
+simulated user hangs on each axis and takes off again.
 
 Aims: each bound holds in at least 99 % of the runs, and is not worse than 0.7 of the truth (a lower
 bound is at least 0.7 times the truth, an upper one at most the truth over 0.7).
@@ -24,19 +24,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from experiments.identified_devices import WEIGHTS, Altered, Case, Weighted, draw
-from forcebound.devices.simulated import SimulatedDevice
+from experiments.identified_devices import WEIGHTS, Weighted, draw
 from forcebound.errors import DeviceError
-from forcebound.identification import helped
 from forcebound.identification.clock import VirtualClock
 from forcebound.identification.procedure import Found, identify
-from forcebound.identification.rig import Limits, Rig
 from forcebound.lab.engine import Campaign, Row, run_here
-from forcebound.messages.packets import Vector
 
 WORST = 0.7  # share of the truth
 AIM = 0.99  # share of the runs
-MOVED = 5.0  # s, by hand
 HEAD = f"{'bound of':<15}{'runs':>6}{'holds':>9}{'narrow':>9}{'over truth':>18}\n"
 #: Numbers with their bounds, and whether it is a lower one.
 NUMBERS = {
@@ -48,7 +43,6 @@ NUMBERS = {
     "lag": False,
     "least_gain": True,
     "largest_gain": False,
-    "largest_speed": False,
 }
 
 
@@ -64,7 +58,7 @@ def judge(seed: int) -> dict[str, Any]:
         return {"seed": seed, "error": str(error), "ratios": {}}
     finally:
         device.close()
-    ratios = {**ratios_of(truth, found), "largest_speed": _speed_ratio(case)}
+    ratios = ratios_of(truth, found)
     return {"seed": seed, "error": None, "ratios": ratios, "lags": _lags_of_none(truth, found)}
 
 
@@ -93,31 +87,6 @@ def ratios_of(truth: Any, found: Found) -> dict[str, list[float]]:
 def _lags_of_none(truth: Any, found: Found) -> list[float]:
     """Upper bounds of the lag, in s, of motors without any."""
     return [] if truth.lag else [one.lag.upper for one in found.axes if one.lag is not None]
-
-
-class _Watched(Altered):
-    """A device whose largest true speed is kept, in m/s."""
-
-    def __init__(self, device: SimulatedDevice) -> None:
-        super().__init__(device)
-        self._truth = device.truth
-        self.largest = 0.0
-
-    def read(self, time_ns: int) -> Vector:
-        reading = super().read(time_ns)
-        self.largest = max(self.largest, math.hypot(*self._truth().velocity))
-        return reading
-
-
-def _speed_ratio(case: Case) -> list[float]:
-    """Largest speed of a device that a hand moves, bound over truth."""
-    if case.hand is None:
-        return []
-    device = _Watched(case.model.open(case.hand, 1.25e-3))
-    reach = case.plan.reach
-    rig = Rig(device, VirtualClock(), 1e-3, Limits(case.plan.force, 1.0, reach), holds=False)
-    found = helped.largest_speed(rig, 0.1 * reach, MOVED, lambda line: None)
-    return [] if found is None else [found.upper / device.largest]
 
 
 def evaluate(outcomes: Sequence[dict[str, Any]]) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Devices with a known truth, for identifications: drawn at random, altered, weighted, moved."""
+"""Devices with a known truth, for identifications: drawn at random, altered, weighted."""
 
 import math
 import random
@@ -13,7 +13,6 @@ from forcebound.devices.stated_joints import TrueJoints
 from forcebound.devices.true_values import TrueAxes
 from forcebound.identification.procedure import Plan
 from forcebound.messages.packets import Vector
-from forcebound.operators.hands import SinusoidalHand
 
 KNOB = Plan(reach=0.03, force=4.25)  # of a device of one axis like the PHANToM
 ARM = Plan(reach=0.35, force=0.06)  # of a five-bar
@@ -95,12 +94,10 @@ class Case:
     Attributes:
         model: With its truth.
         plan: How it is identified.
-        hand: That moves it afterwards, for the largest speed; None: it has too many axes for that.
     """
 
     model: Any
     plan: Plan
-    hand: SinusoidalHand | None
 
 
 def draw(seed: int) -> Case:
@@ -134,7 +131,6 @@ def draw(seed: int) -> Case:
     stated: dict[str, Any] = {"substep": SUBSTEP, "write_delay": delay, "watchdog": "reporting"}
     if axes == 2:
         arm = FiveBar(inertia=inertia, truth=TrueJoints(**truth), **stated)
-        return Case(arm, ARM, None)
+        return Case(arm, ARM)
     knob = PhantomPremium15(mass=inertia, truth=TrueAxes(**truth), **stated)
-    hand = SinusoidalHand(amplitude=rng.uniform(0.02, 0.1), frequency=rng.uniform(0.5, 3.0))
-    return Case(knob, KNOB, hand)
+    return Case(knob, KNOB)

@@ -4,21 +4,72 @@ Debian's Chromium shows a graph that runs; somebody drags its hand, breaks it an
 numbers in a picture are those of this machine: take it idle.
 """
 
+import importlib
+import os
+import shutil
 import tempfile
-from contextlib import closing
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import click
-import numpy as np
 
-from benchmarks.live_browser import Mouse, browser, open_page, page, until
-from benchmarks.turns import Graph, graph
+from benchmarks.onlookers import END_TIMEOUT_S, Graph, graph, page
 
-STEPS = 60  # moves of a drag
+STEPS = 30  # moves of a drag
 IS_TOUCHING = """[...document.querySelectorAll("#figures > div")].some(
   ({ firstChild, lastChild }) =>
     firstChild.textContent === "applied" && parseFloat(lastChild.textContent) > 0.1)"""
+
+
+QUIET = (
+    "--headless=new", "--no-sandbox", "--disable-gpu", "--disable-background-networking",
+    "--disable-component-update", "--no-first-run", "--window-size=1400,1000",
+)  # fmt: skip
+
+
+def selenium(name: str) -> Any:
+    """Return a module of selenium, which is in an extra of its own."""
+    return importlib.import_module(f"selenium.{name}")
+
+
+@contextmanager
+def browser(folder: str) -> Iterator[Any]:
+    """Give a browser without a window and without a graphics card."""
+    webdriver = selenium("webdriver")
+    options = webdriver.ChromeOptions()
+    options.binary_location = str(shutil.which("chromium"))
+    for word in QUIET:
+        options.add_argument(word)
+    variables = {**os.environ, "HOME": folder, "TMPDIR": folder}
+    driver_file = shutil.which("chromedriver")
+    driver = webdriver.Chrome(options, webdriver.ChromeService(driver_file, env=variables))
+    try:
+        yield driver
+    finally:
+        driver.quit()
+
+
+def open_page(driver: Any, address: str) -> None:
+    """Open a page, until it shows a running graph."""
+    driver.get(address)
+    until(driver, "document.getElementById('state').textContent === 'running'")
+
+
+def until(driver: Any, condition: str) -> None:
+    """Wait until an expression holds in the page."""
+    wait = selenium("webdriver.support.ui").WebDriverWait(driver, END_TIMEOUT_S, 0.1)
+    wait.until(lambda _: driver.execute_script(f"return {condition}"))
+
+
+def drag(driver: Any, right: float, down: float) -> None:
+    """Drag the hand from the middle of the scene, in pixels."""
+    actions = selenium("webdriver").ActionChains(driver, duration=round(1e3 / STEPS))
+    actions.click_and_hold(driver.find_element("id", "scene"))
+    for _ in range(STEPS):
+        actions.move_by_offset(round(right / STEPS), round(down / STEPS))
+    actions.release().perform()
 
 
 @click.command()
@@ -57,15 +108,6 @@ def show_touch(driver: Any, running: Graph, picture: Path) -> None:
     until(driver, IS_TOUCHING)
     running.run_for(3.0)
     save(driver, picture)
-
-
-def drag(driver: Any, right: float, down: float) -> None:
-    """Drag the hand from the middle of the scene, in pixels."""
-    scene = driver.find_element("id", "scene").rect
-    x, y = scene["x"] + scene["width"] / 2, scene["y"] + scene["height"] / 2
-    ways = np.linspace(0.0, 1.0, STEPS).tolist()
-    with closing(Mouse(driver)) as mouse:
-        mouse.drag([(x + way * right, y + way * down) for way in ways])
 
 
 def save(driver: Any, picture: Path) -> None:

@@ -1,33 +1,23 @@
-"""What a hand feels of a cloud of points, and how long an answer takes.
+"""What a hand feels of a cloud of points.
 
-Usage: python experiments/rough_cloud.py [--times]
+Usage: python experiments/rough_cloud.py
 
 The points are on a sphere of 30 mm, evenly or at random, and have the radius that they get where
 nothing is said. The hand presses straight on it at 60 places, until it is 10 mm below the points.
 The force must be along the radius; where it is less than half of what 10 mm give, the hand has
 fallen through a hole.
-
-With ``--times`` a tip strokes at 0.2 m/s and 3 mm deep over 5000 points spread evenly, each moved
-by noise on every axis. Processor time of the answers, so that a busy machine counts for little.
 """
 
-import argparse
 import math
 import tempfile
-import time
 from pathlib import Path
 from typing import TypeAlias
 
 import numpy as np
 
 from forcebound.environments.point_cloud import PointCloud
-from forcebound.environments.touching import OpenTouchable
-from forcebound.geometry.proxy import Surface
 
-RADIUS, POINTS = 0.03, 5000  # m
-DEPTH, SPEED = 0.003, 0.2  # m, below the points; m/s
-SECONDS = 4.0
-NOISES, FRICTIONS = (0.0, 0.0005, 0.001), (0.0, 0.3, 0.8)  # m
+RADIUS = 0.03  # m
 STILL = (0.0, 0.0, 0.0)
 COUNTS, PRESSES = (3_000, 10_000, 30_000), 60
 DEEPEST, FROM, STEP = 0.010, -0.015, 0.0002  # m below the points
@@ -36,14 +26,13 @@ STIFFNESS = 1000.0  # N/m
 Points: TypeAlias = "np.ndarray[tuple[int, ...], np.dtype[np.float64]]"
 
 
-def sphere(noise: float, count: int = POINTS) -> Points:
-    """Return points spread evenly over a sphere (Fibonacci's spiral), with noise, in m."""
+def evenly(count: int) -> Points:
+    """Return points spread evenly over a sphere (Fibonacci's spiral), in m."""
     number = np.arange(count)
     height = 1.0 - 2.0 * (number + 0.5) / count
     turn = number * math.pi * (3.0 - math.sqrt(5.0))
     across = np.sqrt(1.0 - height**2)
-    even = RADIUS * np.stack([across * np.cos(turn), across * np.sin(turn), height], axis=1)
-    return even + np.random.default_rng(1).normal(0.0, noise, even.shape)
+    return RADIUS * np.stack([across * np.cos(turn), across * np.sin(turn), height], axis=1)
 
 
 def at_random(count: int, seed: int = 1) -> Points:
@@ -71,7 +60,7 @@ def show_presses(folder: Path) -> None:
     """Print what a hand feels that presses."""
     print("| points | radius, mm | falls through | off the radius, p50, deg | p99, deg |")
     print("|---|---|---|---|---|")
-    for name, spread in (("even", lambda count: sphere(0.0, count)), ("random", at_random)):
+    for name, spread in (("even", evenly), ("random", at_random)):
         for count in COUNTS:
             file = folder / f"{name}{count}.npy"
             np.save(file, spread(count))
@@ -84,41 +73,10 @@ def show_presses(folder: Path) -> None:
             print(f"| {count:,}, {name} | {words} |", flush=True)
 
 
-def times_us(world: OpenTouchable) -> list[float]:
-    """Return how long the answers of a stroke take, in us."""
-    taken = []
-    world.force("", (0.0, 0.0, RADIUS + 0.02), STILL, 0.0)
-    for tick in range(round(SECONDS * 1e3)):
-        angle = SPEED * tick * 1e-3 / RADIUS
-        away = RADIUS - DEPTH * min(tick / 500.0, 1.0)
-        place = (away * math.sin(angle), 0.0, away * math.cos(angle))
-        begun_ns = time.thread_time_ns()
-        world.force("", place, STILL, tick * 1e-3)
-        taken.append((time.thread_time_ns() - begun_ns) / 1e3)
-    return taken
-
-
-def show_times(folder: Path) -> None:
-    """Print how long an answer takes."""
-    print("| noise, mm | friction | p50, us | p99, us | max, us |\n|---|---|---|---|---|")
-    for noise in NOISES:
-        file = folder / f"{noise}.npy"
-        np.save(file, sphere(noise))
-        for friction in FRICTIONS:
-            surface = Surface(friction=friction)
-            model = PointCloud(file, position=STILL, surface=surface)
-            taken = np.percentile(times_us(model.open(3)), (50, 99, 100))
-            shown = " | ".join(f"{one:.0f}" for one in taken)
-            print(f"| {1e3 * noise:g} | {friction:g} | {shown} |", flush=True)
-
-
 def main() -> None:
     """Print a table."""
-    parser = argparse.ArgumentParser(description="A hand on a cloud of points.")
-    parser.add_argument("--times", action="store_true", help="print how long an answer takes")
-    options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        (show_times if options.times else show_presses)(Path(folder))
+        show_presses(Path(folder))
 
 
 if __name__ == "__main__":

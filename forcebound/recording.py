@@ -18,18 +18,17 @@ record ``forcebound`` holds the resolved launch file, the versions and the seed 
 import json
 import math
 from collections import deque
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import AbstractContextManager
 from functools import cache, cached_property
 from operator import attrgetter
 from os import PathLike
 from pathlib import Path
-from types import TracebackType
-from typing import Annotated, Any, Literal, Self, cast, get_origin, get_type_hints
+from typing import Any, Literal
 
 import msgspec
 from mcap.records import Metadata
 from mcap.writer import Writer
-from msgspec import UNSET, Meta, UnsetType, defstruct
 from msgspec.json import Encoder
 
 from forcebound import mcap_file
@@ -42,21 +41,20 @@ from forcebound.messages.packets import (
     EnvironmentReply,
     Event,
     Packet,
-    Quaternion,
     Telemetry,
-    Vector,
     field_types,
 )
-from forcebound.recording_schema import ABSENT, is_optional, plain_type, schema
-from forcebound.telemetry import FIELDS, TelemetryCollector, TelemetryColumns
+from forcebound.recording_schema import ABSENT, is_optional, schema
+from forcebound.telemetry import TelemetryCollector, TelemetryColumns
 from forcebound.topology import HAND, ONE_HAND, Graph, Stream
 
 ENERGY_BEFORE = "energy_before"  # key of the metadata, and of the status of a device
 
 _encode = Encoder(enc_hook=plain).encode  # a number that is not finite becomes null
+_decode = msgspec.json.Decoder(dict[str, Any]).decode
 
 
-class Recorder:
+class Recorder(AbstractContextManager["Recorder"]):
     """Writes packets to an MCAP file; a context manager.
 
     Args:
@@ -135,15 +133,7 @@ class Recorder:
         """Close the file without index and footer, so that it reads as incomplete."""
         self._file.close()
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
 
@@ -190,7 +180,7 @@ class Recording:
         for topic in topics:
             if topic not in TOPICS:
                 raise ConfigError(f"no topic {topic!r}; there are {', '.join(TOPICS)}")
-        for _, packet in self._decoded({topic: _decoder(TOPICS[topic]) for topic in topics}):
+        for _, packet in self._decoded(topics):
             yield packet
 
     @cached_property
@@ -209,9 +199,8 @@ class Recording:
             TOPIC_OF[EnvironmentReply]: collector.take_reply,
             TOPIC_OF[Event]: events.append,
         }
-        decoders = {TOPIC_OF[kind]: _row_decoder(kind, names) for kind, names in FIELDS.items()}
-        for topic, row in self._decoded(decoders | {TOPIC_OF[Event]: _decoder(Event)}):
-            takers[topic](row)
+        for topic, packet in self._decoded(takers):
+            takers[topic](packet)
         if not collector:
             raise ConfigError(
                 f"{self.path} has no telemetry: did the run end before its device node started?"
@@ -226,17 +215,17 @@ class Recording:
         """The columns of :attr:`run`."""
         return self.run[0]
 
-    def _decoded(self, decoders: Mapping[str, Callable[[bytes], Any]]) -> Iterator[tuple[str, Any]]:
-        """Yield topic and decoded message, of those of these topics that are wanted."""
-        for topic, data in self._messages([t for t in decoders if t in self._topics]):
+    def _decoded(self, topics: Collection[str]) -> Iterator[tuple[str, Packet]]:
+        """Yield topic and packet, of those of these topics that were asked for."""
+        for topic, data in self._messages([t for t in topics if t in self._topics]):
             try:
-                decoded = decoders[topic](data)
+                packet = _decoder(TOPICS[topic])(data)
             except (msgspec.MsgspecError, ValueError, RecursionError) as error:
                 raise ConfigError(
                     f"{self.path}: a message of {topic} does not match the packet of this version "
                     f"({error}); recorded by another version?"
                 ) from error
-            yield topic, decoded
+            yield topic, packet
 
     def _messages(self, topics: Collection[str]) -> Iterator[tuple[str, bytes]]:
         """Yield topic and data of the messages until the end, or the damage; notes which it was."""
@@ -272,23 +261,19 @@ class Recording:
 
 
 class _RecordedDevice(msgspec.Struct):
-    """What is read of a recorded launch file's device."""
-
     law: str = ""
-    rate: Annotated[float, Meta(ge=1e-6, le=1e9)] = 1.0  # Hz
-    reply_wait: Annotated[float, Meta(ge=0.0, le=1e6)] = 0.0  # periods
-    hold_limit: Annotated[float, Meta(ge=0.0, le=1e6)] | Literal["auto"] = "auto"  # periods
-
-
-class _RecordedPhase(msgspec.Struct):
-    set: dict[str, Any] = {}
+    rate: float = 1.0  # Hz
+    reply_wait: float = 0.0  # periods
+    hold_limit: float | Literal["auto"] = "auto"  # periods
 
 
 class _RecordedLaunch(msgspec.Struct):
+    """The types of what is read of a recorded launch file."""
+
     device: _RecordedDevice = msgspec.field(default_factory=_RecordedDevice)
     environment: dict[str, Any] = {}
     controller: dict[str, Any] = {}
-    phases: list[_RecordedPhase] = []
+    phases: list[dict[str, Any]] = []
 
 
 def read(path: str | PathLike[str], topics: Collection[str] = tuple(TOPICS)) -> Recording:
@@ -311,66 +296,22 @@ def read(path: str | PathLike[str], topics: Collection[str] = tuple(TOPICS)) -> 
 
 
 @cache
-def _row_decoder(packet: type[Packet], names: Sequence[str]) -> Callable[[bytes], Any]:
-    """Return a function from a recorded message to an object with these fields; absent: None."""
-    return msgspec.json.Decoder(_message(packet, names, None)).decode
-
-
-@cache
 def _decoder(packet: type[Packet]) -> Callable[[bytes], Packet]:
     """Return a function from a recorded message to the packet; raises as msgspec does."""
-    names = tuple(field_types(packet))
-    decode = msgspec.json.Decoder(_message(packet, names, UNSET)).decode
-    values_of = attrgetter(*names)
-    readers = [_reader(hint) for hint in field_types(packet).values()]
-    build = cast("Callable[..., Packet]", packet)
+    hints = field_types(packet)
+    absent = {name: None for name, hint in hints.items() if is_optional(hint)} | ABSENT
 
     def read_message(data: bytes) -> Packet:
-        values = zip(readers, values_of(decode(data)), strict=True)
-        *read, hand = (v if reader is None else reader(v) for reader, v in values)
-        return build(*read, hand=hand)
+        document: dict[str, Any] = _decode(data)
+        if b"null" in data:
+            document = {name: _with_nan(value) for name, value in document.items()}
+        return msgspec.convert(absent | document, packet)
 
     return read_message
 
 
-def _message(packet: type[Packet], names: Sequence[str], absent: UnsetType | None) -> Any:
-    """Return the class of a recorded message with these fields; ``absent`` is no value."""
-    hints = get_type_hints(packet, include_extras=True)
-    fields = [_recorded_field(name, hints[name], absent) for name in names]
-    fields = [(*field, ABSENT[field[0]]) if field[0] in ABSENT else field for field in fields]
-    return defstruct(f"Recorded{packet.__name__}", fields, kw_only=True, gc=False)
-
-
-def _recorded_field(name: str, hint: Any, absent: UnsetType | None) -> Any:
-    """A field as it is recorded: null stands for no number, and without a value it is left out."""
-    plain = plain_type(hint)
-    is_limited = get_origin(plain) is Annotated
-    kind, limits = (plain.__origin__, plain.__metadata__) if is_limited else (plain, ())
-    if kind is float:
-        plain = float | None
-    elif kind == Vector:
-        plain = Annotated[(tuple[float | None, ...], *limits)]
-    elif kind == Quaternion:
-        plain = tuple[float | None, float | None, float | None, float | None]
-    return (name, plain | type(absent), absent) if is_optional(hint) else (name, plain)
-
-
-def _reader(hint: Any) -> Callable[[Any], Any] | None:
-    """A function from a recorded value to that of the packet; None: it is the same."""
-    readers: dict[Any, Callable[[Any], Any]] = {
-        float: _number,
-        Vector: _vector,
-        Quaternion: _vector,
-    }
-    present = readers.get(plain_type(hint))
-    if not is_optional(hint):
-        return present
-    return lambda value: None if value is UNSET else present(value) if present else value
-
-
-def _number(value: float | None) -> float:
+def _with_nan(value: Any) -> Any:
+    """Return a recorded value with NaN for null."""
+    if isinstance(value, list):
+        return [_with_nan(one) for one in value]
     return math.nan if value is None else value
-
-
-def _vector(values: tuple[float | None, ...]) -> Vector:
-    return tuple(math.nan if value is None else value for value in values)

@@ -37,12 +37,6 @@ _SAMPLE = {
 }
 _CONTACT = {"int64": ("device_seq", "device_time_ns"), "vector": ("proxy", "normal")}
 
-#: Fields of a packet that a :class:`TelemetryCollector` reads.
-FIELDS: dict[type[Telemetry] | type[EnvironmentReply], tuple[str, ...]] = {
-    Telemetry: (*chain(*_SAMPLE.values()), "rejected", "hand"),
-    EnvironmentReply: (*chain(*_CONTACT.values()), "force"),
-}
-
 
 @dataclass(frozen=True)
 class TelemetryColumns:
@@ -130,7 +124,7 @@ class TelemetryCollector:
         return self._last is not None
 
     def take(self, packet: Telemetry) -> None:
-        """Take the next packet, or an object with the same ``FIELDS``."""
+        """Take the next packet."""
         if self._samples is None:
             self._samples = _Table(_SAMPLE, len(packet.position))
         elif packet.seq < self._last.seq:

@@ -130,36 +130,28 @@ class RunResult:
 
     @cached_property
     def summary(self) -> dict[str, Any]:
-        """The key figures; see :func:`forcebound.analysis.summary.summarize`.
+        """The figures; see :func:`forcebound.analysis.summary.summarize`.
 
         An incomplete recording is a further fault, ``recording_incomplete``.
         """
-        import numpy as np  # a launcher starts without it
+        from forcebound.analysis.summary import OF_ONE_LAW, summarize, summarize_phases
 
-        from forcebound.analysis.bounder import summarize_bounder
-        from forcebound.analysis.measures import NEEDS
-        from forcebound.analysis.summary import summarize, summarize_events, summarize_phases
-
-        events = summarize_events(self.events)
+        summary = {
+            **summarize(self.columns, self.document, self.events),
+            "hand": self.columns.hand,
+            "law": self.label,
+            "phases": summarize_phases(self.columns, self.events, self.document),
+            "interrupted": self.interrupted,
+        }
         if not self.is_complete:
-            events["faults"]["recording_incomplete"] = 1
-        with np.errstate(all="ignore"):  # of what is no motion, such as a position of 1e300 m
-            summary = {
-                **summarize(self.columns, self.document, self.events),
-                **summarize_bounder(self.columns, self.events, self.document),
-                **events,
-                "hand": self.columns.hand,
-                "law": self.label,
-                "phases": summarize_phases(self.columns, self.events, self.document),
-                "interrupted": self.interrupted,
-            }
+            summary["faults"]["recording_incomplete"] = 1
         if self._changes:
-            reasons = dict.fromkeys(NEEDS, "the run had several laws: see `laws`")
+            reasons = dict.fromkeys(OF_ONE_LAW, "the run had several laws: see `laws`")
             laws = [
                 {**part.summary, **dict.fromkeys(OF_THE_RUN), "start_s": part.columns.elapsed[0]}
                 for part in self.by_law
             ]
-            summary |= {**dict.fromkeys(NEEDS), "little_force": [], "undefined": reasons}
+            summary |= {**dict.fromkeys(OF_ONE_LAW), "little_force": [], "undefined": reasons}
             summary["laws"] = laws
         return {name: _finite(value) for name, value in summary.items()}
 

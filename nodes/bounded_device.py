@@ -65,8 +65,8 @@ class BoundedDevice:
         self._stamps, self._jitter = device.stamps, device.latch_jitter
         self._ahead_ns = 0  # of the bounder's clock
         self._reports_cuts = dissipation.watchdog in ("guarding", "reporting")
-        takes_limit = device.set_hold_limit(dissipation.hold_limit) is not None
-        self.learns = learns and (takes_limit or dissipation.watchdog == "none")
+        self.takes_limit = device.set_hold_limit(dissipation.hold_limit) is not None
+        self.learns = learns and (self.takes_limit or dissipation.watchdog == "none")
         self._hold_limit = HoldLimit(round(dissipation.period * 1e9), dissipation.watchdog)
         self._is_fixed = learns and not self.learns
         if self._is_fixed:

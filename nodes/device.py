@@ -37,7 +37,7 @@ from forcebound.nodes import Node
 from forcebound.nodes.bounded_device import BoundedDevice
 from forcebound.nodes.closing import close_part
 from forcebound.nodes.device_events import DeviceEvents
-from forcebound.nodes.events import EventLog
+from forcebound.nodes.events import TAKES_HOLD_LIMIT, EventLog
 from forcebound.nodes.safety import SafetyChain
 from forcebound.nodes.servo import ServoSettings
 from forcebound.nodes.velocity import low_pass, low_pass_gain
@@ -112,7 +112,10 @@ class DeviceNode(Node):
         self._lateness = lateness
         self.deadline_misses = 0
         self.events = EventLog(in_hand(hand, DEVICE))
-        self._tells = DeviceEvents(self.events, servo)
+        # Of a simulated device and of hardware of this package, verification knows it.
+        says = self._bounded.takes_limit and device.truth() is None
+        about = {TAKES_HOLD_LIMIT: "true"} if says else {}
+        self._tells = DeviceEvents(self.events, servo, about)
 
     @property
     def wake_ns(self) -> int:

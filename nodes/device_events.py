@@ -1,5 +1,7 @@
 """Events of the device node: answers, refused readings, missed ticks, the law, the bounder."""
 
+from collections.abc import Mapping
+
 from forcebound.messages.control import BounderReport
 from forcebound.messages.packets import Event, Packet
 from forcebound.nodes.events import BOUNDER_REPORTED, LAW_CHANGED, STATE_INTERVAL_NS, EventLog
@@ -10,10 +12,15 @@ REFUSAL_INTERVAL_NS = 1_000_000_000  # between two events about refused readings
 
 
 class DeviceEvents:
-    """Events of the ticks of a device node, limited in rate."""
+    """Events of the ticks of a device node, limited in rate.
 
-    def __init__(self, log: EventLog, servo: ServoSettings) -> None:
-        self._log, self._servo = log, servo
+    ``about``: data of the device, which a recording must hold wherever a ledger begins.
+    """
+
+    def __init__(
+        self, log: EventLog, servo: ServoSettings, about: Mapping[str, str] | None = None
+    ) -> None:
+        self._log, self._servo, self._about = log, servo, about or {}
         self._is_answered = False
         self._next_answer_ns = 0
         self._refused = 0
@@ -46,7 +53,7 @@ class DeviceEvents:
         ``energy_before`` of the status, in J.
         """
         self._overload = Overload(self._servo.period_ns)
-        message, data = f"law: {law} from now on", {"law": law}
+        message, data = f"law: {law} from now on", {"law": law, **self._about}
         if before is not None:
             former, given, energy = before
             has = "has put in" if given >= 0.0 else "has received"
@@ -68,7 +75,8 @@ class DeviceEvents:
 
     def _tell_answers(self, time_ns: int) -> Event:
         if self._is_answered:
-            return self._log.emit(time_ns, "force_engages", "replies received; ramping force up")
+            message = "replies received; ramping force up"
+            return self._log.emit(time_ns, "force_engages", message, self._about)
         limit = self._servo.age_limit * 1e3
         message = f"no answer younger than the age limit of {limit:g} ms: zero force"
         return self._log.emit(time_ns, "force_released", message, is_fault=True)

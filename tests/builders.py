@@ -7,53 +7,6 @@ from forcebound.messages.packets import DeviceState, EnvironmentQuery, Environme
 
 MS = 1_000_000  # ns
 
-#: Keys of the summary of any run (docs/results.md).
-SUMMARY_KEYS = {
-    "law",
-    "samples",
-    "duration_s",
-    "displayed_stiffness_n_per_m",
-    "rate_hardness_n_per_m",
-    "peak_force_n",
-    "peak_penetration_m",
-    "peak_proxy_distance_m",
-    "peak_tangential_force_n",
-    "tangential_share",
-    "true_energy_min_j",
-    "estimated_energy_min_j",
-    "bounder_active_share",
-    "answered_share",
-    "same_tick_share",
-    "loop_delay_ms",
-    "reply_age_ms",
-    "deadline_misses",
-    "hold_limit_overruns",
-    "rejected_packets",
-    "contact_bounces",
-    "final_speed_m_per_s",
-    "at_rest",
-    "penetration_at_rest_m",
-    "extended_rate_hardness_n_per_m",
-    "settling_time_s",
-    "overshoot_share",
-    "limit_cycle_amplitude_m",
-    "force_error_rms_n",
-    "wall_error_rms_n",
-    "vibration_above_threshold_db",
-    "vibration_frequency_hz",
-    "vibration",
-    "transparency_bandwidth_hz",
-    "displayed_impedance",
-    "largest_energy_fall_j",
-    "energy_regain_time_s",
-    "energy_since_contact_min_j",
-    "observed_energy_min_j",
-    "observed_power_min_w",
-    "observed_deficit_share",
-    "ledger_deficit_share",
-    "undefined",
-}
-
 
 @dataclass(frozen=True)
 class TimedPacket:

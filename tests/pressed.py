@@ -4,7 +4,7 @@ import json
 from collections.abc import Callable
 from typing import Any
 
-from builders import SUMMARY_KEYS, telemetry_packet
+from builders import telemetry_packet
 
 from forcebound.analysis.summary import summarize
 from forcebound.analysis.tables import summary_rows
@@ -23,6 +23,9 @@ def config(**environment: Any) -> dict[str, Any]:
             "law": "certified",
             "rate": 1000.0,
             "hold_limit": 1.25,
+            "damping": 0.27,
+            "friction": 0.12,
+            "resolution": 3e-5,
         },
         "environment": wall | environment,
     }
@@ -65,6 +68,5 @@ def summary_of(run: list[Telemetry], document: dict[str, Any] | None = None) -> 
     chosen = config() if document is None else document
     summary = summarize(TelemetryColumns.from_packets(run), chosen)
     json.dumps(summary, allow_nan=False)  # always valid JSON
-    assert set(summary) == SUMMARY_KEYS
     assert len(summary_rows(summary)) == len({label for label, _ in summary_rows(summary)})
     return summary

@@ -5,21 +5,19 @@ from pathlib import Path
 
 import pytest
 
-from forcebound.analysis.summary import summarize, summarize_events
-from forcebound.analysis.tables import phase_rows, summary_rows
+from forcebound.analysis.figures import FIGURES
+from forcebound.analysis.tables import summary_rows
 from forcebound.cli import main
 from forcebound.config.loader import load
 from forcebound.launch.virtual import run_virtual
 from forcebound.messages.packets import TOPIC_OF, field_types
-from forcebound.telemetry import TelemetryColumns
 
 ROOT = Path(__file__).parent.parent
 PAGES = sorted(
     [ROOT / "README.md", ROOT / "examples/README.md", *(ROOT / "docs").rglob("*.md")],
     key=str,
 )
-SUMMARY = summarize(TelemetryColumns.from_packets([]), {}) | summarize_events([])
-ROWS = {label for label, _ in summary_rows(SUMMARY)}
+ROWS = {figure.label for figure in FIGURES}
 WIRE_KEYS = {name for packet in TOPIC_OF for name in field_types(packet)}
 
 
@@ -34,13 +32,6 @@ def test_the_index_lists_every_page() -> None:
     index = (ROOT / "docs/README.md").read_text(encoding="utf-8")
     pages = {path.name for path in (ROOT / "docs").glob("*.md")} - {"README.md"}
     assert {page for page in pages if f"]({page})" not in index} == set()
-
-
-def test_the_page_of_results_has_every_row_and_key() -> None:
-    page = (ROOT / "docs/results.md").read_text(encoding="utf-8")
-    for label in ROWS | set(phase_rows([])[0]):
-        assert re.search(rf"^\| {re.escape(label)} \|", page, re.MULTILINE), label
-    assert [key for key in SUMMARY if f"`{key}`" not in page] == []
 
 
 def test_the_glossary_names_rows_and_keys_that_exist() -> None:

@@ -15,12 +15,14 @@ from forcebound.devices.phantom import PhantomPremium15
 from forcebound.devices.stated_joints import TrueJoints
 from forcebound.devices.true_values import TrueAxes, WeakSpot
 from forcebound.errors import DeviceError
-from forcebound.identification import document, estimators, helped
+from forcebound.identification import document, estimators, gain
 from forcebound.identification.clock import VirtualClock
-from forcebound.identification.estimators import Point
+from forcebound.identification.estimators import Bounded, Point
 from forcebound.identification.procedure import Found, Plan, identify
 from forcebound.messages.packets import Vector
 from forcebound.nodes.servo import ServoSettings, dissipation_of
+
+SHORT = dataclasses.replace(KNOB, levels=(0.4, 1.0), pushes=2, strokes=4)
 
 
 class Cogging(Altered):
@@ -70,22 +72,24 @@ def test_less_friction_in_a_corner_is_found_out() -> None:
     middle = FiveBar().angles((0.0, 0.0))
     assert middle is not None
     spot = WeakSpot(centre=(middle[0] + 0.25, middle[1] + 0.25), radius=0.15, share=0.5)
-    found = found_of(FiveBar(truth=TrueJoints(weak_spot=spot), substep=2.5e-4), ARM)
+    plan = dataclasses.replace(ARM, poses=(0.0, 1.0), pushes=2, strokes=4)
+    found = found_of(FiveBar(truth=TrueJoints(weak_spot=spot), substep=2.5e-4), plan)
     for axis in found.axes:
         assert 0.7 * 0.5 * 4e-3 <= axis.friction.lower <= 0.5 * 4e-3
         weakest = min(axis.friction_of_parts, key=lambda cell: axis.friction_of_parts[cell])
-        assert weakest[0] == len(ARM.poses) - 1  # the other axis at its far end
+        assert weakest[0] == 1  # the other axis at its far end
         assert weakest[1] >= ARM.parts - 3  # and this one, too
 
 
 @pytest.mark.no_cover
 def test_weight_and_cogging_are_no_friction() -> None:
     weight = PhantomPremium15(truth=TrueAxes(weight=0.05), substep=2.5e-4)
-    (axis,) = found_of(weight, KNOB).axes
+    plan = dataclasses.replace(KNOB, pushes=2, strokes=4)
+    (axis,) = found_of(weight, plan).axes
     assert axis.load.estimate == pytest.approx(0.05, abs=1e-3)
     assert 0.05 <= axis.load.upper <= 0.055
     assert 0.9 * 0.12 <= axis.friction.lower <= 0.12
-    (axis,) = found_of(PhantomPremium15(substep=2.5e-4), KNOB, Cogging).axes
+    (axis,) = found_of(PhantomPremium15(substep=2.5e-4), plan, Cogging).axes
     assert axis.load.upper >= 0.012  # means over parts of 5 mm
     assert 0.9 * 0.27 <= axis.damping.lower <= 0.27
     assert 0.9 * 0.12 <= axis.friction.lower <= 0.12
@@ -115,7 +119,7 @@ class Interrupted(Altered):
         return force
 
 
-@pytest.mark.parametrize("ticks", [100, 450, 1500, 6000, 27_000, 42_000])
+@pytest.mark.parametrize("ticks", [100, 1500, 6000, 27_000])
 def test_an_interrupted_identification_leaves_no_force(ticks: int) -> None:
     model = PhantomPremium15(substep=1e-3)
     device = Interrupted(model.open(None, 1.25e-3))
@@ -155,22 +159,40 @@ def test_motors_of_different_gains_state_how_different_they_are() -> None:
         assert 0.9 * 4e-3 <= friction <= 4e-3
 
 
-def test_what_the_user_does_not_do_is_said_and_stays_unmeasured(
+def test_a_weight_that_is_not_hung_leaves_the_gain_unmeasured(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(helped, "PATIENCE", 5.0)
+    monkeypatch.setattr(gain, "USER_TIMEOUT", 5.0)
     said: list[str] = []
-    model = PhantomPremium15(substep=2.5e-4)
-    light = dataclasses.replace(KNOB, levels=(0.4, 1.0), pushes=2, strokes=4, by_hand=1.0)
+    model = PhantomPremium15(substep=1e-3)
     for weight in (0.1, 1.0):
-        plan = dataclasses.replace(light, weight=weight)
+        plan = dataclasses.replace(SHORT, weight=weight)
         found = identify(model.open(None, 1.25e-3), model, VirtualClock(), plan, said.append)
         assert found.gain == ()
-        assert found.largest_speed is None
-        assert "gain_error" not in document.bounds_of(model, found)
+        assert "gain_error" not in document.numbers_of(model, found)
     assert any("it should be" in line for line in said)
-    assert any("no weight was seen to hang" in line for line in said)
-    assert any("nobody moved it" in line for line in said)
+    assert any("no weight was seen" in line for line in said)
+
+
+class StallingClock(VirtualClock):
+    """A machine that stands still once."""
+
+    def __init__(self, at: float, seconds: float) -> None:
+        super().__init__()
+        self._at_ns, self._stall_ns = round(1e9 * at), round(1e9 * seconds)
+
+    def wait_until(self, time_ns: int) -> None:
+        if time_ns >= self._at_ns:
+            time_ns, self._stall_ns = time_ns + self._stall_ns, 0
+        super().wait_until(time_ns)
+
+
+def test_a_stall_of_the_machine_while_a_force_is_on_ends_it_without_force() -> None:
+    model = PhantomPremium15(watchdog="none", watchdog_limit=100.0, substep=1e-3)
+    device = Interrupted(model.open(None, 1.25e-3))
+    with pytest.raises(DeviceError, match=r"late by 60 ms"):
+        identify(device, model, StallingClock(8.0, 0.06), SHORT)
+    assert device.forces[-1] == (0.0,)
 
 
 def test_a_device_with_a_lag_states_no_guarding_watchdog() -> None:
@@ -203,7 +225,7 @@ def test_damping_and_friction_of_a_line() -> None:
 
 def test_an_outlier_hardly_changes_the_damping() -> None:
     seen = points(2.0, 5.0, 0.01)
-    seen[7] = dataclasses.replace(seen[7], loss=20.0)
+    seen[7] = seen[7]._replace(loss=20.0)
     assert estimators.slope(seen).estimate == pytest.approx(2.0, abs=0.03)
 
 
@@ -219,12 +241,6 @@ def test_a_noisy_encoder_has_a_coarser_resolution() -> None:
 
 
 def test_a_yielding_that_no_push_has_shown_may_still_be_there() -> None:
-    found = estimators.presliding(np.zeros(20), 0.8, 1.0, 1.1, 2e-3)
+    found = estimators.presliding(np.zeros(20), 0.8, Bounded(1.0, 0.9, 1.1), 2e-3)
     assert found.estimate == found.lower == 0.0
     assert 0.2e-3 < found.upper < 2e-3
-
-
-def test_quantiles_of_student() -> None:
-    assert estimators.student(4) == pytest.approx(7.173)
-    assert estimators.student(1e9) == pytest.approx(3.09, abs=1e-3)
-    assert estimators.student(9) == pytest.approx(4.297, abs=0.02)  # not in the table

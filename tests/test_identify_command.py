@@ -5,6 +5,7 @@ from typing import Any
 
 import pytest
 from click.testing import CliRunner
+from ruamel.yaml import YAML
 
 from forcebound.cli import main
 from forcebound.config.loader import load
@@ -19,11 +20,15 @@ USE = "forcebound: 1\ninclude: {}\ndevice: {{ include: device.yaml }}\n"
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with the file of an identified device."""
     folder = tmp_path_factory.mktemp("identified")
-    arguments = ["identify", "phantom_premium_1_5", "substep:=0.25 ms"]
+    arguments = ["identify", "phantom_premium_1_5", "substep:=1 ms"]
     done = CliRunner().invoke(main, [*arguments, "-o", str(folder / "device.yaml")])
     assert done.exit_code == 0, done.output
     assert "what limits it most: damping" in done.output
     return folder
+
+
+def written(folder: Path) -> Any:
+    return YAML(typ="safe").load(folder / "device.yaml")
 
 
 def load_with(folder: Path, launch_file: str) -> Any:
@@ -33,76 +38,59 @@ def load_with(folder: Path, launch_file: str) -> Any:
 
 
 def test_the_file_holds_bounds_and_where_they_come_from(folder: Path) -> None:
-    content = document.read(folder / "device.yaml")
-    device, identified = content["device"], content["identified"]
+    content = written(folder)
+    device, numbers = content["device"], content["identified"]["numbers"]
     assert device["kind"] == "phantom_premium_1_5"
     assert device["sources"]["damping"] == "measured"
-    assert (
-        0.9 * 0.27 <= device["damping"] <= 0.27 <= 1.05 * identified["numbers"]["damping"]["found"]
-    )
+    assert 0.9 * 0.27 <= device["damping"] <= 0.27 <= 1.05 * numbers["damping"]["found"]
     assert 0.9 * 0.12 <= device["friction"] <= 0.12
     assert device["resolution"] == pytest.approx(3e-5)
     assert (folder / "device.png").stat().st_size > 10_000
-
-
-def test_a_launch_file_uses_it(folder: Path) -> None:
-    device = document.read(folder / "device.yaml")["device"]
     model = load_with(folder, "stiff_wall.yaml")
     assert model.damping == device["damping"]
-    assert model.substep == 2.5e-4
+    assert model.substep == 1e-3
 
 
-def test_the_file_of_another_device_is_refused(folder: Path) -> None:
-    with pytest.raises(ConfigError, match="this launch file is for 'five_bar'"):
+def test_a_file_that_does_not_fit_is_refused_at_its_place(folder: Path, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="'five_bar'"):
         load_with(folder, "five_bar_wall.yaml")
-
-
-def test_a_file_that_is_none_is_said_at_its_place(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"my_stiff_wall.yaml:3:.*cannot read the file of the"):
+    with pytest.raises(ConfigError, match=r"my_stiff_wall.yaml:3:"):
         load_with(tmp_path, "stiff_wall.yaml")
     (tmp_path / "device.yaml").write_text("forcebound: 1\n")
-    with pytest.raises(ConfigError, match="has no section device: with a kind"):
+    with pytest.raises(ConfigError, match="no section device"):
         load_with(tmp_path, "stiff_wall.yaml")
-    with pytest.raises(ConfigError, match="has no section identified"):
-        document.read(tmp_path / "device.yaml")
 
 
-def test_the_check_tells_a_device_that_has_changed(folder: Path) -> None:
-    path = folder / "device.yaml"
+def test_the_check_reports_what_has_changed(folder: Path) -> None:
+    path, changed = folder / "device.yaml", folder / "changed.yaml"
     same = CliRunner().invoke(main, ["identify", "--check", str(path)])
     assert same.exit_code == 0, same.output
-    changed = folder / "changed.yaml"
-    stated = document.read(path)["identified"]["numbers"]["friction"]["stated"]
-    text = path.read_text()
+    numbers = written(folder)["identified"]["numbers"]
+    stated, found = numbers["friction"]["stated"], numbers["damping"]["found"]
+    text = path.read_text().replace(f"found: {found}", f"found: {1.4 * found:.4g}")
     changed.write_text(text.replace(f"stated: {stated}", f"stated: {1.3 * stated:.4g}"))
     other = CliRunner().invoke(main, ["identify", "--check", str(changed)])
     assert other.exit_code == 1
     assert "BROKEN  friction of axis 1" in other.output
+    (line,) = [line for line in other.output.splitlines() if "damping of axis 1" in line]
+    assert line.startswith("holds")
+    assert line.endswith("changed")
 
 
-def test_a_number_that_has_changed_and_still_holds_is_told(folder: Path) -> None:
-    path = folder / "device.yaml"
-    found = document.read(path)["identified"]["numbers"]["damping"]["found"]
-    changed = folder / "was_more.yaml"
-    changed.write_text(path.read_text().replace(f"found: {found}", f"found: {1.4 * found:.4g}"))
-    done = CliRunner().invoke(main, ["identify", "--check", str(changed)])
-    assert done.exit_code == 0, done.output
-    assert "holds   damping of axis 1" in done.output
-    assert ", but has changed" in done.output
-
-
-def test_a_damaged_file_is_told_before_anything_moves(folder: Path, tmp_path: Path) -> None:
+def test_a_file_that_cannot_be_checked_is_refused_before_anything_moves(
+    folder: Path, tmp_path: Path
+) -> None:
     text = (folder / "device.yaml").read_text()
-    stated = document.read(folder / "device.yaml")["identified"]["numbers"]["friction"]["stated"]
+    stated = written(folder)["identified"]["numbers"]["friction"]["stated"]
     path = tmp_path / "device.yaml"
     for damaged, message in (
-        (text[: len(text) // 3], "has no section identified"),
-        (text.split("identified:")[0], "has no section identified"),
-        (text.replace("\ndevice:", "\ndevices:"), "has no section device"),
-        (text.replace("reach:", "reeach:"), "identified: plan: reach"),
-        (text.replace(f"stated: {stated}", "stated: much"), "numbers: friction: stated"),
-        (text.replace("phantom_premium_1_5", "five_bar"), "the device has no number"),
-        (text.replace("substep: 0.00025", "substep: -1"), "substep"),
+        (text.split("identified:")[0], "no section identified"),
+        (text.replace("\ndevice:", "\ndevices:"), "no section device"),
+        (text.replace("reach:", "reeach:"), "reach"),
+        (text.replace(f"stated: {stated}", "stated: much"), "numbers.friction.stated"),
+        (text.replace(f"stated: {stated}", f"stated: [{stated}, 1]"), "friction"),
+        (text.replace("substep: 0.001", "substep: -1"), "substep"),
+        (text.replace("serial_number: ''", "serial_number: '4711'"), "4711"),
     ):
         path.write_text(damaged)
         done = CliRunner().invoke(main, ["identify", "--check", str(path)])
@@ -111,32 +99,23 @@ def test_a_damaged_file_is_told_before_anything_moves(folder: Path, tmp_path: Pa
         assert "at rest" not in done.output
 
 
-def test_the_file_of_another_board_is_refused_before_anything_moves(
-    folder: Path, tmp_path: Path
-) -> None:
-    path = tmp_path / "device.yaml"
-    text = (folder / "device.yaml").read_text()
-    path.write_text(text.replace("serial_number: ''", "serial_number: '4711'"))
-    done = CliRunner().invoke(main, ["identify", "--check", str(path)])
-    assert done.exit_code == 2
-    assert "of the device with the serial number 4711, this one has -" in done.output
-    assert "at rest" not in done.output
-
-
-def test_bad_input_is_said_before_anything_moves(tmp_path: Path) -> None:
-    for words, message in (
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
         (["five_baar"], "five_baar"),
-        (["five_bar", "--reach", "far"], "--reach: expected"),
-        (["five_bar", "--reach", "30 mm"], "--reach: expected"),
-        (["five_bar", "--weight", "100 g"], "needs --lever"),
-        (["phantom_premium_1_5", "--weight", "0.1 kg", "--lever", "4 cm"], "is for joints"),
-        (["five_bar", "-o", str(tmp_path / "no" / "device.yaml")], "there is no folder"),
+        (["five_bar", "--reach", "far"], "--reach"),
+        (["five_bar", "--reach", "30 mm"], "--reach"),
+        (["five_bar", "--weight", "100 g"], "--lever"),
+        (["phantom_premium_1_5", "--weight", "0.1 kg", "--lever", "4 cm"], "--lever"),
+        (["five_bar", "-o", "no/device.yaml"], "no folder"),
         ([], "name a device"),
-        (["five_bar", "--check", "device.yaml"], "leave out 'five_bar'"),
-    ):
-        done = CliRunner().invoke(main, ["identify", *words])
-        assert done.exit_code == 2, (words, done.output)
-        assert message in done.output
+        (["five_bar", "--check", "device.yaml"], "'five_bar'"),
+    ],
+)
+def test_bad_input_is_refused_before_anything_moves(words: list[str], named: str) -> None:
+    done = CliRunner().invoke(main, ["identify", *words])
+    assert done.exit_code == 2, done.output
+    assert named in done.output
 
 
 def test_bounds_are_rounded_to_the_careful_side() -> None:
@@ -148,7 +127,7 @@ def test_bounds_are_rounded_to_the_careful_side() -> None:
 
 def test_the_verdict_grows_with_the_damping(folder: Path) -> None:
     model = load_with(folder, "stiff_wall.yaml")
-    judged = verdict(model, {"damping": 0.27}, 1000.0, (0.0,), None)
-    assert 500.0 < judged.stiffness < 1500.0
-    assert judged.gains["damping"]["built"] > judged.gains["damping"]["measured"] > 1.0
-    assert judged.gains["saturation"]["built"] == pytest.approx(1.0)
+    judged = verdict(model, {"damping": 0.27}, 1000.0, (0.0,))
+    assert 500.0 < judged["stiffness"] < 1500.0
+    assert judged["gains"]["damping"]["built"] > judged["gains"]["damping"]["measured"] > 1.0
+    assert judged["gains"]["saturation"]["built"] == pytest.approx(1.0)

@@ -7,7 +7,8 @@ import pytest
 from builders import MS, telemetry_packet
 from msgspec.structs import replace
 
-from forcebound.analysis.bounder import causes_of_little_force, summarize_bounder
+from forcebound.analysis.bounder import causes_of_little_force
+from forcebound.analysis.summary import summarize
 from forcebound.analysis.tables import summary_rows
 from forcebound.config.loader import load
 from forcebound.launch.virtual import run_virtual
@@ -110,11 +111,10 @@ def test_the_report_of_the_bounder_is_in_the_summary() -> None:
     events = [EventLog("device").emit(9 * MS, BOUNDER_REPORTED, "", report.as_texts())]
     sources = {"damping": "measured", "friction": "measured", "lag": "assumed"}
     device = DEVICE | {"energy_cap": 0.02, "sources": sources}
-    added = summarize_bounder(pressed(), events, {"device": device})
-    assert added["hold_limit_overruns"] == 3
-    assert added["hold_limit_ms"] == pytest.approx({"mean": 1.1, "longest": 4.0})
-    run = run_virtual(load("stiff_wall"), 0.01).summary
-    rows = dict(summary_rows({**run, **added}))
+    summary = summarize(pressed(), {"device": device}, events)
+    assert summary["hold_limit_overruns"] == 3
+    assert summary["hold_limit_ms"] == pytest.approx({"mean": 1.1, "longest": 4.0})
+    rows = dict(summary_rows(summary))
     assert rows["hold limit mean/longest"] == "1.10/4.00 ms"
     assert rows["refused readings"] == "2"
     late = "5, up to 0.2 ms after the reading: device.write_delay"
@@ -122,6 +122,13 @@ def test_the_report_of_the_bounder_is_in_the_summary() -> None:
     assert rows["largest allowance used"] == "0.500 mJ, repaid"
     assert rows["energy cap"] == "20.00 mJ"
     assert rows["numbers of the device"] == "1 assumed, 2 measured"
+
+
+def test_a_run_without_a_report_says_nothing_of_it() -> None:
+    summary = summarize(pressed(), {"device": DEVICE})
+    assert summary["refused_readings"] is None
+    assert summary["hold_limit_ms"] == {"mean": None, "longest": None}
+    assert "refused readings" not in dict(summary_rows(summary))
 
 
 def test_a_punctual_run_reports_its_bounder_and_has_enough_force() -> None:

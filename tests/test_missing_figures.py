@@ -1,32 +1,39 @@
 """Summaries of runs that lack something: what counts, and why a figure has no value."""
 
 import pytest
-from builders import SUMMARY_KEYS
 from msgspec.structs import replace
 from pressed import config, pressing, summary_of, ticks
 
+from forcebound.analysis.summary import OF_ONE_LAW
 from forcebound.errors import ConfigError
 
 
-def test_a_figure_that_is_none_has_a_reason() -> None:
+def test_a_figure_that_is_missing_has_its_reason() -> None:
     hardware = [
         replace(t, true_energy=None, true_position=None, hand_force=None) for t in ticks(pressing())
     ]
-    reasons = summary_of(hardware)["undefined"]
-    assert reasons["largest_energy_fall_j"].startswith("needs ground truth")
-    assert reasons["displayed_impedance"].startswith("needs 4 s of contact")
+    summary = summary_of(hardware)
+    assert summary["displayed_stiffness_n_per_m"] == pytest.approx(540.0)
+    assert summary["at_rest"] is None
+    reasons = summary["undefined"]
+    assert "ground truth" in reasons["largest_energy_fall_j"]
+    assert "4 s" in reasons["displayed_impedance"]
     assert "settling_time_s" not in reasons
-    assert summary_of(ticks(abs), {})["undefined"]["settling_time_s"].endswith("no surface")
-    outside = summary_of(ticks(lambda elapsed: 0.0))["undefined"]
-    assert outside["rate_hardness_n_per_m"] == "no contact"
+    assert "surface" in summary_of(ticks(abs), {})["undefined"]["settling_time_s"]
 
 
-def test_every_figure_without_a_value_has_a_reason() -> None:
-    packets = ("loop_delay_ms", "answered_share", "same_tick_share", "deadline_misses")
-    for run in (ticks(pressing()), ticks(lambda elapsed: 0.0), ticks(pressing(), duration=0.2)):
+@pytest.mark.parametrize("engaged", [0.0, 1.0])
+@pytest.mark.parametrize("duration", [0.0, 0.2, 6.0])
+def test_every_figure_of_a_law_without_a_value_has_a_reason(
+    duration: float, engaged: float
+) -> None:
+    for path in (pressing(), lambda elapsed: 0.0):
+        run = [replace(t, engagement=engaged) for t in ticks(path, duration=duration)]
         summary = summary_of(run)
-        missing = {key for key, value in summary.items() if value is None} - set(packets)
-        assert missing == set(summary["undefined"])
+        assert {key for key in OF_ONE_LAW if summary[key] is None} == set(summary["undefined"])
+        if not run or not engaged:
+            assert set(summary["undefined"].values()) == {"the force never engaged"}
+            assert summary["samples"] == 0
 
 
 def test_samples_without_an_engaged_force_do_not_count() -> None:
@@ -41,38 +48,11 @@ def test_samples_without_an_engaged_force_do_not_count() -> None:
     assert summary_of(waiting + run) == summary_of(run)
 
 
-def test_a_run_that_never_engaged_has_no_results() -> None:
-    summary = summary_of([replace(t, engagement=0.0) for t in ticks(pressing(), duration=0.5)])
-    assert summary["samples"] == 0
-    defined = {
-        "law",
-        "samples",
-        "loop_delay_ms",
-        "reply_age_ms",
-        "deadline_misses",
-        "rejected_packets",
-    }
-    for key in SUMMARY_KEYS - defined - {"undefined"}:
-        assert summary[key] is None
-    assert set(summary["undefined"].values()) == {"the force never engaged"}
-
-
-def test_no_samples_at_all_still_make_a_summary() -> None:
-    assert summary_of([])["samples"] == 0
-
-
-def test_a_launch_document_without_the_keys_leaves_their_results_open() -> None:
-    summary = summary_of(ticks(pressing()), {})
-    assert summary["law"] is None
-    assert summary["displayed_stiffness_n_per_m"] is None
-    assert summary["samples"] == 6000
-
-
 def test_a_hand_that_never_touches_has_no_stiffness_and_no_depth() -> None:
     summary = summary_of(ticks(lambda elapsed: 0.0))
-    assert summary["displayed_stiffness_n_per_m"] is None
-    assert summary["rate_hardness_n_per_m"] is None
-    assert summary["bounder_active_share"] is None
+    for key in ("displayed_stiffness_n_per_m", "rate_hardness_n_per_m", "bounder_active_share"):
+        assert summary[key] is None
+        assert summary["undefined"][key] == "no contact"
     assert summary["peak_penetration_m"] == 0.0
     assert summary["contact_bounces"] == 0
 
@@ -94,11 +74,7 @@ def test_the_surface_may_lie_across_another_axis() -> None:
     assert summary_of(run, config(axis=0))["displayed_stiffness_n_per_m"] is None
 
 
-def test_an_axis_that_the_run_does_not_have_is_refused() -> None:
-    with pytest.raises(ConfigError, match=r"environment\.axis is 2, but the run has 1 axes"):
-        summary_of(ticks(pressing(), duration=0.1), config(axis=2))
-
-
-def test_a_quantity_that_was_not_resolved_is_refused() -> None:
-    with pytest.raises(ConfigError, match=r"environment\.position must be a number \(m\)"):
-        summary_of(ticks(pressing(), duration=0.1), config(position="10 mm"))
+@pytest.mark.parametrize(("key", "value"), [("axis", 2), ("position", "10 mm")])
+def test_a_surface_that_does_not_fit_the_run_is_refused(key: str, value: object) -> None:
+    with pytest.raises(ConfigError, match=rf"environment\.{key} .*{value}"):
+        summary_of(ticks(pressing(), duration=0.1), config(**{key: value}))

@@ -86,7 +86,7 @@ numbers = st.floats(allow_nan=False, allow_infinity=False)
 vectors = st.lists(numbers, min_size=1, max_size=6).map(tuple)
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     position=vectors,
     energy=st.none() | numbers,
@@ -146,13 +146,6 @@ def test_the_clock_offset_shifts_the_log_times_and_not_the_packets(path: Path) -
     assert read(path).packets("telemetry") == [full_telemetry(3)]
 
 
-def test_closing_twice_is_closing_once(path: Path) -> None:
-    recorder = Recorder(path, METADATA)
-    recorder.close()
-    recorder.close()
-    assert read(path).complete
-
-
 # --- Other tools can read it ---------------------------------------------------------------------
 
 
@@ -199,6 +192,7 @@ def test_every_topic_has_its_channel_even_if_nothing_came(path: Path) -> None:
 
 def test_what_was_flushed_is_there_without_a_close(path: Path) -> None:
     recorder = Recorder(path, METADATA)
+    assert read(path).metadata == METADATA
     recorder.write(full_telemetry(0))
     recorder.flush()
     recorder.write(full_telemetry(1))
@@ -207,14 +201,8 @@ def test_what_was_flushed_is_there_without_a_close(path: Path) -> None:
     assert recording.metadata == METADATA
     assert recording.packets("telemetry") == [full_telemetry(0)]
     recorder.close()
-
-
-def test_the_metadata_are_there_before_the_first_flush(path: Path) -> None:
-    recorder = Recorder(path, METADATA)
-    recording = read(path)
-    assert recording.metadata == METADATA
-    assert not recording.complete
-    recorder.close()
+    recorder.close()  # closes it once
+    assert read(path).complete
 
 
 def test_a_killed_recorder_leaves_what_it_flushed(path: Path) -> None:
@@ -231,25 +219,6 @@ def test_a_killed_recorder_leaves_what_it_flushed(path: Path) -> None:
     recording = read(path)
     assert not recording.complete
     assert recording.packets("force_command") == [ForceCommand(0, 0, 0, 0, (1.0,))]
-
-
-def test_a_file_cut_anywhere_gives_a_beginning_or_a_clear_error(path: Path) -> None:
-    sent = [full_telemetry(tick) for tick in range(20)]
-    with Recorder(path, METADATA) as recorder:
-        for packet in sent:
-            recorder.write(packet)
-            recorder.flush()
-    data = path.read_bytes()
-    for length in range(0, len(data), 61):
-        path.write_bytes(data[:length])
-        try:
-            recording = read(path)
-        except ConfigError:
-            assert length < 1000  # not even the metadata
-            continue
-        found = recording.packets("telemetry")
-        assert found == sent[: len(found)]
-        assert not recording.complete
 
 
 def test_a_damaged_byte_is_noticed(path: Path) -> None:
@@ -276,11 +245,6 @@ def test_an_mcap_file_of_another_program_is_refused(path: Path) -> None:
         writer.finish()
     with pytest.raises(ConfigError, match="not a recording of forcebound"):
         read(path)
-
-
-def test_a_missing_file_is_named(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"nothing\.mcap: No such file"):
-        read(tmp_path / "nothing.mcap")
 
 
 @pytest.mark.parametrize("content", [b"", b"time,position\n0,0.1\n"])

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from forcebound.analysis.measures import NEEDS
+from forcebound.analysis.summary import OF_ONE_LAW
 from forcebound.cli import main
 from forcebound.cli.common import table_of
 from forcebound.config.loader import load
@@ -37,7 +37,7 @@ def test_the_time_of_the_first_law_has_the_figures_of_a_run_that_ends_then(
 ) -> None:
     first, _ = changed.summary["laws"]
     alone = run_virtual(load("stiff_wall", ["law:=none"]), MOMENT_NS * 1e-9).summary
-    for key in NEEDS:
+    for key in OF_ONE_LAW:
         assert first[key] == alone[key], key
     assert first["displayed_stiffness_n_per_m"] is not None
     assert (first["law"], first["samples"]) == ("none", alone["samples"])
@@ -55,7 +55,7 @@ def test_the_time_of_the_second_law_begins_anew(whole: RunResult, changed: RunRe
 
 def test_the_whole_run_has_no_figure_that_mixes_laws(whole: RunResult, changed: RunResult) -> None:
     summary = changed.summary
-    for key in NEEDS:
+    for key in OF_ONE_LAW:
         assert summary[key] is None
         assert "laws" in summary["undefined"][key]
     for key in ("samples", "duration_s", "peak_force_n", "loop_delay_ms", "rejected_packets"):

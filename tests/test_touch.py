@@ -10,11 +10,10 @@ import pytest
 from builders import telemetry_packet
 from numpy.typing import NDArray
 
-from forcebound.analysis.panels import PANELS
 from forcebound.analysis.plots import figure
 from forcebound.analysis.summary import summarize
+from forcebound.analysis.surface import touch_of_run
 from forcebound.analysis.tables import summary_rows
-from forcebound.analysis.touch import touch_of_run
 from forcebound.errors import ConfigError
 from forcebound.nodes.events import PARAMETERS_SET, EventLog
 from forcebound.telemetry import TelemetryColumns
@@ -105,13 +104,6 @@ def test_a_hand_beside_a_sphere_is_in_free_motion_although_behind_the_plane_it_t
     assert touch is not None
     assert touch.depth.max() == pytest.approx(0.001)
     assert touch.depth[-1] <= 0.0
-
-
-def test_a_normal_that_was_cut_to_two_axes_counts_as_a_direction() -> None:
-    columns = run_of(around)
-    slanted = replace(columns, normal=columns.normal * 0.6)
-    assert summary_of(slanted)["peak_penetration_m"] == pytest.approx(0.002)
-    assert summary_of(slanted)["tangential_share"] == pytest.approx(FRICTION)
 
 
 def test_a_tick_without_an_answer_has_the_surface_of_the_newest_one_before() -> None:
@@ -230,18 +222,3 @@ def test_force_over_penetration_is_along_the_normal() -> None:
     depth, force = (np.asarray(data, float) for data in axes.lines[-1].get_data())
     inside = depth > 0.0
     np.testing.assert_allclose(force[inside], depth[inside] * STIFFNESS * 1e-3)
-
-
-@pytest.mark.parametrize("axes", [1, 2, 6])
-def test_every_panel_can_be_drawn_with_any_number_of_axes(axes: int) -> None:
-    packets = [
-        telemetry_packet(
-            tick,
-            position=(0.001 * tick,) * axes,
-            commanded_force=(1.0,) * axes,
-            applied_force=(1.0,) * axes,
-        )
-        for tick in range(50)
-    ]
-    run = ("run", TelemetryColumns.from_packets(packets), SPHERE)
-    figure([run, run], list(PANELS)).draw_without_rendering()

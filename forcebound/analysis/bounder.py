@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from forcebound.analysis.surface import Floats
+from forcebound.analysis.surface import Floats, Mask
 from forcebound.bounding import LAWS
 from forcebound.messages.control import BounderReport
 from forcebound.messages.packets import Event
@@ -29,19 +29,6 @@ FULL_SHARE = 0.95  # of the energy cap
 PUNCTUAL = "a quieter machine, realtime.policy: fifo"
 COSTLY = ("presliding", "gain_error", "lag", "write_delay", "weight_error")  # of a device
 
-# What a summary has of the bounder's report, and has not without one.
-REPORTED = (
-    "hold_limit_ms",
-    "refused_readings",
-    "late_writes",
-    "longest_write_delay_ms",
-    "largest_allowance_j",
-    "allowance_repaid",
-    "energy_cap_j",
-    "number_sources",
-    "little_force",
-)
-
 
 class Cause(NamedTuple):
     """A likely cause of something, and what to do about it."""
@@ -57,68 +44,12 @@ class Cause(NamedTuple):
         return f"{self.advice}: {self.command}" if self.command else self.advice
 
 
-def summarize_bounder(
-    columns: TelemetryColumns, events: Sequence[Event], config: Mapping[str, Any]
-) -> dict[str, Any]:
-    """Return what a run's bounder adds to its summary, ready for JSON.
-
-    Args:
-        columns: Telemetry of the run.
-        events: Of the run.
-        config: The launch file as resolved for the run.
-
-    Returns:
-        By key; None: the run does not say.
-
-        * ``hold_limit_overruns``: holds longer than the hold limit; missing if the run has no
-          report of its bounder, since then :func:`forcebound.analysis.summary.summarize` counts
-        * ``hold_limit_ms``: mean and longest hold limit of the run
-        * ``refused_readings``: readings that could not be
-        * ``late_writes``: forces that took effect later after their reading than the device states;
-          ``longest_write_delay_ms``: the longest such time of the run
-        * ``largest_allowance_j``: the most that late holds can have given the hand;
-          ``allowance_repaid``: whether the ledger has it back
-        * ``energy_cap_j``: most energy that the ledger may keep, if the launch file says so
-        * ``number_sources``: how many of the device's numbers are measured, from a data sheet or
-          assumed, if any is stated
-        * ``little_force``: why the law gave little force: ``cause``, its ``data``, and ``advice``
-    """
-    device = config.get("device") or {}
-    report = bounder_report(events)
-    cap = device.get("energy_cap", "auto")
-    since = columns.slice(columns.time >= 0.0) if (columns.engagement > 0.0).any() else None
-    causes = [] if since is None else causes_of_little_force(since, device, report)
-    return {
-        **({} if report is None else {"hold_limit_overruns": report.overruns}),
-        "hold_limit_ms": {
-            "mean": None if report is None else report.hold_limit * 1e3,
-            "longest": None if report is None else report.longest_hold_limit * 1e3,
-        },
-        "refused_readings": None if report is None else report.refused_readings,
-        "late_writes": None if report is None else report.late_writes,
-        "longest_write_delay_ms": None if report is None else report.longest_write_delay * 1e3,
-        "largest_allowance_j": None if report is None else report.largest_allowance,
-        "allowance_repaid": None if report is None else report.allowance_repaid,
-        "energy_cap_j": None if cap == "auto" else cap,
-        "number_sources": _count_sources(device.get("sources") or {}),
-        "little_force": [
-            {"cause": cause.code, "data": dict(cause.data), "advice": cause.remedy}
-            for cause in causes
-        ],
-    }
-
-
 def bounder_report(events: Sequence[Event]) -> BounderReport | None:
     """Return the last report of the bounder among the events; None: there is none."""
     for event in reversed(events):
         if event.event == BOUNDER_REPORTED:
             return BounderReport.from_texts(event.data)
     return None
-
-
-def _count_sources(sources: Mapping[str, str]) -> dict[str, int]:
-    kinds = sorted(set(sources.values()))
-    return {kind: list(sources.values()).count(kind) for kind in kinds}
 
 
 def saturated(columns: TelemetryColumns, device: Mapping[str, Any]) -> Floats:
@@ -145,17 +76,26 @@ def saturated(columns: TelemetryColumns, device: Mapping[str, Any]) -> Floats:
     return np.asarray(share[:, np.newaxis] * commanded)
 
 
-def is_limited(columns: TelemetryColumns, device: Mapping[str, Any]) -> bool:
-    """Return whether the law makes the force smaller in most ticks that have one."""
-    limited, pushing = limited_ticks(columns, device)
-    return bool(limited.sum() > LIMITED_SHARE * pushing.sum())
+class Limited:
+    """Where a law made the force of a run smaller.
 
+    Attributes:
+        wanted: Size of the commanded force after saturation, in N, shape ``(n,)``.
+        applied: Size of the applied force, in N, likewise.
+        pushing: Which ticks have a force.
+        limited: In which of them the law reduced it.
+    """
 
-def limited_ticks(columns: TelemetryColumns, device: Mapping[str, Any]) -> tuple[Any, Any]:
-    """Return masks of the ticks in which the law reduced the force, and of those with a force."""
-    wanted, applied = magnitudes(columns, device)
-    pushing = wanted > 0.0
-    return (applied < UNBOUNDED * wanted) & pushing, pushing
+    def __init__(self, columns: TelemetryColumns, device: Mapping[str, Any]) -> None:
+        """Compare the forces of a run with section ``device`` of its launch file."""
+        self.wanted: Floats = np.linalg.norm(saturated(columns, device), axis=1)
+        self.applied: Floats = np.linalg.norm(columns.applied_force, axis=1)
+        self.pushing: Mask = self.wanted > 0.0
+        self.limited: Mask = (self.applied < UNBOUNDED * self.wanted) & self.pushing
+
+    def __bool__(self) -> bool:
+        """Whether the law makes the force smaller in most ticks that have one."""
+        return bool(self.limited.sum() > LIMITED_SHARE * self.pushing.sum())
 
 
 def causes_of_little_force(
@@ -168,17 +108,16 @@ def causes_of_little_force(
         device: Section ``device`` of the resolved launch file, in SI numbers.
         report: What the device node reports of its bounder; None: not known.
     """
-    law = device.get("law", "none")
-    if law == "none" or not is_limited(columns, device):
+    law, force = device.get("law", "none"), Limited(columns, device)
+    if law == "none" or not force:
         return []
     causes = [*_of_the_loop(columns, device)]
     if LAWS.is_shipped(law) and LAWS[law].is_certified:
-        causes += [*_of_holds(columns, device, report), *_of_the_ledger(columns, device)]
+        causes += [*_of_holds(columns, device, report), *_of_the_ledger(columns, device, force)]
     else:
         why = f"law {law} limits it and does not say why; law certified would name the causes"
         causes.append(Cause("law_not_certified", why, data={"law": law}))
-    limited, _ = limited_ticks(columns, device)
-    wanted, applied = (one[limited].mean() for one in magnitudes(columns, device))
+    wanted, applied = (one[force.limited].mean() for one in (force.wanted, force.applied))
     if not causes and applied < LITTLE_SHARE * wanted:
         advice = (
             "it is what the device's dissipation allows at this rate: more damping, a higher "
@@ -215,32 +154,29 @@ def _of_holds(
     is_learned = device.get("hold_limit") == "auto"
     if frequent is not None and seconds > 0.0 and report.overruns > frequent * seconds:
         rate = report.overruns / seconds
-        cost = f"{rate:.2g} hold-limit overruns/s cost energy of the ledger"
+        code, advice = "overruns", f"device.hold_limit: auto, or a longer one; {PUNCTUAL}"
         if is_learned:
+            code = "overruns_at_auto"
             advice = (
-                f"{cost}, though device.hold_limit is auto: {PUNCTUAL}; if the device has neither, "
-                "set_hold_limit or a watchdog that reports"
+                f"{PUNCTUAL}; if the device has neither, set_hold_limit or a reporting watchdog"
             )
-            yield Cause("overruns_at_auto", advice, data={"rate": rate})
-        else:
-            advice = f"{cost}: device.hold_limit: auto, or a longer one; {PUNCTUAL}"
-            yield Cause("overruns", advice, data={"rate": rate})
+        cost = f"{rate:.2g} hold-limit overruns/s cost energy of the ledger"
+        yield Cause(code, f"{cost}: {advice}", data={"rate": rate})
     periods = report.hold_limit * device["rate"]
-    if periods > LONG_HOLD and is_learned:
-        advice = f"ticks are late, so a force is planned for {periods:.2g} periods, and the longer "
-        yield Cause("late_ticks", f"{advice}the less: {PUNCTUAL}", data={"periods": periods})
-    elif periods > LONG_HOLD:
-        advice = f"device.hold_limit is {periods:.2g} periods, and the longer the less force: "
-        yield Cause(
-            "long_hold_limit", f"{advice}device.hold_limit: auto", data={"periods": periods}
-        )
+    if periods > LONG_HOLD:
+        code, why, advice = "long_hold_limit", "device.hold_limit is", "device.hold_limit: auto"
+        if is_learned:
+            code, why, advice = "late_ticks", "ticks are late: a force is planned for", PUNCTUAL
+        why = f"{why} {periods:.2g} periods, and the longer the less force"
+        yield Cause(code, f"{why}: {advice}", data={"periods": periods})
 
 
-def _of_the_ledger(columns: TelemetryColumns, device: Mapping[str, Any]) -> Iterator[Cause]:
-    limited, _ = limited_ticks(columns, device)
+def _of_the_ledger(
+    columns: TelemetryColumns, device: Mapping[str, Any], force: Limited
+) -> Iterator[Cause]:
     cap = device.get("energy_cap", "auto")
     if cap != "auto":
-        full = columns.estimated_energy[limited] > FULL_SHARE * cap
+        full = columns.estimated_energy[force.limited] > FULL_SHARE * cap
         if full.mean() > DEAR_SHARE:
             advice = f"the ledger is full at device.energy_cap, {1e3 * cap:.2g} mJ: a larger one,"
             yield Cause("energy_cap", f"{advice} or auto", data={"cap": cap})
@@ -251,30 +187,14 @@ def _of_the_ledger(columns: TelemetryColumns, device: Mapping[str, Any]) -> Iter
         yield Cause("imperfections", advice, data={"names": names})
     if "inertia" in device:
         return  # of joints: telemetry has no torques to judge their encoders by
-    price = float(0.5 * np.max(device["resolution"]) * _path(columns.applied_force))
-    if price > DEAR_SHARE * _needed(columns, device):
+    changes = float(np.abs(np.diff(columns.applied_force, axis=0)).sum())
+    price = float(0.5 * np.max(device["resolution"]) * changes)
+    # Energy that the commanded force needs where it was limited.
+    excess = np.maximum(force.wanted[force.limited] - np.min(device["friction"]), 0.0)
+    needed = np.mean(excess**2) / (4.0 * np.min(device["damping"]) * device["rate"])
+    if price > DEAR_SHARE * needed:
         advice = (
             f"changes of the force cost {1e3 * price:.2g} mJ with these encoder steps "
             "(device.resolution): a finer encoder, or an environment that commands calmly"
         )
         yield Cause("resolution", advice, data={"price": price})
-
-
-def _needed(columns: TelemetryColumns, device: Mapping[str, Any]) -> float:
-    """Energy that the commanded force needs where it was limited, in J."""
-    limited, _ = limited_ticks(columns, device)
-    wanted, _ = magnitudes(columns, device)
-    excess = np.maximum(wanted[limited] - np.min(device["friction"]), 0.0)
-    return float(np.mean(excess**2) / (4.0 * np.min(device["damping"]) * device["rate"]))
-
-
-def _path(force: Floats) -> float:
-    return float(np.abs(np.diff(force, axis=0)).sum())
-
-
-def magnitudes(columns: TelemetryColumns, device: Mapping[str, Any]) -> tuple[Floats, Floats]:
-    """Return the magnitudes of the saturated and of the applied force, in N, shape ``(n,)``."""
-    return (
-        np.linalg.norm(saturated(columns, device), axis=1),
-        np.linalg.norm(columns.applied_force, axis=1),
-    )

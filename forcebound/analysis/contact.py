@@ -1,7 +1,8 @@
 """Measures of a contact: stiffness, rate-hardness, bounces, settling, final speed.
 
-Pure functions of arrays. *In contact* is a sample whose reading lies behind the environment's
-surface. A measure that is not defined for a run is ``None``, never NaN.
+Pure functions of arrays of shape ``(n,)``: time, in s since the force engaged; the applied force
+along the surface's normal, in N; the depth of the reading behind the surface, in m. *In contact* is
+a sample with a depth above zero. A measure that a run does not have is ``None``, never NaN.
 """
 
 from dataclasses import dataclass
@@ -45,14 +46,8 @@ def displayed_stiffness(time: Floats, force: Floats, depth: Floats) -> float | N
 
     over the samples in contact in the :func:`steady_window`.
 
-    Args:
-        time: Time since the force engaged, in s, shape ``(n,)``.
-        force: Applied force along the surface's normal, in N, same shape.
-        depth: Penetration, in m, same shape.
-
-    Returns:
-        Stiffness, in N/m; None without contact in the window. Means little for a hand that
-        oscillates: a shallow sample with a late force weighs as much as a deep one.
+    None without contact in the window. Means little for a hand that oscillates: a shallow sample
+    with a late force weighs as much as a deep one.
 
     Source: the enhanced force bounding paper, 2017, Eq. 33 and section 4.2.
     """
@@ -70,14 +65,7 @@ def rate_hardness(time: Floats, force: Floats, depth: Floats) -> float | None:
     first three samples where the rate is low. The paper does not state its window. A wall whose
     answer comes later than that has a rate-hardness of 0: at first there is nothing to feel.
 
-    Args:
-        time: Time, in s, shape ``(n,)``.
-        force: Applied force along the surface's normal, in N, same shape.
-        depth: Penetration, in m, same shape.
-
-    Returns:
-        Rate-hardness, in N/m; None without a contact of three samples, or if the hand does not
-        move inwards in it.
+    None without a contact of three samples, or if the hand does not move inwards in it.
 
     Source: Lawrence et al., Rate-hardness: a new performance metric for haptic interfaces, IEEE
     Transactions on Robotics and Automation 16(4), 2000; the paper, 2017, Eq. 34.
@@ -100,13 +88,7 @@ def extended_rate_hardness(time: Floats, force: Floats, depth: Floats) -> float 
     answers late, and the jump of a damper at the surface. The window is ours: we
     know the definition of the source by citation only.
 
-    Args:
-        time: Time, in s, shape ``(n,)``.
-        force: Applied force along the surface's normal, in N, same shape.
-        depth: Penetration, in m, same shape.
-
-    Returns:
-        Extended rate-hardness, in N/m; None where :func:`rate_hardness` is.
+    None where :func:`rate_hardness` is.
 
     Source: Han and Choi, Extended rate-hardness: a measure for perceived hardness, EuroHaptics
     2010, LNCS 6191.
@@ -157,12 +139,7 @@ def initial_rate_hardness(force: Floats, depth: Floats) -> float | None:
     bounded yet shows less than its own stiffness by the part of that move that lay before the
     surface, as the 6.05 and 8.02 of 10 N/mm in the paper's table.
 
-    Args:
-        force: Applied force along the surface's normal, in N, shape ``(n,)``.
-        depth: Penetration of the reading, negative before the surface, in m, same shape.
-
-    Returns:
-        Rate-hardness, in N/m; None without a contact that begins in the run.
+    None without a contact that begins in the run.
 
     Source: Lawrence et al. 2000; the paper, 2017, Eq. 34.
     """
@@ -181,12 +158,8 @@ def _slope(time: Floats, values: Floats) -> float:
 def count_bounces(position: Floats, excursion: float = BOUNCE_EXCURSION) -> int:
     """Return the number of contact bounces: turning points of a motion that begins inwards.
 
-    A turning point counts when the position has come back from it by more than ``excursion``, so
-    the steps of an encoder do not count.
-
-    Args:
-        position: Position from the first contact on, in m, shape ``(n,)``.
-        excursion: In m.
+    A turning point counts when the position, in m from the first contact on, has come back from it
+    by more than ``excursion``, so the steps of an encoder do not count.
     """
     bounces = 0
     direction = 1.0
@@ -204,15 +177,10 @@ def count_bounces(position: Floats, excursion: float = BOUNCE_EXCURSION) -> int:
 
 
 def final_speed(time: Floats, true_position: Floats) -> float | None:
-    """Return the RMS speed over the last 0.5 s, in m/s.
+    """Return the RMS speed over the last 0.5 s, in m/s, of true positions, in m, ``(n, axes)``.
 
-    Args:
-        time: Time, in s, shape ``(n,)``.
-        true_position: Unquantised position, in m, shape ``(n, axes)``; NaN where unknown. A
-            reading would not do: one 0.03 mm step in a 1 ms sample is 30 mm/s.
-
-    Returns:
-        Speed, in m/s; None without ground truth or with fewer than two samples.
+    A reading would not do: one 0.03 mm step in a 1 ms sample is 30 mm/s. None without ground truth
+    or with fewer than two samples.
     """
     last = at_end(time)
     if np.count_nonzero(last) < 2:
@@ -236,13 +204,7 @@ def settling(time: Floats, depth: Floats) -> Settling | None:
     The final penetration is the mean over the last 0.5 s; the band is 5 % of it, and at least
     0.1 mm, three steps of a 0.03 mm encoder.
 
-    Args:
-        time: Time, in s, shape ``(n,)``.
-        depth: Penetration of the reading, in m, same shape.
-
-    Returns:
-        Both; None without contact, or if the penetration leaves the band, or the wall, in the last
-        0.5 s.
+    None without contact, or if the penetration leaves the band, or the wall, in the last 0.5 s.
 
     Source: the usual 5 % criterion; Ogata, Modern control engineering, 5th edition, 2010, 5.3.
     """
@@ -263,16 +225,11 @@ def settling(time: Floats, depth: Floats) -> Settling | None:
 
 
 def limit_cycle_amplitude(time: Floats, position: Floats) -> float | None:
-    """Return half of the range of the last 0.5 s, in m: 0 for a hand that has come to rest.
+    """Return half of the range of the position in the last 0.5 s, in m: 0 for a hand at rest.
 
-    Args:
-        time: Time, in s, shape ``(n,)``.
-        position: Along the surface's normal, in m, same shape; true where it is known, since a
-            reading at rest may chatter between two steps.
-
-    Returns:
-        Amplitude, in m; None with fewer than two samples. Of a hand whose target moves, it is the
-        amplitude of that motion.
+    The position is the true one where it is known, since a reading at rest may chatter between two
+    steps. Of a hand whose target moves, this is the amplitude of that motion. None with fewer than
+    two samples.
     """
     last = at_end(time)
     return 0.5 * float(np.ptp(position[last])) if np.count_nonzero(last) > 1 else None

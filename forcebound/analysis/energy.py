@@ -1,7 +1,8 @@
 """Measures of energy: its largest fall, what a contact gave back, the passivity observer.
 
-Pure functions of arrays. The minimum since the start cannot show what a law gives back of energy
-that it saved before; the largest fall can.
+Pure functions of arrays. Energy is what has flowed from the hand into the device, in J; NaN: it is
+unknown. The minimum since the start cannot show what a law gives back of energy that it saved
+before; the largest fall can.
 """
 
 from dataclasses import dataclass
@@ -28,14 +29,7 @@ def largest_fall(time: Floats, energy: Floats) -> Fall | None:
     .. math:: \max_{s \le t} \, E(s) - E(t)
 
     A spring that is released gives back what was put in: this is no leak. It is what the hand has
-    to hold against.
-
-    Args:
-        time: Time, in s, shape ``(n,)``.
-        energy: That has flowed from the hand into the device, in J, same shape; NaN: unknown.
-
-    Returns:
-        The largest fall, the first of several; None without ground truth.
+    to hold against. The first of several; None without ground truth.
     """
     if not energy.size or not np.isfinite(energy).all():
         return None
@@ -59,14 +53,11 @@ def since_contact(
     so it is never too small for a speed that only rises or only falls.
 
     Args:
-        time: Time, in s, shape ``(n,)``.
-        energy: That has flowed from the hand into the device, in J, same shape.
+        time: In s, shape ``(n,)``.
+        energy: In J, same shape.
         position: True position, in m, shape ``(n, axes)``.
         contact: Index of the first sample in contact; ``t_c`` is the sample before.
         mass: Apparent mass of the device, in kg.
-
-    Returns:
-        Energy, in J; None without ground truth.
     """
     if not np.isfinite(energy[contact:]).all():
         return None
@@ -95,13 +86,8 @@ def observe(time: Floats, force: Floats, position: Floats) -> Observed | None:
     the energy that the motor took, from what a device measures: readings and applied forces. Below
     zero, the motor has given energy; the device's own friction and damping may have covered it.
 
-    Args:
-        time: Time, in s, shape ``(n,)``.
-        force: Applied force, in N, shape ``(n, axes)``, held from its sample to the next.
-        position: Reading, in m, same shape.
-
-    Returns:
-        The observer's findings; None with fewer than two samples.
+    Time, in s, has shape ``(n,)``; applied force, in N, and reading, in m, ``(n, axes)``. None with
+    fewer than two samples.
 
     Source: Hannaford and Ryu, Time-domain passivity control of haptic interfaces, IEEE Transactions
     on Robotics and Automation 18(1), 2002, Eq. 6, with the exact work of a held force.

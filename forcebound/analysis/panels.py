@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from forcebound.analysis.colours import AXIS_COLOURS, COMMANDED, ESTIMATED, NEUTRAL, PHYSICAL
 from forcebound.analysis.energy import largest_fall
-from forcebound.analysis.surface import Floats, Surface, surface_of_run
-from forcebound.analysis.touch import Touch, touch_of_run
+from forcebound.analysis.surface import Floats, Touch, touch_of_run
 from forcebound.files import printable
 from forcebound.messages.packets import Event
 from forcebound.telemetry import TelemetryColumns
@@ -33,11 +32,10 @@ AROUND_CONTACT = (-20.0, 150.0)  # ms about the first contact, range of the pane
 AXIS_NAMES = ("x", "y", "z", "axis 4", "axis 5", "axis 6")
 MOST_POINTS = 20_000  # of a curve over time; of more the extremes are drawn, in as many pieces
 PIECES = 5_000  # 8 for each pixel of a PNG
-LARGEST = 1e100  # in a panel's unit; matplotlib cannot scale to what is near the largest float
 
 
 def in_figure(text: str, longest: int = LONGEST_NAME) -> str:
-    """Return a name from outside for a figure, where a dollar sign would begin a formula."""
+    """Return a user's name for a figure, where a dollar sign would begin a formula."""
     return printable(text, longest).replace("$", r"\$")
 
 
@@ -48,8 +46,7 @@ class View:
     time: Floats  # s
     columns: TelemetryColumns
     shown: slice  # samples since the force engaged
-    wall: Surface | None  # a flat one of the launch file, at each sample; None: see the proxy
-    touch: Touch | None  # what was touched, likewise
+    touch: Touch | None  # what was touched, at each sample of the run
 
     @property
     def axes(self) -> int:
@@ -58,34 +55,29 @@ class View:
 
     @property
     def proxy(self) -> Floats:
-        """The shown samples of the proxy, in m, shape ``(n, axes)``; NaN where none is told."""
+        """The shown samples of the proxy, in m, shape ``(n, axes)``; NaN where it is unknown."""
         if self.touch is None or self.touch.proxy is None:
             return np.full_like(self.columns.position[self.shown], np.nan)
         return self.touch.proxy[self.shown]
 
-    def along(self, force: Floats) -> Floats:
+    def size(self, force: Floats) -> Floats:
         """Return the shown samples of a force; of several axes its magnitude, as its limit is."""
         shown = force[self.shown]
         return shown[:, 0] if self.axes == 1 else np.linalg.norm(shown, axis=1)
 
 
 def view_of(run: Run, events: Sequence[Event] = ()) -> View:
-    """Return the samples of a run since the force engaged.
-
-    Args:
-        run: The run.
-        events: Of the run; they say when the surface was moved.
+    """Return the samples of a run since the force engaged; its events may move the surface.
 
     Raises:
         ConfigError: If the launch file describes a surface that does not fit the run.
     """
     _, columns, config = run
-    touch = touch_of_run(columns, events, config)
-    is_told = touch is not None and touch.proxy is not None
-    wall = None if is_told else surface_of_run(columns, events, config)
     start = int(np.searchsorted(columns.time, 0.0)) if (columns.engagement > 0.0).any() else 0
     shown = slice(start, None)
-    return View(since_engaged(columns)[shown], columns, shown, wall, touch)
+    return View(
+        since_engaged(columns)[shown], columns, shown, touch_of_run(columns, events, config)
+    )
 
 
 def since_engaged(columns: TelemetryColumns) -> Floats:
@@ -98,9 +90,8 @@ def since_engaged(columns: TelemetryColumns) -> Floats:
 
 
 def _line(axes: Axes, x: Floats, y: Floats, label: str, **style: Any) -> None:
-    drawn = (np.abs(x) <= LARGEST) & (np.abs(y) <= LARGEST)
-    if drawn.any():  # hardware has no ground truth: neither line nor legend entry
-        axes.plot(x, np.where(drawn, y, np.nan), label=label, **style)
+    if np.isfinite(y).any():  # hardware has no ground truth: neither line nor legend entry
+        axes.plot(x, y, label=label, **style)
 
 
 def _over_time(axes: Axes, view: View, y: Floats, label: str, **style: Any) -> None:
@@ -118,31 +109,23 @@ def extremes(values: Floats) -> NDArray[np.intp]:
     if values.size <= MOST_POINTS:
         return np.arange(values.size)
     width = -(-values.size // PIECES)
-    padding = (0, -values.size % width)
-    pieces = np.pad(values, padding, constant_values=np.nan).reshape(-1, width)
-    is_drawn = np.abs(pieces) <= LARGEST
-    lowest = np.where(is_drawn, pieces, np.inf).argmin(axis=1)
-    highest = np.where(is_drawn, pieces, -np.inf).argmax(axis=1)
+    pieces = np.pad(values, (0, -values.size % width), constant_values=np.nan).reshape(-1, width)
+    lowest = np.where(np.isnan(pieces), np.inf, pieces).argmin(axis=1)
+    highest = np.where(np.isnan(pieces), -np.inf, pieces).argmax(axis=1)
     starts = width * np.arange(len(pieces))
     return np.unique(np.concatenate((starts + lowest, starts + highest)))
 
 
 def _draw_position(axes: Axes, view: View) -> None:
-    columns, shown = view.columns, view.shown
-    if view.wall is not None:
-        wall = np.asarray(view.wall.position)[shown] * 1e3
-        label = "surface" if view.axes == 1 else f"surface, {AXIS_NAMES[view.wall.axis]}"
+    if view.touch is not None and view.touch.wall is not None:
+        wall = view.touch.wall.position[view.shown] * 1e3
+        label = "surface" if view.axes == 1 else f"surface, {AXIS_NAMES[view.touch.wall.axis]}"
         style: dict[str, Any] = {"color": NEUTRAL, "linestyle": "--", "linewidth": 1.0}
-        if np.unique(wall).size == 1 and abs(wall[0]) <= LARGEST:
-            axes.axhline(float(wall[0]), label=label, **style)
-        else:
-            _over_time(axes, view, wall, label, drawstyle="steps-post", **style)
-    true_position, position = (
-        one[shown] * 1e3 for one in (columns.true_position, columns.position)
-    )
+        _over_time(axes, view, wall, label, drawstyle="steps-post", **style)
+    position = view.columns.position[view.shown] * 1e3
     if view.axes == 1:
-        true = {"color": PHYSICAL, "linewidth": 2.2, "alpha": 0.45}
-        _over_time(axes, view, true_position[:, 0], "true", **true)
+        true = view.columns.true_position[view.shown, 0] * 1e3
+        _over_time(axes, view, true, "true", color=PHYSICAL, linewidth=2.2, alpha=0.45)
         _over_time(axes, view, view.proxy[:, 0] * 1e3, "proxy", color=NEUTRAL, linewidth=1.4)
         _over_time(axes, view, position[:, 0], "reading", color="black", linewidth=0.6)
         return
@@ -154,31 +137,31 @@ def _draw_position(axes: Axes, view: View) -> None:
 
 
 def _draw_force(axes: Axes, view: View) -> None:
-    columns = view.columns
-    limit = np.clip(columns.force_limit[view.shown], 0.0, LARGEST)
-    label = "limit force" if view.axes == 1 else "limit of the\nwhole vector"
-    chosen = extremes(limit)
-    band = limit[chosen]
-    axes.fill_between(
-        view.time[chosen], -band, band, label=label, color=NEUTRAL, alpha=0.25, linewidth=0.0
+    commanded, applied = (
+        view.size(one) for one in (view.columns.commanded_force, view.columns.applied_force)
     )
-    commanded = view.along(columns.commanded_force)
     _over_time(axes, view, commanded, "commanded", color=COMMANDED, linewidth=0.8)
-    applied = view.along(columns.applied_force)
     _over_time(axes, view, applied, "applied", color=PHYSICAL, linewidth=1.1)
+    scale = axes.get_ylim()  # that of the forces: the limit may be far beyond
+    limit = view.columns.force_limit[view.shown]
+    chosen = extremes(limit)
+    label = "limit force" if view.axes == 1 else "limit of the\nwhole vector"
+    style: dict[str, Any] = {"color": NEUTRAL, "alpha": 0.25, "linewidth": 0.0}
+    axes.fill_between(view.time[chosen], -limit[chosen], limit[chosen], label=label, **style)
+    axes.set_ylim(scale)
 
 
 def _draw_energy(axes: Axes, view: View) -> None:
     axes.axhline(0.0, color=NEUTRAL, linewidth=0.8)
-    estimated = view.columns.estimated_energy[view.shown] * 1e3
+    estimated, true = (
+        one[view.shown] * 1e3 for one in (view.columns.estimated_energy, view.columns.true_energy)
+    )
     _over_time(axes, view, estimated, "estimated", color=ESTIMATED, linewidth=1.0)
-    true = view.columns.true_energy[view.shown] * 1e3
     _over_time(axes, view, true, "true", color=PHYSICAL, linewidth=1.4)
     fall = largest_fall(view.time, true)
     if fall is not None:
         text = f"minimum {true.min() + 0.0:.2f} mJ, largest fall {fall.energy:.2f} mJ"
-        # pad: above the triangle of a fault
-        axes.set_title(text, fontsize=7, color=NEUTRAL, loc="right", pad=5.0)
+        axes.set_title(text, fontsize=7, color=NEUTRAL, loc="right", pad=5.0)  # pad: above faults
 
 
 def _draw_delay(axes: Axes, view: View) -> None:
@@ -195,17 +178,12 @@ def _draw_force_over_penetration(axes: Axes, view: View) -> None:
     depth = view.touch.depth[view.shown] * 1e3
     slopes = _slopes(view, depth)
     for slope in slopes:
-        axes.axline(
-            (0.0, 0.0),
-            slope=slope,
-            label="wall" if len(slopes) == 1 else f"wall, {slope:.3g} N/mm",
-            color=COMMANDED,
-            linestyle="--",
-            linewidth=1.0,
-        )
+        label = "wall" if len(slopes) == 1 else f"wall, {slope:.3g} N/mm"
+        style: dict[str, Any] = {"color": COMMANDED, "linestyle": "--", "linewidth": 1.0}
+        axes.axline((0.0, 0.0), slope=slope, label=label, **style)
     applied = view.touch.along(view.columns.applied_force)[view.shown]
     _line(axes, depth, applied, "applied", color=PHYSICAL, linewidth=0.8)
-    deepest = float(depth.max(initial=0.0, where=depth <= LARGEST))
+    deepest = float(depth.max(initial=0.0))
     if deepest > 0.0:  # without the long way to the surface, on which no force acts
         axes.set_xlim(-0.2 * deepest, 1.05 * deepest)
 
@@ -214,25 +192,23 @@ def _slopes(view: View, depth: Floats) -> list[float]:
     """Return the stiffnesses of the wall in contact, in N/mm: all, or the least and the largest."""
     if view.touch is None or view.touch.stiffness is None:
         return []
-    stiffness = np.asarray(view.touch.stiffness)[view.shown]
+    stiffness = view.touch.stiffness[view.shown] * 1e-3
     seen = np.unique(stiffness[depth > 0.0] if (depth > 0.0).any() else stiffness[:1])
-    seen = seen[np.abs(seen) <= LARGEST] * 1e-3
+    seen = seen[np.isfinite(seen)]
     return seen.tolist() if seen.size <= MOST_SLOPES else [float(seen[0]), float(seen[-1])]
 
 
 def _draw_contact(axes: Axes, view: View) -> None:
-    columns, shown = view.columns, view.shown
-    if view.touch is None:
-        return
-    contact = view.touch.depth[shown] > 0.0
-    if not contact.any():
+    if view.touch is None or not (contact := view.touch.depth[view.shown] > 0.0).any():
         return
     since = (view.time - view.time[int(np.argmax(contact))]) * 1e3
     seen = (since >= AROUND_CONTACT[0]) & (since <= AROUND_CONTACT[1])
-    commanded = view.touch.along(columns.commanded_force)[shown]
-    _line(axes, since[seen], commanded[seen], "commanded", color=COMMANDED, linewidth=0.8)
-    applied = view.touch.along(columns.applied_force)[shown]
-    _line(axes, since[seen], applied[seen], "applied", color=PHYSICAL, linewidth=1.1)
+    commanded, applied = (
+        view.touch.along(one)[view.shown][seen]
+        for one in (view.columns.commanded_force, view.columns.applied_force)
+    )
+    _line(axes, since[seen], commanded, "commanded", color=COMMANDED, linewidth=0.8)
+    _line(axes, since[seen], applied, "applied", color=PHYSICAL, linewidth=1.1)
     axes.set_xlim(*AROUND_CONTACT)
 
 
@@ -244,8 +220,7 @@ def _draw_path(axes: Axes, view: View, up: int) -> None:
     tip, proxy = (one[:, (0, up)] * 1e3 for one in (position, view.proxy))
     _line(axes, proxy[:, 0], proxy[:, 1], "proxy", color=COMMANDED, linewidth=2.2, alpha=0.6)
     _line(axes, tip[:, 0], tip[:, 1], "tip", color=PHYSICAL, linewidth=0.8)
-    if (np.abs(tip[:1]) <= LARGEST).all():
-        axes.plot(*tip[:1].T, "o", label="start", color=NEUTRAL, markersize=4.0)
+    axes.plot(*tip[:1].T, "o", label="start", color=NEUTRAL, markersize=4.0)
     axes.set_aspect("equal", adjustable="datalim")
 
 
@@ -258,14 +233,10 @@ class Panel:
     x_label: str = "time since the force engaged (s)"
     shows: str = ""  # what of a run of several axes
 
-    @property
-    def is_path(self) -> bool:
-        """Whether both its axes are positions, in a scale of its own."""
-        return self.x_label == _X
-
 
 _X = "x (mm)"
 _NORMAL = "along the normal"
+_DEPTH = "penetration (mm)"
 
 PANELS: dict[str, Panel] = {
     "position": Panel(_draw_position, "position (mm)"),
@@ -273,9 +244,7 @@ PANELS: dict[str, Panel] = {
     "contact": Panel(_draw_contact, "force (N)", "time since first contact (ms)", shows=_NORMAL),
     "energy": Panel(_draw_energy, "energy (mJ)"),
     "loop_delay": Panel(_draw_delay, "loop delay (ms)"),
-    "force_over_penetration": Panel(
-        _draw_force_over_penetration, "force (N)", "penetration (mm)", shows=_NORMAL
-    ),
+    "force_over_penetration": Panel(_draw_force_over_penetration, "force (N)", _DEPTH, _NORMAL),
     "path_xy": Panel(partial(_draw_path, up=1), "y (mm)", _X),
     "path_xz": Panel(partial(_draw_path, up=2), "z (mm)", _X),
 }

@@ -32,9 +32,6 @@ def vibration_threshold(frequency: Floats) -> Floats:
     Neurophysiology 81, 1999), so vibration 20 dB below this is not felt by anybody, and vibration
     above it by everybody.
 
-    Args:
-        frequency: In Hz, > 0.
-
     Source: Verrillo, Effect of contactor area on the vibrotactile threshold, Journal of the
     Acoustical Society of America 35, 1963, contactor of 2.9 cm2.
     """
@@ -44,15 +41,10 @@ def vibration_threshold(frequency: Floats) -> Floats:
 
 
 def differences(reference: Mapping[str, Any], other: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Return by how much a run differs from another, and whether a hand feels it.
+    """Return by how much a run differs from the reference, and whether a hand feels it.
 
-    Args:
-        reference: Summary of the run that is compared with.
-        other: Summary of a run.
-
-    Returns:
-        For each figure of :data:`WEBER_FRACTIONS` that both runs have: ``figure``, ``difference``
-        (a fraction of the reference), ``weber_fraction``, ``is_perceptible``, ``source``.
+    For each figure of :data:`WEBER_FRACTIONS` that both summaries have: ``figure``, ``difference``
+    (a fraction of the reference), ``weber_fraction``, ``is_perceptible``, ``source``.
     """
     found = []
     for figure, (fraction, source) in WEBER_FRACTIONS.items():

@@ -16,8 +16,7 @@ import numpy as np
 
 from forcebound.analysis.colours import NEUTRAL, NOT_PASSIVE, PHASE
 from forcebound.analysis.panels import PANELS, Panel, Run, in_figure, since_engaged, view_of
-from forcebound.analysis.summary import law
-from forcebound.analysis.surface import Floats
+from forcebound.analysis.samples import law
 from forcebound.errors import ConfigError
 from forcebound.files import check_writable
 from forcebound.messages.packets import Event
@@ -31,16 +30,7 @@ DEFAULT_PANELS = ("position", "force", "energy", "loop_delay")
 PATH_PANELS = ("path_xy", "path_xz")  # of runs of two axes the first, of more both
 
 CHANGES = (PARAMETERS_SET, LAW_CHANGED, "environment_serves")  # events that are drawn as faults are
-MARKS = (
-    (":", "v"),
-    ("--", "o"),
-    ("-.", "s"),
-    ((0, (1, 4)), "D"),
-    ((0, (6, 3, 1, 3, 1, 3)), "^"),
-    ((0, (8, 2)), "X"),
-    ((0, (3, 1, 1, 1)), "*"),
-    ("-", "P"),
-)  # line and marker at its top, by kind of event; the last is for all further kinds
+MARKS = ((":", "v"), ("--", "o"), ("-.", "s"), ("-", "P"))  # line and top by kind; last: further
 MOST_MARKS = 200  # lines of events, and phases, that a figure has; more would hide the curves
 
 SHARED_RATIO = 10.0  # of the spans of two runs: above, one scale would flatten the calmer run
@@ -66,52 +56,50 @@ def figure(
         events: Events of each run: faults and changes are drawn as vertical lines, phases as bands.
 
     Raises:
-        ConfigError: If a panel is unknown, or a launch file does not fit its run.
-        ValueError: If there are no runs or no panels.
+        ConfigError: If a launch file does not fit its run.
     """
     from matplotlib.figure import Figure
 
     if panels is None:
-        axes = max((columns.position.shape[1] for _, columns, _ in runs), default=1)
+        axes = max(columns.position.shape[1] for _, columns, _ in runs)
         panels = (*DEFAULT_PANELS, *PATH_PANELS[: axes - 1])
-    if not runs or not panels:
-        raise ValueError("a figure needs at least one run and one panel")
-    for name in panels:
-        if name not in PANELS:
-            raise ConfigError(f"no panel {name!r}; there are {', '.join(PANELS)}")
     size = (1.6 + 4.4 * len(runs), 0.9 + 1.75 * len(panels))
     drawing = Figure(figsize=size, dpi=150, layout="constrained")
     grid = drawing.subplots(len(panels), len(runs), squeeze=False)
-    with np.errstate(all="ignore"):  # of what is no motion, such as a position of 1e308 m
-        _draw(grid, runs, panels, events)
+    rows = [PANELS[name] for name in panels]
+    for column, run, marked in zip(grid.T, runs, events or [()] * len(runs), strict=True):
+        _draw_column(list(column), run, rows, marked)
+    for name, row_axes in zip(panels, grid, strict=True):
+        _arrange_row(name, list(row_axes))
     drawing.align_ylabels(list(grid[:, 0]))
     return drawing
 
 
-def _draw(
-    grid: Any, runs: Sequence[Run], panels: Sequence[str], events: Sequence[Sequence[Event]]
-) -> None:
-    """Draw the panels into their axes, a column for each run."""
-    for column, run in enumerate(runs):
-        view = view_of(run, events[column] if column < len(events) else ())
-        grid[0, column].set_title(_title(run), fontsize=11)
-        for row, name in enumerate(panels):
-            PANELS[name].draw(grid[row, column], view)
-            if PANELS[name].shows and view.axes > 1:
-                _note(grid[row, column], PANELS[name].shows.format(view=view), left=True)
-            if column < len(events) and PANELS[name].x_label == Panel.x_label:
-                _mark(grid[row, column], run, events[column], names=row == 0)
-    for name, row_axes in zip(panels, grid, strict=True):
-        _arrange_row(name, list(row_axes))
-    for column_axes in grid.T:
-        _share_time(panels, list(column_axes))
+def _draw_column(column: list[Axes], run: Run, rows: list[Panel], events: Sequence[Event]) -> None:
+    """Draw the panels of a run; panels over time that stand together share numbers and label."""
+    view = view_of(run, events)
+    column[0].set_title(_title(run), fontsize=11)
+    labels = [panel.x_label for panel in rows]
+    first = None
+    for axes, panel, below in zip(column, rows, [*labels[1:], None], strict=True):
+        panel.draw(axes, view)
+        if panel.shows and view.axes > 1:
+            _note(axes, panel.shows.format(view=view), left=True)
+        if panel.x_label == Panel.x_label:
+            if run[1].time.size:
+                _mark(axes, run, events, names=axes is column[0])
+            first = first or axes
+            if axes is not first:
+                axes.sharex(first)
+        if panel.x_label == below == Panel.x_label:
+            axes.tick_params(labelbottom=False)
+        else:
+            axes.set_xlabel(panel.x_label, fontsize=9)
 
 
 def _mark(axes: Axes, run: Run, events: Sequence[Event], *, names: bool) -> None:
     """Draw events: vertical lines for faults and changes, bands for phases."""
     columns = run[1]
-    if not columns.time.size:
-        return
     first, end = since_engaged(columns)[[0, -1]].tolist()
     zero_ns = int(columns.time_ns[0]) - round(first * 1e9)
     begins = [event for event in events if event.event == PHASE_BEGINS][:MOST_MARKS]
@@ -120,25 +108,16 @@ def _mark(axes: Axes, run: Run, events: Sequence[Event], *, names: bool) -> None
     marked = [event for event in marked if event.time_ns >= zero_ns]
     kinds = list(dict.fromkeys(event.event for event in marked))
     for event in marked[:MOST_MARKS]:
-        number = min(kinds.index(event.event), len(MARKS) - 1)
-        line, marker = MARKS[number]
-        is_rest = number == len(MARKS) - 1 and len(kinds) > len(MARKS)
+        number = kinds.index(event.event)
+        is_rest = number >= len(MARKS) - 1 and len(kinds) > len(MARKS)
+        line, top = MARKS[min(number, len(MARKS) - 1)]
         name = "other events" if is_rest else in_figure(event.event.replace("_", " "))
-        axes.axvline(
-            (event.time_ns - zero_ns) * 1e-9,
-            color=NOT_PASSIVE if event.is_fault else NEUTRAL,
-            linestyle=line,
-            linewidth=0.8,
-            marker=marker,
-            markersize=3.5,
-            markevery=[1],  # at its top
-            clip_on=False,
-            label=name if names else None,
-        )
-    if names and len(marked) > MOST_MARKS:
-        _note(axes, f"{MOST_MARKS} of {len(marked)} events")
-    starts = [(event.time_ns - zero_ns) * 1e-9 for event in begins]
-    bounds = [*starts, end]
+        colour = NOT_PASSIVE if event.is_fault else NEUTRAL
+        style: dict[str, Any] = {"marker": top, "markersize": 3.5, "markevery": [1]}  # at its top
+        style |= {"color": colour, "linestyle": line, "linewidth": 0.8, "clip_on": False}
+        at = (event.time_ns - zero_ns) * 1e-9
+        axes.axvline(at, label=name if names else None, **style)
+    bounds = [*((event.time_ns - zero_ns) * 1e-9 for event in begins), end]
     for start, stop in list(pairwise(bounds))[1::2]:
         axes.axvspan(start, stop, color=PHASE, alpha=0.10, linewidth=0.0, zorder=0)
     if names and begins:
@@ -151,12 +130,10 @@ def _mark(axes: Axes, run: Run, events: Sequence[Event], *, names: bool) -> None
 
 
 def _title(run: Run) -> str:
-    label, _, config = run
-    label, name = in_figure(label), law(config)
-    name = None if name is None else in_figure(name)
+    label, name = in_figure(run[0]), law(run[2])
     if label == name:
         return f"law: {name}"
-    return label if name is None or name in label.split() else f"{label} (law: {name})"
+    return label if name is None or name in label.split() else f"{label} (law: {in_figure(name)})"
 
 
 def _arrange_row(name: str, row: list[Axes]) -> None:
@@ -170,48 +147,23 @@ def _arrange_row(name: str, row: list[Axes]) -> None:
         _scale_energy(row)
     elif name == "loop_delay":
         _scale_delay(row)
-    elif not PANELS[name].is_path:  # a path has one scale for both of its axes
-        if name == "force":
-            _leave_out_unused_sign(row)
-        _share_scale_or_note(row)
+    elif name not in PATH_PANELS:  # a path has one scale for both of its axes
+        limits = np.array([axes.get_ylim() for axes in row])
+        spans = limits[:, 1] - limits[:, 0]
+        if spans.max() <= SHARED_RATIO * spans.min():
+            _share(row, limits[:, 0].min(), limits[:, 1].max())
+        else:
+            for axes in row:
+                _note(axes, "own scale")
     handles: dict[str, Any] = {}
     for axes in row:  # a run may lack a line that another has
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
             handles.setdefault(label, handle)
     if handles:
+        style: dict[str, Any] = {"frameon": False, "fontsize": 8, "handlelength": 1.4}
         row[-1].legend(
-            handles.values(),
-            handles.keys(),
-            loc="center left",
-            bbox_to_anchor=(1.01, 0.5),
-            frameon=False,
-            fontsize=8,
-            handlelength=1.4,
+            handles.values(), handles, loc="center left", bbox_to_anchor=(1.01, 0.5), **style
         )
-
-
-def _share_scale_or_note(row: list[Axes]) -> None:
-    limits = np.array([axes.get_ylim() for axes in row])
-    spans = limits[:, 1] - limits[:, 0]
-    if spans.max() <= SHARED_RATIO * spans.min():
-        for axes in row:
-            axes.set_ylim(limits[:, 0].min(), limits[:, 1].max())
-        _label_outer(row)
-    else:
-        for axes in row:
-            _note(axes, "own scale")
-
-
-def _leave_out_unused_sign(row: list[Axes]) -> None:
-    """Cut off the sign of force that no curve has: a wall only pushes."""
-    forces = [_finite(np.asarray(line.get_ydata())) for axes in row for line in axes.lines]
-    known = [values for values in forces if values.size]
-    for axes in row:
-        low, high = axes.get_ylim()
-        if known and min(values.min() for values in known) >= 0.0:
-            axes.set_ylim(-0.05 * high, high)
-        elif known and max(values.max() for values in known) <= 0.0:
-            axes.set_ylim(low, -0.05 * low)
 
 
 def _scale_energy(row: list[Axes]) -> None:
@@ -220,6 +172,8 @@ def _scale_energy(row: list[Axes]) -> None:
     highs = [max(axes.dataLim.y1, 0.0) for axes in row]
     sizes = [size for low, high in zip(lows, highs, strict=True) if (size := max(-low, high)) > 0.0]
     low, high = min(lows), max(highs)
+    margin = 0.08 * (high - low) or 1.0
+    bottom, top = low - margin, high + margin
     if sizes and max(sizes) > SHARED_RATIO * min(sizes):
         linear = 10.0 ** np.round(np.log10(min(sizes)))
         for axes in row:
@@ -228,41 +182,31 @@ def _scale_energy(row: list[Axes]) -> None:
         # An entry of the legend without a line: in the panel it would lie over the curves.
         row[-1].plot([], [], " ", label=f"log beyond\n±{linear:g} mJ")
         bottom, top = min(2.0 * low, -0.3 * linear), max(2.0 * high, 0.3 * linear)
-    else:
-        margin = 0.08 * (high - low) or 1.0
-        bottom, top = low - margin, high + margin
+    style: dict[str, Any] = {"color": NOT_PASSIVE, "alpha": 0.12, "linewidth": 0.0, "zorder": 0}
     for axes in row:
-        axes.axhspan(
-            bottom, 0.0, label="not passive", color=NOT_PASSIVE, alpha=0.12, linewidth=0.0, zorder=0
-        )
-        axes.set_ylim(bottom, top)
-    _label_outer(row)
+        axes.axhspan(bottom, 0.0, label="not passive", **style)
+    _share(row, bottom, top)
 
 
 def _scale_delay(row: list[Axes]) -> None:
-    delays = [_finite(np.asarray(axes.lines[0].get_ydata())) for axes in row if axes.lines]
-    known = [values for values in delays if values.size]
-    if not known:
-        for axes in row:
-            axes.set_ylim(0.0, 1.0)
-            _note(axes, "no replies")
-        return
-    top = max(
-        min(float(values.max()), DELAY_CLIP * float(np.percentile(values, 99.0)))
-        for values in known
-    )
-    for axes in row:
-        axes.set_ylim(0.0, 1.15 * top or 1.0)
-        values = _finite(np.asarray(axes.lines[0].get_ydata())) if axes.lines else np.empty(0)
+    delays = [np.asarray(axes.lines[0].get_ydata()) if axes.lines else np.empty(0) for axes in row]
+    known = [values[np.isfinite(values)] for values in delays]
+    tops = [min(v.max(), DELAY_CLIP * np.percentile(v, 99.0)) for v in known if v.size]
+    top = 1.15 * float(max(tops, default=0.0)) or 1.0
+    for axes, values in zip(row, known, strict=True):
         if not values.size:
             _note(axes, "no replies")
-        elif values.max() > 1.15 * top:
+        elif values.max() > top:
             _note(axes, f"longest: {values.max():.3g} ms")
-    _label_outer(row)
+    _share(row, 0.0, top)
 
 
-def _finite(values: Floats) -> Floats:
-    return values[np.isfinite(values)]
+def _share(row: list[Axes], bottom: float, top: float) -> None:
+    """Give a row one scale, and leave its numbers to the first column."""
+    for axes in row:
+        axes.set_ylim(bottom, top)
+    for axes in row[1:]:
+        axes.tick_params(labelleft=False)
 
 
 def _note(axes: Axes, text: str, *, left: bool = False) -> None:
@@ -270,25 +214,6 @@ def _note(axes: Axes, text: str, *, left: bool = False) -> None:
     words = axes.text(x, 0.95, text, transform=axes.transAxes, ha=side, va="top", fontsize=8)
     words.set_color(NEUTRAL)
     words.set_bbox({"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.0})
-
-
-def _label_outer(row: list[Axes]) -> None:
-    """Leave the numbers of a shared scale to the first column."""
-    for axes in row[1:]:
-        axes.tick_params(labelleft=False)
-
-
-def _share_time(panels: Sequence[str], column: list[Axes]) -> None:
-    """Leave numbers and label of the time axis to the last of the panels that stand together."""
-    labels = [PANELS[name].x_label for name in panels]
-    for axes, label, below in zip(column, labels, [*labels[1:], None], strict=True):
-        if label == below == Panel.x_label:
-            axes.tick_params(labelbottom=False)
-        else:
-            axes.set_xlabel(label, fontsize=9)
-    over_time = [a for a, label in zip(column, labels, strict=True) if label == Panel.x_label]
-    for axes in over_time[1:]:
-        axes.sharex(over_time[0])
 
 
 def check_picture(path: Path) -> None:

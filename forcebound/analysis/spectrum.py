@@ -47,16 +47,8 @@ class Vibration:
 def vibration(error: Floats, rate: float, mass: float | None) -> Vibration | None:
     """Return the spectrum of a force error from 20 to 500 Hz against the vibration threshold.
 
-    The error moves the device's mass: a band of ``F`` N moves the handle by ``F / (m w^2)``, at
-    most; a hand adds mass to it.
-
-    Args:
-        error: Force error without gaps, in N, shape ``(n,)``.
-        rate: Sampling rate, in Hz.
-        mass: Apparent mass of the device, in kg; None: unknown.
-
-    Returns:
-        The vibration; None for less than 0.5 s.
+    The error, in N, without gaps, moves the device's mass, in kg: a band of ``F`` N moves the
+    handle by ``F / (m w^2)``, at most; a hand adds mass to it. None for less than 0.5 s.
     """
     spectra = _cross_spectra(error, error, rate, SEGMENT)
     centres = bands(*VIBRATION, rate)
@@ -93,13 +85,8 @@ def displayed_impedance(force: Floats, position: Floats, rate: float) -> Impedan
     A run must move the hand at many frequencies while it stays in contact: launch file
     ``impedance``. Bands with less than 1 um RMS of motion or a coherence below 0.9 are left out.
 
-    Args:
-        force: Applied force without gaps, all in contact, in N, shape ``(n,)``.
-        position: Position along the same axis, in m, same shape.
-        rate: Sampling rate, in Hz.
-
-    Returns:
-        The impedance; None if no band is excited, or for less than 4 s.
+    Applied force, in N, and position along the same axis, in m, have no gaps and are in contact.
+    None if no band is excited, or for less than 4 s.
 
     Source: effective impedances as in Mehling, Colgate and Peshkin, Increasing the impedance range
     of a haptic display by adding electrical damping, World Haptics 2005, and Colonnese and Okamura,
@@ -126,13 +113,8 @@ def displayed_impedance(force: Floats, position: Floats, rate: float) -> Impedan
 def transparency_bandwidth(impedance: Impedance, stiffness: float) -> float:
     """Return the frequency up to which an elastic wall is displayed to 3 dB and 45 degrees, in Hz.
 
-    Args:
-        impedance: Displayed impedance.
-        stiffness: Of the wall, in N/m, > 0.
-
-    Returns:
-        The last band up to which no band differs by more, in Hz; 0 if the lowest does. The highest
-        excited band is the most that a run can show.
+    It is the last band up to which no band differs by more from the stiffness of the wall, in N/m;
+    0 if the lowest does. The highest excited band is the most that a run can show.
 
     Source: bandwidth of the ratio of displayed and wanted impedance, as Lawrence, Stability and
     transparency in bilateral teleoperation, IEEE Transactions on Robotics and Automation 9(5),

@@ -1,4 +1,15 @@
-"""Flat surface that a launch file describes, and how deep the readings lie behind it."""
+r"""What a run touched: how deep the tip lay behind the surface, and along which normal.
+
+An environment that knows where it is touched says so with each answer: the proxy :math:`p`, where
+the tip would be if it could enter nothing, and the outward unit normal :math:`n` there. With the
+position x that was asked about, depth and force along the normal are
+
+.. math:: d = (p - x) \cdot n , \qquad F_n = -F \cdot n ,
+
+also of a surface that is curved, is moved, or changes. For an environment that does not say it, the
+launch file may describe a flat wall across an axis. Behind the controller ``scaled`` both are taken
+to where the hand feels them.
+"""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -28,29 +39,107 @@ class Scale(NamedTuple):
         """Return where a hand feels a place of the environment, in m."""
         return (place - self.origin) / self.motion
 
-    def stiffness(self, stiffness: Floats | None) -> Floats | None:
-        """Return how stiff a stiffness of the environment feels, in N/m."""
-        return None if stiffness is None else self.motion * self.force * stiffness
+
+class Wall(NamedTuple):
+    """Flat surface across an axis, which the launch file describes, at each sample."""
+
+    axis: int
+    position: Floats  # m, (n,)
 
 
 @dataclass(frozen=True)
-class Surface:
-    """Flat surface of the environment of a run, or of each of its samples.
+class Touch:
+    """The surface that a run touched, at each of its samples."""
 
-    ``param set`` and phases move it and change it while the run goes on: then position and
-    stiffness have shape ``(n,)``; see :func:`surface_of_run`.
+    depth: Floats  # m, (n,), of the reading along the normal; outside: < 0, or 0 if unknown
+    true_depth: Floats  # m, (n,), the same of the true position; NaN where that is unknown
+    normal: Floats  # (n, axes), outward
+    stiffness: Floats | None  # N/m, (n,); None where force is not this times depth
+    proxy: Floats | None = None  # m, (n, axes), NaN in free motion; None: a wall
+    wall: Wall | None = None  # None: the environment said the proxy
+
+    @property
+    def constant_stiffness(self) -> float | None:
+        """The stiffness, in N/m, if it is the same at each sample."""
+        known = np.unique([] if self.stiffness is None else self.stiffness)
+        return float(known[0]) if known.size == 1 and np.isfinite(known[0]) else None
+
+    def along(self, force: Floats) -> Floats:
+        """Return the part of a force, (n, axes), against the normal, in N: how much it pushes."""
+        return -_dot(force, self.normal)
+
+    def across(self, force: Floats) -> Floats:
+        """Return the size of the part of a force, (n, axes), across the normal, in N."""
+        along = _dot(force, self.normal)[:, np.newaxis] * self.normal
+        return np.asarray(np.linalg.norm(force - along, axis=1))
+
+
+def touch_of_run(
+    columns: TelemetryColumns, events: Sequence[Event], config: Mapping[str, Any]
+) -> Touch | None:
+    """Return what a run touched where the hand is; None if that is not known.
+
+    Args:
+        columns: Telemetry of the run, with the contacts that its environment said.
+        events: Of the run: what begins a phase, and what has changed a parameter.
+        config: The launch file as resolved for the run; reads ``controller``, ``environment`` and
+            ``phases``.
+
+    Raises:
+        ConfigError: If the launch file describes a surface that does not fit the run.
     """
+    scale = scale_of(config)
+    if scale is None:
+        return None
+    is_said = bool(np.isfinite(columns.proxy).all(axis=1).any())
+    wall = None if is_said else _wall_of_run(columns, events, config, scale)
+    if not is_said and wall is None:
+        return None
+    stiffness = stiffness_of_run(columns, events, config)
+    if stiffness is not None:
+        stiffness = scale.motion * scale.force * stiffness
+    if wall is None:
+        return _touch_of_contacts(columns, scale, stiffness)
+    normal = np.zeros(columns.position.shape)
+    normal[:, wall.axis] = -1.0
+    depth, true_depth = (
+        one[:, wall.axis] - wall.position for one in (columns.position, columns.true_position)
+    )
+    return Touch(depth, true_depth, normal, stiffness, wall=wall)
 
-    position: float | Floats  # m
-    axis: int
-    stiffness: float | Floats | None  # N/m; None where force is not this times depth
+
+def _touch_of_contacts(columns: TelemetryColumns, scale: Scale, stiffness: Floats | None) -> Touch:
+    """What the environment said of each tick, or of the newest one before it that it answered.
+
+    In free motion the surface is the plane that was touched last, or will be touched first: a hand
+    that leaves it has a negative depth there, so that a bounce can be seen.
+    """
+    proxy = scale.place(columns.proxy[_last(columns.is_told, 0)])
+    touching: Mask = np.asarray(np.isfinite(proxy).all(axis=1))
+    plane = _last(touching, int(np.argmax(touching)))
+    normal = columns.normal[_last(columns.is_told, 0)][plane]
+    length = np.linalg.norm(normal, axis=1, keepdims=True)  # shorter than 1 in fewer than 3 axes
+    normal = normal / np.where(length > 0.0, length, 1.0)
+    deepest = np.where(touching, np.inf, 0.0)  # a tip that touches nothing is not behind a surface
+    depth, true_depth = (
+        np.minimum(_dot(proxy[plane] - one, normal), deepest)
+        for one in (columns.position, columns.true_position)
+    )
+    return Touch(depth, true_depth, normal, stiffness, proxy)
+
+
+def _last(mask: Mask, before: int) -> NDArray[np.intp]:
+    """Return for each sample the last one up to it that is in the mask; ``before`` if none is."""
+    last = np.maximum.accumulate(np.where(mask, np.arange(mask.size), -1))
+    return np.where(last < 0, before, last)
+
+
+def _dot(one: Floats, other: Floats) -> Floats:
+    return np.asarray(np.einsum("ij,ij->i", one, other))
 
 
 def scale_of(config: Mapping[str, Any]) -> Scale | None:
     """Return the scale of a run; None if it moves: with a clutch, or rate control at a border.
-
-    Args:
-        config: The launch file as resolved for the run; reads ``controller``.
 
     Raises:
         ConfigError: If it is not in plain SI numbers.
@@ -67,55 +156,37 @@ def scale_of(config: Mapping[str, Any]) -> Scale | None:
     return scale
 
 
-def surface(config: Mapping[str, Any]) -> Surface | None:
-    """Return the flat surface that the launch file describes; None for another environment.
-
-    In a user's own environment (``kind: my_file.py``) a parameter of these names may mean
-    something else, such as a centre: a value that is not a number is ignored there. A position with
-    one number for each axis is no flat surface across an axis.
-
-    Args:
-        config: The launch file as resolved for the run; reads ``environment``.
-
-    Raises:
-        ConfigError: If position, stiffness or axis are not plain SI numbers.
-    """
-    environment = config.get("environment") or {}
-    if ".py" in str(environment.get("kind")):
-        environment = {k: v for k, v in environment.items() if isinstance(v, int | float)}
-    if isinstance(environment.get("position"), list | tuple):
+def _wall_of_run(
+    columns: TelemetryColumns, events: Sequence[Event], config: Mapping[str, Any], scale: Scale
+) -> Wall | None:
+    """Return the flat wall of a run where the hand feels it; None if there is none."""
+    first = _position(config.get("environment") or {})
+    if first is None:
         return None
-    position = _number(environment, "position", "m")
-    if position is None:
-        return None
-    axis = _number(environment, "axis", "a whole number") or 0
-    return Surface(position, int(axis), _number(environment, "stiffness", "N/m"))
-
-
-def surface_of_run(
-    columns: TelemetryColumns, events: Sequence[Event], config: Mapping[str, Any]
-) -> Surface | None:
-    """Return the surface as the hand felt it at each sample; None if there is none, or no scale.
-
-    Args:
-        columns: Telemetry of the run.
-        events: Of the run: what begins a phase, and what has changed a parameter.
-        config: The launch file as resolved for the run; reads ``controller``, ``environment`` and
-            ``phases``.
-
-    Raises:
-        ConfigError: As :func:`surface`.
-    """
-    wall, scale = surface(config), scale_of(config)
-    if wall is None or scale is None:
-        return None
-    position = np.full(columns.time.shape, wall.position, dtype=np.float64)
+    axis = int(_number(config["environment"], "axis", "a whole number") or 0)
+    axes = columns.position.shape[1]
+    if not 0 <= axis < axes:
+        raise ConfigError(f"environment.axis is {axis}, but the run has {axes} axes, from 0")
+    position = np.full(columns.time.shape, first, dtype=np.float64)
     for since, environment in _environments(columns, events, config):
-        now = surface({"environment": environment})
+        now = _position(environment)
         if now is not None:
-            position[since] = now.position
-    stiffness = scale.stiffness(stiffness_of_run(columns, events, config))
-    return Surface(scale.place(position), wall.axis, stiffness)
+            position[since] = now
+    return Wall(axis, scale.place(position))
+
+
+def _position(environment: Mapping[str, Any]) -> float | None:
+    """Return where the launch file says the wall is, in m; None: it describes none.
+
+    A position with a number for each axis is no flat wall across an axis. In a user's own file a
+    parameter of that name may mean something else, such as a centre.
+    """
+    position = environment.get("position")
+    if isinstance(position, list | tuple):
+        return None
+    if ".py" in str(environment.get("kind")) and not isinstance(position, int | float):
+        return None
+    return _number(environment, "position", "m")
 
 
 def stiffness_of_run(
@@ -176,15 +247,3 @@ def _number(environment: Mapping[str, Any], key: str, unit: str) -> float | None
     if value is not None and not isinstance(value, int | float):
         raise ConfigError(f"environment.{key} must be a number ({unit}), got {value!r}")
     return value
-
-
-def penetration(columns: TelemetryColumns, wall: Surface) -> Floats:
-    """Return the depth of the reading behind the surface, in m, shape ``(n,)``; outside: < 0.
-
-    Raises:
-        ConfigError: If the run has no such axis.
-    """
-    axes = columns.position.shape[1]
-    if not 0 <= wall.axis < axes:
-        raise ConfigError(f"environment.axis is {wall.axis}, but the run has {axes} axes, from 0")
-    return columns.position[:, wall.axis] - wall.position

@@ -1,5 +1,6 @@
 """Commands about devices, and about parts of a user's own: list, play, measure, check."""
 
+import sys
 import time
 from functools import partial
 from pathlib import Path
@@ -161,9 +162,6 @@ def emulate(
 @click.option("--force", help="Largest force of an axis, e.g. 2N or '0.05 N m'.")
 @click.option("--weight", help="Mass that you hang on each axis, e.g. 100g, to measure the gain.")
 @click.option("--lever", help="Radius at which it pulls at a joint, e.g. 40mm.")
-@click.option(
-    "--by-hand", help="Time for which you move the device, e.g. 10s, to measure its speed."
-)
 @click.option("--yes", is_flag=True, help="Do not wait for Enter before the device moves.")
 @json_option
 def identify(
@@ -182,16 +180,15 @@ def identify(
 
     \b
     forcebound identify five_bar
-    forcebound identify haply_2diy device:=auto --weight 30g --lever 70mm --by-hand 10s
+    forcebound identify haply_2diy device:=auto --weight 30g --lever 70mm
     forcebound identify --check device.yaml
     """
-    from forcebound.identification import command
-
+    command = _identification()
     say = partial(show, err=True)
 
     def ready(line: str) -> None:
         say(line)
-        if not yes and command.is_terminal():
+        if not yes and sys.stdin.isatty():
             click.prompt("Press Enter when ready", default="", show_default=False, err=True)
 
     if checked is not None:
@@ -204,8 +201,19 @@ def identify(
         return
     if device is None:
         raise ConfigError("name a device: a kind such as five_bar, or a launch file")
-    document = command.run(device, arguments, output, command.Wishes(**wishes), say, ready)
+    document = command.run(device, arguments, output, say, ready, **wishes)
     print_document(document, as_json, command.lines)
+
+
+def _identification() -> Any:
+    """Return the module that identifies; it needs packages of an extra."""
+    try:
+        from forcebound.identification import command
+    except ModuleNotFoundError as error:
+        if error.name != "scipy":
+            raise
+        raise ConfigError("identify needs scipy: pip install 'forcebound[lab]'") from error
+    return command
 
 
 class Progress:

@@ -199,8 +199,8 @@ def replay(
     environment) or changes a key of the launch file (environment.stiffness).
 
     --verify runs no graph: the recorded inputs through the same law give the recorded forces, to
-    the bit. Exit status 1: a force differs, or a tick is missing. If the recording begins after the
-    force engaged, verification begins at a new law.
+    the bit. Exit status 1: a force differs, a command or a tick is missing. If the recording begins
+    after the force engaged, verification begins at a new law.
 
     \b
     forcebound replay run.mcap law:=none

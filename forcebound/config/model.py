@@ -95,13 +95,16 @@ def _completed(root: Value) -> Value:
     return root.with_entries(entries)
 
 
-def make_part(section: str, value: Value, problems: Problems) -> Any:
-    """Return the part of a section, without the settings beside it; ConfigError with problems."""
+def make_part(section: str, value: Value, problems: Problems, is_whole: bool = False) -> Any:
+    """Return the part of a section alone, or the whole section; ConfigError with problems."""
     kind = _class_of(section, value, problems)
     made: Values = {}
     if kind is not None:
-        form = Form(section, {"kind": _KIND, **fields_of(kind)}, partial(_part, section, kind))
-        made = form.read(value, problems)
+        beside, make = (
+            (BESIDE.get(section, {}), _MAKE.get(section, _part)) if is_whole else ({}, _part)
+        )
+        fields = {"kind": _KIND, **fields_of(kind), **beside}
+        made = Form(section, fields, partial(make, section, kind)).read(value, problems)
     problems.raise_if_any()
     return made[""]
 

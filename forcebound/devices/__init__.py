@@ -152,14 +152,6 @@ class Device(ABC):
         """
         return None
 
-    def hand_over(self) -> bool:
-        """Let an emulated hand have the device in the pose of its set-up until :meth:`engage`.
-
-        Returns:
-            Whether there is one.
-        """
-        return False
-
 
 @dataclass(frozen=True, kw_only=True)
 class DeviceModel(StatedNumbers, ABC):

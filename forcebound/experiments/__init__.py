@@ -11,7 +11,7 @@ from collections.abc import Callable
 from typing import TypeAlias
 
 from forcebound.experiments import palpation, saturated, table1, traces
-from forcebound.experiments.contacts import NoLaw, StiffWall, TimeVaryingWall
+from forcebound.experiments.contacts import PAPER_SHOWS, StiffWall, TimeVaryingWall, no_law
 from forcebound.experiments.outcome import Outcome
 from forcebound.experiments.setup import Runs
 
@@ -22,17 +22,12 @@ EXPERIMENTS: dict[str, Experiment] = {  # in the paper's order
     "fig4": TimeVaryingWall("less_conservative").run,
     "fig5": TimeVaryingWall("more_conservative").run,
     "fig6": TimeVaryingWall("aol").run,
-    "fig7": NoLaw().run,
-    "fig8": StiffWall("less_conservative_viscous", "high").run,
-    "fig9": StiffWall("less_conservative_viscous", "low").run,
-    "fig10": StiffWall("less_conservative", "high").run,
-    "fig11": StiffWall("less_conservative", "low").run,
-    "fig12": StiffWall("aol", "high").run,
-    "fig13": StiffWall("aol", "low").run,
-    "fig14": StiffWall("more_conservative", "high").run,
-    "fig15": StiffWall("more_conservative", "low").run,
-    "fig16": StiffWall("more_conservative_viscous", "high").run,
-    "fig17": StiffWall("more_conservative_viscous", "low").run,
+    "fig7": no_law,
+    **{
+        f"fig{8 + 2 * number + at}": StiffWall(law, speed).run
+        for number, law in enumerate(PAPER_SHOWS)
+        for at, speed in enumerate(("high", "low"))
+    },
     "fig18": traces.run_fig18,
     "fig19": palpation.run,
     "fig20": traces.LESS_CONSERVATIVE.run,

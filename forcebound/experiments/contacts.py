@@ -1,7 +1,5 @@
 """Figures 4 to 17: one law in one contact, with the certified laws for comparison."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -44,13 +42,12 @@ class TimeVaryingWall:
             Number("applied over commanded force, mean in contact", "1", shown(contact), paper, law)
             for (law, contact), paper in zip(contacts.items(), (1.0, None, None), strict=True)
         ]
-        numbers += minimum_energies(contacts)
         unreduced = [law for law, contact in contacts.items() if shown(contact) > 0.9999]
         return Outcome(
             title=f"time-varying wall, 0.3 N/mm + 0.06 N/mm per second, {PAPER_LAWS[self.law]}",
             paper="The full stiffness of the wall: the bounder is never active.",
             finding=f"Never reduced by the bounder: {', '.join(unreduced) or 'none'}.",
-            numbers=numbers,
+            numbers=[*numbers, *minimum_energies(contacts)],
             drawing=_draw(contacts),
             commands=[command(*words) for words in arguments.values()],
         )
@@ -61,34 +58,29 @@ class TimeVaryingWall:
 UNBOUNDED = Approach("high", HIGH.speed, HIGH.way, target=0.2)
 
 
-@dataclass(frozen=True)
-class NoLaw:
-    """Figure 7: the wall of 10 N/mm without any law."""
-
-    def run(self, runs: Runs) -> Outcome:
-        """Reproduce the figure."""
-        contacts = {law: runs.wall(law, UNBOUNDED) for law in ("none", *CERTIFIED)}
-        bounces = {law: contact.run.summary["contact_bounces"] for law, contact in contacts.items()}
-        peaks = {law: contact.run.summary["peak_force_n"] for law, contact in contacts.items()}
-        numbers = [
+def no_law(runs: Runs) -> Outcome:
+    """Reproduce Figure 7: the wall of 10 N/mm without any law."""
+    contacts = {law: runs.wall(law, UNBOUNDED) for law in ("none", *CERTIFIED)}
+    bounces = {law: contact.run.summary["contact_bounces"] for law, contact in contacts.items()}
+    peaks = {law: contact.run.summary["peak_force_n"] for law, contact in contacts.items()}
+    return Outcome(
+        title="wall of 10 N/mm without any law",
+        paper="Clear instability in position and force, and negative energy.",
+        finding=(
+            f"Without a law the hand oscillates, {bounces['none']} bounces in "
+            f"{contacts['none'].time[-1]:.0f} s, and receives "
+            f"{-contacts['none'].lowest_energy:.1f} mJ from the wall; with the certified laws "
+            "it rests but for its tremor. The paper states neither speed nor depth: here the "
+            f"high speed, with a target {UNBOUNDED.target * 1e3:g} mm behind the surface."
+        ),
+        numbers=[
             *minimum_energies(contacts),
             *by_law("contact bounces", "1", bounces),
             *by_law("largest force", "N", peaks),
-        ]
-        return Outcome(
-            title="wall of 10 N/mm without any law",
-            paper="Clear instability in position and force, and negative energy.",
-            finding=(
-                f"Without a law the hand oscillates, {bounces['none']} bounces in "
-                f"{contacts['none'].time[-1]:.0f} s, and receives "
-                f"{-contacts['none'].lowest_energy:.1f} mJ from the wall; with the certified laws "
-                "it rests but for its tremor. The paper states neither speed nor depth: here the "
-                f"high speed, with a target {UNBOUNDED.target * 1e3:g} mm behind the surface."
-            ),
-            numbers=numbers,
-            drawing=_draw(contacts),
-            commands=[wall_command(law, UNBOUNDED) for law in contacts],
-        )
+        ],
+        drawing=_draw(contacts),
+        commands=[wall_command(law, UNBOUNDED) for law in contacts],
+    )
 
 
 @dataclass(frozen=True)
@@ -108,8 +100,7 @@ class StiffWall:
             for law, contact in contacts.items()
         ]
         turns = {law: contact.turns for law, contact in contacts.items()}
-        numbers += by_law(TURNS, "1", turns)
-        numbers += minimum_energies(contacts)
+        numbers += [*by_law(TURNS, "1", turns), *minimum_energies(contacts)]
         return Outcome(
             title=f"wall of 10 N/mm at {speed} speed, {PAPER_LAWS[self.law]}",
             paper=PAPER_SHOWS[self.law],

@@ -1,41 +1,29 @@
 """Outcome of an experiment: numbers with the paper's, a figure, the commands of its runs."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
+from forcebound.analysis.colours import LAW_COLOURS, NEUTRAL
+from forcebound.analysis.surface import Floats
 
-def label(name: str) -> str:
-    """Return the name of an experiment as the paper writes it: ``Fig. 7`` for ``fig7``."""
-    if name.startswith("fig"):
-        return f"Fig. {name[3:]}"
-    return {"table1": "Table 1", "eq41_42": "Eq. 41 and 42"}.get(name, name)
+LOG_TICKS = (0.5, 1.0, 2.0, 5.0, 10.0)
+TIME = "time since the force engaged (s)"
 
 
 @dataclass(frozen=True)
 class Number:
-    """One number, with the paper's if it prints one."""
+    """One number, with the paper's if it prints one; ``law`` is empty if it is not of one law."""
 
     quantity: str
     unit: str
     ours: float | None
     paper: float | None = None
-    law: str = ""  # empty: the number is not of one law
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the fields as plain JSON."""
-        return {
-            "quantity": self.quantity,
-            "law": self.law or None,
-            "unit": self.unit,
-            "paper": self.paper,
-            "ours": self.ours,
-        }
+    law: str = ""
 
 
 def by_law(quantity: str, unit: str, values: Mapping[str, float | None]) -> list[Number]:
@@ -45,16 +33,9 @@ def by_law(quantity: str, unit: str, values: Mapping[str, float | None]) -> list
 
 @dataclass(frozen=True)
 class Outcome:
-    """The result of one experiment.
+    """The result of one experiment: what the paper has, what this reproduction found.
 
-    Attributes:
-        title: Subject of the figure, without its label.
-        paper: Result of the paper.
-        finding: Result of this reproduction.
-        numbers: The numbers, in reading order.
-        drawing: The figure.
-        commands: Commands that repeat the runs behind it, one by one.
-        document: Further keys of the JSON document at its top level.
+    ``commands`` repeat its runs one by one; ``document`` has further keys of the JSON document.
     """
 
     title: str
@@ -64,3 +45,45 @@ class Outcome:
     drawing: Figure
     commands: Sequence[str] = ()
     document: Mapping[str, Any] = field(default_factory=dict)
+
+
+def rows_of(count: int, height: float = 2.1) -> tuple[Figure, list[Axes]]:
+    """Return a figure with panels over the whole width, one below the other."""
+    drawing = Figure(figsize=(11.0, 0.6 + height * count), dpi=150, layout="constrained")
+    return drawing, list(drawing.subplots(count, 1, squeeze=False)[:, 0])
+
+
+def line(axes: Axes, x: Floats, y: Floats, label: str, colour: str = "black", **style: Any) -> None:
+    """Draw one curve."""
+    axes.plot(x, y, label=label, color=colour, **{"linewidth": 1.1, **style})
+
+
+def law_line(axes: Axes, law: str, x: Floats, y: Floats, note: str = "", **style: Any) -> None:
+    """Draw the curve of a law, in its colour; ``note`` follows its name in the legend."""
+    line(axes, x, y, f"{law.replace('_', ' ')}{note}", LAW_COLOURS[law], **style)
+
+
+def finish(
+    axes: Axes, label: str, x_label: str = TIME, window: tuple[float, float] | None = None
+) -> None:
+    """Label a panel, and scale it to what is seen in its window."""
+    axes.margins(x=0.01)
+    if window is not None:
+        for drawn in axes.lines:
+            x, y = (np.asarray(data, float) for data in drawn.get_data())
+            seen = (x >= window[0]) & (x <= window[1])
+            drawn.set_data(x[seen], y[seen])
+        axes.relim()
+        axes.autoscale_view()
+        axes.set_xlim(window)
+    axes.set_ylabel(label, fontsize=9)
+    plain(axes, x_label)
+    axes.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), frameon=False, fontsize=8)
+
+
+def plain(axes: Axes, x_label: str) -> None:
+    """Label the x axis; set grid, spines and size of the tick labels."""
+    axes.set_xlabel(x_label, fontsize=9)
+    axes.grid(True, color=NEUTRAL, alpha=0.2, linewidth=0.6)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.tick_params(labelsize=8)

@@ -1,12 +1,9 @@
 """Figure 19: the laws under a 2 Hz sinusoidal motion, as in palpation."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from forcebound.experiments.contacts import minimum_energies
-from forcebound.experiments.drawing import Line, Row, draw_rows, law_line
-from forcebound.experiments.outcome import Number, Outcome, by_law
+from forcebound.experiments.outcome import Number, Outcome, by_law, finish, law_line, line, rows_of
 from forcebound.experiments.setup import CERTIFIED, Contact, Runs, command
 
 LAWS = ("less_conservative", "aol", "more_conservative", *CERTIFIED)
@@ -19,61 +16,41 @@ def run(runs: Runs) -> Outcome:
     stiffnesses = {law: mean_stiffness(contact) for law, contact in contacts.items()}
     numbers = by_law("displayed stiffness, mean in contact", "N/mm", stiffnesses)
     for law in LAWS:
-        first, last = float(peaks[law][0]), float(peaks[law][-1])
-        numbers.append(Number("peak force, first second", "N", first, None, law))
-        numbers.append(Number("peak force, last second", "N", last, None, law))
-    numbers += minimum_energies(contacts)
-    some = contacts["more_conservative"]
-    forces = [law_line(law, contact.time, contact.applied) for law, contact in contacts.items()]
+        numbers.append(Number("peak force, first second", "N", peaks[law][0], None, law))
+        numbers.append(Number("peak force, last second", "N", peaks[law][-1], None, law))
     growing = [law for law in LAWS if peaks[law][-1] > peaks[law][0] + 0.01]
+    drawing, (position, force, last, energy, over_depth) = rows_of(5)
+    some = contacts["more_conservative"]
+    line(position, some.time, some.position * 1e3, "reading")
+    for law, contact in contacts.items():
+        law_line(force, law, contact.time, contact.applied)
+        law_line(last, law, contact.time, contact.applied)
+        columns, late = contact.run.columns, contact.time >= 4.0
+        law_line(energy, law, columns.time, columns.true_energy * 1e3)
+        law_line(over_depth, law, contact.depth[late] * 1e3, contact.applied[late])
+    finish(position, "position (mm)")
+    finish(force, "force (N)")
+    finish(last, "force (N)\nlast second", window=(4.0, 5.0))
+    finish(energy, "true energy (mJ)")
+    finish(over_depth, "force (N)", "penetration (mm), last second", window=(0.0, 5.0))
     return Outcome(
         title="2 Hz palpation with every law",
-        paper=(
-            "Stable forces; AOL and less conservative stiffer than more conservative; the force "
-            "grows slightly with time for all methods."
-        ),
+        paper="Stable; stiffer with a memory; the force grows slightly with time for all methods.",
         finding=(
             "Stable with every law, and never out of the wall. The peak force grows from the first "
-            f"to the last second with {', '.join(growing) or 'none of them'}; more_conservative, "
-            f"second by second: {', '.join(f'{peak:.2f}' for peak in peaks['more_conservative'])} "
-            "N. Each move adds friction to the bound, so laws without a memory grow too; contact "
-            "at the surface begins anew, and a sine that crosses it would not grow."
+            f"to the last second with {', '.join(growing) or 'none of them'}. Each move adds "
+            "friction to the bound, so laws without a memory grow too."
         ),
-        numbers=numbers,
-        drawing=draw_rows(
-            [
-                Row("position (mm)", [Line("reading", some.time, some.position * 1e3)]),
-                Row("force (N)", forces),
-                Row("force (N)\nlast second", forces, window=(4.0, 5.0)),
-                Row(
-                    "true energy (mJ)",
-                    [
-                        law_line(law, c.run.columns.time, c.run.columns.true_energy * 1e3)
-                        for law, c in contacts.items()
-                    ],
-                ),
-                Row(
-                    "force (N)",
-                    [
-                        law_line(law, c.depth[c.time >= 4.0] * 1e3, c.applied[c.time >= 4.0])
-                        for law, c in contacts.items()
-                    ],
-                    x_label="penetration (mm), last second",
-                    window=(0.0, 5.0),
-                ),
-            ]
-        ),
+        numbers=[*numbers, *minimum_energies(contacts)],
+        drawing=drawing,
         commands=[command("palpation", f"law:={law}") for law in LAWS],
     )
 
 
 def peak_forces(contact: Contact) -> list[float]:
     """Return the largest force of each whole second, in N."""
-    seconds = int(contact.time[-1] + 1e-9)
-    return [
-        float(contact.applied[(contact.time >= s) & (contact.time < s + 1.0)].max())
-        for s in range(seconds)
-    ]
+    seconds = [(contact.time >= s) & (contact.time < s + 1.0) for s in range(int(contact.time[-1]))]
+    return [float(contact.applied[second].max()) for second in seconds]
 
 
 def mean_stiffness(contact: Contact) -> float:

@@ -3,7 +3,7 @@
 import json
 import shlex
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ from typing import Any
 from forcebound.analysis.plots import save
 from forcebound.errors import ConfigError
 from forcebound.experiments import ALIASES, EXPERIMENTS
-from forcebound.experiments.outcome import Outcome, label
+from forcebound.experiments.outcome import Outcome
 from forcebound.experiments.setup import Runs
 
 
@@ -36,18 +36,18 @@ def reproduce(names: Sequence[str], out: Path, runs: Runs) -> Reproduction:
         ConfigError: If a name is not known or the folder cannot be written.
     """
     chosen = choose(names)
+    outcomes: dict[str, Outcome] = {}
     try:
         out.mkdir(parents=True, exist_ok=True)
+        for name in chosen:
+            runs.progress(name)
+            outcomes[name] = EXPERIMENTS[name](runs)
+            save(outcomes[name].drawing, out / f"{name}.png")
+        document = to_document(outcomes, shlex.join(["forcebound", "reproduce", *names]))
+        text = json.dumps(document, indent=2, allow_nan=False) + "\n"
+        (out / "numbers.json").write_text(text, encoding="utf-8")
     except OSError as error:
-        raise ConfigError(f"cannot make the folder {out}: {error.strerror}") from error
-    outcomes: dict[str, Outcome] = {}
-    for name in chosen:
-        runs.progress(name)
-        outcome = outcomes[name] = EXPERIMENTS[name](runs)
-        save(outcome.drawing, out / f"{name}.png")
-    command = shlex.join(["forcebound", "reproduce", *names])
-    document = to_document(outcomes, command)
-    _write(out / "numbers.json", json.dumps(document, indent=2, allow_nan=False) + "\n")
+        raise ConfigError(f"cannot write into the folder {out}: {error.strerror}") from error
     return Reproduction(outcomes, document, out)
 
 
@@ -57,13 +57,10 @@ def choose(names: Sequence[str]) -> list[str]:
     Raises:
         ConfigError: If a name is not known.
     """
-    chosen: list[str] = []
-    for name in names or EXPERIMENTS:
-        name = ALIASES.get(name, name)
+    chosen = list(dict.fromkeys(ALIASES.get(name, name) for name in names or EXPERIMENTS))
+    for name in chosen:
         if name not in EXPERIMENTS:
             raise ConfigError(f"no experiment {name!r}; known are {', '.join(EXPERIMENTS)}")
-        if name not in chosen:
-            chosen.append(name)
     return chosen
 
 
@@ -77,7 +74,7 @@ def to_document(outcomes: dict[str, Outcome], command: str) -> dict[str, Any]:
             "title": outcome.title,
             "paper": outcome.paper,
             "finding": outcome.finding,
-            "numbers": [number.to_json() for number in outcome.numbers],
+            "numbers": [asdict(one) | {"law": one.law or None} for one in outcome.numbers],
             "picture": f"{name}.png",
             "commands": list(outcome.commands),
         }
@@ -91,13 +88,10 @@ def tables(done: Reproduction) -> Iterator[Any]:
     from rich.table import Table
 
     for name, outcome in done.outcomes.items():
-        title = f"{label(name)}: {outcome.title}"
+        title = f"{name}: {outcome.title}"
         table = Table(title=title, title_justify="left", box=None, pad_edge=False)
-        table.add_column("quantity")
-        table.add_column("law")
-        for head in ("ours", "paper"):
-            table.add_column(head, justify="right")
-        table.add_column("unit")
+        for head in ("quantity", "law", "ours", "paper", "unit"):
+            table.add_column(head, justify="right" if head in ("ours", "paper") else "left")
         for number in outcome.numbers:
             unit = "" if number.unit == "1" else number.unit
             table.add_row(number.quantity, number.law, show(number.ours), show(number.paper), unit)
@@ -107,17 +101,4 @@ def tables(done: Reproduction) -> Iterator[Any]:
 
 def show(value: float | None) -> str:
     """Return a number with three significant digits, or a dash."""
-    if value is None:
-        return "–"
-    if value == 0.0:
-        return "0"
-    if abs(value) < 1e-3 or abs(value) >= 1e5:
-        return f"{value:.1e}"
-    return f"{value:.3g}" if abs(value) < 1000.0 else f"{value:.0f}"
-
-
-def _write(path: Path, text: str) -> None:
-    try:
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise ConfigError(f"cannot write {path}: {error.strerror}") from error
+    return "–" if value is None else f"{value:.3g}"

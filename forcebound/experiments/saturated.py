@@ -1,17 +1,23 @@
 """Displayed stiffness of the saturated more conservative law over depth."""
 
-from __future__ import annotations
-
 import math
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
+from matplotlib.axes import Axes
 
+from forcebound.analysis.colours import NEUTRAL
 from forcebound.analysis.surface import Floats
 from forcebound.bounding import Dissipation
-from forcebound.experiments.drawing import Line, Row, draw_rows, law_line
-from forcebound.experiments.outcome import Number, Outcome
+from forcebound.experiments.outcome import (
+    LOG_TICKS,
+    Number,
+    Outcome,
+    finish,
+    law_line,
+    line,
+    rows_of,
+)
 from forcebound.experiments.setup import (
     CERTIFIED,
     HIGH,
@@ -19,38 +25,29 @@ from forcebound.experiments.setup import (
     USER_STUDY,
     Contact,
     Runs,
+    dissipation,
     wall_command,
 )
-from forcebound.experiments.traces import dissipation
 
 LAW = "more_conservative"
-
 SHALLOWEST = 0.1e-3  # m; three encoder steps: at smaller depths rounding dominates the ratio
 
 
 def next_force(force: float, move: float, relied_on: Dissipation) -> float:
-    r"""Return the next force of the saturated law, in N.
+    r"""Return the next force of the saturated law, in N, after a move in m.
 
     .. math:: F_d(i) = \sqrt{(F_d(i-1) + 2 B \Delta x(i))^2 + 4 B f_c |\Delta x(i)|}
 
-    Args:
-        force: F_d(i-1), in N.
-        move: Δx(i), in m.
-        relied_on: The device; B = b/T and f_c.
-
-    Source: paper, Eq. 41, first line.
+    Source: paper, Eq. 41, first line; B = b/T.
     """
     capability = relied_on.least_damping / relied_on.period
-    return math.sqrt(
-        (force + 2.0 * capability * move) ** 2
-        + 4.0 * capability * relied_on.least_friction * abs(move)
-    )
+    gained = 4.0 * capability * relied_on.least_friction * abs(move)
+    return math.sqrt((force + 2.0 * capability * move) ** 2 + gained)
 
 
 def stiffness_at(depth: float, move: float, relied_on: Dissipation) -> float:
     """Return Eq. 42's displayed stiffness at ``depth``, reached in steps of ``move``, in N/mm."""
-    force = 0.0
-    steps = max(1, round(depth / move))
+    force, steps = 0.0, max(1, round(depth / move))
     for _ in range(steps):
         force = next_force(force, move, relied_on)
     return force / (steps * move) * 1e-3
@@ -74,25 +71,25 @@ def recursion(contact: Contact, relied_on: Dissipation) -> tuple[slice, Floats]:
 def run(runs: Runs) -> Outcome:
     """Compare both equations with runs, and with the measurements of the paper's user study."""
     numbers: list[Number] = []
-    for speed in SPEEDS:
+    drawing, panels = rows_of(len(SPEEDS), height=2.8)
+    for speed, axes in zip(SPEEDS, panels, strict=True):
         numbers += _numbers(runs, speed)
+        _draw(axes, runs, speed)
     relied_on = dissipation(runs.wall(LAW, HIGH))
     deep = stiffness_at(1.0, 3e-5, relied_on)
     two_b = 2.0 * relied_on.least_damping / relied_on.period * 1e-3
     label = "Eq. 42 at 1 m, the limit for great depth (2B)"
-    numbers.append(Number(label, "N/mm", deep, two_b, LAW))
     largest = max(number.ours or 0.0 for number in numbers if number.unit == "N")
     return Outcome(
         title="displayed stiffness of the saturated more conservative law",
         paper="Depends on penetration: larger when shallow, 2B when deep.",
         finding=(
             f"Eq. 41 gives the forces of the runs to {largest:.1e} N as long as the bound is "
-            "active, also where the hand reverses. Eq. 42 falls with depth to 2B. In the "
-            "runs the stiffness at one depth is not one number: every move, inwards or outwards, "
+            "active. Eq. 42 falls with depth to 2B; in the runs every move, inwards or outwards, "
             "adds friction, so the force is larger after a bounce."
         ),
-        numbers=numbers,
-        drawing=draw_rows([_row(runs, speed) for speed in SPEEDS], height=2.8),
+        numbers=[*numbers, Number(label, "N/mm", deep, two_b, LAW)],
+        drawing=drawing,
         commands=[wall_command(LAW, approach) for approach in SPEEDS.values()],
     )
 
@@ -114,45 +111,31 @@ def _numbers(runs: Runs, speed: str) -> list[Number]:
     ]
 
 
-def _row(runs: Runs, speed: str) -> Row:
-    label = f"force over penetration\n(N/mm), {speed} speed"
-    lines = _lines(runs, speed)
-    return Row(label, lines, "penetration (mm)", window=(0.1, 5.0), y_range=(0.4, 12.0))
-
-
-def _lines(runs: Runs, speed: str) -> list[Line]:
-    approach = SPEEDS[speed]
-    contact = runs.wall(LAW, approach)
+def _draw(axes: Axes, runs: Runs, speed: str) -> None:
+    contact = runs.wall(LAW, SPEEDS[speed])
     relied_on = dissipation(contact)
     where, forces = recursion(contact, relied_on)
     move = contact.contact_speed * relied_on.period
     depths = np.arange(np.ceil(SHALLOWEST / move), 5e-3 / move) * move
-    lines = [
-        replace(
-            _over_depth(LAW, contact.depth[where], contact.applied[where], ", run"), is_wide=True
-        ),
-        replace(
-            _over_depth(LAW, contact.depth[where], forces),
-            label="Eq. 41 on its readings",
-            style=":",
-            colour="black",
-        ),
-        Line(
-            "Eq. 42, even steps",
-            depths * 1e3,
-            np.array([stiffness_at(float(depth), move, relied_on) for depth in depths]),
-            "--",
-        ),
-    ]
+    even = np.array([stiffness_at(float(depth), move, relied_on) for depth in depths])
+    x, y = _over_depth(contact.depth[where], contact.applied[where])
+    law_line(axes, LAW, x, y, ", run", linewidth=3.5, alpha=0.4)
+    line(axes, *_over_depth(contact.depth[where], forces), "Eq. 41 on its readings", linestyle=":")
+    line(axes, depths * 1e3, even, "Eq. 42, even steps", linestyle="--")
     for law in CERTIFIED:
-        other = runs.wall(law, approach)
-        first = int(np.argmax(other.in_contact))
-        lines.append(_over_depth(law, other.depth[first:], other.applied[first:], ", run"))
+        other = runs.wall(law, SPEEDS[speed])
+        law_line(axes, law, *_over_depth(other.depth, other.applied), ", run")
     two_b = 2.0 * relied_on.least_damping / relied_on.period * 1e-3
-    lines.append(Line("2B", np.array([0.1, 5.0]), np.array([two_b] * 2), ":", "#7F7F7F"))
-    return lines
+    line(axes, np.array([0.1, 5.0]), np.full(2, two_b), "2B", NEUTRAL, linestyle=":")
+    axes.set_yscale("log")
+    label = f"force over penetration\n(N/mm), {speed} speed"
+    finish(axes, label, "penetration (mm)", window=(0.1, 5.0))
+    axes.set_ylim(0.4, 12.0)
+    axes.set_yticks(LOG_TICKS, [f"{tick:g}" for tick in LOG_TICKS])
+    axes.minorticks_off()
 
 
-def _over_depth(law: str, depth: Floats, force: Floats, note: str = "") -> Line:
+def _over_depth(depth: Floats, force: Floats) -> tuple[Floats, Floats]:
+    """Return penetrations, in mm, and force over penetration, in N/mm."""
     deep = depth >= SHALLOWEST
-    return law_line(law, depth[deep] * 1e3, force[deep] / depth[deep] * 1e-3, note)
+    return depth[deep] * 1e3, force[deep] / depth[deep] * 1e-3

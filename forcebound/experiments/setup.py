@@ -5,9 +5,9 @@ to the wall and target behind the surface. ``experiments/fit_table1.py`` finds t
 ``docs/reproduce.md`` explains the fit.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -17,10 +17,12 @@ from forcebound.analysis.contact import (
     displayed_stiffness,
     initial_rate_hardness,
 )
-from forcebound.analysis.surface import Floats, penetration, surface
-from forcebound.config.loader import load
+from forcebound.analysis.surface import Floats, touch_of_run
+from forcebound.bounding import Dissipation
+from forcebound.config.loader import from_document, load
 from forcebound.launch.results import RunResult
 from forcebound.launch.virtual import run_virtual
+from forcebound.nodes.servo import dissipation_of
 
 PAPER_SURFACE = 0.010  # m; paper 4.1: x_wall = 10 mm
 # An encoder counts from where it is switched on, so the wall lies anywhere between two of its
@@ -50,12 +52,6 @@ class Hand:
             f"hand_damping:={self.damping:g} N s/m",
             f"tremor:={self.tremor:g} N",
             f"tremor_frequency:={self.tremor_frequency:g} Hz",
-        )
-
-    def __str__(self) -> str:
-        return (
-            f"{self.mass:g} kg, {self.stiffness:g} N/m, {self.damping:g} N s/m, tremor "
-            f"{self.tremor:g} N at {self.tremor_frequency:g} Hz"
         )
 
 
@@ -119,66 +115,41 @@ USER_STUDY = {
 }
 
 
-@dataclass(frozen=True)
 class Contact:
-    """A run against a wall, along its normal, from the moment the force engages."""
+    """A run against a wall, along its normal: arrays over the samples since the force engaged."""
 
-    run: RunResult
-
-    @cached_property
-    def _shown(self) -> slice:
-        return slice(int(np.searchsorted(self.run.columns.time, 0.0)), None)
-
-    @property
-    def time(self) -> Floats:
-        """Time since the force engaged, in s."""
-        return self.run.columns.time[self._shown]
-
-    @property
-    def position(self) -> Floats:
-        """Reading, in m."""
-        return self.run.columns.position[self._shown, 0]
-
-    @property
-    def commanded(self) -> Floats:
-        """Commanded force after saturation, in N."""
-        return saturated(self.run.columns, self.run.document["device"])[self._shown, 0]
+    def __init__(self, run: RunResult) -> None:
+        """Take a run of a launch file that has a wall."""
+        columns = run.columns
+        touch = touch_of_run(columns, (), run.document)
+        assert touch is not None, "every launch file of the experiments has a surface"
+        shown = slice(int(np.searchsorted(columns.time, 0.0)), None)
+        self.run = run
+        self.time = columns.time[shown]  # s
+        self.position = columns.position[shown, 0]  # m, reading
+        self.true_position = columns.true_position[shown, 0]  # m
+        self.commanded = saturated(columns, run.document["device"])[shown, 0]  # N, after saturation
+        self.applied = columns.applied_force[shown, 0]  # N
+        self.depth: Floats = touch.depth[shown]  # m, of the reading; outside: < 0
+        self.in_contact = self.depth > 0.0
+        self.lowest_energy = float(columns.true_energy[shown].min()) * 1e3  # mJ, ground truth
 
     @property
-    def applied(self) -> Floats:
-        """Applied force, in N."""
-        return self.run.columns.applied_force[self._shown, 0]
-
-    @cached_property
-    def depth(self) -> Floats:
-        """Penetration of the reading, in m; outside: < 0."""
-        wall = surface(self.run.document)
-        assert wall is not None, "every launch file of the experiments has a surface"
-        return penetration(self.run.columns, wall)[self._shown]
-
-    @property
-    def in_contact(self) -> "np.ndarray[tuple[int], np.dtype[np.bool_]]":
-        """Whether the reading lies behind the surface."""
-        return self.depth > 0.0
-
-    @property
-    def rate_hardness(self) -> float | None:
+    def rate_hardness(self) -> float:
         """H_R of Table 1, in N/mm."""
-        value = initial_rate_hardness(self.applied, self.depth)
-        return None if value is None else value * 1e-3
+        return (initial_rate_hardness(self.applied, self.depth) or math.nan) * 1e-3
 
     @property
-    def displayed_stiffness(self) -> float | None:
+    def displayed_stiffness(self) -> float:
         """S_D of Table 1, in N/mm."""
-        value = displayed_stiffness(self.time, self.applied, self.depth)
-        return None if value is None else value * 1e-3
+        return (displayed_stiffness(self.time, self.applied, self.depth) or math.nan) * 1e-3
 
     @property
     def contact_speed(self) -> float:
         """True speed of the handle over the sample in which it reaches the surface, in m/s."""
-        true = self.run.columns.true_position[self._shown, 0]
+        true, time = self.true_position, self.time
         first = max(int(np.argmax(true > SURFACE)), 1)
-        return float((true[first] - true[first - 1]) / (self.time[first] - self.time[first - 1]))
+        return float((true[first] - true[first - 1]) / (time[first] - time[first - 1]))
 
     @property
     def turns(self) -> int:
@@ -192,26 +163,23 @@ class Contact:
         steady = self.time >= STEADY
         return float(self.depth[steady].mean()) * 1e3, float(self.applied[steady].mean())
 
-    @property
-    def lowest_energy(self) -> float:
-        """Minimum energy (ground truth), in mJ; below zero the hand received energy."""
-        return float(self.run.columns.true_energy[self._shown].min()) * 1e3
+
+def dissipation(contact: Contact) -> Dissipation:
+    """Return the dissipation on which the law of a run relied."""
+    device = from_document(contact.run.document).device
+    return dissipation_of(device.model, device.servo)
 
 
 class Runs:
-    """Runs launch files in virtual time, each only once.
-
-    Attributes:
-        progress: Called with a line of progress on each run.
-    """
+    """Runs launch files in virtual time, each only once; ``progress`` gets a line on each run."""
 
     def __init__(self, progress: Callable[[str], None] = lambda line: None) -> None:
         self.progress = progress
-        self._done: dict[tuple[str, tuple[str, ...]], Contact] = {}
+        self._done: dict[tuple[str, ...], Contact] = {}
 
     def contact(self, file: str, *arguments: str) -> Contact:
         """Return the run of a launch file with these arguments."""
-        key = (file, arguments)
+        key = (file, *arguments)
         if key not in self._done:
             self.progress(f"  {command(file, *arguments)}")
             self._done[key] = Contact(run_virtual(load(file, arguments), DURATION))

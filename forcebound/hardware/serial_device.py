@@ -188,12 +188,6 @@ class SerialDevice(Device):
         if self._line.truth is not None:
             self._line.truth.engage(time_ns)
 
-    def hand_over(self) -> bool:
-        """Let an emulated hand, if there is one, have the device in the pose of its set-up."""
-        if self._line.truth is not None:
-            self._line.truth.announce()
-        return self._line.truth is not None
-
     def stamps(self) -> tuple[int, int]:
         return self._read_ns, max(self._effect_ns, self._read_ns)
 

@@ -3,12 +3,10 @@
 import datetime
 import logging
 import os
-import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
-from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -18,34 +16,35 @@ from forcebound.config.document import find
 from forcebound.config.loader import load_tried
 from forcebound.config.parts import device_of, member_of
 from forcebound.config.resolved import kind_of
-from forcebound.devices import DEVICES, Device, DeviceModel
+from forcebound.devices import DEVICES, DeviceModel
 from forcebound.devices.simulated import SimulatedDevice
-from forcebound.devices.truth_file import SUFFIX
 from forcebound.errors import ConfigError
 from forcebound.files import check_writable
 from forcebound.hardware import ports
 from forcebound.hardware.line import EMULATED
 from forcebound.identification import document as device_file
-from forcebound.identification.clock import Clock, RealClock, VirtualClock
+from forcebound.identification.clock import Clock, VirtualClock
+from forcebound.identification.document import COMPARED, LOWER, METHODS, RecordedNumber
+from forcebound.identification.estimators import Bounded
 from forcebound.identification.picture import draw
 from forcebound.identification.procedure import Found, Plan, identify
 from forcebound.identification.verdict import BETTER, verdict
-from forcebound.messages.packets import Vector
 from forcebound.quantities import POSITIVE
 from forcebound.units import parse_quantity
 
 _logger = logging.getLogger(__name__)
 
+Say = Callable[[str], None]
+
 REACHES = {"m": 0.03, "rad": 0.35}  # of the axes of a point, of joints
 GRAVITY = 9.81  # m/s^2
 FORCE_SHARE = 0.5  # of the saturation
 HOLD = 1.25  # periods
-PATIENCE = 20.0  # s, watchdog limit: a stall of the machine costs a repetition, not the run
 CHANGED = 0.2  # a number that differs by a larger share has changed
 #: What is found beside the numbers of a device, in the same section of the file.
 FURTHER = {
     "lag": "of the slowest amplifier, in s; a guarding watchdog states none that may be 0",
-    "gain": "of each motor, over what it is told",
+    "gain": "of each motor, over its command",
 }
 WARNING = (
     "The motors will move the device by themselves, each axis by up to {reach:.3g} {place} to"
@@ -53,55 +52,18 @@ WARNING = (
     " everything out of its way, let go of it, and keep the emergency stop at hand."
 )
 
-THROWN = (
-    "This machine was late, and the force that was on has thrown the device far away. There is no"
-    " force now: bring it back to where it began, and let go of it."
-)
 
+class Target(NamedTuple):
+    """A device to be identified."""
 
-@dataclass(frozen=True)
-class Target:
-    """A device to be identified.
+    model: DeviceModel
+    rate: float  # Hz, of its servo
+    launch_file: str | None = None  # from which it comes; None: a kind was named
 
-    Attributes:
-        model: What it states.
-        rate: Of its servo, in Hz.
-        launch_file: That it is of; None: a kind was named.
-    """
-
-    model: Any
-    rate: float
-    launch_file: str | None
-
-
-@dataclass(frozen=True)
-class Wishes:
-    """What a user says of an identification, as text with units; None: what is usual.
-
-    Attributes:
-        reach: How far each axis may move.
-        force: Largest force of an axis.
-        weight: Mass that the user hangs on each axis; None: none.
-        lever: Radius at which it pulls at a joint.
-        by_hand: Time for which the user moves the device; None: not at all.
-    """
-
-    reach: str | None = None
-    force: str | None = None
-    weight: str | None = None
-    lever: str | None = None
-    by_hand: str | None = None
-
-
-@dataclass(frozen=True)
-class Session:
-    """What came of an identification: what was found, and what is needed to judge it."""
-
-    found: Found
-    start: Vector
-    kinematics: Any
-    serial: str
-    is_virtual: bool
+    @property
+    def units(self) -> tuple[str, str]:
+        """Units of readings and of forces."""
+        return ("m", "N") if self.model.kinematics() is None else ("rad", "N m")
 
 
 def target_of(name: str, arguments: Sequence[str]) -> Target:
@@ -113,34 +75,46 @@ def target_of(name: str, arguments: Sequence[str]) -> Target:
     if find(Path(name)) is not None or (name.endswith((".yaml", ".yml")) and name not in DEVICES):
         config = load_tried(name, arguments)
         return Target(config.device.model, config.device.servo.rate, name)
-    return Target(member_of("device", name, arguments), 1000.0, None)
+    return Target(member_of("device", name, arguments), 1000.0)
 
 
-def plan_of(target: Target, is_joint: bool, wishes: Wishes) -> Plan:
+def plan_of(
+    target: Target,
+    *,
+    reach: str | None = None,
+    force: str | None = None,
+    weight: str | None = None,
+    lever: str | None = None,
+) -> Plan:
     """Return how a device is identified: as the user wishes, or as its kind usually may.
 
+    Args:
+        target: The device.
+        reach: How far each axis may move, as text with a unit, like the others.
+        force: Largest force of an axis.
+        weight: Mass that the user hangs on each axis; None: none.
+        lever: Radius at which it pulls at a joint.
+
     Raises:
-        ConfigError: If a wish is no quantity of the right kind.
+        ConfigError: If one is no quantity of the right kind.
     """
-    place, unit = ("rad", "N m") if is_joint else ("m", "N")
-    reach, force = _wish("reach", wishes.reach, place), _wish("force", wishes.force, unit)
-    mass, lever = _wish("weight", wishes.weight, "kg"), _wish("lever", wishes.lever, "m")
-    if mass is not None and is_joint != (lever is not None):
+    place, unit = target.units
+    mass, radius = _quantity("weight", weight, "kg"), _quantity("lever", lever, "m")
+    if mass is not None and (place == "rad") != (radius is not None):
         raise ConfigError(
             "a weight on a joint needs --lever, the radius at which its thread pulls"
-            if is_joint
+            if place == "rad"
             else "--lever is for joints: the axes of this device move along straight lines"
         )
     return Plan(
-        reach=REACHES[place] if reach is None else reach,
-        force=FORCE_SHARE * target.model.saturation if force is None else force,
+        reach=_quantity("reach", reach, place) or REACHES[place],
+        force=_quantity("force", force, unit) or FORCE_SHARE * target.model.saturation,
         rate=target.rate,
-        weight=GRAVITY * (mass or 0.0) * (1.0 if lever is None else lever),
-        by_hand=_wish("by-hand", wishes.by_hand, "s") or 0.0,
+        weight=GRAVITY * (mass or 0.0) * (radius or 1.0),
     )
 
 
-def _wish(option: str, text: str | None, unit: str) -> float | None:
+def _quantity(option: str, text: str | None, unit: str) -> float | None:
     if text is None:
         return None
     try:
@@ -150,60 +124,40 @@ def _wish(option: str, text: str | None, unit: str) -> float | None:
 
 
 def measure(
-    target: Target,
-    plan: Callable[[bool], Plan],
-    say: Callable[[str], None],
-    ready: Callable[[str], None],
-    accept: Callable[[str], None] = lambda serial: None,
-) -> Session:
-    """Open a device, identify it, and close it.
+    target: Target, plan: Plan, say: Say, ready: Say, expected: str | None = None
+) -> tuple[Found, str]:
+    """Open a device, identify it, and close it; return what was found, and its serial number.
 
     Args:
         target: The device.
-        plan: Returns how, for a device with joints or without.
-        say: Is told what comes next.
-        ready: Is told what the user has to do, and returns when it is done.
-        accept: Is told the serial number before anything moves; raises if it is another device.
+        plan: Of the identification.
+        say: Is called with what comes next.
+        ready: Is called with what the user has to do, and returns when it is done.
+        expected: Serial number that it must have; None: any.
 
     Raises:
+        ConfigError: If it has another serial number.
         DeviceError: As :func:`forcebound.identification.procedure.identify`.
     """
-    model: DeviceModel = target.model
-    device = _patient(model).open(None, HOLD / target.rate)
+    model = target.model
+    device = model.open(None, HOLD / target.rate)
     try:
-        kinematics = device.kinematics
         serial = device.serial_number or _serial_number(model)
-        accept(serial)
-        chosen = plan(kinematics is not None)
+        if expected is not None and serial != expected:
+            raise ConfigError(
+                f"the file is of the device with the serial number {expected or '-'}, this one has"
+                f" {serial or '-'}: identify this one"
+            )
         is_virtual = isinstance(device, SimulatedDevice)
-        clock: Clock = VirtualClock() if is_virtual else RealClock()
         if not is_virtual:
-            place, unit = units(kinematics)
-            ready(WARNING.format(reach=chosen.reach, place=place, force=chosen.force, unit=unit))
+            place, unit = target.units
+            ready(WARNING.format(reach=plan.reach, place=place, force=plan.force, unit=unit))
         with realtime.without_garbage_collection(), nullcontext() if is_virtual else _punctual():
-            middle, bring_back = _middle_of(model), lambda: _bring_back(device, ready)
-            found = identify(device, model, clock, chosen, say, middle, bring_back)
+            clock = VirtualClock() if is_virtual else Clock()
+            middle = model.angles((0.0,) * model.axes)
+            return identify(device, model, clock, plan, say, middle), serial
     finally:
         device.close()
-    start = tuple(0.5 * (low + high) for low, high in found.measured_range)
-    return Session(found, start, kinematics, serial, is_virtual)
-
-
-def _bring_back(device: Device, ready: Callable[[str], None]) -> None:
-    """Let the emulated hand, or the user, bring a device back to where it began."""
-    if not device.hand_over():
-        ready(THROWN)
-
-
-def _patient(model: DeviceModel) -> DeviceModel:
-    """Return the model, patient with an emulator, whose stalls are those of a busy machine.
-
-    No law runs, so no force is planned for that time, and nobody holds the device.
-    """
-    is_emulated = model.port == EMULATED or Path(f"{model.port}{SUFFIX}").exists()
-    if not is_emulated or model.watchdog_limit != "auto":
-        return model
-    return replace(model, watchdog_limit=PATIENCE)
 
 
 def _serial_number(model: DeviceModel) -> str:
@@ -226,23 +180,13 @@ def _punctual() -> Iterator[None]:
         os.sched_setaffinity(0, cores)
 
 
-def _middle_of(model: DeviceModel) -> Vector | None:
-    """Return the readings for which the tip is at 0 m; None if the model cannot say."""
-    return model.angles((0.0,) * model.axes)
-
-
-def units(kinematics: Any) -> tuple[str, str]:
-    """Return the units of readings and of forces."""
-    return ("m", "N") if kinematics is None else ("rad", "N m")
-
-
 def run(
     name: str,
     arguments: Sequence[str],
     out: Path,
-    wishes: Wishes,
-    say: Callable[[str], None],
-    ready: Callable[[str], None],
+    say: Say,
+    ready: Say,
+    **wishes: str | None,
 ) -> dict[str, Any]:
     """Identify a device; write ``out`` and a picture beside it; return what was found.
 
@@ -250,9 +194,9 @@ def run(
         name: Kind of device, or launch file.
         arguments: Of either, each ``name:=value``.
         out: File to write.
-        wishes: How it goes.
-        say: Is told what comes next.
-        ready: Is told what the user has to do, and returns when it is done.
+        say: Is called with what comes next.
+        ready: Is called with what the user has to do, and returns when it is done.
+        wishes: As :func:`plan_of` takes them.
 
     Raises:
         ConfigError: If there is no such device, or a file cannot be written.
@@ -263,64 +207,57 @@ def run(
     check_picture(picture)
     for path, what in ((out, "the file of the device"), (picture, "the picture")):
         check_writable(path, what)
-    session = measure(target, lambda is_joint: plan_of(target, is_joint, wishes), say, ready)
-    found = session.found
-    plan = plan_of(target, session.kinematics is not None, wishes)
+    plan = plan_of(target, **wishes)
+    found, serial = measure(target, plan, say, ready)
+    estimates = {
+        name: one.found for name, one in device_file.numbers_of(target.model, found).items()
+    }
+    middle = tuple(0.5 * (low + high) for low, high in found.measured_range)
     identified = device_file.identified_model(target.model, found)
-    estimates = device_file.estimates_of(target.model, found)
-    judged = verdict(identified, estimates, target.rate, session.start, session.kinematics)
+    judged = verdict(identified, estimates, target.rate, middle)
     date = datetime.datetime.now(datetime.UTC).date().isoformat()
-    told = {"reach": plan.reach, "force": plan.force, "rate": plan.rate}
+    planned = {"reach": plan.reach, "force": plan.force, "rate": plan.rate}
     content = device_file.document_of(
-        target.model, found, date, session.serial, told, target.launch_file
+        target.model, found, date, serial, planned, target.launch_file
     )
     device_file.write(out, content, " ".join(("forcebound", "identify", name, *arguments)))
     kind = kind_of("device", target.model)
-    draw(found, units(session.kinematics), f"{kind}, identified on {date}", picture)
-    return {**content, "verdict": asdict(judged), "file": str(out), "picture": str(picture)}
+    draw(found, target.units, f"{kind}, identified on {date}", picture)
+    return {**content, "verdict": judged, "file": str(out), "picture": str(picture)}
 
 
-def check(path: Path, say: Callable[[str], None], ready: Callable[[str], None]) -> dict[str, Any]:
+def check(path: Path, say: Say, ready: Say) -> dict[str, Any]:
     """Repeat a short identification of the device of a file; say whether it has changed.
 
     Raises:
         ConfigError: If it is no such file, or of another device.
         DeviceError: If the device fails.
     """
-    content = device_file.read(path)
-    model, identified = device_of(path, device_file.METHODS), content["identified"]
-    device_file.check_whole(path, identified, model.axes)
-    plan, number = identified["plan"], identified["serial_number"]
-    target = Target(model, plan["rate"], None)
-    short = Plan(plan["reach"], plan["force"], plan["rate"], poses=(0.0,), pushes=8, strokes=0)
-
-    def accept(serial: str) -> None:
-        if serial != number:
-            raise ConfigError(
-                f"{path} is of the device with the serial number {number or '-'}, this one has"
-                f" {serial or '-'}: identify this one"
-            )
-
-    session = measure(target, lambda is_joint: short, say, ready, accept)
+    written = device_file.read(path)
+    plan, target = written.plan, Target(device_of(path, METHODS), written.plan.rate)
+    for name in COMPARED:
+        number = getattr(written.numbers, name)
+        if {np.size(number.found), np.size(number.stated)} != {target.model.axes}:
+            raise ConfigError(f"{path}: identified: {name} is not of {target.model.axes} axes")
+    short = Plan(plan.reach, plan.force, plan.rate, poses=(0.0,), pushes=8, strokes=0)
+    found, _ = measure(target, short, say, ready, written.serial_number)
     rows = [
-        _compared(name, numbers, getattr(axis, name), number)
-        for name, numbers in identified["numbers"].items()
-        if name in device_file.COMPARED
-        for number, axis in enumerate(session.found.axes)
+        _compared(name, getattr(written.numbers, name), getattr(axis, name), number)
+        for name in COMPARED
+        for number, axis in enumerate(found.axes)
     ]
     return {"file": str(path), "numbers": rows, "passed": all(row["holds"] for row in rows)}
 
 
-def _compared(name: str, numbers: Mapping[str, Any], now: Any, axis: int) -> dict[str, Any]:
-    was, stated = np.atleast_1d(numbers["found"])[axis], np.atleast_1d(numbers["stated"])[axis]
-    is_lower = name in ("damping", "friction")
+def _compared(name: str, number: RecordedNumber, now: Bounded, axis: int) -> dict[str, Any]:
+    was, stated = (float(np.atleast_1d(one)[axis]) for one in (number.found, number.stated))
     # Broken only if even the other end of what is seen now lies beyond what is stated.
-    holds = now.upper >= stated if is_lower else now.lower <= stated
+    holds = now.upper >= stated if name in LOWER else now.lower <= stated
     return {
         "number": name,
         "axis": axis + 1,
-        "stated": float(stated),
-        "then": float(was),
+        "stated": stated,
+        "then": was,
         "now": now.estimate,
         "holds": bool(holds),
         "changed": bool(was > 0.0 and abs(now.estimate / was - 1.0) > CHANGED),
@@ -329,28 +266,26 @@ def _compared(name: str, numbers: Mapping[str, Any], now: Any, axis: int) -> dic
 
 def lines(content: Mapping[str, Any]) -> list[str]:
     """Return the result of :func:`run` as lines of text."""
-    text = []
-    for name, one in content["identified"]["numbers"].items():
+    text, identified = [], content["identified"]
+    for name, one in identified["numbers"].items():
         text.append(f"{name:<13} stated {_shown(one['stated'])}, found {_shown(one['found'])}")
         text.append(f"{'':<13} {one['method']}")
     for name, what in FURTHER.items():
-        one = content["identified"].get(name)
-        if one is not None:
-            least, most = _shown(one["lower"]), _shown(one["upper"])
-            text.append(
-                f"{name:<13} found {_shown(one['found'])}; at least {least}, at most {most}"
-            )
+        if name in identified:
+            found, least, most = (_shown(identified[name][k]) for k in ("found", "lower", "upper"))
+            text.append(f"{name:<13} found {found}; at least {least}, at most {most}")
             text.append(f"{'':<13} {what}")
-    if "lag" not in content["identified"]:
-        text.append("lag           not told: too many late ticks; it stays as the device states it")
+    if "lag" not in identified:
+        text.append(
+            "lag           not found: too many late ticks; it stays as the device states it"
+        )
     judged = content["verdict"]
     shown = judged["stiffness"] / 1e3
     text.append(f"a wall of the law certified, pressed by 2 mm: at most {shown:.3g} N/mm")
     for name, gain in judged["gains"].items():
-        better = BETTER[name][1]
         measured = gain.get("measured")
         known = "" if measured is None else f"; measured exactly: {_percent(measured)}"
-        text.append(f"  {name:<13} {better}: {_percent(gain['built'])}{known}")
+        text.append(f"  {name:<13} {BETTER[name][1]}: {_percent(gain['built'])}{known}")
     text.append(f"what limits it most: {judged['limit']}")
     text.append(f"written: {content['file']}, {content['picture']}")
     return text
@@ -375,8 +310,3 @@ def _shown(value: Any) -> str:
 
 def _percent(ratio: float) -> str:
     return f"{100.0 * (ratio - 1.0):+.1f} %"
-
-
-def is_terminal() -> bool:
-    """Return whether somebody can answer."""
-    return sys.stdin.isatty()

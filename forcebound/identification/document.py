@@ -7,16 +7,19 @@ It is a launch file with the section ``device:``, which others include, and the 
 import dataclasses
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from io import StringIO
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, NamedTuple
+
+import msgspec
 
 from forcebound.config.document import DEVICE_FILE, MAX_BYTES
 from forcebound.config.fields import fields_of
 from forcebound.config.problems import Problems
 from forcebound.config.resolved import member_document
 from forcebound.config.tree import parse
+from forcebound.devices import DeviceModel
 from forcebound.errors import ConfigError
 from forcebound.files import read_text
 from forcebound.identification.estimators import Bounded
@@ -35,58 +38,85 @@ METHODS = {
     "write_delay": "from reading to the effect of the write, 999 of 1000; upper bound",
     "lag": "by which the ripple of the speed follows a force that jumps; upper bound",
     "gain_error": "force for a hanging weight, how far motors are from their mean; upper bound",
-    "largest_speed": "moved by hand, the fastest and a quarter more; a rule, no bound",
 }
-PLANNED = ("reach", "force", "rate")  # of the plan, for a check
-COMPARED = ("damping", "friction", "presliding", "resolution")  # in a check
 LOWER = ("damping", "friction")  # a lower bound is the careful one
 
 
-def bounds_of(model: Any, found: Found) -> dict[str, float | Vector]:
-    """Return the numbers that a device may state after an identification.
+_Positive = Annotated[float, msgspec.Meta(gt=0.0)]
+
+
+class RecordedPlan(msgspec.Struct):
+    """How a device was identified; see :class:`forcebound.identification.procedure.Plan`."""
+
+    reach: _Positive
+    force: _Positive
+    rate: _Positive
+
+
+class RecordedNumber(msgspec.Struct):
+    """A number, for each axis."""
+
+    found: float | list[float]
+    stated: float | list[float]
+
+
+class RecordedNumbers(msgspec.Struct):
+    """The numbers that a check compares."""
+
+    damping: RecordedNumber
+    friction: RecordedNumber
+    presliding: RecordedNumber
+    resolution: RecordedNumber
+
+
+class Identified(msgspec.Struct):
+    """What a check of a device needs of the section ``identified``."""
+
+    plan: RecordedPlan
+    serial_number: str
+    numbers: RecordedNumbers
+
+
+COMPARED = RecordedNumbers.__struct_fields__  # in a check
+
+
+class Number(NamedTuple):
+    """A number of a device: as it was found, and the bound that the device may state."""
+
+    found: float | Vector
+    stated: float | Vector
+
+
+def numbers_of(model: DeviceModel, found: Found) -> dict[str, Number]:
+    """Return the numbers of a device after an identification.
 
     With a weight they count in forces of the mean gain, of which each motor gives its share.
     """
-    bounds: dict[str, float | Vector] = {}
     shares = _shares(found)
-    for name, values in _axis_numbers(model, found).items():
-        pairs = zip(values, shares, strict=True)
-        if name in LOWER:
-            each = [down(one.lower * share.lower) for one, share in pairs]
-        elif name == "weight_error":
-            each = [up(one.upper * share.upper) for one, share in pairs]
-        else:
-            each = [up(one.upper) for one in values]
-        bounds[name] = each[0] if len(each) == 1 else tuple(each)
-    bounds["write_delay"] = up(found.write_delay.upper)
+    numbers, known = {}, {field.name for field in dataclasses.fields(model)}
+    for name in (*COMPARED, "weight_error"):
+        if name not in known:  # no joint has a weight error
+            continue
+        each = [axis.load if name == "weight_error" else getattr(axis, name) for axis in found.axes]
+        if name in (*LOWER, "weight_error"):
+            each = [one.times(share) for one, share in zip(each, shares, strict=True)]
+        numbers[name] = _number(each, name in LOWER)
+    numbers["write_delay"] = _number([found.write_delay])
     lag = lag_of(found)
     if lag is not None and (lag.lower > 0.0 or model.watchdog != "guarding"):
-        bounds["lag"] = up(max(lag.upper, 0.0))
+        numbers["lag"] = Number(max(lag.estimate, 0.0), up(max(lag.upper, 0.0)))
     if found.gain:
-        bounds["gain_error"] = up(max(max(s.upper - 1.0, 1.0 - s.lower) for s in shares))
-    if found.largest_speed is not None:
-        bounds["largest_speed"] = up(found.largest_speed.upper)
-    return bounds
+        error = max(abs(share.estimate - 1.0) for share in shares)
+        numbers["gain_error"] = Number(
+            error, up(max(max(share.upper - 1.0, 1.0 - share.lower) for share in shares))
+        )
+    return numbers
 
 
-def estimates_of(model: Any, found: Found) -> dict[str, float | Vector]:
-    """Return the same numbers as they were found, without their uncertainty."""
-    estimates: dict[str, float | Vector] = {}
-    shares = _shares(found)
-    for name, values in _axis_numbers(model, found).items():
-        has_force = name in (*LOWER, "weight_error")
-        pairs = zip(values, shares, strict=True)
-        each = [abs(one.estimate) * (share.estimate if has_force else 1.0) for one, share in pairs]
-        estimates[name] = each[0] if len(each) == 1 else tuple(each)
-    estimates["write_delay"] = found.write_delay.estimate
-    lag = lag_of(found)
-    if lag is not None:
-        estimates["lag"] = max(lag.estimate, 0.0)
-    if found.gain:
-        estimates["gain_error"] = max(abs(share.estimate - 1.0) for share in shares)
-    if found.largest_speed is not None:
-        estimates["largest_speed"] = found.largest_speed.estimate
-    return estimates
+def _number(values: Sequence[Bounded], is_lower: bool = False) -> Number:
+    found = tuple(abs(one.estimate) for one in values)
+    stated = tuple(down(one.lower) if is_lower else up(one.upper) for one in values)
+    return Number(found, stated) if len(values) > 1 else Number(found[0], stated[0])
 
 
 def lag_of(found: Found) -> Bounded | None:
@@ -98,16 +128,11 @@ def lag_of(found: Found) -> Bounded | None:
 
 
 def _shares(found: Found) -> list[Bounded]:
-    """Gain of each motor over their mean, which is the middle of what they can be."""
+    """Gain of each motor over the mean: the middle of the least and the largest that can be."""
     if not found.gain:
         return [Bounded(1.0, 1.0, 1.0)] * len(found.axes)
-    mean = mean_gain(found)
-    return [Bounded(g.estimate / mean, g.lower / mean, g.upper / mean) for g in found.gain]
-
-
-def mean_gain(found: Found) -> float:
-    """Return the middle between the least and the largest gain that the motors can have."""
-    return 0.5 * (min(g.lower for g in found.gain) + max(g.upper for g in found.gain))
+    mean = 0.5 * (min(g.lower for g in found.gain) + max(g.upper for g in found.gain))
+    return [one.times(Bounded(1 / mean, 1 / mean, 1 / mean)) for one in found.gain]
 
 
 def identified_model(model: Any, found: Found) -> Any:
@@ -116,19 +141,11 @@ def identified_model(model: Any, found: Found) -> Any:
     What a late force costs under a guarding watchdog is known only without lag and write delay; a
     device that has either states a reporting one.
     """
-    bounds: dict[str, Any] = bounds_of(model, found)
+    bounds: dict[str, Any] = {name: one.stated for name, one in numbers_of(model, found).items()}
     sources = {**model.sources, **dict.fromkeys(bounds, "measured")}
     if model.watchdog == "guarding" and (bounds.get("lag") or bounds["write_delay"]):
         bounds["watchdog"] = "reporting"
     return dataclasses.replace(model, **bounds, sources=sources)
-
-
-def _axis_numbers(model: Any, found: Found) -> dict[str, list[Bounded]]:
-    names = {"damping", "friction", "presliding", "resolution"}
-    numbers = {name: [getattr(axis, name) for axis in found.axes] for name in sorted(names)}
-    if "weight_error" in {each.name for each in dataclasses.fields(model)}:  # no joint has one
-        numbers["weight_error"] = [axis.load for axis in found.axes]
-    return numbers
 
 
 def down(value: float) -> float:
@@ -145,7 +162,12 @@ def up(value: float) -> float:
 
 
 def document_of(
-    model: Any, found: Found, date: str, serial: str, plan: Mapping[str, Any], included: str | None
+    model: Any,
+    found: Found,
+    date: str,
+    serial: str,
+    plan: Mapping[str, float],
+    included: str | None,
 ) -> dict[str, Any]:
     """Return the content of the file.
 
@@ -157,22 +179,19 @@ def document_of(
         plan: How it was identified.
         included: Launch file that it is for; None: none.
     """
-    identified = identified_model(model, found)
-    told = member_document("device", identified)
+    identified, numbers = identified_model(model, found), numbers_of(model, found)
+    values = member_document("device", identified)
     kind: type = type(model)
-    usual = {name: field.default for name, field in fields_of(kind).items()}
-    given = {name for name in usual if getattr(identified, name) != usual[name]}
-    device = {name: value for name, value in told.items() if name == "kind" or name in given}
-    bounds, estimates = bounds_of(model, found), estimates_of(model, found)
-    for name in (*bounds, "sources"):
-        device[name] = told[name]
-    if serial and "serial_number" in usual:
+    defaults = {name: field.default for name, field in fields_of(kind).items()}
+    kept = {name for name in defaults if getattr(identified, name) != defaults[name]}
+    kept |= {"kind", "sources", *numbers}
+    device = {name: value for name, value in values.items() if name in kept}
+    if serial and "serial_number" in defaults:
         device["serial_number"] = serial
-    numbers = {
-        name: {"found": _plain(estimates[name]), "stated": told[name], "method": METHODS[name]}
-        for name in bounds
+    numbers_found = {
+        name: {"found": _short(one.found), "stated": values[name], "method": METHODS[name]}
+        for name, one in numbers.items()
     }
-    load = [{"mean": _short(a.load.estimate), "largest": _short(a.load.upper)} for a in found.axes]
     return {
         "forcebound": 1,
         **({"include": included} if included else {}),
@@ -181,39 +200,43 @@ def document_of(
             "date": date,
             "serial_number": serial,
             "plan": dict(plan),
-            "range": [[_short(a), _short(b)] for a, b in found.measured_range],
-            "numbers": numbers,
+            "range": _short(found.measured_range),
+            "numbers": numbers_found,
             **_further(found),
-            "load": load,
-            "inertia": [_short(axis.inertia) for axis in found.axes],
-            "interval": {
-                "median": _short(found.interval.estimate),
-                "longest": _short(found.interval.upper),
-            },
         },
     }
 
 
 def _further(found: Found) -> dict[str, Any]:
-    """Lag and gain with both bounds, also where the device does not state them so."""
+    """Return what is found beside the numbers of a device."""
     lag = lag_of(found)
-    each = {"lag": [] if lag is None else [lag], "gain": found.gain}
-    return {
+    both = {"lag": [] if lag is None else [lag], "gain": found.gain}
+    bounds = {
         name: {
-            "found": [_short(one.estimate) for one in values],
-            "lower": [_short(one.lower) for one in values],
-            "upper": [_short(one.upper) for one in values],
+            "found": _short([one.estimate for one in each]),
+            "lower": _short([one.lower for one in each]),
+            "upper": _short([one.upper for one in each]),
         }
-        for name, values in each.items()
-        if values
+        for name, each in both.items()
+        if each
+    }
+    loads = [
+        {"mean": _short(axis.load.estimate), "largest": _short(axis.load.upper)}
+        for axis in found.axes
+    ]
+    interval = found.interval
+    return {
+        **bounds,
+        "load": loads,
+        "inertia": _short([axis.inertia for axis in found.axes]),
+        "interval": {"median": _short(interval.estimate), "longest": _short(interval.upper)},
     }
 
 
-def _plain(value: float | Vector) -> Any:
-    return [_short(one) for one in value] if isinstance(value, tuple) else _short(value)
-
-
-def _short(value: float) -> float:
+def _short(value: Any) -> Any:
+    """Round a number, or those in sequences."""
+    if isinstance(value, Sequence):
+        return [_short(one) for one in value]
     return float(f"{value:.{DIGITS}g}")
 
 
@@ -238,52 +261,23 @@ def write(path: Path, document: Mapping[str, Any], command: str) -> None:
         raise ConfigError(f"cannot write {DEVICE_FILE} {path}: {error.strerror}") from error
 
 
-def read(path: Path) -> dict[str, Any]:
-    """Return the content of such a file.
+def read(path: Path) -> Identified:
+    """Return what such a file says of an identification.
 
     Raises:
-        ConfigError: If it cannot be read, or is none.
+        ConfigError: If it cannot be read, is none, or is damaged.
     """
     problems = Problems()
     root = parse(read_text(path, DEVICE_FILE, MAX_BYTES), str(path), problems)
     problems.raise_if_any()
-    document: dict[str, Any] = {} if root is None else root.plain
-    identified = document.get("identified")
-    if not isinstance(identified, dict) or not isinstance(identified.get("numbers"), dict):
+    content: dict[str, Any] = {} if root is None else root.plain
+    if "identified" not in content:
         raise ConfigError(
             f"{path} has no section identified: write it with `forcebound identify DEVICE -o FILE`"
         )
-    return document
-
-
-def check_whole(path: Path, identified: Mapping[str, Any], axes: int) -> None:
-    """Check that the section ``identified`` has what a check of the device needs.
-
-    Raises:
-        ConfigError: If it was damaged, or is of a device with another number of axes.
-    """
-    plan = identified.get("plan")
-    told = plan if isinstance(plan, dict) else {}
-    wrong = [f"plan: {name}" for name in PLANNED if not _is_positive(told.get(name))]
-    for name in COMPARED:
-        one = identified["numbers"].get(name)
-        for key in ("found", "stated"):
-            values = one.get(key) if isinstance(one, dict) else None
-            each = values if isinstance(values, list) else [values]
-            if len(each) != axes or not all(map(_is_number, each)):
-                wrong.append(f"numbers: {name}: {key}")
-    if not isinstance(identified.get("serial_number"), str):
-        wrong.append("serial_number")
-    if wrong:
+    try:
+        return msgspec.convert(content["identified"], Identified)
+    except msgspec.ValidationError as error:
         raise ConfigError(
-            f"{path}: no numbers for a device of {axes} axes in identified: {', '.join(wrong)}; the"
-            " file is damaged, or of another device: identify it again with `forcebound identify`"
-        )
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and math.isfinite(value)
-
-
-def _is_positive(value: Any) -> bool:
-    return _is_number(value) and value > 0.0
+            f"{path}: identified: {error}; identify the device again with `forcebound identify`"
+        ) from error

@@ -2,11 +2,9 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from typing import NamedTuple, TypeAlias
 
 from forcebound.identification.rig import Controller, Rig, Trace, rest
-from forcebound.identification.stalls import Result, recover, repeated
 from forcebound.messages.packets import Vector
 
 BANDWIDTH = 60.0  # rad/s, of the position control
@@ -14,62 +12,44 @@ OBSERVER = 4.0  # times that: of the filter of position and speed
 STEADY = 0.9  # share of the friction that is fed forward: less than all, or it would push at rest
 SETTLE = 0.15  # s, until a controlled axis rests
 
-
-@dataclass(frozen=True)
-class Rough:
-    """What is roughly known of an axis, enough to drive it.
-
-    Attributes:
-        inertia: In kg (joints: kg m^2).
-        friction: In N (N m).
-        damping: In N s/m (N m s).
-    """
-
-    inertia: float
-    friction: float
-    damping: float = 0.0
+Motion: TypeAlias = tuple[float, float, float]  # position, speed and acceleration of an axis
 
 
-@dataclass(frozen=True)
+class Rough(NamedTuple):
+    """What is roughly known of an axis, enough to drive it."""
+
+    inertia: float  # kg (joints: kg m^2)
+    friction: float  # N (N m)
+
+
 class Way:
     """A straight way of one axis: even acceleration, even speed, even deceleration.
 
-    Attributes:
+    Args:
         start: In m (rad).
         end: In m (rad).
         speed: In between, in m/s (rad/s), > 0; less if the way is too short.
         acceleration: In m/s^2 (rad/s^2), > 0.
+
+    Attributes:
+        top_speed: Speed that is reached, in m/s (rad/s).
+        rise: Time until the speed is even, in s.
+        duration: In s.
     """
 
-    start: float
-    end: float
-    speed: float
-    acceleration: float
-
-    @cached_property
-    def top_speed(self) -> float:
-        """Speed that is reached, in m/s."""
-        return min(self.speed, math.sqrt(abs(self.end - self.start) * self.acceleration))
-
-    @cached_property
-    def duration(self) -> float:
-        """In s."""
-        top = self.top_speed
-        if top == 0.0:
-            return 0.0
-        return abs(self.end - self.start) / top + top / self.acceleration
-
-    @cached_property
-    def rise(self) -> float:
-        """Time until the speed is even, in s."""
-        return self.top_speed / self.acceleration
+    def __init__(self, start: float, end: float, speed: float, acceleration: float) -> None:
+        self.start, self.end, self.acceleration = start, end, acceleration
+        length = abs(end - start)
+        self.top_speed = min(speed, math.sqrt(length * acceleration))
+        self.rise = self.top_speed / acceleration
+        self.duration = length / self.top_speed + self.rise if length else 0.0
 
     def is_even(self, elapsed: float) -> bool:
         """Return whether it has its even speed at a time, in s, since its start."""
         return self.rise <= elapsed <= self.duration - self.rise
 
-    def at(self, elapsed: float) -> tuple[float, float, float]:
-        """Return position, speed and acceleration at a time, in s, since its start."""
+    def at(self, elapsed: float) -> Motion:
+        """Return the motion at a time, in s, since its start."""
         side, top, total = math.copysign(1.0, self.end - self.start), self.top_speed, self.duration
         steep, rise = side * self.acceleration, self.rise
         if elapsed >= total:
@@ -101,45 +81,40 @@ class Follower:
         """Begin a run: its time counts from 0."""
         self._elapsed = -self._period
 
-    def force(self, elapsed: float, reading: float, wanted: tuple[float, float, float]) -> float:
+    def force(self, elapsed: float, reading: float, motion: Motion) -> float:
         """Return the force, in N, positive against positive motion.
 
         Args:
             elapsed: Time since the run began, in s.
             reading: Now.
-            wanted: Position, speed and acceleration.
+            motion: That it should have now.
         """
         dt = max(elapsed - self._elapsed, self._period)
         self._elapsed = elapsed
         decay = math.exp(-OBSERVER * BANDWIDTH * dt)
-        # Predict with the acceleration that is wanted: a filter without it lags when that changes.
+        # Predict with the acceleration that it should have: a filter without it lags.
         self._x += (self._v + 0.5 * self._a * dt) * dt
         self._v += self._a * dt
         miss = reading - self._x
         self._x += (1.0 - decay**2) * miss
         self._v += (1.0 - decay) ** 2 / dt * miss
-        x, v, a = wanted
+        x, v, a = motion
         self._a = a
         rough = self._rough
         push = self._stiffness * (x - self._x) + self._loss * (v - self._v)
-        push += rough.inertia * a + rough.damping * v
-        if v:
-            push += math.copysign(STEADY * rough.friction, v)
-        return -push
+        push += rough.inertia * a
+        return -(push + math.copysign(STEADY * rough.friction, v) if v else push)
 
 
-@dataclass(frozen=True)
-class Ripple:
+class Ripple(NamedTuple):
     """A force that jumps up and down around that of the control.
 
-    Attributes:
-        force: By which it jumps to either side, in N (N m).
-        half: Time between two jumps, in s; the first comes after half of it, so that the speed
-            changes to both sides alike.
+    The first jump comes after half the time between two, so that the speed changes to both sides
+    alike.
     """
 
-    force: float
-    half: float
+    force: float  # N (N m), by which it jumps to either side
+    half: float  # s, between two jumps
 
     def at(self, elapsed: float) -> float:
         """Return the force at a time since it began, in s."""
@@ -154,6 +129,7 @@ class Drive:
         rough: What is known of each axis.
 
     Attributes:
+        goal: Where each axis is held, in m (rad).
         load: Force of each axis that is added to that of the control, in N (N m).
     """
 
@@ -161,7 +137,7 @@ class Drive:
         self.rig = rig
         self.rough = list(rough)
         self.load = [0.0] * rig.axes
-        self.wanted: list[float] = []
+        self.goal: list[float] = []
         self.take_over(rest(rig, rig.period).readings[-1])
 
     def acceleration(self, axis: int) -> float:
@@ -176,17 +152,10 @@ class Drive:
 
         A ripple is added while the axis should move at its even speed.
         """
-        return self.steadily(lambda: self._pass_along(axis, end, speed, ripple))
-
-    def _pass_along(
-        self, axis: int, end: float, speed: float, ripple: Ripple | None = None
-    ) -> tuple[Way, Trace]:
-        way = Way(self.wanted[axis], end, speed, self.acceleration(axis))
-
-        def wanted(one: int, elapsed: float) -> tuple[float, float, float]:
-            return way.at(elapsed) if one == axis else (self.wanted[one], 0.0, 0.0)
-
-        still = self._controller(wanted)
+        way = Way(self.goal[axis], end, speed, self.acceleration(axis))
+        still = self._controller(
+            lambda one, elapsed: way.at(elapsed) if one == axis else (self.goal[one], 0.0, 0.0)
+        )
 
         def rippled(elapsed: float, reading: Vector) -> Vector:
             forces = list(still(elapsed, reading))
@@ -195,7 +164,7 @@ class Drive:
             return tuple(forces)
 
         trace = self.rig.run(way.duration, still if ripple is None else rippled)
-        self.wanted[axis] = end
+        self.goal[axis] = end
         return way, trace
 
     def go(self, axis: int, end: float, speed: float) -> Trace:
@@ -204,56 +173,27 @@ class Drive:
         return self.hold(SETTLE)
 
     def hold(self, seconds: float) -> Trace:
-        """Hold all axes where they are wanted."""
-        return self.steadily(lambda: self._hold(seconds))
-
-    def steadily(self, movement: Callable[[], Result]) -> Result:
-        """Return what a movement gives; after a stall of the machine it begins anew.
-
-        Raises:
-            DeviceError: If the machine stalls each time.
-        """
-        begin = list(self.wanted)
-        return repeated(self.rig, movement, lambda: self._return(begin))
-
-    def _return(self, begin: Sequence[float]) -> None:
-        """Go to where a movement begins, from wherever a stall has left the device."""
-        rig = self.rig
-        limits, place = rig.limits, recover(rig)
-        farthest = max(abs(a - b) for a, b in zip(place, rig.start, strict=True))
-        self.take_over(place)
-        rig.limits = replace(limits, reach=limits.reach + farthest)
-        try:
-            for axis, end in enumerate(begin):
-                self._pass_along(axis, end, limits.reach)  # in about 1 s
-            self._hold(SETTLE)
-        finally:
-            rig.limits = limits
-
-    def _hold(self, seconds: float) -> Trace:
-        still = self._controller(lambda one, elapsed: (self.wanted[one], 0.0, 0.0))
+        """Hold all axes at their goals."""
+        still = self._controller(lambda one, elapsed: (self.goal[one], 0.0, 0.0))
         return self.rig.run(seconds, still)
 
-    def _controller(self, wanted: Callable[[int, float], tuple[float, float, float]]) -> Controller:
-        """Forces that keep each axis where it is wanted at a time."""
+    def _controller(self, motion: Callable[[int, float], Motion]) -> Controller:
+        """Forces that keep each axis on its motion, which is given by axis and time."""
         for follower in self._followers:
             follower.begin()
 
         def controller(elapsed: float, reading: Vector) -> Vector:
             axes = enumerate(zip(self._followers, reading, self.load, strict=True))
             return tuple(
-                [load + one.force(elapsed, q, wanted(i, elapsed)) for i, (one, q, load) in axes]
+                [load + one.force(elapsed, q, motion(i, elapsed)) for i, (one, q, load) in axes]
             )
 
         return controller
 
     def take_over(self, reading: Sequence[float]) -> None:
-        """Begin anew from where the axes rest: they were moved without control."""
-        self.wanted = list(reading)
-        self._followers = self._new(self.wanted)
-
-    def _new(self, readings: Sequence[float]) -> list[Follower]:
-        return [
-            Follower(rough, self.rig.period, reading)
-            for rough, reading in zip(self.rough, readings, strict=True)
+        """Hold the axes where they rest now: they were moved without control."""
+        self.goal = list(reading)
+        self._followers = [
+            Follower(rough, self.rig.period, x)
+            for rough, x in zip(self.rough, reading, strict=True)
         ]

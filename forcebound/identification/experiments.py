@@ -6,14 +6,14 @@ the limits of the rig stop whatever moves too fast or too far.
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from forcebound.errors import DeviceError
 from forcebound.identification.drive import Drive, Ripple, Rough, Way
-from forcebound.identification.rig import Controller, Floats, Rig, Trace, come_to_rest, rest
+from forcebound.identification.rig import Floats, Rig, Trace, come_to_rest, rest
 from forcebound.messages.packets import Vector
 
 RAMP = 1.5  # s, from no force to the largest
@@ -29,38 +29,14 @@ RIPPLE_TICKS = 6  # between two jumps, or more
 GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)  # places that repeat late
 
 
-@dataclass(frozen=True)
-class Pass:
-    """One axis, moved once along its range at an even speed.
-
-    Attributes:
-        axis: That was moved.
-        pose: Number of the pose of the others.
-        level: Number of the speed, from the slowest.
-        side: 1 or -1.
-        way: That was wanted.
-        trace: What happened.
-    """
+class Pass(NamedTuple):
+    """One axis, moved once along its range at an even speed."""
 
     axis: int
-    pose: int
-    level: int
-    side: int
-    way: Way
-    trace: Trace
-
-
-@dataclass(frozen=True)
-class Push:
-    """A push below the friction, and its release.
-
-    Attributes:
-        forces: Of each axis, without sign, in N (N m).
-        yielded: How far each axis came back, in m (rad).
-    """
-
-    forces: Vector
-    yielded: Vector
+    pose: int  # number of the pose of the others
+    level: int  # number of the speed, from the slowest
+    way: Way  # that it should have gone
+    trace: Trace  # what happened
 
 
 def start_to_move(rig: Rig, axis: int, side: int) -> float:
@@ -71,16 +47,13 @@ def start_to_move(rig: Rig, axis: int, side: int) -> float:
     Raises:
         DeviceError: If it does not move, moves the other way, or another axis moves instead.
     """
-    start = come_to_rest(rig, rig.limits.reach)
-    way, most = STARTED * rig.limits.reach, rig.limits.force
-
-    def controller(elapsed: float, reading: Vector) -> Vector:
-        return _along(rig.axes, axis, -side * most * elapsed / RAMP)
-
-    def has_moved(reading: Vector) -> bool:
-        return bool(np.abs(start - reading).max() >= way)
-
-    trace = rig.run(RAMP, controller, has_moved)
+    start, way = come_to_rest(rig), STARTED * rig.limits.reach
+    steepness = -side * rig.limits.force / RAMP
+    trace = rig.run(
+        RAMP,
+        lambda elapsed, reading: _along(rig.axes, axis, steepness * elapsed),
+        lambda reading: bool(np.abs(start - reading).max() >= way),
+    )
     moved = trace.readings[-1] - start
     force = float(abs(trace.forces[-1, axis]))
     _check_motion(axis, side, moved, way, force)
@@ -107,23 +80,14 @@ def _check_motion(axis: int, side: int, moved: Floats, way: float, force: float)
         )
 
 
-@dataclass(frozen=True)
-class Kick:
-    """An axis that was pushed evenly and then left to itself.
+class Kick(NamedTuple):
+    """An axis that was pushed evenly and then left to itself; all without sign."""
 
-    Attributes:
-        force: Of the push, without sign, in N (N m).
-        gained: Acceleration under the push, in m/s^2 (rad/s^2).
-        lost: Deceleration without it.
-        pushed_speed: Mean speed under the push, in m/s (rad/s).
-        speed: Mean speed while it coasted.
-    """
-
-    force: float
-    gained: float
-    lost: float
-    pushed_speed: float
-    speed: float
+    force: float  # of the push, in N (N m)
+    gained: float  # acceleration under the push, in m/s^2 (rad/s^2)
+    lost: float  # deceleration without it
+    pushed_speed: float  # mean speed under the push, in m/s (rad/s)
+    speed: float  # mean speed while it coasted
 
     def inertia(self, damping: float) -> float:
         """Return that of the axis: friction slows both parts alike, damping the faster one more."""
@@ -140,7 +104,7 @@ def kick(rig: Rig, axis: int, side: int, started: float) -> Kick:
         side: 1 or -1.
         started: Force at which it begins to move, in N (N m).
     """
-    start = come_to_rest(rig, rig.limits.reach)
+    start = come_to_rest(rig)
     force = min(max(KICK * started, 0.05 * rig.limits.force), rig.limits.force)
     way = KICKED * rig.limits.reach
     pushed = rig.run(
@@ -151,11 +115,18 @@ def kick(rig: Rig, axis: int, side: int, started: float) -> Kick:
     left = pushed.readings[-1, axis]
     coasted = rest(rig, COAST, lambda reading: abs(reading[axis] - left) >= 2.0 * way)
     _brake(rig, axis, side, force)
-    gained, pushed_speed = curvature(pushed.read, pushed.readings[:, axis])
+    rest(rig, STOPPING)
     gone = np.abs(coasted.readings[:, axis] - coasted.readings[0, axis])
     moving = max(8, int(np.searchsorted(gone, 0.9 * gone[-1])))
-    lost, speed = curvature(coasted.read[1:moving], coasted.readings[1:moving, axis])
-    return Kick(force, abs(gained), abs(lost), abs(pushed_speed), abs(speed))
+    gained, pushed_speed = _parabola(pushed.read, pushed.readings[:, axis])
+    lost, speed = _parabola(coasted.read[1:moving], coasted.readings[1:moving, axis])
+    return Kick(force, gained, lost, pushed_speed, speed)
+
+
+def _parabola(time: Floats, position: Floats) -> tuple[float, float]:
+    """Return acceleration and mean speed, without sign, of the parabola nearest to a motion."""
+    half, speed, _ = np.polyfit(time - time.mean(), position, 2)
+    return float(abs(2.0 * half)), float(abs(speed))
 
 
 def _brake(rig: Rig, axis: int, side: int, force: float) -> None:
@@ -167,14 +138,6 @@ def _brake(rig: Rig, axis: int, side: int, force: float) -> None:
         return len(seen) > BRAKE_TICKS and seen[-1] <= seen[-1 - BRAKE_TICKS]
 
     rig.run(0.3, lambda elapsed, reading: _along(rig.axes, axis, side * force), has_ended)
-
-
-def curvature(time: Floats, position: Floats) -> tuple[float, float]:
-    """Return acceleration and mean speed of the parabola nearest to a motion."""
-    t = time - time.mean()
-    design = np.stack([np.ones_like(t), t, 0.5 * t * t], axis=1)
-    _, speed, acceleration = np.linalg.lstsq(design, position, rcond=None)[0]
-    return float(acceleration), float(speed)
 
 
 def centre(drive: Drive, middle: Vector, speeds: list[float]) -> None:
@@ -190,71 +153,80 @@ def centre(drive: Drive, middle: Vector, speeds: list[float]) -> None:
     rig.start = middle
 
 
-def strokes(drive: Drive, axis: int, speed: float, reach: float, count: int) -> list[Pass]:
-    """Pass along the range of an axis, there and back, with a force that jumps.
-
-    It makes the speed ripple, but never turn.
+def there_and_back(
+    drive: Drive, axis: int, reach: float, speed: float, count: int, pose: int = 0, level: int = 0
+) -> list[Pass]:
+    """Pass along the range of an axis at an even speed; the axis is at its lower end.
 
     Args:
         drive: Of the device.
         axis: To be moved.
-        speed: In m/s (rad/s).
         reach: To either side of the middle, in m (rad).
-        count: Of strokes.
+        speed: In m/s (rad/s).
+        count: Of passes, even.
+        pose: Number of the pose of the others.
+        level: Number of the speed.
+    """
+    middle, found = drive.rig.start[axis], []
+    for number in range(count):
+        end = middle + (-reach if number % 2 else reach)
+        found.append(Pass(axis, pose, level, *drive.pass_along(axis, end, speed)))
+    return found
+
+
+def strokes(drive: Drive, axis: int, speed: float, reach: float, count: int) -> list[Pass]:
+    """Pass along the range of an axis, there and back, with a force that jumps.
+
+    It makes the speed ripple, but never turn. Arguments as :func:`there_and_back`.
     """
     rig, middle, inertia = drive.rig, drive.rig.start[axis], drive.rough[axis].inertia
     drive.go(axis, middle - reach, speed)
     found = []
     for number in range(count):
-        side = -1 if number % 2 else 1
-        even = speed * (
-            0.7 + 0.3 * ((number * GOLDEN) % 1.0)
-        )  # meets the encoder's steps elsewhere
+        even = speed * (0.7 + 0.3 * ((number * GOLDEN) % 1.0))  # other steps of the encoder
         momentum = 2.0 * RIPPLE * even * inertia  # that the force between two jumps gives
         least = RIPPLE_TICKS + number // 2 % 4
         half = max(least, math.ceil(momentum / (0.5 * rig.limits.force) / rig.period))
         ripple = Ripple(momentum / (half * rig.period), half * rig.period)
-        way, trace = drive.pass_along(axis, middle + side * reach, even, ripple)
-        found.append(Pass(axis, 0, 0, side, way, trace))
+        end = middle + (-reach if number % 2 else reach)
+        found.append(Pass(axis, 0, 0, *drive.pass_along(axis, end, even, ripple)))
     drive.go(axis, middle, speed)
     return found
 
 
-def pushes(drive: Drive, forces: Vector, count: int) -> list[Push]:
+def pushes(drive: Drive, forces: Vector, count: int) -> Floats:
     """Push all axes below their friction and release them, at many places.
 
     Args:
         drive: Of the device.
         forces: Of each axis, in N (N m), less than its friction.
         count: How often; each time a little farther on.
+
+    Returns:
+        How far each axis came back, in m (rad), shape (count, axes).
     """
     found = []
     for number in range(count):
         _shift(drive, number)
-        side = 1.0 if number % 2 else -1.0
-        found.append(drive.steadily(partial(_push, drive, forces, side)))
-    return found
+        found.append(_push(drive, forces, 1.0 if number % 2 else -1.0))
+    return np.array(found)
 
 
-def _push(drive: Drive, forces: Vector, side: float) -> Push:
+def _push(drive: Drive, forces: Vector, side: float) -> Floats:
     rig = drive.rig
 
-    def pushed(seconds: float, share: Callable[[float], float]) -> Trace:
-        # It cannot move an axis, however long it is on.
-        return rig.run(seconds, _pushing(forces, side, share), stalled=math.inf)
+    def pushed(seconds: float, share: Callable[[float], float]) -> Floats:
+        """Mean readings while a share of the forces acts, which changes with the time."""
+        trace = rig.run(seconds, lambda t, reading: tuple([-side * share(t) * f for f in forces]))
+        return np.asarray(trace.readings.mean(axis=0))
 
     rest(rig, SETTLED)
     pushed(PUSH_RAMP, lambda elapsed: _smooth(elapsed / PUSH_RAMP))
     held = pushed(PUSH_LOOK, lambda elapsed: 1.0)
     pushed(PUSH_RAMP, lambda elapsed: _smooth(1 - elapsed / PUSH_RAMP))
-    released = rest(rig, PUSH_LOOK).readings.mean(axis=0)
-    drive.take_over(rest(rig, rig.period).readings[-1])
-    return Push(forces, tuple((side * (held.readings.mean(axis=0) - released)).tolist()))
-
-
-def _pushing(forces: Vector, side: float, share: Callable[[float], float]) -> Controller:
-    """Forces of which a share acts, which changes with the time."""
-    return lambda elapsed, reading: tuple([-side * share(elapsed) * force for force in forces])
+    released = rest(rig, PUSH_LOOK).readings
+    drive.take_over(rest(rig, rig.period).readings[-1].tolist())
+    return np.asarray(side * (held - released.mean(axis=0)))
 
 
 def _smooth(share: float) -> float:
@@ -267,8 +239,7 @@ def _shift(drive: Drive, number: int) -> None:
     rig = drive.rig
     for axis in range(rig.axes):
         place = rig.start[axis] + 0.4 * rig.limits.reach * (((number + 1) * GOLDEN) % 1.0 - 0.5)
-        speed = 2.0 * rig.limits.reach
-        drive.pass_along(axis, place, speed)
+        drive.pass_along(axis, place, 2.0 * rig.limits.reach)
 
 
 def _along(axes: int, axis: int, force: float) -> Vector:

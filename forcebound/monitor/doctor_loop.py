@@ -5,13 +5,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 from msgspec.structs import replace
 
-from forcebound.analysis.bounder import (
-    Cause,
-    causes_of_little_force,
-    is_limited,
-    limited_ticks,
-    magnitudes,
-)
+from forcebound.analysis.bounder import Cause, Limited, causes_of_little_force
 from forcebound.config.graph import GraphConfig
 from forcebound.config.resolved import to_document
 from forcebound.messages.control import DeviceStatus, RecorderStatus
@@ -151,11 +145,11 @@ def _law(seen: Observations) -> Iterator[Finding]:
         yield note("no_law", DEVICE, words, command=command)
         return
     section = to_document(seen.config)["device"]
-    if not is_limited(seen.telemetry, section):
+    force = Limited(seen.telemetry, section)
+    if not force:
         return
-    limited, pushing = limited_ticks(seen.telemetry, section)
-    share = float(limited.sum() / pushing.sum())
-    commanded, applied = (float(one[limited].mean()) for one in magnitudes(seen.telemetry, section))
+    share = float(force.limited.sum() / force.pushing.sum())
+    commanded, applied = (float(one[force.limited].mean()) for one in (force.wanted, force.applied))
     words = (
         f"law {law} limits the force in {share:.0%} of the ticks with one: "
         f"of {commanded:.2g} N commanded it applies {applied:.2g} N"

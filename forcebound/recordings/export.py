@@ -7,12 +7,10 @@ and a topic without packets, are left out. Numbers are exact: the text gives the
 
 import csv
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, closing
-from functools import partial
-from operator import attrgetter
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, TypeAlias
 
 import msgspec
 
@@ -32,26 +30,17 @@ from forcebound.recording import Recording
 from forcebound.recording_schema import plain_type
 
 COLUMNS = "columns.csv"  # what each column means
-FORMATS = ("csv", "parquet")
-_TYPES = {int: "int64", float: "float64", bool: "bool", str: "string"}
-_ROWS = 1 << 16  # of a table that wait until they are written
+_TYPES = {int: "int64", float: "float64", bool: "bool", Vector: "float64", Quaternion: "float64"}
+_ROWS = 1 << 12  # of a table that wait until they are written
+
+_Row: TypeAlias = dict[str, Any]
+_Add: TypeAlias = Callable[[_Row], object]
 
 
 class _Column(NamedTuple):
-    """A column of a table."""
-
     name: str
     meaning: Meaning  # of the packet's field
     kind: str  # Arrow's name of the type
-    value_of: Callable[[Packet], Any]
-
-
-class _Table(Protocol):
-    """A table that is written packet by packet."""
-
-    def add(self, packet: Packet) -> None: ...
-
-    def close(self) -> None: ...
 
 
 def export(recording: Recording, folder: Path, kind: str, overwrite: bool = False) -> list[Path]:
@@ -62,7 +51,7 @@ def export(recording: Recording, folder: Path, kind: str, overwrite: bool = Fals
     Args:
         recording: With all its topics.
         folder: For the files ``TOPIC.csv`` or ``TOPIC.parquet`` and ``columns.csv``.
-        kind: One of :data:`FORMATS`.
+        kind: ``csv`` or ``parquet``.
         overwrite: Replace files that are there.
 
     Returns:
@@ -72,7 +61,7 @@ def export(recording: Recording, folder: Path, kind: str, overwrite: bool = Fals
         ConfigError: If there is no packet; if a file is there or cannot be written; if the format
             needs a package that is missing.
     """
-    table = _Csv if kind == "csv" else _parquet()
+    table = _csv if kind == "csv" else _parquet()
     with content_of(recording.path):
         columns = _columns_of(recording)
     if not columns:
@@ -81,66 +70,51 @@ def export(recording: Recording, folder: Path, kind: str, overwrite: bool = Fals
     _prepare(folder, [*files.values(), folder / COLUMNS], overwrite)
     try:
         with ExitStack() as stack:
-            tables = {
-                topic: stack.enter_context(closing(table(file, columns[topic])))
-                for topic, file in files.items()
-            }
+            add = {t: stack.enter_context(table(file, columns[t])) for t, file in files.items()}
             for packet in recording.stream(*TOPICS):
-                tables[TOPIC_OF[type(packet)]].add(packet)
-        with (folder / COLUMNS).open("w", newline="", encoding="utf-8") as stream:
-            rows = csv.writer(stream, lineterminator="\n")
-            rows.writerow(("table", "column", "unit", "meaning"))
-            rows.writerows(_described(columns))
+                add[TOPIC_OF[type(packet)]](_row_of(packet))
+        with _csv(folder / COLUMNS, ("table", "column", "unit", "meaning")) as described:
+            for topic, each in columns.items():
+                for name, meaning, _ in each:
+                    described({"table": topic, "column": name} | _texts(meaning))
     except OSError as error:  # the disk is full
         raise ConfigError(f"cannot write into the folder {folder}: {reason(error)}") from error
     return [*files.values(), folder / COLUMNS]
 
 
+def _row_of(packet: Packet) -> _Row:
+    """Return the values of a packet by column; no value: no key."""
+    row: _Row = {}
+    for name, hint in field_types(type(packet)).items():
+        value = getattr(packet, name)
+        if value is None:
+            continue
+        kind = plain_type(hint)
+        if kind in (Vector, Quaternion):
+            row |= {f"{name}[{i}]": one for i, one in enumerate(value)}
+        elif kind is str or kind in _TYPES:
+            row[name] = value
+        else:
+            row[name] = json.dumps(msgspec.to_builtins(value))
+    return row
+
+
 def _columns_of(recording: Recording) -> dict[str, list[_Column]]:
-    """Return the columns of each topic that has packets."""
-    widths: dict[str, dict[str, int]] = {}  # by topic and field: most entries; a number has one
-    names = {kind: tuple(field_types(kind)) for kind in TOPIC_OF}
-    values_of = {kind: attrgetter(*names[kind]) for kind in TOPIC_OF}
+    """Return the columns of each topic that has packets, in the order of the fields."""
+    seen: dict[type[Packet], set[str]] = {}
     for packet in recording.stream(*TOPICS):
-        kind = type(packet)
-        known = widths.setdefault(TOPIC_OF[kind], {})
-        for name, value in zip(names[kind], values_of[kind](packet), strict=True):
-            if value is not None:
-                entries = len(value) if type(value) is tuple else 1
-                if entries > known.get(name, -1):
-                    known[name] = entries
-    return {
-        topic: [
-            column
-            for name, hint in field_types(TOPICS[topic]).items()
-            if name in widths[topic]
-            for column in _columns(
-                name, meanings(TOPICS[topic])[name], plain_type(hint), widths[topic][name]
-            )
-        ]
-        for topic in TOPICS
-        if topic in widths
-    }
-
-
-def _columns(name: str, meaning: Meaning, kind: Any, width: int) -> Iterator[_Column]:
-    """Yield the columns of a field; ``kind`` is its type when it has a value."""
-    if kind in (Vector, Quaternion):
-        for i in range(width):
-            yield _Column(f"{name}[{i}]", meaning, "float64", partial(_entry, attrgetter(name), i))
-    elif kind in _TYPES:
-        yield _Column(name, meaning, _TYPES[kind], attrgetter(name))
-    else:
-        yield _Column(name, meaning, "string", partial(_as_json, attrgetter(name)))
-
-
-def _entry(vector_of: Callable[[Packet], Vector | None], i: int, packet: Packet) -> float | None:
-    value = vector_of(packet)
-    return None if value is None or i >= len(value) else value[i]
-
-
-def _as_json(value_of: Callable[[Packet], Any], packet: Packet) -> str:
-    return json.dumps(msgspec.to_builtins(value_of(packet)))
+        seen.setdefault(type(packet), set()).update(_row_of(packet))
+    columns = {}
+    for topic, packet_type in TOPICS.items():
+        if packet_type in seen:
+            hints, meaning = field_types(packet_type), meanings(packet_type)
+            fields = list(hints)
+            names = [(name, name.partition("[")[0]) for name in sorted(seen[packet_type])]
+            columns[topic] = [
+                _Column(name, meaning[field], _TYPES.get(plain_type(hints[field]), "string"))
+                for name, field in sorted(names, key=lambda each: fields.index(each[1]))
+            ]
+    return columns
 
 
 def _prepare(folder: Path, files: Sequence[Path], overwrite: bool) -> None:
@@ -154,30 +128,18 @@ def _prepare(folder: Path, files: Sequence[Path], overwrite: bool) -> None:
         raise ConfigError(f"{folder} has {names}: choose another folder, or add --overwrite")
 
 
-def _described(tables: Mapping[str, Sequence[_Column]]) -> Iterator[Sequence[str]]:
-    for topic, columns in tables.items():
-        for column in columns:
-            yield topic, column.name, column.meaning.unit, column.meaning.text
+@contextmanager
+def _csv(file: Path, columns: Sequence[_Column | str]) -> Iterator[_Add]:
+    """Write a table as CSV, row by row."""
+    names = [column if isinstance(column, str) else column.name for column in columns]
+    with file.open("w", newline="", encoding="utf-8") as stream:
+        rows = csv.DictWriter(stream, names, lineterminator="\n")
+        rows.writeheader()
+        yield rows.writerow
 
 
-class _Csv:
-    """A table as CSV."""
-
-    def __init__(self, file: Path, columns: Sequence[_Column]) -> None:
-        self._stream = file.open("w", newline="", encoding="utf-8")
-        self._rows = csv.writer(self._stream, lineterminator="\n")
-        self._rows.writerow([column.name for column in columns])
-        self._values = [column.value_of for column in columns]
-
-    def add(self, packet: Packet) -> None:
-        self._rows.writerow([value_of(packet) for value_of in self._values])
-
-    def close(self) -> None:
-        self._stream.close()
-
-
-def _parquet() -> Callable[[Path, Sequence[_Column]], _Table]:
-    """Return the class of tables as Parquet; their columns have units and meanings, too."""
+def _parquet() -> Callable[[Path, Sequence[_Column]], AbstractContextManager[_Add]]:
+    """Return the like as Parquet; the columns of the table have units and meanings, too."""
     try:
         import pyarrow as pa
         import pyarrow.parquet as pq
@@ -185,32 +147,28 @@ def _parquet() -> Callable[[Path, Sequence[_Column]], _Table]:
         needed = "Parquet files need pyarrow: pip install 'forcebound[lab]', or use --csv"
         raise ConfigError(needed) from missing
 
-    class Parquet:
-        def __init__(self, file: Path, columns: Sequence[_Column]) -> None:
-            fields = []
-            for column in columns:
-                about = {"unit": column.meaning.unit, "meaning": column.meaning.text}
-                fields.append(pa.field(column.name, column.kind, metadata=about))
-            self._schema = pa.schema(fields)
-            self._columns = columns
-            self._waiting: list[Packet] = []
-            self._writer = pq.ParquetWriter(file, self._schema, compression="zstd")
+    @contextmanager
+    def parquet(file: Path, columns: Sequence[_Column]) -> Iterator[_Add]:
+        schema = pa.schema(
+            [pa.field(each.name, each.kind, metadata=_texts(each.meaning)) for each in columns]
+        )
+        waiting: list[_Row] = []
+        with pq.ParquetWriter(file, schema, compression="zstd") as writer:
 
-        def add(self, packet: Packet) -> None:
-            self._waiting.append(packet)
-            if len(self._waiting) == _ROWS:
-                self._write()
+            def write() -> None:
+                writer.write_table(pa.Table.from_pylist(waiting, schema))
+                waiting.clear()
 
-        def close(self) -> None:
-            self._write()
-            self._writer.close()
+            def add(row: _Row) -> None:
+                waiting.append(row)
+                if len(waiting) == _ROWS:
+                    write()
 
-        def _write(self) -> None:
-            arrays = [
-                pa.array(list(map(column.value_of, self._waiting)), column.kind)
-                for column in self._columns
-            ]
-            self._writer.write_table(pa.table(arrays, schema=self._schema))
-            self._waiting.clear()
+            yield add
+            write()
 
-    return Parquet
+    return parquet
+
+
+def _texts(meaning: Meaning) -> dict[str, str]:
+    return {"unit": meaning.unit, "meaning": meaning.text}

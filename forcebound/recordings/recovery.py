@@ -1,16 +1,14 @@
 """A complete recording from one that was cut: its readable part, with index and footer.
 
-Metadata, schemas, channels and messages are copied as they are, chunk by chunk, so a recording of
-another version is recovered, too. A metadata record ``forcebound.recovered`` says what was lost.
+Metadata, schemas, channels and messages are copied as they are, so a recording of another version
+is recovered, too. A metadata record ``forcebound.recovered`` says what was lost.
 """
 
-import struct
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from mcap.opcode import Opcode
-from mcap.records import Channel, Metadata, Schema
+from mcap.records import Channel, Message, Metadata, Schema
 from mcap.writer import Writer
 
 from forcebound import mcap_file
@@ -47,68 +45,39 @@ def recover(cut: Path, output: Path) -> Recovered:
         raise ConfigError(f"{output} is the recording itself: choose another name")
     try:
         with output.open("wb") as target:
-            return _Copy(target).run(cut)
+            return _copy(cut, target)
     except OSError as error:  # the disk is full
         raise ConfigError(f"cannot write the recording {output}: {reason(error)}") from error
 
 
-class _Copy:
-    """A recording that grows by what another holds."""
-
-    def __init__(self, target: BinaryIO) -> None:
-        self._writer: Any = Writer(target)  # mcap leaves most of its methods unannotated
-        self._writer.start(profile="", library="forcebound")
-        self._schemas: dict[int, int] = {0: 0}  # ids here by ids there; 0: none
-        self._channels: dict[int, int] = {}
-        self._messages = 0
-        self._first_ns, self._last_ns = 0, 0
-
-    def run(self, cut: Path) -> Recovered:
-        """Copy what can be read of a file."""
-        lost = 0
-        source = mcap_file.parts(cut)
-        try:
-            for part in source:
-                if isinstance(part, Metadata):
-                    self._writer.add_metadata(part.name, part.metadata)
-                    continue
-                try:
-                    for opcode, data in mcap_file.records(part):
-                        self._take(opcode, data)
-                except mcap_file.DamagedError as error:
-                    source.throw(error)
-                self._writer.flush()
-        except mcap_file.DamagedError as error:
-            lost = cut.stat().st_size - error.at
-        result = Recovered(self._messages, (self._last_ns - self._first_ns) * 1e-9, lost)
-        texts = {name: str(value) for name, value in asdict(result).items()}
-        self._writer.add_metadata(RECOVERED_NAME, texts)
-        self._writer.finish()
-        return result
-
-    def _take(self, opcode: int, data: bytes) -> None:
-        if opcode == Opcode.SCHEMA:
-            schema = mcap_file.parsed(Schema, data)
-            self._schemas[schema.id] = self._writer.register_schema(
-                schema.name, schema.encoding, schema.data
-            )
-        elif opcode == Opcode.CHANNEL:
-            channel = mcap_file.parsed(Channel, data)
-            self._channels[channel.id] = self._writer.register_channel(
-                channel.topic,
-                channel.message_encoding,
-                self._schemas.get(channel.schema_id, 0),
-                channel.metadata,
-            )
-        elif opcode == Opcode.MESSAGE:
-            self._copy_message(data)
-
-    def _copy_message(self, data: bytes) -> None:
-        channel, sequence, log_time, publish_time = struct.unpack_from("<HIQQ", data)
-        if channel not in self._channels:  # as the reader of recordings has it
-            return
-        self._first_ns = self._first_ns if self._messages else log_time
-        self._last_ns = log_time
-        self._messages += 1
-        content = data[mcap_file.MESSAGE_HEAD :]
-        self._writer.add_message(self._channels[channel], log_time, content, publish_time, sequence)
+def _copy(cut: Path, target: BinaryIO) -> Recovered:
+    """Copy what can be read of a file."""
+    writer: Any = Writer(target)  # mcap leaves most of its methods unannotated
+    writer.start(profile="", library="forcebound")
+    schemas, channels = {0: 0}, dict[int, int]()  # ids here by ids there; 0: none
+    times: list[int] = []  # of the first and the last message, in ns
+    messages = lost = 0
+    try:
+        for one in mcap_file.records(cut):
+            if isinstance(one, Metadata):
+                writer.add_metadata(one.name, one.metadata)
+            elif isinstance(one, Schema):
+                schemas[one.id] = writer.register_schema(one.name, one.encoding, one.data)
+            elif isinstance(one, Channel):
+                schema = schemas.get(one.schema_id, 0)
+                channels[one.id] = writer.register_channel(
+                    one.topic, one.message_encoding, schema, one.metadata
+                )
+            elif isinstance(one, Message) and one.channel_id in channels:
+                times = [*times[:1], one.log_time]
+                messages += 1
+                writer.add_message(
+                    channels[one.channel_id], one.log_time, one.data, one.publish_time, one.sequence
+                )
+    except mcap_file.DamagedError as error:
+        lost = cut.stat().st_size - error.at
+    result = Recovered(messages, (times[-1] - times[0]) * 1e-9 if times else 0.0, lost)
+    texts = {name: str(value) for name, value in asdict(result).items()}
+    writer.add_metadata(RECOVERED_NAME, texts)
+    writer.finish()
+    return result

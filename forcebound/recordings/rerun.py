@@ -21,11 +21,11 @@ from typing import Any, cast
 from forcebound.bounding import LAWS
 from forcebound.config.graph import BESIDE_MODEL, KINDS, DeviceConfig, GraphConfig
 from forcebound.config.loader import from_document
+from forcebound.config.model import make_part
 from forcebound.config.names import ParameterName, split_setting
 from forcebound.config.parts import law_of
-from forcebound.config.problems import unknown
-from forcebound.config.resolved import made, restore
-from forcebound.config.tree import scalar
+from forcebound.config.problems import Problems, unknown
+from forcebound.config.tree import from_plain, scalar
 from forcebound.errors import ConfigError
 from forcebound.files import content_of
 from forcebound.messages.packets import TOPIC_OF, Telemetry
@@ -86,11 +86,11 @@ def device_of(recording: Recording, settings: Sequence[str] = ()) -> DeviceConfi
     """
     document = _document(recording)
     named = {_set(document, setting) for setting in settings}
-    document["links"] = {}  # of no concern here, and of what an earlier version could do with them
     _check_code(recording, document, named, ("device",))
     with content_of(recording.path):
-        device = restore(document).device
-        return dataclasses.replace(device, model=made("device", device.model))
+        section = from_plain(document["device"], "device")
+        device: DeviceConfig = make_part("device", section, Problems(), is_whole=True)
+    return device
 
 
 def duration_of(recording: Recording, config: GraphConfig) -> float:
@@ -110,6 +110,7 @@ def _document(recording: Recording) -> dict[str, Any]:
     document: dict[str, Any] = json.loads(json.dumps(recording.launch))
     if "device" not in document:
         raise ConfigError(f"{recording.path} holds no launch file")
+    document["device"].pop("late_ticks", None)  # of recordings before format 4
     return document
 
 

@@ -24,7 +24,7 @@ from forcebound.devices import Device, DeviceModel
 from forcebound.errors import ConfigError
 from forcebound.messages.packets import TOPIC_OF, Event, ForceCommand, Telemetry, Vector
 from forcebound.nodes.bounded_device import BoundedDevice
-from forcebound.nodes.events import LAW_CHANGED
+from forcebound.nodes.events import LAW_CHANGED, TAKES_HOLD_LIMIT
 from forcebound.nodes.safety import SafetyChain
 from forcebound.nodes.servo import dissipation_of
 from forcebound.recording import Recording
@@ -32,22 +32,23 @@ from forcebound.recording import Recording
 TOPICS = tuple(TOPIC_OF[kind] for kind in (Telemetry, ForceCommand, Event))  # that it needs
 
 
-@dataclass(frozen=True)
+@dataclass
 class Verified:
     """What a verification has found."""
 
     ticks: int  # in the recording
-    verified: int  # of them, up to the first one that is missing
-    unknown: int  # of them, of a ledger that began before the recording
-    differing: int  # ticks
-    difference: str  # the first, in words; "" without any
-    commands: int  # forces that follow from a recorded command
-    unknown_commands: int  # forces whose command is not in the recording
+    verified: int = 0  # of them, up to the first one that is missing
+    unknown: int = 0  # of them, of a ledger that began before the recording
+    differing: int = 0  # ticks
+    difference: str = ""  # the first, in words; "" without any
+    commands: int = 0  # forces that follow from a recorded command
+    unknown_commands: int = 0  # forces whose command is not in the recording
 
     @property
     def is_same(self) -> bool:
-        """Whether every tick of the recording was verified, and gave the recorded force."""
-        return self.verified + self.unknown == self.ticks and not self.differing
+        """Whether every tick was verified, gave its recorded force, and follows from a command."""
+        is_whole = self.verified + self.unknown == self.ticks
+        return is_whole and not self.differing and not self.unknown_commands
 
 
 def verify(recording: Recording, device: DeviceConfig) -> Verified:
@@ -68,26 +69,7 @@ def verify(recording: Recording, device: DeviceConfig) -> Verified:
         )
     commands = cast("list[ForceCommand]", recording.packets(TOPIC_OF[ForceCommand]))
     events = cast("list[Event]", recording.packets(TOPIC_OF[Event]))
-    laws = {event.time_ns: event.data["law"] for event in events if event.event == LAW_CHANGED}
-    # Whether a device of the user's own can be told how long to hold, only it knew.
-    found = [
-        _Rerun(device, laws, commands, takes_limit).run(packets)
-        for takes_limit in ((True,) if _is_simulated(device) else (False, True))
-    ]
-    best = min(found, key=lambda each: each.differing)
-    return Verified(
-        len(packets),
-        best.verified,
-        best.unknown,
-        best.differing,
-        best.difference,
-        best.commands,
-        best.unknown_commands,
-    )
-
-
-def _is_simulated(device: DeviceConfig) -> bool:
-    return hasattr(device.model, "body")
+    return _Rerun(device, events, commands).run(packets)
 
 
 def _lives(packets: Sequence[Telemetry]) -> Iterator[Sequence[Telemetry]]:
@@ -170,43 +152,34 @@ class _RecordedDevice(Device):
 
 
 class _Rerun:
-    """The recorded inputs through the bounder once more.
-
-    Attributes:
-        verified: Ticks until now.
-        unknown: Ticks before a ledger that could be known.
-        differing: Of them.
-        difference: The first, in words.
-        commands: Forces that follow from a recorded command.
-        unknown_commands: Forces that do not.
-    """
+    """The recorded inputs through the bounder once more."""
 
     def __init__(
-        self,
-        device: DeviceConfig,
-        laws: Mapping[int, str],
-        commands: Sequence[ForceCommand],
-        takes_limit: bool,
+        self, device: DeviceConfig, events: Sequence[Event], commands: Sequence[ForceCommand]
     ) -> None:
-        self._config, self._laws = device, laws
-        self._law = device.servo.law
-        self._takes_limit = takes_limit
+        self._config, self._law = device, device.servo.law
+        self._laws = {
+            each.time_ns: each.data["law"] for each in events if each.event == LAW_CHANGED
+        }
+        # A device of the user's own says it where its force engages or its law changes.
+        is_simulated = hasattr(device.model, "body")
+        self._takes_limit = is_simulated or any(TAKES_HOLD_LIMIT in each.data for each in events)
+        self._has_steps = not is_simulated
         self._commands: dict[int, list[ForceCommand]] = {}  # by the tick that they answer
         for command in commands:
             self._commands.setdefault(command.device_seq, []).append(command)
-        self.commands = self.unknown_commands = 0
-        self.verified = self.unknown = self.differing = 0
-        self.difference = ""
 
-    def run(self, packets: Sequence[Telemetry]) -> "_Rerun":
+    def run(self, packets: Sequence[Telemetry]) -> Verified:
+        """Return what the packets give."""
+        self._found = Verified(len(packets))
         for life in _lives(packets):
-            model = self._config.model
-            has_steps = not _is_simulated(self._config)
-            self._device = _RecordedDevice(model, life[0], has_steps, self._takes_limit)
+            self._device = _RecordedDevice(
+                self._config.model, life[0], self._has_steps, self._takes_limit
+            )
             self._begin()
             if not self._live(life):
                 break
-        return self
+        return self._found
 
     def _begin(self) -> None:
         """Begin the ledger of a device that starts; its law is the last one of its former life."""
@@ -220,7 +193,7 @@ class _Rerun:
         """Run through a life; return whether no tick of it is missing."""
         engaged = _engaged_at(life)
         start = _start_of(life, engaged, self._laws)
-        self.unknown += start
+        self._found.unknown += start
         if start > engaged:
             self._law = self._laws[life[start - 1].time_ns]
             self._begin()
@@ -249,15 +222,15 @@ class _Rerun:
             "applied_force": (written.applied, packet.applied_force),
             "estimated_energy": ((bounded.bounder.estimated_energy,), (packet.estimated_energy,)),
         }
-        self.verified += 1
-        differing = [name for name, (new, old) in pairs.items() if not _are_same(new, old)]
-        if not differing:
-            return
-        self.differing += 1
-        if not self.difference:
-            name = differing[0]
-            new, old = pairs[name]
-            self.difference = f"tick {packet.seq}: {name} is {new}, recorded {old}"
+        found = self._found
+        found.verified += 1
+        differing = [
+            f"tick {packet.seq}: {name} is {new}, recorded {old}"
+            for name, (new, old) in pairs.items()
+            if not _are_same(new, old)
+        ]
+        found.differing += bool(differing)
+        found.difference = found.difference or "".join(differing[:1])
 
     def _follow(self, packet: Telemetry) -> None:
         """Count whether the commanded force is what the stages make of a recorded command."""
@@ -270,12 +243,17 @@ class _Rerun:
             self._chain.states = list(before)
             self._chain.use(command)
             demand = self._chain.demand(packet.time_ns)
-            if (demand.force, demand.engagement) == (packet.commanded_force, packet.engagement):
+            forces = demand.force, self._formerly(command.force, demand.engagement)
+            if packet.commanded_force in forces and packet.engagement == demand.engagement:
                 break
-        if command is missing:
-            self.unknown_commands += 1
-        else:
-            self.commands += 1
+        self._found.unknown_commands += command is missing
+        self._found.commands += command is not missing
+
+    def _formerly(self, force: Vector, engagement: float) -> Vector:
+        """Return a commanded force as recordings before wire format 4 have it: saturated."""
+        saturation = self._config.model.saturation
+        scale = engagement * (saturation / max(math.hypot(*force), saturation))
+        return tuple([scale * f for f in force])
 
 
 def _are_same(new: Vector, old: Vector) -> bool:

@@ -16,6 +16,7 @@ from matplotlib.lines import Line2D
 from forcebound.analysis.colours import colours_of
 from forcebound.analysis.panels import in_figure
 from forcebound.analysis.plots import save
+from forcebound.analysis.tables import axis_labels
 from forcebound.config.problems import unknown
 from forcebound.errors import ConfigError
 from forcebound.files import content_of
@@ -30,22 +31,7 @@ UNITS: dict[str, tuple[str, float]] = {
     "delay": ("delay, each way (ms)", 1e3),
     "compute_delay": ("computation time (ms)", 1e3),
     "approach_speed": ("approach speed (mm/s)", 1e3),
-    "true_energy_min_j": ("minimum energy (mJ)", 1e3),
-    "energy_since_contact_min_j": ("minimum energy since contact (mJ)", 1e3),
-    "largest_energy_fall_j": ("largest fall of energy (mJ)", 1e3),
-    "displayed_stiffness_n_per_m": ("displayed stiffness (N/mm)", 1e-3),
-    "rate_hardness_n_per_m": ("rate-hardness (N/mm)", 1e-3),
-    "extended_rate_hardness_n_per_m": ("extended rate-hardness (N/mm)", 1e-3),
-    "transparency_bandwidth_hz": ("transparency bandwidth (Hz)", 1.0),
-    "peak_force_n": ("peak force (N)", 1.0),
-    "peak_penetration_m": ("peak penetration (mm)", 1e3),
-    "peak_tangential_force_n": ("peak tangential force (N)", 1.0),
-    "tangential_share": ("tangential over normal force", 1.0),
-    "peak_proxy_distance_m": ("peak proxy distance (mm)", 1e3),
-    "final_speed_m_per_s": ("speed at the end (mm/s)", 1e3),
-    "limit_cycle_amplitude_m": ("limit-cycle amplitude (mm)", 1e3),
-    "settling_time_s": ("settling time (ms)", 1e3),
-}
+} | axis_labels()
 
 
 LONGEST_TITLE = 400  # characters

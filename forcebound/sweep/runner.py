@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from forcebound.analysis.bounder import REPORTED
+from forcebound.analysis.figures import REPORTED
 from forcebound.config.graph import GraphConfig
 from forcebound.config.loader import build
 from forcebound.errors import ForceboundError

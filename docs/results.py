@@ -1,0 +1,268 @@
+"""The page of the figures of a run, from their table; `make reference` writes it."""
+
+from collections.abc import Iterator
+
+from forcebound.analysis.cells import Unit
+from forcebound.analysis.figures import FIGURES
+
+_HEAD = """# Results of a run
+
+The table on this page is made from that of the program: `make reference` writes it.
+
+Every run ends with a table; `--json` prints the same figures under the keys given here, in SI units (a key that ends
+in `_ms`: in ms).
+`forcebound plot RUN.mcap` computes them again from a recording. A dash means: not defined for this run (no surface, no
+contact, no ground truth); `undefined` has the reason, by key. Under *needs* stands what a run must have for the figure,
+beside an engaged force: *truth* is that of a simulated device, *axes* are several, *constant* is a stiffness that does not
+change, *mass* is that of the device. The [glossary](glossary.md) defines the terms.
+[Sources](#sources) are below.
+
+| row, unit | key | needs | meaning |
+|---|---|---|---|
+| | `hand` | | name of the hand; empty: the only one of its graph |
+"""  # noqa: E501
+
+#: What a figure means, by its key.
+MEANINGS = {
+    "law": "the bounding law of the device",
+    "duration_s": "time since the force engaged for the first time",
+    "samples": "samples in that time: ticks in which the device wrote",
+    "displayed_stiffness_n_per_m": (
+        "mean of applied force over penetration, in contact, 2 to 5 s after engagement; of a "
+        "shorter run, its last 40 % (paper, Eq. 33)"
+    ),
+    "rate_hardness_n_per_m": (
+        "slope of force over slope of penetration in the first 10 ms of the first contact (Eq. 34)"
+    ),
+    "extended_rate_hardness_n_per_m": (
+        "the same with the steepest 10 ms of the first contact's way in: also shows a wall "
+        "that answers late, or a damper (Han and Choi 2010; the window is ours)"
+    ),
+    "transparency_bandwidth_hz": (
+        "frequency up to which the displayed impedance is that of the wall, to 3 dB and 45 "
+        "degrees. Needs excitation: a hand that moves in contact for 4 s, as in `forcebound "
+        "simulate impedance` (Lawrence 1993)"
+    ),
+    "displayed_impedance": (
+        "effective stiffness and damping of the *motor's* force by third-octave band, from 1 "
+        "Hz; the device's own mass, damping and friction come on top. A punctual wall has a "
+        "damping of -K T/2 (Mehling, Colgate and Peshkin 2005; Colonnese and Okamura 2015)"
+    ),
+    "peak_force_n": "largest applied force",
+    "peak_penetration_m": "deepest reading",
+    "peak_tangential_force_n": (
+        "largest part of the applied force across the normal, in contact. This row and the "
+        "next two only if the run has them"
+    ),
+    "tangential_share": (
+        "mean part across over mean part along the normal, in contact, in the steady window "
+        "of the displayed stiffness: friction, of a hand that slides"
+    ),
+    "peak_proxy_distance_m": (
+        "longest way from the reading to the proxy, in contact; with friction it is longer "
+        "than the penetration"
+    ),
+    "force_error_rms_n": (
+        "commanded force after saturation less applied force, in contact: what the law takes"
+    ),
+    "wall_error_rms_n": (
+        "stiffness times true penetration, less applied force, in contact: what law, delay, "
+        "encoder and saturation take"
+    ),
+    "vibration_above_threshold_db": (
+        "strongest third-octave band, 20 to 500 Hz (at 1 kHz: to 400 Hz), of the error to the "
+        "ideal wall in the steady window of the displayed stiffness. The band moves the "
+        "device's mass; that motion is held against the threshold of vibration (Verrillo "
+        "1963). Above 0 dB everybody feels it, under -20 dB nobody"
+    ),
+    "vibration_frequency_hz": "frequency of that band",
+    "vibration": "the spectrum: RMS force and level of each band",
+    "settling_time_s": (
+        "from first contact until the penetration stays within 5 % of its final value (at "
+        "least 0.1 mm); a dash: it never does"
+    ),
+    "overshoot_share": "deepest penetration over the final one, less 1",
+    "limit_cycle_amplitude_m": "half of the range of the position over the last 0.5 s",
+    "contact_bounces": (
+        "how often the motion turned round after first contact, by more than 0.1 mm: many "
+        "bounces are a hand that oscillates, or that taps"
+    ),
+    "final_speed_m_per_s": "over the last 0.5 s",
+    "at_rest": "whether that speed is below 1 mm/s",
+    "penetration_at_rest_m": "mean over the last 0.5 s of a hand at rest in contact",
+    "true_energy_min_j": (
+        "minimum of ∫ F_h v dt, ground truth of a simulated device; below zero, the hand "
+        "received energy that it did not put in"
+    ),
+    "largest_energy_fall_j": (
+        "the most energy (ground truth) that the hand got back at a stretch. A spring that is "
+        "released gives back what was put in, so this is no leak; it is what the hand has to "
+        "hold against, and with a law that saves energy it may come long after"
+    ),
+    "energy_regain_time_s": (
+        "from the end of that fall until the energy is back; a dash: not in the run"
+    ),
+    "energy_since_contact_min_j": (
+        "lowest energy after first contact, against that at contact less the kinetic energy "
+        "brought into it: friction on the way to the wall cannot hide a leak. Below zero in a "
+        "passive run: a law spent what it had saved"
+    ),
+    "observed_energy_min_j": (
+        "minimum of the passivity observer at the motor, from readings and applied forces; "
+        "available on hardware (Hannaford and Ryu 2002)"
+    ),
+    "observed_power_min_w": "the most power that the motor gave, mean over 10 samples",
+    "observed_deficit_share": "share of the samples in which that observer is below zero",
+    "estimated_energy_min_j": (
+        "minimum of the law's own ledger. Those of the certified laws are lower bounds of the "
+        "energy: below zero, in deficit, no more than the friction force is applied, and the "
+        "run is still passive ([theory.md](theory.md))"
+    ),
+    "ledger_deficit_share": "share of the samples in which the law's own ledger is below zero",
+    "bounder_active_share": (
+        "of the samples in contact, those whose applied force is smaller than the commanded "
+        "force after saturation: the law reduces it"
+    ),
+    "answered_share": (
+        "of the device's ticks, those whose state got a force as its answer, sooner or later; "
+        "the others were lost, or overtaken by a newer answer"
+    ),
+    "same_tick_share": (
+        "of the samples with a force, those whose force answers the state of their own tick: "
+        "no sample of delay"
+    ),
+    "loop_delay_ms": (
+        "from the sample of the state to the write of the force that answers it, at each "
+        "sample with a force; an answer that stays in use for want of a newer one grows "
+        "older. (`forcebound delay` counts each answer once, at its first write)"
+    ),
+    "reply_age_ms": (
+        "from the sample of the state that the environment's reply in use answers to the "
+        "write of the force, at each sample with a force. Equal to the loop delay, unless the "
+        "controller answers states by itself (`local_model`, `virtual_coupling`, ...): then "
+        "the loop delay is that of the way between device and controller, and the force is "
+        "made of an environment as old as this. A dash: recorded before there was this figure"
+    ),
+    "deadline_misses": (
+        "ticks that were skipped, because the one before was still running or the process was "
+        "held up"
+    ),
+    "hold_limit_overruns": (
+        "holds longer than the hold limit of `device.hold_limit`: unless it was guarded the "
+        "watchdog had dropped the force, and a certified law paid for it "
+        "([realtime.md](realtime.md)). Ticks skipped in a row count once"
+    ),
+    "hold_limit_ms": (
+        "the hold limit in this run, which `device.hold_limit: auto` chooses anew for each hold"
+    ),
+    "refused_readings": (
+        "readings of the device that could not be: not finite, too soon, or faster than "
+        "`device.largest_speed`. Only shown if there are any"
+    ),
+    "late_writes": (
+        "forces that took effect longer after their reading than `device.write_delay`: the "
+        "certificate planned for less. Only shown if there are any"
+    ),
+    "longest_write_delay_ms": "the longest such time",
+    "largest_allowance_j": (
+        "the most that holds beyond the hold limit can have given the hand (`device.allowance`)"
+    ),
+    "allowance_repaid": "whether the ledger has it back",
+    "energy_cap_j": (
+        "most energy that a certified law keeps for later: `device.energy_cap`, else as much "
+        "as the saturation can use (null)"
+    ),
+    "number_sources": (
+        "how many of its numbers are measured, from a data sheet, or assumed (`device.sources`)"
+    ),
+    "little_force": (
+        "why the law gave less than commanded most of the time, each `cause` with its `data` "
+        "and the `advice` in the lines below the table"
+    ),
+    "rejected_packets": (
+        "packets that the device rejected, by reason ([protocol.md](protocol.md))"
+    ),
+    "links": "packets that impaired links lost or damaged on purpose",
+    "faults": "faults, by kind ([faults.md](faults.md))",
+}
+
+_TAIL = """
+**Two and three axes.** An environment that has a proxy says with each answer where it is, and the normal of the surface
+there. Penetration and the forces of displayed stiffness, rate-hardness, vibration and impedance are then those along
+that normal, at the position that was asked about; a tick without an answer has the surface of the newest one before it,
+and a hand in free motion is measured from the plane that it touched last. So the figures hold for a curved surface and
+for one that moves or changes. Of an environment that does not say it, they are those of the flat wall that the launch
+file describes (`environment.position`, a number, and `.axis`). Other forces are the size of the whole vector. Behind
+the controller `scaled` they are those that the hand feels: a place X of the environment is at (X - origin) / s, a
+stiffness k is s_f s k. With a clutch or a border no such place stays, and all that needs a surface is a dash.
+
+`interrupted` is true if the run was ended before its time. `phases` lists the phases of a scripted run.
+
+**Phases.** With `phases:` in the launch file, a second table has a row for each phase.
+
+| column | key | meaning |
+|---|---|---|
+| phase | `name`, `start_s`, `duration_s` | start is counted from engagement |
+| delay, ms | `loop_delay_ms` | p50/p99/max |
+| age of reply, ms | `reply_age_ms` | p50/p99/max |
+| answered | `answered_share` | ticks answered |
+| force on | `force_share` | share of the samples with an engaged force |
+| peak force | `peak_force_n` | |
+| minimum energy | `true_energy_min_j` | minimum energy (ground truth) in the phase |
+| | `deadline_misses` | in the phase |
+
+**Several laws.** A run whose law was changed (`forcebound param set`, *Make it safe* on the live page) has a column for each
+law's time, under its name and the time at which it began; `--json` has them as `laws`, with `start_s`. In each, time and
+energy (ground truth) count from its beginning. The column of the whole run has a dash for every figure that would mix
+laws; what is counted over all of them (rejected, lost or damaged packets, the bounder's report) stands there alone.
+
+**Exit status.** 1 if no force engaged or the environment answered no tick, and if a live run failed, such as a node that
+does not stop at the planned end: the result of what was recorded is shown before the error.
+
+**Plots.** With several axes the position panel shows each, under its name (x, y, z), beside the proxy; the force panel the
+size of the whole vector, against the limit, which is one of the whole vector; two more panels the path of tip and proxy,
+seen along z and along y. The force panel shows the commanded force (after age limit and engage ramp, before saturation), the applied force,
+and as a band the limit force. The panel of the loop delay has a second curve, the age of the reply, where it differs. Vertical lines are faults and changes, by kind, named in the legend of the first panel;
+blue bands are phases. A run whose *true* energy enters the red area below zero is not passive; the estimated energy of a
+certified law may enter it (see above).
+
+**Two runs.** `forcebound plot A.mcap B.mcap` also says whether a hand feels the difference to the first run: stiffness
+from 23 % on (Jones and Hunter 1990), force from 7 % on (Pang, Tan and Durlach 1991). `--json` has it as `differences`.
+
+## Sources
+
+* Colonnese, Okamura, "Rendered and characterized closed-loop accuracy of impedance-type haptic displays", IEEE
+  Transactions on Haptics 8(4), 2015.
+* Han, Choi, "Extended rate-hardness: a measure for perceived hardness", EuroHaptics 2010, LNCS 6191.
+* Hannaford, Ryu, "Time-domain passivity control of haptic interfaces", IEEE Trans. Robotics and Automation 18(1),
+  2002, Eq. 6.
+* Jones, Hunter, "A perceptual analysis of stiffness", Experimental Brain Research 79, 1990.
+* Lawrence, "Stability and transparency in bilateral teleoperation", IEEE Trans. Robotics and Automation 9(5), 1993.
+* Lawrence et al., "Rate-hardness: a new performance metric for haptic interfaces", IEEE Trans. Robotics and Automation
+  16(4), 2000.
+* Mehling, Colgate, Peshkin, "Increasing the impedance range of a haptic display by adding electrical damping", World
+  Haptics 2005.
+* Pang, Tan, Durlach, "Manual discrimination of force using active finger motion", Perception and Psychophysics 49(6),
+  1991.
+* Verrillo, "Effect of contactor area on the vibrotactile threshold", J. Acoustical Society of America 35, 1963: 0.1 um
+  (peak) at 250 Hz, 12 dB per octave below down to 40 Hz, 9 dB above. A hand that grasps a handle is up to ten times as
+  sensitive: Brisben, Hsiao, Johnson, "Detection of vibration transmitted through an object grasped in the hand", J.
+  Neurophysiology 81, 1999.
+"""  # noqa: E501
+
+
+def results_page() -> str:
+    """Return the page in Markdown."""
+    return _HEAD + "\n".join(_rows()) + "\n" + _TAIL
+
+
+def _rows() -> Iterator[str]:
+    for figure in FIGURES:
+        unit = figure.shown.name if isinstance(figure.shown, Unit) else ""
+        label = f"{figure.label}, {unit}" if unit else figure.label
+        needs = figure.needs.of_run.replace("force", "").strip().replace(" ", ", ")
+        yield f"| {label} | `{figure.key}` | {needs} | {MEANINGS[figure.key]} |"
+
+
+if __name__ == "__main__":
+    print(results_page(), end="")

@@ -1,0 +1,122 @@
+"""How the figures of a summary are shown in a table: in everyday units, or in words."""
+
+from collections import Counter
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple, TypeAlias
+
+Summary: TypeAlias = Mapping[str, Any]
+Cell: TypeAlias = Callable[[Summary], str]  # empty: no row
+
+UNDEFINED = "–"
+NOT_FELT = -20  # dB; see forcebound.analysis.perception.vibration_threshold
+
+
+class Unit(NamedTuple):
+    """An everyday unit: its name, how many of it an SI unit has, shown digits."""
+
+    name: str
+    factor: float = 1.0
+    digits: int = 2
+
+    def show(self, value: float | None) -> str:
+        """Return a value in SI units as text; a dash for None."""
+        if value is None:
+            return UNDEFINED
+        # Adding zero turns a rounded -0.0 into 0.0: "-0.00 mJ" would read as a leak.
+        number = round(value * self.factor, self.digits) + 0.0
+        return f"{number:.{self.digits}f} {self.name}".rstrip()
+
+
+NUMBER, HZ, DB = (Unit(name, digits=0) for name in ("", "Hz", "dB"))
+S, N, W = (Unit(name) for name in ("s", "N", "W"))
+MM, MM_S, MJ = (Unit(name, 1e3) for name in ("mm", "mm/s", "mJ"))
+MS = Unit("ms", 1e3, 0)
+N_MM = Unit("N/mm", 1e-3)
+PERCENT = Unit("%", 1e2, 1)
+WHOLE = Unit("%", 1e2, 0)
+
+
+def percentiles(delays: Mapping[str, float | None], digits: int) -> str:
+    """Return p50, p99 and maximum of a delay, without unit."""
+    return "/".join(Unit("", digits=digits).show(delays[key]) for key in ("p50", "p99", "max"))
+
+
+def loop_delay(s: Summary) -> str:
+    """Return the delay of the loop."""
+    return _ms(s["loop_delay_ms"])
+
+
+def reply_age(s: Summary) -> str:
+    """Return the age of the replies."""
+    return _ms(s["reply_age_ms"])
+
+
+def _ms(delays: Mapping[str, float | None]) -> str:
+    return UNDEFINED if delays["p50"] is None else f"{percentiles(delays, 2)} ms"
+
+
+def counts(key: str, none: str = "0") -> Cell:
+    """Return the cell of counts by kind; ``none`` without any, a dash if they are None."""
+
+    def cell(s: Summary) -> str:
+        if s[key] is None:
+            return UNDEFINED
+        return ", ".join(f"{count} {kind}" for kind, count in s[key].items() if count) or none
+
+    return cell
+
+
+def vibration(s: Summary) -> str:
+    """Return the strongest band that is felt."""
+    strongest, at = s["vibration_above_threshold_db"], s["vibration_frequency_hz"]
+    if strongest is None or strongest > NOT_FELT:
+        return DB.show(strongest) + ("" if at is None else f" at {at:.0f} Hz")
+    return f"under {NOT_FELT} dB"
+
+
+def hold_limit(s: Summary) -> str:
+    """Return mean and longest hold limit."""
+    limit = s["hold_limit_ms"]
+    return "" if limit["mean"] is None else f"{limit['mean']:.2f}/{limit['longest']:.2f} ms"
+
+
+def refused(s: Summary) -> str:
+    """Return how many readings were refused, if any."""
+    return str(s["refused_readings"] or "")
+
+
+def late_writes(s: Summary) -> str:
+    """Return how many writes were late, and by how much."""
+    if not s["late_writes"]:
+        return ""
+    longest = f"up to {s['longest_write_delay_ms']:.3g} ms after the reading"
+    return f"{s['late_writes']}, {longest}: device.write_delay"
+
+
+def allowance(s: Summary) -> str:
+    """Return the largest allowance that was used, and whether it is repaid."""
+    if not s["largest_allowance_j"]:
+        return ""
+    repaid = "repaid" if s["allowance_repaid"] else "not repaid"
+    return f"{Unit('mJ', 1e3, 3).show(s['largest_allowance_j'])}, {repaid}"
+
+
+def energy_cap(s: Summary) -> str:
+    """Return the energy cap of a law that keeps a ledger."""
+    if s["energy_cap_j"] is not None:
+        return MJ.show(s["energy_cap_j"])
+    return "" if s["hold_limit_ms"]["mean"] is None else "of the saturation"
+
+
+def lost(s: Summary) -> str:
+    """Return the lost or damaged packets by topic; a dash if they are None."""
+    if s["links"] is None:
+        return UNDEFINED
+    fates = {topic: Counter[str](counts) for topic, counts in s["links"].items()}
+    bad = {topic: counts["lost"] + counts["corrupted"] for topic, counts in fates.items()}
+    return ", ".join(f"{n} of {fates[t]['sent']} {t}" for t, n in bad.items() if n) or "0"
+
+
+def little_force(s: Summary) -> str:
+    """Return the causes of little force."""
+    return ", ".join(cause["cause"].replace("_", " ") for cause in s["little_force"])

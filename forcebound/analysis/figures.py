@@ -1,0 +1,399 @@
+"""The figures of a run in one table: key, label, unit, function, needs, why a figure is missing.
+
+A summary and its reasons, the tables that commands print, the labels of maps and the page
+``docs/results.md`` are made of it. To add a figure, add a line to ``FIGURES``, and its meaning to
+``docs/results.py``.
+"""
+
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from operator import attrgetter
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from forcebound.analysis import cells, ticks
+from forcebound.analysis.bounder import Limited, causes_of_little_force
+from forcebound.analysis.cells import (
+    HZ,
+    MJ,
+    MM,
+    MM_S,
+    MS,
+    N_MM,
+    NUMBER,
+    PERCENT,
+    WHOLE,
+    Cell,
+    N,
+    S,
+    Summary,
+    Unit,
+    W,
+)
+from forcebound.analysis.contact import (
+    REST_SPEED,
+    at_end,
+    count_bounces,
+    displayed_stiffness,
+    extended_rate_hardness,
+    limit_cycle_amplitude,
+    rate_hardness,
+    steady_window,
+)
+from forcebound.analysis.energy import since_contact
+from forcebound.analysis.samples import (
+    ACROSS,
+    ALWAYS,
+    AT_REST,
+    BANDWIDTH,
+    BROUGHT,
+    ENGAGED,
+    IMPEDANCE,
+    INWARDS,
+    LEDGER,
+    PROXY,
+    PUSHED,
+    REGAINED,
+    SETTLED,
+    SPECTRUM,
+    STEADY,
+    SURFACE,
+    TRUTH,
+    VIBRATION,
+    WALL,
+    Needs,
+    Samples,
+    law,
+)
+from forcebound.analysis.spectrum import transparency_bandwidth
+from forcebound.analysis.surface import Floats
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One figure of a run.
+
+    Attributes:
+        key: Of the figure in a summary, with the SI unit of its value.
+        label: Of its row in a table; empty: it has none.
+        shown: Everyday unit, or how a summary's cell is made, empty for no row.
+        of: Returns the value of a run that has what it needs, ready for JSON; None: missing.
+        needs: What it needs of a run.
+    """
+
+    key: str
+    label: str
+    shown: Unit | Cell | None
+    of: Callable[[Samples], Any]
+    needs: Needs = ALWAYS
+
+    def cell(self, summary: Summary) -> str:
+        """Return what a table shows of a summary; empty: no row."""
+        if isinstance(self.shown, Unit):
+            value = summary[self.key]
+            return "" if value is None and self.needs.is_optional else self.shown.show(value)
+        return "" if self.shown is None else self.shown(summary)
+
+
+def _or_none(statistic: Callable[[Any], Any], values: NDArray[Any]) -> float | None:
+    known = values[np.isfinite(values)]
+    return float(statistic(known)) if known.size else None
+
+
+def _delays(delay: str) -> Callable[[Samples], dict[str, float | None]]:
+    """Return a function that gives p50, p99 and maximum of a column, in ms."""
+
+    def of(run: Samples) -> dict[str, float | None]:
+        values = getattr(run.columns, delay) * 1e3
+        known = values[np.isfinite(values)]
+        if not known.size:
+            return dict.fromkeys(("p50", "p99", "max"))
+        p50, p99 = np.percentile(known, (50, 99)).tolist()
+        return {"p50": p50, "p99": p99, "max": float(known.max())}
+
+    return of
+
+
+def _rms(values: Floats) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def _duration(run: Samples) -> float | None:
+    time = run.run.time[run.since]
+    return float(np.ptp(time)) if time.size else None
+
+
+def _of(shared: str, name: str) -> Callable[[Samples], Any]:
+    """Return a function that gives an attribute of what figures share; None without it."""
+    return lambda run: getattr(getattr(run, shared), name, None)
+
+
+def _of_contact(measure: Callable[[Floats, Floats, Floats], Any]) -> Callable[[Samples], Any]:
+    """Return a function that gives a measure of time, normal force and depth."""
+    return lambda run: measure(run.time, run.normal_force, run.depth)
+
+
+_stiffness, _hardness, _extended = (
+    _of_contact(one) for one in (displayed_stiffness, rate_hardness, extended_rate_hardness)
+)
+
+
+def _limit_cycle(run: Samples) -> float | None:
+    return limit_cycle_amplitude(run.time, run.path)
+
+
+def _bandwidth(run: Samples) -> float | None:
+    stiffness = run.surface.constant_stiffness
+    return transparency_bandwidth(run.impedance, stiffness) if run.impedance and stiffness else None
+
+
+def _impedance(run: Samples) -> dict[str, list[float]] | None:
+    if run.impedance is None:
+        return None
+    return {
+        "frequency_hz": run.impedance.frequency.tolist(),
+        "stiffness_n_per_m": run.impedance.stiffness.tolist(),
+        "damping_n_s_per_m": run.impedance.damping.tolist(),
+    }
+
+
+def _peak_force(run: Samples) -> float | None:
+    return _or_none(np.max, np.linalg.norm(run.columns.applied_force, axis=1))
+
+
+def _deepest(run: Samples) -> float:
+    return max(float(run.depth.max()), 0.0)
+
+
+def _across(run: Samples) -> float:
+    return float(run.surface.across(run.columns.applied_force)[run.contact].max())
+
+
+def _share_across(run: Samples) -> float | None:
+    across = run.surface.across(run.columns.applied_force)
+    steady = run.contact & steady_window(run.time) & (run.normal_force > 0.0)
+    return float(across[steady].sum() / run.normal_force[steady].sum()) if steady.any() else None
+
+
+def _proxy_distance(run: Samples) -> float:
+    assert run.surface.proxy is not None
+    between = run.surface.proxy - run.columns.position
+    return float(np.linalg.norm(between[run.contact], axis=1).max())
+
+
+def _force_error(run: Samples) -> float:
+    error = np.linalg.norm(run.saturated - run.columns.applied_force, axis=1)
+    return _rms(error[run.contact])
+
+
+def _wall_error(run: Samples) -> float:
+    assert run.wall_error is not None
+    return _rms(run.wall_error[run.contact])
+
+
+def _strongest(name: str) -> Callable[[Samples], float | None]:
+    """Return a function that gives an attribute of the strongest band of the vibration."""
+
+    def of(run: Samples) -> float | None:
+        felt = run.vibration
+        return None if felt is None else float(getattr(felt, name)[felt.above_threshold.argmax()])
+
+    return of
+
+
+def _vibration(run: Samples) -> dict[str, Any] | None:
+    if run.vibration is None:
+        return None
+    return {
+        "frequency_hz": run.vibration.frequency.tolist(),
+        "force_rms_n": run.vibration.force.tolist(),
+        "above_threshold_db": None if run.mass is None else run.vibration.above_threshold.tolist(),
+    }
+
+
+def _at_rest(run: Samples) -> bool | None:
+    return None if run.final_speed is None else run.final_speed < REST_SPEED
+
+
+def _resting_depth(run: Samples) -> float | None:
+    resting = run.depth[at_end(run.time) & run.contact]
+    return _or_none(np.mean, resting) if _at_rest(run) else None
+
+
+def _bounces(run: Samples) -> int:
+    first = int(np.argmax(run.contact)) if run.contact.any() else run.depth.size
+    return count_bounces(run.depth[first:])
+
+
+def _since_contact(run: Samples) -> float | None:
+    columns, first = run.columns, int(np.argmax(run.contact))
+    assert run.mass is not None
+    energy = columns.true_energy
+    return since_contact(run.time, energy, columns.true_position, first, run.mass)
+
+
+def _ledger_deficit(run: Samples) -> float | None:
+    return _or_none(lambda known: np.mean(known < 0.0), run.columns.estimated_energy)
+
+
+def _bounded(run: Samples) -> float:
+    return float(np.mean(Limited(run.columns, run.device).limited[run.contact]))
+
+
+def _minimum(energy: str) -> Callable[[Samples], float | None]:
+    """Return a function that gives the minimum since engagement of a column."""
+    return lambda run: _or_none(np.min, getattr(run.run, energy)[run.since])
+
+
+def _longest_write_delay(run: Samples) -> float | None:
+    return None if run.report is None else run.report.longest_write_delay * 1e3
+
+
+def _hold_limits(run: Samples) -> dict[str, float | None]:
+    if run.report is None:
+        return {"mean": None, "longest": None}
+    return {"mean": run.report.hold_limit * 1e3, "longest": run.report.longest_hold_limit * 1e3}
+
+
+def _cap(run: Samples) -> float | None:
+    cap = run.device.get("energy_cap", "auto")
+    return None if cap == "auto" else cap
+
+
+def _sources(run: Samples) -> dict[str, int]:
+    return dict(sorted(Counter((run.device.get("sources") or {}).values()).items()))
+
+
+def _little_force(run: Samples) -> list[dict[str, Any]]:
+    if not run.time.size:
+        return []
+    causes = causes_of_little_force(run.run.slice(run.since), run.device, run.report)
+    return [{"cause": c.code, "data": dict(c.data), "advice": c.remedy} for c in causes]
+
+
+#: Figures that rest on the report of the bounder; a sweep has none of them.
+_OF_THE_BOUNDER = (
+    Figure("hold_limit_ms", "hold limit mean/longest", cells.hold_limit, _hold_limits),
+    Figure(
+        "refused_readings", "refused readings", cells.refused, _of("report", "refused_readings")
+    ),
+    Figure(
+        "late_writes", "writes later than stated", cells.late_writes, _of("report", "late_writes")
+    ),
+    Figure("longest_write_delay_ms", "", None, _longest_write_delay),
+    Figure(
+        "largest_allowance_j",
+        "largest allowance used",
+        cells.allowance,
+        _of("report", "largest_allowance"),
+    ),
+    Figure("allowance_repaid", "", None, _of("report", "allowance_repaid")),
+    Figure("energy_cap_j", "energy cap", cells.energy_cap, _cap),
+    Figure("number_sources", "numbers of the device", cells.counts("number_sources", ""), _sources),
+    Figure("little_force", "little force because of", cells.little_force, _little_force),
+)
+REPORTED = tuple(figure.key for figure in _OF_THE_BOUNDER)
+
+#: All figures, in the order of the table.
+FIGURES: tuple[Figure, ...] = (
+    Figure("law", "law", lambda s: s["law"] or cells.UNDEFINED, lambda run: law(run.config)),
+    Figure("duration_s", "duration", S, _duration),
+    Figure("samples", "samples", NUMBER, lambda run: int(run.since.sum())),
+    Figure(
+        "displayed_stiffness_n_per_m",
+        "displayed stiffness",
+        N_MM,
+        _of_contact(displayed_stiffness),
+        STEADY,
+    ),
+    Figure("rate_hardness_n_per_m", "rate-hardness", N_MM, _hardness, INWARDS),
+    Figure(
+        "extended_rate_hardness_n_per_m",
+        "extended rate-hardness",
+        N_MM,
+        _of_contact(extended_rate_hardness),
+        INWARDS,
+    ),
+    Figure("transparency_bandwidth_hz", "transparency bandwidth", HZ, _bandwidth, BANDWIDTH),
+    Figure("displayed_impedance", "", None, _impedance, IMPEDANCE),
+    Figure("peak_force_n", "peak force", N, _peak_force),
+    Figure("peak_penetration_m", "peak penetration", MM, _deepest, SURFACE),
+    Figure("peak_tangential_force_n", "peak tangential force", N, _across, ACROSS),
+    Figure("tangential_share", "tangential over normal force", WHOLE, _share_across, ACROSS),
+    Figure("peak_proxy_distance_m", "peak proxy distance", MM, _proxy_distance, PROXY),
+    Figure("force_error_rms_n", "force error, RMS", N, _force_error, PUSHED),
+    Figure("wall_error_rms_n", "error to the ideal wall, RMS", N, _wall_error, WALL),
+    Figure(
+        "vibration_above_threshold_db",
+        "vibration above threshold",
+        cells.vibration,
+        _strongest("above_threshold"),
+        VIBRATION,
+    ),
+    Figure("vibration_frequency_hz", "", None, _strongest("frequency"), VIBRATION),
+    Figure("vibration", "", None, _vibration, SPECTRUM),
+    Figure("settling_time_s", "settling time", MS, _of("settling", "time"), SETTLED),
+    Figure("overshoot_share", "overshoot", WHOLE, _of("settling", "overshoot"), SETTLED),
+    Figure(
+        "limit_cycle_amplitude_m",
+        "limit-cycle amplitude",
+        MM,
+        lambda run: limit_cycle_amplitude(run.time, run.path),
+        SURFACE,
+    ),
+    Figure("contact_bounces", "contact bounces", NUMBER, _bounces, SURFACE),
+    Figure("final_speed_m_per_s", "speed at the end", MM_S, attrgetter("final_speed"), TRUTH),
+    Figure("at_rest", "", None, _at_rest, TRUTH),
+    Figure("penetration_at_rest_m", "penetration at rest", MM, _resting_depth, AT_REST),
+    Figure(
+        "true_energy_min_j", "minimum energy (ground truth)", MJ, _minimum("true_energy"), TRUTH
+    ),
+    Figure("largest_energy_fall_j", "largest fall of energy", MJ, _of("fall", "energy"), TRUTH),
+    Figure(
+        "energy_regain_time_s", "time to regain it", MS, _of("fall", "time_to_regain"), REGAINED
+    ),
+    Figure(
+        "energy_since_contact_min_j", "minimum energy since contact", MJ, _since_contact, BROUGHT
+    ),
+    Figure(
+        "observed_energy_min_j",
+        "minimum energy (observed)",
+        MJ,
+        _of("observed", "energy_min"),
+        ENGAGED,
+    ),
+    Figure(
+        "observed_power_min_w", "minimum power (observed)", W, _of("observed", "power_min"), ENGAGED
+    ),
+    Figure(
+        "observed_deficit_share",
+        "time in deficit (observed)",
+        PERCENT,
+        _of("observed", "deficit_share"),
+        ENGAGED,
+    ),
+    Figure(
+        "estimated_energy_min_j",
+        "minimum energy (estimated)",
+        MJ,
+        _minimum("estimated_energy"),
+        LEDGER,
+    ),
+    Figure("ledger_deficit_share", "time in deficit (ledger)", PERCENT, _ledger_deficit, LEDGER),
+    Figure("bounder_active_share", "bounder active", PERCENT, _bounded, PUSHED),
+    Figure("answered_share", "ticks answered", PERCENT, ticks.answered),
+    Figure("same_tick_share", "answered in the same tick", PERCENT, ticks.same_tick_share),
+    Figure("loop_delay_ms", "loop delay p50/p99/max", cells.loop_delay, _delays("loop_delay")),
+    Figure("reply_age_ms", "age of the reply p50/p99/max", cells.reply_age, _delays("reply_age")),
+    Figure("deadline_misses", "deadline misses", NUMBER, ticks.deadline_misses),
+    Figure("hold_limit_overruns", "hold-limit overruns", NUMBER, ticks.hold_limit_overruns),
+    *_OF_THE_BOUNDER,
+    Figure(
+        "rejected_packets", "rejected packets", cells.counts("rejected_packets"), ticks.rejected
+    ),
+    Figure("links", "lost or damaged", cells.lost, ticks.links),
+    Figure("faults", "faults", cells.counts("faults"), ticks.faults),
+)

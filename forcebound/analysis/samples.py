@@ -1,0 +1,192 @@
+"""A run as its figures see it: the samples with an engaged force, what they touched, what is known.
+
+What several figures share is worked out once.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from forcebound.analysis.bounder import bounder_report, saturated
+from forcebound.analysis.contact import Settling, final_speed, settling, steady_window
+from forcebound.analysis.energy import Fall, Observed, largest_fall, observe
+from forcebound.analysis.spectrum import Impedance, Vibration, displayed_impedance, vibration
+from forcebound.analysis.surface import Floats, Mask, Touch, scale_of, touch_of_run
+from forcebound.messages.packets import Event
+from forcebound.telemetry import TelemetryColumns
+
+GAP = 1.5  # periods; samples further apart do not belong to one stretch
+
+
+def law(config: Mapping[str, Any]) -> str | None:
+    """Return the name of the bounding law in a resolved launch file, if it has one."""
+    name = (config.get("device") or {}).get("law")
+    return None if name is None else str(name)
+
+
+class Samples:
+    """A run and what its figures are made of; arrays are of the samples with an engaged force."""
+
+    def __init__(
+        self, run: TelemetryColumns, config: Mapping[str, Any], events: Sequence[Event] = ()
+    ) -> None:
+        """Take a run.
+
+        Args:
+            run: Telemetry of the run, all samples.
+            config: The launch file as resolved for the run, in SI numbers.
+            events: Of the run; they say when its surface was moved or changed.
+
+        Raises:
+            ConfigError: If the launch file describes a surface that does not fit the run.
+        """
+        self.run, self.config, self.events = run, config, events
+        engaged = run.engagement > 0.0
+        self.since: Mask = run.time >= 0.0 if engaged.any() else engaged  # since it engaged, (all,)
+        self.columns = columns = run.slice(engaged)
+        self.time = columns.time
+        self.touch = touch = touch_of_run(columns, events, config)
+        self.depth: Floats = np.full(self.time.size, np.nan) if touch is None else touch.depth
+        # Without a surface: a force is commanded.
+        felt = np.linalg.norm(columns.commanded_force, axis=1) if touch is None else self.depth
+        self.contact: Mask = felt > 0.0
+        self.device: Mapping[str, Any] = config.get("device") or {}
+        self.saturated = saturated(columns, self.device)  # N, (n, axes), commanded force
+        self.mass: float | None = self.device.get("mass")  # kg
+        measured = 1.0 / float(np.median(np.diff(self.time))) if self.time.size > 1 else math.nan
+        self.rate: float = self.device.get("rate") or measured  # Hz
+        self.has_truth = bool(np.isfinite(columns.true_position).all())
+        self.report = bounder_report(events)
+
+    def lacks(self) -> dict[str, str]:
+        """Return what the run lacks of what figures need, each with the reason of a figure."""
+        no_stiffness = "the environment has no constant stiffness"
+        touch = self.touch
+        has = {
+            "force": (self.time.size > 0, "the force never engaged"),
+            "truth": (self.has_truth, "needs ground truth, which only a simulated device has"),
+            "axes": (self.columns.position.shape[1] > 1, "the run has one axis"),
+            "surface": (touch is not None, _NO_SURFACE if scale_of(self.config) else _NO_SCALE),
+            "proxy": (touch and touch.proxy is not None, "the environment says no proxy"),
+            "stiffness": (touch and touch.stiffness is not None, no_stiffness),
+            "constant": (touch and touch.constant_stiffness is not None, no_stiffness),
+            "contact": (self.contact.any(), "no contact"),
+            "mass": (self.mass is not None, "the launch file states no mass of the device"),
+        }
+        return {need: reason for need, (is_met, reason) in has.items() if not is_met}
+
+    @property
+    def surface(self) -> Touch:
+        """The touched surface, for figures that need one."""
+        assert self.touch is not None
+        return self.touch
+
+    @property
+    def path(self) -> Floats:
+        """Depth behind the surface, in m: the true one where it is known."""
+        return self.surface.true_depth if self.has_truth else self.depth
+
+    @cached_property
+    def normal_force(self) -> Floats:
+        """Applied force against the surface's normal, in N."""
+        return self.surface.along(self.columns.applied_force)
+
+    @cached_property
+    def final_speed(self) -> float | None:
+        """See :func:`.contact.final_speed`."""
+        return final_speed(self.time, self.columns.true_position)
+
+    @cached_property
+    def settling(self) -> Settling | None:
+        """See :func:`.contact.settling`."""
+        return settling(self.time, self.depth)
+
+    @cached_property
+    def fall(self) -> Fall | None:
+        """See :func:`.energy.largest_fall`."""
+        return largest_fall(self.time, self.columns.true_energy)
+
+    @cached_property
+    def observed(self) -> Observed | None:
+        """See :func:`.energy.observe`."""
+        return observe(self.time, self.columns.applied_force, self.columns.position)
+
+    @cached_property
+    def wall_error(self) -> Floats | None:
+        """What the ideal wall would push more than the motor, in N; None if it is unknown."""
+        if self.surface.stiffness is None or not self.has_truth:
+            return None
+        return np.asarray(self.surface.stiffness * np.maximum(self.path, 0.0) - self.normal_force)
+
+    @cached_property
+    def vibration(self) -> Vibration | None:
+        """Vibration of the error to the ideal wall, else of the force error, in steady contact."""
+        window = steady_window(self.time)
+        if not (window & self.contact).any():
+            return None
+        error = self.wall_error
+        if error is None:
+            error = self.surface.along(self.saturated - self.columns.applied_force)
+        return vibration(error[self._stretch(window)], self.rate, self.mass)
+
+    @cached_property
+    def impedance(self) -> Impedance | None:
+        """The displayed impedance, of the longest time in contact."""
+        stretch = self._stretch(self.contact)
+        return displayed_impedance(self.normal_force[stretch], self.path[stretch], self.rate)
+
+    def _stretch(self, mask: Mask) -> slice:
+        """Return the longest run of samples in the mask that has no gap in time."""
+        joined = mask[1:] & mask[:-1] & (np.diff(self.time) <= GAP / self.rate)
+        edges = np.flatnonzero(np.diff(np.concatenate(([False], joined, [False])).astype(np.int8)))
+        if not edges.size:
+            return slice(0, 0)
+        starts, ends = edges[::2], edges[1::2]
+        longest = int(np.argmax(ends - starts))
+        return slice(int(starts[longest]), int(ends[longest]) + 1)
+
+
+_NO_SCALE = "a clutch or a border of the controller `scaled` moves the environment along the hand"
+_NO_SURFACE = "nothing was touched, and the launch file describes no surface"
+
+
+class Needs(NamedTuple):
+    """What a figure needs of a run."""
+
+    of_run: str = ""  # keys of Samples.lacks; without any, the figure is not of one law alone
+    otherwise: str = "the run is too short"  # why it is missing in a run that has all of that
+    is_optional: bool = False  # without it there is no row, in place of a dash
+
+
+_TOUCHED = "force surface contact"
+_NO_EXCITATION = (
+    "needs 4 s of contact without gaps in which the hand moves by 1 um RMS or more in a third-"
+    "octave band, with coherence 0.9; launch file impedance gives it"
+)
+_NOT_INWARDS = "needs a first contact of three samples in which the hand moves inwards"
+_NOT_STEADY = "needs 0.5 s without gaps in the steady window, with contact in it"
+_NOT_TOUCHED = "no contact in the steady window"
+_NOT_SETTLED = "the penetration does not stay within 5 % of its final value for the last 0.5 s"
+
+ALWAYS = Needs()
+ENGAGED = Needs("force")
+PUSHED = Needs("force contact")
+LEDGER = Needs("force", "the law keeps no ledger")
+TRUTH = Needs("force truth")
+REGAINED = Needs("force truth", "not regained by the end of the run")
+SURFACE = Needs("force surface")
+STEADY = Needs(_TOUCHED, _NOT_TOUCHED)
+INWARDS = Needs(_TOUCHED, _NOT_INWARDS)
+SETTLED = Needs(_TOUCHED, _NOT_SETTLED)
+IMPEDANCE = Needs(_TOUCHED, _NO_EXCITATION)
+BANDWIDTH = Needs(f"{_TOUCHED} constant", _NO_EXCITATION)
+SPECTRUM = Needs(_TOUCHED, _NOT_STEADY)
+VIBRATION = Needs(f"{_TOUCHED} mass", _NOT_STEADY)
+AT_REST = Needs("force surface truth contact", "the hand is not at rest in contact")
+ACROSS = Needs("force axes surface contact", _NOT_TOUCHED, is_optional=True)
+PROXY = Needs("force surface proxy contact", is_optional=True)
+WALL = Needs("force surface truth stiffness contact")
+BROUGHT = Needs("force truth surface contact mass")

@@ -1,0 +1,90 @@
+"""Counts of a run: ticks that were answered, skipped or late; faults; packets of links."""
+
+from collections import Counter
+
+import numpy as np
+
+from forcebound.analysis.samples import Samples
+from forcebound.nodes.events import LINK_COUNTED
+from forcebound.nodes.hold_limit import FLOOR
+from forcebound.telemetry import TelemetryColumns
+
+
+def answered_share(columns: TelemetryColumns) -> float | None:
+    """Return the share of ticks whose state was answered by a force, sooner or later, 0 to 1.
+
+    The others were lost, or overtaken by a newer answer. The last ticks of a run are still waiting
+    for their answer, so a run with a long delay has a little less than 1.
+    """
+    since_engagement = columns.elapsed > 0.0
+    ticks = columns.seq[since_engagement]
+    if not ticks.size:
+        return None
+    answered = np.unique(columns.device_seq[since_engagement])
+    return float(np.count_nonzero(answered >= ticks[0])) / ticks.size
+
+
+def answered(run: Samples) -> float | None:
+    """Return the same of a run whose force engaged."""
+    return answered_share(run.run) if run.time.size else None
+
+
+def same_tick_share(run: Samples) -> float | None:
+    """Return the share of samples with a force that answers the state of their own tick."""
+    same = run.columns.device_seq == run.columns.seq
+    return float(np.mean(same)) if same.size else None
+
+
+def deadline_misses(run: Samples) -> int | None:
+    """Return the ticks skipped since engagement; before, while processes start, no force acts."""
+    counts = run.run.deadline_misses
+    if not counts.size:
+        return None
+    before = counts[~run.since]
+    return int(counts[-1] - (before[-1] if before.size else 0))
+
+
+def hold_limit_overruns(run: Samples) -> int | None:
+    """Return how often a hold was longer than the hold limit, as reported, else as recorded.
+
+    A recording shows none of a limit that was learned, unless every hold was shorter than the
+    shortest limit.
+    """
+    if run.report is not None:
+        return run.report.overruns
+    if "rate" not in run.device or "hold_limit" not in run.device or not run.time.size:
+        return None
+    is_learned = run.device["hold_limit"] == "auto"
+    limit = FLOOR if is_learned else run.device["hold_limit"]
+    limit_ns = round(limit * 1e9 / run.device["rate"])
+    longer = int(np.count_nonzero(np.diff(run.run.time_ns[run.run.time >= 0.0]) > limit_ns))
+    return None if is_learned and longer else longer
+
+
+def rejected(run: Samples) -> dict[str, int]:
+    """Return the packets that the device rejected, by reason."""
+    return dict(sorted(run.run.rejected.items()))
+
+
+def faults(run: Samples) -> dict[str, int]:
+    """Return the number of faults by kind; an event may stand for several."""
+    found: Counter[str] = Counter()
+    for event in run.events:
+        if event.is_fault:
+            found[event.event] += 1 + _count(event.data.get("suppressed", "0"))
+    return dict(sorted(found.items()))
+
+
+def links(run: Samples) -> dict[str, dict[str, int]]:
+    """Return the packets by topic and fate; a restarted process counts from zero."""
+    found: dict[str, Counter[str]] = {}
+    for event in run.events:
+        if event.event == LINK_COUNTED:
+            counts = {fate: _count(text) for fate, text in event.data.items() if fate != "link"}
+            found.setdefault(event.data.get("link", ""), Counter()).update(counts)
+    return {topic: dict(counts) for topic, counts in found.items()}
+
+
+def _count(text: str) -> int:
+    """The count in an event's data; 0 for what is none, in a recording from elsewhere."""
+    return int(text) if text.isdecimal() else 0
