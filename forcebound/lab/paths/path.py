@@ -286,6 +286,37 @@ def strike_all(
         record[LATE_STRUCK] = min(record[LATE_STRUCK], late + record[ENERGY])
 
 
+@outlined
+def pieces_of(
+    body: Floats,
+    device: Floats,
+    numbers: Floats,
+    row: Floats,
+    hold: float,
+    force: Floats,
+    times: Floats,
+    moves: Floats,
+) -> None:
+    """Put the lengths, s, and the moves, m, of the pieces of an interval into the last two."""
+    duration, write = row[DURATION] * 1e-9, row[WRITE] * 1e-9
+    # The pieces: under the old force, under the new one (there and back), after its cut.
+    before = min(write, duration)
+    held = min(duration - before, hold)
+    times[0], times[1] = before, held * row[SPLIT]
+    times[2], times[3] = held - times[1], duration - before - held
+    worst_way(device, numbers, body[at.TARGET] + device[at.WEIGHT], max(before, 1e-9), moves[0])
+    worst_way(device, numbers, force, max(held, 1e-9), moves[1])
+    for axis in range(int(numbers[at.USED_AXES])):
+        old, new = row[STRIKE_OLD] * moves[0, axis], row[STRIKE] * moves[1, axis]
+        drift = row[SPEED + axis]
+        extra = row[MICRO + axis] + drift * held
+        share = row[SPLIT]
+        moves[0, axis] = old + drift * before
+        moves[1, axis] = share * (new + extra) + row[TURN]
+        moves[2, axis] = (1.0 - share) * (new + extra) - row[TURN]
+        moves[3, axis] = row[RETURN] * new + drift * times[3]
+
+
 def tick(
     body: Floats,
     device: Floats,
@@ -314,27 +345,12 @@ def tick(
         force: Written, N, shape ``(3,)``.
     """
     row = plan[index]
-    duration, write = row[DURATION] * 1e-9, row[WRITE] * 1e-9
+    write = row[WRITE] * 1e-9
     record[CUT_TIME] = -1.0
     if write < math.inf:
         strike_all(body, device, numbers, write, holds, force, record)
-    # The pieces: under the old force, under the new one (there and back), after its cut.
     times, moves = np.zeros(4), np.zeros((4, AXES))
-    before = min(write, duration)
-    held = min(duration - before, holds[0])
-    times[0], times[1] = before, held * row[SPLIT]
-    times[2], times[3] = held - times[1], duration - before - held
-    worst_way(device, numbers, body[at.TARGET] + device[at.WEIGHT], max(before, 1e-9), moves[0])
-    worst_way(device, numbers, force, max(held, 1e-9), moves[1])
-    for axis in range(int(numbers[at.USED_AXES])):
-        old, new = row[STRIKE_OLD] * moves[0, axis], row[STRIKE] * moves[1, axis]
-        drift = row[SPEED + axis]
-        extra = row[MICRO + axis] + drift * held
-        share = row[SPLIT]
-        moves[0, axis] = old + drift * before
-        moves[1, axis] = share * (new + extra) + row[TURN]
-        moves[2, axis] = (1.0 - share) * (new + extra) - row[TURN]
-        moves[3, axis] = row[RETURN] * new + drift * times[3]
+    pieces_of(body, device, numbers, row, holds[0], force, times, moves)
     for piece in range(4):
         no_faster(moves[piece], times[piece], numbers[at.FASTEST])
     start = body[at.POSITION].copy()

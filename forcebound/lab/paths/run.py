@@ -170,6 +170,10 @@ def run(
         written = np.array((*force, *padding))
         tick(body, case.device, case.numbers, plan, index, modes, holds, record, seen, written)
         time_ns += watch.durations[index]
+    return _outcome(case, record, hidden, excess, len(plan))
+
+
+def _outcome(case: Case, record: Floats, hidden: float, excess: float, steps: int) -> Outcome:
     lowest = min(float(record[path.STRUCK]), float(record[path.LOWEST]))
     late = case.late > 0.0  # then any hold so far may have been late
     return Outcome(
@@ -179,7 +183,7 @@ def run(
         float(record[path.SHARE]),
         float(record[path.LEFT]),
         excess,
-        len(plan),
+        steps,
     )
 
 
