@@ -139,6 +139,12 @@ def read(rig: Rig, moving: Moving, error: float) -> float:
     return moving.x + 0.5 * rig.resolution * error
 
 
+def store(table: Floats, row: int, values: tuple[float, ...]) -> None:
+    """Fill a row of a table."""
+    for column, value in enumerate(values):
+        table[row, column] = value
+
+
 def move(rig: Rig, body: Body, time_ns: int, end: float, force: float, motion: Floats) -> Body:
     """Move until ``time_ns``, when the hand's target is ``end``, under one ``force``, in N."""
     if time_ns <= body.time_ns:
@@ -153,9 +159,7 @@ def move(rig: Rig, body: Body, time_ns: int, end: float, force: float, motion: F
         )
         first = last
         if motion.shape[0] > 0:
-            columns = (duration, force, moving.x, moving.v, moving.work)
-            for column, value in enumerate(columns):
-                motion[row, column] = value
+            store(motion, row, (duration, force, moving.x, moving.v, moving.work))
             row += 1
     return Body(moving, hand_force, end, time_ns, row)
 
@@ -221,18 +225,9 @@ def loop(law: str) -> Loop:
                 )
             written_ns = write_ns
             x, v, work, _, _ = body.moving
-            columns = (
-                reading,
-                commanded,
-                axis.force,
-                limit,
-                energy(state, write, device),
-                work - 0.5 * rig.hand_mass * v * v,
-                x,
-                body.hand_force,
-            )
-            for column, value in enumerate(columns):
-                trace[k, column] = value
+            estimated, true = energy(state, write, device), work - 0.5 * rig.hand_mass * v * v
+            forces = (commanded, axis.force, limit)
+            store(trace, k, (reading, *forces, estimated, true, x, body.hand_force))
         return answered.size
 
     allow_in_kernels([start, settle, energy, bound])

@@ -185,6 +185,39 @@ def is_guarded(body: Floats, device: Floats, numbers: Floats, seen: Floats) -> b
 
 
 @outlined
+def account(
+    body: Floats, device: Floats, numbers: Floats, duration: float, step: Floats, record: Floats
+) -> None:
+    """Walk a ``step``, in m, and keep the energy and its lowest value."""
+    if numbers[at.AT_TIP] > 0.0:
+        record[ENERGY] += walk_at_tip(body, device, numbers, duration, step)
+    else:
+        record[ENERGY] += walk(body, device, numbers, duration, step)
+    record[LOWEST] = min(record[LOWEST], record[ENERGY])
+
+
+@outlined
+def drop(
+    now: float,
+    is_leaving: bool,
+    body: Floats,
+    device: Floats,
+    numbers: Floats,
+    record: Floats,
+    seen: Floats,
+) -> tuple[float, bool]:
+    """Return when the watchdog looks or drops next, and whether the force is on its way out."""
+    if not is_leaving and is_guarded(body, device, numbers, seen):
+        return now + float(numbers[at.GUARD]), False
+    if not is_leaving and numbers[at.DROP] > 0.0:
+        return now + float(numbers[at.DROP]), True
+    body[at.TARGET] = 0.0
+    record[CUT_TIME] = now
+    seen[AT_CUT] = body[at.POSITION]
+    return math.inf, is_leaving
+
+
+@outlined
 def through(
     body: Floats,
     device: Floats,
@@ -209,7 +242,6 @@ def through(
         record: Energy and its lowest value; changed.
         seen: Position at the cut; changed.
     """
-    lag = numbers[at.LAG]
     write, cut, hold = events[0], events[1], events[2]
     now, is_leaving = 0.0, False  # a guard has seen something; a new force comes before it forgets
     step = np.empty(AXES)
@@ -221,33 +253,20 @@ def through(
                 body[at.TARGET] = force - device[at.COMPENSATION]
                 cut, write, is_leaving = now + hold, -1.0, False
                 seen[AT_WRITE] = body[at.POSITION]
-            if cut <= now and not is_leaving and is_guarded(body, device, numbers, seen):
-                cut = now + numbers[at.GUARD]
-            if cut <= now and not is_leaving and numbers[at.DROP] > 0.0:
-                cut, is_leaving = now + numbers[at.DROP], True
             if cut <= now:
-                body[at.TARGET] = 0.0
-                record[CUT_TIME] = now
-                seen[AT_CUT] = body[at.POSITION]
-                cut = math.inf
-            if lag <= 0.0:
+                cut, is_leaving = drop(now, is_leaving, body, device, numbers, record, seen)
+            if numbers[at.LAG] <= 0.0:
                 body[at.OUTPUT] = body[at.TARGET]
             if left <= 0.0:
                 break
-            after = min(end, cut)
-            if write >= 0.0:
-                after = min(after, write)
+            after = min(end, cut, write) if write >= 0.0 else min(end, cut)
             duration = after - now
             if after >= end:
                 duration, after = left, end
             if duration > 0.0:
                 for axis in range(AXES):
                     step[axis] = moves[piece, axis] * duration / times[piece]
-                if numbers[at.AT_TIP] > 0.0:
-                    record[ENERGY] += walk_at_tip(body, device, numbers, duration, step)
-                else:
-                    record[ENERGY] += walk(body, device, numbers, duration, step)
-                record[LOWEST] = min(record[LOWEST], record[ENERGY])
+                account(body, device, numbers, duration, step, record)
             left -= duration
             now = after
             if now >= end:

@@ -108,6 +108,18 @@ def _tick() -> Any:
     return jit(path.tick)
 
 
+def _at_start(case: Case, start: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return state, record and readings before the first sample."""
+    body = np.zeros((truth.BODY_ROWS, AXES))
+    body[truth.BRISTLE] = _bristle(case, start)
+    body[truth.TARGET] = body[truth.OUTPUT] = -case.device[truth.COMPENSATION]
+    record, seen = np.zeros(path.RECORD), np.zeros((path.SEEN_ROWS, AXES))
+    record[path.SHARE] = record[path.LEFT] = record[path.CUT_AFTER] = math.inf
+    record[path.CUT_TIME] = -1.0
+    record[path.ENERGY] = stored_energy(body, case.device)  # a hand may have that back
+    return body, record, seen
+
+
 def run(
     case: Case,
     genes: Floats,
@@ -128,13 +140,7 @@ def run(
     way = np.maximum(case.device[truth.ERROR] + case.device[truth.PRESLIDING], 1e-7)
     limits = _hold_limits(case, genes)
     plan = plan_of(genes, case.manner, stated.period, limits, case.write_delay, way)
-    body = np.zeros((truth.BODY_ROWS, AXES))
-    body[truth.BRISTLE] = _bristle(case, start)
-    body[truth.TARGET] = body[truth.OUTPUT] = -case.device[truth.COMPENSATION]
-    record, seen = np.zeros(path.RECORD), np.zeros((path.SEEN_ROWS, AXES))
-    record[path.SHARE] = record[path.LEFT] = record[path.CUT_AFTER] = math.inf
-    record[path.CUT_TIME] = -1.0
-    record[path.ENERGY] = stored_energy(body, case.device)  # a hand may have that back
+    body, record, seen = _at_start(case, start)
     modes = np.array([case.manner.reading, case.manner.command], dtype=float)
     seen[path.READING] = case.device[truth.ERROR] * plan[0, path.MISREAD : path.MISREAD + AXES]
     reading: Vector = tuple(seen[path.READING, :axes].tolist())
