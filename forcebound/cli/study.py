@@ -130,7 +130,7 @@ def worlds(as_json: bool, **campaign: Any) -> None:
 @click.option(
     "--device", "kind", default="phantom_premium_1_5", show_default=True, help="Kind of device."
 )
-@_number_option("--runs", type=COUNT, default=1000, help="Runs of the search for each.")
+@_number_option("--runs", type=COUNT, default=2000, help="Runs of the search for each.")
 @workers_option
 @json_option
 def sensitivity(kind: str, runs: int, workers: int | None, as_json: bool) -> None:
