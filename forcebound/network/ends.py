@@ -45,8 +45,8 @@ class RemoteEnd:
 
     role: Role  # a graph sends queries, an environment replies
     listens: bool  # whether this end does
-    address: str  # of the end that listens: IPv4, IPv6 in brackets, or a name
-    port: int = DEFAULT_PORT  # of the end that listens
+    address: str  # of the listening end: IPv4, IPv6 in brackets, or a name
+    port: int = DEFAULT_PORT  # of the listening end
     key: KeyPair | None = None  # our own pair; None: no keys
     peers: Mapping[str, str] = field(default_factory=dict)  # that may connect: name by public key
     insecure: bool = False  # whether a link without keys may leave this machine
@@ -62,8 +62,8 @@ class RemoteSection:
     """Where a graph and its environment meet, and with which keys: the same on both machines.
 
     Attributes:
-        address: Of the end that listens, as the other one reaches it.
-        port: TCP port of the end that listens.
+        address: Of the listening end, as the other one reaches it.
+        port: TCP port of the listening end.
         listens: Which end listens.
         graph_key: The graph's key, by name or as a public key.
         environment_keys: The keys of the environments that may serve it, likewise. The one whose

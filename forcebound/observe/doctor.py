@@ -36,7 +36,6 @@ _NEWER = ("a reason of a newer version", _ENCODER)
 REASONS: dict[str, tuple[str, str]] = {
     "malformed": ("not one msgpack map with text keys", _OTHER_SOFTWARE),
     "version": ("another version of the wire format", "use one version on both ends"),
-    "keys": ("a key is missing, unknown or twice, or another packet", _ENCODER),
     "value": ("a value of a wrong type, range or length", _ENCODER),
     "unexpected": ("a packet that no device takes", _OTHER_SOFTWARE),
     "wrong_length": (
