@@ -1,6 +1,6 @@
 """One run of an audit again, by its name: as a document, as lines, as a picture."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -77,7 +77,7 @@ def lines(document: dict[str, Any]) -> Iterator[str]:
             yield f"{name:<22}{shown} {UNITS.get(name, '')}".rstrip()
 
 
-def _draw(columns: dict[str, Any], title: str, picture: Path) -> None:
+def _draw(columns: Mapping[Any, Any], title: str, picture: Path) -> None:
     """Draw position, forces and energies over time; .png or .svg."""
     from matplotlib.figure import Figure
 
