@@ -3,17 +3,17 @@
 A packet that arrives takes the place of the command in use, or is rejected and counted::
 
     decode and validate   the runner and the codec; their rejections are counted here
-    rejection             a force command, finite, that answers a fresh tick, newer than the last
+    acceptance            a finite force command that answers a fresh tick, newer than the last
 
 At each write, the command in use passes a list of stages, each of which changes the force or ends
 the command::
 
-    fresh                 an answer to a state older than the age limit is no answer
+    fresh                 ends a command that answers a state older than the age limit
     ramp                  from 0 to 1 after the start, a fault, a silence
 
 Saturation and bounder follow in :mod:`forcebound.nodes.bounded_device`; nothing follows the
-bounder. The largest force grows with the ramp, too: else an absurd force would saturate in its
-first tick.
+bounder. The saturation grows with the ramp, too: otherwise an absurdly large command would reach
+full force in its first tick.
 
 To add a stage, write a :data:`Stage` and name it in :func:`stages_of`; ``docs/device-safety.md``
 has an example. ``replay --verify`` passes recorded commands through the same stages; a sweep runs a
@@ -21,7 +21,7 @@ case with stages that it does not know in the graph.
 
 A command is ordered and aged by the tick that it answers, not by its sender's clock or counter: the
 device knows when it measured that tick, so neither a restarted or malicious sender nor one with
-another clock can make an old command look fresh or block its successor. The echoed
+another clock can make an old command look fresh or block answers to later ticks. The echoed
 ``device_time_ns`` must equal the time that the device remembers, so answers from before a restart
 of the device do not match.
 """

@@ -1,4 +1,4 @@
-"""Engine of campaigns: cases are run in parts, by processes or a cluster, and give rows.
+"""The engine of campaigns: runs cases in parts, in processes or on a cluster, and collects rows.
 
 A campaign is a list of cases and a function that turns some of them into rows. The cases are cut
 into parts, in order, whatever runs them, so the rows do not depend on the number of workers. With a
@@ -8,6 +8,7 @@ become one Parquet file, in one step (:mod:`forcebound.lab.table`).
 """
 
 import hashlib
+import inspect
 import json
 import os
 import shutil
@@ -22,14 +23,14 @@ from forcebound.errors import ConfigError
 from forcebound.files import read_bytes, reason
 from forcebound.lab.workers import completed, local_executor, progress_bar
 
-Row: TypeAlias = dict[str, Any]  # plain values: numbers, texts, truth values, None
-Progress: TypeAlias = Callable[[int, int], None]  # called with the runs done, and all runs
+Row: TypeAlias = dict[str, Any]  # plain values: numbers, strings, booleans, None
+Progress: TypeAlias = Callable[[int, int], None]  # called with the runs done, and in total
 
-MAX_PART = 100_000_000  # bytes of the file of a part, a thousand times as many as it has
+MAX_PART = 100_000_000  # largest file of a part, bytes: a thousand times the usual size
 
 
 class Case(Protocol):
-    """A case that runs itself; with a ``work`` of its own a campaign has any other objects."""
+    """A case that runs itself. A campaign with its own ``work`` may have cases of any type."""
 
     @property
     def runs(self) -> int:
@@ -46,6 +47,14 @@ def rows_of_each(cases: Sequence[Case]) -> list[Row]:
     return [row for case in cases for row in case.rows()]
 
 
+def _source_of(work: Callable[..., Any]) -> str:
+    """Return the text of the file that defines a function: a changed script is another campaign."""
+    try:
+        return inspect.getsource(inspect.getmodule(work) or work)
+    except (OSError, TypeError):  # typed in, or not a function
+        return ""
+
+
 def runs_of(case: Case) -> int:
     """Return the number of runs of such a case."""
     return case.runs
@@ -59,9 +68,9 @@ class Campaign:
         name: A few words for the progress bar.
         cases: The cases; they are sent to processes, so they can be pickled.
         work: Returns the rows of some of the cases; can be pickled.
-        part: Runs of a part.
+        part: Runs of a part; there should be several parts for each process.
         runs_of: Number of runs of a case.
-        decisive: Whatever else decides the rows; can be written as JSON.
+        decisive: Whatever else decides the rows, such as a launch file's text; JSON.
         about: Metadata of the result: ``map`` says how ``forcebound map`` draws it.
     """
 
@@ -75,8 +84,9 @@ class Campaign:
 
     @property
     def digest(self) -> str:
-        """Text that two campaigns share only if their rows are equal."""
-        text = json.dumps([version("forcebound"), self.decisive, self.cases], default=str)
+        """Text that two campaigns share only if version, work, cases and ``decisive`` are equal."""
+        decisive = [version("forcebound"), _source_of(self.work), self.decisive, self.cases]
+        text = json.dumps(decisive, default=str)
         return hashlib.sha256(text.encode()).hexdigest()
 
     def parts(self) -> list[range]:

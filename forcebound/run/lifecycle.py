@@ -44,7 +44,7 @@ from forcebound.run.actions import (
 from forcebound.run.restarts import GIVE_UP_DEATHS, GIVE_UP_NS, Restarts
 
 ADVICE = (
-    "the device is lost: zero force. Plug it in, switch it on, hold it in its home pose; then say"
+    "the device is lost: zero force. Plug it in, switch it on, hold it in its home pose; then run"
     " `forcebound device resume` in another terminal. Ctrl-C ends the run"
 )
 
@@ -52,9 +52,9 @@ ADVICE = (
 class Lifecycle:
     """One run, from the start of its processes at ``time_ns`` to the end of the last.
 
-    ``duration_ns`` is that with an engaged force; None: until interrupted. The start has no time
-    limit while only ``remote_topics`` are missing, which come when an environment on another
-    machine answers.
+    ``duration_ns`` counts from the engagement of the force; None: until interrupted. The start has
+    no time limit while only ``remote_topics`` are missing, which arrive once an environment on
+    another machine answers.
     """
 
     def __init__(
@@ -81,8 +81,8 @@ class Lifecycle:
         self._held: set[str] = set()  # stopped on request, not to be restarted
         self._leaving: dict[str, int] = {}  # stopping on request; killed at this time, in ns
         self._engaged: set[str] = set()
-        self.lost: set[str] = set()  # devices for which the run waits for the user's word
-        self.returning: set[str] = set()  # that were started again; without force yet
+        self.lost: set[str] = set()  # devices, until the user resumes them
+        self.returning: set[str] = set()  # resumed devices whose force has not engaged yet
         self.restarts = Restarts()
 
     def _role(self, node: str) -> Role:
@@ -93,7 +93,7 @@ class Lifecycle:
 
     @property
     def engaging(self) -> list[str]:
-        """Devices that are ready, and are to confirm that the force engages."""
+        """Ready devices that have not yet confirmed that their force engages."""
         if self.phase is Phase.ENGAGING:
             return [node for node in self._of_role(DEVICE) if node not in self._engaged]
         if self.phase is Phase.RUNNING:
@@ -303,7 +303,7 @@ class Lifecycle:
         limits = self._limits
         if self.phase is Phase.STARTING:
             reasons = "; ".join(self.missing(node) for node in self.not_ready)
-            if not self.silent:  # the servo comes first on the core that all of them share
+            if not self.silent:  # the device has the highest priority on the shared core
                 reasons += "; is the rate of the device too high for this machine?"
             self._fail(f"not ready after {limits.start_ns * 1e-9:g} s: {reasons}")
             return self._stop(time_ns)

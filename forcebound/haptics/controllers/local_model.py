@@ -30,9 +30,9 @@ from forcebound.quantities import (
     Time,
 )
 
-VELOCITY_STATES = 16  # over which the velocity for looking ahead is taken: one step of the encoder
-#                       is then 2 mm/s at 1 kHz
-LEAD_SHARE, LEAD = 1.5, 0.01  # round trips, and s: the hand may get faster meanwhile
+VELOCITY_STATES = 16  # that give the velocity for looking ahead: one step of the encoder is then
+#                       2 mm/s at 1 kHz
+LEAD_SHARE, LEAD = 1.5, 0.01  # in round trips, and in s: the hand may speed up meanwhile
 MICROMETRE = 1e-6
 
 
@@ -41,15 +41,16 @@ class LocalModel(ReplyTimeouts):
     """Parameters of the local model.
 
     Attributes:
-        prediction: What answers a state: the plane; or for comparison hold, the newest answer as it
-            is. With ahead: 0 that is a zero-order hold, with ahead: auto it is phase-compensated.
+        prediction: Source of the force: plane; or, for comparison, hold: the newest answer as it
+            is. With ahead: 0 that is a zero-order hold, with ahead: auto a phase-compensated one.
         ahead: Time by which the environment is asked ahead of the hand; auto: until the answer is
             back, and in free motion half as long again and 10 ms.
-        reach: Farthest that it is asked ahead.
-        margin: How deep behind a known surface it is asked ahead of the hand.
-        power: Most that changes of the plane may give to the hand.
-        forgetting: Weight that older pairs of answers keep at each new one.
-        stiffest: Largest stiffness that is believed.
+        reach: Longest distance ahead of the hand at which the environment is asked.
+        margin: Greatest depth below a known surface at which it is asked, unless the hand is
+            deeper.
+        power: Largest power that changes of the shown plane may deliver to the hand.
+        forgetting: Weight that older pairs of answers keep with each new one.
+        stiffest: Largest stiffness that the estimate may take.
     """
 
     prediction: Literal["plane", "hold"] = "plane"
@@ -61,21 +62,21 @@ class LocalModel(ReplyTimeouts):
     stiffest: Annotated[Stiffness, POSITIVE] = 1e5
 
     def open(self, axes: int) -> "OpenLocalModel":
-        """Return a local model that knows nothing yet."""
+        """Return a new controller, without an estimate."""
         return OpenLocalModel(self, axes)
 
 
 class OpenLocalModel(Controller):
-    """A local model with what it has learned."""
+    """The running controller: the model's parameters and its current estimate."""
 
     def __init__(self, model: LocalModel, axes: int) -> None:
         self._model = model
         self._zero: Vector = (0.0,) * axes
         self._states: deque[DeviceState] = deque(maxlen=VELOCITY_STATES)
         self._time_ns = 0  # of the newest state, controller's clock
-        self._know_nothing()
+        self._forget()
 
-    def _know_nothing(self) -> None:
+    def _forget(self) -> None:
         model = self._model
         self._exchange = Exchange(model)
         self._estimator = PlaneEstimator(model.forgetting, model.stiffest)
@@ -86,7 +87,7 @@ class OpenLocalModel(Controller):
         """Return the force of the shown plane; None without a living environment."""
         if self._states and has_restarted(self._states[-1], state):
             self._states.clear()
-            self._know_nothing()
+            self._forget()
         dt = (state.time_ns - self._states[-1].time_ns) * 1e-9 if self._states else 0.0
         self._states.append(state)
         self._time_ns = time_ns
@@ -94,7 +95,7 @@ class OpenLocalModel(Controller):
             return None
         share = self._exchange.share(time_ns)
         if share == 0.0:
-            self._know_nothing()
+            self._forget()
             return None
         force = self._answer
         if self._model.prediction == "plane":

@@ -55,7 +55,7 @@ def pull(offset: Vector3, stiffness: float, reach: float) -> Vector3:
     ``F = k d (1 - (d / reach)^2)^2`` within its reach, 0 beyond: the gradient of
     ``k reach^2 (1 - (1 - (d / reach)^2)^3) / 6``.
     """
-    share = max(0.0, 1.0 - (norm(offset) / reach) ** 2)
+    share = 1.0 - min(norm(offset) / reach, 1.0) ** 2
     return scale(offset, stiffness * share * share)
 
 

@@ -4,7 +4,7 @@ A part has one of three origins:
 
 * it ships with forcebound: an entry ``"module:NAME"`` of a table, imported when it is first used;
 * an installed package offers it: an entry point of the group ``forcebound.SECTION``, such as
-  ``forcebound.haptics.environments``; it cannot replace a part that ships;
+  ``forcebound.environments``; it cannot replace a part that ships;
 * it stands in a file of the user's own, ``my_spring.py`` or ``my_spring.py:MySpring``
   (:mod:`forcebound.haptics.parts.user_module`).
 """

@@ -58,7 +58,8 @@ def _drawn(table: Table, result: Path) -> Figure:
     drawing = table.about.get("map") or {}
     if not drawing:
         raise ConfigError(f"{result}: its sweep file has no section map")
-    if f"over.{drawing.get('per')}" not in table.columns:  # held constant on the command line
+    per = drawing.get("per")
+    if not {per, f"over.{per}"} & set(table.columns):  # held constant on the command line
         drawing = {key: value for key, value in drawing.items() if key != "per"}
     figure = draw_surfaces(table, drawing) if "y" in drawing else _curves(table, drawing)
     title = drawing.get("title") or table.about.get("description", "")
