@@ -148,6 +148,7 @@ def test_one_drags_the_hand_into_the_wall_breaks_it_and_makes_it_safe() -> None:
     assert swing(safe.time_ns + second, safe.time_ns + 2 * second) < 2e-4  # it rests
 
 
+@pytest.mark.slow  # runs in `make browser`
 def test_two_pages_keys_fingers_wrong_values_and_a_lost_connection() -> None:
     with pointed() as (graph, (address, watching)), browser() as driver:
         driver.execute_cdp_cmd("Page.addScriptToEvaluateOnNewDocument", {"source": KEEP_SOCKETS})
