@@ -21,7 +21,7 @@ from forcebound.graph.loader import load
 from forcebound.graph.servo import dissipation_of
 from forcebound.haptics.laws import LAWS
 from forcebound.lab.one_axis import NO_MOTION, TRACE, Course, Floats, Rig, loop
-from forcebound.lab.runs import course_of, rig_of
+from forcebound.lab.runs import course_of, rig_of, timing_of
 from forcebound.observe.measure import Round, Timing
 
 DURATION = 6.0
@@ -33,7 +33,7 @@ def run(duration: float, rate: float) -> Result:
     """Run the benchmark."""
     config = replace(load("stiff_wall", ["law:=certified"]), duration=SECONDS)
     device = LAWS["certified"].device(dissipation_of(config.device.model, config.device.servo))
-    rig, course = rig_of(config), course_of(config)
+    rig, course = rig_of(config), course_of(config, timing_of(config))
     trace = np.empty((course.answered.size, len(TRACE)))
     ours = partial(loop("certified"), rig, device, course, trace, NO_MOTION)
     with tempfile.TemporaryDirectory(prefix="forcebound-") as folder:

@@ -1,6 +1,6 @@
 """Whether the bounds of an identification hold: seeded identifications of devices with known truth.
 
-    python experiments/identification_bounds.py [--runs 1000] [--seed 1] [--workers N]
+    python -m experiments.identification_bounds [--runs 1000] [--seed 1] [--workers N]
         [--results runs.parquet] [--json]
 
 Each run draws a simulated device: every fourth a five-bar, the others a knob of one axis. Its

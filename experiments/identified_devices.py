@@ -17,8 +17,8 @@ from forcebound.messages.packets import Vector
 KNOB = Plan(reach=0.03, force=4.25)  # of a device of one axis like the PHANToM
 ARM = Plan(reach=0.35, force=0.06)  # of a five-bar
 WEIGHTS = {1: 1.5, 2: 0.027}  # N, N m, by axes
-SEEN = 1.5  # steps of the encoder; less presliding cannot be told narrowly
-TOLD_LAGS = (2e-4, 1e-3)  # s; a shorter one cannot be told narrowly by every encoder
+SEEN = 1.5  # steps of the encoder; less presliding cannot be bounded narrowly
+RESOLVABLE_LAGS = (2e-4, 1e-3)  # s; a shorter one cannot be bounded narrowly by every encoder
 SUBSTEP = 2.5e-4  # s
 
 
@@ -124,7 +124,7 @@ def draw(seed: int) -> Case:
         "resolution": (step,) * axes,
         "gain": gain,
         "write_delay": delay,
-        "lag": rng.choice((0.0, rng.uniform(*TOLD_LAGS))),
+        "lag": rng.choice((0.0, rng.uniform(*RESOLVABLE_LAGS))),
         "random": True,
         "seed": seed,
     }

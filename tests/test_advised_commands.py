@@ -31,7 +31,6 @@ NO_SENTENCES = ADVISING | {
     "lab/views.py",
     "cli/parts.py",
     "graph/schema.py",
-    "lab/paper/report.py",
     "lab/paper/setup.py",
 }
 

@@ -1,7 +1,12 @@
 """The engine of campaigns: parts, resuming, results; cases and views."""
 
+import linecache
 import math
+import sys
 from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +21,10 @@ from forcebound.lab.views import energy, groups, least, share, table, verdict
 
 def squares(cases: Sequence[int]) -> list[Row]:
     return [{"x": x, "square": float(x * x), "is_even": x % 2 == 0} for x in cases]
+
+
+def twice(cases: Sequence[int]) -> list[Row]:
+    return [{"x": x, "square": 2.0 * x, "is_even": x % 2 == 0} for x in cases]
 
 
 def campaign(cases: int = 100, part: int = 7) -> Campaign:
@@ -65,12 +74,43 @@ def test_neither_parts_nor_result_of_another_campaign_are_taken_or_replaced(tmp_
         run(campaign(), progress=interrupt_at(0), result=result)
     with pytest.raises(ConfigError, match="other cases"):
         run(campaign(99), result=result)
+    with pytest.raises(ConfigError, match="other cases"):
+        run(replace(campaign(), work=twice), result=result)
     run(campaign(99), result=result, restart=True)
     with pytest.raises(ConfigError, match="not a result of these cases"):
         run(campaign(), result=result)
     assert len(read_table(result).columns["x"]) == 99
     run(campaign(), result=result, overwrite=True)
     assert len(read_table(result).columns["x"]) == 100
+
+
+SCRIPT = """
+from typing import NamedTuple
+class Case(NamedTuple):
+    x: int
+    def rows(self): return [{"y": FACTOR * self.x}]
+def work(cases): return [{"y": FACTOR * x} for x in cases]
+"""
+
+
+def digests_of_script(folder: Path, factor: str, monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Digests of two campaigns of a script: its function, and its cases that run themselves."""
+    (folder / "script.py").write_text(SCRIPT.replace("FACTOR", factor))
+    linecache.clearcache()
+    monkeypatch.syspath_prepend(folder)
+    monkeypatch.delitem(sys.modules, "script", raising=False)
+    script = import_module("script")
+    campaigns = Campaign("a", [1], partial(script.work)), Campaign("a", [script.Case(1)])
+    return [one.digest for one in campaigns]
+
+
+def test_a_changed_script_is_another_campaign(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    first, again, other = (digests_of_script(tmp_path, f, monkeypatch) for f in ("2", "2", "30"))
+    assert first == again
+    assert len({*first, *other}) == 4
 
 
 def test_a_code_names_the_numbers_of_a_case_and_a_name_is_a_seed_or_a_code() -> None:

@@ -9,16 +9,19 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 from sweep_files import SMALL, written
 
 from forcebound.errors import ConfigError
 from forcebound.haptics.laws import LAWS
+from forcebound.lab.sweep import maps
 from forcebound.lab.sweep.maps import draw
 from forcebound.lab.sweep.plan import load_sweep
 from forcebound.lab.sweep.runner import run_sweep
 from forcebound.lab.sweep.surfaces import draw_surfaces
 from forcebound.lab.table import read_table
 from forcebound.results.colours import LAW_COLOURS
+from forcebound.results.panels import in_figure
 
 
 @pytest.mark.parametrize("y", ["", "y: stiffness, "])
@@ -113,19 +116,23 @@ def test_names_in_a_result_are_drawn_as_they_are(tmp_path: Path, drawing: dict[s
     name = r"$\frac{$ [/bold]"
     columns = {
         "over.stiffness": [1.0, 2.0],
-        "over.delay": [0.0, 0.0],
+        "over.delay": [0.0, 1e-3],
         "over.law": [name, name],
         "at_rest": [True, True],
         "peak_force_n": [1.0, 2.0],
     }
     shown = {"x": "stiffness", "value": "peak_force_n", "per": "law", "title": name, **drawing}
-    draw(hostile(tmp_path / "a.parquet", columns, {"map": shown}), tmp_path / "x.png")
+    path = hostile(tmp_path / "a.parquet", columns, {"map": shown})
+    figure = maps._drawn(read_table(path), path)
+    texts = [text.get_text() for text in figure.findobj(Text)]
+    assert texts.count(in_figure(name)) >= 1
+    draw(path, tmp_path / "x.png")
 
 
 @pytest.mark.parametrize(
     "about", [[], {"map": [1]}, {"map": {"x": 1, "value": "stiffness"}}, {"map": {"x": "nothing"}}]
 )
-def test_a_description_of_no_sweep_is_told(tmp_path: Path, about: object) -> None:
+def test_a_description_of_no_sweep_is_refused(tmp_path: Path, about: object) -> None:
     result = hostile(tmp_path / "a.parquet", {"over.stiffness": [1.0]}, about)
     with pytest.raises(ConfigError):
         draw(result, tmp_path / "x.png")

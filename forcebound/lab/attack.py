@@ -11,13 +11,14 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from forcebound.haptics.devices.extended import Axis
-from forcebound.haptics.laws import ENERGY_TOLERANCE, LAWS, check_law
+from forcebound.haptics.laws import LAWS, check_law
 from forcebound.lab import one_axis
 from forcebound.lab.hands import ADVERSARIES, PERIOD, Case, case_of, dissipation_of
 from forcebound.lab.one_axis import MOTION, TRACE, Course, Integers, Rig, loop
 
 Floats: TypeAlias = one_axis.Floats
 
+SECONDS = 2.0  # length of a run
 PIECES = 8  # plant steps in a hold, or in the part of it before or after the watchdog's cut
 EARNED = 1e-5  # J; below this loss plus work, the share left has no meaning
 UNFILTERED = 1e30  # Hz, cutoff of an adversary's velocity
@@ -39,11 +40,6 @@ class Result(NamedTuple):
     def lowest(self) -> float:
         """The lower of the two energies, in J."""
         return min(self.energy_min, self.loss_and_work_min)
-
-    @property
-    def is_passive(self) -> bool:
-        """Whether no energy ever fell below zero by more than rounding."""
-        return self.lowest >= -ENERGY_TOLERANCE
 
 
 #: Columns of a trace, SI units; ``energy`` and ``loss_and_work`` are the lowest since the last row.

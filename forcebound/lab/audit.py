@@ -7,13 +7,12 @@ from typing import Any
 from forcebound.errors import ConfigError
 from forcebound.haptics.laws import LAWS
 from forcebound.lab import laws as of_laws
+from forcebound.lab.attack import SECONDS
 from forcebound.lab.cases import optimiser
 from forcebound.lab.engine import Campaign, run_here, runs_of
 from forcebound.lab.paths import campaign as of_paths
 from forcebound.lab.paths.certificates import CERTIFICATES
 from forcebound.lab.views import check_page, origin, write_page
-
-SECONDS = 2.0  # of a run with a hand
 
 INTRODUCTION = """\
 # Audit of the laws

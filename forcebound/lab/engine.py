@@ -15,6 +15,7 @@ import shutil
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol, TypeAlias
@@ -47,11 +48,13 @@ def rows_of_each(cases: Sequence[Case]) -> list[Row]:
     return [row for case in cases for row in case.rows()]
 
 
-def _source_of(work: Callable[..., Any]) -> str:
-    """Return the text of the file that defines a function: a changed script is another campaign."""
+def _source_of(work: Any) -> str:
+    """Return a name and the text of the file that defines it: a changed script differs."""
+    if isinstance(work, partial):
+        work = work.func
     try:
-        return inspect.getsource(inspect.getmodule(work) or work)
-    except (OSError, TypeError):  # typed in, or not a function
+        return str(work.__qualname__) + inspect.getsource(inspect.getmodule(work) or work)
+    except (OSError, TypeError):  # typed in, or built in
         return ""
 
 
@@ -85,7 +88,8 @@ class Campaign:
     @property
     def digest(self) -> str:
         """Text that two campaigns share only if version, work, cases and ``decisive`` are equal."""
-        decisive = [version("forcebound"), _source_of(self.work), self.decisive, self.cases]
+        code = [_source_of(one) for one in (self.work, *dict.fromkeys(map(type, self.cases)))]
+        decisive = [version("forcebound"), code, self.decisive, self.cases]
         text = json.dumps(decisive, default=str)
         return hashlib.sha256(text.encode()).hexdigest()
 
@@ -115,7 +119,7 @@ def run(
     restart: bool = False,
     overwrite: bool = False,
 ) -> Outcome:
-    """Run a campaign, or what is left of it.
+    """Run a campaign, or the parts of it that are not on disk yet.
 
     Args:
         campaign: The campaign.
@@ -179,7 +183,7 @@ def _check_result(result: Path, digest: str, overwrite: bool) -> None:
     if not is_ours:
         raise ConfigError(
             f"{result} exists and is not a result of these cases (others, or of another version); "
-            "choose another file, or replace it (sweep: --overwrite)"
+            "choose another file, or delete it (a sweep: --overwrite)"
         )
 
 
@@ -194,8 +198,8 @@ class _Folder:
                 shutil.rmtree(self._folder)
             if note.exists() and json.loads(read_bytes(note, MAX_PART))["digest"] != digest:
                 raise ConfigError(
-                    f"{self._folder} holds parts of other cases, or of another version; finish "
-                    "that campaign, choose another file, or discard them (sweep: --restart)"
+                    f"{self._folder} holds parts of other cases, or of another version; choose "
+                    "another file, or delete the folder (a sweep: --restart)"
                 )
             self._folder.mkdir(parents=True, exist_ok=True)
             if not note.exists():

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from forcebound.haptics.laws import ENERGY_TOLERANCE, LAWS, check_law
-from forcebound.lab.attack import Result, attack, replay
+from forcebound.lab.attack import SECONDS, Result, attack, replay
 from forcebound.lab.cases import encode, search
 from forcebound.lab.engine import Row
 from forcebound.lab.hands import ADVERSARIES, RANGES, SENSORS, difficulties, draw_case
@@ -71,7 +71,7 @@ class LawCase(NamedTuple):
 
 
 def cases(
-    laws: Iterable[str], runs: int, searched: int, seed: int = 1, seconds: float = 2.0
+    laws: Iterable[str], runs: int, searched: int, seed: int = 1, seconds: float = SECONDS
 ) -> list[LawCase]:
     """Return the cases of an audit.
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from forcebound.errors import ConfigError
-from forcebound.lab.attack import TRACE_COLUMNS
+from forcebound.lab.attack import SECONDS, TRACE_COLUMNS
 from forcebound.lab.attack import replay as replay_law
 from forcebound.lab.hands import ADVERSARIES, SENSORS
 from forcebound.lab.paths.campaign import replay as replay_path
@@ -21,12 +21,13 @@ _NUMBERS = {
     "N": "friction saturation magnitude peak_force weight weight_error",
     "N/m": "hand_stiffness stiffness",
     "m": "resolution amplitude surface presliding pressing sideways",
-    "s": "hold_limit period lag write_delay watchdog_limit guard_period time_of_min lateness",
+    "s": "hold_limit period lag write_delay watchdog_limit guard_period time_of_min lateness"
+    " write_jitter link_delay delay_jitter",
     "Hz": "slow fast frequency late_rate",
     "J": "energy_min loss_and_work_min balance_min margin_min_j lowest late_margin peak left excess"
     " allowance energy_cap",
     "m/s": "largest_speed",
-    "periods": "jitter",
+    "periods": "jitter excess_hold",
 }
 #: Units of the numbers of a case and of its result.
 UNITS = {name: unit for unit, names in _NUMBERS.items() for name in names.split()}
@@ -57,7 +58,7 @@ def run_again(law: str, case: str, seconds: float | None, picture: Path | None) 
         document, trace = replay_path(law, case)
         columns = dict(zip(PATH_COLUMNS, np.array(trace).T, strict=True))
     else:
-        result, rows = replay_law(law, case, seconds or 2.0)
+        result, rows = replay_law(law, case, seconds or SECONDS)
         columns = dict(zip(TRACE_COLUMNS, rows.T, strict=True))
         named = {
             "adversary": ADVERSARIES[result.case.adversary],

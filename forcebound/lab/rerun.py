@@ -79,13 +79,20 @@ def graph_of(
 
 
 def device_of(recording: Recording, settings: Sequence[str] = ()) -> DeviceConfig:
-    """Return the device of a recording and its servo; ``settings`` as for :func:`graph_of`.
+    """Return the device of a recording and its servo.
+
+    ``settings`` are those of :func:`graph_of` for law and device.
 
     Raises:
-        ConfigError: As :func:`graph_of`, of device and law alone.
+        ConfigError: As :func:`graph_of`; a setting of another section.
     """
     document = _document(recording)
     named = {_set(document, setting) for setting in settings}
+    for name in named:
+        if name.partition(".")[0] not in ("law", "device"):
+            raise ConfigError(
+                f"{name} does not enter the verification: expected law, device or device.KEY"
+            )
     _check_code(recording, document, named, ("device",))
     with content_of(recording.path):
         section = from_plain(document["device"], "device")

@@ -60,25 +60,17 @@ class Ran:
     error: Exception | None = None
 
 
-def run_all(configs: Sequence[GraphConfig], engine: Engine | None = None) -> list[Ran]:
-    """Run all cases.
-
-    Args:
-        configs: The cases.
-        engine: ``"graph"``: do not use the loop; None: choose.
-
-    Returns:
-        One outcome for each, in their order; a failed case does not stop the others.
-    """
-    return [_run(config, engine) for config in configs]
+def run_all(configs: Sequence[GraphConfig]) -> list[Ran]:
+    """Return an outcome of each case, in their order; a failed one does not stop the others."""
+    return [_run(config) for config in configs]
 
 
-def _run(config: GraphConfig, engine: Engine | None) -> Ran:
+def _run(config: GraphConfig) -> Ran:
     result = None
     try:
         if config.duration * config.device.servo.rate > MAX_TICKS:
             raise RunError(f"a case has at most {MAX_TICKS} ticks; use a shorter duration")
-        if engine != "graph" and not any(unserved(config)):
+        if not any(unserved(config)):
             result = run_compiled(config)
         return Ran("graph", run_virtual(config)) if result is None else Ran("kernel", result)
     except Exception as error:  # any failure of a user's part is this case's error
@@ -127,7 +119,7 @@ def run_compiled(config: GraphConfig) -> RunResult | None:
     trace = np.zeros((timing.seq.size, len(TRACE)))
     device = LAWS[servo.law].device(dissipation_of(config.device.model, servo))
     run = loop(servo.law)
-    if run(rig_of(config), device, course_of(config), trace, NO_MOTION) < timing.seq.size:
+    if run(rig_of(config), device, course_of(config, timing), trace, NO_MOTION) < timing.seq.size:
         return None
     columns: dict[str, Any] = {}
     for name, column in zip(TRACE, trace.T.copy(), strict=True):
@@ -159,9 +151,9 @@ def rig_of(config: GraphConfig) -> Rig:
     )
 
 
-def course_of(config: GraphConfig) -> Course:
-    """Return what in a run of a graph does not depend on forces."""
-    timing, servo, hand = timing_of(config), config.device.servo, config.operator or NoHand()
+def course_of(config: GraphConfig, timing: TelemetryColumns) -> Course:
+    """Return what in a run of a graph does not depend on forces, with its :func:`timing_of`."""
+    servo, hand = config.device.servo, config.operator or NoHand()
     ticks = timing.seq.size
     targets = _targets if getattr(hand, "file", None) is None else _targets.__wrapped__
     nothing = np.zeros(ticks)

@@ -39,6 +39,8 @@ def write_table(rows: Sequence[Mapping[str, Any]], path: Path, about: Mapping[st
     table = pa.table(dict(zip(names, arrays, strict=True))).replace_schema_metadata(metadata)
     unfinished = path.with_name(path.name + ".unfinished")
     pq.write_table(table, unfinished, compression="zstd")
+    with unfinished.open("rb") as file:
+        os.fsync(file.fileno())  # before a campaign deletes its parts
     os.replace(unfinished, path)
 
 
@@ -58,8 +60,14 @@ class _Columns(Mapping[str, list[Any]]):
 
     def __init__(self, content: Any) -> None:
         self._content = content
+        self._lists: dict[str, list[Any]] = {}
 
     def __getitem__(self, name: str) -> list[Any]:
+        if name not in self._lists:
+            self._lists[name] = self._list_of(name)
+        return self._lists[name]
+
+    def _list_of(self, name: str) -> list[Any]:
         column = self._content[name]
         if not pa.types.is_dictionary(column.type):
             values: list[Any] = column.to_pylist()

@@ -64,8 +64,8 @@ def verify(recording: Recording, device: DeviceConfig) -> Verified:
     packets = cast("list[Telemetry]", recording.packets(TOPIC_OF[Telemetry]))
     if not packets or packets[0].read_ns is None:
         raise ConfigError(
-            f"{recording.path} has no telemetry with read_ns and write_ns: record it anew with this"
-            " version"
+            f"{recording.path} has no telemetry with read_ns and write_ns: record it again with"
+            " this version"
         )
     commands = cast("list[ForceCommand]", recording.packets(TOPIC_OF[ForceCommand]))
     events = cast("list[Event]", recording.packets(TOPIC_OF[Event]))
@@ -73,7 +73,7 @@ def verify(recording: Recording, device: DeviceConfig) -> Verified:
 
 
 def _lives(packets: Sequence[Telemetry]) -> Iterator[Sequence[Telemetry]]:
-    """Yield the packets of each life of the device: one that was lost and returns counts anew."""
+    """Yield the packets of each life of the device: one that was lost counts from zero again."""
     ends = [k for k, (a, b) in enumerate(pairwise(packets), start=1) if b.seq <= a.seq]
     for start, end in pairwise([0, *ends, len(packets)]):
         yield packets[start:end]
@@ -243,17 +243,10 @@ class _Rerun:
             self._chain.states = list(before)
             self._chain.use(command)
             demand = self._chain.demand(packet.time_ns)
-            forces = demand.force, self._formerly(command.force, demand.engagement)
-            if packet.commanded_force in forces and packet.engagement == demand.engagement:
+            if (packet.commanded_force, packet.engagement) == (demand.force, demand.engagement):
                 break
         self._found.unknown_commands += command is missing
         self._found.commands += command is not missing
-
-    def _formerly(self, force: Vector, engagement: float) -> Vector:
-        """Return a commanded force as recordings before wire format 4 have it: saturated."""
-        saturation = self._config.model.saturation
-        scale = engagement * (saturation / max(math.hypot(*force), saturation))
-        return tuple([scale * f for f in force])
 
 
 def _are_same(new: Vector, old: Vector) -> bool:

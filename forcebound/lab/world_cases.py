@@ -51,11 +51,11 @@ NUMBERS: dict[str, Range] = {
     "resolution": Range(1e-6, 2e-4, is_logarithmic=True, zeros=1, zero_share=0.2),
     "saturation": Range(3.0, 30.0),
     "watchdog": Range(0.0, 2.999),  # its whole part: an index in WATCHDOGS
-    "hold_limit": Range(0.0, 1.5, zero_share=0.2),  # in periods above one
+    "excess_hold": Range(0.0, 1.5, zero_share=0.2),  # in periods above one
     "reply_wait": Range(0.05, 0.9),  # share of the period
     "late_rate": Range(5.0, 200.0, is_logarithmic=True, zeros=1, zero_share=0.4),  # Hz
     "lateness": Range(0.5e-3, 6e-3, is_logarithmic=True),
-    "jitter": Range(1e-5, 2e-4, is_logarithmic=True, zeros=1, zero_share=0.4),
+    "write_jitter": Range(1e-5, 2e-4, is_logarithmic=True, zeros=1, zero_share=0.4),
     "hand_mass": Range(0.01, 1.0, is_logarithmic=True),
     "hand_stiffness": Range(20.0, 2000.0, is_logarithmic=True),
     "hand_damping": Range(0.1, 10.0, is_logarithmic=True, zeros=1, zero_share=0.3),
@@ -64,7 +64,7 @@ NUMBERS: dict[str, Range] = {
     "sideways": Range(1e-4, 0.02, is_logarithmic=True),  # m, along the others
     "frequency": Range(1.0, 25.0, is_logarithmic=True),  # Hz, of the first axis
     "detuning": Range(0.3, 3.0, is_logarithmic=True),  # frequency of each axis over the one before
-    "delay": Range(1e-4, 0.03, is_logarithmic=True, zeros=1, zero_share=0.3),  # s, each way
+    "link_delay": Range(1e-4, 0.03, is_logarithmic=True, zeros=1, zero_share=0.3),  # s, each way
     "delay_jitter": Range(1e-4, 0.01, is_logarithmic=True, zeros=1, zero_share=0.4),
     "loss": Range(0.0, 0.5, zeros=1, zero_share=0.4),
     "stiffness": Range(100.0, 30_000.0, is_logarithmic=True),  # of the world

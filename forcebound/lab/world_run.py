@@ -101,7 +101,7 @@ def attack(law: str, case: Case, seconds: float = SECONDS) -> WatchedDevice:
         rate=numbers["late_rate"],
         shortest=SHORTEST_LATE,
         longest=numbers["lateness"],
-        jitter=numbers["jitter"],
+        jitter=numbers["write_jitter"],
         seed=case.seed,
     ).of(servo)
     device_node = DeviceNode(device, dissipation_of(model, servo), servo, lateness=lateness)
@@ -162,7 +162,7 @@ def servo_of(law: str, case: Case) -> ServoSettings:
     return ServoSettings(
         law=law,
         reply_wait=numbers["reply_wait"],
-        hold_limit=1.0 + numbers["hold_limit"] if numbers["hold_limit"] else "auto",
+        hold_limit=1.0 + numbers["excess_hold"] if numbers["excess_hold"] else "auto",
         engage_time=ENGAGE,
     )
 
@@ -170,7 +170,7 @@ def servo_of(law: str, case: Case) -> ServoSettings:
 def _links_of(case: Case) -> dict[str, Link[Packet]]:
     numbers = case.numbers
     impairment = Impairment(
-        delay=numbers["delay"], jitter=numbers["delay_jitter"], loss=numbers["loss"]
+        delay=numbers["link_delay"], jitter=numbers["delay_jitter"], loss=numbers["loss"]
     )
     if impairment == Impairment():
         return {}

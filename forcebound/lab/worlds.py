@@ -8,6 +8,7 @@ from zlib import crc32
 import numpy as np
 
 from forcebound.haptics.controllers import CONTROLLERS
+from forcebound.haptics.environments.bodies import engine
 from forcebound.haptics.laws import ENERGY_TOLERANCE, LAWS, check_law
 from forcebound.lab.audit import check_runs, command_of
 from forcebound.lab.cases import encode, search
@@ -83,7 +84,7 @@ def cases(
     for world in worlds:
         for controller in controllers:
             for law in dict.fromkeys((UNBOUNDED, *laws)):
-                case, few = (law, world, controller), law == UNBOUNDED
+                case, few = (law, world, controller), law not in laws
                 seeds = range(seed, seed + (int(UNBOUNDED_SHARE * runs) if few else runs))
                 found += [WorldCase(*case, False, one, 1) for one in seeds]
                 if searched and not few:
@@ -133,6 +134,8 @@ def run(
     for controller in controllers:
         check_name("controller", controller, CONTROLLERS)
     under_attack = list(laws) or [name for name, law in LAWS.items() if law.is_certified]
+    if "bodies" in (worlds or WORLDS):
+        engine()  # its absence would show only after most of the runs
     through = list(controllers) or list(CONTROLLERS)
     found = cases(under_attack, list(worlds) or list(WORLDS), through, runs, searched, seed)
     campaign = Campaign("audit of the worlds", found, part=PART, runs_of=runs_of)

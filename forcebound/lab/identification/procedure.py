@@ -228,9 +228,9 @@ def _loss_of(
         damping = estimators.slope(whole)
     if damping.lower <= 0.0:
         raise DeviceError(
-            f"axis {passes[0].axis + 1}: its damping, {damping.estimate:.3g}, cannot be told from 0"
-            " at these speeds: a larger --reach lets it move faster. Without damping no law can"
-            " show a force beyond the friction"
+            f"axis {passes[0].axis + 1}: its damping, {damping.estimate:.3g}, cannot be"
+            " distinguished from 0 at these speeds: a larger --reach lets it move faster. Without"
+            " damping no law can show a force beyond the friction"
         )
     slow = [one.at_rest(inertia) for one in raw_slow]
     friction, parts = estimators.friction(slow, damping)

@@ -55,7 +55,7 @@ class TimeVaryingWall:
 
 # The paper states neither speed nor depth of its Fig. 7. A hand that presses harder than at the
 # high speed receives more energy than it has put into its way to the wall.
-UNBOUNDED = Approach("high", HIGH.speed, HIGH.way, target=0.2)
+UNBOUNDED = Approach(HIGH.speed, HIGH.way, target=0.2)
 
 
 def no_law(runs: Runs) -> Outcome:

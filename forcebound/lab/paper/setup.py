@@ -59,7 +59,6 @@ class Hand:
 class Approach:
     """Approach of the hand to the wall at one of the paper's two speeds."""
 
-    label: str
     speed: float  # m/s, of the hand's target before contact
     way: float  # m, from the start to the surface
     target: float  # m, depth of the target behind the surface
@@ -79,15 +78,15 @@ class Approach:
 # like the paper's soft grip (section 4.1). The bands of speed in the paper's section 5.2 are those
 # of its user study; section 4 states none.
 HAND = Hand(mass=0.617, stiffness=21.9, damping=0.37, tremor=0.181, tremor_frequency=10.4)
-HIGH = Approach("high", speed=0.143, way=0.00611, target=0.107)
-LOW = Approach("low", speed=0.0274, way=0.00687, target=0.102)
+HIGH = Approach(speed=0.143, way=0.00611, target=0.107)
+LOW = Approach(speed=0.0274, way=0.00687, target=0.102)
 SPEEDS = {"high": HIGH, "low": LOW}
 # A hand fitted to one half of Table 1 alone, which predicts the other; the search began at the hand
 # above (--half first --near --seed 2).
 HALF_HAND = Hand(mass=0.613, stiffness=21.4, damping=0.356, tremor=0.181, tremor_frequency=10.4)
 HALF_SPEEDS = {
-    "high": Approach("high", speed=0.144, way=0.00616, target=0.107),
-    "low": Approach("low", speed=0.0275, way=0.00676, target=0.101),
+    "high": Approach(speed=0.144, way=0.00616, target=0.107),
+    "low": Approach(speed=0.0275, way=0.00676, target=0.101),
 }
 
 PAPER_LAWS = {  # in the order and words of the paper's Table 1

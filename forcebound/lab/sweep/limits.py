@@ -10,8 +10,8 @@ is due to the law.
     :math:`b > K (T / 2 + t_d) + |B|` with B the wall's damping, computed from a backward
     difference, and :math:`t_d` the delay from reading to writing. J. E. Colgate and G. Schenkel,
     Passivity of a class of sampled-data systems: application to haptic interfaces, Journal of
-    Robotic Systems 14(1), 1997. Exact without B for whole samples of delay (:func:`passive_damping`
-    and ``tests/test_limits.py``): K T / b = 1 / (1/2 + d); a sufficient condition with B. No
+    Robotic Systems 14(1), 1997. Exact without B for whole samples of delay (``passive_damping``
+    in ``tests/test_limits.py``): K T / b = 1 / (1/2 + d); a sufficient condition with B. No
     quantisation. The velocity's low-pass is not in it.
 ``with_hand``
     The same with the damping of the simulated hand added to that of the device: a limit of
@@ -56,7 +56,7 @@ def encoder(friction: float, resolution: float) -> float:
 
 def abbott_okamura(damping: float, friction: float, period: float, resolution: float) -> float:
     """Return the stiffest passive wall, in N/m; ``resolution`` in m."""
-    return min(colgate_schenkel(damping, period), encoder(friction, resolution))
+    return diolaiti(damping, friction, period, resolution, delay=0.0)
 
 
 def diolaiti(

@@ -57,7 +57,7 @@ def _drawn(table: Table, result: Path) -> Figure:
 
     drawing = table.about.get("map") or {}
     if not drawing:
-        raise ConfigError(f"{result}: its sweep file has no section map")
+        raise ConfigError(f"{result} has no map: its sweep file or campaign needs one")
     per = drawing.get("per")
     if not {per, f"over.{per}"} & set(table.columns):  # held constant on the command line
         drawing = {key: value for key, value in drawing.items() if key != "per"}
