@@ -43,8 +43,8 @@ class TelemetryColumns:
     """The telemetry of a run, one array per field; ``n`` samples, oldest first.
 
     ``None`` in a packet is NaN here (-1 in ``device_seq``). Contacts are those of the state of the
-    same tick, whenever the environment answered it. A device that was lost and returned begins its
-    counts anew; here they go on.
+    same tick, whenever the environment answered it. A device that was lost and returned begins to
+    count again; here the counts go on.
     """
 
     time: NDArray[np.float64]  # (n,), s since the first sample with an engaged force
@@ -65,7 +65,7 @@ class TelemetryColumns:
     loop_delay: NDArray[np.float64]  # (n,), s
     reply_age: NDArray[np.float64]  # (n,), s, of the environment's reply in use
     deadline_misses: NDArray[np.int64]  # (n,), ticks skipped so far
-    is_told: NDArray[np.bool_]  # (n,), whether the environment's answer to this tick is known
+    is_answered: NDArray[np.bool_]  # (n,), whether the environment's answer to this tick is known
     proxy: NDArray[np.float64]  # (n, axes), m; NaN without a contact
     normal: NDArray[np.float64]  # (n, axes), outward unit normal at the proxy; NaN likewise
     rejected: Mapping[str, int]  # packets rejected by the end of the run, by reason
@@ -154,19 +154,19 @@ class TelemetryCollector:
         time = (time_ns - time_ns[start]) * 1e-9 if self else elapsed
         if self:
             self._rejected += Counter(self._last.rejected)
-        told = self._replies.get(samples.axes, _Table(_CONTACT, samples.axes)).columns()
+        replies = self._replies.get(samples.axes, _Table(_CONTACT, samples.axes)).columns()
         returns = np.flatnonzero(np.diff(seq) < 0) + 1  # samples at which a device has returned
         if returns.size:
             life = np.searchsorted(returns, np.arange(seq.size), "right")
             ticks = _before(seq + 1, returns)
-            lives = np.searchsorted(time_ns[returns - 1], told["device_time_ns"])
-            told["device_seq"] += ticks[lives]
+            lives = np.searchsorted(time_ns[returns - 1], replies["device_time_ns"])
+            replies["device_seq"] += ticks[lives]
             answered, misses = columns["device_seq"], columns["deadline_misses"]
             columns["device_seq"] = np.where(answered < 0, answered, answered + ticks[life])
             columns["deadline_misses"] = misses + _before(misses, returns)[life]
             columns["elapsed"] = np.where(life > 0, elapsed[start] + time, elapsed)
             columns["seq"] = seq = seq + ticks[life]
-        contacts = _contacts(seq, told)
+        contacts = _contacts(seq, replies)
         counts, hand = dict(self._rejected), self._last.hand if self else ""
         return TelemetryColumns(time=time, rejected=counts, hand=hand, **columns, **contacts)
 
@@ -224,27 +224,29 @@ class _Table:
         return np.array(entries, dtype=np.float64).reshape(-1, self.axes)
 
 
-def _contacts(seq: NDArray[np.int64], told: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+def _contacts(
+    seq: NDArray[np.int64], replies: Mapping[str, NDArray[Any]]
+) -> dict[str, NDArray[Any]]:
     """Return of each tick whether its answer is known, and the contact in the last one.
 
     Args:
         seq: Numbers of the ticks.
-        told: Columns of the replies; ``device_seq`` counts as ``seq`` does.
+        replies: Columns of the replies; ``device_seq`` counts as ``seq`` does.
     """
     import numpy as np
 
-    ticks = told["device_seq"]
+    ticks = replies["device_seq"]
     if not ticks.size:
-        nowhere = np.broadcast_to(math.nan, (seq.size, told["proxy"].shape[1]))
-        return {"is_told": np.zeros(seq.size, np.bool_), "proxy": nowhere, "normal": nowhere}
+        nowhere = np.broadcast_to(math.nan, (seq.size, replies["proxy"].shape[1]))
+        return {"is_answered": np.zeros(seq.size, np.bool_), "proxy": nowhere, "normal": nowhere}
     order = np.argsort(ticks, kind="stable")
-    last = np.searchsorted(ticks, seq, "right", sorter=order) - 1  # -1: any, since not told
+    last = np.searchsorted(ticks, seq, "right", sorter=order) - 1  # -1: any, since no answer
     reply = order[last]
-    is_told = ticks[reply] == seq
+    is_answered = ticks[reply] == seq
     return {
-        "is_told": is_told,
-        "proxy": np.where(is_told[:, np.newaxis], told["proxy"][reply], math.nan),
-        "normal": np.where(is_told[:, np.newaxis], told["normal"][reply], math.nan),
+        "is_answered": is_answered,
+        "proxy": np.where(is_answered[:, np.newaxis], replies["proxy"][reply], math.nan),
+        "normal": np.where(is_answered[:, np.newaxis], replies["normal"][reply], math.nan),
     }
 
 

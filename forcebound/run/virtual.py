@@ -179,11 +179,11 @@ def _run(
     return False
 
 
-def _advance(simulation: Simulation, tell: Callable[[int], None], until_ns: int) -> None:
-    """Run until a virtual time, in parts, and tell the time after each."""
+def _advance(simulation: Simulation, report: Callable[[int], None], until_ns: int) -> None:
+    """Run until a virtual time, in parts, and report the time after each."""
     while simulation.time_ns < until_ns:
         simulation.run(min(simulation.time_ns + PART_NS, until_ns))
-        tell(simulation.time_ns)
+        report(simulation.time_ns)
 
 
 @contextmanager

@@ -48,7 +48,7 @@ class Scaled(ControllerModel):
         engage_time: From no force to full force after the clutch.
         border: Distance from the device's origin beyond which there is rate control; 0: none.
         border_rate: g, drift over excess beyond the border.
-        border_stiffness: Of the spring that tells of the border.
+        border_stiffness: Of the spring that pushes back at the border.
     """
 
     motion_scale: Annotated[Ratio, SCALE] = 1.0
