@@ -10,7 +10,7 @@ from msgspec import structs
 
 from forcebound.errors import ConfigError
 from forcebound.graph.loader import load
-from forcebound.graph.parts import member_of
+from forcebound.graph.model import member_of
 from forcebound.haptics.controllers.scaled import HELD_LONG, OpenScaled, Scaled
 from forcebound.haptics.controllers.vectors import dot
 from forcebound.haptics.hands.hands import Press, StrokingHand

@@ -22,9 +22,8 @@ from forcebound.errors import ConfigError
 from forcebound.files import content_of
 from forcebound.graph.graph import BESIDE_MODEL, KINDS, DeviceConfig, GraphConfig
 from forcebound.graph.loader import from_document
-from forcebound.graph.model import make_part
+from forcebound.graph.model import law_of, make_part
 from forcebound.graph.names import ParameterName, split_setting
-from forcebound.graph.parts import law_of
 from forcebound.graph.problems import Problems, unknown
 from forcebound.graph.servo import ServoSettings
 from forcebound.graph.tree import from_plain, scalar

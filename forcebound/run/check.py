@@ -12,8 +12,8 @@ import msgspec
 from msgspec import Struct
 
 from forcebound.errors import ConfigError
+from forcebound.graph.model import law_of, member_of
 from forcebound.graph.names import Document
-from forcebound.graph.parts import law_of, member_of
 from forcebound.graph.resolved import member_document
 from forcebound.graph.users_code import tried
 from forcebound.haptics.controllers import contract as controllers
