@@ -15,14 +15,15 @@ from forcebound.messages.packets import EnvironmentQuery, Packet
 from forcebound.messages.topology import ONE_HAND
 from forcebound.network import sockets
 from forcebound.network.sockets import Network
+from forcebound.recordings.recording import Recorder
 from forcebound.run import process
 from forcebound.run.process import Stop
 
 
-class StoppingSink:
+class StoppingSink(Recorder):
     """A recording in memory that asks for the end when it has a packet."""
 
-    def __init__(self, stop: Stop) -> None:
+    def __init__(self, stop: Stop) -> None:  # no file
         self.packets: list[Packet] = []
         self.flushes = 0
         self._stop = stop

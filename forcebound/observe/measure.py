@@ -31,8 +31,7 @@ from forcebound.network.sockets import Network, Publisher, make_socket
 from forcebound.nodes import Node
 from forcebound.realtime import Settings
 from forcebound.roles import CONTROLLER, DEVICE, ENVIRONMENT
-from forcebound.run.build import build_node
-from forcebound.run.links import build_links
+from forcebound.run.build import build_links, build_node
 from forcebound.run.process import Runner, Stop, run
 
 LAUNCH_FILE = "stiff_wall"

@@ -90,9 +90,18 @@ def build_device(
     return DeviceNode(device, dissipation_of(model, servo), servo, clock, lateness)
 
 
-def change_link(link: Link[Packet], impairment: Impairment) -> None:
-    """Impair later packets by ``impairment``."""
-    link.change(impairment, trace_of(impairment))
+def build_links(config: GraphConfig) -> dict[str, Link[Packet]]:
+    """Return the impaired links by topic; the others are perfect."""
+    return {
+        topic: build_link(topic, impairment, config.seed)
+        for topic, impairment in config.links.items()
+        if impairment != Impairment()
+    }
+
+
+def build_link(topic: str, impairment: Impairment, seed: int) -> Link[Packet]:
+    """Return the link of a topic in a graph with this seed."""
+    return Link(impairment, link_seed(seed, topic), trace_of(impairment))
 
 
 def change_environment(node: EnvironmentNode, environment: EnvironmentConfig) -> None:

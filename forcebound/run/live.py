@@ -28,7 +28,6 @@ from forcebound.messages.packets import (
 from forcebound.messages.topology import ONE_HAND, Graph
 from forcebound.roles import ENVIRONMENT, LAUNCHER
 from forcebound.run.actions import Limits
-from forcebound.run.links import check_links
 from forcebound.run.results import RunResult, run_metadata
 from forcebound.run.run_directory import (
     EVENT,
@@ -37,6 +36,7 @@ from forcebound.run.run_directory import (
     REPLY,
     TELEMETRY,
     RunDocument,
+    is_held,
     own_run_directories,
     read_launch_document,
     run_directory,
@@ -44,7 +44,6 @@ from forcebound.run.run_directory import (
     updating,
     write_launch_document,
 )
-from forcebound.run.run_lock import is_held
 from forcebound.run.screen import Screen
 from forcebound.run.supervisor import Step, Supervisor
 
@@ -182,7 +181,7 @@ def check_here(config: GraphConfig, record: Path | None = None) -> None:
         )
     checks: list[Callable[[], object]] = [
         partial(realtime.choose_core, config.realtime.cores),
-        partial(check_links, config),
+        partial(_check_links, config),
     ]
     if record is not None:
         checks.append(partial(check_writable, record, "the recording"))
@@ -198,6 +197,17 @@ def check_here(config: GraphConfig, record: Path | None = None) -> None:
             problems.append(f"device: {error}")
     if problems:
         raise ConfigError("\n".join(problems))
+
+
+def _check_links(config: GraphConfig) -> None:
+    """Raise ConfigError if no packet gets through a link while a live run waits for it."""
+    end = Limits().start_ns * 1e-9
+    for topic, impairment in config.links.items():
+        if max(impairment.loss, impairment.corrupt) == 1.0 or impairment.delay >= end:
+            raise ConfigError(
+                f"links.{topic}: no packet gets through in the first {end:g} s, so a live run does"
+                " not start; lose them later, with phases: or `forcebound param set`"
+            )
 
 
 def _begin(run_dir: Path, part: Part) -> Mapping[str, Configure]:

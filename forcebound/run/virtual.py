@@ -9,9 +9,11 @@ from pathlib import Path
 
 from forcebound.errors import ConfigError, RunError
 from forcebound.graph.graph import GraphConfig
+from forcebound.graph.parameters import parameters
 from forcebound.graph.phases import timetable
 from forcebound.graph.resolved import kind_of, to_document
 from forcebound.haptics.environments import may_report_contacts
+from forcebound.messages.control import Configure
 from forcebound.messages.events import PHASE_BEGINS, EventLog
 from forcebound.messages.packets import TOPIC_OF, EnvironmentReply, Event, Packet, Telemetry
 from forcebound.messages.topology import ONE_HAND
@@ -19,9 +21,8 @@ from forcebound.realtime import without_garbage_collection
 from forcebound.recordings.recording import Recorder
 from forcebound.recordings.telemetry import TelemetryCollector
 from forcebound.roles import DEVICE, LAUNCHER
-from forcebound.run.application import apply
-from forcebound.run.build import build_device, build_node
-from forcebound.run.links import build_links
+from forcebound.run.application import Tuner
+from forcebound.run.build import build_device, build_links, build_node
 from forcebound.run.results import RunResult, run_metadata
 from forcebound.run.simulation import LateTicks, Simulation
 
@@ -163,12 +164,11 @@ def _run(
     interrupts = _interrupt_after_a_packet(observer) if may_end_early else nullcontext()
     try:
         with interrupts, without_garbage_collection():
-            now = config
+            tuner = Tuner(config)
             for part in timetable(config):
                 if part.start_ns < end_ns:
                     run(part.start_ns)
-                    apply(now, part.config, simulation)
-                    now = part.config
+                    tuner(simulation, Configure(part.start_ns, parameters(part.config)))
                     event = launcher.emit(part.start_ns, PHASE_BEGINS, part.message, part.data)
                     observer.take(event)
             run(end_ns)

@@ -29,9 +29,8 @@ from forcebound.nodes.environment import EnvironmentNode
 from forcebound.roles import CONTROLLER, DEVICE, ENVIRONMENT, LOST, RECORDER, ROLES
 from forcebound.run import process
 from forcebound.run.application import Tuner
-from forcebound.run.build import build_node
+from forcebound.run.build import build_links, build_node
 from forcebound.run.children import name_begins
-from forcebound.run.links import build_links
 from forcebound.run.results import run_metadata
 from forcebound.run.run_directory import (
     RECORDING,

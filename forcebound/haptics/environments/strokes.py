@@ -4,25 +4,19 @@ Questions at random rarely touch a ball in space, and never slide along it. Thes
 """
 
 import itertools
-import statistics
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from random import Random
 from typing import NamedTuple
 
-from forcebound.haptics.environments import Environment
 from forcebound.haptics.geometry.vectors import (
     ZERO,
     Vector3,
     add,
     along,
     cut,
-    dot,
     norm,
-    pad3,
     rotate,
     scale,
-    sub,
     tangential,
     unit,
 )
@@ -30,9 +24,8 @@ from forcebound.messages.packets import SceneObject, Vector
 
 INWARDS, ACROSS = 40, 20  # questions of a stroke
 CLEARANCE = 0.01  # m, from what is drawn to the beginning of a stroke
-UNKNOWN = 0.03  # m, half the size of what only a file tells
+UNKNOWN = 0.03  # m, half the size of what is only in a file
 THIN = 0.01  # m, how deep a stroke goes beyond a plane or path
-SHALLOW = 1e-5  # m; a stiffness at less depth is mostly rounding
 PERIOD = 1e-3  # s, between two questions
 
 
@@ -90,38 +83,3 @@ def _direction(axes: int, random: Random) -> Vector3:
     """Return a direction that a device of so many axes can go."""
     drawn = [random.gauss(0.0, 1.0) if axis < axes else 0.0 for axis in range(3)]
     return unit((drawn[0], drawn[1], drawn[2]))
-
-
-@dataclass(frozen=True)
-class Touch:
-    """What strokes have felt, each question at rest."""
-
-    strokes: int
-    touched: int  # strokes with a contact
-    stiffness: tuple[float, float, float] | None  # N/m along the normal: least, median, most
-    across: float  # largest force across the normal over that along it
-
-
-def feel(environment: Environment, objects: Sequence[SceneObject], axes: int, count: int) -> Touch:
-    """Return what strokes through an open environment with ``contact`` have felt."""
-    stiffness: list[float] = []
-    across, touched = 0.0, 0
-    for stroke in strokes(objects, axes, count):
-        contacts = 0
-        for tip in stroke:
-            force = pad3(environment.force("", tip.position, (0.0,) * axes, tip.elapsed))
-            contact = environment.contact("")
-            if contact is None:
-                continue
-            contacts += 1
-            proxy, normal = pad3(contact.proxy), pad3(contact.normal)
-            depth = dot(sub(proxy, pad3(tip.position)), normal)
-            if depth > SHALLOW:
-                outwards = -dot(force, normal)
-                stiffness.append(outwards / depth)
-                if outwards > 0.0:
-                    across = max(across, norm(tangential(force, normal)) / outwards)
-        touched += contacts > 0
-    ordered = sorted(stiffness)
-    spread = (ordered[0], statistics.median(ordered), ordered[-1]) if ordered else None
-    return Touch(count if objects else 0, touched, spread, across)

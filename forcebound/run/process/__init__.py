@@ -6,7 +6,7 @@ whole streams; :mod:`forcebound.messages.topology` says where the processes of a
 """
 
 from forcebound.run.process.reader import Reader, Received
-from forcebound.run.process.recorder import COMPLETE, FailSafeSink, Sink, record
+from forcebound.run.process.recorder import COMPLETE, FailSafeSink, record
 from forcebound.run.process.runner import Runner, run
 from forcebound.stop import SignalPipe, Stop
 
@@ -17,7 +17,6 @@ __all__ = [
     "Received",
     "Runner",
     "SignalPipe",
-    "Sink",
     "Stop",
     "record",
     "run",
