@@ -52,9 +52,10 @@ def check_together(made: Values, root: Value, problems: Problems, asks: bool) ->
         check("device", _check_delays, device.servo, environment, made["links"])
     if asks:
         check("device", _ask_law, device)
-        for section, part in (("environment", environment), ("controller", controller)):
-            if part is not None:
-                check(section, _ask, section, getattr(part, "model", part), axes)
+        if environment is not None:
+            check("environment", _ask, "environment", environment.model, axes)
+        if controller is not None:
+            check("controller", _ask, "controller", controller, axes)
 
 
 def _check_device(device: DeviceConfig) -> None:

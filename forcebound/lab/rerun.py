@@ -159,7 +159,7 @@ def _set(document: dict[str, Any], setting: str) -> str:
     else:
         place = ParameterName.parse(name)
         known = [*KINDS, "links", "realtime"]
-        if not place.entry or place.section not in known:
+        if len(place.steps) < 2 or place.section not in known:
             names = ["law", *KINDS, *(f"{section}.KEY" for section in known)]
             raise ConfigError(unknown("setting", name, names))
         place.put(document, scalar(text))

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
+from array import array
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from itertools import chain
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any, Self
 
@@ -15,8 +15,6 @@ from forcebound.messages.packets import EnvironmentReply, Telemetry
 if TYPE_CHECKING:  # a launcher starts without numpy
     import numpy as np
     from numpy.typing import NDArray
-
-BATCH = 2048  # packets that wait until they become columns: a sample takes 2 kB as a packet
 
 # Fields by the type of their column. Those of the ledger are left to verification.
 _SAMPLE = {
@@ -172,7 +170,7 @@ class TelemetryCollector:
 
 
 class _Table:
-    """Fields of packets of one kind as columns, which grow by batches.
+    """Fields of packets of one kind as columns.
 
     Args:
         names: Fields by the type of their column.
@@ -181,47 +179,41 @@ class _Table:
 
     def __init__(self, names: Mapping[str, Sequence[str]], axes: int) -> None:
         self.axes = axes
-        self._kinds = {name: kind for kind, group in names.items() for name in group}
-        self._values_of = attrgetter(*self._kinds)
-        self._waiting: list[Any] = []
-        self._parts: dict[str, list[NDArray[Any]]] = {name: [] for name in self._kinds}
-        self._other_axes: set[int] = set()
+        kinds = {name: kind for kind, group in names.items() for name in group}
+        self._values_of = attrgetter(*kinds)
+        self._columns = {
+            name: (kind, array("q" if kind == "int64" else "d")) for name, kind in kinds.items()
+        }
+        self._nothing = (math.nan,) * axes
+        self._counts: set[int] = {axes}  # of the entries of vectors
 
     def add(self, packet: Any) -> None:
-        self._waiting.append(packet)
-        if len(self._waiting) == BATCH:
-            self._convert()
+        for (kind, column), value in zip(
+            self._columns.values(), self._values_of(packet), strict=True
+        ):
+            if kind == "int64":
+                column.append(-1 if value is None else value)
+            elif kind == "float64":
+                column.append(math.nan if value is None else value)
+            else:
+                vector = value or self._nothing
+                column.extend(vector)
+                if len(vector) != self.axes:
+                    self._counts.add(len(vector))
 
     def columns(self) -> dict[str, NDArray[Any]]:
         """Return all packets until now as columns, which this table then no longer has."""
         import numpy as np
 
-        self._convert()
-        if self._other_axes:
-            counts = " and ".join(map(str, sorted({self.axes, *self._other_axes})))
+        if len(self._counts) > 1:
+            counts = " and ".join(map(str, sorted(self._counts)))
             raise ValueError(f"telemetry has {counts} axes; a run has one number")
-        return {name: np.concatenate(self._parts.pop(name)) for name in self._kinds}
-
-    def _convert(self) -> None:
-        rows = zip(*map(self._values_of, self._waiting), strict=True)
-        by_name = dict(zip(self._kinds, rows, strict=True)) if self._waiting else {}
-        for name, kind in self._kinds.items():
-            self._parts[name].append(self._column(by_name.get(name, ()), kind))
-        self._waiting.clear()
-
-    def _column(self, values: Sequence[Any], kind: str) -> NDArray[Any]:
-        import numpy as np
-
-        if kind == "int64":
-            return np.array([-1 if value is None else value for value in values], dtype=np.int64)
-        if kind == "float64":
-            return np.array(values, dtype=np.float64)  # None becomes NaN
-        nothing = (math.nan,) * self.axes
-        vectors = [value or nothing for value in values]
-        others = set(map(len, vectors)) - {self.axes}
-        self._other_axes |= others
-        entries = () if others else list(chain.from_iterable(vectors))
-        return np.array(entries, dtype=np.float64).reshape(-1, self.axes)
+        found = {}
+        for name in list(self._columns):  # one after the other: of a long run they are large
+            kind, column = self._columns.pop(name)
+            values = np.array(column)
+            found[name] = values if kind in ("int64", "float64") else values.reshape(-1, self.axes)
+        return found
 
 
 def _contacts(
