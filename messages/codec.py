@@ -125,19 +125,8 @@ _LONGEST: dict[type[Packet] | None, int] = {
     **dict.fromkeys((None, Scene), MAX_SCENE_BYTES),
 }
 
-#: As :func:`encode`, for the loop: whether it is a packet at all is not checked either.
-encode_unchecked: Callable[[Packet], bytes] = Encoder(enc_hook=plain).encode
-
-
-def encode(packet: Packet) -> bytes:
-    """Return ``packet`` as bytes; its values are not checked.
-
-    KeyError for a class that is not in ``TOPICS``, TypeError for a value that msgpack does not
-    know.
-    """
-    if type(packet) not in TOPIC_OF:
-        raise KeyError(type(packet))
-    return encode_unchecked(packet)
+#: A packet as bytes; its values are not checked. TypeError for a value that msgpack does not know.
+encode: Callable[[Packet], bytes] = Encoder(enc_hook=plain).encode
 
 
 def decode(data: bytes, expected: type[Packet] | None = None) -> Packet:

@@ -56,7 +56,7 @@ def record(graph: Path | None, output: Path | None, duration: float | None, as_j
     """
     from forcebound.observe.recorder import free_name, record_running
     from forcebound.observe.runs import find, while_running
-    from forcebound.run.process import Stop
+    from forcebound.stop import Stop
 
     run_dir = find(graph, require_graph=True, option="`forcebound record GRAPH`")
 

@@ -38,7 +38,7 @@ def check_together(made: Values, root: Value, problems: Problems, asks: bool) ->
         try:
             what(*arguments)
         except ConfigError as error:
-            note_error(error, section, root.entries[section], problems)
+            note_error(error, section, root.entries[section], problems, is_named=True)
             return False
         return True
 

@@ -69,13 +69,16 @@ class Form:
         return TypeAdapter(shape)
 
 
-def note_error(error: ConfigError, name: str, value: Value, problems: Problems) -> None:
-    """Note an error about a mapping, at the field that it names."""
+def note_error(
+    error: ConfigError, name: str, value: Value, problems: Problems, is_named: bool = False
+) -> None:
+    """Note an error about a mapping at the field that it names, or at its key.
+
+    The message has the mapping's name if it stands at the key, or with ``is_named``.
+    """
     at, names = _inside(value, (error.field or "").split("."))
-    if names:
-        problems.add(str(error), at.place, at.related)
-    else:
-        problems.add(f"{name}: {error}", value.key or value.place)
+    words = str(error) if names and not is_named else f"{name}: {error}"
+    problems.add(words, at.place if names else value.key or value.place, at.related)
 
 
 def _taken(value: Value, known: Field | None) -> Any:

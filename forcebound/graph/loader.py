@@ -16,6 +16,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TypeAlias
 
+from forcebound.bounded_child import tried
 from forcebound.errors import ConfigError, ForceboundError
 from forcebound.graph import checks
 from forcebound.graph.arguments import Argument, Arguments, Substitution
@@ -28,7 +29,6 @@ from forcebound.graph.phases import read_phases
 from forcebound.graph.problems import Problems, unknown
 from forcebound.graph.resolved import to_document
 from forcebound.graph.tree import Value, from_plain
-from forcebound.graph.users_code import tried
 from forcebound.haptics.parts.user_module import file_of, names_file
 from forcebound.messages.control import Parameters
 
@@ -186,10 +186,10 @@ def _build(root: Value, problems: Problems, asks: bool = True) -> GraphConfig:
     made = read_sections(root, problems)
     checks.check_together(made, root, problems, asks)
     problems.raise_if_any()
-    heads = made.pop(PHASES, [])
+    phases = made.pop(PHASES, ())
     config = GraphConfig(**{"duration": 1.0, **made})
-    if not heads:
+    if not phases:
         return config
-    phases = read_phases(root, heads, config, partial(_build, asks=asks), problems)
+    phases = read_phases(root, phases, config, partial(_build, asks=asks), problems)
     problems.raise_if_any()
     return replace(config, phases=phases, duration=sum(phase.duration for phase in phases))

@@ -17,11 +17,12 @@ from forcebound.graph.graph import (
     BESIDE_MODEL,
     FORMAT,
     KINDS,
+    PHASE_KEYS,
     RUN_KEYS,
     DeviceConfig,
     EnvironmentConfig,
     GraphConfig,
-    PhaseHead,
+    Phase,
     RealtimeConfig,
     RemoteConfig,
 )
@@ -65,14 +66,14 @@ _LINK = {topic: Form(f"links.{topic}", fields_of(Impairment)) for topic in LINKS
 #: Sections that are made of their values alone.
 SETTINGS: Mapping[str, type] = {"realtime": RealtimeConfig, "remote": RemoteConfig}
 _SETTINGS = {name: Form(name, fields_of(kind)) for name, kind in SETTINGS.items()}
-PHASE = Form(PHASES, {**fields_of(PhaseHead), "set": Field("set", dict[str, Any] | None)})
+PHASE = Form(PHASES, {**fields_of(Phase, PHASE_KEYS), "set": Field("set", dict[str, Any] | None)})
 _UNREAD = ("arguments", "include", "identified")  # no run reads these
 
 
 def read_sections(root: Value, problems: Problems) -> Values:
     """Return what could be made of a launch file: its sections by name, and the keys of the run.
 
-    ``phases`` are the :class:`PhaseHead` of each.
+    The phases have no settings yet.
     """
     has_phases = PHASES in root.entries
     others = (*KINDS, "links", *SETTINGS, *_UNREAD, PHASES, *(["duration"] * has_phases))
@@ -99,7 +100,7 @@ def read_sections(root: Value, problems: Problems) -> Values:
                 _SETTINGS[name], root.entries[name], problems, partial(_settings, name)
             )
     if has_phases:
-        made[PHASES] = _heads(root.entries[PHASES], problems)
+        made[PHASES] = _phases(root.entries[PHASES], problems)
     return made
 
 
@@ -110,13 +111,13 @@ _WITHOUT: Mapping[str, Callable[[], Any]] = {
 }
 
 
-def _heads(value: Value, problems: Problems) -> list[PhaseHead]:
+def _phases(value: Value, problems: Problems) -> list[Phase]:
     if not isinstance(value.content, tuple) or not value.content:
         expected = "at least one" if value.content == () else "a list"
         problems.add(f"{PHASES}: expected {expected}, got {value}", value.place, value.related)
         return []
     read = (PHASE.read(entry, problems) for entry in value.content)
-    return [PhaseHead(one["name"], one["duration"]) for one in read if one is not None]
+    return [Phase(one["name"], one["duration"]) for one in read if one is not None]
 
 
 def _section(name: str, value: Value, problems: Problems, is_whole: bool) -> Any:

@@ -90,18 +90,9 @@ class TelemetryColumns:
         return collector.columns()
 
     def slice(self, chosen: NDArray[np.bool_]) -> Self:
-        """Return the chosen samples, a mask of shape (n,); times and counts stay as they are.
-
-        Samples in a row are not copied.
-        """
-        import numpy as np
-
-        numbers = np.flatnonzero(chosen)
-        kept: Any = chosen
-        if numbers.size and numbers[-1] - numbers[0] + 1 == numbers.size:
-            kept = slice(int(numbers[0]), int(numbers[-1]) + 1)
+        """Return the chosen samples, a mask of shape (n,); times and counts stay as they are."""
         columns = {
-            field.name: getattr(self, field.name)[kept]
+            field.name: getattr(self, field.name)[chosen]
             for field in fields(self)
             if field.name not in ("rejected", "hand")
         }
@@ -181,7 +172,7 @@ class _Table:
         self.axes = axes
         kinds = {name: kind for kind, group in names.items() for name in group}
         self._values_of = attrgetter(*kinds)
-        self._columns = {
+        self._columns: dict[str, tuple[str, array[Any]]] = {
             name: (kind, array("q" if kind == "int64" else "d")) for name, kind in kinds.items()
         }
         self._nothing = (math.nan,) * axes

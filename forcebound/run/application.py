@@ -14,8 +14,8 @@ from forcebound.network.impairment import Impairment
 from forcebound.nodes.device import DeviceNode
 from forcebound.nodes.environment import EnvironmentNode
 from forcebound.results.delay_traces import trace_of
-from forcebound.run.build import build_link, change_environment
-from forcebound.run.process import Runner
+from forcebound.run.build import build_link, served
+from forcebound.run.process.runner import Runner
 from forcebound.run.simulation import Simulation
 
 
@@ -66,7 +66,8 @@ def _apply(changed: Parameters, new: GraphConfig, graph: Runner | Simulation) ->
     if any(name.section == "environment" for name in names):  # first, since it may be refused
         for node in graph.nodes:
             if isinstance(node, EnvironmentNode):
-                change_environment(node, new.environment)
+                computation = new.environment.computation
+                node.change(served(new.environment), computation, trace_of(computation))
     for topic in sorted({name.topic for name in names if name.topic is not None}):
         impairment, link = new.links.get(topic, Impairment()), graph.link(topic)
         if link is not None:

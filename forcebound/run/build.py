@@ -1,4 +1,4 @@
-"""Nodes of a graph, made from its configuration; changes of nodes and links."""
+"""Nodes and links of a graph, made from its configuration."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -44,8 +44,10 @@ def build_node(
     if role == CONTROLLER:
         return build_controller(config)
     if role == ENVIRONMENT:
-        served, axes = _served(config.environment), config.device.axes
-        return EnvironmentNode(served, _computation(config), environment_name, axes)
+        model, computation = served(config.environment), config.environment.computation
+        seed = link_seed(config.seed, "computation")
+        times = ComputationTime(computation, seed, trace_of(computation))
+        return EnvironmentNode(model, times, environment_name, config.device.axes)
     raise KeyError(name)
 
 
@@ -104,17 +106,6 @@ def build_link(topic: str, impairment: Impairment, seed: int) -> Link[Packet]:
     return Link(impairment, link_seed(seed, topic), trace_of(impairment))
 
 
-def change_environment(node: EnvironmentNode, environment: EnvironmentConfig) -> None:
-    """Answer from the next query on with ``environment`` and its computation time."""
-    computation = environment.computation
-    node.change(_served(environment), computation, trace_of(computation))
-
-
-def _served(environment: EnvironmentConfig) -> EnvironmentModel:
+def served(environment: EnvironmentConfig) -> EnvironmentModel:
+    """Return the model of an environment with its fixtures, made if need be."""
     return replace(environment, model=made(ENVIRONMENT, environment.model)).served
-
-
-def _computation(config: GraphConfig) -> ComputationTime:
-    computation = config.environment.computation
-    seed = link_seed(config.seed, "computation")
-    return ComputationTime(computation, seed, trace_of(computation))

@@ -45,7 +45,7 @@ from forcebound.run.run_directory import (
     write_launch_document,
 )
 from forcebound.run.screen import Screen
-from forcebound.run.supervisor import Step, Supervisor
+from forcebound.run.supervisor import Supervisor
 
 # Hz, of the servo of a live run. A tick with its partners is longer than a shorter period; between
 # two ticks of a slower one nothing is heard of a request to engage or to stop. Not measured here:
@@ -97,8 +97,8 @@ def run_live(
         if record is None:  # a summary needs few
             contacts = [REPLY] if may_report_contacts(config.environment.model) else []
             recorded = [TELEMETRY, *contacts, EVENT]
-        told = (recorded, run_metadata(config), file, str(folder.resolve()))
-        run = RunDocument(os.getpid(), core, str(recording), *told)
+        about = run_metadata(config), file, str(folder.resolve())
+        run = RunDocument(os.getpid(), core, str(recording), recorded, *about)
         run.write(run_dir)
         cores = realtime.leave_core(core)
         try:
@@ -132,10 +132,8 @@ def _supervisor(
         round((config.duration if duration is None else duration) * 1e9),
         limits,
         screen,
-        script=[
-            Step(part.start_ns, partial(_begin, run_dir, part), part.message, part.data)
-            for part in timetable(config)
-        ],
+        phases=timetable(config),
+        begin=partial(_begin, run_dir),
         remote_topics=() if config.remote is None else REMOTE_TOPICS,
         changes=partial(_changes, to_document(config), run_dir),
         start_cores=start_cores,
