@@ -153,9 +153,7 @@ def _class_of(section: str, value: Value, problems: Problems) -> type | None:
     """The class of the kind that a section names; None with a problem noted."""
     table, kind = KINDS[section], value.entries.get("kind")
     if not isinstance(value.content, Mapping | None):
-        if not value.is_broken:
-            message = f"{section}: expected a mapping, got {value}"
-            problems.add(message, value.place, value.related)
+        Form(section, {}).read(value, problems)  # notes it
     elif kind is None:
         names = ", ".join(sorted(table))
         problems.add(f"{section} needs 'kind', one of {names}", value.key or value.place)

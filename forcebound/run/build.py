@@ -36,28 +36,24 @@ def build_node(
     """Return a node of a graph with its parts, which are made if need be.
 
     The graph knows an environment process from others by ``environment_name``. ``clock`` gives the
-    time, in ns, of a device without stamps; None: virtual time. KeyError if there is no such node.
+    time, in ns, of a device without stamps; None: virtual time. ConfigError or DeviceError if a
+    part cannot be opened.
     """
     role = graph.nodes[name].role
     if role == DEVICE:
         return build_device(config, clock)
     if role == CONTROLLER:
-        return build_controller(config)
+        try:
+            controller = made(CONTROLLER, config.controller).open(config.device.axes)
+        except Exception as error:
+            raise ConfigError(f"controller: open: {describe_user_error(error)}") from error
+        return ControllerNode(controller, lease_ns(config), dead_lease_ns(config))
     if role == ENVIRONMENT:
         model, computation = served(config.environment), config.environment.computation
         seed = link_seed(config.seed, "computation")
         times = ComputationTime(computation, seed, trace_of(computation))
         return EnvironmentNode(model, times, environment_name, config.device.axes)
     raise KeyError(name)
-
-
-def build_controller(config: GraphConfig) -> ControllerNode:
-    """Return the controller node with its controller, opened; ConfigError if that fails."""
-    try:
-        controller = made(CONTROLLER, config.controller).open(config.device.axes)
-    except Exception as error:
-        raise ConfigError(f"controller: open: {describe_user_error(error)}") from error
-    return ControllerNode(controller, lease_ns(config), dead_lease_ns(config))
 
 
 def lease_ns(config: GraphConfig) -> int:

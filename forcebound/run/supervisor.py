@@ -197,15 +197,13 @@ class Supervisor:
         return max(0.0, (min(ends_ns) - now_ns) * 1e-9) if ends_ns else None
 
     def _ask(self, lifecycle: Lifecycle) -> None:
-        if lifecycle.phase is Phase.STARTING:
-            for name in lifecycle.not_ready:
-                self._clients[name].ask(control.GetStatus())
-        for name in lifecycle.engaging:
+        names = lifecycle.not_ready if lifecycle.phase is Phase.STARTING else []
+        engaging = lifecycle.engaging
+        returning = lifecycle.returning.difference(engaging)
+        for name in dict.fromkeys([*names, *returning, *self._awaited(lifecycle)]):
+            self._clients[name].ask(control.GetStatus())
+        for name in engaging:
             self._clients[name].ask(control.Engage())
-        for name in lifecycle.returning.difference(lifecycle.engaging):
-            self._clients[name].ask(control.GetStatus())
-        for name in self._awaited(lifecycle):
-            self._clients[name].ask(control.GetStatus())
 
     def _awaited(self, lifecycle: Lifecycle) -> list[str]:
         """Restarted nodes that have not answered yet."""
