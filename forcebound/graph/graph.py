@@ -162,7 +162,13 @@ class RemoteConfig(RemoteSection):
 
 @dataclass(frozen=True)
 class Phase:
-    """A part of a scripted run; see :mod:`forcebound.graph.phases`."""
+    """A part of a scripted run; see :mod:`forcebound.graph.phases`.
+
+    Attributes:
+        name: For events, tables and plots.
+        duration: The next phase begins then.
+        settings: Parameters that differ from those of the launch file.
+    """
 
     name: str
     duration: Annotated[Time, POSITIVE]
