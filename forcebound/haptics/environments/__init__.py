@@ -5,10 +5,10 @@ An environment is a frozen dataclass of its parameters, the *model*, whose ``ope
 :class:`StatelessEnvironment` and has a method ``force``; any other inherits
 :class:`EnvironmentModel` and has a method ``open``.
 
-To add an environment: copy ``wall.py`` to ``my_environment.py``, add one line to ``ENVIRONMENTS``;
-``tests/test_environments.py`` tests it with all the others, and launch files know it as
-``environment: {kind: my_environment}`` with the fields of its dataclass as parameters. Or name a
-file of your own (docs/write-your-own-environment.md).
+To add an environment: copy ``mass_spring.py`` to ``my_environment.py``, add one line to
+``ENVIRONMENTS``; ``tests/test_environments.py`` tests it with all the others, and launch files know
+it as ``environment: {kind: my_environment}`` with the fields of its dataclass as parameters. Or
+name a file of your own (docs/write-your-own-environment.md).
 
 A force is positive when it resists motion in the positive direction, so a wall that the hand
 pushes into answers a positive force.
@@ -23,6 +23,13 @@ from forcebound.errors import ConfigError
 from forcebound.haptics.parts import Form, Table, overridden
 from forcebound.haptics.parts.user_module import describe_user_error
 from forcebound.messages.packets import Contact, SceneObject, Vector
+
+FAR = 10.0  # m: a hand that is farther away is taken to be there
+
+
+def within_reach(coordinate: float) -> float:
+    """Return a coordinate of a hand, in m, at most ``FAR`` from the origin."""
+    return min(max(coordinate, -FAR), FAR)
 
 
 class Environment(ABC):
@@ -133,7 +140,7 @@ ENVIRONMENTS: Table[type[EnvironmentModel]] = Table(
         "bodies": "forcebound.haptics.environments.bodies:Bodies",
         "recorded": "forcebound.haptics.environments.recorded:RecordedEnvironment",
         "mesh": "forcebound.haptics.environments.mesh:TriangleMesh",
-        "active_wall": "forcebound.haptics.environments.active_wall:ActiveWall",
+        "active_wall": "forcebound.haptics.environments.walls:ActiveWall",
     },
     Form("forcebound.haptics.environments:EnvironmentModel"),
 )

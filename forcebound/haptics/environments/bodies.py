@@ -21,7 +21,7 @@ import numpy as np
 from forcebound.bounded_child import ChildError, in_bounded_child
 from forcebound.errors import ConfigError
 from forcebound.files import open_file, reason
-from forcebound.haptics.environments import Environment, EnvironmentModel
+from forcebound.haptics.environments import Environment, EnvironmentModel, within_reach
 from forcebound.haptics.geometry.vectors import Vector3, along, cut, norm, pad3, scale, sub
 from forcebound.messages.packets import MAX_NAME, Contact, SceneObject, Shape, Vector
 from forcebound.quantities import (
@@ -35,7 +35,6 @@ from forcebound.quantities import (
 )
 
 MOST_STEPS = 20  # for one answer; a scene that falls farther behind stands still
-FAR = 10.0  # m: the probe does not follow a hand beyond, nor does the force grow
 TOUCH = 1e-6  # m, least way between hand and probe of a contact
 HARD = [0.99, 0.99, 0.001, 0.5, 2.0]  # of the probe's contacts: the coupling is the soft part
 SECONDS, MEMORY = 30.0, 2_000_000_000  # s and bytes for the compilation and a first step
@@ -102,8 +101,8 @@ class _Scene(Environment):
         self._resets = 0
 
     def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
-        x, y, z = (min(max(entry, -FAR), FAR) for entry in pad3(position))
-        speed = tuple(min(max(entry, -FAR), FAR) for entry in pad3(velocity))
+        x, y, z = map(within_reach, pad3(position))
+        speed = tuple(map(within_reach, pad3(velocity)))  # at most 10 m/s
         if self._hand is None:
             self._hand, self._elapsed = (x, y, z), elapsed
             self._data.qpos[self._place] = self._hand

@@ -12,7 +12,12 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from random import Random
 
-from forcebound.haptics.environments import Environment, EnvironmentModel, open_environment
+from forcebound.haptics.environments import (
+    FAR,
+    Environment,
+    EnvironmentModel,
+    open_environment,
+)
 from forcebound.haptics.environments.strokes import Question, strokes
 from forcebound.haptics.parts import overridden
 from forcebound.haptics.parts.contract import (
@@ -26,7 +31,7 @@ from forcebound.haptics.parts.contract import (
 from forcebound.messages.codec import decode, encode
 from forcebound.messages.packets import MAX_AXES, MAX_LENGTH, Scene, SceneObject, Vector
 
-FAR, LONG = 10.0, 1e4  # m and m/s, s: beyond any hand and any run
+LONG = 1e4  # s: beyond any run
 PLACES = (0.001, -0.001, 0.02, -0.02, 1.0, -1.0, FAR, -FAR)  # m
 SCATTERED = 30  # questions at random for each reach, and about each parameter
 STROKES = 12  # towards what a scene shows, for each number of axes
