@@ -93,13 +93,13 @@ def test_a_controller_is_closed_once_and_may_fail_in_it() -> None:
 
 
 class Remembering(DirectController):
-    """A controller that keeps all that it was told."""
+    """A controller that keeps all replies."""
 
     def __init__(self) -> None:
-        self.told: list[EnvironmentReply] = []
+        self.replies: list[EnvironmentReply] = []
 
     def on_reply(self, reply: EnvironmentReply, time_ns: int) -> Vector:
-        self.told.append(reply)
+        self.replies.append(reply)
         return reply.force
 
 
@@ -112,5 +112,5 @@ def test_no_controller_hears_of_a_number_that_is_not_finite(number: float) -> No
         *_, command = node.step(1, [replace(sound, **{changed: (number,)})])
         assert isinstance(command, ForceCommand)  # which the device rejects if it has to
         assert repr(command.force) == repr((number,) if changed == "force" else (1.0,))
-    assert controller.told == [replace(sound, proxy=None, normal=None)] * 2
+    assert controller.replies == [replace(sound, proxy=None, normal=None)] * 2
     assert node.status().rejected == {"not_finite": 2}
