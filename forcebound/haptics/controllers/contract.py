@@ -29,7 +29,7 @@ def check(model: ControllerModel, axes: Iterable[int] = range(1, MAX_AXES + 1)) 
         runs = [_answers(one, count, STATES, found) for one in (model, copy_of(model))]
         questions += len(runs) * STATES
         if all(runs):
-            found.check_repeats(*runs, f"axes: {count}")
+            found.check_repeats(runs[0], runs[1], f"axes: {count}")
     fails = found.is_broken("opens") or found.is_broken("answers")
     return found.report(PROMISES, questions, unseen=("shape", "finite", "pure") if fails else ())
 

@@ -5,11 +5,11 @@ and along strokes to what its scene shows; a violation names the question. Only 
 for contacts and scenes, too: if that changed an answer, the second would show it.
 """
 
-import dataclasses
 import functools
 import itertools
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import fields, is_dataclass
 from random import Random
 
 from forcebound.haptics.environments import (
@@ -190,7 +190,8 @@ def _questions(
     """The table for a number of axes: dense where a parameter may be the place of a surface."""
     still, random = (0.0,) * axes, Random(axes)
     edges = [0.0]
-    for value in vars(model).values() if dataclasses.is_dataclass(model) else ():
+    names = [field.name for field in fields(model)] if is_dataclass(model) else []
+    for value in (getattr(model, name) for name in names):
         if isinstance(value, int | float) and abs(value) <= 1.0:
             edges += [math.nextafter(value, -1e9), float(value), math.nextafter(value, 1e9)]
     table = []

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 Vector3: TypeAlias = tuple[float, float, float]
 Quaternion: TypeAlias = tuple[float, float, float, float]  # w, x, y, z; of unit length
@@ -81,10 +81,32 @@ def unit_quaternion(rotation: Sequence[float]) -> Quaternion:
 
 
 def z_onto(normal: Vector3) -> Quaternion:
-    """Return a rotation that turns the z axis onto a unit normal."""
-    return unit_quaternion(
-        (1.0 + normal[2], -normal[1], normal[0], 0.0 if normal[2] > -1.0 else 1.0)
-    )
+    """Return the shortest rotation that turns the z axis onto a unit normal."""
+    x, y, z = normal
+    return unit_quaternion((1.0 + z, -y, x, 0.0) if z > -1.0 else (0.0, 1.0, 0.0, 0.0))
+
+
+class Pose(NamedTuple):
+    """Where a body is, in the world."""
+
+    position: Vector3 = ZERO  # m, of its origin
+    orientation: Quaternion = NO_ROTATION  # of its axes
+
+    def turned(self, a: Vector3) -> Vector3:
+        """Return a direction in the body in the world's coordinates."""
+        return a if self.orientation == NO_ROTATION else rotate(self.orientation, a)
+
+    def turned_back(self, a: Vector3) -> Vector3:
+        """Return a direction in the world in the body's coordinates."""
+        return a if self.orientation == NO_ROTATION else rotate_back(self.orientation, a)
+
+    def world(self, point: Vector3) -> Vector3:
+        """Return a point of the body in the world's coordinates."""
+        return add(self.turned(point), self.position)
+
+    def local(self, point: Vector3) -> Vector3:
+        """Return a point of the world in the body's coordinates."""
+        return self.turned_back(sub(point, self.position))
 
 
 def pad3(vector: Sequence[float]) -> Vector3:
