@@ -1,15 +1,12 @@
-"""The contract of every operator, and the path of each."""
+"""The path of each operator."""
 
 import math
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from forcebound.errors import ConfigError
 from forcebound.haptics.devices.phantom import PhantomPremium15
-from forcebound.haptics.hands import OPERATORS
-from forcebound.haptics.hands.contract import check
 from forcebound.haptics.hands.hands import (
     ChirpHand,
     Press,
@@ -28,12 +25,6 @@ def path_file(tmp_path: Path) -> Path:
     file = tmp_path / "path.csv"
     file.write_text("time,x,y\n0,0,0\n1,0.01,0\n\n3,0.01,0.02\n")
     return file
-
-
-@pytest.mark.parametrize("kind", sorted(OPERATORS))
-def test_every_hand_keeps_the_contract(kind: str, path_file: Path) -> None:
-    how: dict[str, Any] = {"trajectory": {"file": path_file}, "following": {"points": CORNER}}
-    assert check(OPERATORS[kind](**how.get(kind, {}))).violations == ()
 
 
 def test_the_pressing_hand_approaches_at_its_speed_and_stays() -> None:

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from forcebound.errors import ConfigError
-from forcebound.haptics.environments.contract import check
 from forcebound.haptics.environments.solids_of_files import PointCloud
 from forcebound.haptics.geometry.proxy import Surface
 from forcebound.haptics.geometry.vectors import pad3
@@ -109,10 +108,6 @@ def test_a_fast_tip_does_not_get_through(tmp_path: Path) -> None:
         assert solid.distance(proxy) > -1e-8
         assert math.hypot(*proxy) > RADIUS
         place = 0.98 * place + random.normal(0.0, 0.005, 3)
-
-
-def test_the_default_keeps_the_contract() -> None:
-    assert check(PointCloud(), axes=(3,)).violations == ()
 
 
 def test_the_scene_names_the_file(tmp_path: Path) -> None:

@@ -17,6 +17,8 @@ pushes into answers a positive force.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 from forcebound.errors import ConfigError
@@ -98,14 +100,21 @@ def may_report_contacts(model: EnvironmentModel) -> bool:
     )
 
 
-def open_environment(model: EnvironmentModel, axes: int) -> Environment:
-    """Return an instance of a model; ConfigError if it cannot be used, or its own code fails."""
+@contextmanager
+def _users_code(call: str) -> Iterator[None]:
+    """Turn what code of a user raises into a ConfigError that names the call."""
     try:
-        return model.open(axes)
+        yield
     except ConfigError:
         raise
     except Exception as error:
-        raise ConfigError(f"environment: open({axes}): {describe_user_error(error)}") from error
+        raise ConfigError(f"environment: {call}: {describe_user_error(error)}") from error
+
+
+def open_environment(model: EnvironmentModel, axes: int) -> Environment:
+    """Return an instance of a model; ConfigError if it cannot be used, or its own code fails."""
+    with _users_code(f"open({axes})"):
+        return model.open(axes)
 
 
 def change_environment(opened: Environment, model: EnvironmentModel, axes: int) -> Environment:
@@ -113,13 +122,9 @@ def change_environment(opened: Environment, model: EnvironmentModel, axes: int) 
 
     If it raises ConfigError, as :func:`open_environment`, ``opened`` is as it was.
     """
-    try:
+    with _users_code("change"):
         if opened.change(model):
             return opened
-    except ConfigError:
-        raise
-    except Exception as error:
-        raise ConfigError(f"environment: change: {describe_user_error(error)}") from error
     new = open_environment(model, axes)
     opened.close()
     return new

@@ -94,8 +94,8 @@ class _Scene(Environment):
         self._mujoco.mj_forward(self._scene, self._data)
         self._probe = self._scene.body(PROBE)
         self._geom = int(self._scene.geom(PROBE).id)
-        self._place = slice(*_range(self._scene.jnt_qposadr[self._probe.jntadr[0]]))
-        self._motion = slice(*_range(self._scene.jnt_dofadr[self._probe.jntadr[0]]))
+        self._place = _three(self._scene.jnt_qposadr[self._probe.jntadr[0]])
+        self._motion = _three(self._scene.jnt_dofadr[self._probe.jntadr[0]])
         self._hand: Vector3 | None = None
         self._elapsed = 0.0  # s, until which the scene has gone
         self._resets = 0
@@ -193,7 +193,7 @@ class _Scene(Environment):
             self._begin(model)
             return True
         _check_coupling(model, self._scene.opt.timestep)
-        joints = slice(*_range(self._probe.jntadr[0]))
+        joints = _three(self._probe.jntadr[0])
         self._scene.jnt_stiffness[joints] = model.stiffness
         self._scene.dof_damping[self._motion] = model.damping
         self._model = model
@@ -294,6 +294,6 @@ def _shape(kind: str, half: list[float], box: list[float]) -> tuple[Shape, tuple
     return "box", (2.0 * box[0], 2.0 * box[1], 2.0 * box[2])
 
 
-def _range(start: Any) -> tuple[int, int]:
-    """The three entries of the probe's joints, which follow each other."""
-    return int(start), int(start) + 3
+def _three(start: Any) -> slice:
+    """The entries of the probe's joints, which follow each other."""
+    return slice(int(start), int(start) + 3)

@@ -5,7 +5,6 @@ band's width. Beyond the grid the value at its nearest point holds, so that what
 goes on there.
 """
 
-import io
 import math
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,10 +12,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from forcebound.compiled import jit, outlined
-from forcebound.errors import ConfigError
 from forcebound.files import content_of
 from forcebound.haptics.geometry.implicit import Field
-from forcebound.haptics.geometry.mesh_file import Mesh, read_data
+from forcebound.haptics.geometry.mesh_file import Mesh, load_file, unusable
 from forcebound.haptics.geometry.triangles import closest_on_triangle
 from forcebound.haptics.geometry.vectors import Vector3, along, norm, scale, sub
 
@@ -93,10 +91,10 @@ def mesh_grid(mesh: Mesh, spacing: float) -> Grid:
     shape = tuple([math.ceil(edge / spacing) + 2 * (BAND + 1) + 1 for edge in edges])
     if math.prod(shape) > MOST_POINTS:
         least = spacing * (math.prod(shape) / MOST_POINTS) ** (1 / 3)
-        raise ConfigError(
+        raise unusable(
             f"a spacing of {1e3 * spacing:g} mm makes a grid of {math.prod(shape):,} points, more"
             f" than {MOST_POINTS:,}: use at least {1e3 * least:.2g} mm, or the kind `mesh`",
-            field="spacing",
+            "spacing",
         )
     grid = Grid(np.full(shape, BAND * spacing, np.float32), np.array([*low, spacing]))
     jit(fill)(np.ascontiguousarray(corners.reshape(-1, 9)), *grid, np.zeros(shape, np.int32))
@@ -108,37 +106,34 @@ def read_grid(file: Path, spacing: float, origin: Vector3) -> Grid:
 
     ConfigError, with what to do, if it is no such array, or its numbers are no distances.
     """
-    data = read_data(file, "grid", 8 * MOST_POINTS + 1000)
+    loaded, _ = load_file(file, "grid", (".npy",))
     with content_of(file):
-        values = np.asarray(np.load(io.BytesIO(data), allow_pickle=False), np.float32)
-    if values.ndim != 3 or min(values.shape) < 2:
-        raise ConfigError(
+        values = np.ascontiguousarray(loaded, np.float32)
+    if values.ndim != 3 or not 8 <= values.size <= MOST_POINTS or min(values.shape) < 2:
+        raise unusable(
             f"{file} has the shape {values.shape}: expected a grid of three axes with two points"
-            " each or more",
-            field="file",
+            f" each or more, {MOST_POINTS:,} in all"
         )
     bad = np.argwhere(~np.isfinite(values))
     if len(bad):
-        where = ", ".join(map(str, bad[0].tolist()))
-        raise ConfigError(
-            f"{file} has {len(bad)} entries that are no finite numbers, the first at [{where}]:"
-            f" a distance that is not known may be {BAND} times the spacing, away from the surface",
-            field="file",
+        raise unusable(
+            f"{file} has {len(bad)} entries that are no finite numbers, the first at"
+            f" {bad[0].tolist()}: a distance that is not known may be {BAND} times the spacing,"
+            " away from the surface"
         )
     if not values.min() < 0.0 < values.max():
-        raise ConfigError(
+        raise unusable(
             f"{file} holds distances from {values.min():g} to {values.max():g} m: the surface is"
-            " where they change their sign, and there is none; inside is negative",
-            field="file",
+            " where they change their sign, and there is none; inside is negative"
         )
     steepest = max(float(np.abs(np.diff(values, axis=axis)).max()) for axis in range(3)) / spacing
     if steepest > STEEPEST:
-        raise ConfigError(
+        raise unusable(
             f"{file} changes by {steepest:.3g} times the spacing between two neighbours, and a"
             " distance by no more than once: give distance and `spacing` in m, such as 1 mm",
-            field="spacing",
+            "spacing",
         )
-    return Grid(np.ascontiguousarray(values), np.array([*origin, spacing]))
+    return Grid(values, np.array([*origin, spacing]))
 
 
 def fill(triangles: Any, values: Any, place: Any, crossings: Any) -> None:

@@ -2,7 +2,9 @@
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple, TypeAlias
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TypeAlias
 
 Vector3: TypeAlias = tuple[float, float, float]
 Quaternion: TypeAlias = tuple[float, float, float, float]  # w, x, y, z; of unit length
@@ -86,19 +88,33 @@ def z_onto(normal: Vector3) -> Quaternion:
     return unit_quaternion((1.0 + z, -y, x, 0.0) if z > -1.0 else (0.0, 1.0, 0.0, 0.0))
 
 
-class Pose(NamedTuple):
-    """Where a body is, in the world."""
+@dataclass(frozen=True)
+class Pose:
+    """Where a body is, in the world: of its coordinates the origin, in m, and the axes."""
 
-    position: Vector3 = ZERO  # m, of its origin
-    orientation: Quaternion = NO_ROTATION  # of its axes
+    position: Vector3 = ZERO
+    orientation: Quaternion = NO_ROTATION
+
+    @cached_property
+    def _axes(self) -> tuple[Vector3, Vector3, Vector3]:
+        x, y, z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
+        turn = self.orientation
+        return rotate(turn, x), rotate(turn, y), rotate(turn, z)
 
     def turned(self, a: Vector3) -> Vector3:
         """Return a direction in the body in the world's coordinates."""
-        return a if self.orientation == NO_ROTATION else rotate(self.orientation, a)
+        (a_x, a_y, a_z), (b_x, b_y, b_z), (c_x, c_y, c_z) = self._axes
+        u, v, w = a
+        return (
+            a_x * u + b_x * v + c_x * w,
+            a_y * u + b_y * v + c_y * w,
+            a_z * u + b_z * v + c_z * w,
+        )
 
     def turned_back(self, a: Vector3) -> Vector3:
         """Return a direction in the world in the body's coordinates."""
-        return a if self.orientation == NO_ROTATION else rotate_back(self.orientation, a)
+        x, y, z = self._axes
+        return dot(x, a), dot(y, a), dot(z, a)
 
     def world(self, point: Vector3) -> Vector3:
         """Return a point of the body in the world's coordinates."""
