@@ -220,17 +220,15 @@ def _compile(mujoco: Any, model: Bodies) -> Any:
     try:
         open_file(model.file).close()
         binary = in_bounded_child(partial(_compiled, model), SECONDS, MEMORY)
-    except OSError as error:
-        words = f"{model.file}: {reason(error)}; expected a scene in MJCF"
-        raise ConfigError(words, field="file") from None
-    except ChildError as error:
-        raise ConfigError(
-            f"{model.file}: {error}; expected a scene that compiles within {SECONDS:g} s and"
-            f" {MEMORY / 1e9:g} GB, from regular files",
-            field="file",
-        ) from None
     except ConfigError as error:
         raise ConfigError(str(error), field="file") from None
+    except (OSError, ChildError) as error:
+        words = reason(error) if isinstance(error, OSError) else error
+        raise ConfigError(
+            f"{model.file}: {words}; expected a scene in MJCF that compiles within {SECONDS:g} s"
+            f" and {MEMORY / 1e9:g} GB, from regular files",
+            field="file",
+        ) from None
     scene = mujoco.MjModel.from_binary_path("scene.mjb", {"scene.mjb": binary})
     _check_coupling(model, scene.opt.timestep)
     return scene

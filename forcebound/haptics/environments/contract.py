@@ -9,6 +9,7 @@ import functools
 import itertools
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import closing, suppress
 from dataclasses import fields, is_dataclass
 from random import Random
 
@@ -190,7 +191,7 @@ def _questions(
     """The table for a number of axes: dense where a parameter may be the place of a surface."""
     still, random = (0.0,) * axes, Random(axes)
     edges = [0.0]
-    names = [field.name for field in fields(model)] if is_dataclass(model) else []
+    names: list[str] = [one.name for one in fields(model)] if is_dataclass(model) else []
     for value in (getattr(model, name) for name in names):
         if isinstance(value, int | float) and abs(value) <= 1.0:
             edges += [math.nextafter(value, -1e9), float(value), math.nextafter(value, 1e9)]
@@ -210,13 +211,10 @@ def _questions(
 
 def _objects(model: EnvironmentModel, axes: int) -> tuple[SceneObject, ...]:
     """What a world shows before it is touched; nothing if it has no sound scene."""
-    try:
+    with suppress(Exception):  # the promises say why
         environment = open_environment(model, axes)
-        try:
-            objects = tuple(environment.scene() or ())
-        finally:
-            environment.close()
-        decode(encode(Scene(0, 0, objects[:MAX_LENGTH])), Scene)
-    except Exception:  # the promises say why
-        return ()
-    return objects
+        with closing(environment):
+            objects = tuple(environment.scene() or ())[:MAX_LENGTH]
+        decode(encode(Scene(0, 0, objects)), Scene)
+        return objects
+    return ()
