@@ -127,20 +127,14 @@ def test_force_shading_turns_the_normal_force() -> None:
 
 
 def _ramp(folder: Path) -> Path:
-    np.save(folder / "ramp.npy", np.abs(np.linspace(-1, 1, 100, endpoint=False)).repeat(100))
-    table = np.load(folder / "ramp.npy").reshape(100, 100)
-    np.save(folder / "ramp.npy", table)
+    ramp = np.abs(np.linspace(-1, 1, 100, endpoint=False)).repeat(100).reshape(100, 100)
+    np.save(folder / "ramp.npy", ramp)
     return folder / "ramp.npy"
 
 
 def test_a_texture_lies_below_the_surface_and_pushes_downhill(tmp_path: Path) -> None:
     # Rows are along z on a face across x: from 1 at z = 0 down to 0 at half a tile, and up again.
-    how: dict[str, Any] = {
-        "texture": _ramp(tmp_path),
-        "texture_height": 0.001,
-        "texture_size": 0.01,
-    }
-    surface = _ground(**how)
+    surface = _ground(texture=_ramp(tmp_path), texture_height=0.001, texture_size=0.01)
     on_top = surface.touch((0.002, 0.0033, 0.0), STILL)
     assert on_top[0] == pytest.approx(2.0)
     half_down = surface.touch((0.002, 0.0033, 0.0025), STILL)
@@ -148,16 +142,12 @@ def test_a_texture_lies_below_the_surface_and_pushes_downhill(tmp_path: Path) ->
 
 
 def test_a_round_trip_over_a_texture_costs_nothing_and_gains_nothing(tmp_path: Path) -> None:
-    how: dict[str, Any] = {
-        "texture": _ramp(tmp_path),
-        "texture_height": 0.001,
-        "texture_size": 0.01,
-    }
+    surface = _ground(texture=_ramp(tmp_path), texture_height=0.001, texture_size=0.01)
     angles = np.linspace(0, 2 * math.pi, 20_001)
     path = np.stack(
         [0.003 + 0.001 * np.sin(3 * angles), 0.01 * np.sin(angles), 0.01 * np.cos(angles)], 1
     )
-    assert abs(_work(_ground(**how), path)) < 1e-5  # J; a millimetre of spring and relief hold 3e-3
+    assert abs(_work(surface, path)) < 1e-5  # J; a millimetre of spring and relief hold 3e-3
 
 
 def _work(surface: HapticSurface, path: object) -> float:
@@ -212,11 +202,7 @@ def test_a_picture_is_a_height_map_with_white_on_top(tmp_path: Path) -> None:
     picture = np.zeros((2, 2))
     picture[0, 0] = 1.0  # top left: the highest row of the picture is the last of the map
     image.imsave(tmp_path / "dots.png", picture, cmap="gray")
-    how: dict[str, Any] = {
-        "texture": tmp_path / "dots.png",
-        "texture_height": 0.001,
-        "texture_size": 0.02,
-    }
-    surface = _ground(**how)
+    dots = tmp_path / "dots.png"
+    surface = _ground(texture=dots, texture_height=0.001, texture_size=0.02)
     assert surface.touch((0.002, 0.0, 0.01), STILL)[0] == pytest.approx(2.0)
     assert surface.touch((0.002, 0.01, 0.0), STILL)[0] == pytest.approx(1.0)

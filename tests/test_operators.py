@@ -33,6 +33,7 @@ def test_the_pressing_hand_approaches_at_its_speed_and_stays() -> None:
     assert hand.target(0.05)[0] == pytest.approx(0.0)
     assert hand.target(0.12)[0] == pytest.approx(0.014)
     assert hand.target(5.0) == (0.014,)
+    assert PressingHand(start=(-0.01,), end=(0.014,)).target(0.05) == hand.target(0.05)
 
 
 def test_a_hand_that_does_not_approach_is_refused() -> None:
@@ -51,12 +52,6 @@ def test_a_place_with_fewer_axes_than_the_other_is_at_0_on_the_rest() -> None:
     hand = PressingHand(start=-0.03, end=(0.0, 0.04), approach_speed=0.1)
     assert hand.target(0.0) == (-0.03, 0.0)
     assert hand.target(0.25) == pytest.approx((-0.015, 0.02))
-
-
-def test_on_one_axis_a_place_may_be_a_number_or_a_list_of_one() -> None:
-    number, one = PressingHand(start=0.01, end=-0.012), PressingHand(start=(0.01,), end=(-0.012,))
-    times = [0.01 * k for k in range(20)]
-    assert [number.target(time) for time in times] == [one.target(time) for time in times]
 
 
 @pytest.mark.parametrize("place", [(), (0.0,) * 7])
