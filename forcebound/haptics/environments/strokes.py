@@ -1,4 +1,4 @@
-"""Strokes of a tip through a world: from outside to the middle of what is drawn, and then across.
+"""Questions along strokes of a tip: from outside to the middle of what is drawn, and then across.
 
 Questions at random rarely touch a ball in space, and never slide along it. These do.
 """
@@ -41,38 +41,31 @@ class Question(NamedTuple):
 
 
 def strokes(objects: Sequence[SceneObject], axes: int, count: int) -> Iterator[list[Question]]:
-    """Return ``count`` strokes of so many axes towards the objects in turn; none without objects.
-
-    The same each time.
-    """
+    """Return ``count`` strokes towards the objects in turn, the same each time; none of none."""
     random = Random(axes)
     for number, target in zip(range(count), itertools.cycle(objects), strict=False):
-        yield _stroke(target, axes, random, float(number))
-
-
-def _stroke(target: SceneObject, axes: int, random: Random, begins: float) -> list[Question]:
-    half = _half_size(target)
-    place = target.position
-    if target.points:
-        place = add(place, rotate(target.orientation, random.choice(target.points)))
-    x, y, z = (random.uniform(-0.5, 0.5) * half for _ in range(3))
-    aim = add(place, rotate(target.orientation, (x, y, z)))
-    inwards, sideways = _direction(axes, random), _direction(axes, random)
-    across = unit(tangential(sideways, inwards)) if axes > 1 else ZERO
-    way = half + CLEARANCE
-    start = along(aim, inwards, -way)
-    velocity = scale(inwards, way / INWARDS / PERIOD)
-    tips = [(along(start, inwards, way * step / INWARDS), velocity) for step in range(INWARDS + 1)]
-    slow = scale(across, 0.25 * norm(velocity))
-    tips += [(along(aim, slow, PERIOD * step), slow) for step in range(1, ACROSS + 1)]
-    return [
-        Question(cut(position, axes), cut(speed, axes), begins + PERIOD * step)
-        for step, (position, speed) in enumerate(tips)
-    ]
+        half = _half_size(target)
+        place = target.position
+        if target.points:
+            place = add(place, rotate(target.orientation, random.choice(target.points)))
+        x, y, z = (random.uniform(-0.5, 0.5) * half for _ in range(3))
+        aim = add(place, rotate(target.orientation, (x, y, z)))
+        inwards, sideways = _direction(axes, random), _direction(axes, random)
+        way = half + CLEARANCE
+        velocity = scale(inwards, way / INWARDS / PERIOD)
+        slow = scale(
+            unit(tangential(sideways, inwards)) if axes > 1 else ZERO, 0.25 * norm(velocity)
+        )
+        tips = [(along(aim, inwards, way * (k / INWARDS - 1)), velocity) for k in range(INWARDS)]
+        tips += [(along(aim, slow, PERIOD * k), slow) for k in range(ACROSS + 1)]
+        yield [
+            Question(cut(position, axes), cut(speed, axes), number + PERIOD * step)
+            for step, (position, speed) in enumerate(tips)
+        ]
 
 
 def _half_size(target: SceneObject) -> float:
-    """Return about how far from its middle an object reaches, in m."""
+    """About how far from its middle an object reaches, in m."""
     if target.shape in ("mesh", "points"):
         return UNKNOWN
     edges = [2.0 * one for one in target.size[:1]] + [*target.size[1:]]  # the first is a radius
@@ -80,6 +73,6 @@ def _half_size(target: SceneObject) -> float:
 
 
 def _direction(axes: int, random: Random) -> Vector3:
-    """Return a direction that a device of so many axes can go."""
-    drawn = [random.gauss(0.0, 1.0) if axis < axes else 0.0 for axis in range(3)]
-    return unit((drawn[0], drawn[1], drawn[2]))
+    """A direction that a device of so many axes can go."""
+    x, y, z = (random.gauss(0.0, 1.0) if axis < axes else 0.0 for axis in range(3))
+    return unit((x, y, z))
