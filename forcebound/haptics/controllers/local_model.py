@@ -79,7 +79,7 @@ class OpenLocalModel(Controller):
     def _forget(self) -> None:
         model = self._model
         self._exchange = Exchange(model)
-        self._estimator = PlaneEstimator(model.forgetting, model.stiffest)
+        self._estimator = PlaneEstimator(model.forgetting, model.stiffest, model.release)
         self._shown = ShownPlane(model.power, len(self._zero))
         self._answer: Vector | None = None  # N, the newest
 
@@ -101,7 +101,9 @@ class OpenLocalModel(Controller):
         if self._model.prediction == "plane":
             plane = self._estimator.plane
             force = self._zero
-            if plane is not None:
+            if plane is None:
+                self._shown.forget()
+            else:
                 force = self._shown.force(plane, state.position, state.velocity, dt)
         return force if share == 1.0 else tuple([share * f for f in force])
 

@@ -20,6 +20,7 @@ from forcebound.haptics.controllers.vectors import across, dot
 from forcebound.messages.packets import Contact, Vector
 
 NO_FORCE = 1e-9  # N; less is none
+NEAR = 5e-4  # m; a surface this far before a free place is gone
 PAIR_WAY = 1e-4  # m; of a hand
 PAIR_NS = 50_000_000  # ns; an older answer makes no pair
 TURNED = math.cos(math.radians(30.0))  # a surface that has turned further is another one
@@ -64,17 +65,23 @@ class PlaneEstimator:
     """The plane that the answers tell of; None until the first contact.
 
     ``forgetting`` is the weight of the information before at each new sample, 0 to 1, ``stiffest``
-    the largest stiffness believed, in N/m, ``pair_way`` the way along u between the two answers of
-    a pair, in m.
+    the largest stiffness it may take, in N/m, ``release`` the time of force-free answers behind the
+    surface after which it is gone, in s, ``pair_way`` the way along u between the two answers of a
+    pair, in m.
     """
 
-    def __init__(self, forgetting: float, stiffest: float, pair_way: float = PAIR_WAY) -> None:
+    def __init__(
+        self, forgetting: float, stiffest: float, release: float, pair_way: float = PAIR_WAY
+    ) -> None:
+        self._release_ns = round(release * 1e9)
         self._forgetting = forgetting
         self._stiffest = stiffest
         self._pair_way = pair_way
         self.plane: Plane | None = None
         self._free: Asked | None = None  # the last answer without contact
         self._first: tuple[Asked, float] | None = None  # of the next pair, with its force
+        self._touched: Plane | None = None  # the plane at the last answer of a contact
+        self._missing_ns: int | None = None  # the first free answer behind it since
         self._friction = 0.0
         self._spring = SpringDamper(forgetting)
 
@@ -87,11 +94,20 @@ class PlaneEstimator:
             self._take_force(asked, tuple([f / magnitude for f in force]), magnitude)
         else:
             self._take_free(asked)
+            return
+        self._touched, self._missing_ns = self.plane, None
 
     def _take_free(self, asked: Asked) -> None:
         self._free, self._first = asked, None
-        plane = self.plane
-        if plane is not None and (depth := plane.depth(asked.position)) > 0.0:
+        plane, touched = self.plane, self._touched
+        if plane is None or touched is None or touched.depth(asked.position) <= 0.0:
+            return
+        if self._missing_ns is None:
+            self._missing_ns = asked.time_ns
+        missing = asked.time_ns - self._missing_ns
+        if touched.depth(asked.position) > NEAR or missing >= self._release_ns:
+            self.plane = None
+        elif (depth := plane.depth(asked.position)) > 0.0:
             self.plane = plane.at(plane.offset + depth)
 
     def _take_told(self, asked: Asked, force: Vector, contact: Contact) -> None:

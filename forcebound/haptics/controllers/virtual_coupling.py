@@ -6,8 +6,7 @@ The environment is asked about the proxy p, so it never meets the hand itself
 .. math:: \frac{m}{dt} (w' - w) = k (x - p - w'\,dt) + b (v - w') - F_{env}(p + w'\,dt)
 
 The environment's force in it is that of a plane estimated from its answers, since the answer about
-p' is not there yet. Ten answers without force where the plane has some end the plane until the next
-contact.
+p' is not there yet.
 
 Source: J. E. Colgate, M. C. Stanley and J. M. Brown, Issues in the haptic display of tool use, IROS
 1995; R. J. Adams and B. Hannaford, Stable haptic interaction with virtual environments, IEEE
@@ -21,14 +20,13 @@ from typing import Annotated
 from forcebound.haptics.controllers import Controller
 from forcebound.haptics.controllers.exchange import Exchange, ReplyTimeouts, has_restarted
 from forcebound.haptics.controllers.passivity import colgate_schenkel
-from forcebound.haptics.controllers.plane import Asked, Plane, PlaneEstimator
+from forcebound.haptics.controllers.plane import Asked, PlaneEstimator
 from forcebound.haptics.controllers.vectors import along, dot
 from forcebound.messages.packets import DeviceState, EnvironmentReply, Vector
 from forcebound.quantities import NOT_NEGATIVE, POSITIVE, Damping, Mass, Stiffness
 
 FORGETTING, STIFFEST = 0.9, 1e6  # of the environment's plane; N/m
 PAIR_WAY = 1e-6  # m; a proxy moves little in a stiff wall
-GONE = 10  # answers without force behind the plane, one after the other
 
 
 @dataclass(frozen=True)
@@ -74,9 +72,7 @@ class OpenVirtualCoupling(Controller):
     def _let_go(self) -> None:
         model = self._model
         self._exchange = Exchange(model)
-        self._estimator = PlaneEstimator(FORGETTING, STIFFEST, PAIR_WAY)
-        self._plane: Plane | None = None
-        self._missing = 0  # answers without force behind it
+        self._estimator = PlaneEstimator(FORGETTING, STIFFEST, model.release, PAIR_WAY)
         self._is_answered = False
         self._proxy: Vector | None = None  # m
         self._speed: Vector = ()  # of the proxy, m/s
@@ -111,7 +107,7 @@ class OpenVirtualCoupling(Controller):
             (model.stiffness * x + model.damping * v + inertia * w) / resistance
             for x, v, w in zip(spring, state.velocity, self._speed, strict=True)
         ]
-        free, plane = tuple(pulled), self._plane
+        free, plane = tuple(pulled), self._estimator.plane
         if plane is None or plane.depth(along(proxy, free, dt)) <= 0.0:
             return free
         speed, depth = dot(free, plane.inwards), plane.depth(proxy)
@@ -132,8 +128,4 @@ class OpenVirtualCoupling(Controller):
         if asked is None:
             return
         self._is_answered = True
-        known = self._estimator.plane
-        is_behind = known is not None and known.depth(asked.position) > 0.0
-        self._missing = self._missing + 1 if is_behind and not any(reply.force) else 0
         self._estimator.take(asked, reply.force, reply.contact)
-        self._plane = None if self._missing >= GONE else self._estimator.plane
