@@ -104,7 +104,7 @@ def test_the_command_writes_a_page_and_repeats_a_run(tmp_path: Path) -> None:
     again = ["audit", "replay", "none", "holed_wall/direct:2"]
     done = CliRunner().invoke(main, again, catch_exceptions=False)
     assert done.exit_code == 0
-    assert "loss_and_work_min" in done.output
+    assert "loss_and_work_min_j" in done.output
 
 
 def test_a_run_against_a_world_is_not_drawn(tmp_path: Path) -> None:

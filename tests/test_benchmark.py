@@ -9,8 +9,7 @@ from benchmarks import __main__ as page
 from benchmarks import delay, harness
 from benchmarks.harness import Measured, beyond, compare
 from forcebound.errors import RunError
-from forcebound.lab.workers import serving
-from forcebound.observe.measure import SHARES, Round, apart, percentile, plan
+from forcebound.observe.measure import SHARES, Round, apart, percentile, plan, serving
 from forcebound.realtime import Settings
 
 needs_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")

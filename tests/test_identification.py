@@ -17,9 +17,9 @@ from forcebound.haptics.devices.phantom import PhantomPremium15
 from forcebound.haptics.devices.stated_joints import TrueJoints
 from forcebound.haptics.devices.true_values import TrueAxes, WeakSpot
 from forcebound.lab.identification import document, estimators, gain
-from forcebound.lab.identification.clock import VirtualClock
 from forcebound.lab.identification.estimators import Bounded, Point
 from forcebound.lab.identification.procedure import Found, Plan, identify
+from forcebound.lab.identification.rig import VirtualClock
 from forcebound.messages.packets import Vector
 
 SHORT = dataclasses.replace(KNOB, levels=(0.4, 1.0), pushes=2, strokes=4)

@@ -21,7 +21,7 @@ from forcebound.graph.servo import ServoSettings, dissipation_of
 from forcebound.haptics.devices import Device, DeviceModel
 from forcebound.haptics.hands import Operator
 from forcebound.haptics.hands.paths import TrajectoryHand
-from forcebound.lab.rerun import device_of, graph_of
+from forcebound.lab.replay import device_of, graph_of
 from forcebound.lab.verification import Verified, verify
 from forcebound.messages.packets import TOPICS, DeviceState, Packet, Telemetry, Vector
 from forcebound.messages.topology import ONE_HAND

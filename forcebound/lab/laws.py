@@ -7,10 +7,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from forcebound.haptics.laws import ENERGY_TOLERANCE, LAWS, check_law
-from forcebound.lab.attack import SECONDS, Result, attack, replay
-from forcebound.lab.cases import encode, search
+from forcebound.lab.cases import objective, search
 from forcebound.lab.engine import Row
-from forcebound.lab.hands import ADVERSARIES, RANGES, SENSORS, difficulties, draw_case
+from forcebound.lab.law_cases import ADVERSARIES, RANGES, SENSORS, case_of, difficulties
+from forcebound.lab.law_run import SECONDS, attack
 from forcebound.lab.views import energy, groups, least, ranges, table, verdict
 
 NICHES = [(a, s) for a in range(len(ADVERSARIES)) for s in range(len(SENSORS))]
@@ -18,15 +18,6 @@ LOSS = "loss_and_work_min_j"
 
 #: Difficulties listed for each law: the assumptions of the paper's laws, and one step beyond.
 ASSUMED = ("clock and reading", ("steady, exact", "steady, quantised"))
-
-
-def objective(leak: float, share_left: float) -> float:
-    """Return the value that a search minimises.
-
-    With a leak, its energy, in J. Without one, the share that was left, at the worst moment, of the
-    loss plus work up to then: the smaller it is, the closer the law is to a leak.
-    """
-    return leak if leak < -ENERGY_TOLERANCE else max(share_left, 0.0)
 
 
 class LawCase(NamedTuple):
@@ -38,36 +29,23 @@ class LawCase(NamedTuple):
     runs: int
     seconds: float  # of each run
 
-    def results(self) -> Iterator[Result]:
-        """Run it; in a niche CMA-ES moves towards lower energies."""
+    def rows(self) -> list[Row]:
+        """Run it, in a niche towards lower energies; return a row for each run."""
         if self.niche is None:
-            yield attack(self.law, draw_case(self.seed, self.seconds))[0]
-            return
-        niche = NICHES[self.niche]
+            return [self._row(str(self.seed))]
 
-        def run(noise: int, point: Sequence[float]) -> tuple[Result, float]:
-            result = replay(self.law, encode((*niche, noise), point), self.seconds)[0]
-            return result, objective(result.loss_and_work_min, result.share_left)
+        def run(code: str) -> tuple[Row, float]:
+            row = self._row(code)
+            return row, objective(row[LOSS], row["share_left"])
 
         random = np.random.default_rng((self.seed, self.niche))
-        yield from search(run, len(RANGES), self.runs, random)
+        return list(search(run, NICHES[self.niche], len(RANGES), self.runs, random))
 
-    def rows(self) -> list[Row]:
-        """Run it; return a row for each run."""
+    def _row(self, name: str) -> Row:
+        scenario = case_of(name, self.seconds)
         kind = "random" if self.niche is None else "search"
-        return [
-            {
-                "law": self.law,
-                "kind": kind,
-                "case": result.case.name,
-                LOSS: result.loss_and_work_min,
-                "energy_min_j": result.energy_min,
-                "share_left": result.share_left,
-                "balance_min_j": result.balance_min,
-                **difficulties(result.case),
-            }
-            for result in self.results()
-        ]
+        row = {"law": self.law, "kind": kind, "case": name}
+        return row | attack(self.law, scenario)[0]._asdict() | difficulties(scenario)
 
 
 def cases(
@@ -119,7 +97,7 @@ def summary(rows: Sequence[Row]) -> list[dict[str, Any]]:
                 **{kind: _numbers(some) for (kind,), some in groups(own, "kind").items()},
                 "difficulties": {
                     axis: {name: _lowest(some) for (name,), some in groups(own, axis).items()}
-                    for axis in difficulties(draw_case(1, 1.0))
+                    for axis in difficulties(case_of("1", 1.0))
                 },
             }
         )

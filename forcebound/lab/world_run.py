@@ -13,8 +13,8 @@ from forcebound.haptics.devices.phantom import PhantomPremium15
 from forcebound.haptics.devices.simulated import SimulatedDevice
 from forcebound.haptics.hands import Operator
 from forcebound.haptics.laws import check_law
-from forcebound.lab.attack import EARNED
-from forcebound.lab.world_cases import WATCHDOGS, WORLDS, Case, controller_of
+from forcebound.lab.cases import LEAST_PEAK
+from forcebound.lab.world_cases import WATCHDOGS, WORLDS, WorldScenario, controller_of
 from forcebound.messages.packets import TOPIC_OF, EnvironmentQuery, EnvironmentReply, Packet, Vector
 from forcebound.network.impairment import Impairment
 from forcebound.network.link import Link, link_seed
@@ -83,11 +83,11 @@ class WatchedDevice(SimulatedDevice):
             self.energy_min = min(self.energy_min, truth.energy)
             self.lost_min = min(self.lost_min, lost)
             self._earned = max(self._earned, lost)
-            if self._earned > EARNED:
+            if self._earned > LEAST_PEAK:
                 self.share_left = min(self.share_left, lost / self._earned)
 
 
-def attack(law: str, case: Case, seconds: float = SECONDS) -> WatchedDevice:
+def attack(law: str, case: WorldScenario, seconds: float = SECONDS) -> WatchedDevice:
     """Run a case, and return its device with the energies that it has kept.
 
     Raises:
@@ -124,7 +124,7 @@ def attack(law: str, case: Case, seconds: float = SECONDS) -> WatchedDevice:
     return device
 
 
-def device_of(case: Case) -> PhantomPremium15:
+def device_of(case: WorldScenario) -> PhantomPremium15:
     """Return the device of a case, which has just what it states."""
     numbers, axes = case.numbers, case.axes
     damping, friction = (
@@ -142,7 +142,7 @@ def device_of(case: Case) -> PhantomPremium15:
     )
 
 
-def hand_of(case: Case) -> SpaceHand:
+def hand_of(case: WorldScenario) -> SpaceHand:
     """Return the hand of a case."""
     numbers, others = case.numbers, range(1, case.axes)
     frequency, detuning = numbers["frequency"], numbers["detuning"]
@@ -156,7 +156,7 @@ def hand_of(case: Case) -> SpaceHand:
     )
 
 
-def servo_of(law: str, case: Case) -> ServoSettings:
+def servo_of(law: str, case: WorldScenario) -> ServoSettings:
     """Return the servo of a case."""
     numbers = case.numbers
     return ServoSettings(
@@ -167,7 +167,7 @@ def servo_of(law: str, case: Case) -> ServoSettings:
     )
 
 
-def _links_of(case: Case) -> dict[str, Link[Packet]]:
+def _links_of(case: WorldScenario) -> dict[str, Link[Packet]]:
     numbers = case.numbers
     impairment = Impairment(
         delay=numbers["link_delay"], jitter=numbers["delay_jitter"], loss=numbers["loss"]

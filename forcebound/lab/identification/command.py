@@ -22,14 +22,12 @@ from forcebound.haptics.devices.simulated import SimulatedDevice
 from forcebound.hardware import ports
 from forcebound.hardware.line import EMULATED
 from forcebound.lab.identification import document as device_file
-from forcebound.lab.identification.clock import Clock, VirtualClock
 from forcebound.lab.identification.document import COMPARED, LOWER, METHODS, RecordedNumber
 from forcebound.lab.identification.estimators import Bounded
-from forcebound.lab.identification.picture import draw
 from forcebound.lab.identification.procedure import Found, Plan, identify
+from forcebound.lab.identification.rig import Clock, VirtualClock
 from forcebound.lab.identification.verdict import BETTER, verdict
 from forcebound.quantities import POSITIVE
-from forcebound.results.plots import check_picture
 from forcebound.units import parse_quantity
 
 _logger = logging.getLogger(__name__)
@@ -188,7 +186,7 @@ def run(
     ready: Say,
     **wishes: str | None,
 ) -> dict[str, Any]:
-    """Identify a device; write ``out`` and a picture beside it; return what was found.
+    """Identify a device; write ``out``; return what was found.
 
     Args:
         name: Kind of device, or launch file.
@@ -203,27 +201,16 @@ def run(
         DeviceError: If the device fails.
     """
     target = target_of(name, arguments)
-    picture = out.with_suffix(".png")
-    check_picture(picture)
-    for path, what in ((out, "the file of the device"), (picture, "the picture")):
-        check_writable(path, what)
+    check_writable(out, "the file of the device")
     plan = plan_of(target, **wishes)
     found, serial = measure(target, plan, say, ready)
-    estimates = {
-        name: one.found for name, one in device_file.numbers_of(target.model, found).items()
-    }
     middle = tuple(0.5 * (low + high) for low, high in found.measured_range)
     identified = device_file.identified_model(target.model, found)
-    judged = verdict(identified, estimates, target.rate, middle)
+    judged = verdict(identified, target.rate, middle)
     date = datetime.datetime.now(datetime.UTC).date().isoformat()
-    planned = {"reach": plan.reach, "force": plan.force, "rate": plan.rate}
-    content = device_file.document_of(
-        target.model, found, date, serial, planned, target.launch_file
-    )
+    content = device_file.document_of(target.model, found, date, serial, plan, target.launch_file)
     device_file.write(out, content, " ".join(("forcebound", "identify", name, *arguments)))
-    kind = kind_of("device", target.model)
-    draw(found, target.units, f"{kind}, identified on {date}", picture)
-    return {**content, "verdict": judged, "file": str(out), "picture": str(picture)}
+    return {**content, "verdict": judged._asdict(), "file": str(out)}
 
 
 def check(path: Path, say: Say, ready: Say) -> dict[str, Any]:
@@ -283,11 +270,9 @@ def lines(content: Mapping[str, Any]) -> list[str]:
     shown = judged["stiffness"] / 1e3
     text.append(f"a wall of the law certified, pressed by 2 mm: at most {shown:.3g} N/mm")
     for name, gain in judged["gains"].items():
-        measured = gain.get("measured")
-        known = "" if measured is None else f"; measured exactly: {_percent(measured)}"
-        text.append(f"  {name:<13} {BETTER[name][1]}: {_percent(gain['built'])}{known}")
+        text.append(f"  {name:<13} {BETTER[name][1]}: {100.0 * (gain - 1.0):+.1f} %")
     text.append(f"what limits it most: {judged['limit']}")
-    text.append(f"written: {content['file']}, {content['picture']}")
+    text.append(f"written: {content['file']}")
     return text
 
 
@@ -306,7 +291,3 @@ def check_lines(content: Mapping[str, Any]) -> list[str]:
 
 def _shown(value: Any) -> str:
     return ", ".join(f"{one:.4g}" for one in np.atleast_1d(value))
-
-
-def _percent(ratio: float) -> str:
-    return f"{100.0 * (ratio - 1.0):+.1f} %"

@@ -23,7 +23,7 @@ from forcebound.graph.resolved import member_document
 from forcebound.graph.tree import parse
 from forcebound.haptics.devices import DeviceModel
 from forcebound.lab.identification.estimators import Bounded
-from forcebound.lab.identification.procedure import Found
+from forcebound.lab.identification.procedure import Found, Plan
 from forcebound.messages.packets import Vector
 
 DIGITS = 4  # of a bound
@@ -166,7 +166,7 @@ def document_of(
     found: Found,
     date: str,
     serial: str,
-    plan: Mapping[str, float],
+    plan: Plan,
     included: str | None,
 ) -> dict[str, Any]:
     """Return the content of the file.
@@ -175,7 +175,7 @@ def document_of(
         model: As it was given, without the numbers that were found.
         found: In the identification.
         date: Of today.
-        serial: Serial number of the device; empty if it has none.
+        serial: Number of the device; empty if it has none.
         plan: How it was identified.
         included: Launch file that it is for; None: none.
     """
@@ -199,7 +199,7 @@ def document_of(
         "identified": {
             "date": date,
             "serial_number": serial,
-            "plan": dict(plan),
+            "plan": {"reach": plan.reach, "force": plan.force, "rate": plan.rate},
             "range": _short(found.measured_range),
             "numbers": numbers_found,
             **_further(found),

@@ -12,8 +12,7 @@ import numpy as np
 from forcebound.errors import DeviceError
 from forcebound.lab.identification.drive import Drive
 from forcebound.lab.identification.estimators import Bounded, Floats, mean_of
-from forcebound.lab.identification.experiments import there_and_back
-from forcebound.lab.identification.windows import points_of
+from forcebound.lab.identification.experiments import points_of, there_and_back
 
 USER_TIMEOUT = 120.0  # s
 LOOK = 1.0  # s, for which a weight hangs still

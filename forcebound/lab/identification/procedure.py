@@ -9,14 +9,12 @@ import numpy as np
 from forcebound.errors import DeviceError
 from forcebound.haptics.devices import Device, DeviceModel
 from forcebound.lab.identification import estimators, experiments
-from forcebound.lab.identification.clock import Clock
 from forcebound.lab.identification.drive import BANDWIDTH, Drive
 from forcebound.lab.identification.estimators import Bounded, Cell, Point
-from forcebound.lab.identification.experiments import Kick, Pass
+from forcebound.lab.identification.experiments import Kick, Pass, points_of
 from forcebound.lab.identification.gain import gain
 from forcebound.lab.identification.lag import lag_of
-from forcebound.lab.identification.rig import Limits, Rig, rest
-from forcebound.lab.identification.windows import points_of
+from forcebound.lab.identification.rig import Clock, Limits, Rig, rest
 from forcebound.messages.packets import Vector
 
 RANGE = 0.7  # share of the reach that is measured; the rest is for turning

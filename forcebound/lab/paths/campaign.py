@@ -6,7 +6,6 @@ search; ``without_CERTIFICATE:...`` if the certificate's number was left out of 
 given.
 """
 
-import math
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
@@ -55,8 +54,8 @@ class PathCase(NamedTuple):
         return [
             {
                 **self._asdict(),
-                "samples": found.steps,
-                LOWEST: found.worst.outcome.worst,
+                "samples": found.samples,
+                LOWEST: found.worst.result.worst,
                 "case": name,
                 "is_tight": found.is_tight,
             }
@@ -119,14 +118,10 @@ def replay(law: str, name: str) -> tuple[dict[str, Any], list[Vector]]:
     found = PathCase(title, law, left_out, kind, seed, number + 1).restart()
     assert found.last is not None
     trace: list[Vector] = []
-    outcome = run(found.case, found.last.genes, found.bounder, found.last.start, trace)
-    case = {"name": name, "summary": CERTIFICATES[title].summary, **_said(found.case.stated)}
-    return {"law": law, "case": case, LOWEST: outcome.worst, **_said(outcome)}, trace
-
-
-def _said(numbers: Any) -> dict[str, Any]:
-    """Return the fields of a dataclass that are neither zero nor infinite."""
-    return {key: one for key, one in asdict(numbers).items() if one not in (0, math.inf, -math.inf)}
+    result = run(found.case, found.last.genes, found.bounder, found.last.start, trace)
+    stated = {key: one for key, one in asdict(found.case.stated).items() if one}
+    case = {"name": name, "summary": CERTIFICATES[title].summary, **stated}
+    return {"law": law, "case": case, LOWEST: result.worst, **result._asdict()}, trace
 
 
 def summary(rows: Sequence[Row]) -> list[dict[str, Any]]:
@@ -134,8 +129,8 @@ def summary(rows: Sequence[Row]) -> list[dict[str, Any]]:
 
     Each has ``certificate``, ``summary``, ``law``, ``holds``, ``runs``, ``samples``,
     ``margin_min_j`` (the lowest energy, of late holds that above the allowance, or the least truth
-    above what the law believed) and its ``case``, ``searches`` and ``tight``: how many of them came
-    back to zero; and ``without``: the same with the number left out, or None.
+    above the estimate of the law) and its ``case``, ``searches`` and ``tight``: how many of them
+    came back to zero; and ``without``: the same with the number left out, or None.
     """
     found = []
     for (certificate, law), own in groups(rows, "certificate", "law").items():

@@ -25,6 +25,7 @@ from forcebound.graph.names import split_setting
 from forcebound.graph.problems import Problems, nearest_file, unknown
 from forcebound.graph.tree import Value, parse
 from forcebound.haptics.laws import LAWS
+from forcebound.lab.cases import by_logarithm
 from forcebound.lab.sweep.limits import LABELS
 from forcebound.quantities import NOT_NEGATIVE, POSITIVE, Range, Time
 from forcebound.units import split_quantity
@@ -291,5 +292,5 @@ def _between(low: float, high: float, share: float, is_log: bool) -> float:
         return low
     if share == 1.0:
         return high
-    value = low * (high / low) ** share if is_log else low + (high - low) * share
+    value = by_logarithm(low, high, share) if is_log else low + (high - low) * share
     return float(f"{value:.12g}")
