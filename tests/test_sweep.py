@@ -11,9 +11,8 @@ from forcebound.cli import main
 from forcebound.errors import ConfigError
 from forcebound.graph.loader import build
 from forcebound.haptics.laws import LAWS
-from forcebound.lab.sweep.command import run
 from forcebound.lab.sweep.plan import SHIPPED, load_sweep, shipped
-from forcebound.lab.sweep.runner import run_sweep
+from forcebound.lab.sweep.runner import run_file, run_sweep
 from forcebound.lab.table import read_table
 
 
@@ -143,7 +142,7 @@ def test_what_no_case_can_repair_is_refused_before_anything_runs(
 ) -> None:
     result = tmp_path / "small.parquet"
     with pytest.raises(ConfigError, match=re.escape(words)):
-        run(str(written(tmp_path, text)), arguments, result, plot=True)
+        run_file(str(written(tmp_path, text)), arguments, result, plot=True)
     assert not list(tmp_path.glob("*.parquet*"))
 
 

@@ -13,9 +13,8 @@ import pytest
 from sweep_files import LONG, SMALL, written
 from waiting import PATIENCE, until
 
-from forcebound.lab.sweep.command import run
 from forcebound.lab.sweep.plan import load_sweep
-from forcebound.lab.sweep.runner import run_sweep
+from forcebound.lab.sweep.runner import run_file, run_sweep
 
 
 def command(file: Path, result: Path, *options: str) -> list[str]:
@@ -44,7 +43,7 @@ def started(file: Path, result: Path, *options: str) -> Iterator[subprocess.Pope
 def test_a_sweep_killed_halfway_gives_the_same_file_as_one_that_was_not(tmp_path: Path) -> None:
     file = written(tmp_path, LONG)
     whole, cut = tmp_path / "whole.parquet", tmp_path / "cut.parquet"
-    assert run(str(file), output=whole, workers=1)["cases"] == 640
+    assert run_file(str(file), output=whole, workers=1)["cases"] == 640
     parts = cut.with_name("cut.parquet.parts")
     with started(file, cut, "--workers", "1") as process:
         process.send_signal(signal.SIGKILL)

@@ -15,10 +15,9 @@ from sweep_files import SMALL, written
 from forcebound.errors import ConfigError
 from forcebound.haptics.laws import LAWS
 from forcebound.lab.sweep import maps
-from forcebound.lab.sweep.maps import draw
+from forcebound.lab.sweep.maps import draw, draw_surfaces
 from forcebound.lab.sweep.plan import load_sweep
 from forcebound.lab.sweep.runner import run_sweep
-from forcebound.lab.sweep.surfaces import draw_surfaces
 from forcebound.lab.table import read_table
 from forcebound.results.colours import LAW_COLOURS
 from forcebound.results.panels import in_figure

@@ -215,10 +215,10 @@ def sweep(file: str, restart: bool, as_json: bool, **options: Any) -> None:
     forcebound sweep stability_map --plot
     forcebound sweep my_sweep.yaml -o my_sweep.parquet --workers 2
     """
-    from forcebound.lab.sweep.command import run
+    from forcebound.lab.sweep.runner import run_file
 
     with _continued("the same command without --restart" if restart else "the same command"):
-        document = run(file, restart=restart, **options)
+        document = run_file(file, restart=restart, **options)
     if as_json:
         print_json(document)
     else:

@@ -66,7 +66,7 @@ class Options(NamedTuple):
         write_page(self.out, (line.replace("{origin}", command) for line in lines))
 
 
-def run(laws: Sequence[str] = (), certificates: Sequence[str] = (), **given: Any) -> dict[str, Any]:
+def run(laws: Sequence[str] = (), certificates: Sequence[str] = (), **given: Any) -> Row:
     """Run the campaigns and write their page; ``given``: :class:`Options`.
 
     With laws alone, or certificates alone, only that campaign runs.
@@ -88,7 +88,7 @@ def run(laws: Sequence[str] = (), certificates: Sequence[str] = (), **given: Any
         certified = list(laws) or [name for name, law in LAWS.items() if law.is_certified]
         cases += of_paths.cases(certified, list(certificates) or list(CERTIFICATES), *numbers)
     found = options.run("audit", cases)
-    document: dict[str, Any] = {
+    document: Row = {
         "runs": sum(case.runs for case in cases),
         "seed": options.seed,
         "seconds": SECONDS,
@@ -102,7 +102,7 @@ def run(laws: Sequence[str] = (), certificates: Sequence[str] = (), **given: Any
     return document
 
 
-def _page(document: dict[str, Any]) -> Iterator[str]:
+def _page(document: Row) -> Iterator[str]:
     yield INTRODUCTION.replace("{runs:,}", f"{document['runs']:,}")
     if "certificates" in document:
         yield from of_paths.section(document["certificates"])
@@ -110,13 +110,13 @@ def _page(document: dict[str, Any]) -> Iterator[str]:
         yield from of_laws.section(document)
 
 
-def holds(document: dict[str, Any]) -> bool:
+def holds(document: Row) -> bool:
     """Return whether every certified law has kept what it promises."""
     rows = (row for part in ("laws", "certificates", "worlds") for row in document.get(part, ()))
     return all(row["holds"] for row in rows)
 
 
-def lines(document: dict[str, Any]) -> Iterator[str]:
+def lines(document: Row) -> Iterator[str]:
     """Yield the result of the campaigns for a terminal."""
     if "certificates" in document:
         yield from of_paths.worst(document["certificates"])

@@ -1,13 +1,13 @@
 """One run of an audit again, by its name: as a document, as lines, as a picture."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from forcebound.errors import ConfigError
+from forcebound.lab.engine import Row
 from forcebound.lab.law_cases import ADVERSARIES, SENSORS, case_of
 from forcebound.lab.law_run import SECONDS, TRACE_COLUMNS, attack
 from forcebound.lab.paths.campaign import replay as replay_path
@@ -32,7 +32,7 @@ _NUMBERS = {
 UNITS = {name: unit for unit, names in _NUMBERS.items() for name in names.split()}
 
 
-def run_again(law: str, case: str, seconds: float | None, picture: Path | None) -> dict[str, Any]:
+def run_again(law: str, case: str, seconds: float | None, picture: Path | None) -> Row:
     """Repeat a case, draw it on request, and return its description and result.
 
     Args:
@@ -67,12 +67,12 @@ def run_again(law: str, case: str, seconds: float | None, picture: Path | None) 
     return _known(document) | {"case": _known(document["case"])}
 
 
-def _known(numbers: Mapping[str, Any]) -> dict[str, Any]:
+def _known(numbers: Row) -> Row:
     """Leave out what is not stated, and what is infinite, which JSON has not."""
     return {key: one for key, one in numbers.items() if one not in (None, math.inf, -math.inf)}
 
 
-def lines(document: dict[str, Any]) -> Iterator[str]:
+def lines(document: Row) -> Iterator[str]:
     """Yield a repeated run for a terminal: its case, then its result, with units."""
     for name, value in [*document["case"].items(), *document.items()]:
         if name != "case":
@@ -80,7 +80,7 @@ def lines(document: dict[str, Any]) -> Iterator[str]:
             yield f"{name:<22}{shown} {UNITS.get(name, '')}".rstrip()
 
 
-def _draw(columns: Mapping[str, Any], title: str, picture: Path) -> None:
+def _draw(columns: Row, title: str, picture: Path) -> None:
     """Draw position, forces and energies over time; .png or .svg."""
     from matplotlib.figure import Figure
 

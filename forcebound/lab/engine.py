@@ -24,7 +24,8 @@ from forcebound.errors import ConfigError
 from forcebound.files import read_bytes, reason
 from forcebound.lab.workers import completed, local_executor, progress_bar
 
-Row: TypeAlias = dict[str, Any]  # plain values: numbers, strings, booleans, None
+#: Plain values by name, ready for JSON; of a result file: numbers, strings, booleans, None.
+Row: TypeAlias = dict[str, Any]
 Progress: TypeAlias = Callable[[int, int], None]  # called with the runs done, and in total
 
 MAX_PART = 100_000_000  # largest file of a part, bytes: a thousand times the usual size

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterable, Iterator, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -74,7 +74,7 @@ def cases(
     return found
 
 
-def summary(rows: Sequence[Row]) -> list[dict[str, Any]]:
+def summary(rows: Sequence[Row]) -> list[Row]:
     """Return the worst of each law, ready for JSON.
 
     Each has ``law``, ``is_certified``, ``holds`` (always true without a certificate), ``verdict``,
@@ -104,12 +104,12 @@ def summary(rows: Sequence[Row]) -> list[dict[str, Any]]:
     return found
 
 
-def _lowest(rows: Sequence[Row]) -> dict[str, Any]:
+def _lowest(rows: Sequence[Row]) -> Row:
     lowest = least(rows, LOSS)
     return {"runs": len(rows), LOSS: lowest[LOSS], "case": lowest["case"]}
 
 
-def _numbers(rows: Sequence[Row]) -> dict[str, Any]:
+def _numbers(rows: Sequence[Row]) -> Row:
     return {
         **_lowest(rows),
         "energy_min_j": min(row["energy_min_j"] for row in rows),
@@ -139,7 +139,7 @@ logarithm; many of them are 0 in some of the cases.
 """
 
 
-def section(document: dict[str, Any]) -> Iterator[str]:
+def section(document: Row) -> Iterator[str]:
     """Yield the section of a page; ``document`` has ``seconds`` and the ``laws`` of `summary`."""
     laws = document["laws"]
     yield INTRODUCTION.format(
@@ -181,13 +181,13 @@ def section(document: dict[str, Any]) -> Iterator[str]:
         yield from table(("law", *names), ((f"`{law}`", *map(energy, one)) for law, one in lines))
 
 
-def worst(laws: Iterable[dict[str, Any]]) -> Iterator[str]:
+def worst(laws: Iterable[Row]) -> Iterator[str]:
     """Yield a table of the worst case of each law; ``laws`` as of :func:`summary`."""
     heads = ("law", "lowest loss plus work", "random", "search", "share left", "verdict", "case")
     yield from table(heads, map(_worst, laws))
 
 
-def _worst(row: dict[str, Any]) -> tuple[str, ...]:
+def _worst(row: Row) -> tuple[str, ...]:
     kinds = [energy(row[kind][LOSS] if kind in row else None) for kind in ("random", "search")]
     left = "–" if row[LOSS] < -ENERGY_TOLERANCE else f"{row['share_left_min']:.2%}"
     return (f"`{row['law']}`", energy(row[LOSS]), *kinds, left, row["verdict"], row["case"])

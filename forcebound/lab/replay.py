@@ -16,7 +16,7 @@ import json
 import re
 from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, TypeAlias, cast
 
 from forcebound.errors import ConfigError
 from forcebound.files import content_of
@@ -35,7 +35,11 @@ from forcebound.messages.packets import TOPIC_OF, Telemetry
 from forcebound.messages.topology import LINKS
 from forcebound.recordings.recording import Recording
 
-_GRIP = tuple(field.name for field in dataclasses.fields(SoftGrip))
+Document: TypeAlias = dict[str, Any]  # of a launch file
+
+_GRIP, _SERVO = (
+    tuple(field.name for field in dataclasses.fields(kind)) for kind in (SoftGrip, ServoSettings)
+)
 _COMPUTATION = tuple(name for name in BESIDE_MODEL if name.startswith("compute_"))
 
 
@@ -49,7 +53,7 @@ def graph_of(
         settings: Other values, each ``name:=value``: ``law``; ``device``, ``operator``,
             ``controller`` or ``environment`` for another kind with its defaults; or a key of the
             launch file, ``environment.stiffness``.
-        feeds: Some of :data:`FEEDS`.
+        feeds: Some of ``hand``, ``network``, ``environment``.
 
     Raises:
         ConfigError: If the recording holds none, a setting is wrong, or the recording names code or
@@ -57,14 +61,8 @@ def graph_of(
     """
     document = _document(recording)
     document.pop("remote", None)  # the environment runs here
-    file = str(recording.path.absolute())
     with content_of(recording.path):
-        if "network" in feeds:
-            _feed_network(document, file)
-        if "environment" in feeds:
-            _feed_environment(document, file)
-        if "hand" in feeds:
-            _feed_hand(document, file, began(_ticks(recording)) > 0.0)
+        _feed(document, recording, feeds)
     named = {_set(document, setting) for setting in settings}
     if "environment" in feeds and "environment" in named:
         raise ConfigError("environment:=KIND and --environment exclude each other: give one")
@@ -112,51 +110,51 @@ def _ticks(recording: Recording) -> Iterator[Telemetry]:
     return cast("Iterator[Telemetry]", recording.stream(TOPIC_OF[Telemetry]))
 
 
-def _document(recording: Recording) -> dict[str, Any]:
+def _document(recording: Recording) -> Document:
     """The launch file of a recording, to be changed."""
-    document: dict[str, Any] = json.loads(json.dumps(recording.launch))
+    document: Document = json.loads(json.dumps(recording.launch))
     if "device" not in document:
         raise ConfigError(f"{recording.path} holds no launch file")
     document["device"].pop("late_ticks", None)  # of recordings before format 4
     return document
 
 
-def _feed_network(document: dict[str, Any], file: str) -> None:
-    document["links"] = {topic: {"trace": file, "trace_hop": topic} for topic in LINKS}
-    environment = document["environment"]
-    for name in _COMPUTATION:
-        environment.pop(name, None)
-    _drop_from_phases(document, r"links\.|environment\.compute_")
-
-
-def _feed_environment(document: dict[str, Any], file: str) -> None:
-    environment = document["environment"]
-    kept = {name: environment[name] for name in _COMPUTATION if name in environment}
-    document["environment"] = {"kind": "recorded", "file": file, **kept}
-    _drop_from_phases(document, r"environment\.(?!compute_)")
-
-
-def _drop_from_phases(document: dict[str, Any], fed: str) -> None:
-    """Take the settings out of the phases whose names begin as a regular expression says."""
-    for phase in document.get("phases", ()):
-        phase["set"] = {k: value for k, value in phase["set"].items() if not re.match(fed, k)}
-
-
-def _feed_hand(document: dict[str, Any], file: str, is_part: bool) -> None:
+def _feed(document: Document, recording: Recording, feeds: Collection[str]) -> None:
+    """Feed parts of the graph from the recording; phases do not change them."""
+    file, fed = str(recording.path.absolute()), []
+    if "network" in feeds:
+        document["links"] = {topic: {"trace": file, "trace_hop": topic} for topic in LINKS}
+        for name in _COMPUTATION:
+            document["environment"].pop(name, None)
+        fed += [r"links\.", r"environment\.compute_"]
+    if "environment" in feeds:
+        kept = _kept(document, "environment", _COMPUTATION)
+        document["environment"] = {"kind": "recorded", "file": file, **kept}
+        fed.append(r"environment\.(?!compute_)")
     hand = document.get("operator", {})
-    if hand and hand["kind"] != "pointer" and not is_part:
-        return
-    kept = {name: hand[name] for name in _GRIP if name in hand}
-    document["operator"] = {"kind": "trajectory", "file": file, **kept}
+    if "hand" in feeds and (
+        not hand or hand["kind"] == "pointer" or began(_ticks(recording)) > 0.0
+    ):
+        kept = _kept(document, "operator", _GRIP)
+        document["operator"] = {"kind": "trajectory", "file": file, **kept}
+    for phase in document.get("phases", ()) if fed else ():
+        values = phase["set"].items()
+        phase["set"] = {key: one for key, one in values if not re.match("|".join(fed), key)}
 
 
-def _set(document: dict[str, Any], setting: str) -> str:
+def _kept(document: Document, section: str, names: Collection[str]) -> Document:
+    return {key: value for key, value in document.get(section, {}).items() if key in names}
+
+
+def _set(document: Document, setting: str) -> str:
     """Put a setting into the document; return its name."""
     name, text = split_setting(setting)
     if name == "law":
         document["device"]["law"] = law_of(text)
     elif name in KINDS:
-        document[name] = _kept(document, name) | {"kind": KINDS[name].resolve(text, Path())}
+        own = {"environment": BESIDE_MODEL, "device": _SERVO}.get(name, ())  # not the kind's
+        kind = {"kind": KINDS[name].resolve(text, Path())}
+        document[name] = _kept(document, name, own) | kind
     else:
         place = ParameterName.parse(name)
         known = [*KINDS, "links", "realtime"]
@@ -167,16 +165,8 @@ def _set(document: dict[str, Any], setting: str) -> str:
     return name
 
 
-def _kept(document: dict[str, Any], name: str) -> dict[str, Any]:
-    """Keys of a section that are not the kind's own."""
-    names: Collection[str] = BESIDE_MODEL if name == "environment" else ()
-    if name == "device":
-        names = [field.name for field in dataclasses.fields(ServoSettings)]
-    return {key: value for key, value in document.get(name, {}).items() if key in names}
-
-
 def _check_code(
-    recording: Recording, document: dict[str, Any], named: Collection[str], used: Collection[str]
+    recording: Recording, document: Document, named: Collection[str], used: Collection[str]
 ) -> None:
     """Check that the recording chooses no code: only forcebound and the user do."""
     tables = {name: (KINDS[name], document.get(name, {}).get("kind")) for name in used}

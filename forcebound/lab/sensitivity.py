@@ -7,7 +7,7 @@ A certified law relies on the numbers of its device. Here one of them is wrong, 
 
 import math
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -97,7 +97,7 @@ class MistakeCase(NamedTuple):
         return [{"summary": self.summary, "energy_min_j": found.lowest}]
 
 
-def stated_by(kind: str) -> dict[str, Any]:
+def stated_by(kind: str) -> Row:
     """Return what a device states, for one axis: of each number the worst of all its axes.
 
     Raises:
@@ -119,7 +119,7 @@ def stated_by(kind: str) -> dict[str, Any]:
     }
 
 
-def run(kind: str, runs: int, workers: int | None = None) -> dict[str, Any]:
+def run(kind: str, runs: int, workers: int | None = None) -> Row:
     """Search for the lowest energy with each mistake; return it ready for JSON.
 
     Args:

@@ -80,7 +80,7 @@ def run(
     worlds: Sequence[str] = (),
     controllers: Sequence[str] = (),
     **given: Any,
-) -> dict[str, Any]:
+) -> Row:
     """Attack laws through worlds and controllers; return the worst results, ready for JSON.
 
     Args:
@@ -122,7 +122,7 @@ def run(
     return document
 
 
-def _summary(world: str, law: str, rows: list[Row]) -> dict[str, Any]:
+def _summary(world: str, law: str, rows: list[Row]) -> Row:
     lowest, certified = least(rows, MARGIN), LAWS[law].is_certified
     by_controller = groups(rows, "controller").items()
     return {
@@ -139,7 +139,7 @@ def _summary(world: str, law: str, rows: list[Row]) -> dict[str, Any]:
     }
 
 
-def replay(law: str, name: str, seconds: float | None) -> dict[str, Any]:
+def replay(law: str, name: str, seconds: float | None) -> Row:
     """Run the case of a name; return its description and result.
 
     Raises:
@@ -179,7 +179,7 @@ random cases: what it gives away is what the attacks can do.
 """
 
 
-def _page(document: dict[str, Any]) -> Iterator[str]:
+def _page(document: Row) -> Iterator[str]:
     rows = document["worlds"]
     yield INTRODUCTION.format(
         certified=document["certified_runs"],
@@ -199,18 +199,18 @@ def _page(document: dict[str, Any]) -> Iterator[str]:
     yield from table(("number, SI units", "from", "to"), ranges(NUMBERS))
 
 
-def _worst(document: dict[str, Any]) -> Iterator[str]:
+def _worst(document: Row) -> Iterator[str]:
     heads = ("world", "law", "runs", "lowest energy", "nearly spent", "verdict", "case")
     yield from table(heads, map(_shown, document["worlds"]))
 
 
-def _shown(row: dict[str, Any]) -> tuple[str, ...]:
+def _shown(row: Row) -> tuple[str, ...]:
     spent = f"{row['nearly_spent_share']:.1%}" if row["is_certified"] else "–"
     names = f"`{row['world']}`", f"`{row['law']}`", f"{row['runs']:,}"
     return (*names, energy(row[MARGIN]), spent, row["verdict"], row["case"])
 
 
-def lines(document: dict[str, Any]) -> Iterator[str]:
+def lines(document: Row) -> Iterator[str]:
     """Yield the result of the campaign for a terminal."""
     yield from _worst(document)
     yield f"{document['runs']} runs; repeat one with `forcebound audit replay LAW CASE`"

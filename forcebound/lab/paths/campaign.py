@@ -9,7 +9,7 @@ given.
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -101,7 +101,7 @@ def _check(name: str) -> None:
         raise ConfigError(f"no certificate {name!r}; known are {', '.join(CERTIFICATES)}")
 
 
-def replay(law: str, name: str) -> tuple[dict[str, Any], list[Vector]]:
+def replay(law: str, name: str) -> tuple[Row, list[Vector]]:
     """Repeat a run by its name; return it ready for JSON, and its trace.
 
     Raises:
@@ -124,7 +124,7 @@ def replay(law: str, name: str) -> tuple[dict[str, Any], list[Vector]]:
     return {"law": law, "case": case, LOWEST: result.worst, **result._asdict()}, trace
 
 
-def summary(rows: Sequence[Row]) -> list[dict[str, Any]]:
+def summary(rows: Sequence[Row]) -> list[Row]:
     """Return the worst of each certificate and law, ready for JSON.
 
     Each has ``certificate``, ``summary``, ``law``, ``holds``, ``runs``, ``samples``,
@@ -150,7 +150,7 @@ def summary(rows: Sequence[Row]) -> list[dict[str, Any]]:
     return found
 
 
-def _numbers(rows: Sequence[Row]) -> dict[str, Any]:
+def _numbers(rows: Sequence[Row]) -> Row:
     lowest = least(rows, LOWEST)
     searches = [row for row in rows if row["kind"] == "s"]
     return {
@@ -178,20 +178,20 @@ energy if the certificate's own number is stated as if the device did not have t
 """
 
 
-def section(rows: Sequence[dict[str, Any]]) -> Iterator[str]:
+def section(rows: Sequence[Row]) -> Iterator[str]:
     """Yield the section of a page; ``rows`` as of :func:`summary`."""
     yield INTRODUCTION
     yield from worst(rows)
     yield ""
 
 
-def worst(rows: Sequence[dict[str, Any]]) -> Iterator[str]:
+def worst(rows: Sequence[Row]) -> Iterator[str]:
     """Yield a table of the worst run of each certificate and law."""
     heads = ("certificate", "law", "runs", "lowest energy", "case", "tight", "verdict")
     yield from table((*heads, "left out", "case"), map(_shown, rows))
 
 
-def _shown(row: dict[str, Any]) -> tuple[str, ...]:
+def _shown(row: Row) -> tuple[str, ...]:
     without = row["without"] or {LOWEST: None, "case": ""}
     names = row["summary"], f"`{row['law']}`", f"{row['runs']:,}"
     tight = f"{row['tight']} of {row['searches']}", verdict(row[LOWEST])
