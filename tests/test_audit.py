@@ -25,10 +25,11 @@ from forcebound.lab.cases import encode
 from forcebound.lab.engine import rows_of_each
 from forcebound.lab.law_cases import (
     ADVERSARIES,
+    CLOCKS,
     RANGES,
     Scenario,
     case_of,
-    difficulties,
+    clock_of,
     dissipation_of,
 )
 from forcebound.lab.law_run import TRACE_COLUMNS, LawResult, attack
@@ -115,19 +116,10 @@ def test_a_searched_case_is_made_again_from_its_code() -> None:
         dissipation_of(case)  # refuses what is out of range
 
 
-def test_the_difficulties_of_a_case_are_named() -> None:
-    exact = encode((0, 0, 0), [0.0] * len(RANGES))
-    assert difficulties(case_of(exact, SECONDS)) == {
-        "clock and reading": "steady, exact",
-        "environment": "late wall",
-        "delay": "none",
-        "loss": "none",
-        "quantisation": "none",
-        "reading": "exact",
-        "jitter": "none",
-        "overrun": "none",
-        "hand": "to 0.1 N/mm",
-    }
+def test_a_case_has_the_clock_that_the_papers_laws_assume_or_another_one() -> None:
+    exact = case_of(encode((0, 0, 0), [0.0] * len(RANGES)), SECONDS)
+    others = exact._replace(resolution=1e-5), exact._replace(resolution=1e-5, jitter=0.1)
+    assert [clock_of(one) for one in (exact, *others)] == list(CLOCKS)
 
 
 def test_the_summary_and_the_page_say_which_law_is_passive_and_how_to_see_it_again() -> None:
@@ -143,12 +135,10 @@ def test_the_summary_and_the_page_say_which_law_is_passive_and_how_to_see_it_aga
             assert row[kind]["runs"] == runs
             again = result_of(row["law"], row[kind]["case"], 0.5)
             assert again.loss_and_work_min_j == row[kind]["loss_and_work_min_j"]
-        for axis in row["difficulties"].values():
-            assert sum(cell["runs"] for cell in axis.values()) == 44
+        assert sum(cell["runs"] for cell in row["clocks"].values()) == 44
     text = "\n".join(section({"seconds": 0.5, "laws": rows}))
     assert "| `certified` | 0 | 0 | 0 |" in text
     assert f"| leaks | {rows[0]['case']} |" in text
-    assert "#### Overrun" in text
 
 
 def test_the_command_ends_with_status_1_only_for_a_broken_promise(
@@ -169,6 +159,20 @@ def test_the_command_ends_with_status_1_only_for_a_broken_promise(
     done = CliRunner().invoke(main, [*options, "--law", "broken"])
     assert done.exit_code == 1, done.output
     assert "BROKEN" in done.stdout
+
+
+@pytest.mark.parametrize("words", [["audit"], ["audit", "worlds"]])
+def test_an_interrupted_audit_that_keeps_its_rows_says_how_to_continue(
+    words: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*arguments: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("forcebound.lab.audit.run_here", interrupted)
+    options = ["--runs", "1", "--search", "0"]
+    kept = CliRunner().invoke(main, [*words, *options, "--rows", str(tmp_path / "a.parquet")])
+    lost = CliRunner().invoke(main, [*words, *options])
+    assert ["continues" in one.stderr for one in (kept, lost)] == [True, False]
 
 
 def test_the_command_shows_a_run_again_and_draws_it(tmp_path: Path) -> None:

@@ -51,7 +51,7 @@ def interrupt_at(most: int) -> Callable[[int, int], None]:
     return progress
 
 
-@pytest.mark.parametrize("cases", [1, 6, 7, 8, 5000])
+@pytest.mark.parametrize("cases", [1, 7, 5000])
 def test_parts_cover_every_case_once_and_hold_as_many_runs_as_asked(cases: int) -> None:
     parts = campaign(cases).parts()
     assert [case for part in parts for case in part] == list(range(cases))

@@ -1,7 +1,7 @@
 """Cases of the audit of laws: devices, hands, adversaries and clocks, on one axis."""
 
 import random
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from forcebound.haptics.laws import Dissipation
@@ -20,6 +20,9 @@ ADVERSARIES = (
 
 #: Kinds of reading errors, each of at most half the resolution.
 SENSORS = ("quantised", "noisy", "chattering", "leading")
+
+#: Clock and reading: the assumptions of the paper's laws, and two steps beyond.
+CLOCKS = ("steady, exact", "steady, quantised", "unsteady clock")
 
 
 class Scenario(NamedTuple):
@@ -143,33 +146,11 @@ def dissipation_of(case: Scenario) -> Dissipation:
     )
 
 
-def difficulties(case: Scenario) -> dict[str, str]:
-    """Return the difficulty of a case on each axis, in words for a table."""
-    faulty = case.loss > 0.0 or case.corruption > 0.0
+def clock_of(case: Scenario) -> str:
+    """Return how far clock and reading of a case are as the paper's laws assume, of CLOCKS."""
     if case.jitter > 0.0 or case.overruns > 0.0:
-        clock = "unsteady clock"
-    else:
-        clock = "steady, quantised" if case.resolution > 0.0 else "steady, exact"
-    return {
-        "clock and reading": clock,
-        "environment": ADVERSARIES[case.adversary].replace("_", " "),
-        "delay": _range(case.delay, ((0, "none"), (10, "1 to 10 T"), (60, "11 to 60 T"))),
-        "loss": "lost or corrupted" if faulty else "none",
-        "quantisation": _range(
-            case.resolution, ((0.0, "none"), (3e-5, "to 0.03 mm"), (1.0, "to 0.2 mm"))
-        ),
-        "reading": SENSORS[case.sensor] if case.resolution > 0.0 else "exact",
-        "jitter": "-70 to +100 %" if case.jitter > 0.0 else "none",
-        "overrun": "up to 6 T" if case.overruns > 0.0 else "none",
-        "hand": _range(
-            case.hand_stiffness,
-            ((100.0, "to 0.1 N/mm"), (500.0, "to 0.5 N/mm"), (1e9, "to 2 N/mm")),
-        ),
-    }
-
-
-def _range(value: float, names: Sequence[tuple[float, str]]) -> str:
-    return next(name for limit, name in names if value <= limit)
+        return CLOCKS[2]
+    return CLOCKS[case.resolution > 0.0]
 
 
 def _nanoseconds(duration: float) -> float:

@@ -1,6 +1,5 @@
 """Audit of laws against hands, walls and bad clocks: random cases, and a search of each niche."""
 
-import re
 from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
@@ -9,15 +8,12 @@ import numpy as np
 from forcebound.haptics.laws import ENERGY_TOLERANCE, LAWS, check_law
 from forcebound.lab.cases import objective, search
 from forcebound.lab.engine import Row
-from forcebound.lab.law_cases import ADVERSARIES, RANGES, SENSORS, case_of, difficulties
+from forcebound.lab.law_cases import ADVERSARIES, CLOCKS, RANGES, SENSORS, case_of, clock_of
 from forcebound.lab.law_run import SECONDS, attack
 from forcebound.lab.views import energy, groups, least, ranges, table, verdict
 
 NICHES = [(a, s) for a in range(len(ADVERSARIES)) for s in range(len(SENSORS))]
 LOSS = "loss_and_work_min_j"
-
-#: Difficulties listed for each law: the assumptions of the paper's laws, and one step beyond.
-ASSUMED = ("clock and reading", ("steady, exact", "steady, quantised"))
 
 
 class LawCase(NamedTuple):
@@ -44,8 +40,8 @@ class LawCase(NamedTuple):
     def _row(self, name: str) -> Row:
         scenario = case_of(name, self.seconds)
         kind = "random" if self.niche is None else "search"
-        row = {"law": self.law, "kind": kind, "case": name}
-        return row | attack(self.law, scenario)[0]._asdict() | difficulties(scenario)
+        row = {"law": self.law, "kind": kind, "case": name, "clock": clock_of(scenario)}
+        return row | attack(self.law, scenario)[0]._asdict()
 
 
 def cases(
@@ -78,10 +74,9 @@ def summary(rows: Sequence[Row]) -> list[Row]:
     """Return the worst of each law, ready for JSON.
 
     Each has ``law``, ``is_certified``, ``holds`` (always true without a certificate), ``verdict``,
-    ``runs``,
-    ``loss_and_work_min_j`` and its ``case``, ``energy_min_j``, ``share_left_min``,
-    ``balance_min_j``; ``random`` and ``search``: the same of each kind; ``difficulties``: by axis
-    and difficulty ``runs``, ``loss_and_work_min_j`` and ``case``.
+    ``runs``, ``loss_and_work_min_j`` and its ``case``, ``energy_min_j``, ``share_left_min``,
+    ``balance_min_j``; ``random`` and ``search``: the same of each kind; ``clocks``: of each of
+    :data:`CLOCKS` ``runs``, ``loss_and_work_min_j`` and ``case``.
     """
     found = []
     for (law,), own in groups(rows, "law").items():
@@ -95,10 +90,7 @@ def summary(rows: Sequence[Row]) -> list[Row]:
                 "verdict": verdict(lowest, certified),
                 **numbers,
                 **{kind: _numbers(some) for (kind,), some in groups(own, "kind").items()},
-                "difficulties": {
-                    axis: {name: _lowest(some) for (name,), some in groups(own, axis).items()}
-                    for axis in difficulties(case_of("1", 1.0))
-                },
+                "clocks": {name: _lowest(some) for (name,), some in groups(own, "clock").items()},
             }
         )
     return found
@@ -164,21 +156,19 @@ def section(document: Row) -> Iterator[str]:
         yield "paper's laws assume, neither jitter nor overruns; *exact*: so is the reading.\n"
         for row in leaks:
             yield f"* `{row['law']}` gives {energy(-row[LOSS])} away"
-            assumed = row["difficulties"][ASSUMED[0]]
             found = {kind: row[kind] for kind in ("random", "search") if kind in row}
-            found |= {name: assumed[name] for name in ASSUMED[1] if name in assumed}
+            found |= {name: row["clocks"][name] for name in CLOCKS[:2] if name in row["clocks"]}
             for name, one in found.items():
                 if one[LOSS] < -ENERGY_TOLERANCE:
                     yield f"    * {name}: {energy(one[LOSS])}, `{row['law']} {one['case']}`"
         yield ""
-    yield "### By axis of difficulty\n"
-    yield "Lowest loss plus work. Cases are hard on several axes at once."
-    for axis in sorted(laws[0]["difficulties"]):
-        yield f"\n#### {axis.capitalize()}\n"
-        cells = [(row["law"], row["difficulties"][axis]) for row in laws]
-        names = sorted({name for _, row in cells for name in row}, key=_order)
-        lines = ((law, [row.get(name, {}).get(LOSS) for name in names]) for law, row in cells)
-        yield from table(("law", *names), ((f"`{law}`", *map(energy, one)) for law, one in lines))
+    yield "### By clock and reading\n"
+    yield "Lowest loss plus work. Cases are hard in other ways at once.\n"
+    lines = ([row["clocks"].get(name, {}).get(LOSS) for name in CLOCKS] for row in laws)
+    cells = (map(energy, one) for one in lines)
+    yield from table(
+        ("law", *CLOCKS), ((f"`{row['law']}`", *one) for row, one in zip(laws, cells, strict=True))
+    )
 
 
 def worst(laws: Iterable[Row]) -> Iterator[str]:
@@ -191,9 +181,3 @@ def _worst(row: Row) -> tuple[str, ...]:
     kinds = [energy(row[kind][LOSS] if kind in row else None) for kind in ("random", "search")]
     left = "–" if row[LOSS] < -ENERGY_TOLERANCE else f"{row['share_left_min']:.2%}"
     return (f"`{row['law']}`", energy(row[LOSS]), *kinds, left, row["verdict"], row["case"])
-
-
-def _order(name: str) -> tuple[bool, float, str]:
-    """No difficulty comes first, then ranges by their end, then words."""
-    numbers = re.findall(r"[0-9.]+", name)
-    return (name not in ("none", "exact"), float(numbers[-1]) if numbers else 0.0, name)
