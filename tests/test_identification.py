@@ -166,15 +166,15 @@ def test_a_weight_that_is_not_hung_leaves_the_gain_unmeasured(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(gain, "USER_TIMEOUT", 5.0)
-    said: list[str] = []
+    lines: list[str] = []
     model = PhantomPremium15(substep=1e-3)
     for weight in (0.1, 1.0):
         plan = dataclasses.replace(SHORT, weight=weight)
-        found = identify(model.open(None, 1.25e-3), model, VirtualClock(), plan, said.append)
+        found = identify(model.open(None, 1.25e-3), model, VirtualClock(), plan, lines.append)
         assert found.gain == ()
         assert "gain_error" not in document.numbers_of(model, found)
-    assert any("it should be" in line for line in said)
-    assert any("no weight was seen" in line for line in said)
+    assert any("it should be" in line for line in lines)
+    assert any("no weight was seen" in line for line in lines)
 
 
 class StallingClock(VirtualClock):

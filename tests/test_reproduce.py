@@ -38,12 +38,8 @@ def done(runs: Runs, tmp_path_factory: pytest.TempPathFactory) -> Reproduction:
 def test_the_table_has_the_promised_rows_and_errors(done: Reproduction) -> None:
     document = json.loads((done.folder / "numbers.json").read_text())
     assert len(document["table1"]) == 20
-    for row in document["table1"]:
-        assert set(row) == {"law", "quantity", "speed", "paper", "ours", "fitted"}
-        assert row["law"] in PAPER_LAWS
-        assert isinstance(row["fitted"], bool)
-    half = document["table1_half_fit"]
-    assert sum(row["fitted"] for row in half) == 10
+    assert {row["law"] for row in document["table1"]} == set(PAPER_LAWS)
+    assert sum(row["fitted"] for row in document["table1_half_fit"]) == 10
     parts = [document[f"half_fit_rms_log_error_{part}"] for part in ("fitted", "predicted")]
     whole = (sum(error**2 for error in parts) / 2.0) ** 0.5
     assert document["half_fit_rms_log_error"] == pytest.approx(whole)

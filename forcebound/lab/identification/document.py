@@ -10,7 +10,7 @@ import math
 from collections.abc import Mapping, Sequence
 from io import StringIO
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any
 
 import msgspec
 
@@ -24,7 +24,6 @@ from forcebound.graph.tree import parse
 from forcebound.haptics.devices import DeviceModel
 from forcebound.lab.identification.estimators import Bounded
 from forcebound.lab.identification.procedure import Found, Plan
-from forcebound.messages.packets import Vector
 
 DIGITS = 4  # of a bound
 
@@ -53,20 +52,20 @@ class RecordedPlan(msgspec.Struct):
     rate: _Positive
 
 
-class RecordedNumber(msgspec.Struct):
-    """A number, for each axis."""
+class Number(msgspec.Struct):
+    """A number of a device, for each axis: as it was found, and the bound that it may state."""
 
-    found: float | list[float]
-    stated: float | list[float]
+    found: float | Sequence[float]
+    stated: float | Sequence[float]
 
 
 class RecordedNumbers(msgspec.Struct):
     """The numbers that a check compares."""
 
-    damping: RecordedNumber
-    friction: RecordedNumber
-    presliding: RecordedNumber
-    resolution: RecordedNumber
+    damping: Number
+    friction: Number
+    presliding: Number
+    resolution: Number
 
 
 class Identified(msgspec.Struct):
@@ -78,13 +77,6 @@ class Identified(msgspec.Struct):
 
 
 COMPARED = RecordedNumbers.__struct_fields__  # in a check
-
-
-class Number(NamedTuple):
-    """A number of a device: as it was found, and the bound that the device may state."""
-
-    found: float | Vector
-    stated: float | Vector
 
 
 def numbers_of(model: DeviceModel, found: Found) -> dict[str, Number]:

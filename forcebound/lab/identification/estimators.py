@@ -15,7 +15,7 @@ from scipy import optimize, stats
 Floats: TypeAlias = NDArray[np.float64]
 Cell: TypeAlias = tuple[int, int]  # pose of the other axes, and part of the range
 
-#: Share by which a loss may be less than its statistics say: what the model leaves out, such as the
+#: Share by which a loss may be less than statistics allow: what the model leaves out, such as the
 #: ripple of the speed and the phase of the encoder.
 UNMODELLED = 0.03
 HUBER = 1.5  # standard deviations; beyond, a point counts less

@@ -101,7 +101,7 @@ class Kick(NamedTuple):
 
 
 def kick(rig: Rig, axis: int, side: int, started: float) -> Kick:
-    """Push an axis, let it coast, and return what both say.
+    """Push an axis, let it coast, and return force, accelerations and speeds.
 
     Args:
         rig: With the device.
@@ -252,7 +252,7 @@ def _along(axes: int, axis: int, force: float) -> Vector:
 
 
 def rough_of(kicks: list[Kick], started: float) -> Rough:
-    """Return what kicks and the force at which an axis starts say of it."""
+    """Return inertia and friction of an axis, from kicks and the force at which it starts."""
     inertia = float(np.median([one.inertia(0.0) for one in kicks]))
     lost = float(np.median([one.lost for one in kicks]))
     return Rough(inertia, min(started, inertia * lost))

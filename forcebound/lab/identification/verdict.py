@@ -3,7 +3,7 @@
 A reading goes along a prescribed way, at 100 mm/s to 2 mm behind a surface, and rests there, while
 the environment asks for more force than the law will ever give. What the law lets through, over
 these 2 mm, is the stiffness that a wall can have on this device: no device is simulated, and no
-hand. Repeated with one number better, this tells which number limits it.
+hand. Repeated with one number better, this shows which number limits it.
 """
 
 import dataclasses
