@@ -41,21 +41,13 @@ def grid(**values: Sequence[Any]) -> list[dict[str, Any]]:
 
 @dataclass(frozen=True)
 class Range:
-    """Values of a continuous parameter: evenly or by logarithm from ``low`` to ``high``, or 0.
+    """Values of a continuous parameter: evenly or by logarithm from ``low`` to ``high``, or 0."""
 
-    Attributes:
-        low: Lowest value, SI units.
-        high: Highest value, SI units.
-        is_logarithmic: Whether the logarithm is distributed evenly, instead of the value.
-        zeros: In a random draw, the odds of 0 against a value, as N to 1.
-        zero_share: In a code, the share of the range that means 0.
-    """
-
-    low: float
+    low: float  # SI units
     high: float
     is_logarithmic: bool = False
-    zeros: int = 0
-    zero_share: float = 0.0
+    zeros: int = 0  # in a random draw, the odds of 0 against a value, as N to 1
+    zero_share: float = 0.0  # in a code, the share of the range that means 0
 
     def draw(self, random: random.Random) -> float:
         """Return a random value."""

@@ -51,21 +51,16 @@ class SpaceHand(Operator):
 
 
 class WatchedDevice(SimulatedDevice):
-    """A simulated device that keeps the lowest energies of its hand.
-
-    Attributes:
-        energy_min: Lowest energy of the hand, in J.
-        lost_min: Lowest loss plus work: that energy less the kinetic energy of the device, in J.
-        share_left: Lowest share left of the loss plus work so far; 1 if there was none.
-        peak_force: Largest force that was written, in N.
-    """
+    """A simulated device that keeps the lowest energies of its hand."""
 
     def __init__(self, model: PhantomPremium15, hand: SpaceHand, hold_limit: float) -> None:
         super().__init__(model, hand, hold_limit)
         self._half_mass = 0.5 * model.mass
-        self.energy_min = self.lost_min = self._earned = 0.0
-        self.share_left = 1.0
-        self.peak_force = 0.0
+        self.energy_min = 0.0  # J, of the hand
+        self.lost_min = 0.0  # J, loss plus work: less the kinetic energy of the device
+        self._earned = 0.0  # J, largest loss plus work
+        self.share_left = 1.0  # lowest share left of the loss plus work so far
+        self.peak_force = 0.0  # N
 
     def write(self, time_ns: int, force: Vector) -> Vector:
         """Hold ``force`` from now on; see :class:`forcebound.haptics.devices.Device`."""

@@ -201,14 +201,10 @@ def document_of(
 
 def _further(found: Found) -> dict[str, Any]:
     """Return what is found beside the numbers of a device."""
-    lag = lag_of(found)
+    lag, ends = lag_of(found), {"found": "estimate", "lower": "lower", "upper": "upper"}
     both = {"lag": [] if lag is None else [lag], "gain": found.gain}
     bounds = {
-        name: {
-            "found": _short([one.estimate for one in each]),
-            "lower": _short([one.lower for one in each]),
-            "upper": _short([one.upper for one in each]),
-        }
+        name: {key: _short([getattr(one, end) for one in each]) for key, end in ends.items()}
         for name, each in both.items()
         if each
     }

@@ -42,19 +42,13 @@ def _log(random: Random, low: float, high: float) -> float:
 
 @dataclass
 class Draft:
-    """A device while it is drawn: the truth, and the fields that state it.
-
-    Attributes:
-        devices: The device and its copies; see :class:`forcebound.lab.paths.truth.Device`.
-        fields: Of :class:`forcebound.haptics.laws.Dissipation`.
-        case: Further fields of :class:`forcebound.lab.paths.run.AttackedDevice`.
-    """
+    """A device while it is drawn: the truth, and the fields that state it."""
 
     random: Random
     axes: int
-    fields: dict[str, Any]
-    case: dict[str, Any] = field(default_factory=dict)
-    devices: Any = None
+    fields: dict[str, Any]  # of Dissipation
+    case: dict[str, Any] = field(default_factory=dict)  # further fields of AttackedDevice
+    devices: Any = None  # of ``truth``: the device and its copies
 
     def __post_init__(self) -> None:
         """Give the device what the fields state, alike on each axis, and nothing else."""

@@ -8,8 +8,7 @@ of them multiples of the encoder's error (``micro``), a speed, and a turn within
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -90,28 +89,16 @@ class Account:
     at_write: PerAxis  # m
 
 
-@dataclass(frozen=True)
-class Manner:
-    """How the genes of a run are read.
+class Manner(NamedTuple):
+    """How the genes of a run are read."""
 
-    Attributes:
-        reading: Place in :data:`READINGS`.
-        command: Place in :data:`COMMANDS`.
-        clock: 0: each interval is the hold limit, 1: the period, 2: up to the hold limit, 3: also
-            overruns up to ``longest``.
-        speed: Of the hand, m/s, for a gene of 1.
-        longest: Longest interval, s.
-        saturation: Largest command, N.
-        punctual: No hold lasts longer than the hold limit, from write to write.
-    """
-
-    reading: int
-    command: int
-    clock: int
-    speed: float
-    longest: float
-    saturation: float
-    punctual: bool = False
+    reading: int  # place in READINGS
+    command: int  # place in COMMANDS
+    clock: int  # interval: 0 hold limit, 1 period, 2 up to the hold limit, 3 also overruns
+    speed: float  # m/s, of the hand, for a gene of 1
+    longest: float  # s, of an overrun
+    saturation: float  # N, largest command
+    punctual: bool = False  # no hold lasts longer than the hold limit, from write to write
 
 
 def plan_of(

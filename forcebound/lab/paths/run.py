@@ -24,44 +24,26 @@ TRACE_COLUMNS = ("time", "position", "reading", "commanded", "force", "energy", 
 
 @dataclass(frozen=True)
 class AttackedDevice:
-    """A device as it is, as it is described to the bounder, and how the attack reads its genes.
+    """A device as it is, as it is described to the bounder, and how the attack reads its genes."""
 
-    Attributes:
-        law: A key of :data:`forcebound.haptics.laws.LAWS`.
-        stated: What the bounder is given.
-        devices: Of ``truth``: the device at rest, and its copies.
-        manner: How genes are read.
-        watchdog: What the device does with a force that is too old.
-        tolerance: Of a silent watchdog.
-        late: Hold of a late tick, s; 0: none is tried.
-        allowance: Energy that a late hold may leak, J.
-        write_delay: Largest time from reading to writing, s.
-        hold_limits: Among which the hold limit changes, s.
-        ledger_only: The estimate of the law is compared with the truth, and nothing else: for a
-            weight that acts after a cut, which no law can prevent.
-        refused: Share of readings that are wrong by more than r.
-        glitch: Largest speed, m/s; such readings imply more. 0: they are not finite.
-        wrong_readings: Share of readings that are wrong by 10 mm.
-        late_stamps: Share of the stamps that are up to 2 ms late.
-        lost_writes: Share of the writes that do not arrive; the law does not know.
-    """
-
-    law: str
-    stated: Dissipation
-    devices: Any
+    law: str  # key of forcebound.haptics.laws.LAWS
+    stated: Dissipation  # to the bounder
+    devices: Any  # of ``truth``: the device at rest, and its copies
     manner: Manner
-    watchdog: str = "silent"
-    tolerance: float = 0.0
-    late: float = 0.0
-    allowance: float = 0.0
-    write_delay: float = 0.0
-    hold_limits: tuple[float, ...] = ()
+    watchdog: str = "silent"  # what the device does with a force that is too old
+    tolerance: float = 0.0  # of a silent watchdog
+    late: float = 0.0  # s, hold of a late tick; 0: none is tried
+    allowance: float = 0.0  # J, that a late hold may leak
+    write_delay: float = 0.0  # s, largest time from reading to writing
+    hold_limits: tuple[float, ...] = ()  # s, among which the hold limit changes
+    #: The estimate of the law is compared with the truth, and nothing else: for a weight that acts
+    #: after a cut, which no law can prevent.
     ledger_only: bool = False
-    refused: float = 0.0
-    glitch: float = 0.0
-    wrong_readings: float = 0.0
-    late_stamps: float = 0.0
-    lost_writes: float = 0.0
+    refused: float = 0.0  # share of readings that are wrong by more than r
+    glitch: float = 0.0  # m/s, largest speed: such readings imply more; 0: they are not finite
+    wrong_readings: float = 0.0  # share of readings that are wrong by 10 mm
+    late_stamps: float = 0.0  # share of the stamps that are up to 2 ms late
+    lost_writes: float = 0.0  # share of the writes that do not arrive, unknown to the law
 
     @property
     def axes(self) -> int:

@@ -21,19 +21,12 @@ from forcebound.lab.paths.truth import AXES, Floats
 NEAR = 1e-6  # J; a restart that ends nearer to zero than this is tight
 
 
-@dataclass(frozen=True)
-class Program:
-    """Rows and their order.
-
-    Attributes:
-        rows: Number of rows of genes.
-        order: Row of each interval.
-        columns: Columns that have genes; the others are zero.
-    """
+class Program(NamedTuple):
+    """Rows of genes and their order."""
 
     rows: int
-    order: tuple[int, ...]
-    columns: tuple[int, ...]
+    order: tuple[int, ...]  # row of each interval
+    columns: tuple[int, ...]  # that have genes; the others are zero
 
     @property
     def size(self) -> int:
@@ -58,26 +51,15 @@ class Attack(NamedTuple):
 
 @dataclass
 class Restart:
-    """What one restart has found: a device and a series of attacks on it.
-
-    Attributes:
-        case: The device.
-        longest: Samples of a run, at most.
-        runs: Number of runs.
-        samples: Of of all runs.
-        left: Lowest energy after a peak of 0.1 mJ, J.
-        lowest: Lowest true energy, J.
-        worst: The run with the lowest energy.
-        last: The last run.
-    """
+    """What one restart has found: a device and a series of attacks on it."""
 
     case: AttackedDevice
-    longest: int = 60
+    longest: int = 60  # samples of a run, at most
     runs: int = 0
-    samples: int = 0
-    left: float = math.inf
-    lowest: float = math.inf
-    worst: Attack | None = None
+    samples: int = 0  # of all runs
+    left: float = math.inf  # J, lowest energy after a peak of 0.1 mJ
+    lowest: float = math.inf  # J, lowest true energy
+    worst: Attack | None = None  # the run with the lowest energy
     last: Attack | None = None
     bounder: ForceBounder = field(init=False)
 
