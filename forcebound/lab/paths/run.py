@@ -130,6 +130,12 @@ def run(
         account.force[:axes] = force
         tick(devices, accounts, plan, index)
         time_ns += calls.durations[index]
+    return _result(case, account, hidden, excess, len(plan))
+
+
+def _result(
+    case: AttackedDevice, account: Any, hidden: float, excess: float, samples: int
+) -> PathResult:
     lowest = min(float(account.struck), float(account.lowest))
     late = case.late > 0.0  # then any hold so far may have been late
     counted = min(float(account.fallen), hidden) if late else lowest
@@ -140,7 +146,7 @@ def run(
         float(account.share),
         float(account.left),
         excess,
-        len(plan),
+        samples,
     )
 
 
