@@ -91,8 +91,7 @@ def test_a_map_of_energy_for_one_law_has_one_panel_and_one_scale(tmp_path: Path)
     text = GRID.replace("displayed_stiffness_n_per_m, scale: log", "true_energy_min_j")
     result = tmp_path / "map.parquet"
     run_sweep(load_sweep(written(tmp_path, text), ["law:=certified"]), result)
-    table = read_table(result)
-    figure = draw_surfaces(table, table.about["map"])
+    figure = maps._drawn(read_table(result), result)
     assert "no energy given" in texts(figure)
     assert len(figure.axes) == 2
     draw(result, tmp_path / "map.svg")
