@@ -32,11 +32,11 @@ from forcebound.hardware.odrive_lines import (
     WATCHDOG_EXPIRED,
     Requests,
     error_words,
-    number,
     on_wire,
-    position,
+    positions,
     request,
     torque_request,
+    whole_number,
 )
 from forcebound.hardware.odrive_start import (
     Switch,
@@ -187,9 +187,8 @@ class OpenODrive(SerialDevice):
         axis = self._next
         exchange = self._tell(force)
         self._effect_ns = exchange.sent_ns + exchange.excess_ns + CONTROL_NS
-        *turns, said = exchange.reply
+        turns, error = exchange.reply
         self._came_ns, self._angles = self._clock(), _angles(turns)
-        error = int(said)
         if error == WATCHDOG_EXPIRED and not any(self._held):
             self._switch.begin()  # after a pause without force
             force = self._zero
@@ -212,23 +211,23 @@ class OpenODrive(SerialDevice):
         self.exchanges.log(_logger)
 
     def _ask(self) -> Exchange[list[float]]:
-        return self._requests.ask("read", self._ask_positions, self._model.joints, position)
+        return self._requests.ask("read", self._ask_positions, self._model.joints, positions)
 
-    def _tell(self, force: Vector) -> Exchange[list[float]]:
+    def _tell(self, force: Vector) -> Exchange[tuple[list[float], int]]:
         """Set torques, which resist where positive; ask for the positions and an axis's error."""
         axis, joints = self._next, self._model.joints
         self._next = (axis + 1) % joints
         message = _torque_lines(force) + self._ask_positions + self._ask_error[axis]
-        return self._requests.ask("write", message, joints + 1, _said, has_force=any(force))
+        return self._requests.ask("write", message, joints + 1, _answers, has_force=any(force))
 
 
 def _torque_lines(force: Vector) -> bytes:
     return b"".join([torque_request(axis, -torque) for axis, torque in enumerate(force)])
 
 
-def _said(text: str) -> float:
-    """Return what a reply to a write says: a position, in turns, or the error of an axis."""
-    return position(text) if " " in text else number(text, "of an axis's error")
+def _answers(texts: list[str]) -> tuple[list[float], int]:
+    """Return what the replies to a write have: positions, in turns, then the error of an axis."""
+    return positions(texts[:-1]), whole_number(texts[-1], "of an axis's error")
 
 
 def _angles(turns: Sequence[float]) -> Vector:

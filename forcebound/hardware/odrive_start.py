@@ -10,9 +10,9 @@ from forcebound.hardware.odrive_lines import (
     PASSED_THROUGH,
     Requests,
     error_words,
-    number,
     request,
     torque_request,
+    whole_number,
 )
 
 FIRMWARES = ((0, 5), (0, 0))  # the other is what a build out of a folder without git says
@@ -38,10 +38,10 @@ def switched_off(joints: int) -> bytes:
 
 def check_firmware(requests: Requests) -> None:
     """Check that the board is an ODrive whose protocol is known."""
-    version = [requests.value(f"fw_version_{part}") for part in ("major", "minor")]
+    version = [requests.value(f"fw_version_{part}", whole_number) for part in ("major", "minor")]
     if None not in version and tuple(version) not in FIRMWARES:
         raise DeviceError(
-            f"the ODrive has the firmware {version[0]:g}.{version[1]:g}; this driver speaks the"
+            f"the ODrive has the firmware {version[0]}.{version[1]}; this driver speaks the"
             " ASCII protocol of 0.5"
         )
 
@@ -107,14 +107,11 @@ class Switch:
             self._ordered_ns = now_ns
             message += self._order()
         axis = min(self._off)
-        name = f"axis{axis}.current_state"
-        asked = request(f"r {name}")
-        asking = self._requests.ask("state", message + asked, 1, lambda text: number(text, name))
-        (state,) = asking.reply
+        state = self._requests.value(f"axis{axis}.current_state", before=message)
         if state == CLOSED_LOOP_CONTROL:
             self._off.remove(axis)
         elif now_ns - self._ordered_ns > SWITCHING_NS:
-            error = int(self._requests.value(f"axis{axis}.error") or 0)
+            error = int(self._requests.value(f"axis{axis}.error", whole_number) or 0)
             self._requests.end(
                 DeviceError(
                     f"axis {axis} of the ODrive does not switch on, error {error_words(error)}:"

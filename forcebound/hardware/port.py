@@ -76,7 +76,8 @@ class Port:
     def _read(self, deadline_ns: int, missing: Callable[[bytes], int]) -> bytes:
         """Read until nothing is missing, or nothing has come by the deadline."""
         data = b""
-        while count := missing(data):
+        wait_ns = 1
+        while wait_ns > 0 and (count := missing(data)):
             wait_ns = max(deadline_ns - time.monotonic_ns(), 0)
             if not select.select((self.descriptor,), (), (), wait_ns * 1e-9)[0]:
                 break
@@ -84,10 +85,15 @@ class Port:
         return data
 
     def drain(self, quiet: float = 0.0) -> bytes:
-        """Return what has come and nobody has read, once nothing has come for ``quiet`` s."""
-        data = b""
+        """Return the bytes that nobody has read, once nothing has come for ``quiet`` s.
+
+        Of a device that is never quiet, no more than ``CHUNK`` bytes or those of 20 ``quiet``.
+        """
+        data, until_ns = b"", time.monotonic_ns() + round(20e9 * quiet)
         while select.select((self.descriptor,), (), (), quiet)[0]:
             data += self._take(CHUNK)
+            if len(data) >= CHUNK or time.monotonic_ns() > until_ns:
+                break
         return data
 
     def close(self) -> None:
