@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+from forcebound.errors import ConfigError
 from forcebound.graph.names import Document
 from forcebound.graph.servo import ServoSettings, dissipation_of
 from forcebound.haptics.controllers import CONTROLLERS, ControllerModel
@@ -21,7 +22,7 @@ from forcebound.haptics.laws import Dissipation
 from forcebound.haptics.parts import Table
 from forcebound.messages.control import Parameters
 from forcebound.network.ends import RemoteSection
-from forcebound.network.impairment import Impairment, check_delay
+from forcebound.network.impairment import Impairment
 from forcebound.quantities import NOT_NEGATIVE, POSITIVE, PROBABILITY, Ratio, Time, check_ranges
 
 FORMAT = 1  # version of the launch file format: the value of the key "forcebound"
@@ -109,7 +110,11 @@ class EnvironmentConfig:
 
     def __post_init__(self) -> None:
         check_ranges(self)
-        check_delay(self, "compute_")
+        try:
+            _ = self.computation
+        except ConfigError as error:
+            name = f"compute_{error.field}"
+            raise ConfigError(f"compute_{error}", field=name) from None
 
     @property
     def computation(self) -> Impairment:
