@@ -30,7 +30,7 @@ def normal_table(folder: Path) -> Path:
 
 def delays_ns(impairment: Impairment, count: int) -> list[int]:
     chances = Chances(impairment, Draws(1))
-    return [chances.travel_ns() for _ in range(count)]
+    return [chances.travel_ns() or 0 for _ in range(count)]
 
 
 def test_entries_stand_between_white_space_and_comments(tmp_path: Path) -> None:

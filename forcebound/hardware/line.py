@@ -7,11 +7,10 @@ user closes the device, puts it into its home pose and starts again.
 
 import logging
 import time
-from collections.abc import Mapping
 from contextlib import ExitStack, suppress
-from typing import Any
 
 from forcebound.errors import DeviceError
+from forcebound.haptics.devices import DeviceModel
 from forcebound.haptics.devices.truth_file import TruthFile, truth_beside
 from forcebound.haptics.hands import Operator
 from forcebound.hardware.emulated import start
@@ -32,9 +31,12 @@ _logger = logging.getLogger(__name__)
 class Line:
     """An open line to the board of a kind of device, at a port of this name (see :func:`find`).
 
-    ``zero`` is the message of zero force, whatever the board has heard before; the board answers it
-    with ``zero_reply`` bytes. A force ends that nobody renews within ``watchdog_limit`` s.
-    ``mechanism`` and ``operator`` are those of an emulator; ``baud`` matters to a UART.
+    ``zero`` is the message of zero force, whatever the board has received before; the board answers
+    it with ``zero_reply`` bytes. A force ends that nobody renews within ``watchdog_limit`` s.
+    ``baud`` matters to a UART; ``model`` and ``operator`` to an emulator, the port ``emulated``.
+
+    Raises:
+        DeviceError: If port, guardian or emulator cannot be opened.
 
     Attributes:
         port: Open. Write with :meth:`send`.
@@ -49,10 +51,11 @@ class Line:
         name: str,
         zero: bytes,
         watchdog_limit: float,
-        mechanism: Mapping[str, Any],
-        operator: Operator | None,
+        *,
         baud: int = 115_200,
         zero_reply: int = 0,
+        model: DeviceModel | None = None,
+        operator: Operator | None = None,
     ) -> None:
         self._zero, self._zero_reply = zero, zero_reply
         self._had_force = False
@@ -60,10 +63,10 @@ class Line:
         self.is_at_rest = False
         self._failure: DeviceError | None = None
         with ExitStack() as opened:
-            if name == EMULATED:
-                emulated = start(kind, mechanism, operator)
-                opened.callback(emulated.close)
-                name = emulated.link
+            if name == EMULATED and model is not None:
+                emulator = start(kind, model, operator)
+                opened.callback(emulator.close)
+                name = emulator.link
             path = find(name, kind)
             self.port = Port(path, baud)
             opened.callback(self.port.close)

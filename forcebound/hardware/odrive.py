@@ -17,7 +17,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, ClassVar
 
 from forcebound.errors import DeviceError
 from forcebound.haptics.devices import Source
@@ -26,7 +26,6 @@ from forcebound.haptics.devices.knob import Knob
 from forcebound.haptics.devices.stated_joints import AngleOfJoints, DampingOfJoints, TorqueOfJoints
 from forcebound.haptics.devices.true_values import per_axis
 from forcebound.haptics.hands import Operator
-from forcebound.haptics.parts.plain import plain
 from forcebound.hardware.line import Line
 from forcebound.hardware.odrive_lines import (
     WATCHDOG_EXPIRED,
@@ -109,13 +108,12 @@ class ODrive(SerialJoints):
     def kinematics(self) -> ArmKinematics:
         return self.knob().kinematics()
 
-    def mechanism(self) -> dict[str, Any]:
-        return plain(self.knob())
-
     def open(self, operator: Operator | None, hold_limit: float) -> "OpenODrive":
         zero = b"\n" + zero_torque(self.joints)  # the first ends a line that was cut short
         baud = self.baud or 115_200
-        line = Line(KIND, self.port, zero, self.longest_force, self.mechanism(), operator, baud)
+        line = Line(
+            KIND, self.port, zero, self.longest_force, baud=baud, model=self, operator=operator
+        )
         try:
             return OpenODrive(self, line, hold_limit)
         except BaseException:

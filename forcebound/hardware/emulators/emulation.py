@@ -1,7 +1,7 @@
 """A board, its mechanism and its faults, over time; without a clock or a port."""
 
 from collections import deque
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 from forcebound.haptics.devices.truth_file import NOT_YET, TruthFile
 from forcebound.hardware.emulators.faults import Faults
@@ -40,13 +40,6 @@ class Board(Protocol):
         ...
 
 
-class Emulated(NamedTuple):
-    """What a kind of emulator is made of."""
-
-    board: Board
-    mechanism: Mechanism
-
-
 class Emulation:
     """What happens at the far end of a serial line; replies come ``latency`` s late.
 
@@ -57,9 +50,14 @@ class Emulation:
     """
 
     def __init__(
-        self, emulated: Emulated, faults: Faults, truth: TruthFile, latency: float = 0.0
+        self,
+        board: Board,
+        mechanism: Mechanism,
+        faults: Faults,
+        truth: TruthFile,
+        latency: float = 0.0,
     ) -> None:
-        self._board, self._mechanism = emulated
+        self._board, self._mechanism = board, mechanism
         self._faults, self._truth = faults, truth
         self._latency_ns = round(1e9 * latency)
         self._unread = b""
