@@ -136,7 +136,7 @@ def test_numbers_and_errors_in_words() -> None:
     for text in ("invalid property", "nan"):
         with pytest.raises(DeviceError, match="number vbus"):
             number(text, "vbus")
-    assert error_words(0x840) == "0x840 (MOTOR_FAILED, WATCHDOG_TIMER_EXPIRED)"
+    assert error_words(0x840) == "0x840 (MOTOR_FAILED|WATCHDOG_TIMER_EXPIRED)"
 
 
 def test_it_is_switched_on_by_its_first_writes_and_gives_no_torque_before() -> None:

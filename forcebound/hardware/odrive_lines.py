@@ -8,6 +8,7 @@ import math
 import re
 import time
 from collections.abc import Callable, Sequence
+from enum import IntFlag
 from functools import reduce
 from operator import xor
 from typing import NoReturn, TypeVar
@@ -24,21 +25,23 @@ IDLE, CLOSED_LOOP_CONTROL = 1, 8  # states of an axis
 PASSED_THROUGH = 1  # input mode: a torque is given as it comes
 DECIMALS = 6  # of a torque, in N m
 WATCHDOG_EXPIRED = 0x800
-#: Errors of an axis by their bit; the firmware's odrive-interface.yaml.
-ERRORS = {
-    0x1: "INVALID_STATE",
-    0x40: "MOTOR_FAILED",
-    0x80: "SENSORLESS_ESTIMATOR_FAILED",
-    0x100: "ENCODER_FAILED",
-    0x200: "CONTROLLER_FAILED",
-    WATCHDOG_EXPIRED: "WATCHDOG_TIMER_EXPIRED",
-    0x1000: "MIN_ENDSTOP_PRESSED",
-    0x2000: "MAX_ENDSTOP_PRESSED",
-    0x4000: "ESTOP_REQUESTED",
-    0x20000: "HOMING_WITHOUT_ENDSTOP",
-    0x40000: "OVER_TEMP",
-    0x80000: "UNKNOWN_POSITION",
-}
+
+
+class AxisError(IntFlag):
+    """Errors of an axis; the firmware's odrive-interface.yaml."""
+
+    INVALID_STATE = 0x1
+    MOTOR_FAILED = 0x40
+    SENSORLESS_ESTIMATOR_FAILED = 0x80
+    ENCODER_FAILED = 0x100
+    CONTROLLER_FAILED = 0x200
+    WATCHDOG_TIMER_EXPIRED = WATCHDOG_EXPIRED
+    MIN_ENDSTOP_PRESSED = 0x1000
+    MAX_ENDSTOP_PRESSED = 0x2000
+    ESTOP_REQUESTED = 0x4000
+    HOMING_WITHOUT_ENDSTOP = 0x20000
+    OVER_TEMP = 0x40000
+    UNKNOWN_POSITION = 0x80000
 
 
 def exclusive_or(text: bytes) -> int:
@@ -113,8 +116,7 @@ def whole_number(text: str, name: str) -> int:
 
 def error_words(error: int) -> str:
     """Return an axis's error as its number and the names of its bits."""
-    names = [name for bit, name in ERRORS.items() if error & bit]
-    return f"0x{error:x}" + (f" ({', '.join(names)})" if names else "")
+    return f"0x{error:x} ({AxisError(error).name})"
 
 
 class Requests(Exchanges):
