@@ -64,7 +64,7 @@ class FakeLine:
         if self.failure is not None:
             raise self.failure
         if self.port.drain():
-            raise DeviceError("what nobody asked for")
+            raise DeviceError("unexpected bytes")
         self.forces.append(has_force)
         self.port.write(message)
 
@@ -320,7 +320,7 @@ def test_what_nobody_asked_for_ends_all() -> None:
     device, board, line = switched_on()
     device.write(0, (0.1,))
     line.port.unread = b"0.1 0.2\r\n"
-    with pytest.raises(DeviceError, match="nobody asked for"):
+    with pytest.raises(DeviceError, match="unexpected bytes"):
         device.read(0)
     assert board.torque == (0.0,)
 

@@ -5,7 +5,7 @@ turns towards larger angles; a positive torque of forcebound resists that. Both 
 so, whatever the wiring.
 
 What goes wrong ends in zero torque and a DeviceError, once: a reply that is short, of another
-address, or not in whole counts; a board that was reset; bytes that nobody asked for; silence for
+address, or not in whole counts; a board that was reset; unexpected bytes; silence for
 half of the watchdog limit; a port that is gone; a guardian that is gone or had to step in
 (:mod:`forcebound.hardware.line`). A late reply is counted and used: it makes a late tick, whose
 force the ledger knows. Nothing can say that the arm is in its home pose when it is set up, but the

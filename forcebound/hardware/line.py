@@ -1,8 +1,8 @@
 """A line to a board: its port, the guardian of its force, and its emulator where there is one.
 
-A line fails once. What comes first is written zero force; then every message is refused with the
-same reason. Nothing looks for the begin of the next reply in a stream that has lost its order: the
-user closes the device, puts it into its home pose and starts again.
+A line fails once: it writes zero force, then refuses every message with the same reason. Nothing
+searches for the next reply in a stream that has lost its order: the user closes the device, puts it
+into its home pose and starts again.
 """
 
 import logging
@@ -83,8 +83,8 @@ class Line:
         """Write a message in one piece; the replies of all before have been read.
 
         ``has_force``: the board gives a force after it. The guardian watches from before a force
-        until after a zero. DeviceError if it cannot be written, there are bytes that nobody asked
-        for, the guardian has ended the force, or the line has failed before.
+        until after a zero. DeviceError if it cannot be written, unexpected bytes have come, the
+        guardian has ended the force, or the line has failed before.
         """
         if self._failure is not None:
             raise self._failure
@@ -95,9 +95,7 @@ class Line:
         guardian.check()
         if foreign := self.port.drain():
             found = foreign[:20].hex(" ")
-            raise DeviceError(
-                f"the device at {self.port.path} sends what nobody asked for: {found}"
-            )
+            raise DeviceError(f"the device at {self.port.path} sends unexpected bytes: {found}")
         self.port.write(message)
         if not has_force:
             guardian.beat(0)
@@ -125,7 +123,7 @@ class Line:
         self._opened.close()
 
     def _rest(self) -> None:
-        """Write zero force; say so, once, if the board may not have taken it."""
+        """Write zero force; log it, once, if the board may not have taken it."""
         with suppress(DeviceError):
             self.port.drain()
             self.port.write(self._zero)
@@ -135,5 +133,8 @@ class Line:
                 self.is_at_rest = len(reply) == self._zero_reply
         if self._had_force and not self.is_at_rest:
             self._had_force = False
-            said = "has not acknowledged zero force: take the power from its motors"
-            _logger.error("a force may still be on: the device at %s %s", self.port.path, said)
+            _logger.error(
+                "a force may still be on: the device at %s has not acknowledged zero force: take"
+                " the power from its motors",
+                self.port.path,
+            )

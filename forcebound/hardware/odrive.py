@@ -7,7 +7,7 @@ on the wire turns towards larger angles; a positive torque of forcebound resists
 
 What goes wrong ends in zero torque and a DeviceError, once, as :mod:`forcebound.hardware.line` has
 it: silence for half of the ``watchdog_limit``; a reply that is cut short, without its checksum, or
-no number; more replies than asked for; an error of an axis; a port that is gone; a guardian that
+no number; more replies than expected; an error of an axis; a port that is gone; a guardian that
 had to step in.
 """
 
@@ -143,7 +143,7 @@ class OpenODrive(SerialDevice):
         self._held = self._zero
         self._ask_positions = b"".join(request(f"f {axis}") for axis in joints)
         self._ask_error = [request(f"r axis{axis}.error") for axis in joints]
-        self._next = 0  # axis whose error is asked for next
+        self._next = 0  # axis whose error is requested next
         self._switch = Switch(self._requests, model.joints, model.longest_force)
         self.axes, self.kinematics = model.joints, model.kinematics()
         self._requests.begin(b"\n" + zero_torque(model.joints))

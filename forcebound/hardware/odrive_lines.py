@@ -1,7 +1,7 @@
-"""Lines of the ODrive's ASCII protocol, with checksums both ways, and requests; firmware 0.5.
+"""Lines of the ODrive's ASCII protocol, and requests; firmware 0.5.
 
-Every request has a checksum: the board passes a spoiled one over in silence, and puts one on its
-reply.
+Every request has a checksum. The board ignores a request whose checksum is wrong, and adds one to
+each reply.
 """
 
 import math
@@ -182,7 +182,7 @@ class Requests(Exchanges):
 
         self.exchange("begin", message + request("r fw_version_major"), receive, check)
 
-    def tell(self, message: bytes) -> None:
+    def send(self, message: bytes) -> None:
         """Send lines without replies, and without force."""
         self._line.send(message, has_force=False)
 
@@ -193,7 +193,7 @@ class Requests(Exchanges):
 
 
 def _lines(data: bytes, count: int) -> list[bytes]:
-    """Return the replies in ``data``, as many as were asked for, else DeviceError."""
+    """Return the replies in ``data``, as many as expected, else DeviceError."""
     *lines, rest = data.split(b"\r\n")
     if len(lines) != count or rest:
         raise _unexpected(f"a reply to each request, {count} in all", data)

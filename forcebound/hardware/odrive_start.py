@@ -1,4 +1,4 @@
-"""The start of an ODrive: is it one, is its torque what is written; switching on."""
+"""The start of an ODrive: its checks, its settings, switching its motors on."""
 
 import logging
 import time
@@ -37,7 +37,7 @@ def switched_off(joints: int) -> bytes:
 
 
 def check_firmware(requests: Requests) -> None:
-    """Check that the board is an ODrive whose protocol is known."""
+    """Check that the board is an ODrive whose protocol is known; DeviceError if not."""
     version = [requests.value(f"fw_version_{part}", whole_number) for part in ("major", "minor")]
     if None not in version and tuple(version) not in FIRMWARES:
         raise DeviceError(
@@ -47,7 +47,10 @@ def check_firmware(requests: Requests) -> None:
 
 
 def set_up(requests: Requests, axis: int, saturation: float) -> None:
-    """Let the torque of an axis be what is written, up to ``saturation``, in N m."""
+    """Let the torque of an axis be what is written, up to ``saturation``, in N m.
+
+    DeviceError if the board has no such axis, keeps another setting or gives less torque.
+    """
     if requests.value(f"axis{axis}.current_state") is None:
         raise DeviceError(f"the ODrive has no axis {axis}: expected joints: {axis} at most")
     own = f"axis{axis}.controller.config"
@@ -72,7 +75,7 @@ def _set(requests: Requests, name: str, value: int) -> None:
     if requests.value(name) is None:
         _logger.warning("the ODrive has no %s: see that its torque is what is written", name)
         return
-    requests.tell(request(f"w {name} {value}"))
+    requests.send(request(f"w {name} {value}"))
     after = requests.value(name)
     if after != value:
         raise DeviceError(f"the ODrive keeps {name} at {after}, after it was set to {value}")
@@ -101,7 +104,7 @@ class Switch:
         self._ordered_ns: int | None = None
 
     def go_on(self) -> None:
-        """Order the motors to be on, or ask one whether it is; a DeviceError after a second."""
+        """Order the motors to be on, or ask one whether it is; DeviceError after a second."""
         message, now_ns = self._zero, time.monotonic_ns()
         if self._ordered_ns is None:
             self._ordered_ns = now_ns

@@ -7,7 +7,7 @@ same arrivals give the same deliveries, however often one asks.
 
 The words and their meaning are those of Linux netem (``docs/impairments.md``), in this order:
 duplicated or lost, lost beyond the limit, delayed or sent at once, sent at a rate, thrown away as
-corrupt. Where netem decides when it is asked, as for the queue's length, this model decides when
+corrupt. Where netem decides on delivery, as for the queue's length, this model decides when
 the packet arrives.
 
 *Newest wins*: the receiver gets, of the packets that are through, only the newest, and never one

@@ -71,7 +71,7 @@ READ_ONLY = {*BOARD_VALUES, "current_state", "encoder.pos_estimate", "encoder.ve
 class _Axis:
     values: dict[str, Value] = field(default_factory=AXIS_VALUES.copy)
     fed_until_ns: int = 0
-    state_from_ns: int | None = None  # when a state that was asked for is taken on
+    state_from_ns: int | None = None  # when the requested state is taken on
     angle: float | None = None  # rad, at the last look
 
     @property
@@ -137,7 +137,7 @@ class ODriveBoard:
         return b"".join(lines)
 
     def _go_on(self, time_ns: int) -> None:
-        """Let time pass: estimates, states that were asked for, watchdogs."""
+        """Let time pass: estimates, requested states, watchdogs."""
         for axis, angle in zip(self._axes, self.angles, strict=True):
             self._estimate(axis, angle, time_ns)
             values = axis.values
@@ -193,7 +193,7 @@ class ODriveBoard:
         if kind == "s":
             return None
         if kind in ("r", "w"):
-            return self._property(kind, *words) if words else "invalid command format"
+            return self._property(kind, *words[:2]) if words else "invalid command format"
         if kind not in ("c", "f", "u"):
             return "unknown command"
         form = rf"{kind}\s*\+?(\d+)" + (rf"\s*({NUMBER})" if kind == "c" else "")
@@ -212,22 +212,22 @@ class ODriveBoard:
         axis.fed_until_ns = time_ns + round(float(values["config.watchdog_timeout"]) * 1e9)
         return None
 
-    def _property(self, kind: str, name: str, text: str = "", *_: str) -> str | None:
+    def _property(self, kind: str, name: str, text: str = "") -> str | None:
         """Read or write a property; return the reply."""
         owners = {f"axis{number}": axis.values for number, axis in enumerate(self._axes)}
-        owner, _, own = name.partition(".")
-        values, name = (owners[owner], own) if owner in owners else (self._values, name)
-        if name not in values:
+        owner, own = name.partition(".")[::2]
+        values, key = (owners[owner], own) if owner in owners else (self._values, name)
+        if key not in values:
             return "invalid property"
-        value = values[name]
+        value = values[key]
         if kind == "r":
             return (f"{value:f}" if isinstance(value, float) else str(int(value)))[:LONGEST_VALUE]
         form = NUMBER if isinstance(value, float) else r"[-+]?\d+"
         given = re.match(form, text, re.IGNORECASE)
-        if name in READ_ONLY or given is None:
+        if key in READ_ONLY or given is None:
             return "not implemented"
         is_float = isinstance(value, float)
-        values[name] = _as_float(given[0]) if is_float else type(value)(int(given[0]))
+        values[key] = _as_float(given[0]) if is_float else type(value)(int(given[0]))
         return None
 
 
