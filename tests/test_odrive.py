@@ -239,6 +239,15 @@ def test_an_estimate_that_is_repeated_is_found_out() -> None:
     assert board.torque == (0.0,)
 
 
+@pytest.mark.parametrize("force", [0.0, 0.1])
+def test_a_board_that_was_reset_ends_all(force: float) -> None:
+    device, board, _ = switched_on(ODriveBoard(2))
+    device.write(0, (force, force))
+    board.reset()
+    with pytest.raises(DeviceError, match="without an error: the board was reset"):
+        device.write(0, (force, force))
+
+
 def test_a_watchdog_that_expires_under_force_is_the_end() -> None:
     device, board, line = switched_on()
     device.write(0, (0.1,))
@@ -288,8 +297,8 @@ def test_an_error_that_is_no_whole_number_ends_all(error: str) -> None:
     read_lines, text = line.port.read_lines, error.encode("latin-1")
 
     def spoiled(count: int, deadline_ns: int) -> bytes:
-        turns, *_ = read_lines(count, deadline_ns).split(b"\r\n")
-        return b"%s\r\n%s*%d\r\n" % (turns, text, exclusive_or(text))
+        turns, _, *rest = read_lines(count, deadline_ns).split(b"\r\n")
+        return b"\r\n".join((turns, b"%s*%d" % (text, exclusive_or(text)), *rest))
 
     line.port.read_lines = spoiled
     with pytest.raises(DeviceError, match="whole number"):

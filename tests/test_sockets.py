@@ -18,7 +18,7 @@ from forcebound.network import sockets
 from forcebound.network.control import SERVE_LIMIT, ControlClient
 from forcebound.network.limits import MAX_FRAME
 from forcebound.network.sockets import Network
-from forcebound.network.streams import Publisher, Subscriber
+from forcebound.network.streams import Channel, Publisher, Subscriber
 
 Raw: TypeAlias = Callable[[int], "zmq.Socket[bytes]"]
 
@@ -318,6 +318,16 @@ def test_a_wait_ends_with_any_descriptor() -> None:
     finally:
         os.close(reading)
         os.close(writing)
+
+
+@pytest.mark.parametrize("kind", [zmq.DEALER, zmq.ROUTER])
+def test_a_message_that_is_gone_when_it_is_read_is_none(
+    network: Network, kind: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    socket, _ = network.monitored(kind, "tcp://127.0.0.1:9", bind=False, security={})
+    channel = Channel(socket)
+    monkeypatch.setattr(channel, "pending", lambda: True)
+    assert channel.receive() == []
 
 
 @pytest.mark.parametrize("key", ["#" * 40, "ä" * 40])

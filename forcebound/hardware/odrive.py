@@ -28,6 +28,7 @@ from forcebound.haptics.devices.true_values import per_axis
 from forcebound.haptics.hands import Operator
 from forcebound.hardware.line import Line
 from forcebound.hardware.odrive_lines import (
+    CLOSED_LOOP_CONTROL,
     WATCHDOG_EXPIRED,
     Requests,
     error_words,
@@ -142,8 +143,11 @@ class OpenODrive(SerialDevice):
         self._zero: Vector = (0.0,) * model.joints
         self._held = self._zero
         self._ask_positions = b"".join(request(f"f {axis}") for axis in joints)
-        self._ask_error = [request(f"r axis{axis}.error") for axis in joints]
-        self._next = 0  # axis whose error is requested next
+        self._ask_state = [
+            request(f"r axis{axis}.error") + request(f"r axis{axis}.current_state")
+            for axis in joints
+        ]
+        self._next = 0  # axis whose error and state are requested next
         self._switch = Switch(self._requests, model.joints, model.longest_force)
         self.axes, self.kinematics = model.joints, model.kinematics()
         self._requests.begin(b"\n" + zero_torque(model.joints))
@@ -152,7 +156,7 @@ class OpenODrive(SerialDevice):
             set_up(self._requests, axis, model.saturation)
         for _ in range(FIRST_EXCHANGES):
             self._ask()
-            self._tell(self._zero)
+            self._set(self._zero)
         quickest_ns = self._requests.quickest_ns("read") + self._requests.quickest_ns("write")
         if quickest_ns * 1e-9 > hold_limit:
             raise DeviceError(
@@ -183,20 +187,18 @@ class OpenODrive(SerialDevice):
             force = tuple([scale * torque for torque in force])
         force = tuple(map(on_wire, force))
         axis = self._next
-        exchange = self._tell(force)
+        exchange = self._set(force)
         self._effect_ns = exchange.sent_ns + exchange.excess_ns + CONTROL_NS
-        turns, error = exchange.reply
+        turns, error, state = exchange.reply
         self._came_ns, self._angles = self._clock(), _angles(turns)
         if error == WATCHDOG_EXPIRED and not any(self._held):
             self._switch.begin()  # after a pause without force
             force = self._zero
-        elif error:
-            self._requests.end(
-                DeviceError(
-                    f"axis {axis} of the ODrive is off with the error {error_words(error)}: its"
-                    " tool says more (dump_errors)"
-                )
-            )
+        elif error or state != CLOSED_LOOP_CONTROL:
+            reason = f"with the error {error_words(error)}: its tool says more (dump_errors)"
+            if not error:
+                reason = "without an error: the board was reset, or another program switched it off"
+            self._requests.end(DeviceError(f"axis {axis} of the ODrive is off {reason}"))
         self._held = force
         return force
 
@@ -211,21 +213,26 @@ class OpenODrive(SerialDevice):
     def _ask(self) -> Exchange[list[float]]:
         return self._requests.ask("read", self._ask_positions, self._model.joints, positions)
 
-    def _tell(self, force: Vector) -> Exchange[tuple[list[float], int]]:
-        """Set torques, which resist where positive; ask for the positions and an axis's error."""
+    def _set(self, force: Vector) -> Exchange[tuple[list[float], int, int]]:
+        """Set torques, which resist where positive; ask for positions, an axis's error and state.
+
+        A board that was reset has no error, and its motors are off.
+        """
         axis, joints = self._next, self._model.joints
         self._next = (axis + 1) % joints
-        message = _torque_lines(force) + self._ask_positions + self._ask_error[axis]
-        return self._requests.ask("write", message, joints + 1, _answers, has_force=any(force))
+        message = _torque_lines(force) + self._ask_positions + self._ask_state[axis]
+        return self._requests.ask("write", message, joints + 2, _answers, has_force=any(force))
 
 
 def _torque_lines(force: Vector) -> bytes:
     return b"".join([torque_request(axis, -torque) for axis, torque in enumerate(force)])
 
 
-def _answers(texts: list[str]) -> tuple[list[float], int]:
-    """Return what the replies to a write have: positions, in turns, then the error of an axis."""
-    return positions(texts[:-1]), whole_number(texts[-1], "of an axis's error")
+def _answers(texts: list[str]) -> tuple[list[float], int, int]:
+    """Return what the replies to a write have: positions, in turns, error and state of an axis."""
+    *turns, error, state = texts
+    numbers = whole_number(error, "of an axis's error"), whole_number(state, "of an axis's state")
+    return positions(turns), *numbers
 
 
 def _angles(turns: Sequence[float]) -> Vector:

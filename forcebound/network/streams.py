@@ -72,11 +72,9 @@ class Subscriber:
         At most ``DRAIN_LIMIT`` at once: a peer that floods must not hold the loop.
         """
         packets: list[bytes] = []
-        try:
+        with suppress(zmq.Again):  # EVENTS also counts the message of a peer that has just left
             while len(packets) < DRAIN_LIMIT and self.pending():
                 packets.append(self._receive(_DONTWAIT))
-        except zmq.Again:  # EVENTS also counts the message of a peer that has just left
-            pass
         return packets
 
     def _receive(self, flags: int) -> bytes:
@@ -154,12 +152,13 @@ class Channel:
         At most ``DRAIN_LIMIT`` messages at once: a peer that floods must not hold the loop.
         """
         arrivals: list[Arrival] = []
-        for _ in range(DRAIN_LIMIT):
-            if not self.pending():
-                break
-            source, frames = self._message()
-            if len(frames) > 1 or frames[0]:
-                arrivals.append(Arrival(source, b"" if len(frames) > 1 else frames[0]))
+        with suppress(zmq.Again):  # EVENTS also counts the message of a peer that has just left
+            for _ in range(DRAIN_LIMIT):
+                if not self.pending():
+                    break
+                source, frames = self._message()
+                if len(frames) > 1 or frames[0]:
+                    arrivals.append(Arrival(source, b"" if len(frames) > 1 else frames[0]))
         return arrivals
 
     def _message(self) -> tuple[str, list[bytes]]:
