@@ -13,8 +13,7 @@ from builders import MS, TimedPacket
 from chance_tests import SURELY_NOT, EveryPacket, delays, is_likely, losses
 
 from forcebound.network.chances import Draws
-from forcebound.network.distribution import QUANTILES
-from forcebound.network.impairment import GilbertElliott, Impairment, Outage
+from forcebound.network.impairment import QUANTILES, GilbertElliott, Impairment, Outage
 from forcebound.network.link import Link
 
 # Delay

@@ -35,12 +35,6 @@ def test_times_are_drawn_as_the_delays_of_a_link_of_this_seed(distribution: Any)
     assert len(set(times)) > 150
 
 
-def test_a_table_gives_the_times(tmp_path: Path) -> None:
-    path = written(tmp_path, "-8192 8192", "two.dist")
-    computation = ComputationTime(Impairment(0.003, 0.001, distribution_file=path))
-    assert {computation.next_ns(0) for _ in range(100)} == {2 * MS, 4 * MS}
-
-
 def test_a_trace_counts_from_the_first_computation() -> None:
     trace = DelayTrace((0.0, 0.01), (0.004, None))
     computation = ComputationTime(Impairment(trace=Path("t.csv")), trace=trace)
@@ -117,14 +111,7 @@ def test_a_launch_file_takes_the_words_of_a_link(tmp_path: Path) -> None:
 
 
 def test_files_are_named_relative_to_the_launch_file(tmp_path: Path) -> None:
-    written(tmp_path, "-8192 8192", "two.dist")
     written(tmp_path, "time_s,delay_s\n0,0.004\n", "busy.csv")
-    path = computing(
-        tmp_path, compute_delay="3 ms", compute_jitter="1 ms", compute_distribution_file="two.dist"
-    )
-    node = build_node("environment", load(path))
-    node.step(0, [query(0)])
-    assert node.wake_ns in (2 * MS, 4 * MS)
     config = load(computing(tmp_path, compute_trace="busy.csv"))
     assert config.environment.compute_trace == tmp_path / "busy.csv"
     node = build_node("environment", config)
@@ -149,7 +136,6 @@ def test_the_seed_of_the_launch_file_decides_the_times(tmp_path: Path) -> None:
     [
         ({"compute_jitter": "1 N"}, "15:19: compute_jitter: expected a time"),
         ({"compute_correlation": "2"}, "15:24: compute_correlation: must be 0 to 1"),
-        ({"compute_distribution_file": "no.dist"}, "15:30: compute_distribution_file: cannot read"),
         ({"compute_trace": "no.csv", "compute_delay": "1 ms"}, "compute_trace sets each delay"),
         ({"compute_jiter": "1 ms"}, "unknown key in environment: 'compute_jiter'"),
     ],

@@ -37,11 +37,10 @@ class Client:
         self,
         truth: TruthFile,
         *faults: Fault,
-        latency: float = 0.0,
         hand: PressingHand | None = HAND,
     ):
         parts = EMULATORS["haply_2diy"](Haply2DIY(), hand)
-        self.emulation = Emulation(*parts, Faults(faults), truth, latency)
+        self.emulation = Emulation(*parts, Faults(faults), truth)
         self.time_ns = 5_000 * MS
         self.emulation.start(self.time_ns)
         self.emulation.step(SETUP, self.time_ns)
@@ -150,14 +149,6 @@ def test_a_fault_of_a_reply_spoils_one(
 def test_a_fault_of_a_time_spoils_every_reply_in_it(truth: TruthFile) -> None:
     replies = Client(truth, parse_fault("short:at=5ms,for=4ms")).exchange_for(0.02)
     assert [k for k in range(20) if len(replies[k]) == 8] == [5, 6, 7, 8]
-
-
-def test_a_reply_comes_after_the_latency(truth: TruthFile) -> None:
-    client = Client(truth, latency=0.0015)
-    assert client.exchange() == b""
-    assert client.emulation.wake_ns == client.time_ns + round(1.5 * MS)
-    assert client.exchange() == b""
-    assert len(client.exchange()) == 9
 
 
 def test_a_stall_answers_all_at_its_end(truth: TruthFile) -> None:

@@ -25,8 +25,7 @@ from forcebound.graph.loader import from_document, load
 from forcebound.graph.resolved import to_document
 from forcebound.messages.codec import encode
 from forcebound.messages.packets import EnvironmentQuery, EnvironmentReply
-from forcebound.network.distribution import QUANTILES
-from forcebound.network.impairment import GilbertElliott, Impairment, Outage
+from forcebound.network.impairment import QUANTILES, GilbertElliott, Impairment, Outage
 from forcebound.network.link import Link
 
 # Every setting

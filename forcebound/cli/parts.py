@@ -19,7 +19,6 @@ from forcebound.cli.common import (
     print_document,
     print_json,
     print_rows,
-    seconds,
     show,
 )
 from forcebound.errors import ConfigError, RunError
@@ -99,12 +98,6 @@ def resume(run: Path) -> None:
     help="short, noise, nan: spoil one reply, or those of a time; lost; reset; stall; unplug; "
     "reversed. TIME counts from the first reply; default: at=1s. Repeatable.",
 )
-@click.option(
-    "--latency",
-    type=seconds,
-    metavar="TIME",
-    help="Time from a message to its reply, beyond the terminal's.",
-)
 @click.option("--no-hand", is_flag=True, help="Without a hand, as `forcebound identify` needs it.")
 @click.option("--until-unused", is_flag=True, help="End when the port is closed.")
 @click.option("--parts", type=click.File(), hidden=True, help="Device and hand, as JSON.")
@@ -113,7 +106,6 @@ def emulate(
     arguments: tuple[str, ...],
     link: Path | None,
     faults: tuple[str, ...],
-    latency: float | None,
     no_hand: bool,
     until_unused: bool,
     parts: TextIO | None,
@@ -141,8 +133,7 @@ def emulate(
         if no_hand:
             operator, command = None, f"`forcebound identify {kind} device:={link}`"
         advice = f"in another terminal: {command}"
-    late = latency or 0.0
-    program.run(kind, (model, operator), link, planned, late, until_unused, show, advice)
+    program.run(kind, (model, operator), link, planned, until_unused, show, advice)
 
 
 @click.command(short_help="Measure the numbers that a device's certificate rests on.")

@@ -91,7 +91,6 @@ class EnvironmentConfig:
         compute_jitter: Scale of the deviation from it, as of a link's delay.
         compute_distribution: Of the deviation.
         compute_correlation: Of a time with the one before.
-        compute_distribution_file: Table of the deviation, instead of a distribution.
         compute_trace: File of recorded times, instead of delay and jitter.
         fixtures: Guidance and limits beside the environment; null: none.
 
@@ -104,7 +103,6 @@ class EnvironmentConfig:
     compute_jitter: Annotated[Time, NOT_NEGATIVE] = 0.0
     compute_distribution: Literal["uniform", "normal", "pareto", "paretonormal"] = "uniform"
     compute_correlation: Annotated[Ratio, PROBABILITY] = 0.0
-    compute_distribution_file: Path | None = None
     compute_trace: Path | None = None
     fixtures: Fixtures | None = None
 

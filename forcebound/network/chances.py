@@ -108,8 +108,8 @@ class Chances:
 class ComputationTime:
     """The time that each of a row of computations of an environment takes, in the words of a link.
 
-    Those are ``delay``, ``jitter``, ``distribution``, ``correlation``, ``distribution_file`` and
-    ``trace``. Nothing else of an impairment makes sense here, since a computation is no packet.
+    Those are ``delay``, ``jitter``, ``distribution``, ``correlation`` and ``trace``. Nothing else
+    of an impairment makes sense here, since a computation is no packet.
     """
 
     def __init__(

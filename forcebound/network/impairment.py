@@ -1,18 +1,21 @@
 """Settings of a bad link, in the words and with the meaning of Linux netem.
 
 :mod:`forcebound.network.chances` draws what happens to each packet,
-:class:`forcebound.network.link.Link` holds the packets on the way, and
-:mod:`forcebound.network.distribution` has the distributions of a delay.
+:class:`forcebound.network.link.Link` holds the packets on the way.
+
+The deviation of a delay is ``jitter * quantile(u)`` of a number ``u``, uniform in [0, 1). The
+quantiles are those of the tables that tc loads (iproute2 ``netem/*.c``), without their 4096 steps
+and, as there, within 4.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
+from statistics import NormalDist
 from typing import Annotated, Final, Literal
 
 from forcebound.errors import ConfigError
 from forcebound.files import RECORDING_SUFFIX
-from forcebound.network.distribution import QUANTILES, read_distribution
 from forcebound.quantities import (
     NOT_NEGATIVE,
     PROBABILITY,
@@ -23,6 +26,32 @@ from forcebound.quantities import (
 )
 
 LOOP: Final = "loop"  # all four hops, instead of one
+_NORMAL = NormalDist()
+_LARGEST = 4.0  # jitters: an entry of a table has 16 bits, of which 8192 are one jitter
+
+
+def _uniform(u: float) -> float:
+    return 2.0 * u - 1.0
+
+
+def _normal(u: float) -> float:
+    return max(-_LARGEST, min(_NORMAL.inv_cdf(u), _LARGEST)) if 0.0 < u < 1.0 else -_LARGEST
+
+
+def _pareto(u: float) -> float:
+    return float(min(4.0 / 3.0 * ((1.0 - u) ** (-1.0 / 3.0) - 1.5), _LARGEST))
+
+
+def _paretonormal(u: float) -> float:
+    return (_normal(u) + 3.0 * _pareto(u)) / 4.0
+
+
+QUANTILES: Mapping[str, Callable[[float], float]] = {
+    "uniform": _uniform,
+    "normal": _normal,
+    "pareto": _pareto,
+    "paretonormal": _paretonormal,
+}
 
 
 @dataclass(frozen=True)
@@ -69,7 +98,6 @@ class Impairment:
             packet that would be through before it arrives is through when it arrives.
         loss: Probability of a packet being lost, 0 to 1.
         distribution: Of the deviation; see the head of this module.
-        distribution_file: Table of the deviation instead, in the format of tc's ``.dist`` files.
         trace: File of recorded delays, instead of ``delay`` and ``jitter``; who builds the link
             reads it (:class:`forcebound.network.trace.DelayTrace`).
         trace_hop: Where a recording that ``trace`` names has these delays: on one link, or all
@@ -102,12 +130,10 @@ class Impairment:
     rate: Annotated[DataRate, NOT_NEGATIVE] = 0.0
     limit: Annotated[int, NOT_NEGATIVE] = 0
     outages: tuple[Outage, ...] = ()
-    distribution_file: Path | None = None
     trace: Path | None = None
     trace_hop: Literal[
         "loop", "device_state", "environment_query", "environment_reply", "force_command"
     ] = LOOP
-    _table: tuple[float, ...] = field(default=(), init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -124,20 +150,9 @@ class Impairment:
                 f"distribution must be one of {', '.join(QUANTILES)}, got {self.distribution!r}"
             )
             raise ConfigError(message, field="distribution")
-        if self.trace is not None and (self.delay or self.jitter or self.distribution_file):
-            message = "trace sets each delay: give it without delay, jitter, distribution_file"
+        if self.trace is not None and (self.delay or self.jitter):
+            message = "trace sets each delay: give it without delay and jitter"
             raise ConfigError(message, field="trace")
-        if self.distribution_file is None:
-            return
-        if self.distribution != "uniform":
-            message = "distribution_file excludes distribution: give one of them"
-            raise ConfigError(message, field="distribution_file")
-        try:
-            table = read_distribution(Path(self.distribution_file))
-        except ConfigError as error:
-            message = f"distribution_file: {error}"
-            raise ConfigError(message, field="distribution_file") from None
-        object.__setattr__(self, "_table", table)
 
     @property
     def is_plain(self) -> bool:
@@ -147,9 +162,6 @@ class Impairment:
     @property
     def quantile(self) -> Callable[[float], float]:
         """The deviation, in jitters, of a number uniform in [0, 1)."""
-        table = self._table
-        if table:
-            return lambda u: table[int(u * len(table))]
         return QUANTILES[self.distribution]
 
     @property

@@ -59,21 +59,19 @@ def run(
     parts: tuple[Any, Operator | None],
     link: Path,
     faults: Sequence[Fault],
-    latency: float,
     until_unused: bool,
     say: Callable[[str], None],
     advice: str = "",
 ) -> None:
     """Run an emulator until it is interrupted, unplugs itself or is no longer used.
 
-    Kind and parts, the model of a device and a hand, are those of ``EMULATORS``; a reply comes
-    ``latency`` s late, beyond that of the pseudo-terminal; with ``until_unused`` it ends when its
-    user has closed the port. ``say`` takes the lines for the terminal, the last of which may be
-    ``advice``.
+    Kind and parts, the model of a device and a hand, are those of ``EMULATORS``. With
+    ``until_unused`` it ends when its user has closed the port. ``say`` takes the lines for the
+    terminal, the last of which may be ``advice``.
     """
     be_punctual()
     with Stop() as stop, PseudoPort(link) as port:
-        emulation = Emulation(*EMULATORS[kind](*parts), Faults(faults), port.truth, latency)
+        emulation = Emulation(*EMULATORS[kind](*parts), Faults(faults), port.truth)
         realtime.freeze_garbage()
         emulation.start(time.monotonic_ns())
         port.show()
