@@ -16,10 +16,9 @@ Everything runs in the loop of the process; no thread. The loop also waits for
 :attr:`RemoteLink.due_ns` has come.
 """
 
-from typing import Any
-
 import zmq
 
+from forcebound.messages.control import RemoteStatus
 from forcebound.network.addresses import resolve
 from forcebound.network.connector import Connector
 from forcebound.network.ends import RemoteEnd, refuse_exposure
@@ -67,18 +66,18 @@ class RemoteLink:
         """When :meth:`watch` should be called at the latest, on the clock that it is given."""
         return 0 if self.channel.greetings else self._due_ns
 
-    def status(self) -> dict[str, Any]:
-        """Return the state of the link, as a map of plain values."""
-        return {
-            "listens": self.end.listens,
-            "address": self.end.address,
-            "port": self.end.port,
-            "secure": self.end.key is not None,
-            "connected": self.connected,
-            "peers": self._peer.peers,
-            "connections": self._peer.connections,
-            "counts": dict(self._limit.counts),  # by kind, also of notices that were not reported
-        }
+    def status(self) -> RemoteStatus:
+        """Return the state of the link."""
+        return RemoteStatus(
+            listens=self.end.listens,
+            address=self.end.address,
+            port=self.end.port,
+            secure=self.end.key is not None,
+            connected=self.connected,
+            peers=self._peer.peers,
+            connections=self._peer.connections,
+            counts=dict(self._limit.counts),
+        )
 
     def watch(self, time_ns: int) -> list[Notice]:
         """Admit or refuse peers, connect again where it is needed, report what happened.

@@ -14,6 +14,7 @@ from forcebound import realtime
 from forcebound.errors import ConfigError
 from forcebound.folders import runtime_folder
 from forcebound.graph.graph import PartSpec
+from forcebound.graph.names import Document
 from forcebound.graph.resolved import made
 from forcebound.haptics.devices.true_values import true_axes
 from forcebound.haptics.hands import Operator
@@ -115,5 +116,5 @@ def given_parts(text: str) -> tuple[Any, Operator | None]:
     return _part("device", document["device"]), _part("operator", document["operator"])
 
 
-def _part(section: str, values: dict[str, Any] | None) -> Any:
+def _part(section: str, values: Document | None) -> Any:
     return None if values is None else made(section, PartSpec(values.pop("kind"), values))
