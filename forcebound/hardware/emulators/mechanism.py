@@ -26,8 +26,7 @@ class CarryingHand(Operator):
         self.mass, self.stiffness = operator.mass, operator.stiffness
         self.damping = operator.damping
         self._operator = operator
-        self._home = home
-        self._begin = pad(operator.target(0.0), len(home))
+        self.home, self.begin = home, pad(operator.target(0.0), len(home))
         self._from = self._to = home
         self._carried_at = -CARRY
         self._moves_at: float | None = None
@@ -35,15 +34,13 @@ class CarryingHand(Operator):
     @property
     def is_home(self) -> bool:
         """Whether the tip is held in the pose of the set-up, or brought there."""
-        return self._to == self._home and self._moves_at is None
+        return self._to == self.home and self._moves_at is None
 
-    def carry_out(self, elapsed: float) -> None:
-        """Bring the tip to where the path begins."""
-        self._carry(elapsed, self._begin)
-
-    def carry_home(self, elapsed: float) -> None:
-        """Bring the tip back to the pose of the set-up."""
-        self._carry(elapsed, self._home)
+    def carry(self, elapsed: float, to: Vector) -> None:
+        """Bring the tip to a place, in m, and hold it there."""
+        self._from, self._to = self.target(elapsed), to
+        self._carried_at = elapsed
+        self._moves_at = None
 
     def move(self, elapsed: float) -> None:
         """Move along the path, as soon as the tip is where that begins."""
@@ -52,15 +49,10 @@ class CarryingHand(Operator):
 
     def target(self, elapsed: float) -> Vector:
         if self._moves_at is not None and elapsed >= self._moves_at:
-            return pad(self._operator.target(elapsed - self._moves_at), len(self._home))
+            return pad(self._operator.target(elapsed - self._moves_at), len(self.home))
         share = min(max((elapsed - self._carried_at) / CARRY, 0.0), 1.0)
         smooth = share * share * (3.0 - 2.0 * share)
         return tuple([a + smooth * (b - a) for a, b in zip(self._from, self._to, strict=True)])
-
-    def _carry(self, elapsed: float, to: Vector) -> None:
-        self._from, self._to = self.target(elapsed), to
-        self._carried_at = elapsed
-        self._moves_at = None
 
 
 class Mechanism:
@@ -133,7 +125,7 @@ class Mechanism:
         if not self._is_held:
             self._put_home(time_ns)
         elif not self._hand.is_home:
-            self._hand.carry_home(self._elapsed(time_ns))
+            self._hand.carry(self._elapsed(time_ns), self._hand.home)
 
     def use(self, time_ns: int, may_move: bool) -> None:
         """Let the hand bring the tip to where its path begins; ``may_move``: and move along it."""
@@ -143,7 +135,7 @@ class Mechanism:
             self._is_away = may_move
             return
         if self._hand.is_home:
-            self._hand.carry_out(self._elapsed(time_ns))
+            self._hand.carry(self._elapsed(time_ns), self._hand.begin)
         if may_move:
             self._hand.move(self._elapsed(time_ns))
 
