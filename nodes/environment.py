@@ -27,7 +27,7 @@ from forcebound.messages.packets import (
     Packet,
     Vector,
 )
-from forcebound.network.computation import ComputationTime
+from forcebound.network.chances import ComputationTime
 from forcebound.network.impairment import Impairment
 from forcebound.network.trace import DelayTrace
 from forcebound.nodes import Node

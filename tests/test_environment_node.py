@@ -10,7 +10,7 @@ from msgspec.structs import replace
 from forcebound.haptics.environments import StatelessEnvironment
 from forcebound.haptics.environments.walls import Wall
 from forcebound.messages.packets import EnvironmentReply, Event, Vector
-from forcebound.network.computation import ComputationTime
+from forcebound.network.chances import ComputationTime
 from forcebound.network.impairment import Impairment
 from forcebound.nodes.environment import EnvironmentNode
 

@@ -17,7 +17,7 @@ from forcebound.haptics.controllers import contract as controllers
 from forcebound.haptics.controllers.direct import DirectController
 from forcebound.haptics.devices import DEVICES, DeviceModel
 from forcebound.haptics.devices import contract as devices
-from forcebound.haptics.devices.motor import Motor
+from forcebound.haptics.devices.motor import SimulatedMotor
 from forcebound.haptics.devices.phantom import PhantomPremium15
 from forcebound.haptics.devices.simulated import SimulatedDevice
 from forcebound.haptics.devices.true_values import TrueAxes
@@ -96,7 +96,7 @@ def test_a_law_without_a_summary_or_with_an_error_is_found(
     assert not check_law(limit=fails).held["answers"]
 
 
-class LateMotor(Motor):
+class LateMotor(SimulatedMotor):
     """A motor whose guard looks, or drops a force, too late."""
 
     leaving_ns = 0  # a look has seen something: when the force is gone

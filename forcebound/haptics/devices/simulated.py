@@ -4,7 +4,7 @@ import math
 from typing import Any, Protocol
 
 from forcebound.haptics.devices import Device, Kinematics
-from forcebound.haptics.devices.motor import Motor
+from forcebound.haptics.devices.motor import SimulatedMotor
 from forcebound.haptics.devices.true_values import TrueMotor, per_axis
 from forcebound.haptics.devices.truth import Truth
 from forcebound.haptics.hands import Operator
@@ -63,7 +63,7 @@ class SimulatedDevice(Device):
         self._gain = per_axis(gain, self.axes)
         self._compensation = self._body.compensation
         self._scales = any(g != 1.0 for g in self._gain) or any(self._compensation)
-        self._motor = Motor(model, truth, hold_limit, self._told((0.0,) * self.axes))
+        self._motor = SimulatedMotor(model, truth, hold_limit, self._told((0.0,) * self.axes))
         self._reports_cuts = model.watchdog in ("guarding", "reporting")
         self._reading_at_cut = self._body.reading()
         self._time_ns: int | None = None
