@@ -140,6 +140,7 @@ class BoundedDevice:
         stamps, jitter_ns = self._stamps(), self._jitter()
         if stamps is not None:
             read_ns = stamps[0]
+        before_ns = self._ahead_ns  # at the last reading, and so at a cut since
         if jitter_ns is not None:
             self._ahead_ns += jitter_ns
         read_ns += self._ahead_ns
@@ -154,7 +155,7 @@ class BoundedDevice:
             if self._reports_cuts:
                 cut = device.cut()
             if cut is not None:
-                bounder.report_cut(*cut)
+                bounder.report_cut(cut[0] + before_ns, cut[1])
             bounded = bounder.bound(read_ns, reading, self._saturated(wanted, engagement))
         self._applied = applied = device.write(time_ns, bounded)
         write_ns = time_ns if self._clock is None else self._clock()
