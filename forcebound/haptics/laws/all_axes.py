@@ -99,7 +99,7 @@ def _limit(law: BoundingLaw) -> Limit:
             saturated = min(magnitude, ledger.saturation)
             memory, sample = observe(ledger.memory, motion, cost, price, saturated, dt, device)
             store_memory(ledger.memory, memory)
-            # Both ledgers pay all of the drift, also the one that scales prices by less than 1.
+            # At least all of the drift in both ledgers, also in that whose gain is less than 1.
             ledger.held_price = sample.held_price + drift_price(ledger) / (1.0 - ledger.gain)
             for end in range(ledger.ends):
                 seen = scaled(sample, gain_at(ledger, end), ledger.held_price)

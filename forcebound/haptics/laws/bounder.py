@@ -175,12 +175,19 @@ class ForceBounder:
             self._ledger.constants.energy_cap = cap
 
     def report_cut(self, time_ns: int, position: Vector) -> None:
-        """Take in when and where (m) the watchdog dropped the force, before :meth:`bound`."""
+        """Take in when and where (m) the watchdog dropped the force, before :meth:`bound`.
+
+        A report at the time of a write is one of the old force, which acted until then. One from
+        before the last reading does not say when the force of now was dropped, or whether: any time
+        that the watchdog permits is reckoned with.
+        """
         if time_ns == self._written_ns:
-            return  # the force before that write, which has acted until then
+            return
+        if time_ns < self._now_ns:
+            self._ledger.is_unsure = True
+            return
         self._cut_ns = time_ns
-        if time_ns >= self._now_ns:
-            self._sample(time_ns, position, 0.0, is_cut=True)
+        self._sample(time_ns, position, 0.0, is_cut=True)
         self._cut(self._ledgers)
 
     def _sample(
