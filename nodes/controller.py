@@ -176,8 +176,8 @@ class ControllerNode(Node):
 
 
 def _vector(answer: Vector) -> Vector:
-    """Return the answer of a controller, which may be a list or an array, as a tuple."""
-    return answer if type(answer) is tuple else tuple(map(float, answer))
+    """Return the answer of a controller, which may have numbers of numpy, as it can be sent."""
+    return tuple(map(float, answer))
 
 
 def _force(answer: Vector | None) -> Vector | None:

@@ -239,7 +239,7 @@ class EnvironmentNode(Node):
 
 
 def _vector(answer: Vector, query: EnvironmentQuery) -> Vector:
-    vector = answer if type(answer) is tuple else tuple(map(float, answer))
+    vector = tuple(map(float, answer))  # numbers of numpy cannot be sent
     if len(vector) != len(query.position):
         raise ValueError(f"expected {len(query.position)} entries, got {len(vector)}")
     return vector

@@ -32,6 +32,7 @@ from forcebound.haptics.laws.ledger import (
 from forcebound.haptics.laws.sample import (
     NO_MEMORY,
     NO_MOTION,
+    NO_WRITE,
     Motion,
     Sample,
     Write,
@@ -75,7 +76,7 @@ def _start(law: BoundingLaw) -> Start:
         ledger = ledgers[0]
         begin(ledger)
         ledger.state[0] = ledger.state[1] = start_law(ledger.constants)
-        return energy(ledger.state[0], Write(0.0, 0.0, 0.0), ledger.constants)
+        return energy(ledger.state[0], NO_WRITE, ledger.constants)
 
     return start
 

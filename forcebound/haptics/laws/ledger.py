@@ -9,7 +9,7 @@ from forcebound.haptics.laws.sample import AxisConstants, AxisMemory, DeviceCons
 from forcebound.haptics.laws.waveform import Motor
 from forcebound.messages.packets import MAX_AXES
 
-# : Values of ``Ledger.watchdog``, in the order of
+#: Values of ``Ledger.watchdog``, in the order of
 # :data:`forcebound.haptics.laws.dissipation.WATCHDOGS`.
 GUARDING, REPORTING, SILENT, NONE = range(4)
 
