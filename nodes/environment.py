@@ -30,9 +30,8 @@ from forcebound.messages.packets import (
 from forcebound.network.computation import ComputationTime
 from forcebound.network.impairment import Impairment
 from forcebound.network.trace import DelayTrace
-from forcebound.nodes import Node
-from forcebound.nodes.closing import close_part
-from forcebound.nodes.scene import SceneTeller
+from forcebound.nodes import Node, close_part
+from forcebound.nodes.scene import SceneSender
 from forcebound.roles import ENVIRONMENT
 
 PROBE_INTERVAL_NS = 1_000_000_000  # between two answers of an environment that is rejected
@@ -40,7 +39,7 @@ PROBE_INTERVAL_NS = 1_000_000_000  # between two answers of an environment that 
 _logger = logging.getLogger(__name__)
 
 
-# What the environment's code says to one query: force, in N, proxy, in m, and normal.
+# Answer of the environment's code to a query: force, in N, proxy, in m, and normal.
 _Answer: TypeAlias = tuple[Vector, Vector | None, Vector | None]
 
 
@@ -78,7 +77,7 @@ class EnvironmentNode(Node):
         self._refused_for: str | None = None  # the environment that serves instead
         self._probed_ns = 0
         self.events = EventLog(ENVIRONMENT)
-        self._scene = SceneTeller(self._environment, self.events)
+        self._scene = SceneSender(self._environment, self.events)
         self._proxies: dict[str, Vector] = {}  # of the last answer to each hand
         self.name = name
         self.faults = 0  # queries that the environment's code failed to answer
@@ -110,7 +109,7 @@ class EnvironmentNode(Node):
         self._computation.change(computation, trace)
 
     def close(self) -> None:
-        close_part(self._environment, ENVIRONMENT)
+        close_part(self._environment.close, ENVIRONMENT)
 
     def step(self, time_ns: int, received: Sequence[Packet]) -> list[Packet]:
         self._step_ns = time_ns
@@ -122,7 +121,7 @@ class EnvironmentNode(Node):
         if self._seq != answered:
             self._scene.note_answer(time_ns)
         if was_due and (self._seq == answered or not self._scene.may_wait(time_ns)):
-            packets += self._scene.tell(time_ns, self._proxies)
+            packets += self._scene.send(time_ns, self._proxies)
         return packets
 
     def _take(self, query: EnvironmentQuery, time_ns: int) -> None:

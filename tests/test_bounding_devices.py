@@ -10,12 +10,13 @@ from builders import MS
 from hypothesis import given
 from hypothesis import strategies as st
 
+from forcebound.compiled import new_records
 from forcebound.errors import ConfigError
 from forcebound.haptics.laws import Dissipation, ForceBounder
 from forcebound.haptics.laws.dissipation import Watchdog
 from forcebound.haptics.laws.hold_cost import hold_cost, lagging_cost, rigid_cost
 from forcebound.haptics.laws.sample import AxisConstants
-from forcebound.haptics.laws.waveform import NO_FORCE, mean_force, penalty, retarget
+from forcebound.haptics.laws.waveform import Motor, mean_force, penalty, retarget
 from forcebound.haptics.laws.waveform import run as run_motor
 
 PRESS = [2e-4 * min(n, 30) for n in range(1, 200)]  # m, into a wall and rest there
@@ -85,8 +86,10 @@ def test_a_step_within_an_interval_costs_no_more_than_its_penalty(
 ) -> None:
     dt, damping = 2e-3, 0.27
     axis = AxisConstants(damping, friction, 0.0, 0.0, 0.0, 0.0, 0.0)
-    motor = run_motor(retarget(NO_FORCE, old, 0.0, True), share * dt, 0.0)
-    motor = run_motor(retarget(motor, new, 0.0, False), (1 - share) * dt, 0.0)
+    motor = new_records(Motor)[0]
+    for force, part in ((old, share), (new, 1 - share)):
+        retarget(motor, force, 0.0, force == old)
+        run_motor(motor, part * dt, 0.0)
     claimed = damping * way**2 / dt + friction * abs(way) + mean_force(motor, dt, 0.0) * way
     claimed -= penalty(motor, dt, 0.0, 1.0, way, axis)
     for k in range(-200, 201):

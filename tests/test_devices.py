@@ -13,9 +13,8 @@ from hypothesis import strategies as st
 from forcebound.errors import ConfigError
 from forcebound.graph.servo import ServoSettings, dissipation_of
 from forcebound.haptics.devices import DEVICES, Device, DeviceModel
-from forcebound.haptics.devices.extended import Axis, Moving, advance_extended
 from forcebound.haptics.devices.phantom import PhantomPremium15
-from forcebound.haptics.devices.plant import quantise
+from forcebound.haptics.devices.plant import Axis, Moving, advance_extended, quantise
 from forcebound.haptics.devices.simulated import SimulatedDevice
 from forcebound.haptics.hands import Operator
 from forcebound.haptics.hands.hands import PressingHand

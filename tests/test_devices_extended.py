@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from forcebound.errors import ConfigError
 from forcebound.graph.loader import from_document
 from forcebound.graph.resolved import restore, to_document, with_parts
-from forcebound.haptics.devices.extended import Axis, Moving, advance_extended
 from forcebound.haptics.devices.phantom import PhantomPremium15
+from forcebound.haptics.devices.plant import Axis, Moving, advance_extended
 from forcebound.haptics.devices.simulated import SimulatedDevice
 from forcebound.haptics.devices.true_values import TrueAxes
 from forcebound.messages.packets import Vector
