@@ -277,13 +277,13 @@ def test_a_cut_that_is_stamped_before_a_write_does_not_undo_its_force(
 
 
 def test_a_cut_at_a_late_write_is_one_of_the_force_before_it() -> None:
-    """The reading takes the old force for whole, and the new one acts from its write on."""
+    """The new force acts from its write on, as without the report."""
     device = replace(PHANTOM, watchdog="reporting", write_delay=4e-4)
     energies = []
     for reports in (True, False):
         bounder = ForceBounder("certified", device)
-        for n, x in enumerate(PRESS):
-            bounder.settle(bounder.bound(n * MS + MS, (x,), (9.0,)), n * MS + MS + 100_000)
+        for n, x in enumerate(PRESS, start=1):
+            bounder.settle(bounder.bound(n * MS, (x,), (9.0,)), n * MS + 100_000)
         if reports:
             bounder.report_cut(199 * MS + 100_000, (PRESS[-1],))
         bounder.settle(bounder.bound(200 * MS, (PRESS[-1] - 1e-4,), (9.0,)))
