@@ -15,7 +15,7 @@ import hashlib
 import re
 import sys
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -205,5 +205,5 @@ def _reduce(member: Any) -> tuple[Callable[..., Any], tuple[Any, ...]]:
     return _rebuild, (kind_of(type(member)), values)
 
 
-def _rebuild(kind: str, values: dict[str, Any]) -> Any:
+def _rebuild(kind: str, values: Mapping[str, object]) -> Any:
     return load(kind, Path(), lambda part: True, "a class")(**values)
