@@ -1,6 +1,5 @@
 """Contracts of laws, devices, operators and controllers: kept by what ships, and able to fail."""
 
-import json
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import count
@@ -257,14 +256,6 @@ def test_no_promise_about_answers_is_called_kept_by_a_controller_that_gives_none
 
 def invoke(*words: str) -> Any:
     return CliRunner().invoke(main, ["check", *words], catch_exceptions=False)
-
-
-def test_the_command_prints_one_document(tmp_path: Path) -> None:
-    result = invoke("controller", "direct", "--json")
-    assert result.exit_code == 0
-    document = json.loads(result.stdout)
-    assert document["part"] == {"kind": "direct"}
-    assert document["passed"]
 
 
 def test_the_command_names_a_broken_promise_and_ends_with_1(tmp_path: Path) -> None:

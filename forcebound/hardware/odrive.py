@@ -21,9 +21,9 @@ from typing import Annotated, ClassVar
 
 from forcebound.errors import DeviceError
 from forcebound.haptics.devices import Source
+from forcebound.haptics.devices.arms import AngleOfJoints, DampingOfJoints, TorqueOfJoints
 from forcebound.haptics.devices.kinematics import ArmKinematics
 from forcebound.haptics.devices.knob import Knob
-from forcebound.haptics.devices.stated_joints import AngleOfJoints, DampingOfJoints, TorqueOfJoints
 from forcebound.haptics.devices.true_values import per_axis
 from forcebound.haptics.hands import Operator
 from forcebound.hardware.line import Line

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Generic, Literal, NamedTuple, TypeVar
 
 from forcebound.errors import DeviceError
-from forcebound.haptics.devices import Device
+from forcebound.haptics.devices import Device, Truth
+from forcebound.haptics.devices.arms import StatedJoints
 from forcebound.haptics.devices.kinematics import ArmKinematics
-from forcebound.haptics.devices.stated_joints import StatedJoints
-from forcebound.haptics.devices.truth import Truth
 from forcebound.hardware.line import EMULATED, Line
 from forcebound.hardware.port import Port
 from forcebound.hardware.ports import check_serial_number, find, serial_number

@@ -23,8 +23,8 @@ from forcebound.graph.loader import load
 from forcebound.graph.resolved import kind_of, to_document
 from forcebound.graph.servo import ServoSettings, dissipation_of
 from forcebound.haptics.controllers.direct import DirectController
-from forcebound.haptics.devices.extended import Axis
 from forcebound.haptics.devices.phantom import PhantomPremium15
+from forcebound.haptics.devices.plant import Axis
 from forcebound.haptics.environments.walls import Wall
 from forcebound.haptics.hands import Operator
 from forcebound.haptics.hands.hands import NoHand

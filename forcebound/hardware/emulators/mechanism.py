@@ -5,8 +5,8 @@ from functools import partial
 from typing import Any
 
 from forcebound.errors import DeviceError
+from forcebound.haptics.devices import Truth
 from forcebound.haptics.devices.simulated import SimulatedDevice, pad
-from forcebound.haptics.devices.truth import Truth
 from forcebound.haptics.hands import Operator
 from forcebound.haptics.hands.hands import NoHand
 from forcebound.messages.packets import Vector
