@@ -1,13 +1,15 @@
 """Topics of a recording as tables: one file each, and ``columns.csv`` with unit and meaning.
 
 A field with several entries becomes a column for each, ``position[0]``, as `forcebound echo --csv`
-names them; what is nested deeper becomes JSON text. A field that no packet of the recording has,
-and a topic without packets, are left out. Numbers are exact: the text gives the same bits.
+names them; a signal is a column ``signals.NAME``; what is nested deeper becomes JSON text. A field
+that no packet of the recording has, and a topic without packets, are left out. Numbers are exact:
+the text gives the same bits.
 """
 
 import csv
 import json
-from collections.abc import Callable, Iterator, Sequence
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
@@ -27,10 +29,12 @@ from forcebound.messages.packets import (
     meanings,
 )
 from forcebound.recordings.recording import Recording
-from forcebound.recordings.schema import plain_type
+from forcebound.recordings.schema import declared_signals, plain_type
 
 COLUMNS = "columns.csv"  # what each column means
-_TYPES = {int: "int64", float: "float64", bool: "bool", Vector: "float64", Quaternion: "float64"}
+_TYPES = {int: "int64", bool: "bool"} | dict.fromkeys(
+    (float, Vector, Quaternion, Mapping[str, float]), "float64"
+)
 _ROWS = 1 << 12  # of a table that wait until they are written
 
 _Row: TypeAlias = dict[str, Any]
@@ -87,11 +91,13 @@ def _row_of(packet: Packet) -> _Row:
     row: _Row = {}
     for name, hint in field_types(type(packet)).items():
         value = getattr(packet, name)
-        if value is None:
+        if value is None or value is msgspec.UNSET:
             continue
         kind = plain_type(hint)
         if kind in (Vector, Quaternion):
             row |= {f"{name}[{i}]": one for i, one in enumerate(value)}
+        elif name == "signals":
+            row |= {f"{name}.{signal}": one for signal, one in value.items()}
         elif kind is str or kind in _TYPES:
             row[name] = value
         else:
@@ -105,13 +111,19 @@ def _columns_of(recording: Recording) -> dict[str, list[_Column]]:
     for packet in recording.stream(*TOPICS):
         seen.setdefault(type(packet), set()).update(_row_of(packet))
     columns = {}
+    signals = declared_signals(recording.metadata)
     for topic, packet_type in TOPICS.items():
         if packet_type in seen:
             hints, meaning = field_types(packet_type), meanings(packet_type)
+            declared = {f"signals.{name}": one for name, one in signals.get(topic, {}).items()}
             fields = list(hints)
-            names = [(name, name.partition("[")[0]) for name in sorted(seen[packet_type])]
+            names = [(name, re.split(r"[[.]", name)[0]) for name in sorted(seen[packet_type])]
             columns[topic] = [
-                _Column(name, meaning[field], _TYPES.get(plain_type(hints[field]), "string"))
+                _Column(
+                    name,
+                    declared.get(name, meaning[field]),
+                    _TYPES.get(plain_type(hints[field]), "string"),
+                )
                 for name, field in sorted(names, key=lambda each: fields.index(each[1]))
             ]
     return columns

@@ -4,10 +4,12 @@ They use one type per field, since Foxglove rejects a list of types, and say not
 within arrays (the points of a path), which it rejects, too.
 """
 
-from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal, TypeAlias, get_args, get_origin, get_type_hints
 
 import msgspec
 
+from forcebound.errors import ConfigError
 from forcebound.messages.packets import (
     MAX_AXES,
     Meaning,
@@ -23,18 +25,31 @@ from forcebound.messages.topology import HAND
 #: Fields that are left out of a message when they are empty, or that older recordings lack.
 ABSENT: dict[str, Any] = {"hand": HAND, "proxies": {}}
 
+#: What the parts of a run publish: meanings of numbers by topic and name.
+Signals: TypeAlias = Mapping[str, Mapping[str, Meaning]]
 
-def schema(packet: type[Packet]) -> dict[str, Any]:
-    """Return the jsonschema of a packet: types, units and meaning of its fields."""
+
+def declared_signals(metadata: Mapping[str, str]) -> Signals:
+    """Return the signals that the metadata of a recording declares; ConfigError if damaged."""
+    try:
+        text = metadata.get("signals", "{}")
+        return msgspec.json.decode(text, type=dict[str, dict[str, Meaning]])
+    except (msgspec.MsgspecError, ValueError) as error:
+        raise ConfigError(f"the recording's list of signals is damaged ({error})") from error
+
+
+def schema(packet: type[Packet], signals: Mapping[str, Meaning] | None = None) -> dict[str, Any]:
+    """Return the jsonschema of a packet: types, units and meaning of its fields and signals."""
     types, meaning = field_types(packet), meanings(packet)
+    fields = {name: _field_schema(hint) | _described(meaning[name]) for name, hint in types.items()}
+    for name, about in (signals or {}).items():
+        fields["signals"]["properties"][name] = {"type": "number", **_described(about)}
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": f"forcebound.{packet.__name__}",
         "description": (packet.__doc__ or "").strip().splitlines()[0],
         "type": "object",
-        "properties": {
-            name: _field_schema(hint) | _described(meaning[name]) for name, hint in types.items()
-        },
+        "properties": fields,
         "required": [n for n, hint in types.items() if not is_optional(hint) and n not in ABSENT],
     }
 
@@ -47,7 +62,7 @@ def _described(meaning: Meaning) -> dict[str, str]:
 
 def is_optional(hint: Any) -> bool:
     """Return whether a field may have no value."""
-    return type(None) in get_args(_unlimited(hint))
+    return not {type(None), msgspec.UnsetType}.isdisjoint(get_args(_unlimited(hint)))
 
 
 def plain_type(hint: Any) -> Any:

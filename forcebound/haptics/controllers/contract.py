@@ -6,7 +6,7 @@ from random import Random
 from typing import Any
 
 from forcebound.haptics.controllers import Controller, ControllerModel
-from forcebound.haptics.parts.contract import VALUE, Findings, Report, copy_of
+from forcebound.haptics.parts.contract import SIGNALS, VALUE, Findings, Report, copy_of
 from forcebound.messages.packets import MAX_AXES, Contact, DeviceState, EnvironmentReply, Vector
 
 PROMISES: dict[str, str] = {
@@ -14,7 +14,7 @@ PROMISES: dict[str, str] = {
     "answers": "takes every state and reply, with and without contact, buttons, or a reply at all",
     "shape": "queries and forces are tuples with one number per axis, or there is no force",
     "finite": "queries and forces are finite",
-    "notices": "what it reports, if anything, is pairs of texts: event and message",
+    **SIGNALS,
     "pure": "the same calls, in the same order from open on, return the same",
     **VALUE,
 }
@@ -61,6 +61,7 @@ def _answers(
     with found.noting("opens", "an instance that closes", f"axes: {axes}"):
         controller = model.open(axes)
         answers = list(_drive(controller, axes, random, states, found))
+        found.check_signals(controller, model.signals)
         controller.close()
         return [answers]
     return []
@@ -92,7 +93,6 @@ def _drive(
         state = DeviceState(seq, time_ns, elapsed, position, velocity, zero, None, buttons)
         yield call(controller.on_state, state, time_ns, units=("N",))
         yield call(controller.query, state, units=("m", "m/s"))
-        _check_notices(controller, found)
         if random.random() < 0.7:
             force = tuple(random.uniform(-10.0, 10.0) for _ in range(axes))
             told = _contact(position, random) if random.random() < 0.5 else (None, None)
@@ -107,11 +107,3 @@ def _contact(position: Vector, random: Random) -> Contact:
     normal = tuple(entry / length for entry in direction)
     depth = random.uniform(0.0, 1e-3)
     return Contact(tuple(x + depth * n for x, n in zip(position, normal, strict=True)), normal)
-
-
-def _check_notices(controller: Controller, found: Findings) -> None:
-    """Check what a controller that has notices reports after a state."""
-    with found.noting("notices", "a list of pairs of texts", "notices()"):
-        for event, message in controller.notices():
-            if not isinstance(event, str) or not isinstance(message, str):
-                found.add("notices", "two texts", f"{event!r}, {message!r}", "notices()")

@@ -23,6 +23,7 @@ from forcebound.haptics.devices.truth import Truth
 from forcebound.haptics.hands import Operator
 from forcebound.haptics.laws.dissipation import StatedNumbers
 from forcebound.haptics.parts import Form, Table
+from forcebound.haptics.parts.signals import Publisher, Publishing
 from forcebound.messages.packets import Quaternion, Vector
 
 __all__ = ["DEVICES", "Device", "DeviceModel", "Kinematics", "Source", "Truth"]
@@ -43,7 +44,7 @@ class Kinematics(Protocol):
         ...
 
 
-class Device(ABC):
+class Device(Publisher, ABC):
     """An open device; only ``axes``, ``read`` and ``write`` have no default.
 
     Attributes:
@@ -154,7 +155,7 @@ class Device(ABC):
 
 
 @dataclass(frozen=True, kw_only=True)
-class DeviceModel(StatedNumbers, ABC):
+class DeviceModel(StatedNumbers, Publishing, ABC):
     """Parameters of a kind of device: its stated numbers, and those of its own.
 
     Attributes:

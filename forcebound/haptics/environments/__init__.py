@@ -21,11 +21,12 @@ from typing import Any
 
 from forcebound.errors import ConfigError
 from forcebound.haptics.parts import Form, Table, overridden
+from forcebound.haptics.parts.signals import Publisher, Publishing
 from forcebound.haptics.parts.user_module import describe_user_error
 from forcebound.messages.packets import Contact, SceneObject, Vector
 
 
-class Environment(ABC):
+class Environment(Publisher, ABC):
     """An open environment, which may keep state from one query to the next.
 
     The same queries, in the same order from ``open`` on, have the same answers; ``contact`` and
@@ -65,7 +66,7 @@ class Environment(ABC):
         """Release what ``open`` took; called once."""
 
 
-class EnvironmentModel(ABC):
+class EnvironmentModel(Publishing, ABC):
     """Parameters of a kind of environment: a frozen dataclass."""
 
     @abstractmethod
@@ -132,6 +133,7 @@ ENVIRONMENTS: Table[type[EnvironmentModel]] = Table(
         "mass_spring": "forcebound.haptics.environments.mass_spring:MassSpring",
         "bodies": "forcebound.haptics.environments.bodies:Bodies",
         "recorded": "forcebound.haptics.environments.recorded:RecordedEnvironment",
+        "membrane": "forcebound.haptics.environments.membrane:Membrane",
         "mesh": "forcebound.haptics.environments.mesh:TriangleMesh",
         "active_wall": "forcebound.haptics.environments.active_wall:ActiveWall",
     },

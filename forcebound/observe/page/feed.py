@@ -1,19 +1,28 @@
-"""What pages see of a running graph: samples, contacts, the scene, events.
+"""What pages see of a running graph: samples, signals, contacts, the scene, events.
 
 The graph is looked at some thirty times a second; each frame has all samples since the last one.
 """
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
 from forcebound.errors import ConfigError
-from forcebound.messages.packets import EnvironmentReply, Event, Scene, Telemetry
+from forcebound.messages.packets import (
+    TOPIC_OF,
+    DeviceState,
+    EnvironmentReply,
+    Event,
+    ForceCommand,
+    Scene,
+    Telemetry,
+)
 from forcebound.observe.page.scene_files import content
 from forcebound.observe.streams import fields_of_packet
+from forcebound.recordings.schema import declared_signals
 from forcebound.run.process import Reader
 from forcebound.run.run_directory import RunDocument
 
@@ -43,7 +52,12 @@ class Feed:
 
     def __init__(self, run_dir: Path, energy_before: float) -> None:
         run = RunDocument.read(run_dir)
-        self._reader = Reader(run_dir, run.graph.named(*SHOWN), run.core)
+        declared = declared_signals(run.metadata)
+        #: Meanings of the signals, by topic and name.
+        self.signals = {(t, name): m for t, known in declared.items() for name, m in known.items()}
+        self._reader = Reader(run_dir, run.graph.named(*{*SHOWN, *declared}), run.core)
+        self._published: list[tuple[int, str, Mapping[str, float]]] = []  # tick, topic, numbers
+        self._held: dict[tuple[str, str], float | None] = dict.fromkeys(self.signals)
         self._ahead_ns = time.time_ns() - time.monotonic_ns()
         self.scene: Message | None = None  # the newest
         self._law = _LawStart(0, energy_before, 0.0)
@@ -56,8 +70,11 @@ class Feed:
         for _, packet, _ in self._reader.take():
             if isinstance(packet, Telemetry):
                 samples.append(packet)
-            elif isinstance(packet, EnvironmentReply):
-                contact = packet
+            elif isinstance(packet, DeviceState | ForceCommand | EnvironmentReply):
+                contact = packet if isinstance(packet, EnvironmentReply) else contact
+                if self.signals:
+                    tick = packet.seq if isinstance(packet, DeviceState) else packet.device_seq
+                    self._published.append((tick, TOPIC_OF[type(packet)], packet.signals or {}))
             elif isinstance(packet, Scene):
                 self.scene = {"type": "scene", **fields_of_packet(packet)}
                 messages.append(self.scene)
@@ -66,8 +83,27 @@ class Feed:
         if samples:
             frame = _frame(samples, contact)
             frame["true_energy"] = [self._energy_under_law(sample) for sample in samples]
+            frame["signals"] = self._signals_at(samples)
             messages.append(frame)
         return messages
+
+    def _signals_at(self, samples: Sequence[Telemetry]) -> dict[str, list[float | None]]:
+        """Return the signals at some samples; each holds from the tick that its packet answers."""
+        curves: dict[tuple[str, str], list[float | None]] = {key: [] for key in self.signals}
+        waiting = iter(sorted(self._published, key=lambda each: each[0]))
+        packet = next(waiting, None)
+        for sample in samples:
+            while packet is not None and packet[0] <= sample.seq:
+                self._held |= {
+                    (topic, name): _finite(packet[2].get(name))
+                    for topic, name in self.signals
+                    if topic == packet[1]
+                }
+                packet = next(waiting, None)
+            for key, curve in curves.items():
+                curve.append(self._held[key])
+        self._published = [packet, *waiting] if packet is not None else []
+        return {".".join(key): curve for key, curve in curves.items()}
 
     def file(self, digest: str) -> Message | None:
         """Return what a file of the scene has to draw, as :func:`content`; None: it is not here.
