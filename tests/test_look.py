@@ -35,6 +35,7 @@ from forcebound.observe import drawing, runs, streams
 from forcebound.observe.bridges import foxglove, frames, plotjuggler, serve
 from forcebound.observe.delay import Measured
 from forcebound.observe.streams import Stream, check_fields, streams_of
+from forcebound.recordings.schema import schema
 from forcebound.run.process import Received
 from forcebound.run.run_directory import RunDocument
 
@@ -227,7 +228,7 @@ async def vanish_as_foxglove(port: int) -> None:
 
 def test_a_foxglove_window_that_is_shut_is_no_error(caplog: pytest.LogCaptureFixture) -> None:
     port = free_port()
-    with foxglove({"device_state": DeviceState}, port) as send:
+    with foxglove({"device_state": schema(DeviceState)}, port) as send:
         window = Thread(target=lambda: asyncio.run(vanish_as_foxglove(port)))
         window.start()
         while window.is_alive():
