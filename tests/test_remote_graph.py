@@ -12,6 +12,7 @@ from waiting import free_port, until
 
 from forcebound.errors import ConfigError
 from forcebound.haptics.controllers.direct import DirectController
+from forcebound.haptics.environments.membrane import Membrane
 from forcebound.haptics.environments.walls import Wall
 from forcebound.messages.codec import decode, encode
 from forcebound.messages.control import (

@@ -1,4 +1,4 @@
-"""Signals of one's own: from an environment, controller or device to every place that shows them."""
+"""Signals of one's own: from the part that publishes them to every place that shows them."""
 
 import json
 import math
@@ -24,6 +24,7 @@ from forcebound.haptics.parts.signals import Signal
 from forcebound.messages.codec import encode
 from forcebound.messages.events import LAW_CHANGED, PUBLISHED
 from forcebound.messages.packets import EnvironmentReply, Event, ForceCommand, Vector
+from forcebound.network.impairment import Impairment
 from forcebound.nodes.controller import ControllerNode
 from forcebound.nodes.environment import EnvironmentNode
 from forcebound.observe.page.feed import Feed
@@ -88,11 +89,8 @@ def test_a_recording_of_virtual_time_has_column_unit_and_curve(gel: Path, tmp_pa
 
     recording = read(file)
     depth, load_ = curves_of(recording)
-    assert (depth.about.text, depth.about.unit, load_.about.text) == (
-        "depth in the gel",
-        "m",
-        "load",
-    )
+    assert depth.about == ("depth in the gel", "m")
+    assert load_.about == ("load", "")
     np.testing.assert_array_equal(depth.time_ns, result.columns.time_ns - 400_000)
     pushed = np.maximum(result.columns.position[:, 0] - 0.01, 0.0)
     # The force is written 0.4 ms after the state that the environment was asked about.
@@ -141,7 +139,9 @@ def test_a_plot_has_a_panel_for_each_unit(gel: Path, tmp_path: Path) -> None:
     run = (result.label, result.columns, result.document)
     axes = figure([run], signals=[curves_of(read(file))]).axes[len(DEFAULT_PANELS) :]
     assert [one.get_ylabel() for one in axes] == ["signals (m)", "signals (1)"]
-    assert len(axes[0].lines[0].get_xdata()) == result.columns.time.size  # type: ignore[arg-type]
+    time, depth = axes[0].lines[0].get_data()
+    assert np.asarray(time)[-1] == pytest.approx(result.columns.time[-1] - 0.0004)
+    assert np.asarray(depth)[-1] == curves_of(read(file))[0].values[-1]
 
 
 def test_the_skin_breaks_once_and_gives_no_energy(tmp_path: Path) -> None:
@@ -154,7 +154,7 @@ def test_the_skin_breaks_once_and_gives_no_energy(tmp_path: Path) -> None:
     assert (np.diff(damage.values) >= 0.0).all()
     assert result.columns.true_energy.min() >= 0.0
     at_rest = result.columns.time > 0.9
-    assert not result.columns.applied_force[at_rest].any()
+    assert np.abs(result.columns.applied_force[at_rest]).max() < 1e-9  # N
 
 
 # --- what does not fit ---------------------------------------------------------------------------
@@ -272,8 +272,6 @@ def test_a_damaged_list_of_signals_is_one_line() -> None:
 def test_a_changed_environment_goes_on_publishing() -> None:
     node = EnvironmentNode(Membrane(stiffness=1000.0, skin=0.0))
     first = answers(node, 0.001)
-    from forcebound.network.impairment import Impairment
-
     node.change(Membrane(stiffness=500.0, skin=0.0), Impairment())
     second = [
         p for p in node.step(5_000_000, [query(5, 0.0005)]) if isinstance(p, EnvironmentReply)

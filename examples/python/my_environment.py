@@ -22,7 +22,8 @@ from forcebound.quantities import NOT_NEGATIVE, POSITIVE, Damping, Length, Stiff
 class Ball(StatelessEnvironment):
     """A ball that pushes outwards, along the line from its centre, and damps motion inside."""
 
-    # Numbers that it publishes: name, SI unit, label. Recordings, plots and the live page have them.
+    # Numbers that it publishes, each with name, SI unit and label: recordings, plots and the live
+    # page show them.
     signals = (Signal("depth", "m", "depth in the ball"),)
 
     # The parameters, as a launch file gives them: with a unit, a range, a default, in SI.
