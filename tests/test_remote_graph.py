@@ -97,7 +97,7 @@ def test_an_environment_on_another_machine_answers_whoever_listens(pair: Pair) -
     assert command.force == pytest.approx((1.0,))
     answer = decode(heard["replies"][0], EnvironmentReply)
     assert isinstance(answer, EnvironmentReply)
-    assert answer.signals == {"damage": pytest.approx(0.5)}
+    assert answer.signals == pytest.approx({"damage": 0.5})
     status = pair.controller.status()
     assert isinstance(status, ControllerStatus)
     assert status.environment == "far"

@@ -276,4 +276,4 @@ def test_a_changed_environment_goes_on_publishing() -> None:
     second = [
         p for p in node.step(5_000_000, [query(5, 0.0005)]) if isinstance(p, EnvironmentReply)
     ]
-    assert signals_of(first) + signals_of(list(second)) == [{"damage": 0.5}, {"damage": 0.5}]
+    assert signals_of(first) + signals_of(list(second)) == [{"damage": 0.5}, {"damage": 0.125}]

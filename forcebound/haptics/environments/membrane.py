@@ -67,8 +67,3 @@ class _Skin(Environment):
         if self._damage == 1.0:
             load = model.damping * velocity[0] if depth > 0.0 else 0.0
         return on_first_axis(load, len(position))
-
-    def change(self, model: Membrane) -> bool:
-        """Take other parameters over; a broken skin stays broken."""
-        self._model = model
-        return True

@@ -5,7 +5,7 @@ The graph is looked at some thirty times a second; each frame has all samples si
 
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
@@ -53,11 +53,13 @@ class Feed:
     def __init__(self, run_dir: Path, energy_before: float) -> None:
         run = RunDocument.read(run_dir)
         declared = declared_signals(run.metadata)
-        #: Meanings of the signals, by topic and name.
-        self.signals = {(t, name): m for t, known in declared.items() for name, m in known.items()}
+        #: Meanings of the signals, by name after that of their topic.
+        self.signals = {
+            f"{t}.{n}": about for t, own in declared.items() for n, about in own.items()
+        }
+        self._held: dict[str, float | None] = dict.fromkeys(self.signals)
+        self._published: dict[int, dict[str, float | None]] = {}  # by the tick that they answer
         self._reader = Reader(run_dir, run.graph.named(*{*SHOWN, *declared}), run.core)
-        self._published: list[tuple[int, str, Mapping[str, float]]] = []  # tick, topic, numbers
-        self._held: dict[tuple[str, str], float | None] = dict.fromkeys(self.signals)
         self._ahead_ns = time.time_ns() - time.monotonic_ns()
         self.scene: Message | None = None  # the newest
         self._law = _LawStart(0, energy_before, 0.0)
@@ -73,8 +75,7 @@ class Feed:
             elif isinstance(packet, DeviceState | ForceCommand | EnvironmentReply):
                 contact = packet if isinstance(packet, EnvironmentReply) else contact
                 if self.signals:
-                    tick = packet.seq if isinstance(packet, DeviceState) else packet.device_seq
-                    self._published.append((tick, TOPIC_OF[type(packet)], packet.signals or {}))
+                    self._take_signals(packet)
             elif isinstance(packet, Scene):
                 self.scene = {"type": "scene", **fields_of_packet(packet)}
                 messages.append(self.scene)
@@ -87,23 +88,25 @@ class Feed:
             messages.append(frame)
         return messages
 
+    def _take_signals(self, packet: DeviceState | ForceCommand | EnvironmentReply) -> None:
+        tick = packet.seq if isinstance(packet, DeviceState) else packet.device_seq
+        topic, numbers = TOPIC_OF[type(packet)], packet.signals or {}
+        own = [name for name in self.signals if name.startswith(f"{topic}.")]
+        values = {name: _finite(numbers.get(name.removeprefix(f"{topic}."))) for name in own}
+        self._published.setdefault(tick, {}).update(values)
+
     def _signals_at(self, samples: Sequence[Telemetry]) -> dict[str, list[float | None]]:
-        """Return the signals at some samples; each holds from the tick that its packet answers."""
-        curves: dict[tuple[str, str], list[float | None]] = {key: [] for key in self.signals}
-        waiting = iter(sorted(self._published, key=lambda each: each[0]))
-        packet = next(waiting, None)
+        """Return the signals at some samples, each held from the sample that uses its packet on."""
+        curves: dict[str, list[float | None]] = {name: [] for name in self.signals}
         for sample in samples:
-            while packet is not None and packet[0] <= sample.seq:
-                self._held |= {
-                    (topic, name): _finite(packet[2].get(name))
-                    for topic, name in self.signals
-                    if topic == packet[1]
-                }
-                packet = next(waiting, None)
-            for key, curve in curves.items():
-                curve.append(self._held[key])
-        self._published = [packet, *waiting] if packet is not None else []
-        return {".".join(key): curve for key, curve in curves.items()}
+            for tick in (sample.device_seq, sample.seq):
+                self._held |= self._published.pop(-1 if tick is None else tick, {})
+            for name, curve in curves.items():
+                curve.append(self._held[name])
+        newest = samples[-1].seq if samples[-1].device_seq is None else samples[-1].device_seq
+        for tick in sorted(tick for tick in self._published if tick < newest):
+            self._held |= self._published.pop(tick)  # late, or overtaken: from now on
+        return curves
 
     def file(self, digest: str) -> Message | None:
         """Return what a file of the scene has to draw, as :func:`content`; None: it is not here.

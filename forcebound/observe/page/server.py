@@ -193,8 +193,8 @@ class _Graph:
         """Return what a page needs to know before its first frame."""
         controls, scene = self.controls, self.feed.scene
         signals = [
-            {"name": ".".join(key), "label": about.text, "unit": about.unit}
-            for key, about in self.feed.signals.items()
+            {"name": name, "label": about.text, "unit": about.unit}
+            for name, about in self.feed.signals.items()
         ]
         hello = {**controls.describe(), "graph": self._shown_since, "signals": signals}
         return [hello, controls.parameters(), *([scene] if scene else [])]
