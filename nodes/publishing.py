@@ -5,6 +5,7 @@ from math import isfinite
 
 from msgspec import UNSET, UnsetType
 
+from forcebound.files import printable
 from forcebound.haptics.parts.signals import Publisher, Signal
 from forcebound.messages.events import PUBLISHED, RESERVED, EventLog
 from forcebound.messages.packets import MAX_NAME, Event
@@ -40,7 +41,7 @@ class Signals:
         try:
             if held.keys() <= self._names:
                 return {n: float(value) for n, value in held.items() if isfinite(value)} or UNSET
-        except (TypeError, ValueError, OverflowError):
+        except Exception:  # a value of any type, which is no number
             pass
         self._drop(held)
         return self.numbers()
@@ -54,11 +55,11 @@ class Signals:
             self._begin_ns, self._left = time_ns, EVENTS_PER_SECOND
         sent = []
         for event, message, is_fault in waiting:
-            kind, data = str(event), {PUBLISHED: "true"}
-            if self._left and kind not in RESERVED and kind[:MAX_NAME].isprintable() and kind:
+            is_text = isinstance(event, str) and isinstance(message, str)
+            if self._left and is_text and _is_kind(event):
                 self._left -= 1
-                name, words = kind[:MAX_NAME], str(message) or kind
-                sent.append(self._log.emit(time_ns, name, words, data, is_fault=bool(is_fault)))
+                words, data = printable(message or event), {PUBLISHED: "true"}
+                sent.append(self._log.emit(time_ns, event, words, data, is_fault=bool(is_fault)))
             else:
                 self._reject("event")
         waiting.clear()
@@ -77,9 +78,13 @@ class Signals:
                 self.part.event("signal_refused", words, is_fault=True)
 
 
-def _is_number(value: object) -> bool:
+def _is_number(value: float) -> bool:
     try:
-        isfinite(value)  # type: ignore[arg-type]
-    except (TypeError, ValueError, OverflowError):
+        isfinite(value)
+    except Exception:
         return False
     return True
+
+
+def _is_kind(event: str) -> bool:
+    return 0 < len(event) <= MAX_NAME and event.isprintable() and event not in RESERVED

@@ -17,6 +17,8 @@ from forcebound.cli import main
 from forcebound.errors import ConfigError
 from forcebound.graph.loader import load
 from forcebound.haptics.controllers.direct import DirectController
+from forcebound.haptics.devices.guard import guarded
+from forcebound.haptics.devices.phantom import PhantomPremium15
 from forcebound.haptics.environments import StatelessEnvironment
 from forcebound.haptics.environments.membrane import Membrane
 from forcebound.haptics.environments.walls import Wall
@@ -103,6 +105,66 @@ def test_a_recording_of_virtual_time_has_column_unit_and_curve(gel: Path, tmp_pa
     assert "environment_reply,signals.depth,m,depth in the gel" in units
     assert "signals.depth" in (tables / "environment_reply.csv").read_text().splitlines()[0]
     assert invoke("replay", str(file), "--verify").exit_code == 0
+
+
+CONTROLLER = """
+from dataclasses import dataclass
+from forcebound.haptics.controllers import Controller, ControllerModel
+from forcebound.haptics.parts.signals import Signal
+
+@dataclass(frozen=True)
+class Counting(ControllerModel):
+    signals = (Signal("replies"),)
+
+    def open(self, axes):
+        return Counter()
+
+class Counter(Controller):
+    replies = 0
+
+    def query(self, state):
+        return state.position, state.velocity
+
+    def on_reply(self, reply, time_ns):
+        self.replies += 1
+        self.signal("replies", self.replies)
+        return reply.force
+"""
+DEVICE = """
+from dataclasses import dataclass
+from forcebound.haptics.devices.phantom import PhantomPremium15
+from forcebound.haptics.parts.signals import Signal
+
+@dataclass(frozen=True, kw_only=True)
+class Warm(PhantomPremium15):
+    signals = (Signal("temperature", "K", "motor"),)
+
+    def open(self, operator, hold_limit):
+        device = super().open(operator, hold_limit)
+        device.signal("temperature", 300.0)
+        device.event("warm", "the motor is warm")
+        return device
+"""
+
+
+def test_a_controller_and_a_device_publish_with_their_packets(tmp_path: Path) -> None:
+    (tmp_path / "counting.py").write_text(CONTROLLER)
+    (tmp_path / "warm.py").write_text(DEVICE)
+    kinds = "device: {kind: warm.py}\ncontroller: {kind: counting.py}\n"
+    (tmp_path / "both.yaml").write_text(f"forcebound: 1\ninclude: stiff_wall.yaml\n{kinds}")
+    file = tmp_path / "run.mcap"
+    result = run_virtual(load(tmp_path / "both.yaml"), 0.05, file)
+    temperature, replies = curves_of(read(file))
+    assert temperature.about == ("motor", "K")
+    assert set(temperature.values) == {300.0}
+    np.testing.assert_array_equal(replies.values, np.arange(1, 51))
+    np.testing.assert_array_equal(temperature.time_ns, replies.time_ns)
+    assert [event.node for event in result.events if event.event == "warm"] == ["device"]
+
+
+def test_a_guarded_device_publishes() -> None:
+    device = PhantomPremium15().open(None, 1e-3)
+    assert guarded(device).published is device.published
 
 
 @pytest.mark.parametrize("mark", [pytest.param(None, marks=PROCESSES_OF_THEIR_OWN)])
@@ -202,14 +264,34 @@ class Talkative(StatelessEnvironment):
         return (1.0,)
 
 
+class Odd:
+    """No number, and it says so with an error of its own, as a tensor does."""
+
+    def __float__(self) -> float:
+        raise RuntimeError("a tensor with two elements")
+
+
 def talkative(*said: tuple[Any, Any], happened: tuple[str, ...] = ()) -> EnvironmentNode:
     model = Talkative()
     model.said, model.happened = said, happened
     return EnvironmentNode(model)
 
 
+@pytest.mark.parametrize("value", ["2", 10**400, None])
+def test_what_is_no_number_is_dropped(value: Any) -> None:
+    node = talkative(("one", value))
+    assert signals_of(answers(node, 0.0)) == [UNSET]
+    assert node.rejected == {"signal": 1}
+
+
+def test_a_text_of_any_characters_can_be_sent() -> None:
+    node = talkative(happened=("seen",))
+    node._environment.event("odd", "a file \udcff")  # as os.fsdecode gives it
+    assert [encode(packet) for packet in answers(node, 0.0)]
+
+
 def test_in_the_loop_a_wrong_name_is_dropped_counted_and_reported_once() -> None:
-    node = talkative(("one", 1.0), ("three", 3.0), ("two", "2"), ("two", 10**400))
+    node = talkative(("one", 1.0), ("three", 3.0), ("two", Odd()))
     sent = answers(node, 0.0, 0.0)
     assert signals_of(sent) == [{"one": 1.0}] * 2
     assert node.rejected == {"signal": 4}
@@ -240,6 +322,7 @@ def as_fields(packet: EnvironmentReply) -> dict[str, Any]:
 
 def test_events_are_limited_and_none_can_pose_as_one_of_the_graph() -> None:
     node = talkative(happened=(LAW_CHANGED, "", "x\ny", *["seen"] * 20))
+
     events = [packet.event for packet in answers(node, 0.0) if isinstance(packet, Event)]
     assert events == ["seen"] * 10
     assert node.rejected == {"event": 13}
@@ -267,6 +350,13 @@ def test_without_signals_packets_and_recordings_are_as_before(tmp_path: Path) ->
 def test_a_damaged_list_of_signals_is_one_line() -> None:
     with pytest.raises(ConfigError, match="signals"):
         declared_signals({"signals": '{"environment_reply": 3}'})
+
+
+def test_a_stateless_environment_publishes_nothing_of_a_run_before() -> None:
+    model = Talkative()
+    model.event("seen")
+    model.signal("one", 1.0)
+    assert signals_of(answers(EnvironmentNode(model), 0.0)) == [UNSET]
 
 
 def test_a_changed_environment_goes_on_publishing() -> None:

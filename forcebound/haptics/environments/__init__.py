@@ -81,7 +81,8 @@ class StatelessEnvironment(EnvironmentModel, Environment):
     """A model whose force depends on nothing but the query: it is its own instance."""
 
     def open(self, axes: int) -> Environment:
-        """Return itself."""
+        """Return itself, with nothing published."""
+        self.__dict__.pop("published", None)
         return self
 
 
