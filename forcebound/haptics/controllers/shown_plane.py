@@ -14,8 +14,7 @@ is ours.
 
 import math
 
-from forcebound.haptics.controllers.plane import Plane
-from forcebound.haptics.controllers.vectors import across, along, dot
+from forcebound.haptics.controllers.plane import Plane, across, along, dot
 from forcebound.messages.packets import Vector
 
 MOST = 0.02  # J, of the budget: 6 N on a wall of 1 N/mm
@@ -31,6 +30,10 @@ class ShownPlane:
         self._plane: Plane | None = None  # shown last, at its own offset
         self._position = self._zero  # then, m
         self._stretch = self._zero  # of the spring along the surface, m
+
+    def forget(self) -> None:
+        """Show no plane; what it has stored is lost."""
+        self._plane, self._stretch = None, self._zero
 
     def force(self, plane: Plane, position: Vector, velocity: Vector, dt: float) -> Vector:
         """Return the force at a new position, in N, ``dt`` s after the position before."""
