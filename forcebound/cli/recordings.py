@@ -85,8 +85,10 @@ def plot(runs: tuple[str, ...], output: Path | None, as_json: bool) -> None:
     forcebound plot run.mcap
     forcebound plot none.mcap certified.mcap -o both.svg
     """
+    from forcebound.recordings.recording import read
     from forcebound.results.perception import differences
     from forcebound.results.plots import check_picture, figure, save
+    from forcebound.results.signals import curves_of
     from forcebound.results.tables import difference_text
     from forcebound.run.results import RunResult
 
@@ -100,7 +102,8 @@ def plot(runs: tuple[str, ...], output: Path | None, as_json: bool) -> None:
         summaries = [result.summary for result in results]
         compared = [differences(summaries[0], other) for other in summaries[1:]]
         drawn = [(label, r.columns, r.document) for label, r in zip(labels, results, strict=True)]
-        save(figure(drawn, events=[r.events for r in results]), output)
+        signals = [curves_of(read(run)) for run in runs]
+        save(figure(drawn, events=[r.events for r in results], signals=signals), output)
         head, rows = table_of(results, labels)
         document = {"picture": str(output), "runs": summaries, "differences": compared}
     if as_json:

@@ -6,7 +6,7 @@ whole vector, as their limit is; what is over penetration, along the normal of w
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -19,6 +19,7 @@ from forcebound.messages.packets import Event
 from forcebound.recordings.telemetry import TelemetryColumns
 from forcebound.results.colours import AXIS_COLOURS, COMMANDED, ESTIMATED, NEUTRAL, PHYSICAL
 from forcebound.results.energy import largest_fall
+from forcebound.results.signals import Curve
 from forcebound.results.surface import Floats, Touch, touch_of_run
 
 if TYPE_CHECKING:
@@ -47,6 +48,7 @@ class View:
     columns: TelemetryColumns
     shown: slice  # samples since the force engaged
     touch: Touch | None  # what was touched, at each sample of the run
+    signals: Sequence[Curve] = ()
 
     @property
     def axes(self) -> int:
@@ -66,7 +68,7 @@ class View:
         return shown[:, 0] if self.axes == 1 else np.linalg.norm(shown, axis=1)
 
 
-def view_of(run: Run, events: Sequence[Event] = ()) -> View:
+def view_of(run: Run, events: Sequence[Event] = (), signals: Sequence[Curve] = ()) -> View:
     """Return the samples of a run since the force engaged; its events may move the surface.
 
     Raises:
@@ -75,9 +77,8 @@ def view_of(run: Run, events: Sequence[Event] = ()) -> View:
     _, columns, config = run
     start = int(np.searchsorted(columns.time, 0.0)) if (columns.engagement > 0.0).any() else 0
     shown = slice(start, None)
-    return View(
-        since_engaged(columns)[shown], columns, shown, touch_of_run(columns, events, config)
-    )
+    touch = touch_of_run(columns, events, config)
+    return View(since_engaged(columns)[shown], columns, shown, touch, signals)
 
 
 def since_engaged(columns: TelemetryColumns) -> Floats:
@@ -224,6 +225,16 @@ def _draw_path(axes: Axes, view: View, up: int) -> None:
     axes.set_aspect("equal", adjustable="datalim")
 
 
+def _draw_signals(axes: Axes, view: View, unit: str) -> None:
+    time_ns = view.columns.time_ns[view.shown]
+    for number, curve in enumerate(each for each in view.signals if each.about.unit == unit):
+        time = (curve.time_ns - time_ns[:1]) * 1e-9 + view.time[:1]
+        chosen = extremes(np.where(time >= 0.0, curve.values, np.nan))
+        chosen = chosen[time[chosen] >= 0.0]
+        label, colour = in_figure(curve.about.text), AXIS_COLOURS[number % len(AXIS_COLOURS)]
+        _line(axes, time[chosen], curve.values[chosen], label, color=colour, linewidth=1.0)
+
+
 @dataclass(frozen=True)
 class Panel:
     """One row of a figure."""
@@ -248,3 +259,12 @@ PANELS: dict[str, Panel] = {
     "path_xy": Panel(partial(_draw_path, up=1), "y (mm)", _X),
     "path_xz": Panel(partial(_draw_path, up=2), "z (mm)", _X),
 }
+
+
+def signal_panels(signals: Iterable[Curve]) -> dict[str, Panel]:
+    """Return a panel for each unit of the signals of some runs."""
+    units = dict.fromkeys(curve.about.unit for curve in signals)
+    return {
+        f"signals {unit}": Panel(partial(_draw_signals, unit=unit), f"signals ({unit or 1})")
+        for unit in units
+    }

@@ -4,7 +4,7 @@ import { text } from "./canvas.js";
 import { Clock } from "./clock.js";
 import { Controls } from "./controls.js";
 import { Figures, magnitude } from "./figures.js";
-import { Histogram, Plot } from "./plots.js";
+import { Histogram, Plot, signalPlots } from "./plots.js";
 import { Samples, Window } from "./samples.js";
 import { Scene } from "./scene.js";
 
@@ -53,6 +53,7 @@ const plots = [
   ]),
   new Plot($("delay"), shown, "Loop delay", "ms", 1e3, [{ name: "delay", label: "delay", colour: "true" }]),
 ];
+const others = plots.length; // after them: plots of the graph's signals
 const histogram = new Histogram($("histogram"), shown, "delay", "Loop delay, how often", "ms", 1e3);
 
 // --- What comes ----------------------------------------------------------------------------------
@@ -69,6 +70,8 @@ const takes = {
     asked.clear();
     scene.describe(message);
     position.lines = AXES.slice(0, message.axes).map(([label, colour], i) => ({ name: `p${i}`, label, colour }));
+    for (const { canvas } of plots.splice(others)) canvas.remove();
+    plots.push(...signalPlots($("plots"), shown, message.signals));
     $("hint").textContent = `${message.description} ${hintOf(message)}`;
     controls.describe(message);
   },
@@ -79,6 +82,7 @@ const takes = {
     message.time.forEach((time, i) => {
       const values = { limit: message.limit[i], energy: message.energy[i], true_energy: message.true_energy[i],
         delay: message.delay[i], commanded: magnitude(message.commanded[i]), applied: magnitude(message.applied[i]) };
+      for (const [name, column] of Object.entries(message.signals)) values[name] = column[i];
       message.position[i].forEach((x, axis) => { values[`p${axis}`] = x; });
       samples.push(time, values);
     });

@@ -148,6 +148,22 @@ export class Plot {
   }
 }
 
+const COLOURS = ["true", "second", "energy", "commanded", "limit"]; // of signals, one after the other
+
+/** One plot for each unit of the signals that the parts of a graph publish; canvases are added to `place`. */
+export function signalPlots(place, shown, signals) {
+  return [...new Set(signals.map(({ unit }) => unit))].map((unit) => {
+    const canvas = document.createElement("canvas");
+    canvas.className = "plot signals";
+    canvas.setAttribute("role", "img");
+    canvas.setAttribute("aria-label", `Signals over time, in ${unit || 1}`);
+    place.append(canvas);
+    const lines = signals.filter((each) => each.unit === unit)
+      .map(({ name, label }, i) => ({ name, label, colour: COLOURS[i % COLOURS.length] }));
+    return new Plot(canvas, shown, "Signals", unit || "1", 1, lines);
+  });
+}
+
 /** How often each delay came, in the window. */
 export class Histogram {
   constructor(canvas, shown, name, title, unit, scale) {
