@@ -66,7 +66,7 @@ def _figures(summary: Mapping[str, Any]) -> dict[str, Any]:
     rejected = sum(summary["rejected_packets"].values())
     # The kernel does not count the losses of links, and only the graph has events.
     # Spectra are long; `forcebound simulate --json` has them.
-    spectra = ("vibration", "displayed_impedance", "undefined")
+    spectra = ("vibration", "displayed_impedance", "undefined", "stiffness_n_per_m", "verdict")
     left_out = ("law", "rejected_packets", "links", "faults", "phases", *REPORTED, *spectra)
     rest = {key: value for key, value in summary.items() if key not in left_out}
     return {**rest, "rejected_packets": rejected}
