@@ -132,8 +132,8 @@ MEANINGS = {
     ),
     "observed_energy_min_j": (
         "minimum of the passivity observer at the motor, from readings and applied forces; "
-        "available on hardware (Hannaford and Ryu 2002). Damping and friction of the device are not "
-        "in it, so below zero is no leak: a law may give what they are sure to take"
+        "available on hardware (Hannaford and Ryu 2002). Damping and friction of the device are "
+        "not in it, so below zero is no leak: a law may give what they are sure to take"
     ),
     "observed_power_min_w": "the most power that the motor gave, mean over 10 samples",
     "observed_deficit_share": "share of the samples in which that observer is below zero",

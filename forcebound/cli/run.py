@@ -108,6 +108,7 @@ def launch_graph(
 def _page() -> Iterator[None]:
     """A page of the graph that this process launches, from a process of its own."""
     command = [sys.executable, "-m", "forcebound", "view", "--launcher", str(os.getpid())]
+    show("the live page starts; its address follows", err=True)
     # Ctrl-C is for the launcher; the page ends with the graph.
     page = subprocess.Popen(command, stdout=sys.stderr, start_new_session=True)
     try:

@@ -27,7 +27,7 @@ from forcebound.graph.parameters import parameters, takeable_laws, unknown_param
 from forcebound.graph.phases import read_phases
 from forcebound.graph.problems import Problems, unknown
 from forcebound.graph.resolved import to_document
-from forcebound.graph.tree import Value, from_plain
+from forcebound.graph.tree import Value, from_plain, units_of
 from forcebound.graph.users_code import tried
 from forcebound.haptics.parts.user_module import file_of, names_file
 from forcebound.messages.control import Parameters
@@ -110,11 +110,14 @@ def _filled(template: Value, overrides: Sequence[str], problems: Problems) -> Va
 
 
 def arguments_of(path: str | Path) -> list[Argument]:
-    """Return the arguments that a launch file declares, in its order."""
+    """Return the arguments that a launch file declares and uses, in its order."""
     problems = Problems()
-    arguments = Arguments(_read(path, problems), problems)
+    root = _read(path, problems)
+    arguments = Arguments(root, problems)
     problems.raise_if_any()
-    return list(arguments.declared.values())
+    substitution = Substitution(arguments.values(()), Problems())
+    substitution.apply(root.without("arguments"))
+    return [each for name, each in arguments.declared.items() if name in substitution.used]
 
 
 def from_document(document: Document) -> GraphConfig:
@@ -184,6 +187,10 @@ def user_files(root: Value) -> list[Path]:
 
 def _build(root: Value, problems: Problems, asks: bool = True) -> GraphConfig:
     """Return what the tree says; ``asks``: whether to call a user's own parts once."""
+    written = root.entries.get("units", Value(None, root.place)).entries  # of a resolved document
+    units = {name: unit.text for name, unit in written.items()}
+    root = root.without("units") if units else root
+    units |= units_of(root)
     form, root = form_of(root, problems)
     made = form.read(root, problems)
     made["links"] = {t: made[f"links.{t}"] for t in LINKS if f"links.{t}" in made}
@@ -191,7 +198,7 @@ def _build(root: Value, problems: Problems, asks: bool = True) -> GraphConfig:
     problems.raise_if_any()
     names = (*KINDS, "links", "realtime", "remote", *RUN_KEYS)
     known = {name: made[name] for name in names if name in made}
-    config = GraphConfig(**{"operator": None, "duration": 1.0, **known})
+    config = GraphConfig(**{"operator": None, "duration": 1.0, **known}, units=units)
     if PHASES not in root.entries:
         return config
     heads = [PhaseHead(one["name"], one["duration"]) for one in made[PHASES]]

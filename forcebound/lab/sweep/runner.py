@@ -58,7 +58,7 @@ def _plain(text: str) -> float | str:
 
 
 def _parameters(document: Mapping[str, Any]) -> dict[str, Any]:
-    left_out = ("forcebound", "description", "realtime")  # without effect in virtual time
+    left_out = ("forcebound", "description", "realtime", "units")  # without effect in virtual time
     return {name: value for name, value in document.items() if name not in left_out}
 
 

@@ -30,6 +30,7 @@ import msgspec
 
 from forcebound import realtime
 from forcebound.errors import ConfigError
+from forcebound.graph.parameters import describe
 from forcebound.messages.codec import encode, encode_unchecked
 from forcebound.messages.control import (
     OF_NODES,
@@ -226,8 +227,8 @@ class Runner:
             return Refused(str(error))
         if changed:
             values = {name: str(value) for name, value in changed.items()}
-            changes = ", ".join(f"{name} = {value}" for name, value in values.items())
-            self.emit(PARAMETERS_SET, f"changed: {changes}", values)
+            words = f"changed: {describe(changed, request.units)}"
+            self.emit(PARAMETERS_SET, words, values)
         return Accepted()
 
     def status(self) -> NodeStatus:
