@@ -21,6 +21,7 @@ from forcebound.results.colours import colours_of
 from forcebound.results.panels import in_figure
 from forcebound.results.plots import save
 from forcebound.results.tables import axis_labels
+from forcebound.units import to_si
 
 Array: TypeAlias = np.ndarray[Any, Any]
 
@@ -68,9 +69,18 @@ def _drawn(table: Table, result: Path) -> Figure:
     return figure
 
 
-def label_of(name: str) -> str:
+def label_of(table: Table, name: str) -> str:
     """Return the label of an axis for a parameter or figure."""
-    return UNITS.get(name, (in_figure(name.replace("_", " ")), 1.0))[0]
+    return _axis(table, name)[0]
+
+
+def _axis(table: Table, name: str) -> tuple[str, float]:
+    """Label and factor: of an argument that is not known here, in the unit of the sweep file."""
+    if name in UNITS:
+        return UNITS[name]
+    words, unit = name.replace("_", " "), (table.about.get("units") or {}).get(name, "")
+    size = to_si(f"1 {unit}") if unit else None
+    return (in_figure(words), 1.0) if not size else (in_figure(f"{words} ({unit})"), 1.0 / size)
 
 
 def column_of(table: Table, name: str) -> list[Any]:
@@ -96,7 +106,7 @@ def numbers_of(table: Table, name: str) -> Array:
         values = [math.nan if v is None else float(v) for v in column]
     except ValueError:
         raise ConfigError(f"the column {name!r} is text; a map needs numbers") from None
-    return np.array(values) * UNITS.get(name, ("", 1.0))[1]
+    return np.array(values) * _axis(table, name)[1]
 
 
 def _curves(table: Table, drawing: Mapping[str, Any]) -> Figure:
@@ -129,12 +139,13 @@ def _curves(table: Table, drawing: Mapping[str, Any]) -> Figure:
             at_rest = np.where(rests[rows], value[rows], np.nan)
             axis.plot(x[rows], at_rest, style, color=colour, lw=1.6, marker=".", label=label)
         axis.set_title(
-            ", ".join(_setting(n[5:], v) for n, v in zip(others, panel, strict=True)), fontsize=10
+            ", ".join(_setting(table, n[5:], v) for n, v in zip(others, panel, strict=True)),
+            fontsize=10,
         )
-        axis.set_xlabel(label_of(drawing["x"]))
+        axis.set_xlabel(label_of(table, drawing["x"]))
         axis.set_xlim(x.min(), x.max())
         axis.grid(alpha=0.3)
-    axes[0].set_ylabel(label_of(drawing["value"]))
+    axes[0].set_ylabel(label_of(table, drawing["value"]))
     if drawing.get("scale") == "log":
         axes[0].set_yscale("log")
     handles, labels = axes[0].get_legend_handles_labels() if names != [None] else ([], [])
@@ -146,7 +157,8 @@ def _curves(table: Table, drawing: Mapping[str, Any]) -> Figure:
     return figure
 
 
-def _setting(name: str, value: Any) -> str:
+def _setting(table: Table, name: str, value: Any) -> str:
     if isinstance(value, str):
         return in_figure(f"{name.replace('_', ' ')} {value}")
-    return f"{label_of(name)} {value * UNITS.get(name, ('', 1.0))[1]:g}"
+    label, factor = _axis(table, name)
+    return f"{label} {value * factor:g}"

@@ -16,7 +16,7 @@ from forcebound.lab.engine import Campaign, Progress, Row, run
 from forcebound.lab.runs import run_all
 from forcebound.lab.sweep.plan import Sweep
 from forcebound.results.figures import REPORTED
-from forcebound.units import to_si
+from forcebound.units import split_quantity, to_si
 
 SMALLEST_PART, LARGEST_PART, PARTS = 32, 256, 64  # cases in a part; parts aimed at
 
@@ -82,10 +82,17 @@ def _flat(document: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     return flat
 
 
+def _unit_of(text: str) -> str:
+    return "" if to_si(text) is None else split_quantity(text)[1]
+
+
 def campaign_of(sweep: Sweep) -> Campaign:
     """Return the campaign of a sweep."""
     part = min(max(math.ceil(len(sweep.cases) / PARTS), SMALLEST_PART), LARGEST_PART)
+    texts = zip(sweep.columns, zip(*sweep.cases, strict=True), strict=True)
+    units = {name: unit for name, column in texts for unit in map(_unit_of, column) if unit}
     about = {"description": sweep.description, "map": dict(sweep.drawing), "name": sweep.name}
+    about["units"] = units
     decisive = (sweep.template.plain, sweep.duration, dict(sweep.constants), sweep.columns)
     work = partial(run_cases, replace(sweep, cases=()))
     cases = list(enumerate(sweep.cases))

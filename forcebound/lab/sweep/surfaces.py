@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.patheffects import Normal, Stroke
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
 from forcebound.haptics.laws import ENERGY_TOLERANCE
 from forcebound.lab.sweep.limits import LABELS, limit_of
@@ -33,6 +34,7 @@ _SOFTER: dict[str, Any] = {  # a white line that is seen on any colour, also in 
     "path_effects": [Stroke(linewidth=2.6, foreground="black"), Normal()],
 }
 _COLUMNS = 3
+MOST_TICKS = 6  # of an axis of a small panel
 _STYLES = {
     "colgate_schenkel": "-",
     "abbott_okamura": "--",
@@ -137,20 +139,22 @@ def _draw_panel(
 
 def _arrange(axes: Array, shown: _Map, panels: int, columns: int) -> None:
     xs, ys = shown.xs, shown.ys
-    if _is_log(xs):
-        axes[0].set_xscale("log")
-        axes[0].xaxis.set_major_formatter("{x:g}")
-    if _is_log(ys):
-        axes[0].set_yscale("log")
-        axes[0].yaxis.set_major_formatter("{x:g}")
+    for axis, values in ((axes[0].xaxis, xs), (axes[0].yaxis, ys)):
+        if _is_log(values):
+            (axes[0].set_xscale if axis is axes[0].xaxis else axes[0].set_yscale)("log")
+            axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=MOST_TICKS))
+            axis.set_major_formatter("{x:g}")
+            axis.set_minor_formatter(NullFormatter())
+        else:
+            axis.set_major_locator(MaxNLocator(MOST_TICKS))
     axes[0].set_xlim(xs[0], xs[-1])
     axes[0].set_ylim(ys[0], ys[-1])
     for number in range(panels):
         if number + columns >= panels:
-            axes[number].set_xlabel(label_of(shown.drawing["x"]))
+            axes[number].set_xlabel(label_of(shown.table, shown.drawing["x"]))
             axes[number].tick_params(labelbottom=True)
         if number % columns == 0:
-            axes[number].set_ylabel(label_of(shown.drawing["y"]).replace(" (", "\n("))
+            axes[number].set_ylabel(label_of(shown.table, shown.drawing["y"]).replace(" (", "\n("))
 
 
 def _add_keys(
@@ -161,19 +165,21 @@ def _add_keys(
     places = axes.tolist()
     scales: list[tuple[Normalize, str | LinearSegmentedColormap, str]] = []
     if not shown.is_energy:
-        scales.append((norm, "viridis", label_of(shown.drawing["value"])))
+        scales.append((norm, "viridis", label_of(shown.table, shown.drawing["value"])))
     if np.isfinite(shown.leaks).any():
         scales.append((leak_norm, _LEAKS, "energy given to the hand (mJ)"))
     for scale, colours, label in scales:
         bar = figure.colorbar(ScalarMappable(scale, colours), ax=places, format="{x:g}")
         bar.set_label(label)
+        bar.ax.yaxis.set_minor_formatter(NullFormatter())
     handles, labels = axes[0].get_legend_handles_labels()
     handles, labels = list(handles), list(labels)
     if shown.is_energy:
         handles.append(Patch(facecolor=_PASSIVE))
         labels.append("no energy given")
-    handles.append(Patch(facecolor="white", edgecolor="black", hatch="////"))
-    labels.append("no rest")
+    if ((shown.rests == 0.0) & ~(shown.leaks < -_LEAK)).any():
+        handles.append(Patch(facecolor="white", edgecolor="black", hatch="////"))
+        labels.append("no rest")
     if np.isnan(shown.value[np.isnan(shown.leaks) | (shown.leaks >= -_LEAK)]).any():
         handles.append(Patch(facecolor=_NO_FIGURE, edgecolor="#808080"))
         labels.append("no figure")
