@@ -28,6 +28,7 @@ from forcebound.haptics.laws import LAWS
 from forcebound.haptics.laws.hold_limit import FLOOR
 from forcebound.results.contact import steady_window
 from forcebound.results.samples import Samples, law
+from forcebound.results.surface import Floats
 
 DROPPING = ("silent", "reporting")  # watchdogs
 ROUNDING = 1e-9  # of a force
@@ -76,13 +77,12 @@ def felt_stiffness(run: Samples) -> Stiffness | None:
         "controller or environment": before - late - missing,
     }
     weights = np.where(chosen, interval, 0.0)
-    stiffness = (
-        float(np.average(f[chosen] / run.depth[chosen], weights=interval[chosen]))
-        for f in (asked, applied - dropped)
-    )
-    return Stiffness(
-        *stiffness, _shares({name: float(weights @ part) for name, part in lost.items()})
-    )
+
+    def mean(force: Floats) -> float:
+        return float(np.average(force[chosen] / run.depth[chosen], weights=weights[chosen]))
+
+    shares = _shares({name: float(weights @ part) for name, part in lost.items()})
+    return Stiffness(mean(asked), mean(applied - dropped), shares)
 
 
 def _shares(lost: dict[str, float]) -> dict[str, float] | None:
