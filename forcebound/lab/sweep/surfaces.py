@@ -68,6 +68,7 @@ class _Map:
         self.rests = np.array([1.0 if rest is None else float(rest) for rest in rests])
         names = column_of(table, drawing["per"]) if "per" in drawing else [None] * self.x.size
         self.group = np.array(names, dtype=object)
+        self.is_softer = False  # somewhere, as a line shows
 
     def grid(self, values: Array, chosen: Array) -> Array:
         """Return the lowest value of all cases in each cell: of repeated seeds, the worst."""
@@ -134,6 +135,7 @@ def _draw_panel(
         softest = 1.0 - WEBER_FRACTIONS["displayed_stiffness_n_per_m"][0]
         share = np.where(is_leak, np.nan, value / ys[:, np.newaxis])
         if (share < softest).any() and (share > softest).any():
+            shown.is_softer = True
             axis.contour(xs, ys, share, levels=[softest], colors="white").set(**_SOFTER)
 
 
@@ -172,6 +174,8 @@ def _add_keys(
         bar = figure.colorbar(ScalarMappable(scale, colours), ax=places, format="{x:g}")
         bar.set_label(label)
         bar.ax.yaxis.set_minor_formatter(NullFormatter())
+        if isinstance(scale, LogNorm):
+            bar.set_ticks(LogLocator(subs=(1.0, 2.0, 5.0)))
     handles, labels = axes[0].get_legend_handles_labels()
     handles, labels = list(handles), list(labels)
     if shown.is_energy:
@@ -183,7 +187,7 @@ def _add_keys(
     if np.isnan(shown.value[np.isnan(shown.leaks) | (shown.leaks >= -_LEAK)]).any():
         handles.append(Patch(facecolor=_NO_FIGURE, edgecolor="#808080"))
         labels.append("no figure")
-    if shown.shows_softness:
+    if shown.is_softer:
         handles.append(Line2D([], [], color="white", **_SOFTER))
         labels.append("a wall begins to feel softer than it is")
     figure.legend(
