@@ -214,7 +214,7 @@ def replay(
         if live or network or environment or duration or record:
             raise click.UsageError("--verify runs no graph: give it alone, or with NAME:=VALUE")
         _verify(run, arguments, as_json)
-    from forcebound.lab.rerun import duration_of, graph_of
+    from forcebound.lab.replay import duration_of, graph_of
     from forcebound.messages.packets import TOPIC_OF, Telemetry
 
     if record is not None and record.exists() and record.samefile(run):
@@ -231,7 +231,7 @@ def replay(
 
 
 def _verify(run: Path, settings: Sequence[str], as_json: bool) -> NoReturn:
-    from forcebound.lab.rerun import device_of
+    from forcebound.lab.replay import device_of
     from forcebound.lab.verification import TOPICS
     from forcebound.lab.verification import verify as verify_recording
 
