@@ -24,8 +24,9 @@ from forcebound.network.sockets import Network
 from forcebound.nodes import Node
 from forcebound.observe.measure import WARMUP, Round, Timing, apart, serving
 from forcebound.realtime import Settings, enter, freeze_garbage
-from forcebound.run.process import Runner, Stop
-from forcebound.run.process import run as run_node
+from forcebound.run.process.runner import Runner
+from forcebound.run.process.runner import run as run_node
+from forcebound.stop import Stop
 
 DURATION = 18.0
 LINKS = {

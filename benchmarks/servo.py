@@ -35,8 +35,9 @@ from forcebound.nodes.device import DeviceNode
 from forcebound.observe.measure import READY, WARMUP, Round, Timing, apart, serving, wake_ups
 from forcebound.realtime import Settings, enter, freeze_garbage, wait_until
 from forcebound.roles import CONTROLLER, DEVICE, ROLES
-from forcebound.run.process import Runner, Stop
-from forcebound.run.process import run as run_node
+from forcebound.run.process.runner import Runner
+from forcebound.run.process.runner import run as run_node
+from forcebound.stop import Stop
 
 DURATION = 24.0
 FAST_RATE = 4000.0  # Hz, to be held without a miss

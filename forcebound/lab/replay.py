@@ -22,9 +22,8 @@ from forcebound.errors import ConfigError
 from forcebound.files import content_of
 from forcebound.graph.graph import BESIDE_MODEL, KINDS, DeviceConfig, GraphConfig
 from forcebound.graph.loader import from_document
-from forcebound.graph.model import make_part
+from forcebound.graph.model import law_of, make_part
 from forcebound.graph.names import ParameterName, split_setting
-from forcebound.graph.parts import law_of
 from forcebound.graph.problems import Problems, unknown
 from forcebound.graph.servo import ServoSettings
 from forcebound.graph.tree import from_plain, scalar
@@ -158,7 +157,7 @@ def _set(document: Document, setting: str) -> str:
     else:
         place = ParameterName.parse(name)
         known = [*KINDS, "links", "realtime"]
-        if not place.entry or place.section not in known:
+        if len(place.steps) < 2 or place.section not in known:
             names = ["law", *KINDS, *(f"{section}.KEY" for section in known)]
             raise ConfigError(unknown("setting", name, names))
         place.put(document, scalar(text))

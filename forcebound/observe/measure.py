@@ -33,9 +33,9 @@ from forcebound.network.sockets import Network, Publisher, make_socket
 from forcebound.nodes import Node
 from forcebound.realtime import Settings
 from forcebound.roles import CONTROLLER, DEVICE, ENVIRONMENT
-from forcebound.run.build import build_node
-from forcebound.run.links import build_links
-from forcebound.run.process import Runner, Stop, run
+from forcebound.run.build import build_links, build_node
+from forcebound.run.process.runner import Runner, run
+from forcebound.stop import Stop
 
 LAUNCH_FILE = "stiff_wall"
 SHARES = {"p50": 0.5, "p99": 0.99, "p99_9": 0.999, "max": 1.0}

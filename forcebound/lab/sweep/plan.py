@@ -51,9 +51,9 @@ _END = Annotated[Any, _NumberAndUnit()]
 _ARGUMENTS = dict[str, Any] | None
 
 
-def _form(name: str, needed: Mapping[str, Any], others: Mapping[str, Any], **inner: Form) -> Form:
+def _form(name: str, needed: Mapping[str, Any], others: Mapping[str, Any]) -> Form:
     fields = {key: Field(key, hint, True) for key, hint in needed.items()}
-    return Form(name, fields | {key: Field(key, hint) for key, hint in others.items()}, None, inner)
+    return Form(name, fields | {key: Field(key, hint) for key, hint in others.items()})
 
 
 _SCALE = {"scale": Literal["linear", "log"]}
@@ -66,8 +66,10 @@ _FILE = _form(
         "set": _ARGUMENTS,
         "over": _ARGUMENTS,
     },
-    random=_form("random", {"count": _COUNT, "seed": _WHOLE}, {"over": _ARGUMENTS}),
-    map=_form(
+)
+_SECTIONS = {
+    "random": _form("random", {"count": _COUNT, "seed": _WHOLE}, {"over": _ARGUMENTS}),
+    "map": _form(
         "map",
         {"x": str, "value": str},
         {
@@ -75,7 +77,7 @@ _FILE = _form(
             "limits": list[str],
         },
     ),
-)
+}
 #: Values of an argument that are no list, by their first key; ``from``: a range.
 _VALUES = {
     "all": _form("all", {"all": Literal["laws"]}, {}),
@@ -148,7 +150,9 @@ def load_sweep(path: str | Path, overrides: Sequence[str] = ()) -> Sweep:
 
 def _sweep(root: Value, file: Path, overrides: Sequence[str], problems: Problems) -> Sweep:
     """Return the sweep in the tree of a sweep file."""
-    head = _FILE.read(root, problems)
+    head = _FILE.read(root, problems, _SECTIONS) or {}
+    for name in _SECTIONS.keys() & root.entries.keys():
+        head[name] = _SECTIONS[name].read(root.entries[name], problems)
     problems.raise_if_any()
     found = find(Path(head["launch"]), file.parent)
     if found is None:
