@@ -26,8 +26,6 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-import msgspec
-
 from forcebound import realtime
 from forcebound.errors import ConfigError
 from forcebound.graph.parameters import describe
@@ -41,7 +39,6 @@ from forcebound.messages.control import (
     NodeStatus,
     Parameters,
     Refused,
-    RemoteStatus,
     Request,
     StopProcess,
 )
@@ -238,7 +235,7 @@ class Runner:
         status.steps = self.steps
         status.links = self._inbox.link_counts()
         if self._remote is not None:
-            status.remote = msgspec.convert(self._remote.status(), RemoteStatus)
+            status.remote = self._remote.status()
         status.realtime = list(self._facts)
         return status
 
