@@ -32,6 +32,7 @@ MOST_SLOPES = 3  # a wall may change its stiffness all the time
 AROUND_CONTACT = (-20.0, 150.0)  # ms about the first contact, range of the panel "contact"
 AXIS_NAMES = ("x", "y", "z", "axis 4", "axis 5", "axis 6")
 MOST_POINTS = 20_000  # of a curve over time; of more the extremes are drawn, in as many pieces
+WIDE: dict[str, Any] = {"linewidth": 2.6, "alpha": 0.5}  # of a curve that another may lie upon
 PIECES = 5_000  # 8 for each pixel of a PNG
 
 
@@ -126,7 +127,7 @@ def _draw_position(axes: Axes, view: View) -> None:
     position = view.columns.position[view.shown] * 1e3
     if view.axes == 1:
         true = view.columns.true_position[view.shown, 0] * 1e3
-        _over_time(axes, view, true, "true", color=PHYSICAL, linewidth=2.2, alpha=0.45)
+        _over_time(axes, view, true, "true", color=PHYSICAL, **WIDE)
         _over_time(axes, view, view.proxy[:, 0] * 1e3, "proxy", color=NEUTRAL, linewidth=1.4)
         _over_time(axes, view, position[:, 0], "reading", color="black", linewidth=0.6)
         return
@@ -141,7 +142,7 @@ def _draw_force(axes: Axes, view: View) -> None:
     commanded, applied = (
         view.size(one) for one in (view.columns.commanded_force, view.columns.applied_force)
     )
-    _over_time(axes, view, commanded, "commanded", color=COMMANDED, linewidth=0.8)
+    _over_time(axes, view, commanded, "commanded", color=COMMANDED, **WIDE)
     _over_time(axes, view, applied, "applied", color=PHYSICAL, linewidth=1.1)
     scale = axes.get_ylim()  # that of the forces: the limit may be far beyond
     limit = view.columns.force_limit[view.shown]
@@ -157,8 +158,8 @@ def _draw_energy(axes: Axes, view: View) -> None:
     estimated, true = (
         one[view.shown] * 1e3 for one in (view.columns.estimated_energy, view.columns.true_energy)
     )
-    _over_time(axes, view, estimated, "estimated", color=ESTIMATED, linewidth=1.0)
-    _over_time(axes, view, true, "true", color=PHYSICAL, linewidth=1.4)
+    _over_time(axes, view, estimated, "estimated", color=ESTIMATED, **WIDE)
+    _over_time(axes, view, true, "true", color=PHYSICAL, linewidth=0.9)
     fall = largest_fall(view.time, true)
     if fall is not None:
         text = f"minimum {true.min() + 0.0:.2f} mJ, largest fall {fall.energy:.2f} mJ"
@@ -208,7 +209,7 @@ def _draw_contact(axes: Axes, view: View) -> None:
         view.touch.along(one)[view.shown][seen]
         for one in (view.columns.commanded_force, view.columns.applied_force)
     )
-    _line(axes, since[seen], commanded, "commanded", color=COMMANDED, linewidth=0.8)
+    _line(axes, since[seen], commanded, "commanded", color=COMMANDED, **WIDE)
     _line(axes, since[seen], applied, "applied", color=PHYSICAL, linewidth=1.1)
     axes.set_xlim(*AROUND_CONTACT)
 

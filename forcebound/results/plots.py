@@ -202,8 +202,7 @@ def _scale_energy(row: list[Axes]) -> None:
         for axes in row:
             axes.set_yscale("symlog", linthresh=linear)
             axes.yaxis.set_major_formatter("{x:g}")
-        # An entry of the legend without a line: in the panel it would lie over the curves.
-        row[-1].plot([], [], " ", label=f"log beyond\n±{linear:g} mJ")
+        row[0].set_ylabel(f"energy (mJ)\nlog beyond ±{linear:g} mJ", fontsize=9)
         bottom, top = min(2.0 * low, -0.3 * linear), max(2.0 * high, 0.3 * linear)
     style: dict[str, Any] = {"color": NOT_PASSIVE, "alpha": 0.12, "linewidth": 0.0, "zorder": 0}
     for axes in row:

@@ -141,6 +141,7 @@ class RunResult:
         An incomplete recording is a further fault, ``recording_incomplete``.
         """
         from forcebound.results.summary import OF_ONE_LAW, summarize, summarize_phases
+        from forcebound.results.verdict import verdict
 
         summary = {
             **summarize(self.columns, self.document, self.events),
@@ -159,7 +160,8 @@ class RunResult:
             ]
             summary |= {**dict.fromkeys(OF_ONE_LAW), "little_force": [], "undefined": reasons}
             summary["laws"] = laws
-        return {name: _finite(value) for name, value in summary.items()}
+        summary = {name: _finite(value) for name, value in summary.items()}
+        return {**summary, "verdict": verdict(summary, self.document)}
 
 
 def _finite(value: Any) -> Any:
