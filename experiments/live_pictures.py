@@ -18,9 +18,7 @@ import click
 from benchmarks.onlookers import END_TIMEOUT_S, Graph, graph, page
 
 STEPS = 30  # moves of a drag
-IS_TOUCHING = """[...document.querySelectorAll("#figures > div")].some(
-  ({ firstChild, lastChild }) =>
-    firstChild.textContent === "applied" && parseFloat(lastChild.textContent) > 0.1)"""
+IS_TOUCHING = "parseFloat(document.getElementById('force').textContent) > 0.1"
 
 
 QUIET = (
@@ -54,7 +52,7 @@ def browser(folder: str) -> Iterator[Any]:
 def open_page(driver: Any, address: str) -> None:
     """Open a page, until it shows a running graph."""
     driver.get(address)
-    until(driver, "document.getElementById('state').textContent === 'running'")
+    until(driver, "document.body.dataset.state === 'passive'")
 
 
 def until(driver: Any, condition: str) -> None:

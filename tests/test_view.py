@@ -37,7 +37,7 @@ from forcebound.lab.rerun import device_of, duration_of, graph_of
 from forcebound.lab.verification import verify
 from forcebound.observe.page.access import LOOPBACK, Access, hosts_of
 from forcebound.observe.page.scene_files import content
-from forcebound.observe.page.server import Server
+from forcebound.observe.page.server import SLOWEST, Pace, Server
 from forcebound.recordings.recording import Recording, read
 from forcebound.run.run_directory import RunDocument
 
@@ -264,6 +264,20 @@ def check_part(recording: Recording) -> None:
     config = graph_of(recording)
     length = float(np.ptp(recording.telemetry.time))
     assert duration_of(recording, config) == pytest.approx(length, abs=0.01)
+
+
+def test_pages_give_way_while_ticks_are_missed_and_come_back() -> None:
+    pace = Pace(1e-3)
+    misses, seen = 0, []
+    for second in range(30):
+        misses += 50 if 5 <= second < 10 else 0
+        pace.note(misses, float(second))
+        seen.append(pace.slowness)
+    assert set(seen[:5]) == {1}
+    assert max(seen) == SLOWEST
+    assert seen[-1] == 1
+    pace.note(0, 30.0)  # another device, which counts from 0
+    assert pace.slowness == 1
 
 
 def test_a_graph_that_ends_while_its_controls_are_made_leaves_nothing(

@@ -28,6 +28,9 @@ from forcebound.observe.runs import Watch
 
 PAGE = Path(__file__).parent / "static"
 FRAME = 1.0 / 30.0  # s between two looks at the graph
+SLOWEST = 8  # times as long at most, while ticks are missed
+LATE = 0.01  # share of missed ticks in a second from which on pages give way
+CALM = 2.0  # s without, after which they come back by one step
 PROCESSES_PERIOD = 1.0  # s between two looks at its processes
 PING = 30.0  # s between two; as long may a page on a busy machine take to answer one
 CLOSE_TIMEOUT_S = 1.0  # s that pages have to close
@@ -110,14 +113,15 @@ class Server:
         try:
             while not (graph.watch.is_over or self.is_stopped):
                 started = time.monotonic()
-                for message in graph.look():
+                for message in graph.look(started):
                     self._note(message)
                     self.tell(message)
                 graph.pointer.send()
                 if self.pages and started >= next_nodes:
                     next_nodes = started + PROCESSES_PERIOD
                     loop.run_in_executor(self.workers, self._look_at_nodes, graph)
-                await asyncio.sleep(max(0.0, FRAME - (time.monotonic() - started)))
+                period = FRAME * graph.pace.slowness
+                await asyncio.sleep(max(0.0, period - (time.monotonic() - started)))
         finally:
             if graph.watch.was_launched:  # else its run directory may be used again
                 self.last = graph.run_dir
@@ -188,6 +192,7 @@ class _Graph:
         self.controls = controls
         self.feed = Feed(run_dir, controls.energy_before)  # first: the graph may have ended
         self.pointer = Pointer(run_dir, taken)
+        self.pace = Pace(controls.period)
 
     def describe(self) -> list[Message]:
         """Return what a page needs to know before its first frame."""
@@ -195,18 +200,49 @@ class _Graph:
         hello = {**controls.describe(), "graph": self._shown_since}
         return [hello, controls.parameters(), *([scene] if scene else [])]
 
-    def look(self) -> list[Message]:
+    def look(self, now: float) -> list[Message]:
         """Return the messages to the pages about what has come since the last look."""
-        messages = self.feed.look()
+        messages = self.feed.look(self.pace.slowness)
         for message in messages:
             if message["type"] == "frame":
                 message["pointer"] = self.pointer.place  # whoever has moved it
+                self.pace.note(message["misses"], now)
+                message["pace"] = FRAME * self.pace.slowness
         return messages
 
     def close(self) -> None:
         """Close what comes from the graph."""
         self.feed.close()
         self.pointer.close()
+
+
+class Pace:
+    """How much slower pages are than they could be, since a servo that misses ticks comes first.
+
+    ``slowness`` is 1 on a machine that keeps up; it doubles, up to ``SLOWEST``, after each second
+    in which many ticks were missed, and halves after each calm time.
+    """
+
+    def __init__(self, period: float) -> None:
+        self.slowness = 1
+        self._most = LATE / period  # missed ticks in a second
+        self._begin: tuple[int, float] | None = None  # missed ticks and time, s, of this second
+        self._calm_since = 0.0  # s
+
+    def note(self, misses: int, now: float) -> None:
+        """Take in how many ticks were missed so far."""
+        if self._begin is None or misses < self._begin[0]:  # a device that starts counts from 0
+            self._begin, self._calm_since = (misses, now), now
+        before, since = self._begin
+        if now - since < 1.0:
+            return
+        self._begin = misses, now
+        if misses - before > self._most * (now - since):
+            self.slowness = min(2 * self.slowness, SLOWEST)
+            self._calm_since = now
+        elif now - self._calm_since >= CALM and self.slowness > 1:
+            self.slowness //= 2
+            self._calm_since = now
 
 
 class _Http(tornado.httpserver.HTTPServer):
