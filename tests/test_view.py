@@ -9,7 +9,6 @@ import stat
 import subprocess
 import sys
 import tempfile
-import time
 import webbrowser
 from collections import deque
 from collections.abc import Iterator
@@ -186,12 +185,8 @@ def test_pages_see_the_graph_and_change_it_and_nobody_else_gets_in(
         assert not (await audience.until("hello"))["may_change"]
         assert "only look" in str(await audience.asks(do="set", settings={"device.law": "none"}))
 
-        began = time.monotonic()
         await page.send(do="point", target=[0.02], stamp=41.5)
-        taken = await page.until("taken")
-        assert taken["stamp"] == 41.5
-        assert began < taken["heard"] < taken["told"] < time.monotonic()
-        assert abs(taken["device"] - taken["told"]) < PATIENCE  # of the same clock
+        assert (await page.until("taken"))["stamp"] == 41.5
         await page.until("frame", lambda m: m["tip"][0] > 0.0105 and m["applied"][-1][0] > 0.0)
 
         assert await page.asks(do="set", settings={"environment.stiffness": "3 N/mm"}) is None
@@ -202,6 +197,7 @@ def test_pages_see_the_graph_and_change_it_and_nobody_else_gets_in(
         assert changed["values"]["environment.compute_delay"] == "0 s"
         assert changed["ranges"]["environment.stiffness"] == ">= 0 N/m"
         assert changed["ranges"]["links.environment_reply.loss"] == "0 to 1"
+        assert "Probability" in changed["help"]["links.environment_reply.loss"]
         assert "no such control" in str(await page.asks(do="format the disk"))
         for target in ([2**70 * 10**300], ["near"], {"x": 1}, 0.02, None):
             assert "target" in str(await page.asks(do="point", target=target))
@@ -218,6 +214,7 @@ def test_pages_see_the_graph_and_change_it_and_nobody_else_gets_in(
             "law: none from now on; under certified the hand has put in"
         )
         await page.until("parameters", lambda m: m["values"]["device.law"] == "none")
+        await page.until("frame", lambda m: m["law"] == "none" and m["since"] > 0.0)
         assert await page.asks(do="safe") is None
         await page.until("event", lambda m: m["message"].startswith("law: certified"))
         safe = await page.until("frame", lambda frame: frame["engagement"] == 1.0)

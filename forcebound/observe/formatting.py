@@ -79,17 +79,22 @@ def _place(config: GraphConfig, name: str) -> tuple[type | None, Any]:
         "realtime": (RealtimeConfig,),
         "links": (Impairment,),
     }
-    inside = () if place.section == "links" else place.path
-    for kind in beside.get(place.section, (GraphConfig,)):
-        within: type | None = kind
-        for step in inside:
-            field = fields_of(within).get(step) if within else None
-            parts = _parts(field.hint) if field else ()
-            within = next((part for part in parts if dataclasses.is_dataclass(part)), None)
-        field = fields_of(within).get(place.last) if within else None
+    kinds = beside.get(place.section, (GraphConfig,))
+    for step in () if place.section == "links" else place.path:
+        kinds = tuple(part for kind in kinds for part in _inside(kind, step))
+    for kind in kinds:
+        field = fields_of(kind).get(place.last)
         if field is not None:
-            return within, field.hint
+            return kind, field.hint
     return None, None
+
+
+def _inside(kind: type, name: str) -> Iterator[type]:
+    """Give the dataclasses that a field of a dataclass may have."""
+    field = fields_of(kind).get(name)
+    for part in _parts(field.hint) if field else ():
+        if isinstance(part, type) and dataclasses.is_dataclass(part):
+            yield part
 
 
 def _text(value: Any, hint: Any) -> str:

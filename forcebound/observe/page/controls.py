@@ -123,11 +123,11 @@ class Controls:
 class Pointer:
     """A client that sends pointer positions to the device, and never waits for an answer.
 
-    ``taken`` is called when the device has taken a place: with its stamp, and from when on it
-    counts, in ns of the monotonic clock. When ``descriptor`` is readable, call :meth:`send`.
+    ``taken`` is called with the stamp of a place when the device has taken it. When ``descriptor``
+    is readable, call :meth:`send`.
     """
 
-    def __init__(self, run_dir: Path, taken: Callable[[Any, int], None]) -> None:
+    def __init__(self, run_dir: Path, taken: Callable[[Any], None]) -> None:
         self._taken = taken
         self._network = Network()
         graph = graph_in(run_dir)
@@ -158,7 +158,7 @@ class Pointer:
                 self._asked = None
                 if isinstance(answer, Pointed):
                     self.place = answer.target
-                    self._taken(stamp, answer.time_ns)
+                    self._taken(stamp)
             elif time.monotonic() - asked > OVERDUE:
                 self._asked = None
         if self._newest is not None and self._asked is None:

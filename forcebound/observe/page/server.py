@@ -30,7 +30,7 @@ PAGE = Path(__file__).parent / "static"
 FRAME = 1.0 / 30.0  # s between two looks at the graph
 SLOWEST = 8  # times as long at most, while ticks are missed
 LATE = 0.01  # share of missed ticks in a second from which on pages give way
-CALM = 2.0  # s without, after which they come back by one step
+CALM = 2  # seconds without, after which they come back by one step
 PROCESSES_PERIOD = 1.0  # s between two looks at its processes
 PING = 30.0  # s between two; as long may a page on a busy machine take to answer one
 CLOSE_TIMEOUT_S = 1.0  # s that pages have to close
@@ -145,11 +145,10 @@ class Server:
         with suppress(ForceboundError):  # the graph has ended
             self.later(self.tell, controls.parameters())
 
-    def _pointed(self, stamp: tuple["_Page", Any, float], time_ns: int) -> None:
-        """Tell a page that the device has taken its place, and the times of it, in s."""
-        page, own, heard = stamp
-        times = {"heard": heard, "device": time_ns * 1e-9, "told": time.monotonic()}
-        page.tell(json.dumps({"type": "taken", "stamp": own, **times}))
+    def _pointed(self, stamp: tuple["_Page", Any]) -> None:
+        """Tell a page that the device has taken its place."""
+        page, own = stamp
+        page.tell(json.dumps({"type": "taken", "stamp": own}))
 
     def _look_at_nodes(self, graph: "_Graph") -> None:
         """Tell the pages of the processes; in a thread, since it takes time."""
@@ -183,9 +182,7 @@ class Server:
 class _Graph:
     """A running graph that is shown: what comes from it, and what may be done to it."""
 
-    def __init__(
-        self, run_dir: Path, controls: Controls, taken: Callable[[Any, int], None]
-    ) -> None:
+    def __init__(self, run_dir: Path, controls: Controls, taken: Callable[[Any], None]) -> None:
         self.run_dir = run_dir
         self._shown_since = time.monotonic()  # s; no other graph of this server has the same
         self.watch = Watch(run_dir)
@@ -226,23 +223,21 @@ class Pace:
     def __init__(self, period: float) -> None:
         self.slowness = 1
         self._most = LATE / period  # missed ticks in a second
-        self._begin: tuple[int, float] | None = None  # missed ticks and time, s, of this second
-        self._calm_since = 0.0  # s
+        self._begin = (0, 0.0)  # missed ticks and time, s, of this second
+        self._calm = 0  # seconds
 
     def note(self, misses: int, now: float) -> None:
         """Take in how many ticks were missed so far."""
-        if self._begin is None or misses < self._begin[0]:  # a device that starts counts from 0
-            self._begin, self._calm_since = (misses, now), now
-        before, since = self._begin
-        if now - since < 1.0:
+        missed, seconds = misses - self._begin[0], now - self._begin[1]
+        if seconds < 1.0:
             return
         self._begin = misses, now
-        if misses - before > self._most * (now - since):
+        is_late = self._most * seconds < missed
+        self._calm = 0 if is_late else self._calm + 1
+        if is_late:
             self.slowness = min(2 * self.slowness, SLOWEST)
-            self._calm_since = now
-        elif now - self._calm_since >= CALM and self.slowness > 1:
-            self.slowness //= 2
-            self._calm_since = now
+        elif self._calm % CALM == 0:
+            self.slowness = max(self.slowness // 2, 1)
 
 
 class _Http(tornado.httpserver.HTTPServer):
@@ -356,8 +351,7 @@ class _Page(_Handler, tornado.websocket.WebSocketHandler):
         elif graph is None:
             self._answer(wanted, "no graph runs")
         elif do == "point":
-            stamp = self, wanted.get("stamp"), time.monotonic()
-            error = graph.pointer.point(wanted.get("target"), stamp)
+            error = graph.pointer.point(wanted.get("target"), (self, wanted.get("stamp")))
             if error is not None:
                 self._answer(wanted, error)
         else:

@@ -1,9 +1,8 @@
 // The page of a running graph: one WebSocket in, requests out, everything drawn from what came.
 
-import { Clock } from "./clock.js";
 import { Controls } from "./controls.js";
 import { Figures } from "./figures.js";
-import { Histogram, PLOTS, Plot, linesOf } from "./plots.js";
+import { PLOTS, Plot, linesOf } from "./plots.js";
 import { Samples, Window } from "./samples.js";
 import { joule, text } from "./scale.js";
 import { Scene } from "./scene.js";
@@ -34,16 +33,15 @@ function send(message) {
   return request;
 }
 
-const clock = new Clock();
-const scene = new Scene($("scene"), (target, at) => send({ do: "point", target, stamp: [at, performance.now()] }));
+const scene = new Scene($("scene"), (target, at) => send({ do: "point", target, stamp: at }));
 const controls = new Controls(send);
 
 const figures = new Figures($("figures"));
 
 const state = new State();
-export const plots = ["position", "force", "energy"].map((name) => new Plot($("plots"), shown, PLOTS[name]));
-const position = plots[0];
-const delays = [new Plot($("delays"), shown, PLOTS.delay), new Histogram($("delays"), shown, "delay", "Loop delay, how often", "ms", 1e3)];
+const { delay, ...beneath } = PLOTS;
+export const plots = Object.values(beneath).map((spec) => new Plot($("plots"), shown, spec));
+const delays = new Plot($("delays"), shown, delay); // behind the fold of the network
 
 // --- What comes ----------------------------------------------------------------------------------
 
@@ -58,7 +56,7 @@ const takes = {
     document.title = message.name;
     samples.push(samples.newest, {}); // a gap: it may be another graph
     scene.describe(message);
-    position.lines = linesOf(message.axes);
+    plots[0].lines = linesOf(message.axes);
     $("hint").replaceChildren(Object.assign(document.createElement("span"), { id: "about", textContent: `${message.description} ` }), hintOf(message));
     controls.describe(message);
   },
@@ -94,14 +92,7 @@ const takes = {
     $("events").prepend(entry);
     while ($("events").children.length > MOST_EVENTS) $("events").lastChild.remove();
   },
-  taken({ stamp: [at, sent], heard, device, told }) {
-    const back = performance.now();
-    clock.note(sent, 1e3 * heard, 1e3 * told, back);
-    const passed = { there: 1e3 * device - clock.ahead - at, back: back - at };
-    figures.show("pointer to device", `${text(passed.there)} ms`);
-    figures.show("and back", `${text(passed.back)} ms`);
-    document.dispatchEvent(new CustomEvent("taken", { detail: passed }));
-  },
+  taken({ stamp }) { figures.show("pointer to device and back", `${text(performance.now() - stamp)} ms`); },
   nodes(message) { controls.nodes(message); },
   parameters(message) {
     scene.wall = message.wall;
@@ -223,7 +214,7 @@ function draw(now) {
     say({ head: "Signal lost.", more: `Nothing from the device for ${Math.floor(silence / 1000)} s.` });
   }
   scene.draw();
-  const seen = $("network").open ? [...plots, ...delays] : plots;
+  const seen = $("network").open ? [...plots, delays] : plots;
   seen[pictures % seen.length].draw();
 }
 

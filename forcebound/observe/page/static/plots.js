@@ -5,7 +5,6 @@ import { rangeOf, text, ticks } from "./scale.js";
 
 const GAP = -1; // in place of a column of pixels
 const MARGIN = { left: 46, right: 10, top: 24, bottom: 18 };
-const BINS = 40; // of the histogram
 const AXES = [["x", "true"], ["y", "second"], ["z", "energy"]];
 
 /**
@@ -173,43 +172,5 @@ export class Plot {
     context.moveTo(x, MARGIN.top);
     context.lineTo(x, this.canvas.clientHeight - MARGIN.bottom);
     context.stroke();
-  }
-}
-
-/** How often each delay came, in the window. */
-export class Histogram {
-  constructor(parent, shown, name, title, unit, scale) {
-    const canvas = Object.assign(document.createElement("canvas"), { className: "plot", role: "img", ariaLabel: title });
-    parent.append(canvas);
-    Object.assign(this, { canvas, shown, name, title, unit, scale });
-  }
-
-  draw() {
-    const { context, width, height } = fit(this.canvas);
-    const { samples, from, to } = this.shown;
-    const values = samples.values.get(this.name);
-    const first = samples.first(from), last = values ? samples.first(to + 1e-9) : first;
-    const known = Float64Array.from({ length: last - first }, (_, i) => values[(first + i) % samples.capacity] * this.scale)
-      .filter((value) => !Number.isNaN(value)).sort();
-    const at = (share) => known[Math.min(known.length - 1, Math.floor(share * known.length))];
-    const high = Math.max(known.length ? at(0.999) * 1.1 : 1, 1e-3);
-    const bins = new Array(BINS).fill(0);
-    for (const value of known) bins[Math.min(BINS - 1, Math.floor((value / high) * BINS))] += 1;
-    const most = Math.max(...bins, 1), right = width - MARGIN.right, bottom = height - MARGIN.bottom;
-    const step = (right - MARGIN.left) / BINS;
-    context.fillStyle = colour("true");
-    bins.forEach((count, i) => {
-      const tall = (count / most) * (bottom - MARGIN.top);
-      context.fillRect(MARGIN.left + i * step, bottom - tall, step - 1, tall);
-    });
-    context.fillStyle = colour("soft");
-    context.textBaseline = "top";
-    context.textAlign = "center";
-    for (const tick of ticks(0, high, 6)) context.fillText(text(tick), MARGIN.left + (tick / high) * (right - MARGIN.left), bottom + 4);
-    context.fillStyle = colour("text");
-    context.textAlign = "left";
-    context.fillText(`${this.title}, ${this.unit}`, 6, 5);
-    context.textAlign = "right";
-    if (known.length) context.fillText(`p50 ${text(at(0.5))}  p99 ${text(at(0.99))}  max ${text(known.at(-1))}`, right, 5);
   }
 }

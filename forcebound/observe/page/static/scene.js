@@ -200,13 +200,9 @@ export class Scene {
   /** How deep the tip is in the wall. */
   drawDepth(context, tip) {
     const [x0, y] = this.project([this.wall, 0, 0]), [x1] = this.project(tip), level = y + 2 * SIDE;
-    context.strokeStyle = colour("soft");
     context.lineWidth = 1;
-    context.beginPath();
-    for (const x of [x0, x1]) { context.moveTo(x, level - 6); context.lineTo(x, level + 6); }
-    context.moveTo(x0, level);
-    context.lineTo(x1, level);
-    context.stroke();
+    for (const x of [x0, x1]) this.segment(context, [x, level - 6], [x, level + 6], colour("soft"));
+    this.segment(context, [x0, level], [x1, level], colour("soft"));
     this.label(context, `${text(1e3 * (tip[0] - this.wall))} mm deep`, (x0 + x1) / 2, level + 18, colour("soft"));
   }
 
