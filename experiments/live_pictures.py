@@ -33,7 +33,8 @@ IS_TOUCHING = "parseFloat(document.getElementById('force').textContent) > 0.1"
 
 QUIET = (
     "--headless=new", "--no-sandbox", "--disable-gpu", "--disable-background-networking",
-    "--disable-component-update", "--no-first-run", "--window-size=1400,1000",
+    "--disable-component-update", "--disable-renderer-backgrounding", "--no-first-run",
+    "--window-size=1400,1000",
 )  # fmt: skip
 
 

@@ -62,7 +62,7 @@ const takes = {
   },
   frame(message) {
     heard = performance.now();
-    if (message.time[0] < samples.newest - 1) samples.clear(); // another clock
+    if (message.time[0] < samples.newest - 1) { samples.clear(); shown.marks = []; } // another clock
     if (message.time[0] > samples.newest + 1e-3 * SILENT) samples.push(samples.newest, {}); // a gap
     message.time.forEach((time, i) => {
       const values = { limit: message.limit[i], energy: message.energy[i], true_energy: message.true_energy[i],

@@ -240,7 +240,13 @@ export class Scene {
     context.beginPath();
     context.rect(x, 0, Math.max(0, width - x), height);
     context.clip();
-    for (let at = x - height; at < width; at += 14) this.segment(context, [at, height], [at + height, 0], colour("hatch"));
+    context.strokeStyle = colour("hatch");
+    context.beginPath();
+    for (let at = Math.max(x, x % 14) - height; at < width; at += 14) {
+      context.moveTo(at, height);
+      context.lineTo(at + height, 0);
+    }
+    context.stroke();
     context.restore();
     context.lineWidth = 3;
     this.segment(context, [x, 0], [x, height], colour("soft"));
