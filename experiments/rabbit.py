@@ -16,8 +16,7 @@ import numpy as np
 import trimesh
 
 from forcebound.graph.loader import load
-from forcebound.haptics.environments.mesh import TriangleMesh
-from forcebound.haptics.environments.touching import RABBIT
+from forcebound.haptics.environments.solids_of_files import RABBIT, TriangleMesh
 
 Array: TypeAlias = "np.ndarray[Any, Any]"
 
@@ -93,7 +92,7 @@ def surface_net(values: Array) -> tuple[Array, Array]:
 
 
 def draw(picture: Path) -> None:
-    """Draw the mesh, and the proxy of a tip that goes where the hand of `touch_mesh` wants to."""
+    """Draw the mesh, and the proxy of a tip that goes with the hand of `touch_mesh`."""
     import matplotlib.pyplot as plt
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
@@ -108,7 +107,9 @@ def draw(picture: Path) -> None:
         contact = world.contact("")
         tips.append(tip)
         proxies.append(tip if contact is None else contact.proxy)
-    corners = model.solid().tree.data.triangles.reshape(-1, 3, 3).astype(float)
+    unit_vectors = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    turned = np.array([model.pose.turned(axis) for axis in unit_vectors])
+    corners = model.content().corners @ turned + model.position
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     light = normals @ (-0.7, 0.5, 0.5) / np.linalg.norm(normals, axis=1)
     figure = plt.figure(figsize=(6, 5))

@@ -15,7 +15,8 @@ from typing import TypeAlias
 
 import numpy as np
 
-from forcebound.haptics.environments.point_cloud import PointCloud
+from forcebound.haptics.environments.solids_of_files import PointCloud
+from forcebound.haptics.geometry.points import neighbourhoods
 
 RADIUS = 0.03  # m
 STILL = (0.0, 0.0, 0.0)
@@ -67,9 +68,8 @@ def show_presses(folder: Path) -> None:
             model = PointCloud(file, position=STILL, stiffness=STIFFNESS)
             fallen, angles = pressed(model)
             p50, p99 = np.percentile(angles, (50, 99))
-            words = (
-                f"{1e3 * model.content()[1]:.2f} | {fallen} of {PRESSES} | {p50:.1f} | {p99:.1f}"
-            )
+            radius = np.median(neighbourhoods(model.content().points)[:, -1])
+            words = f"{1e3 * radius:.2f} | {fallen} of {PRESSES} | {p50:.1f} | {p99:.1f}"
             print(f"| {count:,}, {name} | {words} |", flush=True)
 
 

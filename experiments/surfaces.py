@@ -19,9 +19,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from forcebound.haptics.environments.distance_field import DistanceField
-from forcebound.haptics.environments.point_cloud import PointCloud
 from forcebound.haptics.environments.solid import Shape, Solid
+from forcebound.haptics.environments.solids_of_files import DistanceField, PointCloud
 from forcebound.haptics.environments.touching import OpenTouchable, Touchable
 from forcebound.haptics.geometry.proxy import Surface
 from forcebound.haptics.geometry.vectors import Vector3
@@ -62,7 +61,8 @@ def draw_slice(axes: Axes, model: Any, way: Any, extent: tuple[float, ...], titl
     y, x = np.meshgrid(np.linspace(low_y, high_y, 240), np.linspace(low_x, high_x, 240))
     solid = model.solid()
     places = np.stack([x, y, np.full_like(x, z)], -1).reshape(-1, 3).tolist()
-    away = np.array([solid.distance(tuple(place)) for place in places]).reshape(x.shape)
+    local = [model.pose.local(tuple(place)) for place in places]
+    away = np.array([solid.distance(place) for place in local]).reshape(x.shape)
     axes.contourf(1e3 * y, -1e3 * x, away, levels=[-1.0, 0.0], colors=["0.8"])
     if isinstance(model, DistanceField):
         levels = [-0.003, -0.002, -0.001, 0.001, 0.002, 0.003]

@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 
 from forcebound.errors import ConfigError
-from forcebound.haptics.environments.contract import check
-from forcebound.haptics.environments.distance_field import DistanceField
-from forcebound.haptics.geometry.grid import BAND, GRID, Grid, grid_data, mesh_grid
+from forcebound.haptics.environments.solids_of_files import DistanceField
+from forcebound.haptics.geometry.grid import BAND, GRID, Grid, mesh_grid
 from forcebound.haptics.geometry.implicit import ImplicitSolid
 from forcebound.haptics.geometry.mesh_file import Mesh
 from forcebound.haptics.geometry.proxy import Surface
@@ -31,7 +30,7 @@ def _mesh(shape: meshes.Mesh) -> Mesh:
 
 def _places(grid: Grid) -> Any:
     points = np.moveaxis(np.indices(grid.values.shape), 0, -1)
-    return points * grid.spacing + np.array(grid.origin)
+    return points * grid.place[3] + grid.place[:3]
 
 
 def _to_sphere(places: Any) -> Any:
@@ -49,7 +48,7 @@ def _array(file: Path, distance: Any = _to_sphere, edge: float = 0.03) -> Distan
 
 
 def test_a_grid_has_the_distances_to_its_mesh_within_its_band() -> None:
-    grid = mesh_grid(_mesh(meshes.sphere(RADIUS, 5)), SPACING, None)
+    grid = mesh_grid(_mesh(meshes.sphere(RADIUS, 5)), SPACING)
     exact = _to_sphere(_places(grid))
     within = np.abs(exact) < (BAND - 0.2) * SPACING
     assert np.abs(grid.values - exact)[within].max() < 4e-5  # m; the facets are as flat as that
@@ -60,7 +59,7 @@ def test_a_grid_has_the_distances_to_its_mesh_within_its_band() -> None:
 def test_what_two_parts_of_a_mesh_both_enclose_is_inside() -> None:
     vertices, faces = meshes.box(0.01, 0.01, 0.01)
     both = np.concatenate([vertices, vertices + 0.005]), np.concatenate([faces, faces + 8])
-    grid = mesh_grid(_mesh(both), SPACING, None)
+    grid = mesh_grid(_mesh(both), SPACING)
     places = _places(grid)
     inside = (np.abs(places) < 0.0098).all(-1) | (np.abs(places - 0.005) < 0.0098).all(-1)
     outside = (np.abs(places) > 0.0102).any(-1) & (np.abs(places - 0.005) > 0.0102).any(-1)
@@ -94,8 +93,8 @@ def test_what_touches_the_border_goes_on_beyond_it(tmp_path: Path) -> None:
 
 
 def test_nothing_outside_near_the_proxy_is_closer_to_a_deep_tip(tmp_path: Path) -> None:
-    grid = mesh_grid(_mesh(meshes.bumpy(4)), SPACING, None)
-    solid = ImplicitSolid(GRID, grid_data(grid, STILL, UPRIGHT), dip=SPACING / 20)
+    grid = mesh_grid(_mesh(meshes.bumpy(4)), SPACING)
+    solid = ImplicitSolid(GRID, grid, dip=SPACING / 20)
     random, proxy = np.random.default_rng(1), (0.0, 0.0, 0.06)
     for angle in np.linspace(0.0, 6.0, 200).tolist():
         tip = (0.01, 0.04 * math.sin(angle), 0.04 * math.cos(angle))
@@ -103,20 +102,6 @@ def test_nothing_outside_near_the_proxy_is_closer_to_a_deep_tip(tmp_path: Path) 
         near = (np.array(proxy) + random.normal(0.0, 2e-4, (50, 3))).tolist()
         outside = [math.dist(one, tip) for one in near if solid.distance(pad3(one)) > 0.0]
         assert min(outside) > math.dist(proxy, tip) - 3e-5
-
-
-def test_the_default_keeps_the_contract() -> None:
-    assert check(DistanceField(spacing=0.004), axes=(3,)).violations == ()
-
-
-def test_a_grid_is_kept_on_disk(tmp_path: Path) -> None:
-    mesh = _mesh(meshes.sphere(RADIUS, 3))
-    first = mesh_grid(mesh, SPACING, tmp_path)
-    (file,) = tmp_path.iterdir()
-    np.save(file, 2.0 * first.values)  # is read, not made
-    assert (mesh_grid(mesh, SPACING, tmp_path).values == 2.0 * first.values).all()
-    file.write_bytes(b"")
-    assert (mesh_grid(mesh, SPACING, tmp_path).values == first.values).all()
 
 
 @pytest.mark.parametrize(
@@ -128,13 +113,15 @@ def test_a_grid_is_kept_on_disk(tmp_path: Path) -> None:
         (np.arange(27.0).reshape(3, 3, 3) - 9, "changes by 9e.03 times the spacing .* in m"),
     ],
 )
-def test_an_array_that_is_no_distance_field_is_told(tmp_path: Path, array: Any, words: str) -> None:
+def test_an_array_that_is_no_distance_field_is_refused(
+    tmp_path: Path, array: Any, words: str
+) -> None:
     np.save(tmp_path / "wrong.npy", array)
     with pytest.raises(ConfigError, match=rf"wrong\.npy.*{words}"):
         DistanceField(tmp_path / "wrong.npy", spacing=SPACING).check_files()
 
 
-def test_what_makes_no_grid_is_told(tmp_path: Path) -> None:
+def test_what_makes_no_grid_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"mine\.npy needs `spacing`"):
         DistanceField(tmp_path / "mine.npy")
     with pytest.raises(ConfigError, match=r"cannot read the grid .*mine\.npy: No such file"):

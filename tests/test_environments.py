@@ -1,19 +1,21 @@
 """The contract of every environment, and the force law of each."""
 
+import math
 from pathlib import Path
 
 import pytest
 
+from forcebound.errors import ConfigError
 from forcebound.graph.loader import load
 from forcebound.haptics.environments import (
     ENVIRONMENTS,
     EnvironmentModel,
     StatelessEnvironment,
 )
-from forcebound.haptics.environments.active_wall import ActiveWall
 from forcebound.haptics.environments.contract import check
 from forcebound.haptics.environments.recorded import RecordedEnvironment
 from forcebound.haptics.environments.walls import (
+    ActiveWall,
     DampedWall,
     Damper,
     PowerLawWall,
@@ -71,6 +73,31 @@ def test_the_force_of_a_wall(
     wall: StatelessEnvironment, position: float, elapsed: float, force: float
 ) -> None:
     assert wall.force("", (position,), (0.0,), elapsed)[0] == pytest.approx(force)
+
+
+@pytest.mark.parametrize("depth", [1e9, 1e300])
+def test_a_power_law_wall_stays_finite_at_an_absurd_depth(depth: float) -> None:
+    wall = PowerLawWall(exponent=10.0, reference=1e-6)
+    (force,) = wall.force("", (depth,), (0.0,), 0.0)
+    assert math.isfinite(force)
+    assert force == pytest.approx(wall.force("", (10.010,), (0.0,), 0.0)[0])
+
+
+@pytest.mark.parametrize(
+    ("kind", "values", "field"),
+    [
+        (ActiveWall, {"stiffness": -1.0}, "stiffness"),
+        (ActiveWall, {"damping": math.nan}, "damping"),
+        (Damper, {"damping": math.inf}, "damping"),
+        (PowerLawWall, {"exponent": 11.0}, "exponent"),
+    ],
+)
+def test_a_value_outside_its_range_is_refused(
+    kind: type[EnvironmentModel], values: dict[str, float], field: str
+) -> None:
+    with pytest.raises(ConfigError) as error:
+        kind(**values)
+    assert error.value.field == field
 
 
 def test_the_damper_resists_motion_and_an_active_wall_pushes_along_with_it() -> None:

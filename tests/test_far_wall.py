@@ -14,8 +14,7 @@ from forcebound.errors import ConfigError
 from forcebound.graph.loader import load
 from forcebound.haptics.controllers.local_model import LocalModel
 from forcebound.haptics.environments import EnvironmentModel
-from forcebound.haptics.environments.active_wall import ActiveWall
-from forcebound.haptics.environments.walls import Damper, TimeVaryingWall
+from forcebound.haptics.environments.walls import ActiveWall, Damper, TimeVaryingWall
 from forcebound.haptics.laws.sample import ENERGY_TOLERANCE
 from forcebound.network.impairment import Impairment
 from forcebound.results.summary import summarize

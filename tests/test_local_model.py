@@ -1,4 +1,4 @@
-"""The local model: what it learns, what it shows meanwhile, and when its force ends."""
+"""The local model: what it learns, what it shows, and when its force ends."""
 
 import math
 from dataclasses import replace
@@ -9,10 +9,15 @@ from builders import MS, reply, state
 from msgspec import structs
 
 from forcebound.haptics.controllers.local_model import LocalModel, OpenLocalModel
-from forcebound.haptics.controllers.plane import Asked, Plane, PlaneEstimator
+from forcebound.haptics.controllers.plane import (
+    Asked,
+    Plane,
+    PlaneEstimator,
+    SpringDamper,
+    along,
+    dot,
+)
 from forcebound.haptics.controllers.shown_plane import ShownPlane
-from forcebound.haptics.controllers.spring_damper import SpringDamper
-from forcebound.haptics.controllers.vectors import along, dot
 from forcebound.messages.packets import Contact, EnvironmentReply, Vector
 
 TILTED: Vector = (0.6, 0.0, 0.8)
@@ -30,7 +35,7 @@ def answer(plane: Plane, asked: Asked) -> Vector:
     return along(tuple([share * v for v in slip]), plane.inwards, pressed)
 
 
-def learned(plane: Plane, *, tells: bool = False, noise: float = 0.0, grid: float = 0.0) -> Plane:
+def learned(plane: Plane, *, reports: bool = False, noise: float = 0.0, grid: float = 0.0) -> Plane:
     """The estimate after a press of 0.2 s to and fro that begins in free motion."""
     estimator, random = PlaneEstimator(0.9, 1e6), Random(3)
     outwards = tuple([-u for u in plane.inwards])
@@ -50,8 +55,8 @@ def learned(plane: Plane, *, tells: bool = False, noise: float = 0.0, grid: floa
             force = tuple([f + random.gauss(0.0, noise) for f in force])
         touches = plane.depth(position) > 0.0
         proxy = along(position, plane.inwards, -plane.depth(position))
-        told = Contact(proxy, outwards) if tells and touches else None
-        estimator.take(asked, force, told)
+        contact = Contact(proxy, outwards) if reports and touches else None
+        estimator.take(asked, force, contact)
     assert estimator.plane is not None
     return estimator.plane
 
@@ -67,9 +72,9 @@ def test_a_plane_is_recovered_exactly_from_its_forces(inwards: Vector, damping: 
     assert found.offset == pytest.approx(plane.offset, abs=1e-7)
 
 
-def test_friction_is_told_from_a_tilt_where_the_environment_tells_the_normal() -> None:
+def test_friction_and_tilt_are_distinguished_where_the_normal_is_reported() -> None:
     plane = Plane(TILTED, 0.01, 8000.0, 0.0, 0.3)
-    found = learned(plane, tells=True)
+    found = learned(plane, reports=True)
     assert found.inwards == TILTED
     assert found.friction == pytest.approx(0.3, rel=0.05)
     assert found.stiffness == pytest.approx(8000.0, rel=1e-4)
@@ -217,7 +222,7 @@ def test_a_stiffness_that_changes_is_followed_and_nothing_winds_up_where_nothing
     assert found.damping == pytest.approx(3.0, rel=0.05)
 
 
-def test_a_device_that_starts_anew_finds_a_model_that_knows_nothing_of_before() -> None:
+def test_a_device_that_starts_again_finds_a_model_that_knows_nothing_of_before() -> None:
     opened = far(LocalModel(), 0)
     again = structs.replace(state(0, 0.012), time_ns=10_000 * MS)
     assert opened.on_state(again, 10_000 * MS) is None

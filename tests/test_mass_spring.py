@@ -50,6 +50,17 @@ def test_free_slab_oscillates_at_its_frequency_and_loses_no_energy() -> None:
     assert max(faces[-200:]) == pytest.approx(max(faces[100:300]), rel=1e-3)
 
 
+@pytest.mark.parametrize("place", [1e9, -1e9])
+def test_one_absurd_reading_does_not_last(place: float) -> None:
+    slab, calm = MODEL.open(1), MODEL.open(1)
+    for one in (slab, calm):
+        held(one, 0.022, 0.0, 1.0)
+    slab.force("", (place,), (0.0,), 1.0 + MS)
+    assert held(slab, 0.022, 1.0 + 2 * MS, 3.0)[-1] == pytest.approx(
+        held(calm, 0.022, 1.0 + 2 * MS, 3.0)[-1], rel=1e-6
+    )
+
+
 def test_new_stiffness_leaves_the_slab_where_it_is() -> None:
     slab = MODEL.open(1)
     held(slab, 0.022, 0.0, 3.0)

@@ -14,8 +14,7 @@ from forcebound.errors import ConfigError
 from forcebound.graph.loader import load
 from forcebound.haptics.environments import open_environment
 from forcebound.haptics.environments.contract import check
-from forcebound.haptics.environments.mesh import TriangleMesh
-from forcebound.haptics.environments.touching import RABBIT
+from forcebound.haptics.environments.solids_of_files import RABBIT, TriangleMesh
 from forcebound.haptics.geometry.proxy import Surface
 from forcebound.run.virtual import run_virtual
 

@@ -1,4 +1,4 @@
-"""Meshes from files: what is read, and what a file is told that cannot be touched."""
+"""Meshes from files: what is read, and which are refused."""
 
 import hashlib
 from pathlib import Path
@@ -28,8 +28,8 @@ def test_every_kind_of_file_gives_the_same_triangles(tmp_path: Path, suffix: str
     mesh = read_mesh(path)
     assert mesh.is_closed
     assert mesh.digest == hashlib.sha256(path.read_bytes()).hexdigest()
-    ours, wanted = (np.sort(c.reshape(-1, 9), axis=0) for c in (mesh.corners, BOX[0][BOX[1]]))
-    assert ours == pytest.approx(wanted, abs=1e-9)
+    ours, expected = (np.sort(c.reshape(-1, 9), axis=0) for c in (mesh.corners, BOX[0][BOX[1]]))
+    assert ours == pytest.approx(expected, abs=1e-9)
 
 
 def test_the_unit_is_scaled_and_inside_out_is_turned(tmp_path: Path) -> None:

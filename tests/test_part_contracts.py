@@ -23,7 +23,6 @@ from forcebound.haptics.devices.simulated import SimulatedDevice
 from forcebound.haptics.devices.true_values import TrueAxes
 from forcebound.haptics.hands import OPERATORS, Operator
 from forcebound.haptics.hands import contract as operators
-from forcebound.haptics.hands.paths import FollowingHand, TrajectoryHand
 from forcebound.haptics.laws import LAWS
 from forcebound.haptics.laws import contract as laws
 from forcebound.haptics.laws.none import NONE
@@ -62,9 +61,11 @@ def test_every_driver_keeps_its_promises_on_its_emulator(kind: str) -> None:
 def test_every_operator_keeps_its_promises(kind: str, tmp_path: Path) -> None:
     path = tmp_path / "path.csv"
     path.write_text("time,x\n0,0\n1,0.01\n")
-    with_file = {"trajectory": TrajectoryHand, "following": FollowingHand}
-    made: Operator = with_file[kind](file=path) if kind in with_file else OPERATORS[kind]()
-    assert operators.check(made).violations == ()
+    needs: dict[str, Any] = {
+        "trajectory": {"file": path},
+        "following": {"points": ((0.0,), (0.01,))},
+    }
+    assert operators.check(OPERATORS[kind](**needs.get(kind, {}))).violations == ()
 
 
 @pytest.mark.parametrize("kind", sorted(CONTROLLERS))

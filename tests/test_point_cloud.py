@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from forcebound.errors import ConfigError
-from forcebound.haptics.environments.contract import check
-from forcebound.haptics.environments.point_cloud import PointCloud
+from forcebound.haptics.environments.solids_of_files import PointCloud
 from forcebound.haptics.geometry.proxy import Surface
 from forcebound.haptics.geometry.vectors import pad3
 
@@ -92,7 +91,7 @@ def test_no_straight_press_falls_through_random_points(
 def test_a_radius_too_small_for_the_points_warns_of_holes(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    _cloud(tmp_path, _random_sphere(3_000, seed=1), radius=0.0015).check_files()
+    _cloud(tmp_path, _random_sphere(3_000, seed=1), radius=0.0015).open(3)
     (warning,) = caplog.records
     assert "holes" in warning.getMessage()
     assert "4.3" in warning.getMessage()  # mm, a radius without
@@ -109,10 +108,6 @@ def test_a_fast_tip_does_not_get_through(tmp_path: Path) -> None:
         assert solid.distance(proxy) > -1e-8
         assert math.hypot(*proxy) > RADIUS
         place = 0.98 * place + random.normal(0.0, 0.005, 3)
-
-
-def test_the_default_keeps_the_contract() -> None:
-    assert check(PointCloud(), axes=(3,)).violations == ()
 
 
 def test_the_scene_names_the_file(tmp_path: Path) -> None:
@@ -139,14 +134,21 @@ def test_the_scene_names_the_file(tmp_path: Path) -> None:
         ),
     ],
 )
-def test_what_is_no_cloud_is_told(tmp_path: Path, points: Any, how: Any, words: str) -> None:
+def test_a_file_that_is_no_cloud_is_refused(
+    tmp_path: Path, points: Any, how: Any, words: str
+) -> None:
     with pytest.raises(ConfigError, match=rf"points\.npy {words}"):
         _cloud(tmp_path, points, **how).check_files()
 
 
-def test_a_radius_that_is_too_small_is_told(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"a radius of 0\.001 mm .* at least 0\.\d+ mm"):
-        _cloud(tmp_path, _sphere(), radius=1e-6).check_files()
+def test_points_far_apart_for_their_radius_lie_in_wider_cubes(tmp_path: Path) -> None:
+    points = np.array([[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]])
+    solid = _cloud(tmp_path, points, radius=1e-4).solid()
+    assert solid.distance((3e-5, 0.0, 0.0)) == pytest.approx(-7e-5)
+    assert solid.distance((1.0, 1.0, 1.0002)) == pytest.approx(1e-4)
+
+
+def test_what_makes_no_cloud_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"must be > 0 m"):
         _cloud(tmp_path, _sphere(), radius=0.0)
     with pytest.raises(ConfigError, match=r"words\.txt: expected points"):

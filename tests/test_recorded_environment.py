@@ -67,15 +67,15 @@ def test_the_answer_is_that_to_the_nearest_state_and_zero_outside_of_the_recordi
     assert [f for (f,) in forces(path, times)] == [1.0, 1.0, 2.0, 2.0, 2.0, 5.0, 5.0, 0.0, 0.0]
 
 
-def test_contacts_are_told_with_their_answers(path: Path) -> None:
+def test_contacts_come_with_their_answers(path: Path) -> None:
     states = [state(BEGIN + tick) for tick in range(3)]
     answers(path, {BEGIN: (1.0,), BEGIN + 1: (0.0,), BEGIN + 2: (1.0,)}, states)
     environment = RecordedEnvironment(path).open(1)
-    told = []
+    contacts = []
     for tick in range(3):
         environment.force("", (0.0,), (0.0,), tick * 1e-3)
-        told.append(environment.contact(""))
-    assert told == [Contact((1.0,), (-1.0,)), None, Contact((1.0,), (-1.0,))]
+        contacts.append(environment.contact(""))
+    assert contacts == [Contact((1.0,), (-1.0,)), None, Contact((1.0,), (-1.0,))]
 
 
 def test_a_number_that_is_not_finite_is_no_answer(path: Path) -> None:

@@ -87,7 +87,7 @@ CONTACTS = {
 
 @pytest.mark.parametrize("name", CONTACTS)
 def test_depth_and_direction_are_exact(name: str) -> None:
-    shapes, outside, inside, wanted = CONTACTS[name]
+    shapes, outside, inside, expected = CONTACTS[name]
     # Straight in, and in little steps as a hand does.
     steps = [
         tuple(a + (b - a) * n / 50 for a, b in zip(outside, inside, strict=True)) for n in range(51)
@@ -97,11 +97,11 @@ def test_depth_and_direction_are_exact(name: str) -> None:
         force, proxy, normal = _touched(world, *way)
         rests = [_touched(world, inside)[1] for _ in range(20)]
         assert max(math.dist(one, proxy) for one in rests) < 1e-9  # it does not oscillate
-        assert proxy == pytest.approx(wanted, abs=2e-9)
+        assert proxy == pytest.approx(expected, abs=2e-9)
         assert force == pytest.approx(
-            [STIFFNESS * (x - p) for x, p in zip(inside, wanted, strict=True)], abs=1e-5
+            [STIFFNESS * (x - p) for x, p in zip(inside, expected, strict=True)], abs=1e-5
         )
-        out = np.subtract(wanted, inside) / math.dist(wanted, inside)
+        out = np.subtract(expected, inside) / math.dist(expected, inside)
         assert normal == pytest.approx(out, abs=1e-5)
 
 
@@ -230,7 +230,7 @@ def test_an_axis_and_a_turn_place_a_box() -> None:
         (lambda: Shape("plane", axis=(0.0, 0.0, 0.0)), "axis must point somewhere"),
     ],
 )
-def test_shapes_that_make_no_solid_are_told(make: Any, words: str) -> None:
+def test_shapes_that_make_no_solid_are_refused(make: Any, words: str) -> None:
     with pytest.raises(ConfigError, match=words):
         make()
 

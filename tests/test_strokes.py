@@ -4,10 +4,8 @@ import math
 
 import pytest
 
-from forcebound.haptics.environments import StatelessEnvironment
-from forcebound.haptics.environments.strokes import ACROSS, INWARDS, feel, strokes
-from forcebound.haptics.geometry.vectors import norm, scale, sub, unit
-from forcebound.messages.packets import Contact, SceneObject, Vector
+from forcebound.haptics.environments.strokes import ACROSS, INWARDS, strokes
+from forcebound.messages.packets import SceneObject
 
 BALL = SceneObject("ball", "sphere", (0.02, 0.3, -0.1), size=(0.05,))
 BOX = SceneObject("box", "box", (0.0, 0.0, 0.1), (0.5, 0.5, 0.5, 0.5), (0.1, 0.2, 0.02))
@@ -19,26 +17,6 @@ OBJECTS = [
     SceneObject("bunny", "mesh", file="bunny.stl"),
     SceneObject("path", "path", points=((0.0, 0.1, 0.0), (0.0, 0.1, 0.1))),
 ]
-
-
-class RoughBall(StatelessEnvironment):
-    """The ball with a force across its normal, half of that along it."""
-
-    def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
-        offset = sub((position[0], position[1], position[2]), BALL.position)
-        self.normal = unit(offset)
-        self.depth = BALL.size[0] - norm(offset)
-        if self.depth <= 0.0:
-            return (0.0, 0.0, 0.0)
-        across = unit((-self.normal[1], self.normal[0], 0.0))
-        push = scale(self.normal, -500.0 * self.depth)
-        return tuple(p + 250.0 * self.depth * a for p, a in zip(push, across, strict=True))
-
-    def contact(self, user: str) -> Contact | None:
-        if self.depth <= 0.0:
-            return None
-        proxy = (c + BALL.size[0] * n for c, n in zip(BALL.position, self.normal, strict=True))
-        return Contact(tuple(proxy), self.normal)
 
 
 @pytest.mark.parametrize("target", OBJECTS, ids=lambda target: target.name)
@@ -59,10 +37,3 @@ def test_a_stroke_leads_into_its_object_and_then_across(target: SceneObject, axe
 def test_of_several_objects_each_is_stroked_and_of_none_nothing() -> None:
     assert len(list(strokes(OBJECTS, 3, 9))) == 9
     assert list(strokes([], 3, 9)) == []
-
-
-def test_strokes_feel_stiffness_and_what_goes_across() -> None:
-    touch = feel(RoughBall(), [BALL], 3, 10)
-    assert (touch.strokes, touch.touched) == (10, 10)
-    assert touch.stiffness == pytest.approx((500.0, 500.0, 500.0))
-    assert touch.across == pytest.approx(0.5)

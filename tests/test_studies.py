@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from forcebound.haptics.environments.touching import RABBIT
+from forcebound.haptics.environments.solids_of_files import RABBIT
 from forcebound.haptics.geometry.mesh_file import read_mesh
 
 EXPERIMENTS = Path(__file__).parent.parent / "experiments"

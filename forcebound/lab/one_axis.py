@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from forcebound.compiled import allow_in_kernels, jit
 from forcebound.haptics.devices.extended import Axis, Moving, advance_extended
 from forcebound.haptics.devices.plant import quantise
-from forcebound.haptics.environments.active_wall import active_wall_force
 from forcebound.haptics.environments.walls import (
+    active_wall_force,
     damped_wall_force,
     damper_force,
     power_law_force,

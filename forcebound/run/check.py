@@ -24,10 +24,8 @@ from forcebound.haptics.environments import (
     open_environment,
 )
 from forcebound.haptics.environments import contract as environments
-from forcebound.haptics.environments.strokes import ACROSS, INWARDS, Touch, feel
 from forcebound.haptics.hands import contract as operators
 from forcebound.haptics.laws import contract as laws
-from forcebound.haptics.parts import overridden
 from forcebound.haptics.parts.contract import Report, Violation
 from forcebound.haptics.parts.user_module import file_of, names_file
 from forcebound.messages.packets import MAX_AXES
@@ -43,9 +41,7 @@ CONTRACTS: Mapping[str, Any] = {
 
 PROBES = (-0.010, 0.0, 0.005, 0.010, 0.011, 0.015, 0.020, 0.050)  # m, positions for forces at rest
 FEWEST_CALLS, CALLS = 10, 300  # that are timed
-FEWEST_STROKES, STROKES = 2, 40
-# s, approximately: queries of the contract, timed calls, strokes.
-QUERYING, TIMING, STROKING = 10.0, 2.0, 2.0
+QUERYING, TIMING = 10.0, 2.0  # s, approximately: queries of the contract, timed calls
 CHECK_S = 120.0  # for all of it, in a process of its own
 
 Progress: TypeAlias = Callable[[str, int, int], None]
@@ -78,7 +74,6 @@ class Checked(Struct, kw_only=True, omit_defaults=True):
     axes: list[int] = []  # numbers of axes that were tried
     left_out: int | None = None  # queries that were not sent
     at_rest: list[AtRest] = []
-    touch: Touch | None = None  # what strokes felt; None without contact or scene
     seconds_per_answer: AnswerTimes | None = None
 
 
@@ -176,7 +171,6 @@ def _check_environment(
     )
     checked = _checked(part, report)
     checked.axes, checked.left_out, checked.at_rest = sorted(set(axes)), report.left_out, at_rest
-    checked.touch = _touch(model, min(max(axes), 3), round(STROKING / usual), progress)
     times = _times(environment, one, min(max(FEWEST_CALLS, round(TIMING / usual)), CALLS), progress)
     median = statistics.median(times) if times else None
     checked.seconds_per_answer = AnswerTimes(median, max(times, default=None), len(times))
@@ -208,8 +202,6 @@ def _measured(checked: Checked) -> list[str]:
     )
     tried = ", ".join(map(str, checked.axes))
     text = [f"numbers of axes tried: {tried}", f"at rest, on the first axis: {shown}"]
-    if checked.touch is not None:
-        text += _touched(checked.touch)
     if checked.left_out:
         known = checked.questions + checked.left_out
         text.append(f"{checked.questions} of {known} queries, since answers are slow")
@@ -219,35 +211,6 @@ def _measured(checked: Checked) -> list[str]:
             f" {answer.max * 1e6:.0f} us); at 1 kHz a tick has 1000 us"
         )
     return text
-
-
-def _touched(touch: Touch) -> list[str]:
-    count, touched = touch.strokes, touch.touched
-    text = [f"strokes towards what the scene shows: {count}, of which touched it: {touched}"]
-    if touch.stiffness is not None:
-        least, median, most = (f"{stiffness * 1e-3:.3g} N/mm" for stiffness in touch.stiffness)
-        text.append(
-            f"along the normal {median} ({least} to {most}); across it at most"
-            f" {touch.across:.2g} of that"
-        )
-    return text
-
-
-def _touch(model: EnvironmentModel, axes: int, calls: int, progress: Progress) -> Touch | None:
-    """What strokes feel; None of an environment without contact or scene."""
-    progress("strokes towards its scene", 0, 0)
-    try:
-        environment = open_environment(model, axes)
-        try:
-            scene = environment.scene()
-            if scene is None or "contact" not in overridden(environment, Environment):
-                return None
-            count = min(max(calls // (INWARDS + ACROSS), FEWEST_STROKES), STROKES)
-            return feel(environment, scene, axes, count)
-        finally:
-            environment.close()
-    except Exception:  # reported by the contract
-        return None
 
 
 def _expected(text: str) -> tuple[float, float]:

@@ -10,7 +10,7 @@ The bounder at the device keeps every controller passive. A controller that answ
 should let its force end when replies stay away: nobody else knows that the environment is gone.
 
 To add a controller: copy ``direct.py`` to ``my_controller.py``, add one line to ``CONTROLLERS``;
-``tests/test_controllers.py`` tests it with all the others, and launch files know it as
+``tests/test_part_contracts.py`` tests it with all the others, and launch files know it as
 ``controller: {kind: my_controller}``. Or name a file of your own
 (docs/write-your-own-controller.md).
 """

@@ -7,7 +7,7 @@ from typing import Any
 
 from forcebound.haptics.controllers import Controller, ControllerModel
 from forcebound.haptics.parts.contract import VALUE, Findings, Report, copy_of
-from forcebound.messages.packets import MAX_AXES, Contact, DeviceState, EnvironmentReply, Vector
+from forcebound.messages.packets import MAX_AXES, DeviceState, EnvironmentReply, Vector
 
 PROMISES: dict[str, str] = {
     "opens": f"opens for 1 to {MAX_AXES} axes, and closes",
@@ -18,65 +18,46 @@ PROMISES: dict[str, str] = {
     "pure": "the same calls, in the same order from open on, return the same",
     **VALUE,
 }
-OF_ANSWERS = ("shape", "finite", "pure")  # promises that only an answer shows
+STATES = 300  # for each number of axes
 
 
-def check(
-    model: ControllerModel,
-    axes: Iterable[int] = range(1, MAX_AXES + 1),
-    seed: int = 1,
-    states: int = 300,
-) -> Report:
-    """Return which of the ``PROMISES`` a controller keeps.
-
-    Args:
-        model: With the parameters that matter.
-        axes: Numbers of axes that it is opened for.
-        seed: Of the random states and replies.
-        states: For each number of axes.
-    """
-    found = Findings()
+def check(model: ControllerModel, axes: Iterable[int] = range(1, MAX_AXES + 1)) -> Report:
+    """Return which of the ``PROMISES`` a controller keeps with these numbers of axes."""
+    found, questions = Findings(), 0
     found.check_value(model)
-    questions = 0
     for count in axes:
-        runs = []
-        for one in (model, copy_of(model)):
-            questions += states
-            runs += _answers(one, count, Random(seed), states, found)
-        if len(runs) == 2:
+        runs = [_answers(one, count, STATES, found) for one in (model, copy_of(model))]
+        questions += len(runs) * STATES
+        if all(runs):
             found.check_repeats(runs[0], runs[1], f"axes: {count}")
     fails = found.is_broken("opens") or found.is_broken("answers")
-    return found.report(PROMISES, questions, unseen=OF_ANSWERS if fails else ())
+    return found.report(PROMISES, questions, unseen=("shape", "finite", "pure") if fails else ())
 
 
 def ask_once(model: ControllerModel, axes: int, found: Findings) -> None:
     """Give a new instance a state and, as the case may be, a reply."""
-    _answers(model, axes, Random(1), 1, found)
+    _answers(model, axes, 1, found)
 
 
-def _answers(
-    model: ControllerModel, axes: int, random: Random, states: int, found: Findings
-) -> list[list[str]]:
+def _answers(model: ControllerModel, axes: int, states: int, found: Findings) -> list[str]:
     """The answers of a new instance; none if it does not open or close."""
     with found.noting("opens", "an instance that closes", f"axes: {axes}"):
         controller = model.open(axes)
-        answers = list(_drive(controller, axes, random, states, found))
+        answers = list(_drive(controller, axes, states, found))
         controller.close()
-        return [answers]
+        return answers
     return []
 
 
-def _drive(
-    controller: Controller, axes: int, random: Random, states: int, found: Findings
-) -> Iterator[str]:
+def _drive(controller: Controller, axes: int, states: int, found: Findings) -> Iterator[str]:
     """What it returns to states, and to replies of which some are missing."""
+    random = Random(1)
 
-    def call(method: Any, *arguments: Any, units: tuple[str, ...]) -> str:
+    def call(method: Any, *arguments: Any, units: tuple[str, ...] = ("N",)) -> str:
         where = f"{method.__name__}, axes: {axes}"
         with found.noting("answers", "an answer", where):
             answer = method(*arguments)
-            vectors = (answer,) if len(units) == 1 else tuple(answer)
-            for vector, unit in zip(vectors, units, strict=True):
+            for vector, unit in zip(answer if units[1:] else (answer,), units, strict=True):
                 if vector is not None or unit != "N":
                     found.check_vector(vector, axes, unit, where)
             return repr(answer)
@@ -84,34 +65,24 @@ def _drive(
 
     for seq in range(states):
         time_ns = seq * 1_000_000
-        position = tuple(random.uniform(-0.05, 0.05) for _ in range(axes))
-        velocity = tuple(random.uniform(-0.5, 0.5) for _ in range(axes))
+        position, velocity, force = (_vector(random, axes, most) for most in (0.05, 0.5, 10.0))
         buttons = None if axes == 1 else random.getrandbits(2)  # not every device has any
         zero = (0.0,) * axes
-        elapsed = time_ns * 1e-9
-        state = DeviceState(seq, time_ns, elapsed, position, velocity, zero, None, buttons)
-        yield call(controller.on_state, state, time_ns, units=("N",))
+        state = DeviceState(seq, time_ns, seq * 1e-3, position, velocity, zero, None, buttons)
+        yield call(controller.on_state, state, time_ns)
         yield call(controller.query, state, units=("m", "m/s"))
-        _check_notices(controller, found)
+        with found.noting("notices", "a list of pairs of texts", "notices()"):
+            for event, message in controller.notices():
+                if not isinstance(event, str) or not isinstance(message, str):
+                    found.add("notices", "two texts", f"{event!r}, {message!r}", "notices()")
         if random.random() < 0.7:
-            force = tuple(random.uniform(-10.0, 10.0) for _ in range(axes))
-            told = _contact(position, random) if random.random() < 0.5 else (None, None)
-            reply = EnvironmentReply(seq, time_ns, seq, time_ns, seq, time_ns, force, "one", *told)
-            yield call(controller.on_reply, reply, time_ns + 400_000, units=("N",))
+            direction = _vector(random, axes, 1.0)
+            normal = tuple(entry / math.hypot(*direction) for entry in direction)
+            contact = (position, normal) if random.random() < 0.5 else (None, None)
+            times = (seq, time_ns) * 3
+            reply = EnvironmentReply(*times, force, "one", *contact)
+            yield call(controller.on_reply, reply, time_ns + 400_000)
 
 
-def _contact(position: Vector, random: Random) -> Contact:
-    """A contact near a position, its normal in any direction."""
-    direction = [random.gauss(0.0, 1.0) for _ in position]
-    length = math.hypot(*direction)
-    normal = tuple(entry / length for entry in direction)
-    depth = random.uniform(0.0, 1e-3)
-    return Contact(tuple(x + depth * n for x, n in zip(position, normal, strict=True)), normal)
-
-
-def _check_notices(controller: Controller, found: Findings) -> None:
-    """Check what a controller that has notices reports after a state."""
-    with found.noting("notices", "a list of pairs of texts", "notices()"):
-        for event, message in controller.notices():
-            if not isinstance(event, str) or not isinstance(message, str):
-                found.add("notices", "two texts", f"{event!r}, {message!r}", "notices()")
+def _vector(random: Random, axes: int, most: float) -> Vector:
+    return tuple(random.uniform(-most, most) for _ in range(axes))

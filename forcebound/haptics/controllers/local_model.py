@@ -13,11 +13,9 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from forcebound.haptics.controllers import Controller
-from forcebound.haptics.controllers.exchange import Exchange, ReplyTimeouts, has_restarted
-from forcebound.haptics.controllers.plane import Asked, PlaneEstimator
+from forcebound.haptics.controllers.estimating import EstimatingController, EstimatingModel
+from forcebound.haptics.controllers.plane import Asked, PlaneEstimator, along
 from forcebound.haptics.controllers.shown_plane import ShownPlane
-from forcebound.haptics.controllers.vectors import along
 from forcebound.messages.packets import DeviceState, EnvironmentReply, Vector
 from forcebound.quantities import (
     NOT_NEGATIVE,
@@ -30,14 +28,13 @@ from forcebound.quantities import (
     Time,
 )
 
-VELOCITY_STATES = 16  # that give the velocity for looking ahead: one step of the encoder is then
-#                       2 mm/s at 1 kHz
-LEAD_SHARE, LEAD = 1.5, 0.01  # in round trips, and in s: the hand may speed up meanwhile
+VELOCITY_STATES = 16  # for looking ahead: one step of the encoder is then 2 mm/s at 1 kHz
+LEAD_SHARE, LEAD = 1.5, 0.01  # in round trips, and in s: the hand may speed up on the way
 MICROMETRE = 1e-6
 
 
 @dataclass(frozen=True)
-class LocalModel(ReplyTimeouts):
+class LocalModel(EstimatingModel):
     """Parameters of the local model.
 
     Attributes:
@@ -62,57 +59,40 @@ class LocalModel(ReplyTimeouts):
     stiffest: Annotated[Stiffness, POSITIVE] = 1e5
 
     def open(self, axes: int) -> "OpenLocalModel":
-        """Return a new controller, without an estimate."""
         return OpenLocalModel(self, axes)
 
 
-class OpenLocalModel(Controller):
+class OpenLocalModel(EstimatingController):
     """The running controller: the model's parameters and its current estimate."""
 
     def __init__(self, model: LocalModel, axes: int) -> None:
         self._model = model
         self._zero: Vector = (0.0,) * axes
-        self._states: deque[DeviceState] = deque(maxlen=VELOCITY_STATES)
-        self._time_ns = 0  # of the newest state, controller's clock
-        self._forget()
+        super().__init__(model)
 
     def _forget(self) -> None:
-        model = self._model
-        self._exchange = Exchange(model)
-        self._estimator = PlaneEstimator(model.forgetting, model.stiffest)
-        self._shown = ShownPlane(model.power, len(self._zero))
-        self._answer: Vector | None = None  # N, the newest
+        super()._forget()
+        self._shown = ShownPlane(self._model.power, len(self._zero))
+        self._answer = self._zero  # N, the newest
+        self._states: deque[DeviceState] = deque(maxlen=VELOCITY_STATES)
 
-    def on_state(self, state: DeviceState, time_ns: int) -> Vector | None:
-        """Return the force of the shown plane; None without a living environment."""
-        if self._states and has_restarted(self._states[-1], state):
-            self._states.clear()
-            self._forget()
-        dt = (state.time_ns - self._states[-1].time_ns) * 1e-9 if self._states else 0.0
+    def _new_estimator(self) -> PlaneEstimator:
+        return PlaneEstimator(self._model.forgetting, self._model.stiffest)
+
+    def _force(self, state: DeviceState, dt: float) -> Vector:
+        if self._model.prediction == "hold":
+            return self._answer
+        plane = self._estimator.plane
+        if plane is None:
+            return self._zero
+        return self._shown.force(plane, state.position, state.velocity, dt)
+
+    def _question(self, state: DeviceState) -> tuple[Vector, Vector]:
         self._states.append(state)
-        self._time_ns = time_ns
-        if self._answer is None:
-            return None
-        share = self._exchange.share(time_ns)
-        if share == 0.0:
-            self._forget()
-            return None
-        force = self._answer
-        if self._model.prediction == "plane":
-            plane = self._estimator.plane
-            force = self._zero
-            if plane is not None:
-                force = self._shown.force(plane, state.position, state.velocity, dt)
-        return force if share == 1.0 else tuple([share * f for f in force])
-
-    def query(self, state: DeviceState) -> tuple[Vector, Vector]:
-        """Return the place where the hand will be, and the device's velocity."""
-        asked = Asked(self._place(state), state.velocity, state.time_ns)
-        self._exchange.ask(state.seq, asked, self._time_ns)
-        return asked.position, asked.velocity
+        return self._place(state), state.velocity
 
     def _place(self, state: DeviceState) -> Vector:
-        """The place to ask about, in m."""
+        """The place where the hand will be, in m, not too deep behind a known surface."""
         position, first = state.position, self._states[0]
         plane = self._estimator.plane if self._model.prediction == "plane" else None
         since = (state.time_ns - first.time_ns) * 1e-9
@@ -131,14 +111,11 @@ class OpenLocalModel(Controller):
         """How far ahead to ask, in s; in free motion longer than an answer takes."""
         if self._model.ahead != "auto":
             return self._model.ahead
-        round_trip = self._exchange.round_trip(self._time_ns)
+        round_trip = self._round_trip()
         if touches or self._model.prediction == "hold":
             return round_trip
         return LEAD_SHARE * round_trip + LEAD
 
-    def on_reply(self, reply: EnvironmentReply, time_ns: int) -> None:
-        """Learn from an answer."""
-        asked = self._exchange.take(reply, time_ns)
-        if asked is not None:
-            self._answer = reply.force
-            self._estimator.take(asked, reply.force, reply.contact)
+    def _learn(self, asked: Asked, reply: EnvironmentReply) -> None:
+        super()._learn(asked, reply)
+        self._answer = reply.force

@@ -1,8 +1,8 @@
 """A local plane, estimated from what the environment answers (``docs/controllers.md``).
 
-An environment that tells its contact tells the plane's direction and offset; stiffness and damping
-are estimated from depth and speed (:class:`SpringDamper`), friction is a mean over answers in which
-the hand slid. One that tells only forces: the direction is that of the force; stiffness and damping
+An environment that reports its contact gives the plane's direction and offset; stiffness and
+damping are estimated from depth and speed (:class:`SpringDamper`), friction is a mean over answers
+in which the hand slid. Of forces alone, the direction is that of the force; stiffness and damping
 follow from *pairs* of answers, whose difference does not depend on the offset, so neither a wall
 that moves now and then nor a plane that turns (to first order) disturbs them; the offset then
 follows from the newest answer alone. A free answer moves the plane back.
@@ -15,18 +15,32 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from forcebound.haptics.controllers.spring_damper import SpringDamper
-from forcebound.haptics.controllers.vectors import across, dot
 from forcebound.messages.packets import Contact, Vector
 
 NO_FORCE = 1e-9  # N; less is none
 PAIR_WAY = 1e-4  # m; of a hand
 PAIR_NS = 50_000_000  # ns; an older answer makes no pair
 TURNED = math.cos(math.radians(30.0))  # a surface that has turned further is another one
-SOFTEST = 1.0  # N/m; less cannot be told from a constant force
+SOFTEST = 1.0  # N/m; less cannot be distinguished from a constant force
 GUESS = 1e3  # N/m, of a surface that was never seen from outside
 SLIDING = 0.005  # m/s along the plane, from which friction is estimated
 FRICTION_SHARE = 0.05  # weight of a new friction coefficient
+UNSURE_STIFFNESS, UNSURE_DAMPING = 1e7, 1e4  # N/m, N s/m: of an estimate, over 1 N of noise
+
+
+def dot(a: Vector, b: Vector) -> float:
+    """Return the scalar product."""
+    return sum([x * y for x, y in zip(a, b, strict=True)])
+
+
+def along(a: Vector, direction: Vector, distance: float) -> Vector:
+    """Return ``a + distance direction``."""
+    return tuple([x + distance * d for x, d in zip(a, direction, strict=True)])
+
+
+def across(a: Vector, direction: Vector) -> Vector:
+    """Return the part of ``a`` at right angles to a unit vector."""
+    return along(a, direction, -dot(a, direction))
 
 
 class Asked(NamedTuple):
@@ -60,12 +74,50 @@ class Plane:
         return Plane(self.inwards, offset, self.stiffness, self.damping, self.friction)
 
 
+class SpringDamper:
+    r"""A spring k, in N/m, and a damper b, in N s/m, by directional forgetting.
+
+    .. math:: F = k\,d + b\,v = \phi \cdot \theta, \qquad r = \phi \cdot P \phi, \qquad
+              \theta \mathrel{+}= \frac{P \phi}{1 + r} (F - \phi \cdot \theta), \qquad
+              P \mathrel{-}= \frac{P \phi \phi^T P}{1 / \beta + r}, \quad
+              \beta = \lambda - \frac{1 - \lambda}{r}
+
+    ``forgetting`` is λ, above 0, at most 1: old information is forgotten only in the direction in
+    which there is new one. With plain forgetting P would grow without bound where nothing comes,
+    such as along b for a hand at one speed.
+
+    Source: R. Kulhavy and M. Karny, Tracking of slowly varying parameters by directional
+    forgetting, IFAC World Congress, 1984.
+    """
+
+    def __init__(self, forgetting: float) -> None:
+        self._forgetting = forgetting
+        self._covariance = (UNSURE_STIFFNESS**2, 0.0, UNSURE_DAMPING**2)  # P: kk, kb, bb
+        self.stiffness, self.damping = 0.0, 0.0
+        self.samples = 0  # that have been taken in
+
+    def add(self, depth: float, speed: float, force: float) -> None:
+        """Take a sample in: ``depth`` in m, ``speed`` in m/s and ``force`` in N, or changes."""
+        kk, kb, bb = self._covariance
+        k, b = kk * depth + kb * speed, kb * depth + bb * speed
+        known = depth * k + speed * b
+        if known <= 0.0:  # depth and speed are 0
+            return
+        error = (force - self.stiffness * depth - self.damping * speed) / (1.0 + known)
+        self.stiffness += k * error
+        self.damping += b * error
+        beta = self._forgetting - (1.0 - self._forgetting) / known
+        taken = beta / (1.0 + beta * known)
+        self._covariance = (kk - taken * k * k, kb - taken * k * b, bb - taken * b * b)
+        self.samples += 1
+
+
 class PlaneEstimator:
-    """The plane that the answers tell of; None until the first contact.
+    """The plane that follows from the answers; None until the first contact.
 
     ``forgetting`` is the weight of the information before at each new sample, 0 to 1, ``stiffest``
-    the largest stiffness believed, in N/m, ``pair_way`` the way along u between the two answers of
-    a pair, in m.
+    the largest stiffness that it may have, in N/m, ``pair_way`` the way along u between the two
+    answers of a pair, in m.
     """
 
     def __init__(self, forgetting: float, stiffest: float, pair_way: float = PAIR_WAY) -> None:
@@ -79,10 +131,10 @@ class PlaneEstimator:
         self._spring = SpringDamper(forgetting)
 
     def take(self, asked: Asked, force: Vector, contact: Contact | None = None) -> None:
-        """Take an answer in: the force, in N, and the contact if the environment tells it."""
+        """Take an answer in: the force, in N, and the contact if it was reported."""
         magnitude = math.hypot(*force)
         if contact is not None:
-            self._take_told(asked, force, contact)
+            self._take_contact(asked, force, contact)
         elif magnitude > NO_FORCE:
             self._take_force(asked, tuple([f / magnitude for f in force]), magnitude)
         else:
@@ -94,8 +146,8 @@ class PlaneEstimator:
         if plane is not None and (depth := plane.depth(asked.position)) > 0.0:
             self.plane = plane.at(plane.offset + depth)
 
-    def _take_told(self, asked: Asked, force: Vector, contact: Contact) -> None:
-        """Take in an answer that tells where the surface is."""
+    def _take_contact(self, asked: Asked, force: Vector, contact: Contact) -> None:
+        """Take in an answer that has the place of the surface."""
         inwards = tuple([-n for n in contact.normal])
         self._begin_surface(inwards)
         offset, pressed = dot(contact.proxy, inwards), dot(force, inwards)
@@ -106,7 +158,7 @@ class PlaneEstimator:
         self.plane = self._known(inwards, offset)
 
     def _take_force(self, asked: Asked, inwards: Vector, pressed: float) -> None:
-        """Take in an answer that tells only the force."""
+        """Take in an answer that has only the force."""
         self._begin_surface(inwards)
         self._take_pair(asked, inwards, pressed)
         place = dot(asked.position, inwards)

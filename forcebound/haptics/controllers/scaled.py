@@ -15,8 +15,8 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from forcebound.haptics.controllers import Controller, ControllerModel, Notice
-from forcebound.haptics.controllers.exchange import has_restarted
-from forcebound.haptics.controllers.vectors import along
+from forcebound.haptics.controllers.estimating import has_restarted
+from forcebound.haptics.controllers.plane import along
 from forcebound.messages.packets import DeviceState, EnvironmentReply, Vector
 from forcebound.quantities import (
     NOT_NEGATIVE,
@@ -31,7 +31,6 @@ from forcebound.quantities import (
 
 SCALE = Range(above=0, hint=", with 1 as it is")
 BUTTONS = 63  # bits of the packet's number
-HELD_LONG = 60.0  # s; a clutch that is down for longer is said to be
 
 
 @dataclass(frozen=True)
@@ -48,7 +47,7 @@ class Scaled(ControllerModel):
         engage_time: From no force to full force after the clutch.
         border: Distance from the device's origin beyond which there is rate control; 0: none.
         border_rate: g, drift over excess beyond the border.
-        border_stiffness: Of the spring that tells of the border.
+        border_stiffness: Of the spring beyond the border.
     """
 
     motion_scale: Annotated[Ratio, SCALE] = 1.0
@@ -96,25 +95,25 @@ class Clutch:
         self.notices: list[Notice] = []  # of what a person may not have meant
         self._has_begun = False
         self._changed_ns: int | None = None  # when it went down or up; None: never
-        self._is_told = False  # that it is down for long
 
     def take(self, state: DeviceState) -> None:
         """Take the buttons of a state in."""
         if self._button is None:
             return
+        is_down = bool((state.buttons or 0) >> self._button & 1)
         if not self._has_begun:
-            self._begin(state)
-        is_down = _is_down(state, self._button)
+            self._has_begun = True
+            if state.buttons is None:
+                message = f"the device has no buttons, so clutch_button: {self._button} never acts"
+                self.notices.append(Notice("no_clutch", message))
+            elif is_down:
+                message = (
+                    f"the clutch (button {self._button}) is down at the start: there is no force of"
+                    " the environment until it is let go"
+                )
+                self.notices.append(Notice("clutch_down", message))
         if is_down != self.is_down:
-            self.is_down, self._changed_ns, self._is_told = is_down, state.time_ns, False
-        if is_down and not self._is_told and self._since(state.time_ns) > HELD_LONG:
-            self._is_told = True
-            message = (
-                f"the clutch (button {self._button}) has been down for {HELD_LONG:g} s: let it go"
-                " to feel the environment; if nobody holds it, the button sticks: choose another"
-                " clutch_button"
-            )
-            self.notices.append(Notice("clutch_down", message))
+            self.is_down, self._changed_ns = is_down, state.time_ns
 
     def share(self, time_ns: int) -> float:
         """Return how much of the environment's force is shown."""
@@ -122,26 +121,7 @@ class Clutch:
             return 0.0
         if self._changed_ns is None or self._engage_time == 0.0:
             return 1.0
-        return min(self._since(time_ns) / self._engage_time, 1.0)
-
-    def _begin(self, state: DeviceState) -> None:
-        self._has_begun = True
-        if state.buttons is None:
-            message = f"the device tells no buttons, so clutch_button: {self._button} never acts"
-            self.notices.append(Notice("no_clutch", message))
-        elif self._button is not None and _is_down(state, self._button):
-            message = (
-                f"the clutch (button {self._button}) is down at the start: there is no force of the"
-                " environment until it is let go"
-            )
-            self.notices.append(Notice("clutch_down", message))
-
-    def _since(self, time_ns: int) -> float:
-        return 0.0 if self._changed_ns is None else (time_ns - self._changed_ns) * 1e-9
-
-
-def _is_down(state: DeviceState, button: int) -> bool:
-    return bool((state.buttons or 0) >> button & 1)
+        return min((time_ns - self._changed_ns) * 1e-9 / self._engage_time, 1.0)
 
 
 class OpenScaled(Controller):

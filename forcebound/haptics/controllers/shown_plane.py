@@ -14,8 +14,7 @@ is ours.
 
 import math
 
-from forcebound.haptics.controllers.plane import Plane
-from forcebound.haptics.controllers.vectors import across, along, dot
+from forcebound.haptics.controllers.plane import Plane, across, along, dot
 from forcebound.messages.packets import Vector
 
 MOST = 0.02  # J, of the budget: 6 N on a wall of 1 N/mm

@@ -18,11 +18,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
-from forcebound.haptics.controllers import Controller
-from forcebound.haptics.controllers.exchange import Exchange, ReplyTimeouts, has_restarted
+from forcebound.haptics.controllers.estimating import EstimatingController, EstimatingModel
 from forcebound.haptics.controllers.passivity import colgate_schenkel
-from forcebound.haptics.controllers.plane import Asked, Plane, PlaneEstimator
-from forcebound.haptics.controllers.vectors import along, dot
+from forcebound.haptics.controllers.plane import Asked, Plane, PlaneEstimator, along, dot
 from forcebound.messages.packets import DeviceState, EnvironmentReply, Vector
 from forcebound.quantities import NOT_NEGATIVE, POSITIVE, Damping, Mass, Stiffness
 
@@ -32,7 +30,7 @@ GONE = 10  # answers without force behind the plane, one after the other
 
 
 @dataclass(frozen=True)
-class VirtualCoupling(ReplyTimeouts):
+class VirtualCoupling(EstimatingModel):
     """Parameters of the virtual coupling.
 
     Attributes:
@@ -62,43 +60,32 @@ class VirtualCoupling(ReplyTimeouts):
         return OpenVirtualCoupling(self)
 
 
-class OpenVirtualCoupling(Controller):
+class OpenVirtualCoupling(EstimatingController):
     """A virtual coupling with its proxy."""
 
     def __init__(self, model: VirtualCoupling) -> None:
         self._model = model
-        self._time_ns = 0  # of the newest state, controller's clock
-        self._state: DeviceState | None = None
-        self._let_go()
+        super().__init__(model)
 
-    def _let_go(self) -> None:
-        model = self._model
-        self._exchange = Exchange(model)
-        self._estimator = PlaneEstimator(FORGETTING, STIFFEST, PAIR_WAY)
+    def _forget(self) -> None:
+        super()._forget()
         self._plane: Plane | None = None
         self._missing = 0  # answers without force behind it
-        self._is_answered = False
-        self._proxy: Vector | None = None  # m
+        self._proxy: Vector | None = None  # m; None: it is where the device is
         self._speed: Vector = ()  # of the proxy, m/s
 
-    def on_state(self, state: DeviceState, time_ns: int) -> Vector | None:
-        """Move the proxy; return the coupling's force, None without a living environment."""
-        if self._state is not None and has_restarted(self._state, state):
-            self._let_go()
-        dt = 0.0 if self._state is None else (state.time_ns - self._state.time_ns) * 1e-9
-        self._state, self._time_ns = state, time_ns
-        share = self._exchange.share(time_ns)
-        if self._is_answered and share == 0.0:
-            self._let_go()
-        if self._proxy is None or not self._is_answered:
-            self._proxy, self._speed = state.position, (0.0,) * len(state.position)
-            return None if not self._is_answered else self._speed
+    def _new_estimator(self) -> PlaneEstimator:
+        return PlaneEstimator(FORGETTING, STIFFEST, PAIR_WAY)
+
+    def _force(self, state: DeviceState, dt: float) -> Vector:
+        """Move the proxy; return the coupling's force."""
+        assert self._proxy is not None  # there is an answer, so there was a question
         if dt > 0.0:
             self._speed = self._step(state, self._proxy, dt)
             self._proxy = along(self._proxy, self._speed, dt)
         spring = along(state.position, self._proxy, -1.0)
         damper = along(state.velocity, self._speed, -1.0)
-        k, b = share * self._model.stiffness, share * self._model.damping
+        k, b = self._model.stiffness, self._model.damping
         return tuple([k * x + b * v for x, v in zip(spring, damper, strict=True)])
 
     def _step(self, state: DeviceState, proxy: Vector, dt: float) -> Vector:
@@ -119,21 +106,16 @@ class OpenVirtualCoupling(Controller):
         slowed /= resistance + plane.stiffness * dt + plane.damping
         return along(free, plane.inwards, slowed - speed)
 
-    def query(self, state: DeviceState) -> tuple[Vector, Vector]:
-        """Return the proxy's position and velocity."""
-        assert self._proxy is not None  # on_state comes first
-        asked = Asked(self._proxy, self._speed, state.time_ns)
-        self._exchange.ask(state.seq, asked, self._time_ns)
-        return asked.position, asked.velocity
+    def _question(self, state: DeviceState) -> tuple[Vector, Vector]:
+        """The proxy's position and velocity."""
+        if self._proxy is None or self._heard_ns is None:
+            self._proxy, self._speed = state.position, (0.0,) * len(state.position)
+        return self._proxy, self._speed
 
-    def on_reply(self, reply: EnvironmentReply, time_ns: int) -> None:
-        """Learn the environment's plane from an answer."""
-        asked = self._exchange.take(reply, time_ns)
-        if asked is None:
-            return
-        self._is_answered = True
+    def _learn(self, asked: Asked, reply: EnvironmentReply) -> None:
+        """Learn the environment's plane; it ends where the environment has long had no force."""
         known = self._estimator.plane
         is_behind = known is not None and known.depth(asked.position) > 0.0
         self._missing = self._missing + 1 if is_behind and not any(reply.force) else 0
-        self._estimator.take(asked, reply.force, reply.contact)
+        super()._learn(asked, reply)
         self._plane = None if self._missing >= GONE else self._estimator.plane

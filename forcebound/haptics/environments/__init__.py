@@ -5,10 +5,10 @@ An environment is a frozen dataclass of its parameters, the *model*, whose ``ope
 :class:`StatelessEnvironment` and has a method ``force``; any other inherits
 :class:`EnvironmentModel` and has a method ``open``.
 
-To add an environment: copy ``wall.py`` to ``my_environment.py``, add one line to ``ENVIRONMENTS``;
-``tests/test_environments.py`` tests it with all the others, and launch files know it as
-``environment: {kind: my_environment}`` with the fields of its dataclass as parameters. Or name a
-file of your own (docs/write-your-own-environment.md).
+To add an environment: copy ``mass_spring.py`` to ``my_environment.py``, add one line to
+``ENVIRONMENTS``; ``tests/test_environments.py`` tests it with all the others, and launch files know
+it as ``environment: {kind: my_environment}`` with the fields of its dataclass as parameters. Or
+name a file of your own (docs/write-your-own-environment.md).
 
 A force is positive when it resists motion in the positive direction, so a wall that the hand
 pushes into answers a positive force.
@@ -17,12 +17,21 @@ pushes into answers a positive force.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 from forcebound.errors import ConfigError
 from forcebound.haptics.parts import Form, Table, overridden
 from forcebound.haptics.parts.user_module import describe_user_error
 from forcebound.messages.packets import Contact, SceneObject, Vector
+
+FAR = 10.0  # m: a hand that is farther away is taken to be there
+
+
+def within_reach(coordinate: float) -> float:
+    """Return a coordinate of a hand, in m, at most ``FAR`` from the origin."""
+    return min(max(coordinate, -FAR), FAR)
 
 
 class Environment(ABC):
@@ -91,14 +100,21 @@ def may_report_contacts(model: EnvironmentModel) -> bool:
     )
 
 
-def open_environment(model: EnvironmentModel, axes: int) -> Environment:
-    """Return an instance of a model; ConfigError if it cannot be used, or its own code fails."""
+@contextmanager
+def _users_code(call: str) -> Iterator[None]:
+    """Turn what code of a user raises into a ConfigError that names the call."""
     try:
-        return model.open(axes)
+        yield
     except ConfigError:
         raise
     except Exception as error:
-        raise ConfigError(f"environment: open({axes}): {describe_user_error(error)}") from error
+        raise ConfigError(f"environment: {call}: {describe_user_error(error)}") from error
+
+
+def open_environment(model: EnvironmentModel, axes: int) -> Environment:
+    """Return an instance of a model; ConfigError if it cannot be used, or its own code fails."""
+    with _users_code(f"open({axes})"):
+        return model.open(axes)
 
 
 def change_environment(opened: Environment, model: EnvironmentModel, axes: int) -> Environment:
@@ -106,13 +122,9 @@ def change_environment(opened: Environment, model: EnvironmentModel, axes: int) 
 
     If it raises ConfigError, as :func:`open_environment`, ``opened`` is as it was.
     """
-    try:
+    with _users_code("change"):
         if opened.change(model):
             return opened
-    except ConfigError:
-        raise
-    except Exception as error:
-        raise ConfigError(f"environment: change: {describe_user_error(error)}") from error
     new = open_environment(model, axes)
     opened.close()
     return new
@@ -127,13 +139,13 @@ ENVIRONMENTS: Table[type[EnvironmentModel]] = Table(
         "power_law_wall": "forcebound.haptics.environments.walls:PowerLawWall",
         "damper": "forcebound.haptics.environments.walls:Damper",
         "solid": "forcebound.haptics.environments.solid:Solid",
-        "distance_field": "forcebound.haptics.environments.distance_field:DistanceField",
-        "point_cloud": "forcebound.haptics.environments.point_cloud:PointCloud",
+        "distance_field": "forcebound.haptics.environments.solids_of_files:DistanceField",
+        "point_cloud": "forcebound.haptics.environments.solids_of_files:PointCloud",
         "mass_spring": "forcebound.haptics.environments.mass_spring:MassSpring",
         "bodies": "forcebound.haptics.environments.bodies:Bodies",
         "recorded": "forcebound.haptics.environments.recorded:RecordedEnvironment",
-        "mesh": "forcebound.haptics.environments.mesh:TriangleMesh",
-        "active_wall": "forcebound.haptics.environments.active_wall:ActiveWall",
+        "mesh": "forcebound.haptics.environments.solids_of_files:TriangleMesh",
+        "active_wall": "forcebound.haptics.environments.walls:ActiveWall",
     },
     Form("forcebound.haptics.environments:EnvironmentModel"),
 )

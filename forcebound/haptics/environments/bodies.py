@@ -21,7 +21,7 @@ import numpy as np
 from forcebound.bounded_child import ChildError, in_bounded_child
 from forcebound.errors import ConfigError
 from forcebound.files import open_file, reason
-from forcebound.haptics.environments import Environment, EnvironmentModel
+from forcebound.haptics.environments import Environment, EnvironmentModel, within_reach
 from forcebound.haptics.geometry.vectors import Vector3, along, cut, norm, pad3, scale, sub
 from forcebound.messages.packets import MAX_NAME, Contact, SceneObject, Shape, Vector
 from forcebound.quantities import (
@@ -35,7 +35,6 @@ from forcebound.quantities import (
 )
 
 MOST_STEPS = 20  # for one answer; a scene that falls farther behind stands still
-FAR = 10.0  # m: the probe does not follow a hand beyond, nor does the force grow
 TOUCH = 1e-6  # m, least way between hand and probe of a contact
 HARD = [0.99, 0.99, 0.001, 0.5, 2.0]  # of the probe's contacts: the coupling is the soft part
 SECONDS, MEMORY = 30.0, 2_000_000_000  # s and bytes for the compilation and a first step
@@ -95,15 +94,15 @@ class _Scene(Environment):
         self._mujoco.mj_forward(self._scene, self._data)
         self._probe = self._scene.body(PROBE)
         self._geom = int(self._scene.geom(PROBE).id)
-        self._place = slice(*_range(self._scene.jnt_qposadr[self._probe.jntadr[0]]))
-        self._motion = slice(*_range(self._scene.jnt_dofadr[self._probe.jntadr[0]]))
+        self._place = _three(self._scene.jnt_qposadr[self._probe.jntadr[0]])
+        self._motion = _three(self._scene.jnt_dofadr[self._probe.jntadr[0]])
         self._hand: Vector3 | None = None
         self._elapsed = 0.0  # s, until which the scene has gone
         self._resets = 0
 
     def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
-        x, y, z = (min(max(entry, -FAR), FAR) for entry in pad3(position))
-        speed = tuple(min(max(entry, -FAR), FAR) for entry in pad3(velocity))
+        x, y, z = map(within_reach, pad3(position))
+        speed = tuple(map(within_reach, pad3(velocity)))  # at most 10 m/s
         if self._hand is None:
             self._hand, self._elapsed = (x, y, z), elapsed
             self._data.qpos[self._place] = self._hand
@@ -194,7 +193,7 @@ class _Scene(Environment):
             self._begin(model)
             return True
         _check_coupling(model, self._scene.opt.timestep)
-        joints = slice(*_range(self._probe.jntadr[0]))
+        joints = _three(self._probe.jntadr[0])
         self._scene.jnt_stiffness[joints] = model.stiffness
         self._scene.dof_damping[self._motion] = model.damping
         self._model = model
@@ -221,17 +220,15 @@ def _compile(mujoco: Any, model: Bodies) -> Any:
     try:
         open_file(model.file).close()
         binary = in_bounded_child(partial(_compiled, model), SECONDS, MEMORY)
-    except OSError as error:
-        words = f"{model.file}: {reason(error)}; expected a scene in MJCF"
-        raise ConfigError(words, field="file") from None
-    except ChildError as error:
-        raise ConfigError(
-            f"{model.file}: {error}; expected a scene that compiles within {SECONDS:g} s and"
-            f" {MEMORY / 1e9:g} GB, from regular files",
-            field="file",
-        ) from None
     except ConfigError as error:
         raise ConfigError(str(error), field="file") from None
+    except (OSError, ChildError) as error:
+        words = reason(error) if isinstance(error, OSError) else error
+        raise ConfigError(
+            f"{model.file}: {words}; expected a scene in MJCF that compiles within {SECONDS:g} s"
+            f" and {MEMORY / 1e9:g} GB, from regular files",
+            field="file",
+        ) from None
     scene = mujoco.MjModel.from_binary_path("scene.mjb", {"scene.mjb": binary})
     _check_coupling(model, scene.opt.timestep)
     return scene
@@ -295,6 +292,6 @@ def _shape(kind: str, half: list[float], box: list[float]) -> tuple[Shape, tuple
     return "box", (2.0 * box[0], 2.0 * box[1], 2.0 * box[2])
 
 
-def _range(start: Any) -> tuple[int, int]:
-    """The three entries of the probe's joints, which follow each other."""
-    return int(start), int(start) + 3
+def _three(start: Any) -> slice:
+    """The entries of the probe's joints, which follow each other."""
+    return slice(int(start), int(start) + 3)

@@ -5,14 +5,20 @@ and along strokes to what its scene shows; a violation names the question. Only 
 for contacts and scenes, too: if that changed an answer, the second would show it.
 """
 
-import dataclasses
 import functools
 import itertools
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import closing, suppress
+from dataclasses import fields, is_dataclass
 from random import Random
 
-from forcebound.haptics.environments import Environment, EnvironmentModel, open_environment
+from forcebound.haptics.environments import (
+    FAR,
+    Environment,
+    EnvironmentModel,
+    open_environment,
+)
 from forcebound.haptics.environments.strokes import Question, strokes
 from forcebound.haptics.parts import overridden
 from forcebound.haptics.parts.contract import (
@@ -26,7 +32,7 @@ from forcebound.haptics.parts.contract import (
 from forcebound.messages.codec import decode, encode
 from forcebound.messages.packets import MAX_AXES, MAX_LENGTH, Scene, SceneObject, Vector
 
-FAR, LONG = 10.0, 1e4  # m and m/s, s: beyond any hand and any run
+LONG = 1e4  # s: beyond any run
 PLACES = (0.001, -0.001, 0.02, -0.02, 1.0, -1.0, FAR, -FAR)  # m
 SCATTERED = 30  # questions at random for each reach, and about each parameter
 STROKES = 12  # towards what a scene shows, for each number of axes
@@ -64,30 +70,30 @@ def check(
     axes = tuple(dict.fromkeys(axes))
     objects = _objects(model, max(axes, default=1))
     known = {count: _questions(model, objects, count) for count in axes}
-    share = None if at_most is None else max(FEWEST, at_most // len(axes))
-    asked = {count: _some(questions, share) for count, questions in known.items()}
+    share = math.inf if at_most is None else max(FEWEST, at_most // len(axes))
+    asked = {count: all_[:: math.ceil(len(all_) / share) or 1] for count, all_ in known.items()}
     total = sum(map(len, asked.values()))
     numbers = itertools.count()
     found = Findings()
     found.check_value(model)
-    has_answered = False
-    seen: set[str] = set()
+    answered: list[Vector | None] = []
+    members: set[str] = set()
 
     def report(question: Question) -> None:
         progress(str(question), next(numbers), 2 * total)
 
     for count, questions in asked.items():
-        before = _answers(model, count, questions, found, report, seen)
+        before = _answers(model, count, questions, found, report, members)
         after = _answers(copy_of(model), count, questions, Findings(), report)
-        has_answered = has_answered or any(one is not None for one in before)
+        answered += before
         for question, one, other in zip(questions, before, after, strict=False):  # none: not opened
             if one is not None and repr(one) != repr(other):
                 found.add("pure", f"{one}, as before", repr(other), str(question))
-    for (position, expected), count in itertools.product((at_rest or {}).items(), axes):
-        _check_rest(model, count, position, expected, found)
+        for position, force in (at_rest or {}).items():
+            _check_rest(model, count, position, force, found)
     promises = {name: words for name, words in PROMISES.items() if name != "rest" or at_rest}
-    unseen = {"contact", "scene"} - seen
-    if not has_answered:
+    unseen = {"contact", "scene"} - members
+    if not any(answered):
         unseen |= {"answers", "shape", "finite", "pure"}
     return found.report(promises, total, sum(map(len, known.values())) - total, unseen)
 
@@ -106,7 +112,7 @@ def _check_rest(
 def ask_once(model: EnvironmentModel, axes: int, found: Findings) -> None:
     """Ask a new instance for a force at rest, a contact and its scene."""
     still = (0.0,) * axes
-    _answers(model, axes, [Question(still, still, 0.0)], found, seen=set())
+    _answers(model, axes, [Question(still, still, 0.0)], found, members=set())
 
 
 def _answers(
@@ -115,24 +121,24 @@ def _answers(
     questions: Sequence[Question],
     found: Findings,
     report: Asked = lambda question: None,
-    seen: set[str] | None = None,
+    members: set[str] | None = None,
 ) -> list[Vector | None]:
     """The answers of a new instance; None where there was none; empty if it does not open.
 
-    With ``seen``, contacts and scenes are checked, too, and what the environment has is added.
+    With ``members``, contacts and scenes are checked, too, and the methods that it has are added.
     """
     answers: list[Vector | None] = []
     with found.noting("opens", "an instance that closes", f"open({axes}), close()"):
         environment = open_environment(model, axes)
-        if seen is not None:
-            seen |= overridden(environment, Environment)
+        if members is not None:
+            members |= overridden(environment, Environment)
             _check_scene(environment, f"scene() before the first query, {axes} axes", found)
         for question in questions:
             report(question)
             answers.append(_answer(environment, question, found))
-            if seen is not None and answers[-1] is not None:
+            if members is not None and answers[-1] is not None:
                 _check_contact(environment, question, found)
-        if seen is not None:
+        if members is not None:
             _check_scene(environment, f"scene() after the last query, {axes} axes", found)
         environment.close()
     return answers
@@ -182,9 +188,13 @@ def _check_scene(environment: Environment, where: str, found: Findings) -> None:
 def _questions(
     model: EnvironmentModel, objects: Sequence[SceneObject], axes: int
 ) -> list[Question]:
-    """The table for a number of axes: dense where a parameter says that something begins."""
+    """The table for a number of axes: dense where a parameter may be the place of a surface."""
     still, random = (0.0,) * axes, Random(axes)
-    edges = [0.0, *_edges(model)]
+    edges = [0.0]
+    names: list[str] = [one.name for one in fields(model)] if is_dataclass(model) else []
+    for value in (getattr(model, name) for name in names):
+        if isinstance(value, int | float) and abs(value) <= 1.0:
+            edges += [math.nextafter(value, -1e9), float(value), math.nextafter(value, 1e9)]
     table = []
     for one in (*edges, *PLACES):
         along = (one, *still[1:])
@@ -201,27 +211,10 @@ def _questions(
 
 def _objects(model: EnvironmentModel, axes: int) -> tuple[SceneObject, ...]:
     """What a world shows before it is touched; nothing if it has no sound scene."""
-    try:
+    with suppress(Exception):  # the promises say why
         environment = open_environment(model, axes)
-        try:
-            objects = tuple(environment.scene() or ())
-        finally:
-            environment.close()
-        decode(encode(Scene(0, 0, objects[:MAX_LENGTH])), Scene)
-    except Exception:  # the promises say why
-        return ()
-    return objects
-
-
-def _some(questions: Sequence[Question], at_most: int | None) -> Sequence[Question]:
-    step = 1 if at_most is None else math.ceil(len(questions) / at_most)
-    return questions[::step]
-
-
-def _edges(model: EnvironmentModel) -> list[float]:
-    """Parameters that may be positions, and the floats beside them."""
-    if not dataclasses.is_dataclass(model):
-        return []
-    values = [getattr(model, field.name) for field in dataclasses.fields(model)]
-    lengths = [float(v) for v in values if isinstance(v, int | float) and abs(v) <= 1.0]
-    return [edge for v in lengths for edge in (math.nextafter(v, -1e9), v, math.nextafter(v, 1e9))]
+        with closing(environment):
+            objects = tuple(environment.scene() or ())[:MAX_LENGTH]
+        decode(encode(Scene(0, 0, objects)), Scene)
+        return objects
+    return ()

@@ -59,6 +59,11 @@ def pull(offset: Vector3, stiffness: float, reach: float) -> Vector3:
     return scale(offset, stiffness * share * share)
 
 
+def _expect(is_sound: bool, field: str, expected: str, got: object) -> None:
+    if not is_sound:
+        raise ConfigError(f"{field}: expected {expected}, got {got}", field=field)
+
+
 @dataclass(frozen=True, kw_only=True)
 class _Fixture(ABC):
     """What fixtures have in common."""
@@ -68,9 +73,8 @@ class _Fixture(ABC):
     def __post_init__(self) -> None:
         check_ranges(self)
         for name in self.places:
-            if not 1 <= len(getattr(self, name)) <= 3:
-                count = len(getattr(self, name))
-                raise ConfigError(f"{name}: expected 1 to 3 numbers, got {count}", field=name)
+            count = len(getattr(self, name))
+            _expect(1 <= count <= 3, name, "1 to 3 numbers", count)
 
     @abstractmethod
     def force(self, position: Vector3, velocity: Vector3) -> Vector3:
@@ -105,9 +109,7 @@ class GuidancePlane(_Guidance):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not any(self.normal):
-            got = list(self.normal)
-            raise ConfigError(f"normal: expected a direction, got {got}", field="normal")
+        _expect(any(self.normal), "normal", "a direction", list(self.normal))
 
     @property
     def unit_normal(self) -> Vector3:
@@ -138,11 +140,10 @@ class GuidancePath(_Guidance):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not 2 <= len(self.points) <= MOST_POINTS:
-            words = f"points: expected 2 to {MOST_POINTS}, got {len(self.points)}"
-            raise ConfigError(words, field="points")
-        if not all(1 <= len(point) <= 3 for point in self.points):
-            raise ConfigError("points: expected 1 to 3 numbers of each", field="points")
+        count = len(self.points)
+        _expect(2 <= count <= MOST_POINTS, "points", f"2 to {MOST_POINTS}", count)
+        for point in self.points:
+            _expect(1 <= len(point) <= 3, "points", "1 to 3 numbers of each", len(point))
 
     def closest(self, position: Vector3) -> Vector3:
         """Return the point of the path that is closest to a position, in m."""
@@ -182,9 +183,8 @@ class ForbiddenRegion(_Fixture):
         super().__post_init__()
         if (self.size is None) == (self.radius is None):
             raise ConfigError("a forbidden region needs size (a box) or radius (a sphere)")
-        if self.size is not None and len(self.size) != 3:
-            words = f"size: expected three edges in m, got {len(self.size)}"
-            raise ConfigError(words, field="size")
+        if self.size is not None:
+            _expect(len(self.size) == 3, "size", "three edges in m", len(self.size))
 
     def force(self, position: Vector3, velocity: Vector3) -> Vector3:
         return scale(self._way_in(sub(position, pad3(self.centre))), self.stiffness)
@@ -192,18 +192,14 @@ class ForbiddenRegion(_Fixture):
     def _way_in(self, offset: Vector3) -> Vector3:
         """The way from the nearest point of the skin to an offset inside; 0 outside."""
         if self.radius is not None:
-            distance = norm(offset)
-            if distance >= self.radius:
-                return (0.0, 0.0, 0.0)
-            out = scale(offset, 1.0 / distance) if distance > 0.0 else (1.0, 0.0, 0.0)
-            return scale(out, distance - self.radius)
+            depth = self.radius - norm(offset)
+            out = unit(offset) if any(offset) else (1.0, 0.0, 0.0)
+            return scale(out, -max(depth, 0.0))
         assert self.size is not None  # __post_init__
         depths = [0.5 * edge - abs(x) for edge, x in zip(self.size, offset, strict=True)]
-        shallowest = min(depths)
-        if shallowest <= 0.0:
-            return (0.0, 0.0, 0.0)
-        axis = depths.index(shallowest)
+        shallowest = max(min(depths), 0.0)
         way = [0.0, 0.0, 0.0]
+        axis = depths.index(min(depths))
         way[axis] = -math.copysign(shallowest, offset[axis])
         return (way[0], way[1], way[2])
 
@@ -234,13 +230,10 @@ class WorkspaceLimit(_Fixture):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if len(self.low) != len(self.high):
-            words = f"high: expected as many entries as low, {len(self.low)}, got {len(self.high)}"
-            raise ConfigError(words, field="high")
-        for axis, (low, high) in enumerate(zip(self.low, self.high, strict=True)):
-            if low >= high:
-                words = f"low: expected less than high, got {low:g} m and {high:g} m (axis {axis})"
-                raise ConfigError(words, field="low")
+        count = len(self.low)
+        _expect(len(self.high) == count, "high", f"{count} entries, as low", len(self.high))
+        for low, high in zip(self.low, self.high, strict=True):
+            _expect(low < high, "low", "less than high", f"{low:g} m and {high:g} m")
 
     def force(self, position: Vector3, velocity: Vector3) -> Vector3:
         forces = [0.0, 0.0, 0.0]

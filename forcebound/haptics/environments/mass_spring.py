@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 from typing import Annotated
 
-from forcebound.haptics.environments import Environment, EnvironmentModel
+from forcebound.haptics.environments import Environment, EnvironmentModel, within_reach
 from forcebound.haptics.environments.walls import on_first_axis
 from forcebound.messages.packets import Contact, SceneObject, Vector
 from forcebound.quantities import (
@@ -71,10 +71,11 @@ class _Slab(Environment):
         self._elapsed = 0.0
 
     def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
-        before = position[0] if self._hand is None else self._hand[0]
-        self._advance(before, position[0], min(max(elapsed - self._elapsed, 0.0), LONGEST))
-        self._hand, self._elapsed = position, elapsed
-        self._depth = max(position[0] - self._face, 0.0)
+        hand = within_reach(position[0])  # or one absurd reading would throw the slab for ever
+        before = hand if self._hand is None else self._hand[0]
+        self._advance(before, hand, min(max(elapsed - self._elapsed, 0.0), LONGEST))
+        self._hand, self._elapsed = (hand, *position[1:]), elapsed
+        self._depth = max(hand - self._face, 0.0)
         return on_first_axis(self._model.stiffness * self._depth, self._axes)
 
     @property

@@ -10,7 +10,14 @@ from forcebound.errors import ConfigError
 from forcebound.haptics.environments.touching import Touchable
 from forcebound.haptics.geometry import shapes
 from forcebound.haptics.geometry.implicit import ImplicitSolid
-from forcebound.haptics.geometry.vectors import Quaternion, Vector3, norm, unit_quaternion
+from forcebound.haptics.geometry.vectors import (
+    Quaternion,
+    Vector3,
+    norm,
+    unit,
+    unit_quaternion,
+    z_onto,
+)
 from forcebound.messages.packets import SceneObject
 from forcebound.quantities import (
     POSITIVE,
@@ -64,19 +71,13 @@ class Shape:
     @property
     def orientation(self) -> Quaternion:
         """Rotation from the shape's own coordinates to the world's."""
-        x, y, z = self.axis
-        length = norm(self.axis)
-        across = math.hypot(x, y)
-        tilt = math.atan2(across, z) if length else 0.0
-        u, v = (-y / across, x / across) if across > 0.0 else (1.0, 0.0)
-        tilted = (math.cos(tilt / 2), u * math.sin(tilt / 2), v * math.sin(tilt / 2), 0.0)
+        w, x, y, _ = z_onto(unit(self.axis))
         c, s = math.cos(self.turn / 2), math.sin(self.turn / 2)
-        w, a, b, _ = tilted
-        return unit_quaternion((w * c, a * c + b * s, b * c - a * s, w * s))
+        return unit_quaternion((w * c, x * c + y * s, y * c - x * s, w * s))
 
     @property
     def extent(self) -> Vector3:
-        """Half its edges; of round shapes the radius first; as the kernel wants it."""
+        """Half its edges; of round shapes the radius first; as the kernel takes it."""
         if self.size is not None:
             return (self.size[0] / 2, self.size[1] / 2, self.size[2] / 2)
         return (self.radius or 0.0, (self.length or 0.0) / 2, 0.0)

@@ -1,28 +1,22 @@
-"""Strokes of a tip through a world: from outside to the middle of what is drawn, and then across.
+"""Questions along strokes of a tip: from outside to the middle of what is drawn, and then across.
 
 Questions at random rarely touch a ball in space, and never slide along it. These do.
 """
 
 import itertools
-import statistics
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from random import Random
 from typing import NamedTuple
 
-from forcebound.haptics.environments import Environment
 from forcebound.haptics.geometry.vectors import (
     ZERO,
     Vector3,
     add,
     along,
     cut,
-    dot,
     norm,
-    pad3,
     rotate,
     scale,
-    sub,
     tangential,
     unit,
 )
@@ -30,9 +24,8 @@ from forcebound.messages.packets import SceneObject, Vector
 
 INWARDS, ACROSS = 40, 20  # questions of a stroke
 CLEARANCE = 0.01  # m, from what is drawn to the beginning of a stroke
-UNKNOWN = 0.03  # m, half the size of what only a file tells
+UNKNOWN = 0.03  # m, half the size of what is only in a file
 THIN = 0.01  # m, how deep a stroke goes beyond a plane or path
-SHALLOW = 1e-5  # m; a stiffness at less depth is mostly rounding
 PERIOD = 1e-3  # s, between two questions
 
 
@@ -48,38 +41,31 @@ class Question(NamedTuple):
 
 
 def strokes(objects: Sequence[SceneObject], axes: int, count: int) -> Iterator[list[Question]]:
-    """Return ``count`` strokes of so many axes towards the objects in turn; none without objects.
-
-    The same each time.
-    """
+    """Return ``count`` strokes towards the objects in turn, the same each time; none of none."""
     random = Random(axes)
     for number, target in zip(range(count), itertools.cycle(objects), strict=False):
-        yield _stroke(target, axes, random, float(number))
-
-
-def _stroke(target: SceneObject, axes: int, random: Random, begins: float) -> list[Question]:
-    half = _half_size(target)
-    place = target.position
-    if target.points:
-        place = add(place, rotate(target.orientation, random.choice(target.points)))
-    x, y, z = (random.uniform(-0.5, 0.5) * half for _ in range(3))
-    aim = add(place, rotate(target.orientation, (x, y, z)))
-    inwards, sideways = _direction(axes, random), _direction(axes, random)
-    across = unit(tangential(sideways, inwards)) if axes > 1 else ZERO
-    way = half + CLEARANCE
-    start = along(aim, inwards, -way)
-    velocity = scale(inwards, way / INWARDS / PERIOD)
-    tips = [(along(start, inwards, way * step / INWARDS), velocity) for step in range(INWARDS + 1)]
-    slow = scale(across, 0.25 * norm(velocity))
-    tips += [(along(aim, slow, PERIOD * step), slow) for step in range(1, ACROSS + 1)]
-    return [
-        Question(cut(position, axes), cut(speed, axes), begins + PERIOD * step)
-        for step, (position, speed) in enumerate(tips)
-    ]
+        half = _half_size(target)
+        place = target.position
+        if target.points:
+            place = add(place, rotate(target.orientation, random.choice(target.points)))
+        x, y, z = (random.uniform(-0.5, 0.5) * half for _ in range(3))
+        aim = add(place, rotate(target.orientation, (x, y, z)))
+        inwards, sideways = _direction(axes, random), _direction(axes, random)
+        way = half + CLEARANCE
+        velocity = scale(inwards, way / INWARDS / PERIOD)
+        slow = scale(
+            unit(tangential(sideways, inwards)) if axes > 1 else ZERO, 0.25 * norm(velocity)
+        )
+        tips = [(along(aim, inwards, way * (k / INWARDS - 1)), velocity) for k in range(INWARDS)]
+        tips += [(along(aim, slow, PERIOD * k), slow) for k in range(ACROSS + 1)]
+        yield [
+            Question(cut(position, axes), cut(speed, axes), number + PERIOD * step)
+            for step, (position, speed) in enumerate(tips)
+        ]
 
 
 def _half_size(target: SceneObject) -> float:
-    """Return about how far from its middle an object reaches, in m."""
+    """About how far from its middle an object reaches, in m."""
     if target.shape in ("mesh", "points"):
         return UNKNOWN
     edges = [2.0 * one for one in target.size[:1]] + [*target.size[1:]]  # the first is a radius
@@ -87,41 +73,6 @@ def _half_size(target: SceneObject) -> float:
 
 
 def _direction(axes: int, random: Random) -> Vector3:
-    """Return a direction that a device of so many axes can go."""
-    drawn = [random.gauss(0.0, 1.0) if axis < axes else 0.0 for axis in range(3)]
-    return unit((drawn[0], drawn[1], drawn[2]))
-
-
-@dataclass(frozen=True)
-class Touch:
-    """What strokes have felt, each question at rest."""
-
-    strokes: int
-    touched: int  # strokes with a contact
-    stiffness: tuple[float, float, float] | None  # N/m along the normal: least, median, most
-    across: float  # largest force across the normal over that along it
-
-
-def feel(environment: Environment, objects: Sequence[SceneObject], axes: int, count: int) -> Touch:
-    """Return what strokes through an open environment with ``contact`` have felt."""
-    stiffness: list[float] = []
-    across, touched = 0.0, 0
-    for stroke in strokes(objects, axes, count):
-        contacts = 0
-        for tip in stroke:
-            force = pad3(environment.force("", tip.position, (0.0,) * axes, tip.elapsed))
-            contact = environment.contact("")
-            if contact is None:
-                continue
-            contacts += 1
-            proxy, normal = pad3(contact.proxy), pad3(contact.normal)
-            depth = dot(sub(proxy, pad3(tip.position)), normal)
-            if depth > SHALLOW:
-                outwards = -dot(force, normal)
-                stiffness.append(outwards / depth)
-                if outwards > 0.0:
-                    across = max(across, norm(tangential(force, normal)) / outwards)
-        touched += contacts > 0
-    ordered = sorted(stiffness)
-    spread = (ordered[0], statistics.median(ordered), ordered[-1]) if ordered else None
-    return Touch(count if objects else 0, touched, spread, across)
+    """A direction that a device of so many axes can go."""
+    x, y, z = (random.gauss(0.0, 1.0) if axis < axes else 0.0 for axis in range(3))
+    return unit((x, y, z))

@@ -1,33 +1,14 @@
-"""Worlds with a surface: a solid, its proxy and the force between; solids from files."""
+"""Worlds with a surface: a solid, its proxy and the force between."""
 
-import math
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, field, replace
-from functools import lru_cache
-from pathlib import Path
-from typing import Annotated, Any, Literal, TypeAlias
+from dataclasses import dataclass, field
+from typing import Annotated
 
-from forcebound.errors import ConfigError
-from forcebound.files import version_of
-from forcebound.haptics.environments import Environment, EnvironmentModel
+from forcebound.haptics.environments import Environment, EnvironmentModel, within_reach
 from forcebound.haptics.geometry.proxy import HapticSurface, Solid, Surface
-from forcebound.haptics.geometry.vectors import Quaternion, cut, unit_quaternion
+from forcebound.haptics.geometry.vectors import Pose, cut, pad3
 from forcebound.messages.packets import Contact, SceneObject, Vector
-from forcebound.quantities import (
-    NOT_NEGATIVE,
-    POSITIVE,
-    Damping,
-    Length,
-    Ratio,
-    Stiffness,
-    check_ranges,
-)
-
-RABBIT = Path(__file__).parents[2] / "launch_files" / "rabbit.ply"
-CACHED = 4  # files, and solids
-
-#: Length of a file's unit in m; "metres": it is in metres, and refused if it seems not to be.
-Scale: TypeAlias = Annotated[Ratio, POSITIVE] | Literal["metres"]
+from forcebound.quantities import NOT_NEGATIVE, Damping, Stiffness, check_ranges
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,6 +27,11 @@ class Touchable(EnvironmentModel, ABC):
 
     def __post_init__(self) -> None:
         check_ranges(self)
+
+    @property
+    def pose(self) -> Pose:
+        """Where the coordinates of the solid are."""
+        return Pose()
 
     @abstractmethod
     def solid(self) -> Solid:
@@ -67,12 +53,11 @@ class OpenTouchable(Environment):
 
     def __init__(self, model: Touchable, axes: int) -> None:
         self._axes, self._model = axes, model
-        self._surface = HapticSurface(
-            model.solid(), model.surface, model.stiffness, model.damping, axes
-        )
+        self._surface = HapticSurface(*_what(model))
 
     def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
-        return self._surface.touch(position, velocity)
+        x, y, z = map(within_reach, pad3(position))
+        return cut(self._surface.touch((x, y, z), pad3(velocity)), self._axes)
 
     def contact(self, user: str) -> Contact | None:
         touched = self._surface.touched
@@ -85,92 +70,10 @@ class OpenTouchable(Environment):
 
     def change(self, model: Touchable) -> bool:
         """Take over other parameters; the proxy stays where it is, unless it is inside now."""
-        self._surface.change(model.solid(), model.surface, model.stiffness, model.damping)
+        self._surface.change(*_what(model))
         self._model = model
         return True
 
 
-@dataclass(frozen=True)
-class PlacedFile(Touchable):
-    """A solid from a file that the hand touches, somewhere in space.
-
-    Attributes:
-        file: The file; null: our rabbit.
-        scale: Length of the file's unit in m, such as 0.001; metres: it is in metres, and what is
-            beyond 2 m is refused.
-        position: Of the file's origin.
-        orientation: Of the file's axes, a quaternion w, x, y, z; any length.
-    """
-
-    file: Path | None = None
-    scale: Scale = "metres"
-    position: tuple[Length, Length, Length] = (0.055, 0.0, 0.0)
-    orientation: tuple[Ratio, Ratio, Ratio, Ratio] = (math.sqrt(0.5), 0.0, -math.sqrt(0.5), 0.0)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if not any(self.orientation):
-            raise ConfigError("orientation must be a rotation, got 0, 0, 0, 0", field="orientation")
-
-    @abstractmethod
-    def read(self) -> Any:
-        """Return what :meth:`place` needs of the file; ConfigError if it will not do."""
-
-    @abstractmethod
-    def place(self, content: Any) -> Solid:
-        """Return the content of the file at its place."""
-
-    def check_files(self) -> None:
-        super().check_files()
-        self.content()
-
-    def content(self) -> Any:
-        """Return what :meth:`read` does, kept for the same file and parameters."""
-        unplaced = replace(self._without_feel(), position=(0, 0, 0), orientation=(1, 0, 0, 0))
-        return _content(replace(unplaced, surface=Surface()), version_of(self.path))
-
-    def solid(self) -> Solid:
-        return _solid(self._without_feel(), version_of(self.path))
-
-    def _without_feel(self) -> "PlacedFile":
-        surface = Surface(force_shading=self.surface.force_shading)
-        return replace(self, stiffness=0.0, damping=0.0, surface=surface)
-
-    def drawn(self, shape: Literal["mesh", "points"], digest: str) -> tuple[SceneObject, ...]:
-        """Return the file at its place, to draw, under the name of its shape."""
-        return (
-            SceneObject(
-                name=shape,
-                shape=shape,
-                position=self.position,
-                orientation=self.rotation,
-                size=(self.unit or 1.0,),
-                file=str(self.path),
-                digest=digest,
-            ),
-        )
-
-    @property
-    def path(self) -> Path:
-        """The file."""
-        return RABBIT if self.file is None else self.file
-
-    @property
-    def unit(self) -> float | None:
-        """Length of the file's unit, in m; None: metres, if the size looks so."""
-        return None if isinstance(self.scale, str) else self.scale
-
-    @property
-    def rotation(self) -> Quaternion:
-        """The orientation, of length 1."""
-        return unit_quaternion(self.orientation)
-
-
-@lru_cache(CACHED)
-def _content(model: PlacedFile, version: tuple[int, int]) -> Any:
-    return model.read()
-
-
-@lru_cache(CACHED)
-def _solid(model: PlacedFile, version: tuple[int, int]) -> Solid:
-    return model.place(model.content())
+def _what(model: Touchable) -> tuple[Solid, Surface, float, float, Pose]:
+    return model.solid(), model.surface, model.stiffness, model.damping, model.pose

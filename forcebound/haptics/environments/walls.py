@@ -3,23 +3,24 @@
 The functions of numbers alone are those that compiled kernels share with the environments.
 """
 
-import math
 from abc import abstractmethod
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, TypeAlias
 
-from forcebound.haptics.environments import StatelessEnvironment
+from forcebound.haptics.environments import FAR, StatelessEnvironment
 from forcebound.messages.packets import Vector
 from forcebound.quantities import (
     NOT_NEGATIVE,
-    POSITIVE,
     Damping,
     Length,
+    Range,
     Ratio,
     Stiffness,
     StiffnessRate,
     check_ranges,
 )
+
+AnyDamping: TypeAlias = Annotated[Damping, Range()]  # finite; negative: it gives energy
 
 
 def on_first_axis(force: float, axes: int) -> Vector:
@@ -35,12 +36,19 @@ def wall_force(position: float, stiffness: float, surface: float) -> float:
     return stiffness * max(position - surface, 0.0)
 
 
+def active_wall_force(
+    position: float, velocity: float, stiffness: float, damping: float, surface: float
+) -> float:
+    """Return ``k d + b v`` behind the surface, in N, else 0; it may pull."""
+    depth = position - surface
+    return stiffness * depth + damping * velocity if depth > 0.0 else 0.0
+
+
 def damped_wall_force(
     position: float, velocity: float, stiffness: float, damping: float, surface: float
 ) -> float:
     """Return ``max(k d + b v, 0)`` behind the surface, in N, else 0: the wall does not pull."""
-    depth = position - surface
-    return max(stiffness * depth + damping * velocity, 0.0) if depth > 0.0 else 0.0
+    return max(active_wall_force(position, velocity, stiffness, damping, surface), 0.0)
 
 
 def time_varying_force(
@@ -53,8 +61,8 @@ def time_varying_force(
 def power_law_force(
     position: float, stiffness: float, exponent: float, reference: float, surface: float
 ) -> float:
-    """Return ``k d_0 (d / d_0)^p`` behind the surface, in N, else 0."""
-    depth = max(position - surface, 0.0) / reference
+    """Return ``k d_0 (d / d_0)^p`` behind the surface, in N, else 0; beyond 10 m it stays."""
+    depth = min(max(position - surface, 0.0), FAR) / reference
     force: float = stiffness * reference * depth**exponent
     return force
 
@@ -100,7 +108,7 @@ class DampedWall(_FlatWall):
     International Conference on Robotics and Automation, 1994.
     """
 
-    damping: Damping = 0.0
+    damping: AnyDamping = 0.0
 
     def push(self, x: float, v: float, elapsed: float) -> float:
         return damped_wall_force(x, v, self.stiffness, self.damping, self.position)
@@ -126,21 +134,34 @@ class PowerLawWall(_FlatWall):
     (H. Hertz, J. reine angew. Math. 92, 1881); 1 is the linear wall.
     """
 
-    exponent: Annotated[Ratio, POSITIVE] = 1.5
-    reference: Annotated[Length, POSITIVE] = 0.001
+    exponent: Annotated[Ratio, Range(above=0, at_most=10)] = 1.5
+    reference: Annotated[Length, Range(at_least=1e-6)] = 0.001
 
     def push(self, x: float, v: float, elapsed: float) -> float:
-        try:
-            return power_law_force(x, self.stiffness, self.exponent, self.reference, self.position)
-        except OverflowError:  # of Python's power, where compiled code gives infinity
-            return math.inf
+        return power_law_force(x, self.stiffness, self.exponent, self.reference, self.position)
+
+
+@dataclass(frozen=True)
+class ActiveWall(_FlatWall):
+    """A wall that gives energy: its damping is negative, so it pushes harder on the way out.
+
+    A launch file may use it to see what a law survives.
+    """
+
+    damping: AnyDamping = -20.0
+
+    def push(self, x: float, v: float, elapsed: float) -> float:
+        return active_wall_force(x, v, self.stiffness, self.damping, self.position)
 
 
 @dataclass(frozen=True)
 class Damper(StatelessEnvironment):
     """A force ``b v`` along every axis, everywhere."""
 
-    damping: Damping = 5.0
+    damping: AnyDamping = 5.0
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
 
     def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
         return tuple(damper_force(v, self.damping) for v in velocity)

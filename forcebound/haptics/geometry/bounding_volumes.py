@@ -4,8 +4,7 @@ One question a millisecond finds every cache cold, so a question should touch fe
 node holds the boxes of its eight children side by side, 192 bytes: three cache lines. The tree is
 balanced, so the places of children and triangles follow from their number alone. Triangles lie in
 the order of the leaves; their corners have single precision, which the boxes bound without
-rounding, while all arithmetic has double precision. A search begins with the triangle of the answer
-before, which is near in most cases.
+rounding, while all arithmetic has double precision.
 
 Source of the wide nodes: I. Wald, C. Benthin, S. Boulos, Getting rid of packets: efficient SIMD
 single-ray traversal using multi-branching BVHs, IEEE Symposium on Interactive Ray Tracing, 2008.
@@ -41,27 +40,19 @@ class Tree(NamedTuple):
 
 
 class TriangleTree:
-    """Triangles, corners in m of shape (n, 3, 3), that answer where they are; see the module.
-
-    It keeps the place of its last answer, so it serves one user; ``copy.copy`` makes one for
-    another.
-    """
+    """Triangles, corners in m of shape (n, 3, 3), that answer where they are; see the module."""
 
     def __init__(self, corners: Any) -> None:
-        flat = np.ascontiguousarray(np.asarray(corners, np.float32).reshape(-1, 9))
+        flat = np.asarray(corners, np.float32).reshape(-1, 9)
         depth = depth_for(len(flat))
         #: Which triangle, counted as given, has a place in the tree.
-        self.order = np.arange(len(flat))
-        boxes = flat.reshape(-1, 3, 3)
-        centres = (0.5 * boxes.min(axis=1) + 0.5 * boxes.max(axis=1)).T.copy()
-        jit(sort_triangles)(centres, self.order, depth)
-        nodes = np.empty(((WIDTH**depth - 1) // (WIDTH - 1), 6, WIDTH), np.float32)
-        self.data = Tree(nodes, flat[self.order], depth)
-        jit(fill_nodes)(self.data)
+        self.order = leaf_order(flat.reshape(-1, 3, 3), WIDTH**depth)
+        triangles = np.ascontiguousarray(flat[self.order])
+        nodes = boxes_around(triangles.reshape(-1, 3, 3), depth)
+        self.data = Tree(nodes, triangles, depth)
         self.lowest = np.asarray(nodes[0, :3].min(axis=1), float)
         self.highest = np.asarray(nodes[0, 3:].max(axis=1), float)
         self._closest, self._first_contact = jit(closest), jit(first_contact)
-        self._last = 0
 
     @property
     def size(self) -> float:
@@ -70,8 +61,8 @@ class TriangleTree:
 
     def closest(self, point: Vector3) -> tuple[int, Vector3, float]:
         """Return place in the tree, closest point (m) and distance of the closest triangle."""
-        self._last, at, square = self._closest(self.data, point, self._last)
-        return self._last, at, math.sqrt(square)
+        place, at, square = self._closest(self.data, point)
+        return place, at, math.sqrt(square)
 
     def first_contact(
         self, start: Vector3, end: Vector3, clearance: float = 0.0
@@ -92,92 +83,44 @@ def depth_for(count: int) -> int:
     return depth
 
 
-def sort_triangles(centres: Any, order: Any, depth: int) -> None:
-    """Sort triangles, in place, so that every node has a range of them: medians, level by level.
+def leaf_order(corners: Any, leaves: int) -> Any:
+    """Return the order in which every node has a range of triangles, corners of shape (n, 3, 3).
 
-    ``centres`` has the shape (3, n), and is sorted, too; ``order`` are the numbers of the
-    triangles.
+    Level by level, each range is halved across its longest axis.
     """
-    count = len(order)
-    leaves = WIDTH**depth
-    span = leaves
-    while span > 1:
-        for first in range(0, leaves, span):
-            low, high = first * count // leaves, (first + span) * count // leaves
-            if high - low > 1:
-                middle = (first + span // 2) * count // leaves
-                axis = _longest_axis(centres, low, high)
-                _partition(centres, order, axis, low, middle, high)
-        span //= 2
+    centres = 0.5 * corners.min(axis=1) + 0.5 * corners.max(axis=1)
+    rows = np.arange(len(centres))
+    order, parts = rows, 1
+    while parts < leaves:
+        starts = np.arange(parts) * len(rows) // parts
+        part = np.searchsorted(starts, rows, side="right") - 1
+        sorted_ = centres[order]
+        extent = np.maximum.reduceat(sorted_, starts) - np.minimum.reduceat(sorted_, starts)
+        longest = extent.argmax(axis=1)[part]
+        order = order[np.lexsort((sorted_[rows, longest], part))]
+        parts *= 2
+    return order
 
 
-def _longest_axis(centres: Any, low: int, high: int) -> int:
-    longest, widest = 0, -1.0
-    for axis in range(3):
-        least, most = centres[axis, low], centres[axis, low]
-        for index in range(low, high):
-            least, most = min(least, centres[axis, index]), max(most, centres[axis, index])
-        if most - least > widest:
-            longest, widest = axis, most - least
-    return longest
+def boxes_around(corners: Any, depth: int) -> Any:
+    """Return the boxes of all nodes, of triangles in the order of the leaves."""
+    starts = np.arange(WIDTH**depth) * len(corners) // WIDTH**depth
+    low = np.minimum.reduceat(corners.min(axis=1), starts)
+    high = np.maximum.reduceat(corners.max(axis=1), starts)
+    is_empty = np.diff(starts, append=len(corners)) == 0
+    low[is_empty], high[is_empty] = NOTHING, -NOTHING
+    levels = []
+    while len(low) > 1:
+        low, high = low.reshape(-1, WIDTH, 3), high.reshape(-1, WIDTH, 3)
+        levels.append(np.concatenate([low, high], axis=2).swapaxes(1, 2))
+        low, high = low.min(axis=1), high.max(axis=1)
+    return np.ascontiguousarray(np.concatenate(levels[::-1]))
 
 
-def _partition(centres: Any, order: Any, axis: int, low: int, middle: int, high: int) -> None:
-    """Put the smaller ones of ``low`` to ``high`` before ``middle``.
-
-    Source: C. A. R. Hoare, Algorithm 65: Find, Communications of the ACM 4(7), 1961.
-    """
-    left, right = low, high - 1
-    while left < right:
-        pivot = centres[axis, (left + right) // 2]
-        i, j = left, right
-        while i <= j:
-            while centres[axis, i] < pivot:
-                i += 1
-            while centres[axis, j] > pivot:
-                j -= 1
-            if i <= j:
-                for k in range(3):
-                    centres[k, i], centres[k, j] = centres[k, j], centres[k, i]
-                order[i], order[j] = order[j], order[i]
-                i += 1
-                j -= 1
-        if middle <= j:
-            right = j
-        elif middle >= i:
-            left = i
-        else:
-            break
-
-
-def fill_nodes(tree: Tree) -> None:
-    """Write the boxes of all nodes."""
-    nodes, triangles, depth = tree
-    parents = len(nodes)  # nodes and leaves are numbered level by level
-    for child in range(parents + WIDTH**depth - 1, 0, -1):
-        parent, side = (child - 1) // WIDTH, (child - 1) % WIDTH
-        nodes[parent, :3, side], nodes[parent, 3:, side] = NOTHING, -NOTHING
-        if child < parents:
-            for axis in range(3):
-                nodes[parent, axis, side] = nodes[child, axis].min()
-                nodes[parent, 3 + axis, side] = nodes[child, 3 + axis].max()
-            continue
-        first, last = triangles_of_leaf(tree, child)
-        for index in range(first, last):
-            for entry in range(9):
-                low, high = entry % 3, 3 + entry % 3
-                nodes[parent, low, side] = min(nodes[parent, low, side], triangles[index, entry])
-                nodes[parent, high, side] = max(nodes[parent, high, side], triangles[index, entry])
-
-
-def closest(tree: Tree, point: Vector3, guess: int) -> tuple[int, Vector3, float]:
-    """Return the closest triangle, its closest point, and the squared distance.
-
-    ``guess`` is a triangle that may be near.
-    """
+def closest(tree: Tree, point: Vector3) -> tuple[int, Vector3, float]:
+    """Return the closest triangle, its closest point, and the squared distance."""
     stack = np.empty(STACK)
-    best, at = guess, closest_on(tree.triangles, guess, point)
-    nearest = dot(sub(point, at), sub(point, at))
+    best, at, nearest = 0, point, math.inf
     stack[0, 0], stack[1, 0], top = 0.0, 0.0, 1
     while top > 0:
         top -= 1

@@ -3,37 +3,20 @@
 Distances are exact within a *narrow band* of a few cells about the surface; beyond they stay at the
 band's width. Beyond the grid the value at its nearest point holds, so that what touches the border
 goes on there.
-
-The grid of a mesh takes seconds to make. It is kept in the user's cache folder, under a digest of
-the mesh and the spacing.
 """
 
-import hashlib
-import io
 import math
-import os
-from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from forcebound.compiled import jit, outlined
-from forcebound.errors import ConfigError
 from forcebound.files import content_of
 from forcebound.haptics.geometry.implicit import Field
-from forcebound.haptics.geometry.mesh_file import Mesh, read_data
+from forcebound.haptics.geometry.mesh_file import Mesh, load_file, unusable
 from forcebound.haptics.geometry.triangles import closest_on_triangle
-from forcebound.haptics.geometry.vectors import (
-    Quaternion,
-    Vector3,
-    along,
-    norm,
-    rotate,
-    rotate_back,
-    scale,
-    sub,
-)
+from forcebound.haptics.geometry.vectors import Vector3, along, norm, scale, sub
 
 BAND = 4  # cells on each side of the surface in which distances are exact
 MOST_POINTS = 30_000_000  # of a grid: 120 MB
@@ -41,21 +24,10 @@ STEEPEST = 1.5  # change of distance over distance; 1 but for rounding
 
 
 class Grid(NamedTuple):
-    """Distances on the points of a grid."""
+    """Distances on the points of a grid: what the functions of ``GRID`` know."""
 
     values: Any  # m, single precision; negative: inside; shape (x, y, z)
-    origin: Vector3  # m, of the first point
-    spacing: float  # m, between neighbours
-
-
-def grid_data(grid: Grid, position: Vector3, orientation: Quaternion) -> Any:
-    """Return what the functions of ``GRID`` know: a grid at a place in the world."""
-    place = np.array([*grid.origin, grid.spacing, *position, *orientation])
-    return np.ascontiguousarray(grid.values, np.float32), place
-
-
-def _pose(place: Any) -> tuple[Vector3, Quaternion]:
-    return (place[4], place[5], place[6]), (place[7], place[8], place[9], place[10])
+    place: Any  # m: first point x, y, z, and the spacing between neighbours; shape (4,)
 
 
 def _cell(along_axis: float, count: int) -> tuple[int, float]:
@@ -66,11 +38,12 @@ def _cell(along_axis: float, count: int) -> tuple[int, float]:
 
 
 @outlined
-def interpolated(values: Any, place: Any, local: Vector3) -> tuple[float, Vector3]:
-    """Return distance and slope at a point in the grid's own coordinates, by its 8 neighbours."""
-    i, u = _cell((local[0] - place[0]) / place[3], values.shape[0])
-    j, v = _cell((local[1] - place[1]) / place[3], values.shape[1])
-    k, w = _cell((local[2] - place[2]) / place[3], values.shape[2])
+def interpolated(grid: Grid, point: Vector3) -> tuple[float, Vector3]:
+    """Return distance and slope at a point, by its 8 neighbours; the slope jumps between cells."""
+    values, place = grid
+    i, u = _cell((point[0] - place[0]) / place[3], values.shape[0])
+    j, v = _cell((point[1] - place[1]) / place[3], values.shape[1])
+    k, w = _cell((point[2] - place[2]) / place[3], values.shape[2])
     a, e = 1.0 * values[i, j, k], 1.0 * values[i, j, k + 1]
     b, f = 1.0 * values[i + 1, j, k], 1.0 * values[i + 1, j, k + 1]
     c, g = 1.0 * values[i, j + 1, k], 1.0 * values[i, j + 1, k + 1]
@@ -86,69 +59,46 @@ def interpolated(values: Any, place: Any, local: Vector3) -> tuple[float, Vector
     return low + (high - low) * w, scale(slope, 1.0 / place[3])
 
 
-def distance(data: Any, point: Vector3) -> float:
-    """Return the distance at a point of the world."""
-    values, place = data
-    position, orientation = _pose(place)
-    return interpolated(values, place, rotate_back(orientation, sub(point, position)))[0]
+def distance(grid: Grid, point: Vector3) -> float:
+    """Return the distance at a point."""
+    return interpolated(grid, point)[0]
 
 
-def gradient(data: Any, point: Vector3) -> Vector3:
+def gradient(grid: Grid, point: Vector3) -> Vector3:
     """Return the slope of the distance; it jumps where cells meet."""
-    values, place = data
-    position, orientation = _pose(place)
-    local = rotate_back(orientation, sub(point, position))
-    return rotate(orientation, interpolated(values, place, local)[1])
+    return interpolated(grid, point)[1]
 
 
-def smooth_gradient(data: Any, point: Vector3) -> Vector3:
+def smooth_gradient(grid: Grid, point: Vector3) -> Vector3:
     """Return the slope of the distance over a cell to each side, without jumps."""
-    spacing = data[1][3]
+    step = grid.place[3]
     x, y, z = point
     return (
-        (distance(data, (x + spacing, y, z)) - distance(data, (x - spacing, y, z))) / spacing / 2,
-        (distance(data, (x, y + spacing, z)) - distance(data, (x, y - spacing, z))) / spacing / 2,
-        (distance(data, (x, y, z + spacing)) - distance(data, (x, y, z - spacing))) / spacing / 2,
+        (distance(grid, (x + step, y, z)) - distance(grid, (x - step, y, z))) / step / 2,
+        (distance(grid, (x, y + step, z)) - distance(grid, (x, y - step, z))) / step / 2,
+        (distance(grid, (x, y, z + step)) - distance(grid, (x, y, z - step))) / step / 2,
     )
 
 
 GRID = Field(distance, gradient, smooth_gradient)
 
 
-def mesh_grid(mesh: Mesh, spacing: float, folder: Path | None) -> Grid:
-    """Return the distances to a closed mesh, kept in a folder; ConfigError for too many points."""
+def mesh_grid(mesh: Mesh, spacing: float) -> Grid:
+    """Return the distances to a closed mesh; ConfigError for too many points."""
     corners = mesh.corners
     low = corners.min(axis=(0, 1)) - (BAND + 1) * spacing
     edges = np.ptp(corners.reshape(-1, 3), axis=0).tolist()
     shape = tuple([math.ceil(edge / spacing) + 2 * (BAND + 1) + 1 for edge in edges])
     if math.prod(shape) > MOST_POINTS:
         least = spacing * (math.prod(shape) / MOST_POINTS) ** (1 / 3)
-        raise ConfigError(
+        raise unusable(
             f"a spacing of {1e3 * spacing:g} mm makes a grid of {math.prod(shape):,} points, more"
             f" than {MOST_POINTS:,}: use at least {1e3 * least:.2g} mm, or the kind `mesh`",
-            field="spacing",
+            "spacing",
         )
-    name = hashlib.sha256(corners.tobytes() + f"{spacing!r} {BAND}".encode()).hexdigest()
-    file = None if folder is None else folder / f"{name}.npy"
-    values = None
-    if file is not None:
-        with suppress(OSError, ValueError, EOFError):  # there is none
-            values = np.load(file)
-    if values is None or values.shape != shape:
-        values = _distances(corners.reshape(-1, 9), np.array([*low, spacing]), shape)
-        if file is not None:
-            with suppress(OSError):  # no space: it is made again next time
-                unfinished = file.with_suffix(f".{os.getpid()}.npy")
-                np.save(unfinished, values)
-                os.replace(unfinished, file)
-    return Grid(values, (float(low[0]), float(low[1]), float(low[2])), spacing)
-
-
-def _distances(triangles: Any, place: Any, shape: tuple[int, ...]) -> Any:
-    """The distances to triangles, counter-clockwise as seen from outside, on a grid."""
-    values = np.full(shape, BAND * place[3], np.float32)
-    jit(fill)(np.ascontiguousarray(triangles), values, np.zeros(shape, np.int32), place)
-    return values
+    grid = Grid(np.full(shape, BAND * spacing, np.float32), np.array([*low, spacing]))
+    jit(fill)(np.ascontiguousarray(corners.reshape(-1, 9)), *grid, np.zeros(shape, np.int32))
+    return grid
 
 
 def read_grid(file: Path, spacing: float, origin: Vector3) -> Grid:
@@ -156,40 +106,37 @@ def read_grid(file: Path, spacing: float, origin: Vector3) -> Grid:
 
     ConfigError, with what to do, if it is no such array, or its numbers are no distances.
     """
-    data = read_data(file, "grid", 8 * MOST_POINTS + 1000)
+    loaded, _ = load_file(file, "grid", (".npy",))
     with content_of(file):
-        values = np.asarray(np.load(io.BytesIO(data), allow_pickle=False), np.float32)
-    if values.ndim != 3 or min(values.shape) < 2:
-        raise ConfigError(
+        values = np.ascontiguousarray(loaded, np.float32)
+    if values.ndim != 3 or not 8 <= values.size <= MOST_POINTS or min(values.shape) < 2:
+        raise unusable(
             f"{file} has the shape {values.shape}: expected a grid of three axes with two points"
-            " each or more",
-            field="file",
+            f" each or more, {MOST_POINTS:,} in all"
         )
     bad = np.argwhere(~np.isfinite(values))
     if len(bad):
-        where = ", ".join(map(str, bad[0].tolist()))
-        raise ConfigError(
-            f"{file} has {len(bad)} entries that are no finite numbers, the first at [{where}]:"
-            f" a distance that is not known may be {BAND} times the spacing, away from the surface",
-            field="file",
+        raise unusable(
+            f"{file} has {len(bad)} entries that are no finite numbers, the first at"
+            f" {bad[0].tolist()}: a distance that is not known may be {BAND} times the spacing,"
+            " away from the surface"
         )
     if not values.min() < 0.0 < values.max():
-        raise ConfigError(
+        raise unusable(
             f"{file} holds distances from {values.min():g} to {values.max():g} m: the surface is"
-            " where they change their sign, and there is none; inside is negative",
-            field="file",
+            " where they change their sign, and there is none; inside is negative"
         )
     steepest = max(float(np.abs(np.diff(values, axis=axis)).max()) for axis in range(3)) / spacing
     if steepest > STEEPEST:
-        raise ConfigError(
+        raise unusable(
             f"{file} changes by {steepest:.3g} times the spacing between two neighbours, and a"
             " distance by no more than once: give distance and `spacing` in m, such as 1 mm",
-            field="spacing",
+            "spacing",
         )
-    return Grid(np.ascontiguousarray(values), origin, spacing)
+    return Grid(values, np.array([*origin, spacing]))
 
 
-def fill(triangles: Any, values: Any, crossings: Any, place: Any) -> None:
+def fill(triangles: Any, values: Any, place: Any, crossings: Any) -> None:
     """Fill a grid with the distances to triangles; inside is what their windings enclose."""
     for row in range(triangles.shape[0]):
         near_triangle(triangles[row], values, place)

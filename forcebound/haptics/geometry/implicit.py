@@ -22,13 +22,6 @@ from forcebound.haptics.geometry.vectors import Vector3, add, along, dot, norm, 
 Data: TypeAlias = Any  # what a field's functions know of the solid
 Distance: TypeAlias = Callable[[Data, Vector3], float]
 Gradient: TypeAlias = Callable[[Data, Vector3], Vector3]
-March: TypeAlias = Callable[
-    [Data, Vector3, Vector3, float], tuple[bool, Vector3, Vector3, float, int]
-]
-Slide: TypeAlias = Callable[
-    [Data, Vector3, Vector3, float, float, int], tuple[bool, Vector3, Vector3]
-]
-Closest: TypeAlias = Callable[[Data, Vector3], tuple[Vector3, Vector3]]
 
 DIP = 2e-5  # m, how deep a march may go below a hollow surface; thinner than two is not felt
 STEPS = 512  # of a march at most along surfaces: a longer way has longer steps
@@ -47,14 +40,14 @@ class Field(NamedTuple):
     shading: Gradient  # smoothed, where the other one jumps
 
 
-def _march_of(distance: Distance) -> March:
+def _march_of(distance: Distance) -> Any:
     """Return the straight way of a proxy on a field."""
 
     def narrow(data: Data, outside: Vector3, inside: Vector3, dip: float) -> Vector3:
         """A place between two that is not much deeper behind the surface than a march may be.
 
-        Its plane tells where the surface is. On a hollow one it has to be on the way ahead, thus
-        not at the very surface, which the way leaves already where it begins.
+        Its plane gives the place of the surface. On a hollow one it has to be on the way ahead,
+        thus not at the very surface, which the way leaves already where it begins.
         """
         for _ in range(12):
             middle = scale(add(outside, inside), 0.5)
@@ -112,28 +105,29 @@ def _add_plane_of(field: Field) -> Callable[[Data, Any, int, Vector3], None]:
     return add_plane
 
 
-def _settle_of(field: Field) -> Callable[[Data, Vector3], tuple[bool, Vector3]]:
-    """Return the last step of a move."""
+def _surfacing_of(field: Field) -> Callable[[Data, Vector3], tuple[bool, Vector3]]:
+    """Return Newton's steps to the surface."""
     distance, gradient, _ = field
 
-    def settle(data: Data, point: Vector3) -> tuple[bool, Vector3]:
-        """Bring a point that is a little inside to the surface; whether that was possible."""
-        for _ in range(8):
-            depth = -distance(data, point)
-            if depth <= LEGAL:
+    def surface(data: Data, point: Vector3) -> tuple[bool, Vector3]:
+        """Bring a point to the surface, at most ``LEGAL`` outside; whether that was possible."""
+        for _ in range(20):
+            away = distance(data, point)
+            if abs(away - 0.5 * LEGAL) <= 0.5 * LEGAL:
                 return True, point
             slope = gradient(data, point)
             square = max(dot(slope, slope), 1e-12)
-            point = along(point, slope, (depth + 0.5 * LEGAL) / square)
+            point = along(point, slope, (0.5 * LEGAL - away) / square)
         return False, point
 
-    return settle
+    return surface
 
 
 @cache
-def slide_of(field: Field) -> Slide:
+def slide_of(field: Field) -> Any:
     """Return the compiled move of a proxy on a field; see :class:`ImplicitSolid`."""
-    march, add_plane, settle = _march_of(field.distance), _add_plane_of(field), _settle_of(field)
+    distance, march = field.distance, _march_of(field.distance)
+    add_plane, surface = _add_plane_of(field), _surfacing_of(field)
 
     def slide(
         data: Data, proxy: Vector3, goal: Vector3, dip: float, still: float, most: int
@@ -166,34 +160,29 @@ def slide_of(field: Field) -> Slide:
             found, target = closest_legal(goal, planes, count, 1e-12)
             if not found:
                 break
-        is_legal, place = settle(data, place)
-        if not is_legal:
-            place = proxy
+        if distance(data, place) < -LEGAL:
+            is_legal, place = surface(data, place)
+            if not is_legal:
+                place = proxy
         return norm(sub(place, goal)) > LEGAL, place, unit(sub(place, goal))
 
     return jit(slide)
 
 
 @cache
-def closest_of(field: Field) -> Closest:
+def closest_of(field: Field) -> Any:
     """Return the compiled search of a field's closest point of the surface, and its normal."""
-    distance, gradient, _ = field
+    surface, gradient = _surfacing_of(field), field.gradient
 
     def closest(data: Data, point: Vector3) -> tuple[Vector3, Vector3]:
-        for _ in range(20):  # Newton's steps along the gradient
-            slope = gradient(data, point)
-            square = max(dot(slope, slope), 1e-12)
-            away = distance(data, point)
-            if abs(away) <= LEGAL:
-                break
-            point = along(point, slope, -away / square)
-        return point, unit(gradient(data, point))
+        _, place = surface(data, point)
+        return place, unit(gradient(data, place))
 
     return jit(closest)
 
 
 class ImplicitSolid:
-    """A solid of a field and its data, compiled when it is made: a :class:`..proxy.Solid`.
+    """A solid of a field and its data, compiled when it is made: a :class:`.proxy.Solid`.
 
     A move may ``dip`` (m) below a hollow surface; what is thinner than twice as much is not felt.
     Larger is faster. A move by ``still`` dips counts as none. One move may ask for so many
@@ -226,7 +215,8 @@ class ImplicitSolid:
         return self._distance(self._data, point)
 
     def closest(self, point: Vector3) -> tuple[Vector3, Vector3]:
-        return self._closest(self._data, point)
+        place, normal = self._closest(self._data, point)
+        return place, normal
 
     def shade(self, point: Vector3, normal: Vector3) -> Vector3:
         """Return the direction of the field's smoothed gradient."""

@@ -53,16 +53,15 @@ def read_mesh(file: Path, scale: float | None = None, may_be_open: bool = False)
     """
     import trimesh  # takes a while
 
-    loaded, digest = _load(file, "mesh", (".stl", ".obj", ".ply"))
+    loaded, digest = load_file(file, "mesh", (".stl", ".obj", ".ply"))
     with content_of(file):
         faces = np.asarray(getattr(loaded, "faces", ()), int).reshape(-1, 3)
         vertices = np.asarray(getattr(loaded, "vertices", ()), float).reshape(-1, 3)
         corners = vertices[faces].reshape(-1, 3)  # every corner is there
     if not 0 < len(faces) <= MOST_TRIANGLES:
-        raise ConfigError(
+        raise unusable(
             f"{file} has {len(faces):,} triangles: expected 1 to {MOST_TRIANGLES:,}; simplify it in"
-            " a mesh editor (a hand does not feel what is smaller than 0.1 mm)",
-            field="file",
+            " a mesh editor (a hand does not feel what is smaller than 0.1 mm)"
         )
     corners = _scaled(corners, file, scale)
     mesh: Any = trimesh.Trimesh(corners, np.arange(len(corners)).reshape(-1, 3), process=False)
@@ -70,13 +69,12 @@ def read_mesh(file: Path, scale: float | None = None, may_be_open: bool = False)
     a, b, c = mesh.faces.T
     mesh.update_faces((a != b) & (b != c) & (c != a))
     if len(mesh.faces) == 0:
-        raise ConfigError(f"{file} has no triangles: all of them are points or lines", field="file")
+        raise unusable(f"{file} has no triangles: all of them are points or lines")
     fault = _opening(mesh)
     if fault is not None and not may_be_open:
-        raise ConfigError(
+        raise unusable(
             f"{file} is not closed: {fault}, so the tip could get inside; close it with a mesh"
-            " editor, or use the kind `mesh` with `may_be_open: true`",
-            field="file",
+            " editor, or use the kind `mesh` with `may_be_open: true`"
         )
     if fault is None and mesh.volume < 0.0:  # inside out
         mesh.invert()
@@ -88,30 +86,34 @@ def read_points(file: Path, scale: float | None) -> Cloud:
 
     ``scale`` and errors as in :func:`read_mesh`.
     """
-    loaded, digest = _load(file, "points", (".npy", ".ply"))
+    loaded, digest = load_file(file, "points", (".npy", ".ply"))
     with content_of(file):
         points = np.asarray(getattr(loaded, "vertices", loaded), float)
     if points.ndim != 2 or points.shape[1] != 3 or not 2 <= len(points) <= MOST_POINTS:
-        raise ConfigError(
-            f"{file} has the shape {points.shape}: expected 2 to {MOST_POINTS:,} rows of x, y, z",
-            field="file",
+        raise unusable(
+            f"{file} has the shape {points.shape}: expected 2 to {MOST_POINTS:,} rows of x, y, z"
         )
     return Cloud(_scaled(points, file, scale), digest)
 
 
-def _load(file: Path, what: str, suffixes: tuple[str, ...]) -> tuple[Any, str]:
-    """What trimesh or numpy reads in a file, and the file's digest."""
-    import trimesh
+def unusable(words: str, field: str = "file") -> ConfigError:
+    """Return the error of a file that will not do."""
+    return ConfigError(words, field=field)
 
+
+def load_file(file: Path, what: str, suffixes: tuple[str, ...]) -> tuple[Any, str]:
+    """Return what trimesh or numpy reads in a file, and the file's digest."""
     kind = file.suffix.lower()
     if kind not in suffixes:
         expected = f"expected {what} ({', '.join(suffixes)})"
-        raise ConfigError(f"{file}: {expected}, got {kind or 'no suffix'}", field="file")
+        raise unusable(f"{file}: {expected}, got {kind or 'no suffix'}")
     data = read_data(file, what, LARGEST_FILE)
     with content_of(file):
         if kind == ".npy":
             loaded: Any = np.load(io.BytesIO(data), allow_pickle=False)
         else:
+            import trimesh
+
             loaded = trimesh.load(io.BytesIO(data), file_type=kind[1:], process=False)
     return loaded, hashlib.sha256(data).hexdigest()
 
@@ -121,34 +123,26 @@ def read_data(file: Path, what: str, limit: int, field: str = "file") -> bytes:
     try:
         return read_bytes(file, limit)
     except OSError as error:
-        words = f"cannot read the {what} {file}: {reason(error)}"
-        raise ConfigError(words, field=field) from error
+        raise unusable(f"cannot read the {what} {file}: {reason(error)}", field) from error
 
 
 def _scaled(points: Array, file: Path, scale: float | None) -> Array:
     """Return points in m."""
     (bad,) = np.nonzero(~np.isfinite(points).all(axis=1))
     if len(bad):
-        raise ConfigError(
+        raise unusable(
             f"{file} has {len(bad)} points whose coordinates are no finite numbers, the first is"
-            f" number {bad[0] + 1}: repair it, or leave them out",
-            field="file",
+            f" number {bad[0] + 1}: repair it, or leave them out"
         )
     scaled: Array = points * (1.0 if scale is None else scale)
     edges = np.ptp(scaled, axis=0)
     size = " x ".join(f"{edge:.3g}" for edge in edges)
     if scale is None and edges.max() > LARGEST:
-        raise ConfigError(
-            f"{file} would measure {size} m: it looks like millimetres; say `scale: 0.001`, or"
-            " `scale: 1` if it is in metres",
-            field="scale",
-        )
+        words = "it looks like millimetres; say `scale: 0.001`, or `scale: 1` if it is in metres"
+        raise unusable(f"{file} would measure {size} m: {words}", "scale")
     if edges.max() < SMALLEST:
-        raise ConfigError(
-            f"{file} measures {size} m, less than {1e3 * SMALLEST:g} mm: `scale` is the length of"
-            " the file's unit in m, 1 for metres",
-            field="scale",
-        )
+        words = "`scale` is the length of the file's unit in m, 1 for metres"
+        raise unusable(f"{file} measures {size} m, less than 1 mm: {words}", "scale")
     return scaled
 
 

@@ -3,7 +3,7 @@
 from typing import Any, TypeAlias
 
 from forcebound.compiled import outlined
-from forcebound.haptics.geometry.vectors import Vector3, along, cross, dot, norm, scale, sub
+from forcebound.haptics.geometry.vectors import Vector3, along, cross, dot, scale
 
 #: Rows of a plane ``n . y >= offset``: unit normal into the legal side, offset (m); shape (n, 4).
 Planes: TypeAlias = Any
@@ -96,22 +96,15 @@ def closest_legal(
         is_held, point = onto_plane(goal, planes, a)
         if is_held and is_legal(point, planes, count, slack):
             return True, point
-    best, closest, found = goal, 0.0, False
     for a in range(count):
         for b in range(a):
             is_held, point = onto_edge(goal, planes, a, b)
             if is_held and is_legal(point, planes, count, slack):
-                away = norm(sub(point, goal))
-                if not found or away < closest:
-                    best, closest, found = point, away, True
-    if found:
-        return True, best
+                return True, point
     for a in range(count):
         for b in range(a):
             for c in range(b):
                 is_held, point = onto_corner(goal, planes, a, b, c)
                 if is_held and is_legal(point, planes, count, slack):
-                    away = norm(sub(point, goal))
-                    if not found or away < closest:
-                        best, closest, found = point, away, True
-    return found, best
+                    return True, point
+    return False, goal

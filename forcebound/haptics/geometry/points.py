@@ -21,16 +21,7 @@ import numpy as np
 
 from forcebound.compiled import outlined
 from forcebound.haptics.geometry.implicit import Field
-from forcebound.haptics.geometry.vectors import (
-    Quaternion,
-    Vector3,
-    add,
-    norm,
-    rotate,
-    rotate_back,
-    scale,
-    sub,
-)
+from forcebound.haptics.geometry.vectors import Vector3, add, norm, scale, sub
 
 SMOOTH = 6.0  # radius over the length on which balls flow together
 REACH = 2.0  # radii; a point further away counts for nothing, as exp(-6) of the nearest does
@@ -42,26 +33,21 @@ NEIGHBOURS = 16
 FEWEST = 4  # neighbours within the radius; of points at random one in ten thousand has fewer
 
 
-def cloud_data(points: Any, radius: float, position: Vector3, orientation: Quaternion) -> Any:
+def cloud_data(points: Any, radius: float) -> Any:
     """Return what the functions of ``CLOUD`` know: points sorted by cubes as wide as the reach.
 
-    Points, shape (n, 3), and radius in m; their origin and axes in the world. The radius is so
-    large that the cubes are not too many.
+    Points, shape (n, 3), and radius in m. Cubes are wider where they would be too many.
     """
+    low, extent = points.min(axis=0), np.ptp(points, axis=0)
     edge = REACH * radius
-    low = points.min(axis=0)
+    while np.prod(extent / edge + 1.0) > MOST_CUBES:
+        edge *= 2.0
     cells = np.floor((points - low) / edge).astype(np.int64)
     shape = cells.max(axis=0) + 1
     number = (cells[:, 0] * shape[1] + cells[:, 1]) * shape[2] + cells[:, 2]
     order = np.argsort(number, kind="stable")
     starts = np.searchsorted(number[order], np.arange(int(shape.prod()) + 1))
-    place = np.array([*low, edge, *position, *orientation, radius])
-    return np.ascontiguousarray(points[order]), starts, shape, place
-
-
-def cubes_of(points: Any, radius: float) -> float:
-    """Return how many cubes a cloud needs."""
-    return float(np.prod(np.ptp(points, axis=0) / (REACH * radius) + 1.0))
+    return np.ascontiguousarray(points[order]), starts, shape, np.array([*low, edge, radius])
 
 
 def _span(coordinate: float, low: float, edge: float, count: int) -> tuple[int, int]:
@@ -71,21 +57,21 @@ def _span(coordinate: float, low: float, edge: float, count: int) -> tuple[int, 
 
 
 @outlined
-def skin(data: Any, local: Vector3) -> tuple[float, Vector3]:
+def skin(data: Any, point: Vector3) -> tuple[float, Vector3]:
     """Return the distance to the skin, or less, and its gradient; far away the zero vector."""
     points, starts, shape, place = data
-    edge, radius = place[3], place[11]
+    edge, radius = place[3], place[4]
     length = radius / SMOOTH
     nearest, total, gradient = REACH * radius, 0.0, (0.0, 0.0, 0.0)
-    first_y, after_y = _span(local[1], place[1], edge, shape[1])
-    first_z, after_z = _span(local[2], place[2], edge, shape[2])
-    for i in range(*_span(local[0], place[0], edge, shape[0])):
+    first_y, after_y = _span(point[1], place[1], edge, shape[1])
+    first_z, after_z = _span(point[2], place[2], edge, shape[2])
+    for i in range(*_span(point[0], place[0], edge, shape[0])):
         for j in range(first_y, after_y):
             row = (i * shape[1] + j) * shape[2]
             if first_z >= after_z:
                 continue
             for n in range(starts[row + first_z], starts[row + after_z]):
-                away = sub(local, (points[n, 0], points[n, 1], points[n, 2]))
+                away = sub(point, (points[n, 0], points[n, 1], points[n, 2]))
                 distance = norm(away)
                 if distance >= REACH * radius:
                     continue
@@ -100,21 +86,14 @@ def skin(data: Any, local: Vector3) -> tuple[float, Vector3]:
     return nearest - length * math.log(total) - radius, scale(gradient, 1.0 / total)
 
 
-def _local(place: Any, point: Vector3) -> Vector3:
-    position = (place[4], place[5], place[6])
-    return rotate_back((place[7], place[8], place[9], place[10]), sub(point, position))
-
-
 def distance(data: Any, point: Vector3) -> float:
-    """Return the distance to the skin at a point of the world, or less."""
-    return skin(data, _local(data[3], point))[0]
+    """Return the distance to the skin, or less."""
+    return skin(data, point)[0]
 
 
 def gradient(data: Any, point: Vector3) -> Vector3:
     """Return the gradient of that distance."""
-    place = data[3]
-    slope = skin(data, _local(place, point))[1]
-    return rotate((place[7], place[8], place[9], place[10]), slope)
+    return skin(data, point)[1]
 
 
 CLOUD = Field(distance, gradient, gradient)

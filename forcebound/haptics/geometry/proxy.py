@@ -24,13 +24,12 @@ from forcebound.errors import ConfigError
 from forcebound.haptics.geometry.texture import Texture
 from forcebound.haptics.geometry.vectors import (
     ZERO,
+    Pose,
     Vector3,
     add,
     along,
-    cut,
     dot,
     norm,
-    pad3,
     scale,
     sub,
     tangential,
@@ -45,6 +44,7 @@ from forcebound.quantities import (
     check_ranges,
 )
 
+HERE = Pose()
 ROUNDS = 12  # of the search for the place where the friction cone holds the proxy
 ON_SURFACE = 1e-6  # m; a proxy so near to a surface is on it
 SAME = 1e-9  # relative: a drag so close to the cone is on it
@@ -142,65 +142,77 @@ class HapticSurface:
 
     Spring in N/m between device and proxy, damping in N s/m along the normal: it pushes the device
     out and never pulls it in. A device that begins inside the solid feels nothing until it has left
-    it once.
+    it once. All that it keeps is in the solid's own coordinates; ``pose`` is where these are.
     """
 
     def __init__(
-        self, solid: Solid, surface: Surface, stiffness: float, damping: float, axes: int
+        self, solid: Solid, surface: Surface, stiffness: float, damping: float, pose: Pose = HERE
     ) -> None:
-        self.touched: Touch | None = None  # by the last question
+        self._touched: Touch | None = None  # by the last question
         self._proxy: Vector3 | None = None  # None: the device has not been outside yet
         self._is_sliding = False
-        self._axes = axes
-        self.change(solid, surface, stiffness, damping)
+        self._pose = pose
+        self.change(solid, surface, stiffness, damping, pose)
 
-    def change(self, solid: Solid, surface: Surface, stiffness: float, damping: float) -> None:
+    @property
+    def touched(self) -> Touch | None:
+        """The contact of the last question, in the world; None: free motion."""
+        if self._touched is None:
+            return None
+        return Touch(self._pose.world(self._touched.proxy), self._pose.turned(self._touched.normal))
+
+    def change(
+        self, solid: Solid, surface: Surface, stiffness: float, damping: float, pose: Pose = HERE
+    ) -> None:
         """Go on with other parameters; a proxy that a solid was moved over comes to its surface."""
+        before, self._pose = self._pose, pose
         self._texture = surface.relief()
         self._solid, self._surface = solid, surface
         self._stiffness, self._damping = stiffness, damping
         if self._proxy is None:
             return
+        if pose != before:
+            self._proxy = pose.local(before.world(self._proxy))
         gap = solid.distance(self._proxy)
-        if not 0.0 <= gap <= ON_SURFACE:
-            self.touched = None  # friction would hold on to a place where nothing is now
+        if not 0.0 <= gap <= ON_SURFACE or pose != before:
+            self._touched = None  # friction would hold on to a place where nothing is now
         if gap < 0.0:
             place, _ = solid.closest(self._proxy)
             self._proxy = place if solid.distance(place) > -ON_SURFACE else None
 
-    def touch(self, position: tuple[float, ...], velocity: tuple[float, ...]) -> tuple[float, ...]:
-        """Return the force at a device's position, one entry per axis, in N; moves the proxy."""
-        device = pad3([float(entry) for entry in position])
+    def touch(self, position: Vector3, velocity: Vector3) -> Vector3:
+        """Return the force at a device's position, in N; moves the proxy."""
+        device, speed = self._pose.local(position), self._pose.turned_back(velocity)
         if self._proxy is None:
             if self._solid.distance(device) <= 0.0:
-                return cut(ZERO, self._axes)
+                return ZERO
             self._proxy = device
         goal, normal = self._solid.slide(self._proxy, device)
         if normal is None:
-            self.touched = self._held_by_the_magnet(device)
-            self._proxy = device if self.touched is None else self.touched.proxy
+            self._touched = self._held_by_the_magnet(device)
+            self._proxy = device if self._touched is None else self._touched.proxy
             self._is_sliding = False
         else:
-            self.touched = self._with_friction(device, pad3(velocity), Touch(goal, normal))
-            self._proxy = self.touched.proxy
-        if self.touched is None:
-            return cut(ZERO, self._axes)
-        return cut(self._force(device, pad3(velocity), self.touched), self._axes)
+            self._touched = self._with_friction(device, speed, Touch(goal, normal))
+            self._proxy = self._touched.proxy
+        if self._touched is None:
+            return ZERO
+        return self._pose.turned(self._force(device, speed, self._touched))
 
     def _held_by_the_magnet(self, device: Vector3) -> Touch | None:
         """The foot of a device outside, while the surface that it has touched holds on to it."""
-        if self._surface.magnet == 0.0 or self.touched is None:
+        if self._surface.magnet == 0.0 or self._touched is None:
             return None
         foot, normal = self._solid.closest(device)
         if norm(sub(device, foot)) > self._surface.magnet:
             return None
-        return Touch(self._solid.slide(self.touched.proxy, foot)[0], normal)
+        return Touch(self._solid.slide(self._touched.proxy, foot)[0], normal)
 
     def _with_friction(self, device: Vector3, velocity: Vector3, smooth: Touch) -> Touch:
         """The contact with friction, of the one without; see the module."""
         if self._surface.sticking == 0.0:
             return smooth
-        before = self.touched if self.touched is not None else smooth
+        before = self._touched if self._touched is not None else smooth
         assert self._proxy is not None
         old = Touch(self._proxy, before.normal)
         if self._is_sliding:
@@ -210,7 +222,7 @@ class HapticSurface:
         depth, drag = _pull(device, old)
         if drag <= limit * depth * (1.0 - SAME):
             self._is_sliding = False
-            if self.touched is not None:
+            if self._touched is not None:
                 return old
             return self._at_cone(device, smooth, limit)
         self._is_sliding = True

@@ -108,15 +108,10 @@ def approach(
     distance = _square(sub(end, closest_on_triangle(end, a, b, c)))
     if distance < nearest:
         nearest, when = distance, 1.0
-    distance, time = _between_segments(start, way, a, sub(b, a))
-    if distance < nearest:
-        nearest, when = distance, time
-    distance, time = _between_segments(start, way, b, sub(c, b))
-    if distance < nearest:
-        nearest, when = distance, time
-    distance, time = _between_segments(start, way, c, sub(a, c))
-    if distance < nearest:
-        nearest, when = distance, time
+    for one, other in ((a, b), (b, c), (c, a)):
+        distance, time = _between_segments(start, way, one, sub(other, one))
+        if distance < nearest:
+            nearest, when = distance, time
     return nearest, when
 
 

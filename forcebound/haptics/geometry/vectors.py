@@ -2,6 +2,8 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from typing import TypeAlias
 
 Vector3: TypeAlias = tuple[float, float, float]
@@ -81,10 +83,46 @@ def unit_quaternion(rotation: Sequence[float]) -> Quaternion:
 
 
 def z_onto(normal: Vector3) -> Quaternion:
-    """Return a rotation that turns the z axis onto a unit normal."""
-    return unit_quaternion(
-        (1.0 + normal[2], -normal[1], normal[0], 0.0 if normal[2] > -1.0 else 1.0)
-    )
+    """Return the shortest rotation that turns the z axis onto a unit normal."""
+    x, y, z = normal
+    return unit_quaternion((1.0 + z, -y, x, 0.0) if z > -1.0 else (0.0, 1.0, 0.0, 0.0))
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Where a body is, in the world: of its coordinates the origin, in m, and the axes."""
+
+    position: Vector3 = ZERO
+    orientation: Quaternion = NO_ROTATION
+
+    @cached_property
+    def _axes(self) -> tuple[Vector3, Vector3, Vector3]:
+        x, y, z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
+        turn = self.orientation
+        return rotate(turn, x), rotate(turn, y), rotate(turn, z)
+
+    def turned(self, a: Vector3) -> Vector3:
+        """Return a direction in the body in the world's coordinates."""
+        (a_x, a_y, a_z), (b_x, b_y, b_z), (c_x, c_y, c_z) = self._axes
+        u, v, w = a
+        return (
+            a_x * u + b_x * v + c_x * w,
+            a_y * u + b_y * v + c_y * w,
+            a_z * u + b_z * v + c_z * w,
+        )
+
+    def turned_back(self, a: Vector3) -> Vector3:
+        """Return a direction in the world in the body's coordinates."""
+        x, y, z = self._axes
+        return dot(x, a), dot(y, a), dot(z, a)
+
+    def world(self, point: Vector3) -> Vector3:
+        """Return a point of the body in the world's coordinates."""
+        return add(self.turned(point), self.position)
+
+    def local(self, point: Vector3) -> Vector3:
+        """Return a point of the world in the body's coordinates."""
+        return self.turned_back(sub(point, self.position))
 
 
 def pad3(vector: Sequence[float]) -> Vector3:

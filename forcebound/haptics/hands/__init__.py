@@ -1,12 +1,12 @@
-"""Operators: the hand that holds the device, and where it wants to go.
+"""Operators: the hand that holds the device, and the path of its target.
 
 A hand is a mass that is fixed to the device's handle and pulled by a spring and a damper towards a
 target that moves along a path. Such a hand is passive around its target, which is what the
 passivity argument asks of a human (``docs/theory.md``, section 1).
 
-An operator is a frozen dataclass of its parameters that inherits :class:`Operator`. To add one:
-write its class and one line in ``OPERATORS``; ``tests/test_operators.py`` tests it with all the
-others. Or name a file of your own (docs/write-your-own-device.md).
+An operator is a frozen dataclass of its parameters that inherits :class:`Operator`. To add one,
+write its class and one line in ``OPERATORS``; ``tests/test_part_contracts.py`` tests it with all
+the others. Or name a file of your own (docs/write-your-own-device.md).
 """
 
 from abc import ABC, abstractmethod
@@ -45,7 +45,6 @@ OPERATORS: Table[type[Operator]] = Table(
     {
         "chirp": "forcebound.haptics.hands.hands:ChirpHand",
         "following": "forcebound.haptics.hands.paths:FollowingHand",
-        "palpating": "forcebound.haptics.hands.hands:PalpatingHand",
         "pointer": "forcebound.haptics.hands.pointer:PointerHand",
         "pressing": "forcebound.haptics.hands.hands:PressingHand",
         "sinusoidal": "forcebound.haptics.hands.hands:SinusoidalHand",

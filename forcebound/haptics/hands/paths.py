@@ -1,4 +1,4 @@
-"""Hands whose path stands in a file: a CSV table, or the hand in a recording.
+"""Hands whose path is a list of points, a CSV table, or the hand in a recording.
 
 Spring and damper of a simulated hand, K and b, gave a recorded hand force ``F = K z + b dz/dt``
 for ``z``, the target's distance from the true position. So between two ticks, with F even,
@@ -15,6 +15,7 @@ import reprlib
 from bisect import bisect_right
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import accumulate, pairwise
 from pathlib import Path
 from typing import Annotated
@@ -33,30 +34,38 @@ from forcebound.quantities import POSITIVE, Length, Speed
 class FollowingHand(SoftGrip, PressingButtons):
     """Mass, spring and damper whose target goes from point to point in straight lines.
 
-    The points stand in the launch file or in a CSV file: one header line, then a point a line, its
-    positions in m, a column for each axis (1 to 6). For a path with times, see ``trajectory``.
+    For a path with times, or in a file, see ``trajectory``.
 
     Attributes:
         points: Of the path, in order: a list of one number for each axis.
-        file: Of the points, in place of ``points``.
         speed: Along the path.
         repeat: Whether it goes from the last point straight to the first, and on; else it stays.
     """
 
-    points: tuple[tuple[Length, ...], ...] = ()
-    file: Path | None = None
+    points: tuple[tuple[Length, ...], ...]
     speed: Annotated[Speed, POSITIVE] = 0.05
     repeat: bool = False
-    _ways: tuple[StraightWay, ...] = field(init=False, repr=False, compare=False)
-    _ends: tuple[float, ...] = field(init=False, repr=False, compare=False)  # m, along the path
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        places = self._read()
-        last = places[0] if self.repeat else places[-1]
-        ways = tuple([straight_way(one, other) for one, other in pairwise((*places, last))])
-        object.__setattr__(self, "_ways", ways)
-        object.__setattr__(self, "_ends", tuple(accumulate(way.length for way in ways)))
+        if not self.points:
+            raise ConfigError("a hand that follows a path needs points, got none", field="points")
+        for number, point in enumerate(self.points, start=1):
+            if not 1 <= len(point) <= MAX_AXES:
+                expected = f"points: point {number} must have 1 to {MAX_AXES} numbers, one per axis"
+                raise ConfigError(f"{expected}, got {len(point)}", field="points")
+
+    @cached_property
+    def _ways(self) -> list[StraightWay]:
+        axes = max(map(len, self.points))
+        points = [point + (0.0,) * (axes - len(point)) for point in self.points]
+        last = points[0] if self.repeat else points[-1]
+        return [straight_way(one, other) for one, other in pairwise((*points, last))]
+
+    @cached_property
+    def _ends(self) -> list[float]:
+        """Of the ways, in m along the path."""
+        return list(accumulate(way.length for way in self._ways))
 
     def target(self, elapsed: float) -> Vector:
         travel, length = self.speed * max(elapsed, 0.0), self._ends[-1]
@@ -64,27 +73,6 @@ class FollowingHand(SoftGrip, PressingButtons):
             travel %= length
         number = min(bisect_right(self._ends, travel), len(self._ways) - 1)
         return self._ways[number].at(travel - (self._ends[number] - self._ways[number].length))
-
-    def _read(self) -> tuple[Vector, ...]:
-        """Points of equal length."""
-        if bool(self.points) == (self.file is not None):
-            given = "both" if self.points else "neither"
-            message = f"a hand that follows a path needs points or a file, got {given}"
-            raise ConfigError(message, field="points")
-        points = self.points
-        if self.file is not None:
-            expected = "1 to 6 positions in m, after one header line"
-            try:
-                rows = _numbers(Path(self.file), "the path", expected, 1, MAX_AXES)
-                points = tuple([tuple(row) for _, row in rows])
-            except ConfigError as error:
-                raise ConfigError(str(error), field="file") from None
-        for number, point in enumerate(points, start=1):
-            if not 1 <= len(point) <= MAX_AXES:
-                expected = f"points: point {number} must have 1 to {MAX_AXES} numbers, one per axis"
-                raise ConfigError(f"{expected}, got {len(point)}", field="points")
-        axes = max(map(len, points))
-        return tuple([point + (0.0,) * (axes - len(point)) for point in points])
 
 
 @dataclass(frozen=True)
@@ -94,69 +82,57 @@ class TrajectoryHand(SoftGrip):
     A CSV file has a header line; its first column is the time in s, strictly increasing, the others
     (1 to 6) are the target's position in m, one per axis. Between two lines the target moves in a
     straight line; before the first and after the last it rests. Of a recording (``.mcap``), it is
-    where the hand wanted to be, as far as that is known, else where the device was
+    where the hand's target was, as far as that is known, else where the device was
     (docs/recordings.md).
     """
 
     file: Path
+    _path: dict[float, Vector] = field(init=False, repr=False, compare=False)
     _times: tuple[float, ...] = field(init=False, repr=False, compare=False)
-    _positions: tuple[Vector, ...] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         super().__post_init__()
         file = Path(self.file)
         try:
-            read = read_recording if file.suffix == RECORDING_SUFFIX else _read_trajectory
-            times, positions = read(file)
+            path = read_recording(file) if file.suffix == RECORDING_SUFFIX else _read_csv(file)
         except ConfigError as error:
             raise ConfigError(str(error), field="file") from None
-        object.__setattr__(self, "_times", times)
-        object.__setattr__(self, "_positions", positions)
+        object.__setattr__(self, "_path", path)
+        object.__setattr__(self, "_times", tuple(path))
 
     def target(self, elapsed: float) -> Vector:
-        times, positions = self._times, self._positions
+        times, path = self._times, self._path
         after = bisect_right(times, elapsed)
         if after in (0, len(times)):
-            return positions[after and -1]
-        before = after - 1
-        share = (elapsed - times[before]) / (times[after] - times[before])
-        ends = zip(positions[before], positions[after], strict=True)
+            return path[times[after and -1]]
+        before = times[after - 1]
+        share = (elapsed - before) / (times[after] - before)
+        ends = zip(path[before], path[times[after]], strict=True)
         return tuple([a + share * (b - a) for a, b in ends])
 
 
-def _read_trajectory(file: Path) -> tuple[tuple[float, ...], tuple[Vector, ...]]:
-    expected = "time in s, then 1 to 6 positions in m, after one header line"
-    times: list[float] = []
-    positions: list[Vector] = []
-    for place, values in _numbers(file, "the trajectory", expected, 2, 1 + MAX_AXES):
-        if times and values[0] <= times[-1]:
-            raise ConfigError(f"{place}: time must increase: {values[0]} after {times[-1]}")
-        times.append(values[0])
-        positions.append(tuple(values[1:]))
-    return tuple(times), tuple(positions)
-
-
-def _numbers(
-    file: Path, what: str, expected: str, fewest: int, most: int
-) -> Iterator[tuple[str, list[float]]]:
-    """Yield the numbers of each line under the header, with its place, ``file.csv:3``."""
-    rows = read_rows(file, what)
+def _read_csv(file: Path) -> dict[float, Vector]:
+    """The path in a CSV file: places, in m, by their time, in s."""
+    rows = read_rows(file, "the trajectory")
     _, head = next(rows, ("", []))
-    is_empty = True
+    expected = f"time in s, then 1 to {MAX_AXES} positions in m, as many columns as the header line"
+    path: dict[float, Vector] = {}
+    last = -math.inf
     for place, row in rows:
-        got = reprlib.repr(",".join(row))
         try:
-            values = [float(cell) for cell in row]
+            time, *position = map(float, row)
         except ValueError:
-            raise ConfigError(f"{place}: expected {expected}, got {got}") from None
-        if not fewest <= len(values) <= most or len(values) != len(head):
-            raise ConfigError(f"{place}: expected {expected}, got {len(values)} columns")
-        if not all(map(math.isfinite, values)):
-            raise ConfigError(f"{place}: expected finite numbers, got {got}")
-        yield place, values
-        is_empty = False
-    if is_empty:
+            time, position = math.nan, []
+        is_sound = 1 <= len(position) <= MAX_AXES and len(row) == len(head)
+        if not is_sound or not all(map(math.isfinite, (time, *position))):
+            raise ConfigError(f"{place}: expected {expected}, got {reprlib.repr(','.join(row))}")
+        if time <= last:
+            raise ConfigError(f"{place}: time must increase: {time} after {last}")
+        path[time] = tuple(position)
+        last = time
+    if not path:
         raise ConfigError(f"{file}: expected {expected}, got no line of numbers")
+    return path
 
 
 class _Hand(msgspec.Struct):
@@ -178,8 +154,8 @@ class _Tick(msgspec.Struct):
     hand_force: tuple[float, ...] | None = None
 
 
-def read_recording(file: Path) -> tuple[tuple[float, ...], tuple[Vector, ...]]:
-    """Return the times, in s since the force engaged, and the places, in m, of a recorded hand.
+def read_recording(file: Path) -> dict[float, Vector]:
+    """Return the places of a recorded hand, in m, by the time since the force engaged, in s.
 
     If the recording begins later than that, the times count from its beginning.
     """
@@ -195,7 +171,7 @@ def read_recording(file: Path) -> tuple[tuple[float, ...], tuple[Vector, ...]]:
     path = {time - start: place for time, place in _path(_engaged(ticks), hand)}
     if not path:
         raise ConfigError(f"{file} has no tick with an engaged force: no path to follow")
-    return tuple(path), tuple(path.values())
+    return path
 
 
 def began(ticks: Iterator[_Tick | Telemetry]) -> float:

@@ -53,12 +53,12 @@ class PointerTarget:
 
         Entries that ``place`` does not have stay as they are.
         """
-        wanted = (*place, *self._pointer[len(place) :])
+        pointed = (*place, *self._pointer[len(place) :])
         reach = self._hand.reach
         self._pointer = tuple(
             [
                 min(max(x, middle - reach), middle + reach)
-                for x, middle in zip(wanted, self._start, strict=True)
+                for x, middle in zip(pointed, self._start, strict=True)
             ]
         )
         return self._pointer
