@@ -13,7 +13,6 @@ import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -114,13 +113,20 @@ def film_wall(driver: Any, running: Graph, picture: Path) -> None:
     driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", FILM)
     open_page(driver, running.address)
     frames: list[tuple[float, Image.Image]] = []
-    hand = partial(selenium("webdriver").ActionChains, driver, 0)  # each keeps the button pressed
-    hand().click_and_hold(driver.find_element("id", "scene")).move_by_offset(-330, 0).perform()
+    scene = driver.find_element("id", "scene").rect
+    x, y = scene["x"] + scene["width"] / 2, scene["y"] + scene["height"] / 2
+
+    def mouse(kind: str, right: float) -> None:
+        event = {"type": kind, "x": x + right, "y": y, "button": "left", "buttons": 1}
+        driver.execute_cdp_cmd("Input.dispatchMouseEvent", event | {"clickCount": 1})
+
+    mouse("mousePressed", 0.0)
+    mouse("mouseMoved", -330.0)
     running.run_for(11.0)  # the plots show what was before no more
-    for _ in range(STEPS // 2):
-        hand().move_by_offset(1000 // STEPS, 0).perform()
+    for right in range(-330, 170, 1000 // STEPS):
+        mouse("mouseMoved", right)
         frames.append(taken(driver))
-    hand().release().perform()
+    mouse("mouseReleased", right)
     for button, seconds in (("", 2.0), ("break", 5.0), ("safe", 5.0)):
         if button:
             driver.find_element("id", button).click()
