@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import ClassVar
 
 from benchmarks.harness import Result, alternate, beyond, chain
-from forcebound.lab.workers import serving
 from forcebound.messages.events import EventLog
 from forcebound.messages.packets import EnvironmentQuery, Packet
 from forcebound.network.chances import Chances, Draws
@@ -23,10 +22,11 @@ from forcebound.network.impairment import Impairment
 from forcebound.network.link import PACKET_SIZE, Link
 from forcebound.network.sockets import Network
 from forcebound.nodes import Node
-from forcebound.observe.measure import WARMUP, Round, Timing, apart
+from forcebound.observe.measure import WARMUP, Round, Timing, apart, serving
 from forcebound.realtime import Settings, enter, freeze_garbage
-from forcebound.run.process import Runner, Stop
-from forcebound.run.process import run as run_node
+from forcebound.run.process.runner import Runner
+from forcebound.run.process.runner import run as run_node
+from forcebound.stop import Stop
 
 DURATION = 18.0
 LINKS = {

@@ -35,8 +35,7 @@ from forcebound.errors import RunError
 from forcebound.hardware.emulators.program import be_punctual
 from forcebound.hardware.odrive import ODrive
 from forcebound.hardware.odrive_lines import request
-from forcebound.lab.workers import serving
-from forcebound.observe.measure import Round, Timing, apart, pace
+from forcebound.observe.measure import Round, Timing, apart, pace, serving
 from forcebound.realtime import Settings, enter, freeze_garbage
 
 DURATION = 16.0

@@ -26,18 +26,18 @@ from forcebound.haptics.devices.phantom import PhantomPremium15
 from forcebound.haptics.environments.walls import Wall
 from forcebound.haptics.hands import Operator
 from forcebound.haptics.hands.hands import SinusoidalHand
-from forcebound.lab.workers import serving
 from forcebound.messages.events import EventLog
 from forcebound.messages.packets import DeviceState, ForceCommand, Packet
 from forcebound.messages.topology import ONE_HAND, Graph
 from forcebound.network.sockets import Network
 from forcebound.nodes import Node
 from forcebound.nodes.device import DeviceNode
-from forcebound.observe.measure import READY, WARMUP, Round, Timing, apart, wake_ups
+from forcebound.observe.measure import READY, WARMUP, Round, Timing, apart, serving, wake_ups
 from forcebound.realtime import Settings, enter, freeze_garbage, wait_until
 from forcebound.roles import CONTROLLER, DEVICE, ROLES
-from forcebound.run.process import Runner, Stop
-from forcebound.run.process import run as run_node
+from forcebound.run.process.runner import Runner
+from forcebound.run.process.runner import run as run_node
+from forcebound.stop import Stop
 
 DURATION = 24.0
 FAST_RATE = 4000.0  # Hz, to be held without a miss

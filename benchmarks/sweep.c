@@ -94,9 +94,9 @@ int64_t run(int64_t ticks, const struct rig *p, const int64_t *restrict instants
         reading = quantise(b.x, p->resolution);
         double share = engagement[k];
         double commanded = answered[k] >= 0 ? share * answers[answered[k]] : 0.0;
-        double wanted = commanded, limit = 0.0;
-        if (fabs(wanted) > share * p->saturation)
-            wanted = share * p->saturation / fabs(wanted) * wanted;
+        double demand = commanded, limit = 0.0;
+        if (fabs(demand) > share * p->saturation)
+            demand = share * p->saturation / fabs(demand) * demand;
         if (k == 0) {
             before = play = older = younger = reading;
         } else { /* bounding/one_axis.py */
@@ -124,7 +124,7 @@ int64_t run(int64_t ticks, const struct rig *p, const int64_t *restrict instants
             limit = p->law_friction
                 + 2.0 * sqrt(p->law_damping / p->hold_limit * larger(energy, 0.0));
             limit = smaller(limit, p->saturation);
-            force = smaller(larger(wanted, -limit), limit);
+            force = smaller(larger(demand, -limit), limit);
             before = reading;
             mean = held;
             play = position;

@@ -20,8 +20,8 @@ from forcebound.errors import RunError
 from forcebound.graph.loader import load
 from forcebound.graph.servo import dissipation_of
 from forcebound.haptics.laws import LAWS
-from forcebound.lab.one_axis import NO_MOTION, TRACE, Course, Floats, Rig, loop
-from forcebound.lab.runs import course_of, rig_of, timing_of
+from forcebound.lab.one_axis import NO_MOTION, TRACE, Course, Floats, System, loop
+from forcebound.lab.runs import course_of, system_of, timing_of
 from forcebound.observe.measure import Round, Timing
 
 DURATION = 6.0
@@ -33,12 +33,12 @@ def run(duration: float, rate: float) -> Result:
     """Run the benchmark."""
     config = replace(load("stiff_wall", ["law:=certified"]), duration=SECONDS)
     device = LAWS["certified"].device(dissipation_of(config.device.model, config.device.servo))
-    rig, course = rig_of(config), course_of(config, timing_of(config))
+    system, course = system_of(config), course_of(config, timing_of(config))
     trace = np.empty((course.answered.size, len(TRACE)))
-    ours = partial(loop("certified"), rig, device, course, trace, NO_MOTION)
+    ours = partial(loop("certified"), system, device, course, trace, NO_MOTION)
     with tempfile.TemporaryDirectory(prefix="forcebound-") as folder:
-        contracting = _library(folder, "contracting", rig, device, course, trace)
-        exact = _library(folder, "exact", rig, device, course, trace, "-ffp-contract=off")
+        contracting = _library(folder, "contracting", system, device, course, trace)
+        exact = _library(folder, "exact", system, device, course, trace, "-ffp-contract=off")
         ours()
         expected = trace.copy()
         trace.fill(np.nan)
@@ -60,14 +60,14 @@ def _runs(run_once: Callable[[], object], timing: Timing) -> Round:
 
 
 def _library(
-    folder: str, name: str, rig: Rig, device: Any, course: Course, trace: Floats, *flags: str
+    folder: str, name: str, system: System, device: Any, course: Course, trace: Floats, *flags: str
 ) -> Callable[[], object]:
     """Return a call of the function of ``sweep.c``, built with additional ``flags``."""
     function = ctypes.CDLL(str(compiled("sweep.c", folder, f"{name}.so", *FLAGS, *flags))).run
-    axis = rig.axis
-    hand = (axis.hand_stiffness, axis.hand_damping, rig.hand_mass, rig.substep)
-    limits = (rig.resolution, rig.saturation, rig.largest_speed, rig.cutoff)
-    numbers = (axis.mass, axis.damping, axis.friction, *hand, *limits, *rig.numbers[:2], *device)
+    axis = system.axis
+    hand = (axis.hand_stiffness, axis.hand_damping, system.hand_mass, system.substep)
+    limits = (system.resolution, system.saturation, system.largest_speed, system.cutoff)
+    numbers = (axis.mass, axis.damping, axis.friction, *hand, *limits, *system.numbers[:2], *device)
     arrays = (*course[:5], trace)
     pointers = [ctypes.c_void_p(array.ctypes.data) for array in arrays]
     constants = (ctypes.c_double * len(numbers))(*numbers)

@@ -11,10 +11,11 @@ from forcebound.graph.fields import fields_of
 from forcebound.graph.graph import (
     BESIDE_MODEL,
     KINDS,
+    PHASE_KEYS,
     RUN_KEYS,
     EnvironmentConfig,
     GraphConfig,
-    PhaseHead,
+    Phase,
     RealtimeConfig,
     RemoteConfig,
 )
@@ -71,7 +72,11 @@ def _lines() -> Iterator[str]:
         yield from ("", f"### `{key}`", *_table(part))
     for section, settings in (("realtime", RealtimeConfig), ("remote", RemoteConfig)):
         yield from ("", f"## `{section}`", *_table(settings))
-    yield from ("", "## `phases`", *_table(PhaseHead, "A list; the run is as long as its phases."))
+    yield from (
+        "",
+        "## `phases`",
+        *_table(Phase, "A list; the run is as long as its phases.", PHASE_KEYS),
+    )
     yield "| `set` | mapping | {} | parameters by name, such as `links.environment_reply.delay` |"
 
 

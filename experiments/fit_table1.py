@@ -30,7 +30,7 @@ from forcebound.haptics.devices.extended import Axis
 from forcebound.haptics.devices.phantom import PhantomPremium15
 from forcebound.haptics.devices.true_values import per_axis
 from forcebound.haptics.laws import LAWS, Dissipation
-from forcebound.lab.one_axis import NO_MOTION, TRACE, WALL, Course, Rig, loop
+from forcebound.lab.one_axis import NO_MOTION, TRACE, WALL, Course, System, loop
 from forcebound.lab.paper.setup import (
     EARLY_SAMPLES,
     HAND,
@@ -66,7 +66,7 @@ RELIED_ON = Dissipation(
     hold_limit=PERIOD,
     saturation=DEVICE.saturation,
 )
-RIG = Rig(
+SYSTEM = System(
     Axis(DEVICE.mass, DAMPING, FRICTION, 0.0, 0.0, 0.0, 0.0, 0.0),
     hand_mass=0.0,  # of no account: nothing here looks at the energy
     substep=DEVICE.substep,
@@ -148,8 +148,8 @@ def contact(law: str, numbers: Floats, approach: Floats) -> Touch:
     travel, phase = speed * TIMES, 2.0 * np.pi * frequency * TIMES
     targets = np.where(travel >= abs(end - begin), end, begin + travel)
     targets += tremor / stiffness * np.sin(phase)
-    rig = RIG._replace(
-        axis=RIG.axis._replace(
+    system = SYSTEM._replace(
+        axis=SYSTEM.axis._replace(
             mass=DEVICE.mass + mass, hand_stiffness=stiffness, hand_damping=damping
         ),
         numbers=(STIFFNESS, surface, 0.0, 0.0),
@@ -159,7 +159,7 @@ def contact(law: str, numbers: Floats, approach: Floats) -> Touch:
         np.ones(SAMPLES), np.zeros(SAMPLES), np.zeros(SAMPLES), np.zeros(SAMPLES),
     )  # fmt: skip
     trace = np.empty((SAMPLES, len(TRACE)))
-    loop(law)(rig, LAWS[law].device(RELIED_ON), course, trace, NO_MOTION)
+    loop(law)(system, LAWS[law].device(RELIED_ON), course, trace, NO_MOTION)
     readings, forces = (trace[:, TRACE.index(name)] for name in ("position", "applied_force"))
     depth = readings - surface
     hardness = initial_rate_hardness(forces, depth)

@@ -27,8 +27,8 @@ from typing import Any
 from experiments.identified_devices import WEIGHTS, Weighted, draw
 from forcebound.errors import DeviceError
 from forcebound.lab.engine import Campaign, Row, run_here
-from forcebound.lab.identification.clock import VirtualClock
 from forcebound.lab.identification.procedure import Found, identify
+from forcebound.lab.identification.rig import VirtualClock
 
 WORST = 0.7  # share of the truth
 AIM = 0.99  # share of the runs

@@ -84,7 +84,7 @@ class Weighted(Altered):
     def acting(self, force: Vector) -> Vector:
         """Return a force with that of the weight: the motor gives its gain times as much."""
         both = zip(force, self._hung, self._gain, strict=True)
-        return tuple([told + weight / gain for told, weight, gain in both])
+        return tuple([commanded + weight / gain for commanded, weight, gain in both])
 
 
 @dataclass(frozen=True)

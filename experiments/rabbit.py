@@ -1,6 +1,6 @@
 """The rabbit of `touch_mesh`: a mesh with thin ears, a dent in its back, fur, and a plinth's edges.
 
-Usage: python experiments/rabbit.py [--out forcebound/launch/rabbit.ply] [--picture docs/rabbit.png]
+Usage: python experiments/rabbit.py [--out launch/rabbit.ply] [--picture docs/rabbit.png]
 
 Ellipsoids that melt into each other are cut into triangles by surface nets (S. F. F. Gibson,
 Constrained elastic surface nets, MERL TR99-24, 1999): a vertex in each cell of a grid that the

@@ -8,22 +8,22 @@ from contextlib import suppress
 from typing import Any
 
 
-def end(process: "subprocess.Popen[Any]", patience: float) -> None:
-    """End a process and its group if it still runs: SIGTERM, then SIGKILL after ``patience`` s."""
+def end(process: "subprocess.Popen[Any]", grace: float) -> None:
+    """End a process and its group if it still runs: SIGTERM, then SIGKILL after ``grace`` s."""
     if process.poll() is not None:
         return
     process.terminate()
     try:
-        process.wait(patience)
+        process.wait(grace)
     except subprocess.TimeoutExpired:
         process.kill()
         process.wait()
-    end_group(process.pid, patience)
+    end_group(process.pid, grace)
 
 
-def end_group(leader: int, patience: float) -> None:
-    """Kill what is left of the group of a process that has just ended, after ``patience`` s."""
-    deadline = time.monotonic() + patience
+def end_group(leader: int, grace: float) -> None:
+    """Kill what is left of the group of a process that has just ended, after ``grace`` s."""
+    deadline = time.monotonic() + grace
     with suppress(ProcessLookupError):
         while time.monotonic() < deadline:
             os.killpg(leader, 0)

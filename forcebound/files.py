@@ -39,7 +39,7 @@ def open_file(path: Path) -> BinaryIO:
 
 
 def version_of(path: Path) -> tuple[int, int]:
-    """Return what tells this content of a file from another one; of a file that is not there, 0s.
+    """Return time of change and size of a file; of one that does not exist, zeros.
 
     For caches of what a file holds: reading it says what is wrong.
     """

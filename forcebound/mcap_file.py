@@ -1,7 +1,7 @@
 """MCAP files from outside: their metadata and messages, in bounded memory.
 
-``mcap`` walks the records. It believes what a record says of the lengths inside it and what a chunk
-says of its size, so the file gives no more than it has, a record has at most ``MAX_RECORD`` bytes,
+``mcap`` walks the records. It trusts the lengths within a record and the size that a chunk
+states, so the file gives no more than it has, a record has at most ``MAX_RECORD`` bytes,
 and a chunk is unpacked here: to no more than it says, all chunks to no more than ``MAX_EXPANSION``
 times the file.
 

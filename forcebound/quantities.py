@@ -90,7 +90,7 @@ class Range:
         )
 
     def __get_pydantic_json_schema__(self, schema: Any, handler: Any) -> dict[str, Any]:
-        """Tell editors the range; text with a unit could have no other limits."""
+        """Describe the range to editors; text with a unit could have no other limits."""
         described: dict[str, Any] = handler(schema)
         symbol = schema.get("metadata", {}).get(_UNIT_KEY, "")
         known = described.get("description")

@@ -67,7 +67,7 @@ class Settings:
 
 
 def choose_core(
-    wanted: str | int, allowed: Collection[int] | None = None, taken: Sequence[int | None] = ()
+    requested: str | int, allowed: Collection[int] | None = None, taken: Sequence[int | None] = ()
 ) -> int | None:
     """Return the core for the chain of nodes; None for ``"none"``, no core of its own.
 
@@ -78,17 +78,17 @@ def choose_core(
         ConfigError: If the core is not one of those allowed.
     """
     cores = sorted(os.sched_getaffinity(0) if allowed is None else allowed)
-    if wanted == "none":
+    if requested == "none":
         return None
-    if wanted == "auto":
+    if requested == "auto":
         return max(cores, key=lambda core: (-taken.count(core), core))
-    if wanted not in cores:
+    if requested not in cores:
         known = ", ".join(str(core) for core in cores)
         raise ConfigError(
-            f"realtime.cores: this process may not run on core {wanted}; "
+            f"realtime.cores: this process may not run on core {requested}; "
             f"use one of {known}, or auto, or none"
         )
-    return int(wanted)
+    return int(requested)
 
 
 def leave_core(core: int | None) -> set[int]:

@@ -145,7 +145,7 @@ class EnvironmentReply(_Wire, frozen=True, tag="environment_reply"):
 
     @property
     def contact(self) -> Contact | None:
-        """The contact that the environment tells; None: free motion, or it tells none."""
+        """The contact that the environment reports; None: free motion, or it reports none."""
         if self.proxy is None or self.normal is None:
             return None
         return Contact(self.proxy, self.normal)

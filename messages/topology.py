@@ -125,41 +125,35 @@ def in_hand(hand: str | None, name: str) -> str:
 
 def graph_of(hands: Sequence[str] = (HAND,)) -> Graph:
     """Return the graph of some hands in one environment."""
-    shared = {ENVIRONMENT, RECORDER}
-    names = {
-        (role, hand): in_hand(hand, role)
-        for role in ROLES
-        for hand in ((None,) if role in shared else hands)
-    }
-    nodes = {
-        name: NodeSpec(role, hand, f"c{number}")
-        for number, ((role, hand), name) in enumerate({**names, (LAUNCHER, None): LAUNCHER}.items())
-    }
+    nodes: dict[str, NodeSpec] = {}
+    for role in (*ROLES, LAUNCHER):
+        for hand in (None,) if role in (ENVIRONMENT, RECORDER, LAUNCHER) else hands:
+            nodes[in_hand(hand, role)] = NodeSpec(role, hand, f"c{len(nodes)}")
+    streams: list[Stream] = []
 
-    def name_of(role: str | None, hand: str | None) -> str | None:
-        return None if role is None else names.get((role, hand)) or names[role, None]
+    def add(
+        packet: type[Packet],
+        hand: str | None,
+        sender: str,
+        receiver: str | None = None,
+        is_forwarded: bool = False,
+    ) -> None:
+        topic, socket = TOPIC_OF[packet], f"s{len(streams)}"
+        name = in_hand(hand, topic)
+        streams.append(Stream(name, topic, hand, sender, receiver, socket, is_forwarded))
 
-    rows: list[tuple[type[Packet], str | None, str | None, str | None, bool]] = []
+    def name_of(role: str, hand: str | None) -> str:
+        return role if role in nodes else in_hand(hand, role)
+
     for packet, (sender, receiver) in _SENT.items():
         for hand in (None,) if packet is Scene else hands:
-            rows.append((packet, hand, name_of(sender, hand), name_of(receiver, hand), False))
+            add(packet, hand, name_of(sender, hand), receiver and name_of(receiver, hand))
     for hand in hands:  # what comes from, or goes to, another machine: for observers on this one
-        rows.append((EnvironmentReply, hand, name_of(CONTROLLER, hand), None, True))
-        rows.append((EnvironmentQuery, hand, name_of(ENVIRONMENT, hand), None, True))
-    rows += [(Event, None, name, None, False) for name in nodes]
-    streams = tuple(
-        Stream(
-            in_hand(hand, TOPIC_OF[packet]),
-            TOPIC_OF[packet],
-            hand,
-            str(sender),
-            receiver,
-            f"s{number}",
-            is_forwarded,
-        )
-        for number, (packet, hand, sender, receiver, is_forwarded) in enumerate(rows)
-    )
-    return Graph(nodes, streams)
+        add(EnvironmentReply, hand, name_of(CONTROLLER, hand), is_forwarded=True)
+        add(EnvironmentQuery, hand, name_of(ENVIRONMENT, hand), is_forwarded=True)
+    for name in nodes:
+        add(Event, None, name)
+    return Graph(nodes, tuple(streams))
 
 
 ONE_HAND = graph_of()

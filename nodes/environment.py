@@ -32,7 +32,7 @@ from forcebound.network.impairment import Impairment
 from forcebound.network.trace import DelayTrace
 from forcebound.nodes import Node
 from forcebound.nodes.closing import close_part
-from forcebound.nodes.scene import SceneTeller
+from forcebound.nodes.scene import SceneSource
 from forcebound.roles import ENVIRONMENT
 
 PROBE_INTERVAL_NS = 1_000_000_000  # between two answers of an environment that is rejected
@@ -78,7 +78,7 @@ class EnvironmentNode(Node):
         self._refused_for: str | None = None  # the environment that serves instead
         self._probed_ns = 0
         self.events = EventLog(ENVIRONMENT)
-        self._scene = SceneTeller(self._environment, self.events)
+        self._scene = SceneSource(self._environment, self.events)
         self._proxies: dict[str, Vector] = {}  # of the last answer to each hand
         self.name = name
         self.faults = 0  # queries that the environment's code failed to answer
@@ -122,7 +122,7 @@ class EnvironmentNode(Node):
         if self._seq != answered:
             self._scene.note_answer(time_ns)
         if was_due and (self._seq == answered or not self._scene.may_wait(time_ns)):
-            packets += self._scene.tell(time_ns, self._proxies)
+            packets += self._scene.packets(time_ns, self._proxies)
         return packets
 
     def _take(self, query: EnvironmentQuery, time_ns: int) -> None:

@@ -21,7 +21,7 @@ LONGEST_WAIT_NS = 100_000_000  # of a scene with answers that go first
 _logger = logging.getLogger(__name__)
 
 
-class SceneTeller:
+class SceneSource:
     """Asks an open environment for its scene, and makes the packets."""
 
     def __init__(self, environment: Environment, events: EventLog) -> None:
@@ -36,13 +36,13 @@ class SceneTeller:
 
     def watch(self, environment: Environment) -> None:
         """Ask this environment from now on."""
-        # A step in vain would make the next answer late.
+        # A step without a scene would make the next answer late.
         self._has_scene = "scene" in overridden(environment, Environment)
         self._environment = environment
         self.is_due = False  # whether the next step makes a scene; it may have none
 
     def note_answer(self, time_ns: int) -> None:
-        """Want a scene if one is due: the environment may have changed."""
+        """Make a scene in the next step if one is due: the environment may have changed."""
         if not self.is_due and self._has_scene and time_ns >= self._due_ns:
             self.is_due = True
             self._wait_until_ns = time_ns + LONGEST_WAIT_NS
@@ -51,7 +51,7 @@ class SceneTeller:
         """Whether an answer that leaves now goes first."""
         return time_ns < self._wait_until_ns
 
-    def tell(self, time_ns: int, proxies: Mapping[str, Vector]) -> list[Packet]:
+    def packets(self, time_ns: int, proxies: Mapping[str, Vector]) -> list[Packet]:
         """Return the scene if it has changed or is to be repeated, and events about it.
 
         ``proxies`` are those of the last answer to each hand that is not in free motion, in m.

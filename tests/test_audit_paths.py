@@ -4,12 +4,14 @@ import json
 import math
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
 from forcebound.cli import main
+from forcebound.compiled import record_type
 from forcebound.errors import ConfigError
 from forcebound.haptics.laws import ENERGY_TOLERANCE, Dissipation, ForceBounder
 from forcebound.lab.engine import rows_of_each
@@ -18,22 +20,9 @@ from forcebound.lab.paths.campaign import LOWEST, PathCase, cases, replay, secti
 from forcebound.lab.paths.certificates import CERTIFICATES, draw
 from forcebound.lab.paths.search import Restart
 from forcebound.lab.paths.truth import (
-    ALONG_PATH,
     AXES,
-    BODY_ROWS,
-    BRISTLE,
-    DAMPING,
-    DEVICE_ROWS,
-    FASTEST,
-    FRICTION,
-    GAIN,
-    LAG,
-    NUMBERS,
-    OUTPUT,
-    PRESLIDING,
-    TARGET,
-    USED_AXES,
-    Floats,
+    COPIES,
+    Device,
     strike,
     walk,
     work_along_path,
@@ -45,56 +34,55 @@ pytestmark = pytest.mark.no_cover  # attacks by the thousand would take twice th
 CERTIFIED = ("certified", "certified_memoryless")
 
 
-def device(axes: int, presliding: float = 0.0, lag: float = 0.0) -> tuple[Floats, Floats, Floats]:
-    """Return a body at rest, properties and other numbers of a device alike on each axis."""
-    properties, numbers = np.zeros((DEVICE_ROWS, AXES)), np.zeros(NUMBERS)
-    properties[DAMPING, :axes], properties[FRICTION, :axes] = 0.27, 0.12
-    properties[PRESLIDING, :axes], properties[GAIN] = presliding, 1.0
-    numbers[USED_AXES], numbers[LAG], numbers[FASTEST] = axes, lag, math.inf
-    return np.zeros((BODY_ROWS, AXES)), properties, numbers
+def devices(axes: int, presliding: float = 0.0, lag: float = 0.0) -> Any:
+    """Return a device at rest, alike on each axis, and its copies."""
+    found = np.zeros(1 + COPIES, record_type(Device))
+    device = found[0]
+    device.damping[:axes], device.friction[:axes] = 0.27, 0.12
+    device.presliding[:axes], device.gain[:] = presliding, 1.0
+    device.axes, device.lag, device.fastest = axes, lag, math.inf
+    return found
 
 
 def test_a_straight_move_costs_damping_friction_and_work() -> None:
-    body, properties, numbers = device(1)
-    body[TARGET, 0] = body[OUTPUT, 0] = 3.0
-    energy = walk(body, properties, numbers, 1e-3, np.array([-2e-3, 0.0, 0.0]))
+    device = devices(1)[0]
+    device.target[0] = 3.0
+    energy = walk(device, 1e-3, np.array([-2e-3, 0.0, 0.0]))
     assert energy == pytest.approx(0.27 * 4e-6 / 1e-3 + 0.12 * 2e-3 - 3.0 * 2e-3)
 
 
 def test_a_lagging_amplifier_works_with_the_force_that_it_has() -> None:
-    body, properties, numbers = device(1, lag=4e-4)
-    body[TARGET, 0], body[OUTPUT, 0] = 3.0, -1.0
+    device = devices(1, lag=4e-4)[0]
+    device.target[0], device.output[0] = 3.0, -1.0
     times = np.linspace(0.0, 1e-3, 100_001)
     forces = 3.0 - 4.0 * np.exp(-times / 4e-4)
     mean = float(np.mean((forces[1:] + forces[:-1]) / 2.0))
-    energy = walk(body, properties, numbers, 1e-3, np.array([1e-3, 0.0, 0.0]))
+    energy = walk(device, 1e-3, np.array([1e-3, 0.0, 0.0]))
     assert energy == pytest.approx(0.27e-3 + 0.12e-3 + mean * 1e-3, rel=1e-8)
-    assert body[OUTPUT, 0] == pytest.approx(forces[-1])
+    assert device.output[0] == pytest.approx(forces[-1])
 
 
 def test_a_vector_of_bristles_is_dragged_as_small_steps_drag_it() -> None:
-    body, properties, _ = device(2, presliding=2e-4)
-    body[BRISTLE, :2] = (0.5e-4, -1.6e-4)
+    device = devices(2, presliding=2e-4)[0]
+    device.bristle[:2] = (0.5e-4, -1.6e-4)
     move = np.array([3e-4, 2e-4, 0.0])
-    bristle, work, steps = body[BRISTLE].copy(), 0.0, 20_000
+    bristle, work, steps = device.bristle.copy(), 0.0, 20_000
     for _ in range(steps):
         before = bristle
         bristle = bristle + move / steps
         bristle *= min(1.0, 2e-4 / float(np.linalg.norm(bristle)))
         work += 0.12 / 2e-4 * float((before + bristle) @ move) / 2.0 / steps
-    assert work_along_path(body, properties, 2, move) == pytest.approx(work, rel=1e-5)
-    assert body[BRISTLE] == pytest.approx(bristle, abs=1e-8)
+    assert work_along_path(device, move) == pytest.approx(work, rel=1e-5)
+    assert device.bristle == pytest.approx(bristle, abs=1e-8)
 
 
 def test_a_closed_cycle_of_presliding_gives_nothing_back() -> None:
-    body, properties, _ = device(2, presliding=2e-4)
+    device = devices(2, presliding=2e-4)[0]
     corners = np.random.default_rng(1).normal(size=(50, AXES)) * 2e-4
     corners[:, 2] = 0.0
     corners[-1] = corners[0]
-    total = 0.0
-    for before, after in pairwise(corners):
-        total += work_along_path(body, properties, 2, after - before)
-    stored = 0.12 / 2e-4 * float(body[BRISTLE] @ body[BRISTLE]) / 2.0
+    total = sum(work_along_path(device, after - before) for before, after in pairwise(corners))
+    stored = 0.12 / 2e-4 * float(device.bristle @ device.bristle) / 2.0
     assert total > stored > 0.0
 
 
@@ -103,12 +91,12 @@ def test_the_hand_loses_as_much_at_the_tip_as_in_the_joints(lag: float) -> None:
     """With ever smaller moves the tip's straight way and the joints' become one."""
     errors = []
     for size in (2e-3, 2e-5):
-        body, properties, numbers = device(2, lag=lag)
-        body[TARGET, :2], body[OUTPUT, :2] = (0.3, -0.2), (0.1, 0.1)
-        other, move = body.copy(), np.array([size, 0.7 * size, 0.0])
-        joints = walk(body, properties, numbers, 1e-3, move)
-        tip = walk_at_tip(other, properties, numbers, 1e-3, move)
-        assert other == pytest.approx(body)
+        both = devices(2, lag=lag)
+        both[0].target[:2], both[0].output[:2] = (0.3, -0.2), (0.1, 0.1)
+        both[1], move = both[0], np.array([size, 0.7 * size, 0.0])
+        joints, tip = walk(both[0], 1e-3, move), walk_at_tip(both[1], 1e-3, move)
+        for name in ("position", "bristle", "output", "target"):
+            assert both[1][name] == pytest.approx(both[0][name])
         errors.append(abs(tip / joints - 1.0))
     assert errors[0] < 1e-3
     assert errors[1] < errors[0] / 10.0
@@ -120,16 +108,16 @@ def test_the_hand_loses_as_much_at_the_tip_as_in_the_joints(lag: float) -> None:
 def test_no_straight_move_is_worse_than_the_strike(
     axes: int, along: bool, presliding: float
 ) -> None:
-    random = np.random.default_rng(2)
-    body, properties, numbers = device(axes, presliding)
-    numbers[ALONG_PATH] = float(along)
+    random, every = np.random.default_rng(2), devices(axes, presliding)
+    every[0].is_along_path = along
     force = np.array([2.0, -1.0, 0.0]) * (np.arange(AXES) < axes)
-    lowest = strike(body, properties, numbers, 0.0, math.inf, force, 1e-3)
-    body[TARGET] = body[OUTPUT] = force
+    lowest = strike(every, 0.0, math.inf, force, 1e-3)
+    every[0].target[:] = force
     tried = []
     for _ in range(3000):
         move = random.normal(size=AXES) * 5e-3 * (np.arange(AXES) < axes)
-        tried.append(walk(body.copy(), properties, numbers, 1e-3, move))
+        every[1] = every[0]
+        tried.append(walk(every[1], 1e-3, move))
     assert lowest <= min(tried)
     assert lowest == pytest.approx(min(tried), rel=0.05)
 
@@ -148,7 +136,7 @@ def attack(certificate: str, law: str, left_out: bool = False, restarts: int = 1
 
 def worst(restart: Restart) -> float:
     assert restart.worst is not None
-    return restart.worst.outcome.worst
+    return restart.worst.result.worst
 
 
 @pytest.mark.parametrize("law", CERTIFIED)
@@ -198,7 +186,7 @@ def test_a_run_is_repeated_by_its_name_and_drawn(tmp_path: Path) -> None:
     for row in found:
         document, trace = replay("certified", row["case"])
         assert document[LOWEST] == row[LOWEST]
-        assert len(trace) == document["steps"] - 1  # the first reading has no force
+        assert len(trace) == document["samples"] - 1  # the first reading has no force
     (shown,) = summary([{**found[0], "left_out": False}, found[1]])
     assert shown["runs"] == shown["without"]["runs"] == 40
     assert f"| {found[1]['case']} |" in "\n".join(section([shown]))
@@ -225,13 +213,10 @@ def test_every_certificate_is_attacked_with_and_without_its_number() -> None:
     assert without == {name for name, one in CERTIFICATES.items() if one.left_out}
 
 
-@pytest.mark.parametrize("name", ["plain:", "plain:3", "plain:s3", "plain:x3.1", "nothing:s1.1"])
-def test_a_name_that_is_no_run_is_refused(name: str) -> None:
-    with pytest.raises(ConfigError):
-        replay("certified", name)
-
-
-def test_only_certified_laws_have_certificates() -> None:
+def test_a_name_that_is_no_run_and_a_law_without_certificates_are_refused() -> None:
+    for name in ("plain:", "plain:3", "plain:s3", "plain:x3.1", "nothing:s1.1"):
+        with pytest.raises(ConfigError):
+            replay("certified", name)
     with pytest.raises(ConfigError, match="'aol'"):
         cases(["aol"], ["plain"], 1, 0)
     with pytest.raises(ConfigError, match="'unheard'"):

@@ -12,17 +12,18 @@ from fakes import press
 from launch_texts import GOOD, problems_of, written
 
 from forcebound.graph.loader import change, from_document, load
+from forcebound.graph.parameters import parameters
 from forcebound.graph.resolved import to_document
 from forcebound.haptics.environments.walls import Wall
+from forcebound.messages.control import Configure
 from forcebound.messages.packets import EnvironmentReply, Telemetry
 from forcebound.network.chances import Chances, Draws
 from forcebound.network.computation import ComputationTime
 from forcebound.network.impairment import Impairment
 from forcebound.network.trace import DelayTrace
 from forcebound.nodes.environment import EnvironmentNode
-from forcebound.run.application import apply
-from forcebound.run.build import build_device, build_node
-from forcebound.run.links import build_links
+from forcebound.run.application import Tuner
+from forcebound.run.build import build_device, build_links, build_node
 from forcebound.run.simulation import Simulation
 
 
@@ -184,9 +185,10 @@ def test_traces_are_taken_and_left_while_the_graph_runs(tmp_path: Path) -> None:
         {"environment.compute_trace": None, "links.environment_query.trace": None},
     )
     found = []
+    tuner = Tuner(config)
     for number, changes in enumerate(({}, *settings)):
         new = change(config, changes)
-        apply(config, new, graph)
+        tuner(graph, Configure(number, parameters(new)))
         config = new
         graph.run((number + 1) * 100 * MS)
         found.append(min(delay for delay in delays[-50:] if delay is not None))

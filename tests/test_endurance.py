@@ -13,12 +13,13 @@ import pytest
 from live_graph import live_graph
 
 from forcebound.graph.loader import load
+from forcebound.graph.parameters import parameters
 from forcebound.graph.phases import timetable
+from forcebound.messages.control import Configure
 from forcebound.messages.packets import TOPIC_OF, Packet, Telemetry
 from forcebound.messages.topology import ONE_HAND
-from forcebound.run.application import apply
-from forcebound.run.build import build_device, build_node
-from forcebound.run.links import build_links
+from forcebound.run.application import Tuner
+from forcebound.run.build import build_device, build_links, build_node
 from forcebound.run.simulation import Simulation
 
 HOUR_NS = 3_600_000_000_000
@@ -109,12 +110,11 @@ def an_hour(file: str | Path, report: Callable[[str], None]) -> None:
         node.events.is_logged = False
     device.engage()
     parts = timetable(config)
-    now, sizes = config, []
+    tuner, sizes = Tuner(config), []
     for minute in range(HOUR_NS // MINUTE_NS):
         if parts:  # each minute another phase, again and again
             new = parts[minute % len(parts)].config
-            apply(now, new, simulation)
-            now = new
+            tuner(simulation, Configure(minute, parameters(new)))
         simulation.run((minute + 1) * MINUTE_NS)
         gc.collect()
         sizes.append(resident())

@@ -6,7 +6,6 @@ import math
 from pathlib import Path
 from typing import Any
 
-import pyarrow.parquet as pq
 import pytest
 from builders import telemetry_packet
 from invoking import invoke
@@ -78,7 +77,7 @@ def test_csv_holds_the_numbers_of_the_packets_to_the_bit(tmp_path: Path) -> None
 
 
 def test_every_column_has_its_unit_and_meaning(tmp_path: Path) -> None:
-    export(read(record(tmp_path / "run.mcap", packets())), tmp_path, "csv")
+    export(read(record(tmp_path / "run.mcap", packets())), tmp_path)
     about = {(row["table"], row["column"]): row for row in rows_of(tmp_path / "columns.csv")}
     for topic in ("telemetry", "scene", "event"):
         for column in rows_of(tmp_path / f"{topic}.csv")[0]:
@@ -86,17 +85,6 @@ def test_every_column_has_its_unit_and_meaning(tmp_path: Path) -> None:
     assert about == {}
     units = {row["column"]: row["unit"] for row in rows_of(tmp_path / "columns.csv")}
     assert (units["position[1]"], units["estimated_energy"], units["seq"]) == ("m", "J", "")
-
-
-def test_parquet_has_types_units_and_the_same_values(tmp_path: Path) -> None:
-    run = record(tmp_path / "run.mcap", packets())
-    assert invoke("export", run, "--parquet", tmp_path / "tables").exit_code == 0
-    table = pq.read_table(tmp_path / "tables/telemetry.parquet")
-    assert table["position[1]"].to_pylist() == [1 / 3, 2.0**60]
-    assert table["true_position[0]"].to_pylist() == [None, 0.1]
-    assert str(table.schema.field("time_ns").type) == "int64"
-    assert table.schema.field("position[0]").metadata[b"unit"] == b"m"
-    assert pq.read_table(tmp_path / "tables/event.parquet")["is_fault"].to_pylist() == [False]
 
 
 def test_files_that_are_there_are_kept_unless_one_says_so(tmp_path: Path) -> None:
@@ -111,10 +99,9 @@ def test_files_that_are_there_are_kept_unless_one_says_so(tmp_path: Path) -> Non
     assert kept.read_text() != "mine"
 
 
-def test_a_recording_without_packets_and_no_format_are_refused(tmp_path: Path) -> None:
+def test_a_recording_without_packets_is_refused(tmp_path: Path) -> None:
     run = record(tmp_path / "run.mcap", [])
     assert "has no packet: nothing to export" in invoke("export", run, "--csv", tmp_path).stderr
-    assert "choose --csv DIR or --parquet DIR" in invoke("export", run).stderr
 
 
 # --- Recovery ------------------------------------------------------------------------------------

@@ -17,6 +17,8 @@ from forcebound.haptics.environments import EnvironmentModel
 from forcebound.haptics.environments.walls import ActiveWall, Damper, TimeVaryingWall
 from forcebound.haptics.laws.sample import ENERGY_TOLERANCE
 from forcebound.network.impairment import Impairment
+from forcebound.recordings.telemetry import TelemetryColumns
+from forcebound.results.contact import count_bounces
 from forcebound.results.summary import summarize
 from forcebound.run.virtual import run_virtual
 
@@ -110,6 +112,51 @@ def test_a_wall_that_is_moved_is_followed_away_from_the_hand_and_towards_it(tmp_
         at_end = int(np.searchsorted(columns.elapsed, end))
         depth = columns.position[at_end, 0] - surface
         assert columns.applied_force[at_end, 0] == pytest.approx(2000.0 * depth, rel=0.05)
+
+
+CHANGING = """
+forcebound: 1
+include: far_wall.yaml
+phases:
+  - {{ name: as before, duration: 1 s }}
+  - {{ name: changed, duration: 0.8 s, set: {{ environment.{0} }} }}
+"""
+
+
+def after_change(folder: Path, change: str, *arguments: str) -> tuple[TelemetryColumns, int]:
+    """The columns of a press on a wall that changes after 1 s, and the sample of the change."""
+    file = folder / "changing.yaml"
+    file.write_text(CHANGING.format(change))
+    columns = run_virtual(load(file, list(arguments))).columns
+    return columns, int(np.searchsorted(columns.elapsed, 1.0))
+
+
+@cache
+def bounces_after(change: str, *arguments: str) -> int:
+    with TemporaryDirectory() as folder:
+        columns, changed = after_change(Path(folder), change, *arguments)
+    return count_bounces(columns.true_position[changed:, 0])
+
+
+@pytest.mark.parametrize("delay", [10, 20, 30, 50])
+@pytest.mark.parametrize("change", ["stiffness: 1 N/mm", "position: 20 mm"])
+def test_a_wall_that_softens_or_retreats_under_the_hand_does_not_ring(
+    change: str, delay: int
+) -> None:
+    # The hand itself swings to its new place, as it does beside a wall without any delay.
+    near = bounces_after(change, "controller:=direct", "delay:=0 ms")
+    assert bounces_after(change, f"delay:={delay} ms") <= near + 1
+
+
+@pytest.mark.parametrize("delay", [10, 20, 50])
+@pytest.mark.parametrize("controller", ["local_model", "virtual_coupling"])
+def test_the_force_of_a_wall_that_is_gone_ends_within_a_round_trip(
+    tmp_path: Path, controller: str, delay: int
+) -> None:
+    arguments = (f"controller:={controller}", f"delay:={delay} ms")
+    columns, changed = after_change(tmp_path, "position: 20 mm", *arguments)
+    pressed = np.flatnonzero(columns.applied_force[changed:, 0] > 1e-3)
+    assert 0 < pressed[-1] <= 1.1 * 2.0 * delay
 
 
 @pytest.mark.parametrize("model", [ActiveWall(), Damper(damping=-5.0)])

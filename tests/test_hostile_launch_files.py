@@ -63,18 +63,3 @@ def test_a_mutated_launch_file_gives_a_configuration_or_a_config_error(
     except ConfigError:
         return
     assert from_document(to_document(config)) == config
-
-
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(
-    st.sampled_from(["6 s", "10 N/mm", "2 ms", "seed: 1"]),
-    st.from_regex(r"[-+]?[0-9]{1,30}(\.[0-9]{0,30})?([eE][-+]?[0-9]{1,12})? ?[a-zA-Z/^*%µ²]{0,8}"),
-)
-def test_any_quantity_gives_a_configuration_or_a_config_error(
-    tmp_path: Path, old: str, quantity: str
-) -> None:
-    path = written(tmp_path, GOOD.replace(old, quantity))
-    try:
-        assert load(path).duration > 0
-    except ConfigError:
-        return

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -17,9 +18,9 @@ from forcebound.haptics.devices.phantom import PhantomPremium15
 from forcebound.haptics.devices.stated_joints import TrueJoints
 from forcebound.haptics.devices.true_values import TrueAxes, WeakSpot
 from forcebound.lab.identification import document, estimators, gain
-from forcebound.lab.identification.clock import VirtualClock
 from forcebound.lab.identification.estimators import Bounded, Point
 from forcebound.lab.identification.procedure import Found, Plan, identify
+from forcebound.lab.identification.rig import VirtualClock
 from forcebound.messages.packets import Vector
 
 SHORT = dataclasses.replace(KNOB, levels=(0.4, 1.0), pushes=2, strokes=4)
@@ -54,15 +55,11 @@ def found_of(model: DeviceModel, plan: Plan, altered: type[Altered] | None = Non
 
 
 @pytest.mark.no_cover  # too many samples, as those below
-def test_bounds_hold_and_are_narrow() -> None:
-    document = evaluate([judge(seed) for seed in (2, 4)])
-    assert not document["failed"]
-    assert is_reached(document), document["numbers"]
-
-
-@pytest.mark.slow
-def test_bounds_hold_in_many_identifications() -> None:
-    document = evaluate([judge(seed) for seed in range(1, 101)])
+@pytest.mark.parametrize(
+    "seeds", [(2, 4), pytest.param(range(1, 101), marks=pytest.mark.slow)], ids=["two", "many"]
+)
+def test_bounds_hold_and_are_narrow(seeds: Sequence[int]) -> None:
+    document = evaluate([judge(seed) for seed in seeds])
     assert not document["failed"]
     assert is_reached(document), document["numbers"]
 
@@ -139,13 +136,17 @@ def test_what_does_not_move_or_flies_off_ends_it() -> None:
         found_of(falling, KNOB)
 
 
-def test_a_lag_is_told_from_none() -> None:
+def test_a_lag_is_distinguished_from_none_and_then_no_watchdog_guards() -> None:
     plan = dataclasses.replace(KNOB, levels=(0.4, 1.0), pushes=2)
     slow = PhantomPremium15(truth=TrueAxes(lag=3e-4), substep=2.5e-4)
     for model, lag in ((slow, 3e-4), (PhantomPremium15(substep=2.5e-4), 0.0)):
-        (axis,) = found_of(model, plan).axes
+        found = found_of(model, plan)
+        (axis,) = found.axes
         assert axis.lag is not None
         assert axis.lag.lower <= lag <= axis.lag.upper <= lag + 3e-5
+        stated = document.identified_model(model, found)
+        assert (stated.lag >= lag, stated.watchdog == "reporting") == (True, lag > 0.0)
+        dissipation_of(stated, ServoSettings())
 
 
 def test_motors_of_different_gains_state_how_different_they_are() -> None:
@@ -165,15 +166,15 @@ def test_a_weight_that_is_not_hung_leaves_the_gain_unmeasured(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(gain, "USER_TIMEOUT", 5.0)
-    said: list[str] = []
+    lines: list[str] = []
     model = PhantomPremium15(substep=1e-3)
     for weight in (0.1, 1.0):
         plan = dataclasses.replace(SHORT, weight=weight)
-        found = identify(model.open(None, 1.25e-3), model, VirtualClock(), plan, said.append)
+        found = identify(model.open(None, 1.25e-3), model, VirtualClock(), plan, lines.append)
         assert found.gain == ()
         assert "gain_error" not in document.numbers_of(model, found)
-    assert any("it should be" in line for line in said)
-    assert any("no weight was seen" in line for line in said)
+    assert any("it should be" in line for line in lines)
+    assert any("no weight was seen" in line for line in lines)
 
 
 class StallingClock(VirtualClock):
@@ -197,15 +198,6 @@ def test_a_stall_of_the_machine_while_a_force_is_on_ends_it_without_force() -> N
     assert device.forces[-1] == (0.0,)
 
 
-def test_a_device_with_a_lag_states_no_guarding_watchdog() -> None:
-    model = PhantomPremium15(truth=TrueAxes(lag=3e-4), substep=2.5e-4)
-    found = found_of(model, dataclasses.replace(KNOB, levels=(0.4, 1.0), pushes=2))
-    stated = document.identified_model(model, found)
-    assert stated.lag >= 3e-4
-    assert stated.watchdog == "reporting"
-    dissipation_of(stated, ServoSettings())
-
-
 def points(damping: float, friction: float, noise: float) -> list[Point]:
     rng = np.random.default_rng(1)
     speeds = [speed for speed in (0.1, 0.5, 1.0, 2.0) for _ in range(4)]
@@ -216,17 +208,13 @@ def points(damping: float, friction: float, noise: float) -> list[Point]:
     ]
 
 
-def test_damping_and_friction_of_a_line() -> None:
+def test_damping_and_friction_of_a_line_with_an_outlier_or_without() -> None:
     seen = points(2.0, 5.0, 0.01)
     damping = estimators.slope(seen)
     assert damping.lower < 2.0 < damping.upper
     friction, parts = estimators.friction(seen, damping)
     assert friction.lower < 5.0 < friction.upper
     assert len(parts) == 3
-
-
-def test_an_outlier_hardly_changes_the_damping() -> None:
-    seen = points(2.0, 5.0, 0.01)
     seen[7] = seen[7]._replace(loss=20.0)
     assert estimators.slope(seen).estimate == pytest.approx(2.0, abs=0.03)
 

@@ -9,8 +9,8 @@ from waiting import until
 
 from forcebound.errors import DeviceError
 from forcebound.haptics.devices import DEVICES
-from forcebound.lab.identification.clock import Clock
 from forcebound.lab.identification.procedure import Plan, identify
+from forcebound.lab.identification.rig import Clock
 
 pytestmark = pytest.mark.live
 

@@ -45,7 +45,6 @@ def test_the_file_holds_bounds_and_where_they_come_from(folder: Path) -> None:
     assert 0.9 * 0.27 <= device["damping"] <= 0.27 <= 1.05 * numbers["damping"]["found"]
     assert 0.9 * 0.12 <= device["friction"] <= 0.12
     assert device["resolution"] == pytest.approx(3e-5)
-    assert (folder / "device.png").stat().st_size > 10_000
     model = load_with(folder, "stiff_wall.yaml")
     assert model.damping == device["damping"]
     assert model.substep == 1e-3
@@ -99,23 +98,20 @@ def test_a_file_that_cannot_be_checked_is_refused_before_anything_moves(
         assert "at rest" not in done.output
 
 
-@pytest.mark.parametrize(
-    ("words", "named"),
-    [
-        (["five_baar"], "five_baar"),
-        (["five_bar", "--reach", "far"], "--reach"),
-        (["five_bar", "--reach", "30 mm"], "--reach"),
-        (["five_bar", "--weight", "100 g"], "--lever"),
-        (["phantom_premium_1_5", "--weight", "0.1 kg", "--lever", "4 cm"], "--lever"),
-        (["five_bar", "-o", "no/device.yaml"], "no folder"),
-        ([], "name a device"),
-        (["five_bar", "--check", "device.yaml"], "'five_bar'"),
-    ],
-)
-def test_bad_input_is_refused_before_anything_moves(words: list[str], named: str) -> None:
-    done = CliRunner().invoke(main, ["identify", *words])
-    assert done.exit_code == 2, done.output
-    assert named in done.output
+def test_bad_input_is_refused_before_anything_moves() -> None:
+    for words, named in (
+        ("five_baar", "five_baar"),
+        ("five_bar --reach far", "--reach"),
+        ("five_bar --reach 30mm", "--reach"),
+        ("five_bar --weight 100g", "--lever"),
+        ("phantom_premium_1_5 --weight 0.1kg --lever 4cm", "--lever"),
+        ("five_bar -o no/device.yaml", "no folder"),
+        ("", "name a device"),
+        ("five_bar --check device.yaml", "'five_bar'"),
+    ):
+        done = CliRunner().invoke(main, ["identify", *words.split()])
+        assert done.exit_code == 2, done.output
+        assert named in done.output
 
 
 def test_bounds_are_rounded_to_the_careful_side() -> None:
@@ -127,7 +123,7 @@ def test_bounds_are_rounded_to_the_careful_side() -> None:
 
 def test_the_verdict_grows_with_the_damping(folder: Path) -> None:
     model = load_with(folder, "stiff_wall.yaml")
-    judged = verdict(model, {"damping": 0.27}, 1000.0, (0.0,))
-    assert 500.0 < judged["stiffness"] < 1500.0
-    assert judged["gains"]["damping"]["built"] > judged["gains"]["damping"]["measured"] > 1.0
-    assert judged["gains"]["saturation"]["built"] == pytest.approx(1.0)
+    judged = verdict(model, 1000.0, (0.0,))
+    assert 500.0 < judged.stiffness < 1500.0
+    assert judged.gains[judged.limit] == judged.gains["damping"] > 1.05
+    assert judged.gains["saturation"] == pytest.approx(1.0)

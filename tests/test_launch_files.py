@@ -57,11 +57,16 @@ def test_the_common_arguments_do_what_they_say(name: str) -> None:
     assert config.seed == 7
 
 
-def test_a_resolved_document_is_plain_json_and_reads_back_the_same(shipped_name: str) -> None:
+def test_a_resolved_document_is_a_launch_file_in_plain_json(
+    shipped_name: str, schema: dict[str, Any], tmp_path: Path
+) -> None:
     config = load(shipped_name)
-    text = json.dumps(to_document(config), allow_nan=False)
-    assert from_document(json.loads(text)) == config
+    document = to_document(config)
+    text = json.dumps(document, allow_nan=False)
     assert with_parts(restore(json.loads(text))) == config
+    assert load(written(tmp_path, text)) == config
+    assert accepts(schema, document)
+    assert accepts(schema, as_plain(shipped_name))
 
 
 @pytest.mark.parametrize("kind", ONE_HAND.loop)
@@ -89,11 +94,6 @@ def test_what_is_no_resolved_document_is_refused(change: dict[str, Any]) -> None
     damaged = {**to_document(load("stiff_wall")), **change}
     with pytest.raises(ConfigError, match="no resolved launch document"):
         restore({name: value for name, value in damaged.items() if value is not None})
-
-
-def test_a_resolved_document_is_itself_a_launch_file(shipped_name: str, tmp_path: Path) -> None:
-    config = load(shipped_name)
-    assert load(written(tmp_path, json.dumps(to_document(config), indent=1))) == config
 
 
 def model_in(environment: dict[str, Any]) -> dict[str, Any]:
@@ -342,13 +342,6 @@ def as_plain(name: str) -> Any:
     from forcebound.graph.document import SHIPPED
 
     return YAML(typ="safe", pure=True).load((SHIPPED / name).read_text())
-
-
-def test_the_schema_accepts_every_shipped_file_and_every_document(
-    schema: dict[str, Any], shipped_name: str
-) -> None:
-    assert accepts(schema, as_plain(shipped_name))
-    assert accepts(schema, to_document(load(shipped_name)))
 
 
 @pytest.mark.parametrize(

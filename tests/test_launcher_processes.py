@@ -10,7 +10,7 @@ import pytest
 from live_graph import PROCESSES_OF_THEIR_OWN, LiveGraph, is_alive, live_graph
 from waiting import PATIENCE, until
 
-from forcebound.lab.rerun import device_of
+from forcebound.lab.replay import device_of
 from forcebound.lab.verification import verify
 from forcebound.recordings.recording import read
 

@@ -10,6 +10,7 @@ from msgspec import structs
 
 from forcebound.haptics.controllers.local_model import LocalModel, OpenLocalModel
 from forcebound.haptics.controllers.plane import (
+    NEAR,
     Asked,
     Plane,
     PlaneEstimator,
@@ -22,6 +23,8 @@ from forcebound.messages.packets import Contact, EnvironmentReply, Vector
 
 TILTED: Vector = (0.6, 0.0, 0.8)
 WALL = Plane((1.0,), 0.01, 5000.0)
+RELEASE_TICKS = 5
+RELEASE = 1e-3 * RELEASE_TICKS  # s
 
 
 def answer(plane: Plane, asked: Asked) -> Vector:
@@ -37,7 +40,7 @@ def answer(plane: Plane, asked: Asked) -> Vector:
 
 def learned(plane: Plane, *, reports: bool = False, noise: float = 0.0, grid: float = 0.0) -> Plane:
     """The estimate after a press of 0.2 s to and fro that begins in free motion."""
-    estimator, random = PlaneEstimator(0.9, 1e6), Random(3)
+    estimator, random = PlaneEstimator(0.9, 1e6, RELEASE), Random(3)
     outwards = tuple([-u for u in plane.inwards])
     axes = len(outwards)
     for tick in range(200):
@@ -86,21 +89,49 @@ def test_noise_and_steps_of_the_encoder_leave_a_few_percent() -> None:
     assert found.offset == pytest.approx(0.01, abs=1e-4)
 
 
-def test_a_free_answer_behind_the_surface_moves_it_there_and_nothing_else() -> None:
-    estimator = PlaneEstimator(0.9, 1e6)
+def touched() -> tuple[PlaneEstimator, Plane]:
+    """An estimator that has touched ``WALL``, and its plane."""
+    estimator = PlaneEstimator(0.9, 1e6, RELEASE)
     for depth in (-0.001, 0.001, 0.002):
         asked = Asked((0.01 + depth,), (0.0,), round(depth * 1e9))
         estimator.take(asked, answer(WALL, asked))
-    before = estimator.plane
-    assert before is not None
-    estimator.take(Asked((0.013,), (0.0,), 5 * MS), (0.0,))
-    assert estimator.plane == before.at(0.013)
+    assert estimator.plane is not None
+    return estimator, estimator.plane
+
+
+def test_a_free_answer_just_behind_the_surface_moves_it_there_and_nothing_else() -> None:
+    estimator, before = touched()
+    estimator.take(Asked((0.0103,), (0.0,), 5 * MS), (0.0,))
+    assert estimator.plane == before.at(0.0103)
     estimator.take(Asked((0.005,), (0.0,), 6 * MS), (0.0,))
-    assert estimator.plane == before.at(0.013)
+    assert estimator.plane == before.at(0.0103)
+
+
+@pytest.mark.parametrize(("depth", "ticks"), [(NEAR + 1e-5, 1), (1e-5, RELEASE_TICKS + 1)])
+def test_free_answers_far_behind_the_surface_or_for_long_end_it(depth: float, ticks: int) -> None:
+    estimator, before = touched()
+    for tick in range(ticks):
+        assert estimator.plane is not None
+        estimator.take(Asked((0.01 + depth,), (0.0,), (5 + tick) * MS), (0.0,))
+    assert estimator.plane is None
+    asked = Asked((0.012,), (0.0,), 50 * MS)
+    estimator.take(asked, answer(WALL, asked))
+    assert estimator.plane is not None
+    assert estimator.plane.stiffness == before.stiffness  # it is remembered
+
+
+def test_two_samples_that_contradict_the_estimate_begin_another_one() -> None:
+    spring = SpringDamper(0.9)
+    for depth in (1e-3, 2e-3, 3e-3):
+        spring.add(depth, 0.0, 1e4 * depth)
+    spring.add(1e-4, 0.0, 0.1)
+    assert spring.stiffness == pytest.approx(1e4, rel=0.1)  # one may be an error
+    spring.add(1e-4, 0.0, 0.1)
+    assert spring.stiffness == pytest.approx(1e3, rel=0.1)
 
 
 def test_a_constant_force_is_no_stiff_wall() -> None:
-    estimator = PlaneEstimator(0.9, 1e6)
+    estimator = PlaneEstimator(0.9, 1e6, RELEASE)
     for tick in range(100):
         estimator.take(Asked((0.001 * tick,), (1.0,), tick * MS), (2.0,))
     assert estimator.plane is not None

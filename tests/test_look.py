@@ -35,7 +35,7 @@ from forcebound.observe import drawing, runs, streams
 from forcebound.observe.bridges import foxglove, frames, plotjuggler, serve
 from forcebound.observe.delay import Measured
 from forcebound.observe.streams import Stream, check_fields, streams_of
-from forcebound.run.process import Received
+from forcebound.run.process.reader import Received
 from forcebound.run.run_directory import RunDocument
 
 

@@ -52,6 +52,7 @@ def test_what_is_as_it_should_be_needs_no_advice(found: Finding | Iterable[Findi
         (machine.kernel("6.12", False), "note", "no_preempt_rt", "without PREEMPT_RT", "kernel"),
         (machine.processors(1), "note", "few_cores", "1 may be used", "2 or more"),
         (machine.load(3.0, 4), "note", "high_load", "3.0 processes", "taskset"),
+        (machine.steal((500, 5), (1500, 35)), "note", "steal", "took 3%", "shares its"),
         (machine.frequency("powersave"), "note", "slow_governor", "powersave", "cpupower"),
         (machine.timers(4e-3), "note", "coarse_timers", "4 ms", "HIGH_RES"),
         (machine.clock_source("hpet"), "note", "slow_clock", "hpet", "echo tsc"),
@@ -117,3 +118,11 @@ def test_without_a_graph_the_command_examines_the_machine(monkeypatch: pytest.Mo
     assert f"note     scheduling: {finding.seen}" in lines
     assert f"         -> {finding.advice}" in lines
     assert lines[-1] == "no problem found"
+
+
+def test_steal_of_two_percent_is_no_finding(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(machine, "_read", lambda path: "cpu  10 0 20 900 5 1 2 62 7 0\ncpu0 1")
+    assert machine.processor_times() == (1000, 62)
+    assert not list(machine.steal((0, 0), (1000, 20)))
+    monkeypatch.setattr(machine, "_read", lambda path: "")  # not Linux's, or hidden
+    assert not list(machine.steal(machine.processor_times(), machine.processor_times()))

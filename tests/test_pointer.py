@@ -16,7 +16,7 @@ from forcebound.messages.control import Point, Pointed, Refused
 from forcebound.network.sockets import Network
 from forcebound.nodes.device import DeviceNode
 from forcebound.run.build import build_device
-from forcebound.run.process import Runner
+from forcebound.run.process.runner import Runner
 
 HAND = PointerHand(start=(0.01, -0.01), reach=0.05, smoothing=0.01, speed=0.5)
 

@@ -39,7 +39,8 @@ from forcebound.network.sockets import Network
 from forcebound.network.subscriber import Subscriber
 from forcebound.nodes import Node
 from forcebound.nodes.controller import ControllerNode
-from forcebound.run.process import Runner, Stop
+from forcebound.run.process.runner import Runner
+from forcebound.stop import Stop
 
 
 class ListeningNode(Node):

@@ -17,7 +17,7 @@ from waiting import PATIENCE
 from forcebound.cli import main
 from forcebound.graph.loader import load
 from forcebound.haptics.hands.paths import TrajectoryHand
-from forcebound.lab.rerun import duration_of, graph_of
+from forcebound.lab.replay import duration_of, graph_of
 from forcebound.messages.events import PARAMETERS_SET
 from forcebound.messages.packets import EnvironmentQuery, EnvironmentReply, Event
 from forcebound.observe.recorder import free_name

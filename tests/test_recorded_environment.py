@@ -11,7 +11,7 @@ from invoking import invoke
 from forcebound.errors import ConfigError
 from forcebound.graph.loader import load
 from forcebound.haptics.environments.recorded import RecordedEnvironment
-from forcebound.lab.rerun import graph_of
+from forcebound.lab.replay import graph_of
 from forcebound.messages.packets import Contact, DeviceState, EnvironmentReply, Vector
 from forcebound.recordings.recording import Recorder, read
 from forcebound.run.virtual import run_virtual

@@ -15,14 +15,15 @@ from forcebound.messages.packets import EnvironmentQuery, Packet
 from forcebound.messages.topology import ONE_HAND
 from forcebound.network import sockets
 from forcebound.network.sockets import Network
-from forcebound.run import process
-from forcebound.run.process import Stop
+from forcebound.recordings.recording import Recorder
+from forcebound.run.process.recorder import record
+from forcebound.stop import Stop
 
 
-class StoppingSink:
+class StoppingSink(Recorder):
     """A recording in memory that asks for the end when it has a packet."""
 
-    def __init__(self, stop: Stop) -> None:
+    def __init__(self, stop: Stop) -> None:  # no file
         self.packets: list[Packet] = []
         self.flushes = 0
         self._stop = stop
@@ -54,7 +55,7 @@ def test_the_recorder_keeps_everything_and_counts_what_it_cannot_read(
         real_wait = sockets.wait
         monkeypatch.setattr(sockets, "wait", send_now)
         topics = ["environment_query", "telemetry"]
-        status = process.record(sink, run_dir, ONE_HAND, topics, None, stop)
+        status = record(sink, run_dir, ONE_HAND, topics, None, stop)
     assert set(map(type, sink.packets)) == {EnvironmentQuery}
     assert status.received == {"environment_query": len(sink.packets), "telemetry": 0}
     assert status.waiting_for == ("telemetry",)
@@ -85,5 +86,5 @@ def test_a_recorder_that_is_to_end_with_the_device_has_what_the_device_sends_las
 
         real_wait = sockets.wait
         monkeypatch.setattr(sockets, "wait", send_late)
-        process.record(sink, run_dir, ONE_HAND, ["environment_query"], None, stop)
+        record(sink, run_dir, ONE_HAND, ["environment_query"], None, stop)
     assert sink.packets[-1] == query(2)

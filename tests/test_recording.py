@@ -259,6 +259,9 @@ def test_a_recording_without_telemetry_says_so_when_asked_for_it(path: Path) -> 
     assert len(recording.packets("device_state")) == 5
     with pytest.raises(ConfigError, match="has no telemetry"):
         _ = recording.telemetry
+    path.write_bytes(path.read_bytes()[:-20])
+    with pytest.raises(ConfigError, match="cut or damaged"):
+        _ = read(path).telemetry
 
 
 def test_an_unknown_topic_lists_the_known_ones(path: Path) -> None:

@@ -30,7 +30,7 @@ from forcebound.network.remote import RemoteLink
 from forcebound.network.sockets import Network, Publisher
 from forcebound.nodes.controller import ControllerNode
 from forcebound.nodes.environment import EnvironmentNode
-from forcebound.run.process import Runner
+from forcebound.run.process.runner import Runner
 
 
 class Pair:

@@ -22,14 +22,15 @@ from forcebound.observe.listing import list_graphs
 from forcebound.observe.runs import find, running
 from forcebound.run.run_directory import (
     LAUNCH_FILE,
+    LOCK_FILE,
     RECORDING,
     RUN_FILE,
     RunDocument,
     remove_left_over,
     run_directory,
     run_folders,
+    shared,
 )
-from forcebound.run.run_lock import LOCK_FILE, shared
 
 MakeRun = Callable[..., Path]
 

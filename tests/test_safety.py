@@ -8,7 +8,7 @@ from msgspec.structs import replace
 
 from forcebound.graph.loader import load
 from forcebound.graph.servo import ServoSettings
-from forcebound.lab.rerun import device_of
+from forcebound.lab.replay import device_of
 from forcebound.lab.runs import unserved
 from forcebound.lab.verification import verify
 from forcebound.messages.packets import DeviceState, ForceCommand, Telemetry

@@ -150,10 +150,10 @@ def test_columns_have_the_contact_of_the_same_tick() -> None:
         EnvironmentReply(2, 0, 3, 0, 2, 0, (0.0,) * 2, "e", (0.0,) * 2, (1.0, 0.0)),  # not its axes
     ]
     columns = TelemetryColumns.from_packets([telemetry_packet(seq) for seq in range(4)], replies)
-    assert columns.is_told.tolist() == [False, True, True, False]
+    assert columns.is_answered.tolist() == [False, True, True, False]
     assert np.array_equal(columns.proxy[:, 0], [math.nan, 0.01, math.nan, math.nan], equal_nan=True)
     assert columns.normal[1] == (-1.0,)
-    assert columns.slice(columns.is_told).proxy.shape == (2, 1)
+    assert columns.slice(columns.is_answered).proxy.shape == (2, 1)
 
 
 # --- Scenes --------------------------------------------------------------------------------------

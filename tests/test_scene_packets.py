@@ -198,7 +198,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
 
 def test_a_run_in_virtual_time_knows_its_contacts_with_and_without_a_recording(run: Run) -> None:
     columns = run.columns
-    assert columns.is_told[:-2].all()  # queries take 2 ms
+    assert columns.is_answered[:-2].all()  # queries take 2 ms
     inside = ~np.isnan(columns.proxy[:, 0])
     assert 0 < inside.sum() < len(inside)
     assert (columns.proxy[inside] == 0.01).all()

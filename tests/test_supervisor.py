@@ -124,18 +124,6 @@ def test_the_message_of_a_death_holds_the_last_words(run_dir: Path) -> None:
 
 
 @pytest.mark.live
-def test_who_dies_again_and_again_ends_the_run_with_its_last_words(
-    run_dir: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    # On a slow machine five deaths take longer than the ten seconds that are said.
-    monkeypatch.setattr("forcebound.run.restarts.GIVE_UP_NS", round(PATIENCE * 1e9))
-    message = r"(?s)environment ended unexpectedly 5 times within 10 s.*status 3.*out of order"
-    modes = {"device": "good", "environment": "dies later"}
-    with pytest.raises(RunError, match=message):
-        supervise(run_dir, modes, duration_ns=round(PATIENCE * 1e9))
-
-
-@pytest.mark.live
 def test_a_run_ends_while_a_node_that_died_starts_again(run_dir: Path) -> None:
     def is_restarted() -> bool:
         if not (run_dir / "engaged").exists():

@@ -20,7 +20,7 @@ from forcebound.network.impairment import Impairment, Outage
 from forcebound.network.link import Link
 from forcebound.network.trace import DelayTrace, read_csv
 from forcebound.results.delay_traces import read_trace, shortest_of
-from forcebound.run.links import build_links
+from forcebound.run.build import build_links
 from forcebound.run.virtual import run_virtual
 
 WIFI = "time_s,delay_s\n10,0.004\n10.010,\n10.020,0.002\n"  # 30 ms long

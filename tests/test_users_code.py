@@ -16,10 +16,9 @@ from invoking import invoke
 from launch_texts import GOOD, written
 from waiting import PATIENCE, until
 
-from forcebound.bounded_child import ChildError, in_bounded_child
+from forcebound.bounded_child import ChildError, in_bounded_child, tried
 from forcebound.errors import ConfigError
 from forcebound.graph.loader import load, load_tried
-from forcebound.graph.users_code import tried
 from forcebound.run.check import check_here, lines
 
 SOURCE = """\

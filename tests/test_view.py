@@ -32,7 +32,7 @@ from forcebound.cli import main
 from forcebound.cli.view import opened_in_browser
 from forcebound.errors import ConfigError
 from forcebound.haptics.hands.paths import TrajectoryHand
-from forcebound.lab.rerun import device_of, duration_of, graph_of
+from forcebound.lab.replay import device_of, duration_of, graph_of
 from forcebound.lab.verification import verify
 from forcebound.observe.page.access import LOOPBACK, Access, hosts_of
 from forcebound.observe.page.scene_files import content

@@ -100,10 +100,13 @@ def doctor(measure: bool, run: Path | None, as_json: bool) -> None:
     from forcebound.observe import doctor, machine, runs
     from forcebound.observe.observation import observe
 
+    times = machine.processor_times()
     graph = None if run is None and not runs.running() else runs.find(run)
     findings = machine.examine() if graph is None else doctor.examine(observe(graph))
     is_well = all(finding.severity != "problem" for finding in findings)
     measured = _measured() if measure else {}
+    time.sleep(machine.STEAL_S)
+    findings = [*findings, *machine.steal(times, machine.processor_times())]
     if as_json:
         documents = [finding.document() for finding in findings]
         found = {"graph": graph, "is_well": is_well, "findings": documents}

@@ -148,9 +148,7 @@ def emulate(
 @click.command(short_help="Measure the numbers that a device's certificate rests on.")
 @click.argument("device", required=False)
 @arguments_argument()
-@output_option(
-    default=Path("device.yaml"), show_default=True, help="File to write; a picture goes beside it."
-)
+@output_option(default=Path("device.yaml"), show_default=True, help="File to write.")
 @click.option(
     "--check",
     "checked",

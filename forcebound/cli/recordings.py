@@ -56,7 +56,7 @@ def record(graph: Path | None, output: Path | None, duration: float | None, as_j
     """
     from forcebound.observe.recorder import free_name, record_running
     from forcebound.observe.runs import find, while_running
-    from forcebound.run.process import Stop
+    from forcebound.stop import Stop
 
     run_dir = find(graph, require_graph=True, option="`forcebound record GRAPH`")
 
@@ -125,26 +125,19 @@ def _read(run: Path, topics: Sequence[str] | None = None) -> "Recording":
 
 @click.command(short_help="Write the topics of a recording as tables.")
 @_run_argument
-@click.option("--csv", type=FOLDER, metavar="DIR", help="Into this folder, as CSV.")
-@click.option("--parquet", type=FOLDER, metavar="DIR", help="The same, as Parquet.")
+@click.option("--csv", type=FOLDER, metavar="DIR", required=True, help="Into this folder, as CSV.")
 @click.option("--overwrite", is_flag=True, help="Replace existing files.")
-def export(run: Path, csv: Path | None, parquet: Path | None, overwrite: bool) -> None:
+def export(run: Path, csv: Path, overwrite: bool) -> None:
     r"""Write each topic of a recording as a table; columns.csv has their units and meanings.
 
     \b
     forcebound export run.mcap --csv tables
-    forcebound export run.mcap --parquet tables --overwrite
+    forcebound export run.mcap --csv tables --overwrite
     """
     from forcebound.recordings.export import export as write_tables
 
-    folders = {"csv": csv, "parquet": parquet}
-    if not any(folders.values()):
-        raise click.UsageError("choose --csv DIR or --parquet DIR")
-    recording = _read(run)
-    for kind, folder in folders.items():
-        if folder is not None:
-            for file in write_tables(recording, folder, kind, overwrite):
-                show(str(file))
+    for file in write_tables(_read(run), csv, overwrite):
+        show(str(file))
 
 
 @click.command(short_help="Make a complete recording of a cut one.")
@@ -212,7 +205,7 @@ def replay(
         if live or network or environment or duration or record:
             raise click.UsageError("--verify runs no graph: give it alone, or with NAME:=VALUE")
         _verify(run, arguments, as_json)
-    from forcebound.lab.rerun import duration_of, graph_of
+    from forcebound.lab.replay import duration_of, graph_of
     from forcebound.messages.packets import TOPIC_OF, Telemetry
 
     if record is not None and record.exists() and record.samefile(run):
@@ -229,7 +222,7 @@ def replay(
 
 
 def _verify(run: Path, settings: Sequence[str], as_json: bool) -> NoReturn:
-    from forcebound.lab.rerun import device_of
+    from forcebound.lab.replay import device_of
     from forcebound.lab.verification import TOPICS
     from forcebound.lab.verification import verify as verify_recording
 

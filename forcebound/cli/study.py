@@ -1,7 +1,8 @@
 """Commands for audits, sweeps and the paper's experiments."""
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -66,6 +67,17 @@ def _campaign_options(of_each: str, runs: int) -> Callable[[Command], Command]:
     )
 
 
+@contextmanager
+def _continued(words: str = "the same command") -> Iterator[None]:
+    """If the user interrupts a campaign that keeps its parts, say how it goes on."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        if words:
+            show(f"forcebound: {words} continues with what is left", err=True)
+        raise
+
+
 @click.group(invoke_without_command=True, short_help="Attack the laws in simulation.", cls=Group)
 @_campaign_options("each law, and of it with each certificate", 1000)
 @click.option(
@@ -85,7 +97,8 @@ def audit(context: click.Context, /, as_json: bool, **campaign: Any) -> None:
         return
     from forcebound.lab.audit import holds, lines, run
 
-    document = run(**campaign)
+    with _continued("the same command" if campaign["rows"] else ""):
+        document = run(**campaign)
     print_document(document, as_json, lines)
     sys.exit(0 if holds(document) else 1)
 
@@ -102,7 +115,7 @@ def replay(law: str, case: str, duration: float | None, out: Path | None, as_jso
     \b
     forcebound audit replay tdpa 7 -o attack.png
     """
-    from forcebound.lab.replay import lines, run_again
+    from forcebound.lab.audit_replay import lines, run_again
 
     print_document(run_again(law, case, duration, out), as_json, lines)
 
@@ -119,11 +132,13 @@ def worlds(as_json: bool, **campaign: Any) -> None:
     \b
     forcebound audit worlds --world mesh --runs 20 --search 0
     """
+    from forcebound.lab.audit import holds
     from forcebound.lab.worlds import lines, run
 
-    document = run(**campaign)
+    with _continued("the same command" if campaign["rows"] else ""):
+        document = run(**campaign)
     print_document(document, as_json, lines)
-    sys.exit(0 if all(row["holds"] for row in document["worlds"]) else 1)
+    sys.exit(0 if holds(document) else 1)
 
 
 @audit.command(short_help="Show what a wrong number of a device costs.")
@@ -200,14 +215,10 @@ def sweep(file: str, restart: bool, as_json: bool, **options: Any) -> None:
     forcebound sweep stability_map --plot
     forcebound sweep my_sweep.yaml -o my_sweep.parquet --workers 2
     """
-    from forcebound.lab.sweep.command import run
+    from forcebound.lab.sweep.runner import run_file
 
-    try:
-        document = run(file, restart=restart, **options)
-    except KeyboardInterrupt:
-        same = "the same command without --restart" if restart else "the same command"
-        show(f"forcebound: {same} continues with what is left", err=True)
-        raise
+    with _continued("the same command without --restart" if restart else "the same command"):
+        document = run_file(file, restart=restart, **options)
     if as_json:
         print_json(document)
     else:

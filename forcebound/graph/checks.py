@@ -4,13 +4,16 @@ Each raises ConfigError, with the key of the section that is wrong where it is o
 """
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from importlib import import_module
 from typing import Any
 
 from forcebound.errors import ConfigError
+from forcebound.graph.forms import Values, note_error
 from forcebound.graph.graph import KINDS, DeviceConfig, EnvironmentConfig, GraphConfig
+from forcebound.graph.problems import Problems
 from forcebound.graph.servo import ServoSettings, dissipation_of
+from forcebound.graph.tree import Value
 from forcebound.haptics.hands import Operator
 from forcebound.haptics.laws import LAWS, ForceBounder
 from forcebound.haptics.parts.contract import Findings
@@ -26,7 +29,36 @@ END_OF_APPROACH = 1e6  # s; the slowest approach is over
 _logger = logging.getLogger(__name__)
 
 
-def check_device(device: DeviceConfig) -> None:
+def check_together(made: Values, root: Value, problems: Problems, asks: bool) -> None:
+    """Check sections that could be made; ``asks``: whether to call a user's own parts once."""
+    device, environment = made.get("device"), made.get("environment")
+    controller, operator = made.get("controller"), made.get("operator")
+
+    def check(section: str, what: Callable[..., None], *arguments: Any) -> bool:
+        try:
+            what(*arguments)
+        except ConfigError as error:
+            note_error(error, section, root.entries[section], problems, is_named=True)
+            return False
+        return True
+
+    if device is None or not check("device", _check_device, device):
+        return
+    axes = device.model.axes
+    if operator is not None:
+        check("operator", _check_path, operator, axes)
+    answers_states = controller is not None and controller.answers_states
+    if environment is not None and not answers_states:
+        check("device", _check_delays, device.servo, environment, made["links"])
+    if asks:
+        check("device", _ask_law, device)
+        if environment is not None:
+            check("environment", _ask, "environment", environment.model, axes)
+        if controller is not None:
+            check("controller", _ask, "controller", controller, axes)
+
+
+def _check_device(device: DeviceConfig) -> None:
     """Check the number of axes, and that laws have what they rely on."""
     axes = device.model.axes
     if not isinstance(axes, int) or not 1 <= axes <= MAX_AXES:
@@ -35,18 +67,7 @@ def check_device(device: DeviceConfig) -> None:
         dissipation_of(device.model, device.servo)
 
 
-def check_law(device: DeviceConfig) -> None:
-    """Call a user's law once."""
-    law, model = device.servo.law, device.model
-    if LAWS.is_shipped(law):
-        return
-    with user_code("law", "law"):
-        bounder = ForceBounder(law, dissipation_of(model, device.servo), model.axes)
-        bounder.bound(device.servo.period_ns, (0.0,) * model.axes, (1.0,) * model.axes)
-        bounder.settle((0.0,) * model.axes)
-
-
-def check_path(operator: Operator, axes: int) -> None:
+def _check_path(operator: Operator, axes: int) -> None:
     """Check that the path of an operator has no more axes than the device."""
     with user_code("target(0.0)", "kind"):
         found = len(operator.target(0.0))
@@ -54,7 +75,7 @@ def check_path(operator: Operator, axes: int) -> None:
         raise ConfigError(f"the operator's path has {found} axes, the device only {axes}")
 
 
-def check_delays(
+def _check_delays(
     servo: ServoSettings, environment: EnvironmentConfig, links: Mapping[str, Impairment]
 ) -> None:
     """Check that the loop is not so long that the device would refuse every answer."""
@@ -75,7 +96,18 @@ def check_delays(
     )
 
 
-def check_part(section: str, model: Any, axes: int) -> None:
+def _ask_law(device: DeviceConfig) -> None:
+    """Call a user's law once."""
+    law, model = device.servo.law, device.model
+    if LAWS.is_shipped(law):
+        return
+    with user_code("law", "law"):
+        bounder = ForceBounder(law, dissipation_of(model, device.servo), model.axes)
+        bounder.bound(device.servo.period_ns, (0.0,) * model.axes, (1.0,) * model.axes)
+        bounder.settle((0.0,) * model.axes)
+
+
+def _ask(section: str, model: Any, axes: int) -> None:
     """Ask a user's environment or controller once for all that its contract promises."""
     if kind_of(type(model)) is None:
         return

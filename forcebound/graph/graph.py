@@ -161,18 +161,21 @@ class RemoteConfig(RemoteSection):
 
 
 @dataclass(frozen=True)
-class PhaseHead:
-    """Keys of a phase besides its settings."""
+class Phase:
+    """A part of a scripted run; see :mod:`forcebound.graph.phases`.
+
+    Attributes:
+        name: For events, tables and plots.
+        duration: The next phase begins then.
+        settings: Parameters that differ from those of the launch file.
+    """
 
     name: str
     duration: Annotated[Time, POSITIVE]
+    settings: Parameters = field(default_factory=dict)
 
 
-@dataclass(frozen=True)
-class Phase(PhaseHead):
-    """A part of a scripted run; see :mod:`forcebound.graph.phases`."""
-
-    settings: Parameters
+PHASE_KEYS = ("name", "duration")  # fields of Phase that a launch file gives as they are
 
 
 @dataclass(frozen=True)

@@ -9,29 +9,28 @@ Each step notes its problems and passes on what is sound, so that all of them ar
 """
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeAlias
 
+from forcebound.bounded_child import tried
 from forcebound.errors import ConfigError, ForceboundError
 from forcebound.graph import checks
 from forcebound.graph.arguments import Argument, Arguments, Substitution
 from forcebound.graph.document import find, missing, read, with_device_file
-from forcebound.graph.graph import KINDS, RUN_KEYS, GraphConfig, PhaseHead
-from forcebound.graph.model import PHASES, form_of
+from forcebound.graph.graph import KINDS, GraphConfig
+from forcebound.graph.model import PHASES, read_sections
 from forcebound.graph.names import LAW, Document, ParameterName
 from forcebound.graph.parameters import parameters, takeable_laws, unknown_parameter
 from forcebound.graph.phases import read_phases
 from forcebound.graph.problems import Problems, unknown
 from forcebound.graph.resolved import to_document
 from forcebound.graph.tree import Value, from_plain
-from forcebound.graph.users_code import tried
 from forcebound.haptics.parts.user_module import file_of, names_file
 from forcebound.messages.control import Parameters
-from forcebound.messages.topology import LINKS
 
 
 def load(path: str | Path, overrides: Sequence[str] = ()) -> GraphConfig:
@@ -184,49 +183,13 @@ def user_files(root: Value) -> list[Path]:
 
 def _build(root: Value, problems: Problems, asks: bool = True) -> GraphConfig:
     """Return what the tree says; ``asks``: whether to call a user's own parts once."""
-    form, root = form_of(root, problems)
-    made = form.read(root, problems)
-    made["links"] = {t: made[f"links.{t}"] for t in LINKS if f"links.{t}" in made}
-    _check_together(made, root, problems, asks)
+    made = read_sections(root, problems)
+    checks.check_together(made, root, problems, asks)
     problems.raise_if_any()
-    names = (*KINDS, "links", "realtime", "remote", *RUN_KEYS)
-    known = {name: made[name] for name in names if name in made}
-    config = GraphConfig(**{"operator": None, "duration": 1.0, **known})
-    if PHASES not in root.entries:
+    phases = made.pop(PHASES, ())
+    config = GraphConfig(**{"duration": 1.0, **made})
+    if not phases:
         return config
-    heads = [PhaseHead(one["name"], one["duration"]) for one in made[PHASES]]
-    phases = read_phases(root, heads, config, partial(_build, asks=asks), problems)
+    phases = read_phases(root, phases, config, partial(_build, asks=asks), problems)
     problems.raise_if_any()
     return replace(config, phases=phases, duration=sum(phase.duration for phase in phases))
-
-
-def _check_together(made: Mapping[str, Any], root: Value, problems: Problems, asks: bool) -> None:
-    """Check what concerns several sections, as far as they could be made."""
-    device, environment = made.get("device"), made.get("environment")
-    controller, operator = made.get("controller"), made.get("operator")
-
-    def check(section: str, what: Callable[..., None], *arguments: Any) -> bool:
-        try:
-            what(*arguments)
-        except ConfigError as error:
-            value = root.entries[section]
-            at = value.entries.get(error.field or "")
-            place = value.key or value.place if at is None else at.place
-            problems.add(f"{section}: {error}", place, None if at is None else at.related)
-            return False
-        return True
-
-    if device is None or not check("device", checks.check_device, device):
-        return
-    axes = device.model.axes
-    if asks:
-        check("device", checks.check_law, device)
-    if operator is not None:
-        check("operator", checks.check_path, operator, axes)
-    answers_states = controller is not None and controller.answers_states
-    if environment is not None and not answers_states:
-        check("device", checks.check_delays, device.servo, environment, made["links"])
-    if environment is not None and asks:
-        check("environment", checks.check_part, "environment", environment.model, axes)
-    if controller is not None and asks:
-        check("controller", checks.check_part, "controller", controller, axes)

@@ -1,31 +1,38 @@
-"""The form of a whole launch file, put together for the kinds of parts that it names."""
+"""The sections of a launch file, made one by one; a problem in one does not hide those of others.
 
-from collections.abc import Callable, Mapping
-from dataclasses import replace
+A part is made by itself, too: :func:`member_of` from words of the command line, :func:`device_of`
+from the file of a device.
+"""
+
+from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import lru_cache, partial
+from pathlib import Path
 from typing import Annotated, Any
 
 from forcebound.errors import ConfigError
+from forcebound.graph.document import device_section
 from forcebound.graph.fields import Field, fields_of
-from forcebound.graph.forms import Form, Values
+from forcebound.graph.forms import Form, Values, note_error
 from forcebound.graph.graph import (
     BESIDE_MODEL,
     FORMAT,
     KINDS,
+    PHASE_KEYS,
     RUN_KEYS,
     DeviceConfig,
     EnvironmentConfig,
     GraphConfig,
-    PhaseHead,
+    Phase,
     RealtimeConfig,
     RemoteConfig,
 )
-from forcebound.graph.problems import Problems, unknown
+from forcebound.graph.names import split_setting
+from forcebound.graph.problems import Place, Problems, unknown
 from forcebound.graph.resolved import check_plain
 from forcebound.graph.servo import ServoSettings
-from forcebound.graph.tree import BROKEN, Value
+from forcebound.graph.tree import Value, scalar
 from forcebound.haptics.laws import LAWS
-from forcebound.haptics.parts.user_module import describe_user_error, kind_of, user_code
+from forcebound.haptics.parts.user_module import describe_user_error, user_code
 from forcebound.messages.topology import LINKS
 from forcebound.network.impairment import Impairment
 from forcebound.quantities import CheckedText
@@ -43,83 +50,116 @@ def _check_format(version: Any) -> None:
 
 
 PHASES = "phases"
-_FORMAT = Field("forcebound", Annotated[int, CheckedText(_check_format)], True)
 _LAW = Field("law", Annotated[str, CheckedText(_check_law)], False, ServoSettings.law)
 #: Sections of a part -> settings that stand beside the parameters of its kind.
 BESIDE: Mapping[str, Mapping[str, Field]] = {
     "device": {**fields_of(ServoSettings), "law": _LAW},
     "environment": fields_of(EnvironmentConfig, BESIDE_MODEL),
 }
-_KIND = Field("kind", str)
+_RUN = {
+    "forcebound": Field("forcebound", Annotated[int, CheckedText(_check_format)], True),
+    **fields_of(GraphConfig, RUN_KEYS),
+}
+_FILE = Form("the launch file", _RUN)
+_FILE_OF_PHASES = Form(_FILE.name, {n: f for n, f in _RUN.items() if n != "duration"})
+_LINK = {topic: Form(f"links.{topic}", fields_of(Impairment)) for topic in LINKS}
+#: Sections that are made of their values alone.
+SETTINGS: Mapping[str, type] = {"realtime": RealtimeConfig, "remote": RemoteConfig}
+_SETTINGS = {name: Form(name, fields_of(kind)) for name, kind in SETTINGS.items()}
+PHASE = Form(PHASES, {**fields_of(Phase, PHASE_KEYS), "set": Field("set", dict[str, Any] | None)})
+_UNREAD = ("arguments", "include", "identified")  # no run reads these
 
 
-def form_of(root: Value, problems: Problems) -> tuple[Form, Value]:
-    """Return the form of a launch file, and the file with every section that it must have."""
-    root = _completed(root)
-    kinds: list[tuple[str, type]] = []
-    for name in KINDS:
-        value = root.entries.get(name)
-        if value is None or value.content is BROKEN:
-            continue
-        if (kind := _class_of(name, value, problems)) is not None:
-            kinds.append((name, kind))
-        else:  # its problem has been noted
-            root = root.with_entries({**root.entries, name: replace(value, content=BROKEN)})
-    return _form(tuple(kinds), PHASES in root.entries), root
+def read_sections(root: Value, problems: Problems) -> Values:
+    """Return what could be made of a launch file: its sections by name, and the keys of the run.
 
-
-@lru_cache(maxsize=64)
-def _form(kinds: tuple[tuple[str, type], ...], has_phases: bool) -> Form:
-    """The form for these kinds."""
-    sections = dict(FIXED)
-    for name, kind in kinds:
-        fields = {"kind": _KIND, **fields_of(kind), **BESIDE.get(name, {})}
-        sections[name] = Form(name, fields, partial(_MAKE.get(name, _part), name, kind))
-    fields = {"forcebound": _FORMAT, **fields_of(GraphConfig, RUN_KEYS)}
-    others = (*KINDS, "arguments", "include", "identified")  # no run reads these three
-    free = [name for name in others if name not in sections] + ["duration"] * has_phases
-    fields |= {name: Field(name, Any) for name in free}
-    return Form("the launch file", fields, inner=sections)
-
-
-def _completed(root: Value) -> Value:
+    The phases have no settings yet.
+    """
+    has_phases = PHASES in root.entries
+    others = (*KINDS, "links", *SETTINGS, *_UNREAD, PHASES, *(["duration"] * has_phases))
+    made = (_FILE_OF_PHASES if has_phases else _FILE).read(root, problems, others) or {}
+    made.pop("forcebound", None)
     empty = Value({}, root.place, root.key)
-    entries = {"controller": empty, "links": empty, "realtime": empty}
-    entries |= {"device": empty, "environment": empty, **root.entries}
-    operator = entries.get("operator")
-    if operator is not None and (operator.content is None or operator.content == {}):
-        del entries["operator"]  # no hand holds the device
-    if entries["controller"].content is None or entries["controller"].content == {}:
-        kind = Value("direct", root.place, text="direct")
-        entries["controller"] = replace(entries["controller"], content={"kind": kind})
-    return root.with_entries(entries)
+    for name in KINDS:
+        value = root.entries.get(name, empty)
+        if not value.entries and value.content in (None, {}) and name in _WITHOUT:
+            made[name] = _WITHOUT[name]()
+        elif (section := _section(name, value, problems, is_whole=True)) is not None:
+            made[name] = section
+    links = root.entries.get("links", empty)
+    Form("links", {}).read(links, problems, LINKS)
+    impairments = {
+        topic: _made(_LINK[topic], value, problems, _link)
+        for topic, value in links.entries.items()
+        if topic in LINKS
+    }
+    made["links"] = {topic: link for topic, link in impairments.items() if link is not None}
+    for name in SETTINGS:
+        if name in root.entries:
+            made[name] = _made(
+                _SETTINGS[name], root.entries[name], problems, partial(_settings, name)
+            )
+    if has_phases:
+        made[PHASES] = _phases(root.entries[PHASES], problems)
+    return made
 
 
-def make_part(section: str, value: Value, problems: Problems, is_whole: bool = False) -> Any:
-    """Return the part of a section alone, or the whole section; ConfigError with problems."""
-    kind = _class_of(section, value, problems)
-    made: Values = {}
-    if kind is not None:
-        beside, make = (
-            (BESIDE.get(section, {}), _MAKE.get(section, _part)) if is_whole else ({}, _part)
-        )
-        fields = {"kind": _KIND, **fields_of(kind), **beside}
-        made = Form(section, fields, partial(make, section, kind)).read(value, problems)
-    problems.raise_if_any()
-    return made[""]
+#: Sections that a launch file need not have -> what then holds.
+_WITHOUT: Mapping[str, Callable[[], Any]] = {
+    "operator": lambda: None,  # no hand holds the device
+    "controller": lambda: KINDS["controller"]["direct"](),
+}
+
+
+def _phases(value: Value, problems: Problems) -> list[Phase]:
+    if not isinstance(value.content, tuple) or not value.content:
+        expected = "at least one" if value.content == () else "a list"
+        problems.add(f"{PHASES}: expected {expected}, got {value}", value.place, value.related)
+        return []
+    read = (PHASE.read(entry, problems) for entry in value.content)
+    return [Phase(one["name"], one["duration"]) for one in read if one is not None]
+
+
+def _section(name: str, value: Value, problems: Problems, is_whole: bool) -> Any:
+    """The section of a part, whole or the part alone; None with a problem noted."""
+    kind = _class_of(name, value, problems)
+    if kind is None:
+        return None
+    make = _MAKE.get(name) if is_whole else None
+    form = _form(name, kind, is_whole)
+    return _made(form, value, problems, lambda v, at: make(kind, v, at) if make else _part(kind, v))
+
+
+@lru_cache(maxsize=256)
+def _form(section: str, kind: type, is_whole: bool) -> Form:
+    beside = BESIDE.get(section, {}) if is_whole else {}
+    return Form(section, {"kind": Field("kind", str), **fields_of(kind), **beside})
+
+
+def _made(
+    form: Form, value: Value, problems: Problems, make: Callable[[Values, Value], Any]
+) -> Any:
+    """What is made of a mapping; None with a problem noted."""
+    values = form.read(value, problems)
+    if values is not None:
+        try:
+            return make(values, value)
+        except ConfigError as error:
+            note_error(error, form.name, value, problems)
+    return None
 
 
 def _class_of(section: str, value: Value, problems: Problems) -> type | None:
     """The class of the kind that a section names; None with a problem noted."""
     table, kind = KINDS[section], value.entries.get("kind")
-    names = ", ".join(sorted(table))
     if not isinstance(value.content, Mapping | None):
-        problems.add(f"{section}: expected a mapping, got {value}", value.place, value.related)
+        Form(section, {}).read(value, problems)  # notes it
     elif kind is None:
+        names = ", ".join(sorted(table))
         problems.add(f"{section} needs 'kind', one of {names}", value.key or value.place)
     elif not isinstance(kind.content, str):
         if not kind.is_broken:
-            message = f"kind must be one of {names}, got {kind}"
+            message = f"kind must be one of {', '.join(sorted(table))}, got {kind}"
             problems.add(message, kind.place, kind.related)
     elif kind.content not in table:
         message = unknown(f"{section} kind", kind.content, table)
@@ -129,10 +169,9 @@ def _class_of(section: str, value: Value, problems: Problems) -> type | None:
             found: type = table[table.resolve(kind.content, kind.folder)]
             if not table.is_shipped(kind.content):
                 _check_fields(found, frozenset({"kind", *BESIDE.get(section, ())}))
+            return found
         except ConfigError as error:
             problems.add(f"{section}: {error}", kind.place, kind.related)
-        else:
-            return found
     return None
 
 
@@ -158,33 +197,26 @@ def _check_fields(kind: type, taken: frozenset[str]) -> None:
             ) from None
 
 
-def _part(section: str, kind: type, values: Values, written: Value) -> Any:
-    """A part of its values; ConfigError whatever its own code raises."""
+def _part(kind: type, values: Values) -> Any:
+    """A part of its values; ConfigError whatever its code raises."""
     values.pop("kind", None)
-    if kind_of(kind) is None:
-        try:
-            return kind(**values)
-        except ConfigError:
-            raise
-        except (ValueError, ArithmeticError) as error:
-            raise ConfigError(str(error)) from error
     with user_code(""):
         part = kind(**values)
     check_plain(part)
     return part
 
 
-def _device(section: str, kind: type, values: Values, written: Value) -> DeviceConfig:
-    servo, parameters = _split(values, BESIDE[section])
+def _device(kind: type, values: Values, written: Value) -> DeviceConfig:
+    servo = {name: values.pop(name) for name in BESIDE["device"] if name in values}
     if "law" in servo:
         with user_code("", "law"):
             servo["law"] = LAWS.resolve(servo["law"], written.entries["law"].folder)
-    return DeviceConfig(_part(section, kind, parameters, written), ServoSettings(**servo))
+    return DeviceConfig(_part(kind, values), ServoSettings(**servo))
 
 
-def _environment(section: str, kind: type, values: Values, written: Value) -> EnvironmentConfig:
-    beside, parameters = _split(values, BESIDE[section])
-    model = _part(section, kind, parameters, written)
+def _environment(kind: type, values: Values, written: Value) -> EnvironmentConfig:
+    beside = {name: values.pop(name) for name in BESIDE["environment"] if name in values}
+    model = _part(kind, values)
     environment = EnvironmentConfig(model, **beside)
     with user_code("compute_trace", "compute_trace"):
         trace_of(environment.computation)
@@ -195,10 +227,8 @@ def _environment(section: str, kind: type, values: Values, written: Value) -> En
     return environment
 
 
-def _split(values: Values, beside: Mapping[str, Field]) -> tuple[Values, Values]:
-    """The values that stand beside those of the kind, and the latter."""
-    settings = {name: value for name, value in values.items() if name in beside}
-    return settings, {name: value for name, value in values.items() if name not in beside}
+def _settings(name: str, values: Values, written: Value) -> Any:
+    return SETTINGS[name](**values)
 
 
 def _link(values: Values, written: Value) -> Impairment:
@@ -208,21 +238,47 @@ def _link(values: Values, written: Value) -> Impairment:
     return impairment
 
 
-def _settings(kind: type) -> Form:
-    name = kind.__name__.removesuffix("Config").lower()
-    return Form(name, fields_of(kind), lambda values, written: kind(**values))
-
-
 _MAKE: Mapping[str, Callable[..., Any]] = {"device": _device, "environment": _environment}
 
-_SET = {"set": Field("set", dict[str, Any] | None)}
-FIXED: Mapping[str, Form] = {
-    "links": Form(
-        "links",
-        {},
-        inner={topic: Form(f"links.{topic}", fields_of(Impairment), _link) for topic in LINKS},
-    ),
-    "realtime": _settings(RealtimeConfig),
-    "remote": _settings(RemoteConfig),
-    PHASES: Form("phases", {**fields_of(PhaseHead), **_SET}, is_list=True),
-}
+
+def make_part(section: str, value: Value, problems: Problems, is_whole: bool = False) -> Any:
+    """Return the part of a section alone, or the whole section; ConfigError with problems."""
+    made = _section(section, value, problems, is_whole)
+    problems.raise_if_any()
+    return made
+
+
+def member_of(section: str, kind: str, overrides: Sequence[str] = ()) -> Any:
+    """Return one part by itself, such as an environment, outside any launch file.
+
+    ``kind`` is as in a launch file, with a path from the current folder; ``overrides`` are
+    parameters, each ``name:=value``. ConfigError if there is no such kind or a parameter is wrong.
+    """
+    problems = Problems()
+    entries = {"kind": Value(kind, Place(section), text=kind)}
+    for name, word in map(split_setting, overrides):
+        place = Place(f"argument {name}:={word}")
+        if name in entries:
+            problems.add(f"{name!r} is given twice, or is no parameter", place)
+        else:
+            entries[name] = Value(scalar(word), place, text=word)
+    return make_part(section, Value(entries, Place(section)), problems)
+
+
+def device_of(path: Path, without: Collection[str]) -> Any:
+    """Return the device of a file, as :func:`member_of` does, but for some of its parameters."""
+    problems = Problems()
+    section = device_section(path, problems)
+    return make_part("device", section.without(*without), problems)
+
+
+def law_of(kind: str) -> str:
+    """Return a law's kind, absolute if it is in a file; a relative path starts from here.
+
+    Raises:
+        ConfigError: If there is no such law.
+    """
+    _check_law(kind)
+    law = LAWS.resolve(kind, Path())
+    LAWS[law]  # a file is loaded, and checked
+    return law

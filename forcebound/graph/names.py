@@ -13,22 +13,19 @@ Document: TypeAlias = dict[str, Any]  # a launch file, or a section of one, in p
 
 @dataclass(frozen=True)
 class ParameterName:
-    """A name in its parts."""
+    """A name as the keys from the top of the launch file to the value."""
 
-    section: str  # of the launch file
-    path: tuple[str, ...] = ()  # mappings within the section, from outside to inside
-    entry: str = ""  # key of the value; empty for a value at the top, such as ``seed``
+    steps: tuple[str, ...]
 
     @classmethod
     def parse(cls, text: str) -> "ParameterName":
-        """Return the parts of a name as it is written."""
-        section, *rest = text.split(".")
-        return cls(section, tuple(rest[:-1]), rest[-1] if rest else "")
+        """Return the keys of a name as it is written."""
+        return cls(tuple(filter(None, text.split("."))) or ("",))
 
     @property
-    def steps(self) -> tuple[str, ...]:
-        """The keys from the top of the launch file to the value."""
-        return tuple(step for step in (self.section, *self.path, self.entry) if step)
+    def section(self) -> str:
+        """The section of the launch file."""
+        return self.steps[0]
 
     @property
     def last(self) -> str:
@@ -38,7 +35,7 @@ class ParameterName:
     @property
     def topic(self) -> str | None:
         """The topic of a link's parameter; None for others."""
-        return self.path[0] if self.section == "links" and self.path else None
+        return self.steps[1] if self.section == "links" and len(self.steps) > 2 else None
 
     def put(self, document: Document, value: Any) -> None:
         """Set the value in a document of plain values, in mappings of its own."""
@@ -47,9 +44,6 @@ class ParameterName:
             document[step] = dict(document.get(step) or {})
             document = document[step]
         document[last] = value
-
-    def __str__(self) -> str:
-        return ".".join(self.steps)
 
 
 def split_setting(text: str) -> tuple[str, str]:

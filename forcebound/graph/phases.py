@@ -16,7 +16,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from forcebound.errors import ConfigError
-from forcebound.graph.graph import GraphConfig, Phase, PhaseHead
+from forcebound.graph.graph import GraphConfig, Phase
 from forcebound.graph.names import LAW, ParameterName
 from forcebound.graph.parameters import describe, differences, parameters, unknown_parameter
 from forcebound.graph.problems import Problems
@@ -28,7 +28,7 @@ _KEEPS_LAW = f"a phase cannot set {LAW}; while the graph runs, `forcebound param
 
 def read_phases(
     root: Value,
-    heads: Sequence[PhaseHead],
+    heads: Sequence[Phase],
     config: GraphConfig,
     build: Callable[[Value, Problems], GraphConfig],
     problems: Problems,
@@ -53,7 +53,7 @@ def read_phases(
         except ConfigError:
             problems.extend(found)
         else:
-            phases.append(Phase(head.name, head.duration, settled))
+            phases.append(replace(head, settings=settled))
     return tuple(phases)
 
 

@@ -140,12 +140,9 @@ def with_parameters(config: GraphConfig, settings: Parameters) -> GraphConfig:
     Its environment is a :class:`PartSpec` if a parameter of it changes. ConfigError if there is no
     such parameter, or a file that one names is gone.
     """
-    document = to_document(config)
-    names = {ParameterName.parse(name): value for name, value in settings.items()}
+    document, names = to_document(config), list(map(ParameterName.parse, settings))
     with _refusing("these are no parameters of this graph"):
-        for name, value in names.items():
-            if name.topic is not None:
-                document["links"].setdefault(name.topic, plain(Impairment()))
+        for name, value in zip(names, settings.values(), strict=True):
             name.put(document, value)
         changed = _graph(document)
     has_environment = any(name.section == "environment" for name in names)

@@ -10,8 +10,10 @@ from typing import Any, TypeAlias
 from forcebound.graph.fields import Field, fields_of
 from forcebound.graph.forms import Form
 from forcebound.graph.graph import FORMAT, KINDS, RUN_KEYS, GraphConfig
-from forcebound.graph.model import BESIDE, FIXED
+from forcebound.graph.model import BESIDE, PHASE, PHASES, SETTINGS
 from forcebound.haptics.laws import LAWS
+from forcebound.messages.topology import LINKS
+from forcebound.network.impairment import Impairment
 
 Schema: TypeAlias = dict[str, Any]
 
@@ -27,7 +29,9 @@ def json_schema() -> Schema:
         "help": {"type": "string"},
         "choices": {"type": "array", "items": _SCALAR},
     }
-    fixed = {name: _form(form) for name, form in FIXED.items()}
+    links = {topic: _mapping(properties(fields_of(Impairment))) for topic in LINKS}
+    fixed = {name: _mapping(properties(fields_of(kind))) for name, kind in SETTINGS.items()}
+    phases = {"type": "array", "items": _mapping(properties(PHASE.fields))}
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "forcebound launch file",
@@ -42,7 +46,9 @@ def json_schema() -> Schema:
                 },
                 **properties(fields_of(GraphConfig, RUN_KEYS)),
                 **{name: _kinds(name) for name in KINDS},
+                "links": _mapping(links),
                 **fixed,
+                PHASES: phases,
             }
         ),
         "required": ["forcebound"],
@@ -55,12 +61,6 @@ def _mapping(properties: Schema) -> Schema:
         "properties": dict(properties),
         "additionalProperties": False,
     }
-
-
-def _form(form: Form) -> Schema:
-    inner = {name: _form(one) for name, one in form.inner.items()}
-    schema = _mapping({**properties(form.fields), **inner})
-    return {"type": "array", "items": schema} if form.is_list else schema
 
 
 def _kinds(section: str) -> Schema:

@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from forcebound.errors import ConfigError
+from forcebound.haptics.laws import ENERGY_TOLERANCE
 
 LEVELS = 1024  # of each continuous parameter in a code: two base-32 digits
 DIGITS = "0123456789abcdefghijklmnopqrstuv"
@@ -23,7 +24,14 @@ LARGEST_SEED = 2**63 - 1  # a compiled run carries it as a 64-bit integer
 GENERATION = 12  # cases of one generation; Hansen's 4 + 3 ln(21)
 SPREAD = 0.25  # first standard deviation, of ranges of length 1
 
+LEAST_PEAK = 1e-5  # J, of an energy; what is left of less, as a share, has no meaning
+
 Found = TypeVar("Found")
+
+
+def by_logarithm(low: float, high: float, share: float) -> float:
+    """Return the number at this share, 0 to 1, of a range whose logarithm is even."""
+    return float(low * (high / low) ** share)
 
 
 def grid(**values: Sequence[Any]) -> list[dict[str, Any]]:
@@ -33,21 +41,13 @@ def grid(**values: Sequence[Any]) -> list[dict[str, Any]]:
 
 @dataclass(frozen=True)
 class Range:
-    """Values of a continuous parameter: evenly or by logarithm from ``low`` to ``high``, or 0.
+    """Values of a continuous parameter: evenly or by logarithm from ``low`` to ``high``, or 0."""
 
-    Attributes:
-        low: Lowest value, SI units.
-        high: Highest value, SI units.
-        is_logarithmic: Whether the logarithm is distributed evenly, instead of the value.
-        zeros: In a random draw, the odds of 0 against a value, as N to 1.
-        zero_share: In a code, the share of the range that means 0.
-    """
-
-    low: float
+    low: float  # SI units
     high: float
     is_logarithmic: bool = False
-    zeros: int = 0
-    zero_share: float = 0.0
+    zeros: int = 0  # in a random draw, the odds of 0 against a value, as N to 1
+    zero_share: float = 0.0  # in a code, the share of the range that means 0
 
     def draw(self, random: random.Random) -> float:
         """Return a random value."""
@@ -67,7 +67,7 @@ class Range:
         u -= self.zero_share
         present = 1.0 - self.zero_share
         if self.is_logarithmic:
-            return float(self.low * (self.high / self.low) ** (u / present))
+            return by_logarithm(self.low, self.high, u / present)
         return self.low + (self.high - self.low) * u / present
 
 
@@ -135,8 +135,18 @@ def optimiser() -> Any:
     return cma
 
 
+def objective(leak: float, share_left: float) -> float:
+    """Return the value that a search minimises.
+
+    With a leak, its energy, in J. Without one, the share that was left, at the worst moment, of the
+    loss plus work up to then: the smaller it is, the closer the law is to a leak.
+    """
+    return leak if leak < -ENERGY_TOLERANCE else max(share_left, 0.0)
+
+
 def search(
-    attack: Callable[[int, Sequence[float]], tuple[Found, float]],
+    attack: Callable[[str], tuple[Found, float]],
+    niche: Sequence[int],
     dimensions: int,
     runs: int,
     random: np.random.Generator,
@@ -148,9 +158,10 @@ def search(
     with the lowest objective. After convergence it restarts at another point.
 
     Args:
-        attack: ``(noise, point) -> (result, objective)``, with the point in the unit cube and one
-            of :data:`NOISES` sequences of random numbers.
-        dimensions: Of the point.
+        attack: Returns result and objective of a code.
+        niche: First choices of each code; the last one is one of :data:`NOISES` sequences of
+            random numbers.
+        dimensions: Continuous parameters of a code.
         runs: How many.
         random: Decides all.
 
@@ -159,7 +170,7 @@ def search(
     """
     cma, left = optimiser(), runs
     while left > 0:
-        noise = int(random.integers(NOISES))
+        choices = (*niche, int(random.integers(NOISES)))
         strategy = cma.CMAEvolutionStrategy(
             random.uniform(0.2, 0.8, dimensions),
             SPREAD,
@@ -173,8 +184,8 @@ def search(
         )
         while left > 0 and not strategy.stop():
             points = strategy.ask()
-            outcomes = [attack(noise, point) for point in points[:left]]
-            yield from (found for found, _ in outcomes)
-            left -= len(outcomes)
-            if len(outcomes) == len(points):
-                strategy.tell(points, [value for _, value in outcomes])
+            results = [attack(encode(choices, point)) for point in points[:left]]
+            yield from (found for found, _ in results)
+            left -= len(results)
+            if len(results) == len(points):
+                strategy.tell(points, [value for _, value in results])

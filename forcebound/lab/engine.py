@@ -24,13 +24,14 @@ from forcebound.errors import ConfigError
 from forcebound.files import read_bytes, reason
 from forcebound.lab.workers import completed, local_executor, progress_bar
 
-Row: TypeAlias = dict[str, Any]  # plain values: numbers, strings, booleans, None
+#: Plain values by name, ready for JSON; of a result file: numbers, strings, booleans, None.
+Row: TypeAlias = dict[str, Any]
 Progress: TypeAlias = Callable[[int, int], None]  # called with the runs done, and in total
 
 MAX_PART = 100_000_000  # largest file of a part, bytes: a thousand times the usual size
 
 
-class Case(Protocol):
+class Runnable(Protocol):
     """A case that runs itself. A campaign with its own ``work`` may have cases of any type."""
 
     @property
@@ -43,7 +44,7 @@ class Case(Protocol):
         ...
 
 
-def rows_of_each(cases: Sequence[Case]) -> list[Row]:
+def rows_of_each(cases: Sequence[Runnable]) -> list[Row]:
     """Return the rows of each case."""
     return [row for case in cases for row in case.rows()]
 
@@ -58,11 +59,6 @@ def _source_of(work: Any) -> str:
         return ""
 
 
-def runs_of(case: Case) -> int:
-    """Return the number of runs of such a case."""
-    return case.runs
-
-
 @dataclass(frozen=True)
 class Campaign:
     """Cases and how they are run.
@@ -70,9 +66,9 @@ class Campaign:
     Attributes:
         name: A few words for the progress bar.
         cases: The cases; they are sent to processes, so they can be pickled.
-        work: Returns the rows of some of the cases; can be pickled.
+        work: Returns the rows of some of the cases, each one run; can be pickled. By default the
+            cases are :class:`Runnable`.
         part: Runs of a part; there should be several parts for each process.
-        runs_of: Number of runs of a case.
         decisive: Whatever else decides the rows, such as a launch file's text; JSON.
         about: Metadata of the result: ``map`` says how ``forcebound map`` draws it.
     """
@@ -81,7 +77,6 @@ class Campaign:
     cases: Sequence[Any]
     work: Callable[[Sequence[Any]], list[Row]] = rows_of_each
     part: int = 500
-    runs_of: Callable[[Any], int] = lambda case: 1
     decisive: Sequence[Any] = ()
     about: Mapping[str, Any] = field(default_factory=dict)
 
@@ -93,18 +88,24 @@ class Campaign:
         text = json.dumps(decisive, default=str)
         return hashlib.sha256(text.encode()).hexdigest()
 
+    def runs(self, part: Sequence[int]) -> int:
+        """Return the number of runs of some cases, by their indices."""
+        if self.work is rows_of_each:
+            return sum(self.cases[index].runs for index in part)
+        return len(part)
+
     def parts(self) -> list[range]:
         """Return the parts: indices of cases, in order."""
         parts, first, runs = [], 0, 0
-        for index, case in enumerate(self.cases):
-            runs += self.runs_of(case)
+        for index in range(len(self.cases)):
+            runs += self.runs([index])
             if runs >= self.part or index == len(self.cases) - 1:
                 parts.append(range(first, index + 1))
                 first, runs = index + 1, 0
         return parts
 
 
-class Outcome(NamedTuple):
+class CampaignResult(NamedTuple):
     """What a campaign has found."""
 
     rows: list[Row]  # in the order of the cases
@@ -118,7 +119,7 @@ def run(
     result: Path | None = None,
     restart: bool = False,
     overwrite: bool = False,
-) -> Outcome:
+) -> CampaignResult:
     """Run a campaign, or the parts of it that are not on disk yet.
 
     Args:
@@ -138,7 +139,7 @@ def run(
 
         _check_result(result, campaign.digest, overwrite)
     parts = campaign.parts()
-    runs = [sum(campaign.runs_of(campaign.cases[index]) for index in part) for part in parts]
+    runs = [campaign.runs(part) for part in parts]
     folder = None if result is None else _Folder(result, campaign.digest, restart)
     found = folder.found() if folder else {}
     missing = [number for number in range(len(parts)) if number not in found]
@@ -155,10 +156,10 @@ def run(
     if result is not None and folder:
         write_table(rows, result, {**campaign.about, "digest": campaign.digest})
         folder.remove()
-    return Outcome(rows, resumed)
+    return CampaignResult(rows, resumed)
 
 
-def run_here(campaign: Campaign, workers: int | None, result: Path | None = None) -> Outcome:
+def run_here(campaign: Campaign, workers: int | None, result: Path | None = None) -> CampaignResult:
     """Run a campaign on this machine with a progress bar.
 
     Args:

@@ -1,32 +1,19 @@
 """Audit of laws against hands, walls and bad clocks: random cases, and a search of each niche."""
 
-import re
 from collections.abc import Iterable, Iterator, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from forcebound.haptics.laws import ENERGY_TOLERANCE, LAWS, check_law
-from forcebound.lab.attack import SECONDS, Result, attack, replay
-from forcebound.lab.cases import encode, search
+from forcebound.lab.cases import objective, search
 from forcebound.lab.engine import Row
-from forcebound.lab.hands import ADVERSARIES, RANGES, SENSORS, difficulties, draw_case
+from forcebound.lab.law_cases import ADVERSARIES, CLOCKS, RANGES, SENSORS, case_of, clock_of
+from forcebound.lab.law_run import SECONDS, attack
 from forcebound.lab.views import energy, groups, least, ranges, table, verdict
 
 NICHES = [(a, s) for a in range(len(ADVERSARIES)) for s in range(len(SENSORS))]
 LOSS = "loss_and_work_min_j"
-
-#: Difficulties listed for each law: the assumptions of the paper's laws, and one step beyond.
-ASSUMED = ("clock and reading", ("steady, exact", "steady, quantised"))
-
-
-def objective(leak: float, share_left: float) -> float:
-    """Return the value that a search minimises.
-
-    With a leak, its energy, in J. Without one, the share that was left, at the worst moment, of the
-    loss plus work up to then: the smaller it is, the closer the law is to a leak.
-    """
-    return leak if leak < -ENERGY_TOLERANCE else max(share_left, 0.0)
 
 
 class LawCase(NamedTuple):
@@ -38,36 +25,23 @@ class LawCase(NamedTuple):
     runs: int
     seconds: float  # of each run
 
-    def results(self) -> Iterator[Result]:
-        """Run it; in a niche CMA-ES moves towards lower energies."""
+    def rows(self) -> list[Row]:
+        """Run it, in a niche towards lower energies; return a row for each run."""
         if self.niche is None:
-            yield attack(self.law, draw_case(self.seed, self.seconds))[0]
-            return
-        niche = NICHES[self.niche]
+            return [self._row(str(self.seed))]
 
-        def run(noise: int, point: Sequence[float]) -> tuple[Result, float]:
-            result = replay(self.law, encode((*niche, noise), point), self.seconds)[0]
-            return result, objective(result.loss_and_work_min, result.share_left)
+        def run(code: str) -> tuple[Row, float]:
+            row = self._row(code)
+            return row, objective(row[LOSS], row["share_left"])
 
         random = np.random.default_rng((self.seed, self.niche))
-        yield from search(run, len(RANGES), self.runs, random)
+        return list(search(run, NICHES[self.niche], len(RANGES), self.runs, random))
 
-    def rows(self) -> list[Row]:
-        """Run it; return a row for each run."""
+    def _row(self, name: str) -> Row:
+        scenario = case_of(name, self.seconds)
         kind = "random" if self.niche is None else "search"
-        return [
-            {
-                "law": self.law,
-                "kind": kind,
-                "case": result.case.name,
-                LOSS: result.loss_and_work_min,
-                "energy_min_j": result.energy_min,
-                "share_left": result.share_left,
-                "balance_min_j": result.balance_min,
-                **difficulties(result.case),
-            }
-            for result in self.results()
-        ]
+        row = {"law": self.law, "kind": kind, "case": name, "clock": clock_of(scenario)}
+        return row | attack(self.law, scenario)[0]._asdict()
 
 
 def cases(
@@ -96,14 +70,13 @@ def cases(
     return found
 
 
-def summary(rows: Sequence[Row]) -> list[dict[str, Any]]:
+def summary(rows: Sequence[Row]) -> list[Row]:
     """Return the worst of each law, ready for JSON.
 
     Each has ``law``, ``is_certified``, ``holds`` (always true without a certificate), ``verdict``,
-    ``runs``,
-    ``loss_and_work_min_j`` and its ``case``, ``energy_min_j``, ``share_left_min``,
-    ``balance_min_j``; ``random`` and ``search``: the same of each kind; ``difficulties``: by axis
-    and difficulty ``runs``, ``loss_and_work_min_j`` and ``case``.
+    ``runs``, ``loss_and_work_min_j`` and its ``case``, ``energy_min_j``, ``share_left_min``,
+    ``balance_min_j``; ``random`` and ``search``: the same of each kind; ``clocks``: of each of
+    :data:`CLOCKS` ``runs``, ``loss_and_work_min_j`` and ``case``.
     """
     found = []
     for (law,), own in groups(rows, "law").items():
@@ -117,21 +90,18 @@ def summary(rows: Sequence[Row]) -> list[dict[str, Any]]:
                 "verdict": verdict(lowest, certified),
                 **numbers,
                 **{kind: _numbers(some) for (kind,), some in groups(own, "kind").items()},
-                "difficulties": {
-                    axis: {name: _lowest(some) for (name,), some in groups(own, axis).items()}
-                    for axis in difficulties(draw_case(1, 1.0))
-                },
+                "clocks": {name: _lowest(some) for (name,), some in groups(own, "clock").items()},
             }
         )
     return found
 
 
-def _lowest(rows: Sequence[Row]) -> dict[str, Any]:
+def _lowest(rows: Sequence[Row]) -> Row:
     lowest = least(rows, LOSS)
     return {"runs": len(rows), LOSS: lowest[LOSS], "case": lowest["case"]}
 
 
-def _numbers(rows: Sequence[Row]) -> dict[str, Any]:
+def _numbers(rows: Sequence[Row]) -> Row:
     return {
         **_lowest(rows),
         "energy_min_j": min(row["energy_min_j"] for row in rows),
@@ -161,7 +131,7 @@ logarithm; many of them are 0 in some of the cases.
 """
 
 
-def section(document: dict[str, Any]) -> Iterator[str]:
+def section(document: Row) -> Iterator[str]:
     """Yield the section of a page; ``document`` has ``seconds`` and the ``laws`` of `summary`."""
     laws = document["laws"]
     yield INTRODUCTION.format(
@@ -186,36 +156,28 @@ def section(document: dict[str, Any]) -> Iterator[str]:
         yield "paper's laws assume, neither jitter nor overruns; *exact*: so is the reading.\n"
         for row in leaks:
             yield f"* `{row['law']}` gives {energy(-row[LOSS])} away"
-            assumed = row["difficulties"][ASSUMED[0]]
             found = {kind: row[kind] for kind in ("random", "search") if kind in row}
-            found |= {name: assumed[name] for name in ASSUMED[1] if name in assumed}
+            found |= {name: row["clocks"][name] for name in CLOCKS[:2] if name in row["clocks"]}
             for name, one in found.items():
                 if one[LOSS] < -ENERGY_TOLERANCE:
                     yield f"    * {name}: {energy(one[LOSS])}, `{row['law']} {one['case']}`"
         yield ""
-    yield "### By axis of difficulty\n"
-    yield "Lowest loss plus work. Cases are hard on several axes at once."
-    for axis in sorted(laws[0]["difficulties"]):
-        yield f"\n#### {axis.capitalize()}\n"
-        cells = [(row["law"], row["difficulties"][axis]) for row in laws]
-        names = sorted({name for _, row in cells for name in row}, key=_order)
-        lines = ((law, [row.get(name, {}).get(LOSS) for name in names]) for law, row in cells)
-        yield from table(("law", *names), ((f"`{law}`", *map(energy, one)) for law, one in lines))
+    yield "### By clock and reading\n"
+    yield "Lowest loss plus work. Cases are hard in other ways at once.\n"
+    lines = ([row["clocks"].get(name, {}).get(LOSS) for name in CLOCKS] for row in laws)
+    cells = (map(energy, one) for one in lines)
+    yield from table(
+        ("law", *CLOCKS), ((f"`{row['law']}`", *one) for row, one in zip(laws, cells, strict=True))
+    )
 
 
-def worst(laws: Iterable[dict[str, Any]]) -> Iterator[str]:
+def worst(laws: Iterable[Row]) -> Iterator[str]:
     """Yield a table of the worst case of each law; ``laws`` as of :func:`summary`."""
     heads = ("law", "lowest loss plus work", "random", "search", "share left", "verdict", "case")
     yield from table(heads, map(_worst, laws))
 
 
-def _worst(row: dict[str, Any]) -> tuple[str, ...]:
+def _worst(row: Row) -> tuple[str, ...]:
     kinds = [energy(row[kind][LOSS] if kind in row else None) for kind in ("random", "search")]
     left = "–" if row[LOSS] < -ENERGY_TOLERANCE else f"{row['share_left_min']:.2%}"
     return (f"`{row['law']}`", energy(row[LOSS]), *kinds, left, row["verdict"], row["case"])
-
-
-def _order(name: str) -> tuple[bool, float, str]:
-    """No difficulty comes first, then ranges by their end, then words."""
-    numbers = re.findall(r"[0-9.]+", name)
-    return (name not in ("none", "exact"), float(numbers[-1]) if numbers else 0.0, name)

@@ -66,7 +66,7 @@ ENVIRONMENTS: dict[str, tuple[int, tuple[str, ...]]] = {
 ENCODER, NOISY, LEADING = range(3)  # sensors
 
 
-class Rig(NamedTuple):
+class System(NamedTuple):
     """Device, hand and environment of a run."""
 
     axis: Axis
@@ -105,12 +105,12 @@ class Body(NamedTuple):
     row: int  # of the motion, written next
 
 
-Loop: TypeAlias = Callable[[Rig, DeviceConstants, Course, Floats, Floats], int]
+Loop: TypeAlias = Callable[[System, DeviceConstants, Course, Floats, Floats], int]
 
 
-def answer(rig: Rig, x: float, v: float, elapsed: float, chance: float) -> float:
+def answer(system: System, x: float, v: float, elapsed: float, chance: float) -> float:
     """Return the force of the environment, in N."""
-    kind, (a, b, c, d) = rig.environment, rig.numbers
+    kind, (a, b, c, d) = system.environment, system.numbers
     if kind == WALL:
         return wall_force(x, a, b)
     if kind == DAMPED_WALL:
@@ -130,13 +130,13 @@ def answer(rig: Rig, x: float, v: float, elapsed: float, chance: float) -> float
     return a * (x - b)
 
 
-def read(rig: Rig, moving: Moving, error: float) -> float:
+def read(system: System, moving: Moving, error: float) -> float:
     """Return a reading, in m, at most half a resolution from the truth."""
-    if rig.sensor == ENCODER:
-        return quantise(moving.x, rig.resolution)
-    if rig.sensor == LEADING:
+    if system.sensor == ENCODER:
+        return quantise(moving.x, system.resolution)
+    if system.sensor == LEADING:
         error = math.copysign(error, moving.v)
-    return moving.x + 0.5 * rig.resolution * error
+    return moving.x + 0.5 * system.resolution * error
 
 
 def store(table: Floats, row: int, values: tuple[float, ...]) -> None:
@@ -145,17 +145,19 @@ def store(table: Floats, row: int, values: tuple[float, ...]) -> None:
         table[row, column] = value
 
 
-def move(rig: Rig, body: Body, time_ns: int, end: float, force: float, motion: Floats) -> Body:
+def move(
+    system: System, body: Body, time_ns: int, end: float, force: float, motion: Floats
+) -> Body:
     """Move until ``time_ns``, when the hand's target is ``end``, under one ``force``, in N."""
     if time_ns <= body.time_ns:
         return body
     moving, hand_force, row = body.moving, body.hand_force, body.row
-    duration = (time_ns - body.time_ns) * 1e-9 / rig.pieces
+    duration = (time_ns - body.time_ns) * 1e-9 / system.pieces
     first = body.target
-    for i in range(1, rig.pieces + 1):
-        last = end if i == rig.pieces else body.target + (end - body.target) * i / rig.pieces
+    for i in range(1, system.pieces + 1):
+        last = end if i == system.pieces else body.target + (end - body.target) * i / system.pieces
         moving, hand_force = advance_extended(
-            moving, rig.axis, first, last, duration, rig.substep, force
+            moving, system.axis, first, last, duration, system.substep, force
         )
         first = last
         if motion.shape[0] > 0:
@@ -165,67 +167,68 @@ def move(rig: Rig, body: Body, time_ns: int, end: float, force: float, motion: F
 
 
 def move_on(
-    rig: Rig, body: Body, time_ns: int, end: float, force: float, cut_ns: int, motion: Floats
+    system: System, body: Body, time_ns: int, end: float, force: float, cut_ns: int, motion: Floats
 ) -> Body:
     """Move until ``time_ns`` under a ``force`` that the watchdog drops at ``cut_ns``."""
     if body.time_ns < cut_ns < time_ns:
         share = (cut_ns - body.time_ns) / (time_ns - body.time_ns)
         middle = body.target + share * (end - body.target)
-        body = move(rig, body, cut_ns, middle, force, motion)
-    return move(rig, body, time_ns, end, force if body.time_ns < cut_ns else 0.0, motion)
+        body = move(system, body, cut_ns, middle, force, motion)
+    return move(system, body, time_ns, end, force if body.time_ns < cut_ns else 0.0, motion)
 
 
 @cache
 def loop(law: str) -> Loop:
     """Return the compiled loop of a law, a key of :data:`forcebound.haptics.laws.LAWS`.
 
-    It is called with the rig, ``LAWS[law].device`` of what the law relies on, the course, the trace
-    to be filled, of shape ``(n, len(TRACE))``, and the motion to be filled, or an array without
-    rows. It returns the number of ticks: less than ``n`` if a reading was faster than the device.
+    It is called with the system, ``LAWS[law].device`` of what the law relies on, the course, the
+    trace to be filled, of shape ``(n, len(TRACE))``, and the motion to be filled, or an array
+    without rows. It returns the number of ticks: less than ``n`` if a reading was faster than the
+    device.
     """
     start, settle, energy = LAWS[law].start, LAWS[law].settle, LAWS[law].energy
     bound = one_axis(LAWS[law])
 
     def run(
-        rig: Rig, device: DeviceConstants, course: Course, trace: Floats, motion: Floats
+        system: System, device: DeviceConstants, course: Course, trace: Floats, motion: Floats
     ) -> int:
         instants, targets, answered, engagement, answers, chances, errors = course
         body = Body(Moving(targets[0], 0.0, 0.0, 0.0, 0.0), 0.0, targets[0], instants[0], 0)
-        sample, velocity = read(rig, body.moving, errors[0]), 0.0
+        sample, velocity = read(system, body.moving, errors[0]), 0.0
         axis, memory, state = start_axis(sample), NO_MEMORY, start(device)
         sampled_ns = written_ns = instants[0]
         for k in range(answered.size):
             sample_ns, write_ns = instants[2 * k], instants[2 * k + 1]
-            cut_ns = written_ns + rig.hold_ns
-            body = move_on(rig, body, sample_ns, targets[2 * k], axis.force, cut_ns, motion)
-            reading = read(rig, body.moving, errors[k])
+            cut_ns = written_ns + system.hold_ns
+            body = move_on(system, body, sample_ns, targets[2 * k], axis.force, cut_ns, motion)
+            reading = read(system, body.moving, errors[k])
             dt = (sample_ns - sampled_ns) * 1e-9
             if k > 0:
-                gain = low_pass_gain(rig.cutoff, dt)
+                gain = low_pass_gain(system.cutoff, dt)
                 velocity = low_pass(velocity, (reading - sample) / dt, gain)
             sample, sampled_ns = reading, sample_ns
             elapsed = (sample_ns - instants[0]) * 1e-9
-            answers[k] = answer(rig, sample, velocity, elapsed, chances[k])
-            body = move_on(rig, body, write_ns, targets[2 * k + 1], axis.force, cut_ns, motion)
-            reading = read(rig, body.moving, errors[k])
+            answers[k] = answer(system, sample, velocity, elapsed, chances[k])
+            body = move_on(system, body, write_ns, targets[2 * k + 1], axis.force, cut_ns, motion)
+            reading = read(system, body.moving, errors[k])
             entry, share = answered[k], engagement[k]
             commanded = share * answers[entry] if entry >= 0 else 0.0
-            wanted, largest, limit = commanded, share * rig.saturation, 0.0
-            if abs(wanted) > largest:
-                wanted = largest / abs(wanted) * wanted
+            demand, largest, limit = commanded, share * system.saturation, 0.0
+            if abs(demand) > largest:
+                demand = largest / abs(demand) * demand
             if k == 0:
                 axis, write = start_axis(reading), NO_WRITE
                 state = settle(state, write, device)
             else:
                 dt = (write_ns - written_ns) / 1e9
-                if abs(reading - axis.reading) > rig.largest_speed * dt + rig.resolution:
+                if abs(reading - axis.reading) > system.largest_speed * dt + system.resolution:
                     return k
                 axis, memory, state, write, limit = bound(
-                    axis, memory, state, reading, wanted, rig.saturation, dt, device
+                    axis, memory, state, reading, demand, system.saturation, dt, device
                 )
             written_ns = write_ns
             x, v, work, _, _ = body.moving
-            estimated, true = energy(state, write, device), work - 0.5 * rig.hand_mass * v * v
+            estimated, true = energy(state, write, device), work - 0.5 * system.hand_mass * v * v
             forces = (commanded, axis.force, limit)
             store(trace, k, (reading, *forces, estimated, true, x, body.hand_force))
         return answered.size

@@ -1,110 +1,178 @@
-"""One run of an audit again, by its name: as a document, as lines, as a picture."""
+"""The graph of a recording, to run it once more: with its own parts, others, or what it recorded.
 
-from collections.abc import Iterator, Mapping, Sequence
+What can be fed from the recording in place of the graph's own:
+
+* ``hand``: a hand whose path is a function of time already repeats itself, from its beginning. Any
+  other (a pointer, a person on hardware, none, a hand in a recording that begins later) becomes one
+  that follows the recorded path; see :mod:`forcebound.haptics.hands.paths`.
+* ``network``: the recorded delays and losses of each link, in place of those of links and
+  environment; see :func:`forcebound.results.delay_traces.hop_delays`.
+* ``environment``: the recorded replies, whatever the hand does; see
+  :mod:`forcebound.haptics.environments.recorded`.
+"""
+
+import dataclasses
+import json
+import re
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
-from typing import Any
-
-import numpy as np
+from typing import Any, TypeAlias, cast
 
 from forcebound.errors import ConfigError
-from forcebound.lab.attack import SECONDS, TRACE_COLUMNS
-from forcebound.lab.attack import replay as replay_law
-from forcebound.lab.hands import ADVERSARIES, SENSORS
-from forcebound.lab.paths.campaign import replay as replay_path
-from forcebound.lab.paths.run import TRACE_COLUMNS as PATH_COLUMNS
-from forcebound.lab.worlds import replay as replay_world
-from forcebound.results.plots import check_picture, save
+from forcebound.files import content_of
+from forcebound.graph.graph import BESIDE_MODEL, KINDS, DeviceConfig, GraphConfig
+from forcebound.graph.loader import from_document
+from forcebound.graph.model import law_of, make_part
+from forcebound.graph.names import ParameterName, split_setting
+from forcebound.graph.problems import Problems, unknown
+from forcebound.graph.servo import ServoSettings
+from forcebound.graph.tree import from_plain, scalar
+from forcebound.haptics.hands.hands import SoftGrip
+from forcebound.haptics.hands.paths import began
+from forcebound.haptics.laws import LAWS
+from forcebound.messages.packets import TOPIC_OF, Telemetry
+from forcebound.messages.topology import LINKS
+from forcebound.recordings.recording import Recording
 
-_NUMBERS = {
-    "kg": "mass hand_mass",
-    "N s/m": "damping hand_damping environment_damping",
-    "N": "friction saturation magnitude peak_force weight weight_error",
-    "N/m": "hand_stiffness stiffness",
-    "m": "resolution amplitude surface presliding pressing sideways",
-    "s": "hold_limit period lag write_delay watchdog_limit guard_period time_of_min lateness"
-    " write_jitter link_delay delay_jitter",
-    "Hz": "slow fast frequency late_rate",
-    "J": "energy_min loss_and_work_min balance_min margin_min_j lowest late_margin peak left excess"
-    " allowance energy_cap",
-    "m/s": "largest_speed",
-    "periods": "jitter excess_hold",
-}
-#: Units of the numbers of a case and of its result.
-UNITS = {name: unit for unit, names in _NUMBERS.items() for name in names.split()}
+Document: TypeAlias = dict[str, Any]  # of a launch file
+
+_GRIP, _SERVO = (
+    tuple(field.name for field in dataclasses.fields(kind)) for kind in (SoftGrip, ServoSettings)
+)
+_COMPUTATION = tuple(name for name in BESIDE_MODEL if name.startswith("compute_"))
 
 
-def run_again(law: str, case: str, seconds: float | None, picture: Path | None) -> dict[str, Any]:
-    """Repeat a case, draw it on request, and return its description and result.
+def graph_of(
+    recording: Recording, settings: Sequence[str] = (), feeds: Collection[str] = ()
+) -> GraphConfig:
+    """Return the graph of a recording.
 
     Args:
-        law: A key of :data:`forcebound.haptics.laws.LAWS`.
-        case: ``SEED`` or ``cCODE``; ``CERTIFICATE:s3.17``; ``WORLD/CONTROLLER:SEED`` or
-            ``WORLD/CONTROLLER:cCODE``.
-        seconds: Length of the run, in s, if it has none of its own.
-        picture: Where to draw it.
+        recording: With its launch file.
+        settings: Other values, each ``name:=value``: ``law``; ``device``, ``operator``,
+            ``controller`` or ``environment`` for another kind with its defaults; or a key of the
+            launch file, ``environment.stiffness``.
+        feeds: Some of ``hand``, ``network``, ``environment``.
 
     Raises:
-        ConfigError: If the law or the case is not known, or has no such length or picture.
+        ConfigError: If the recording holds none, a setting is wrong, or the recording names code or
+            a serial port of its own, which only the user may.
     """
-    if picture is not None:
-        check_picture(picture)
-    if "/" in case:
-        if picture is not None:
-            raise ConfigError("a run against a world is not drawn: omit --output")
-        return replay_world(law, case, seconds)
-    if ":" in case:
-        if seconds is not None:
-            raise ConfigError("the case of a certificate has a length of its own: omit --duration")
-        document, trace = replay_path(law, case)
-        columns = dict(zip(PATH_COLUMNS, np.array(trace).T, strict=True))
-    else:
-        result, rows = replay_law(law, case, seconds or SECONDS)
-        columns = dict(zip(TRACE_COLUMNS, rows.T, strict=True))
-        named = {
-            "adversary": ADVERSARIES[result.case.adversary],
-            "sensor": SENSORS[result.case.sensor],
-        }
-        document = {**result._asdict(), "case": result.case._asdict() | named}
-    if picture is not None:
-        _draw(columns, f"{law}, case {case}", picture)
+    document = _document(recording)
+    document.pop("remote", None)  # the environment runs here
+    with content_of(recording.path):
+        _feed(document, recording, feeds)
+    named = {_set(document, setting) for setting in settings}
+    if "environment" in feeds and "environment" in named:
+        raise ConfigError("environment:=KIND and --environment exclude each other: give one")
+    _check_code(recording, document, named, KINDS)
+    config = from_document(document)
+    if "device" not in named and config.device.model.simulated_in is not None:
+        raise ConfigError(
+            f"{recording.path} was recorded on a device at a serial port; name a simulated one,"
+            " such as device:=five_bar, or this one: device:=KIND device.port:=PORT"
+        )
+    return config
+
+
+def device_of(recording: Recording, settings: Sequence[str] = ()) -> DeviceConfig:
+    """Return the device of a recording and its servo.
+
+    ``settings`` are those of :func:`graph_of` for law and device.
+
+    Raises:
+        ConfigError: As :func:`graph_of`; a setting of another section.
+    """
+    document = _document(recording)
+    named = {_set(document, setting) for setting in settings}
+    for name in named:
+        if name.partition(".")[0] not in ("law", "device"):
+            raise ConfigError(
+                f"{name} does not enter the verification: expected law, device or device.KEY"
+            )
+    _check_code(recording, document, named, ("device",))
+    with content_of(recording.path):
+        section = from_plain(document["device"], "device")
+        device: DeviceConfig = make_part("device", section, Problems(), is_whole=True)
+    return device
+
+
+def duration_of(recording: Recording, config: GraphConfig) -> float:
+    """Return for how long the force was engaged in a recording, in s."""
+    longest = max((tick.elapsed for tick in _ticks(recording)), default=0.0)
+    longest -= began(_ticks(recording))
+    period = config.device.servo.period_ns * 1e-9
+    return (longest // period + 1.0) * period
+
+
+def _ticks(recording: Recording) -> Iterator[Telemetry]:
+    return cast("Iterator[Telemetry]", recording.stream(TOPIC_OF[Telemetry]))
+
+
+def _document(recording: Recording) -> Document:
+    """The launch file of a recording, to be changed."""
+    document: Document = json.loads(json.dumps(recording.launch))
+    if "device" not in document:
+        raise ConfigError(f"{recording.path} holds no launch file")
+    document["device"].pop("late_ticks", None)  # of recordings before format 4
     return document
 
 
-def lines(document: dict[str, Any]) -> Iterator[str]:
-    """Yield a repeated run for a terminal: its case, then its result, with units."""
-    for name, value in [*document["case"].items(), *document.items()]:
-        if name != "case":
-            shown = f"{value:.6g}" if isinstance(value, float) else str(value)
-            yield f"{name:<22}{shown} {UNITS.get(name, '')}".rstrip()
+def _feed(document: Document, recording: Recording, feeds: Collection[str]) -> None:
+    """Feed parts of the graph from the recording; phases do not change them."""
+    file, fed = str(recording.path.absolute()), []
+    if "network" in feeds:
+        document["links"] = {topic: {"trace": file, "trace_hop": topic} for topic in LINKS}
+        for name in _COMPUTATION:
+            document["environment"].pop(name, None)
+        fed += [r"links\.", r"environment\.compute_"]
+    if "environment" in feeds:
+        kept = _kept(document, "environment", _COMPUTATION)
+        document["environment"] = {"kind": "recorded", "file": file, **kept}
+        fed.append(r"environment\.(?!compute_)")
+    hand = document.get("operator", {})
+    if "hand" in feeds and (
+        not hand or hand["kind"] == "pointer" or began(_ticks(recording)) > 0.0
+    ):
+        kept = _kept(document, "operator", _GRIP)
+        document["operator"] = {"kind": "trajectory", "file": file, **kept}
+    for phase in document.get("phases", ()) if fed else ():
+        values = phase["set"].items()
+        phase["set"] = {key: one for key, one in values if not re.match("|".join(fed), key)}
 
 
-def _draw(columns: Mapping[Any, Any], title: str, picture: Path) -> None:
-    """Draw position, forces and energies over time; .png or .svg."""
-    from matplotlib.figure import Figure
+def _kept(document: Document, section: str, names: Collection[str]) -> Document:
+    return {key: value for key, value in document.get(section, {}).items() if key in names}
 
-    figure = Figure(figsize=(10.0, 7.0), layout="constrained")
-    top, middle, bottom = figure.subplots(3, 1, sharex=True)
-    energies = columns["energy"], columns["loss_and_work"]
-    in_joules = max(np.abs(one).max() for one in energies) >= 10.0
-    scale, unit = (1.0, "J") if in_joules else (1e3, "mJ")
-    lowest = int(np.argmin(energies[1]))
-    words = f"lowest {scale * energies[1][lowest]:.3g} {unit}"
 
-    def plot(axes: Any, label: str, curves: Sequence[tuple[str, Any]]) -> None:
-        for name, values in curves:
-            axes.plot(columns["time"], values, lw=1.0, label=name)
-        axes.set_ylabel(label)
+def _set(document: Document, setting: str) -> str:
+    """Put a setting into the document; return its name."""
+    name, text = split_setting(setting)
+    if name == "law":
+        document["device"]["law"] = law_of(text)
+    elif name in KINDS:
+        own = {"environment": BESIDE_MODEL, "device": _SERVO}.get(name, ())  # not the kind's
+        kind = {"kind": KINDS[name].resolve(text, Path())}
+        document[name] = _kept(document, name, own) | kind
+    else:
+        place = ParameterName.parse(name)
+        known = [*KINDS, "links", "realtime"]
+        if len(place.steps) < 2 or place.section not in known:
+            names = ["law", *KINDS, *(f"{section}.KEY" for section in known)]
+            raise ConfigError(unknown("setting", name, names))
+        place.put(document, scalar(text))
+    return name
 
-    places = ("position", 1e3 * columns["position"]), ("reading", 1e3 * columns["reading"])
-    plot(top, "position (mm)", places)
-    forces = ("commanded", columns["commanded"]), ("applied", columns["force"])
-    plot(middle, "force (N)", forces)
-    lost = ("of the hand", scale * energies[0]), ("loss plus work", scale * energies[1])
-    plot(bottom, f"energy ({unit})", lost)
-    bottom.axhline(0.0, color="k", lw=0.7)
-    bottom.axvline(columns["time"][lowest], color="r", lw=0.7, label=words)
-    bottom.set_xlabel("time (s)")
-    for axes in (top, middle, bottom):
-        axes.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), fontsize="small")
-    figure.suptitle(f"{title}: {words}", fontsize="small")
-    save(figure, picture)
+
+def _check_code(
+    recording: Recording, document: Document, named: Collection[str], used: Collection[str]
+) -> None:
+    """Check that the recording chooses no code: only forcebound and the user do."""
+    tables = {name: (KINDS[name], document.get(name, {}).get("kind")) for name in used}
+    tables["law"] = (LAWS, document["device"]["law"])
+    for name, (table, kind) in tables.items():
+        if kind is not None and name not in named and not table.is_shipped(kind):
+            raise ConfigError(
+                f"{recording.path} names code of its own, {kind}: to run it, name it yourself,"
+                f" {name}:=FILE.py, or another {name}"
+            )

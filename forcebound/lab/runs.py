@@ -31,7 +31,7 @@ from forcebound.haptics.hands.hands import NoHand
 from forcebound.haptics.hands.pointer import PointerHand
 from forcebound.haptics.laws import LAWS
 from forcebound.haptics.laws.dissipation import PER_AXIS
-from forcebound.lab.one_axis import ENVIRONMENTS, NO_MOTION, TRACE, Course, Floats, Rig, loop
+from forcebound.lab.one_axis import ENVIRONMENTS, NO_MOTION, TRACE, Course, Floats, System, loop
 from forcebound.network.impairment import Impairment
 from forcebound.nodes import safety
 from forcebound.recordings.telemetry import TelemetryColumns
@@ -119,7 +119,10 @@ def run_compiled(config: GraphConfig) -> RunResult | None:
     trace = np.zeros((timing.seq.size, len(TRACE)))
     device = LAWS[servo.law].device(dissipation_of(config.device.model, servo))
     run = loop(servo.law)
-    if run(rig_of(config), device, course_of(config, timing), trace, NO_MOTION) < timing.seq.size:
+    if (
+        run(system_of(config), device, course_of(config, timing), trace, NO_MOTION)
+        < timing.seq.size
+    ):
         return None
     columns: dict[str, Any] = {}
     for name, column in zip(TRACE, trace.T.copy(), strict=True):
@@ -127,7 +130,7 @@ def run_compiled(config: GraphConfig) -> RunResult | None:
     return RunResult(replace(timing, **columns), to_document(config))
 
 
-def rig_of(config: GraphConfig) -> Rig:
+def system_of(config: GraphConfig) -> System:
     """Return device, hand and environment of a graph that the loop serves."""
     model: Any = config.device.model
     hand, servo = config.operator or NoHand(), config.device.servo
@@ -136,7 +139,7 @@ def rig_of(config: GraphConfig) -> Rig:
     environment, fields = ENVIRONMENTS[kind_of("environment", place)]
     a, b, c, d = (*(float(getattr(place, name)) for name in fields), 0.0, 0.0, 0.0)[:4]
     mass, damping, friction = model.mass + hand.mass, model.damping, model.friction
-    return Rig(
+    return System(
         Axis(mass, damping, friction, 0.0, 0.0, 0.0, hand.stiffness, hand.damping),
         hand_mass=hand.mass,
         substep=model.substep,

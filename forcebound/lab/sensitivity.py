@@ -7,19 +7,17 @@ A certified law relies on the numbers of its device. Here one of them is wrong, 
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from forcebound.errors import ConfigError
 from forcebound.haptics.devices import DEVICES, DeviceModel
 from forcebound.haptics.laws import Dissipation
-from forcebound.lab.audit import check_runs
-from forcebound.lab.engine import Campaign, Row, run_here, runs_of
-from forcebound.lab.paths import truth
-from forcebound.lab.paths.certificates import Draft, draft_of, finished
-from forcebound.lab.paths.run import Case
+from forcebound.lab.audit import Options
+from forcebound.lab.engine import Row
+from forcebound.lab.paths.certificates import Draft, finished
+from forcebound.lab.paths.run import AttackedDevice
 from forcebound.lab.paths.search import Restart
 from forcebound.lab.views import groups, least
 
@@ -29,16 +27,11 @@ LONGEST = 1000  # samples of a run
 OF_RESTART = 100  # runs
 GUARD_PERIOD = 50e-6  # s
 ANY_HAND = "guarding, any hand: "
-ROWS = (
-    ("damping", truth.DAMPING),
-    ("friction", truth.FRICTION),
-    ("error", truth.ERROR),
-    ("gain", truth.GAIN),
-)
 
 #: What is wrong with a device, of which the law is not informed. ``damping``, ``friction`` and
 #: ``error`` are multiples of what it states, ``presliding`` of its resolution; numbers are in SI
-#: units, and others than those of the truth are fields of :class:`forcebound.lab.paths.run.Case`.
+#: units, and others than those of the truth are fields of
+#: :class:`forcebound.lab.paths.run.AttackedDevice`.
 MISTAKES: dict[str, dict[str, float]] = {
     "nothing is wrong": {},
     "damping b stated 10 % too high": {"damping": 1.0 / 1.1},
@@ -67,28 +60,25 @@ MISTAKES: dict[str, dict[str, float]] = {
 }
 
 
-def device_of(kind: str, summary: str, random: np.random.Generator) -> Case:
+def device_of(kind: str, summary: str, random: np.random.Generator) -> AttackedDevice:
     """Return a device of one axis with one of :data:`MISTAKES`, and a manner of attack."""
     fields, wrong = stated_by(kind), dict(MISTAKES[summary])
     fields["largest_speed"] = wrong.pop("largest_speed", fields["largest_speed"])
-    draft: Draft = draft_of(random, 1, fields)
-    draft.numbers[truth.FASTEST] = FASTEST_HAND
-    if summary.startswith(ANY_HAND):
-        fields |= {"watchdog": "guarding", "guard_period": GUARD_PERIOD, "largest_speed": math.inf}
+    draft = Draft(random, 1, fields)
+    device, is_any_hand = draft.device, summary.startswith(ANY_HAND)
+    device.fastest = FASTEST_HAND
+    if is_any_hand:
+        guarding = {"watchdog": "guarding", "guard_period": GUARD_PERIOD}
+        draft.fields |= guarding | {"largest_speed": math.inf}
         draft.case["watchdog"] = "guarding"
-        draft.numbers[truth.GUARD], draft.numbers[truth.FASTEST] = GUARD_PERIOD, math.inf
-    for name, row in ROWS:
-        draft.device[row] *= wrong.pop(name, 1.0)
-    draft.device[truth.PRESLIDING, 0] = fields["resolution"] * wrong.pop("presliding", 0.0)
-    for name, place in (("lag", truth.LAG), ("drop", truth.DROP)):
-        draft.numbers[place] = wrong.pop(name, 0.0)
+        device.guard, device.fastest = GUARD_PERIOD, math.inf
+    for name in ("damping", "friction", "error", "gain"):
+        device[name] *= wrong.pop(name, 1.0)
+    device.presliding[0] = fields["resolution"] * wrong.pop("presliding", 0.0)
+    device.lag, device.drop = wrong.pop("lag", 0.0), wrong.pop("drop", 0.0)
     draft.case |= wrong
-    case = finished(LAW, draft, Dissipation(**fields))
-    if summary.startswith(ANY_HAND):
-        return case
-    return replace(
-        case, manner=replace(case.manner, speed=FASTEST_HAND)
-    )  # most promises cost there
+    # Most promises cost most with a hand at its largest speed.
+    return finished(LAW, draft, None if is_any_hand else FASTEST_HAND)
 
 
 class MistakeCase(NamedTuple):
@@ -107,7 +97,7 @@ class MistakeCase(NamedTuple):
         return [{"summary": self.summary, "energy_min_j": found.lowest}]
 
 
-def stated_by(kind: str) -> dict[str, Any]:
+def stated_by(kind: str) -> Row:
     """Return what a device states, for one axis: of each number the worst of all its axes.
 
     Raises:
@@ -129,7 +119,7 @@ def stated_by(kind: str) -> dict[str, Any]:
     }
 
 
-def run(kind: str, runs: int, workers: int | None = None) -> dict[str, Any]:
+def run(kind: str, runs: int, workers: int | None = None) -> Row:
     """Search for the lowest energy with each mistake; return it ready for JSON.
 
     Args:
@@ -143,13 +133,14 @@ def run(kind: str, runs: int, workers: int | None = None) -> dict[str, Any]:
     Raises:
         ConfigError: If there is no such device.
     """
-    check_runs(0, runs)
+    options = Options(runs=0, searched=runs, workers=workers)
+    options.check()
     stated_by(kind)
     cases = [
         MistakeCase(kind, summary, 1 + first // OF_RESTART, min(OF_RESTART, runs - first))
         for summary in MISTAKES
         for first in range(0, runs, OF_RESTART)
     ]
-    rows = run_here(Campaign("sensitivity", cases, part=1, runs_of=runs_of), workers).rows
+    rows = options.run("sensitivity", cases, part=1)
     lowest = [least(own, "energy_min_j") for own in groups(rows, "summary").values()]
     return {"device": kind, "runs": runs, "samples": LONGEST, "mistakes": lowest}

@@ -1,9 +1,9 @@
 """Verification of a recording: its inputs through the same law give its forces, to the bit.
 
-The telemetry holds all that the bounder heard in each tick: the commanded force, the readings, the
+The telemetry holds all inputs of the bounder in each tick: the commanded force, the readings, the
 times of reading and writing, what the watchdog did. A :class:`BoundedDevice` of the recorded launch
-file hears the same again, from a device that answers as the recorded one did, and what comes out is
-compared: position, limit force, applied force, the ledger. A difference of one bit is one.
+file gets the same again, from a device that answers as the recorded one did, and its outputs are
+compared to the bit: position, limit force, applied force, the ledger.
 
 * *Commands.* Each commanded force must be what the stages of the safety chain make of a force
   command in the recording that answers the tick that the telemetry names.
@@ -14,7 +14,7 @@ compared: position, limit force, applied force, the ledger. A difference of one 
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import cast
@@ -59,7 +59,7 @@ def verify(recording: Recording, device: DeviceConfig) -> Verified:
         device: Of the recorded launch file.
 
     Raises:
-        ConfigError: If the recording does not hold what the bounder heard from the beginning.
+        ConfigError: If the recording does not hold the bounder's inputs from the beginning.
     """
     packets = cast("list[Telemetry]", recording.packets(TOPIC_OF[Telemetry]))
     if not packets or packets[0].read_ns is None:
@@ -81,51 +81,18 @@ def _lives(packets: Sequence[Telemetry]) -> Iterator[Sequence[Telemetry]]:
 
 def _engaged_at(life: Sequence[Telemetry]) -> int:
     """Return the number of the packet with which the force engaged; without one, of none."""
-    known = next((packet for packet in life if packet.elapsed > 0.0), None)
-    if known is None:
-        return len(life)
-    engaged_ns = known.time_ns - round(known.elapsed * 1e9)
-    return next(k for k, packet in enumerate(life) if packet.time_ns >= engaged_ns)
-
-
-def _start_of(life: Sequence[Telemetry], engaged: int, laws: Mapping[int, str]) -> int:
-    """Return the number of the first packet whose ledger can be known.
-
-    Raises:
-        ConfigError: If there is none.
-    """
-    if engaged > 0 or life[0].seq == life[0].deadline_misses:  # no force before it engages
-        return 0
-    start = next((k for k, tick in enumerate(life, start=1) if tick.time_ns in laws), len(life))
-    if start == len(life):
-        raise ConfigError(
-            f"the recording begins with tick {life[0].seq}, when its ledger had begun, and no other"
-            " ledger begins in it (a new law): record from the beginning, with --record"
-        )
-    return start
-
-
-def _is_next(packet: Telemetry, before: Telemetry) -> bool:
-    """Whether the ticks between two packets were skipped, and none is missing."""
-    skipped = packet.deadline_misses - before.deadline_misses
-    return packet.seq - before.seq - 1 == skipped
+    engaged_ns = [one.time_ns - round(one.elapsed * 1e9) for one in life if one.elapsed > 0.0][:1]
+    return sum(not engaged_ns or packet.time_ns < engaged_ns[0] for packet in life)
 
 
 class _RecordedDevice(Device):
-    """A device that answers as a recorded one did; see :class:`forcebound.haptics.devices.Device`.
+    """A device that answers as a recorded one did, at the tick of ``packet``."""
 
-    Attributes:
-        packet: Of the tick that is under way.
-    """
-
-    def __init__(
-        self, model: DeviceModel, packet: Telemetry, has_steps: bool, takes_limit: bool
-    ) -> None:
-        self.axes = len(packet.joints or packet.position)
-        self.packet = packet
-        self._has_steps, self._takes_limit = has_steps, takes_limit
-        self._ahead_ns = 0
+    def __init__(self, model: DeviceModel, takes_limit: bool, packet: Telemetry) -> None:
+        self.axes, self.packet = len(packet.joints or packet.position), packet
         self.kinematics = None if packet.joints is None else model.kinematics()
+        self._has_steps = not hasattr(model, "body")  # only a simulated device has one
+        self._takes_limit, self._ahead_ns = takes_limit, 0
 
     def read(self, time_ns: int) -> Vector:
         return self.packet.joints or self.packet.position
@@ -147,7 +114,6 @@ class _RecordedDevice(Device):
         return None if at is None or position is None else (at, position)
 
     def set_hold_limit(self, seconds: float) -> float | None:
-        """Return ``seconds``, what came of it is recorded; None if it took no other limit."""
         return seconds if self._takes_limit else None
 
 
@@ -158,13 +124,12 @@ class _Rerun:
         self, device: DeviceConfig, events: Sequence[Event], commands: Sequence[ForceCommand]
     ) -> None:
         self._config, self._law = device, device.servo.law
-        self._laws = {
-            each.time_ns: each.data["law"] for each in events if each.event == LAW_CHANGED
-        }
-        # A device of the user's own says it where its force engages or its law changes.
-        is_simulated = hasattr(device.model, "body")
-        self._takes_limit = is_simulated or any(TAKES_HOLD_LIMIT in each.data for each in events)
-        self._has_steps = not is_simulated
+        changes = [each for each in events if each.event == LAW_CHANGED]
+        self._laws: dict[int, str] = {each.time_ns: each.data["law"] for each in changes}
+        # A custom device reports it where its force engages or its law changes.
+        self._takes_limit = hasattr(device.model, "body") or any(
+            TAKES_HOLD_LIMIT in each.data for each in events
+        )
         self._commands: dict[int, list[ForceCommand]] = {}  # by the tick that they answer
         for command in commands:
             self._commands.setdefault(command.device_seq, []).append(command)
@@ -173,9 +138,7 @@ class _Rerun:
         """Return what the packets give."""
         self._found = Verified(len(packets))
         for life in _lives(packets):
-            self._device = _RecordedDevice(
-                self._config.model, life[0], self._has_steps, self._takes_limit
-            )
+            self._device = _RecordedDevice(self._config.model, self._takes_limit, life[0])
             self._begin()
             if not self._live(life):
                 break
@@ -185,34 +148,40 @@ class _Rerun:
         """Begin the ledger of a device that starts; its law is the last one of its former life."""
         servo = self._config.servo
         dissipation = dissipation_of(self._config.model, servo)
-        learns = servo.hold_limit == "auto"
         self._chain = SafetyChain(self._device.axes, servo)
+        learns = servo.hold_limit == "auto"
         self._bounded = BoundedDevice(self._device, self._law, dissipation, learns)
 
     def _live(self, life: Sequence[Telemetry]) -> bool:
         """Run through a life; return whether no tick of it is missing."""
-        engaged = _engaged_at(life)
-        start = _start_of(life, engaged, self._laws)
-        self._found.unknown += start
-        if start > engaged:
+        engaged, start = _engaged_at(life), 0
+        if engaged == 0 and life[0].seq != life[0].deadline_misses:  # there is an earlier ledger
+            start = next((k for k, one in enumerate(life, start=1) if one.time_ns in self._laws), 0)
+            if start in (0, len(life)):
+                raise ConfigError(
+                    f"the recording begins with tick {life[0].seq}, when its ledger had begun, and"
+                    " no other ledger begins in it (a new law): record from the beginning, with"
+                    " --record"
+                )
+            self._found.unknown += start
             self._law = self._laws[life[start - 1].time_ns]
             self._begin()
             self._bounded.begin()
-        for k in range(start, len(life)):
-            if k > start and not _is_next(life[k], life[k - 1]):
-                return False
+        for k, packet in enumerate(life[start:], start):
+            if k > start:
+                skipped = packet.deadline_misses - life[k - 1].deadline_misses
+                if packet.seq - life[k - 1].seq - 1 != skipped:
+                    return False
             if k == engaged:
                 self._bounded.begin()
-            self._tick(life[k])
-            law = self._laws.get(life[k].time_ns)
-            if law is not None:
-                self._law = law
-                self._bounded.change_law(law)
+            self._tick(packet)
+            if packet.time_ns in self._laws:
+                self._law = self._laws[packet.time_ns]
+                self._bounded.change_law(self._law)
         return True
 
     def _tick(self, packet: Telemetry) -> None:
-        device, bounded = self._device, self._bounded
-        device.packet = packet
+        found, bounded, self._device.packet = self._found, self._bounded, packet
         self._follow(packet)
         written = bounded.write(packet.time_ns, packet.commanded_force, packet.engagement)
         pairs = {
@@ -222,13 +191,12 @@ class _Rerun:
             "applied_force": (written.applied, packet.applied_force),
             "estimated_energy": ((bounded.bounder.estimated_energy,), (packet.estimated_energy,)),
         }
-        found = self._found
-        found.verified += 1
         differing = [
             f"tick {packet.seq}: {name} is {new}, recorded {old}"
             for name, (new, old) in pairs.items()
             if not _are_same(new, old)
         ]
+        found.verified += 1
         found.differing += bool(differing)
         found.difference = found.difference or "".join(differing[:1])
 

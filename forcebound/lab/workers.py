@@ -1,4 +1,4 @@
-"""Processes for one function, executors for divisible work (cores or a dask cluster), progress.
+"""Executors for divisible work (cores or a dask cluster), and its progress.
 
 Take the results from :func:`completed` and do not cancel futures: a future that is cancelled while
 its process ends makes the pool's own thread fail in Python 3.11. An interruption ends the
@@ -17,7 +17,7 @@ from concurrent.futures import (
     ProcessPoolExecutor,
     as_completed,
 )
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager
 from multiprocessing import active_children, get_context
 from typing import Any, TypeVar
 
@@ -70,45 +70,6 @@ def _begin_worker() -> None:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # each has a core; before numpy is loaded
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends it
     die_with_parent(signal.SIGKILL)
-
-
-@contextmanager
-def serving(function: Callable[..., object], *arguments: object) -> Iterator[None]:
-    """Run a function in a process of its own during the body; it ends with this one in any case."""
-    process = get_context("spawn").Process(target=_serve, args=(function, *arguments), daemon=True)
-    process.start()
-    try:
-        yield
-    finally:
-        process.kill()
-        process.join()
-
-
-def returned_by(function: Callable[..., Any], *arguments: object, takes: float) -> Any:
-    """Return what a function returns in a process of its own, within ``takes`` s.
-
-    Raises:
-        RunError: If it failed, or did not end in time.
-    """
-    receiver, sender = get_context("spawn").Pipe(duplex=False)
-    with serving(_answer, sender, function, *arguments):
-        sender.close()
-        with suppress(EOFError):
-            if receiver.poll(takes):
-                return receiver.recv()
-    raise RunError(
-        f"{function.__name__} failed in its process, or did not end within {takes:.0f} s"
-    )
-
-
-def _serve(function: Callable[..., object], *arguments: object) -> None:
-    _begin_worker()
-    function(*arguments)
-
-
-def _answer(sender: Any, function: Callable[..., Any], *arguments: object) -> None:
-    sender.send(function(*arguments))
-    os._exit(0)  # without waiting for sockets that it has left open
 
 
 @contextmanager

@@ -36,7 +36,7 @@ from forcebound.lab.adversaries import (
     RandomForce,
     VelocityPusher,
 )
-from forcebound.lab.cases import NOISES, Range, decode, seed_of
+from forcebound.lab.cases import NOISES, Range, by_logarithm, decode, seed_of
 
 Numbers: TypeAlias = Mapping[str, float]
 
@@ -77,9 +77,8 @@ NUMBERS: dict[str, Range] = {
 WATCHDOGS: tuple[Watchdog, ...] = ("silent", "reporting", "guarding")
 
 
-def _between(low: float, high: float, share: float) -> float:
-    """Return the number at this share, 0 to 1, of a logarithmic range."""
-    return float(low * (high / low) ** share)
+def _log(numbers: Numbers, share: int, low: float, high: float) -> float:
+    return by_logarithm(low, high, numbers[f"share_{share}"])
 
 
 def _environment(kind: str, **values: Any) -> EnvironmentModel:
@@ -102,7 +101,7 @@ def _surface(n: Numbers) -> Surface:
 
 def _solid(n: Numbers) -> EnvironmentModel:
     """Return a sphere, a box with a groove, or a wedge of two planes, their surface near 0 m."""
-    size = _between(5e-3, 0.1, abs(2.0 * n["share_1"] - 1.0))
+    size = by_logarithm(5e-3, 0.1, abs(2.0 * n["share_1"] - 1.0))
     edge = 2.0 * size
     shapes = (
         (Shape("sphere", position=(size, 0.0, 0.0), radius=size),),
@@ -127,21 +126,18 @@ def _of_file(kind: str, n: Numbers, file: Path | None = None, **values: Any) -> 
 
 def _fixtures(n: Numbers) -> EnvironmentModel:
     """Return a solid with a path and a plane that draw the hand, and a workspace that ends."""
-    reach = _between(1e-3, 0.05, n["share_1"])
+    reach = _log(n, 1, 1e-3, 0.05)
     fixtures = Fixtures(
         plane=GuidancePlane(normal=(0.2, 1.0, 0.0), stiffness=n["stiffness"], reach=reach),
         path=GuidancePath(
             points=((-0.01, 0.0), (0.01, 0.01), (0.01, -0.01)),
-            stiffness=0.5 * n["stiffness"],
-            reach=reach,
+            stiffness=0.5 * n["stiffness"], reach=reach,
         ),
         workspace=WorkspaceLimit(
-            low=(-0.01, -0.005),
-            high=(0.01, 0.005),
-            stiffness=n["stiffness"],
-            damping=20.0 * n["share_2"],
+            low=(-0.01, -0.005), high=(0.01, 0.005),
+            stiffness=n["stiffness"], damping=20.0 * n["share_2"],
         ),
-    )
+    )  # fmt: skip
     return WithFixtures(_solid(n), fixtures)
 
 
@@ -153,7 +149,7 @@ BOXES = Path(__file__).parents[1] / "launch_files" / "push_boxes.xml"  # needs t
 
 def _bodies(n: Numbers) -> EnvironmentModel:
     """Return twenty boxes, on a coupling that is at most as stiff as MuJoCo can integrate."""
-    mass = _between(1e-3, 0.1, n["share_2"])
+    mass = _log(n, 2, 1e-3, 0.1)
     return _environment(
         "bodies",
         file=BOXES,
@@ -171,39 +167,24 @@ WORLDS: dict[str, Callable[[Numbers], EnvironmentModel]] = {
         "damped_wall", stiffness=n["stiffness"], damping=50.0 * n["share_1"], position=0.0
     ),
     "exploding_body": lambda n: Adversary(
-        partial(
-            ExplodingBody,
-            n["stiffness"],
-            _between(1e-3, 1.0, n["share_1"]),
-            _between(1e-3, 1.0, n["share_2"]),
-        )
+        partial(ExplodingBody, n["stiffness"], _log(n, 1, 1e-3, 1.0), _log(n, 2, 1e-3, 1.0))
     ),
     "holed_wall": lambda n: Adversary(
         lambda axes: HoledWall(
-            n["stiffness"],
-            _between(1e-4, 0.01, n["share_1"]),
-            n["share_2"],
-            int(1000.0 * n["share_3"]),
+            n["stiffness"], _log(n, 1, 1e-4, 0.01), n["share_2"], int(1000.0 * n["share_3"])
         )
     ),
     "jumping_proxy": lambda n: Adversary(
         lambda axes: JumpingProxy(
-            n["stiffness"],
-            _between(1e-4, 0.05, n["share_1"]),
-            _between(5e-4, 0.1, n["share_2"]),
-            int(1000.0 * n["share_3"]),
+            n["stiffness"], _log(n, 1, 1e-4, 0.05), _log(n, 2, 5e-4, 0.1), int(1e3 * n["share_3"])
         )
     ),
     "mass_spring": lambda n: _environment(
-        "mass_spring",
-        stiffness=n["stiffness"],
-        mass=_between(0.01, 1.0, n["share_1"]),
-        spring=_between(10.0, 1e4, n["share_2"]),
-        damping=10.0 * n["share_3"],
-        position=0.0,
+        "mass_spring", stiffness=n["stiffness"], mass=_log(n, 1, 0.01, 1.0),
+        spring=_log(n, 2, 10.0, 1e4), damping=10.0 * n["share_3"], position=0.0,
     ),
     "random_force": lambda n: RandomForce(
-        30.0 * n["share_1"], _between(5e-4, 0.1, n["share_2"]), int(1000.0 * n["share_3"])
+        30.0 * n["share_1"], _log(n, 2, 5e-4, 0.1), int(1000.0 * n["share_3"])
     ),
     "solid": _solid,
     "fixtures": _fixtures,
@@ -211,30 +192,25 @@ WORLDS: dict[str, Callable[[Numbers], EnvironmentModel]] = {
     "distance_field": lambda n: _of_file("distance_field", n, position=BACK),
     "point_cloud": lambda n: _of_file("point_cloud", n, position=BACK),
     "mesh_with_hole": lambda n: _of_file(
-        "mesh",
-        n,
-        OPEN_BOX,
-        scale=_between(0.01, 0.1, n["share_1"]),
-        may_be_open=True,
-        position=(0.0, 0.0, 0.0),
-        orientation=(1.0, 0.2, 0.1, 0.3),
+        "mesh", n, OPEN_BOX, scale=_log(n, 1, 0.01, 0.1), may_be_open=True,
+        position=(0.0, 0.0, 0.0), orientation=(1.0, 0.2, 0.1, 0.3),
     ),
     "bodies": _bodies,
     "velocity_pusher": lambda n: VelocityPusher(30.0 * n["share_1"]),
-}
+}  # fmt: skip
 
 #: How the numbers of a case choose the parameters of a controller; others have their defaults.
 CONTROLLERS: dict[str, Callable[[Numbers], dict[str, float]]] = {
-    "local_model": lambda n: {"power": _between(1e-3, 1e3, n["share_4"])},
+    "local_model": lambda n: {"power": _log(n, 4, 1e-3, 1e3)},
     "scaled": lambda n: {
-        "motion_scale": _between(0.1, 10.0, n["share_3"]),
-        "force_scale": _between(0.1, 10.0, n["share_4"]),
+        "motion_scale": _log(n, 3, 0.1, 10.0),
+        "force_scale": _log(n, 4, 0.1, 10.0),
         "border": 0.01,
-        "border_rate": _between(0.1, 100.0, n["share_2"]),
+        "border_rate": _log(n, 2, 0.1, 100.0),
     },
     "virtual_coupling": lambda n: {
-        "stiffness": _between(10.0, 1e4, n["share_3"]),
-        "damping": _between(1e-3, 10.0, n["share_4"]),
+        "stiffness": _log(n, 3, 10.0, 1e4),
+        "damping": _log(n, 4, 1e-3, 10.0),
         "mass": max(n["share_2"] - 0.5, 0.0),
     },
 }
@@ -247,7 +223,7 @@ def controller_of(kind: str, numbers: Numbers) -> ControllerModel:
     return model
 
 
-class Case(NamedTuple):
+class WorldScenario(NamedTuple):
     """Definition of a run, without the law."""
 
     name: str  # see the module's docstring
@@ -272,7 +248,7 @@ def check_name(what: str, name: str, table: Mapping[str, Any]) -> None:
         raise ConfigError(f"no {what} {name!r} is under attack; known are {', '.join(table)}")
 
 
-def case_of(name: str) -> Case:
+def case_of(name: str) -> WorldScenario:
     """Return the case of a name.
 
     Raises:
@@ -286,6 +262,6 @@ def case_of(name: str) -> Case:
     if seed is not None:
         draw = random.Random(seed)
         drawn = {name: one.draw(draw) for name, one in NUMBERS.items()}
-        return Case(name, world, controller, seed, drawn)
+        return WorldScenario(name, world, controller, seed, drawn)
     (noise,), numbers = decode(rest, (NOISES,), NUMBERS)
-    return Case(name, world, controller, noise, numbers)
+    return WorldScenario(name, world, controller, noise, numbers)

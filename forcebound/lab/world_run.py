@@ -13,8 +13,8 @@ from forcebound.haptics.devices.phantom import PhantomPremium15
 from forcebound.haptics.devices.simulated import SimulatedDevice
 from forcebound.haptics.hands import Operator
 from forcebound.haptics.laws import check_law
-from forcebound.lab.attack import EARNED
-from forcebound.lab.world_cases import WATCHDOGS, WORLDS, Case, controller_of
+from forcebound.lab.cases import LEAST_PEAK
+from forcebound.lab.world_cases import WATCHDOGS, WORLDS, WorldScenario, controller_of
 from forcebound.messages.packets import TOPIC_OF, EnvironmentQuery, EnvironmentReply, Packet, Vector
 from forcebound.network.impairment import Impairment
 from forcebound.network.link import Link, link_seed
@@ -51,21 +51,16 @@ class SpaceHand(Operator):
 
 
 class WatchedDevice(SimulatedDevice):
-    """A simulated device that keeps the lowest energies of its hand.
-
-    Attributes:
-        energy_min: Lowest energy of the hand, in J.
-        lost_min: Lowest loss plus work: that energy less the kinetic energy of the device, in J.
-        share_left: Lowest share left of the loss plus work so far; 1 if there was none.
-        peak_force: Largest force that was written, in N.
-    """
+    """A simulated device that keeps the lowest energies of its hand."""
 
     def __init__(self, model: PhantomPremium15, hand: SpaceHand, hold_limit: float) -> None:
         super().__init__(model, hand, hold_limit)
         self._half_mass = 0.5 * model.mass
-        self.energy_min = self.lost_min = self._earned = 0.0
-        self.share_left = 1.0
-        self.peak_force = 0.0
+        self.energy_min = 0.0  # J, of the hand
+        self.lost_min = 0.0  # J, loss plus work: less the kinetic energy of the device
+        self._earned = 0.0  # J, largest loss plus work
+        self.share_left = 1.0  # lowest share left of the loss plus work so far
+        self.peak_force = 0.0  # N
 
     def write(self, time_ns: int, force: Vector) -> Vector:
         """Hold ``force`` from now on; see :class:`forcebound.haptics.devices.Device`."""
@@ -83,11 +78,11 @@ class WatchedDevice(SimulatedDevice):
             self.energy_min = min(self.energy_min, truth.energy)
             self.lost_min = min(self.lost_min, lost)
             self._earned = max(self._earned, lost)
-            if self._earned > EARNED:
+            if self._earned > LEAST_PEAK:
                 self.share_left = min(self.share_left, lost / self._earned)
 
 
-def attack(law: str, case: Case, seconds: float = SECONDS) -> WatchedDevice:
+def attack(law: str, case: WorldScenario, seconds: float = SECONDS) -> WatchedDevice:
     """Run a case, and return its device with the energies that it has kept.
 
     Raises:
@@ -124,7 +119,7 @@ def attack(law: str, case: Case, seconds: float = SECONDS) -> WatchedDevice:
     return device
 
 
-def device_of(case: Case) -> PhantomPremium15:
+def device_of(case: WorldScenario) -> PhantomPremium15:
     """Return the device of a case, which has just what it states."""
     numbers, axes = case.numbers, case.axes
     damping, friction = (
@@ -142,7 +137,7 @@ def device_of(case: Case) -> PhantomPremium15:
     )
 
 
-def hand_of(case: Case) -> SpaceHand:
+def hand_of(case: WorldScenario) -> SpaceHand:
     """Return the hand of a case."""
     numbers, others = case.numbers, range(1, case.axes)
     frequency, detuning = numbers["frequency"], numbers["detuning"]
@@ -156,7 +151,7 @@ def hand_of(case: Case) -> SpaceHand:
     )
 
 
-def servo_of(law: str, case: Case) -> ServoSettings:
+def servo_of(law: str, case: WorldScenario) -> ServoSettings:
     """Return the servo of a case."""
     numbers = case.numbers
     return ServoSettings(
@@ -167,7 +162,7 @@ def servo_of(law: str, case: Case) -> ServoSettings:
     )
 
 
-def _links_of(case: Case) -> dict[str, Link[Packet]]:
+def _links_of(case: WorldScenario) -> dict[str, Link[Packet]]:
     numbers = case.numbers
     impairment = Impairment(
         delay=numbers["link_delay"], jitter=numbers["delay_jitter"], loss=numbers["loss"]

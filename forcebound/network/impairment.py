@@ -55,8 +55,8 @@ class Slot:
     (uniform) later; all packets that are through until then go with it.
 
     Attributes:
-        min_delay: Shortest time until the slot, in s.
-        max_delay: Longest, in s; None: ``min_delay``.
+        min_delay: Shortest time until the slot.
+        max_delay: Longest; null: ``min_delay``.
         packets: How many go in one slot, the rest in the next one; 0: all.
     """
 
@@ -94,10 +94,9 @@ class Impairment:
         jitter: Scale of the deviation from ``delay``, in s, at least 0. May exceed ``delay``: a
             packet that would be through before it arrives is through when it arrives.
         loss: Probability of a packet being lost, 0 to 1.
-        distribution: Of the deviation; see the head of this module.
+        distribution: Of the deviation; docs/impairments.md has the shapes.
         distribution_file: Table of the deviation instead, in the format of tc's ``.dist`` files.
-        trace: File of recorded delays, instead of ``delay`` and ``jitter``; who builds the link
-            reads it (:class:`forcebound.network.trace.DelayTrace`).
+        trace: File of recorded delays, instead of ``delay`` and ``jitter``.
         trace_hop: Where a recording that ``trace`` names has these delays: on one link, or all
             around the loop.
         correlation: Of a delay with the one before, 0 to 1.

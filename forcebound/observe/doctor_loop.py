@@ -13,7 +13,7 @@ from forcebound.observe.findings import Finding, note, problem
 from forcebound.observe.observation import Observations
 from forcebound.results.bounder import Cause, Limited, causes_of_little_force
 from forcebound.roles import DEVICE
-from forcebound.run.process import COMPLETE
+from forcebound.run.process.recorder import COMPLETE
 
 NEAR_AGE_LIMIT = 0.7  # of it; beyond, a little more delay takes the force away
 LATE_PERIODS = 3.0  # above the delay that is injected; an idle machine needs less than 1.5

@@ -23,6 +23,8 @@ from forcebound.observe.findings import Finding, fine, note, problem
 FEW_CORES = 2  # the chain of nodes has one of its own, all others share the rest
 SMALL_SPACE = 200_000_000  # B in the runtime folder; a recording of some minutes
 NO_SPACE = 10_000_000  # B, with which no run can begin
+STEAL_S = 0.5  # s, in which steal is measured at least
+LARGE_STEAL = 0.02  # of all processors' time
 COARSE_CLOCK = 1e-6  # s; without high-resolution timers a clock steps by milliseconds
 CLOCK_SOURCE = "/sys/devices/system/clocksource/clocksource0/current_clocksource"
 SLOW_CLOCKS = ("hpet", "acpi_pm", "jiffies", "refined-jiffies")  # microseconds to read, or coarse
@@ -106,6 +108,22 @@ def load(mean: float, cores: int) -> Finding:
         return fine("load", "load", words)
     action = "end what is not needed (top), or keep it off the highest core (taskset, isolcpus)"
     return note("high_load", "load", f"{words}: ticks may be late", action)
+
+
+def processor_times() -> tuple[int, int]:
+    """Return the time of all processors since boot, and what of it the host took, in ticks."""
+    times = [int(word) for word in _read("/proc/stat").partition("\n")[0].split()[1:9]]
+    return sum(times), sum(times[7:])  # user nice system idle iowait irq softirq steal
+
+
+def steal(before: tuple[int, int], after: tuple[int, int]) -> Iterator[Finding]:
+    """Judge what the host of a virtual machine took between two :func:`processor_times`."""
+    total, stolen = (new - old for old, new in zip(before, after, strict=True))
+    if stolen > LARGE_STEAL * total:
+        words = (
+            f"the host took {stolen / total:.0%} of the processors' time: late ticks, less force"
+        )
+        yield note("steal", "steal", words, "use a machine that shares its processors less")
 
 
 def frequency(governor: str) -> Iterator[Finding]:

@@ -5,13 +5,16 @@ neighbouring rounds mean something. ``benchmarks/`` measures more, with the same
 """
 
 import math
+import os
+import signal
 import struct
 import tempfile
 import time
-from collections.abc import Callable, Iterable, Sequence
-from contextlib import ExitStack, suppress
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
 from itertools import count
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 
@@ -22,7 +25,6 @@ from zmq.backend import Socket as _CompiledSocket
 from forcebound import realtime
 from forcebound.errors import RunError
 from forcebound.graph.loader import load
-from forcebound.lab.workers import returned_by, serving
 from forcebound.messages import packets
 from forcebound.messages.codec import encode
 from forcebound.messages.events import EventLog
@@ -31,9 +33,9 @@ from forcebound.network.sockets import Network, Publisher, make_socket
 from forcebound.nodes import Node
 from forcebound.realtime import Settings
 from forcebound.roles import CONTROLLER, DEVICE, ENVIRONMENT
-from forcebound.run.build import build_node
-from forcebound.run.links import build_links
-from forcebound.run.process import Runner, Stop, run
+from forcebound.run.build import build_links, build_node
+from forcebound.run.process.runner import Runner, run
+from forcebound.stop import Stop
 
 LAUNCH_FILE = "stiff_wall"
 SHARES = {"p50": 0.5, "p99": 0.99, "p99_9": 0.999, "max": 1.0}
@@ -112,12 +114,45 @@ def pace(exchange: Exchange, settings: Settings | None, timing: Timing) -> Round
     return Round(times_ns, missed, used_ns, now_ns - began_ns)
 
 
+@contextmanager
+def serving(function: Callable[..., object], *arguments: object) -> Iterator[None]:
+    """Run a function in a process of its own during the body; it ends with this one in any case."""
+    process = get_context("spawn").Process(target=_serve, args=(function, *arguments), daemon=True)
+    process.start()
+    try:
+        yield
+    finally:
+        process.kill()
+        process.join()
+
+
+def _serve(function: Callable[..., object], *arguments: object) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends it
+    realtime.die_with_parent(signal.SIGKILL)
+    function(*arguments)
+
+
 def apart(function: Callable[..., Any], *arguments: Any) -> Round:
-    """Return the round that a function runs in a process of its own; the last argument times it."""
+    """Return the round that a function runs in a process of its own; the last argument times it.
+
+    Raises:
+        RunError: If it failed, or did not end in time.
+    """
     period_ns, exchanges = arguments[-1]
-    takes = 2 * READY + 4 * (WARMUP + exchanges) * period_ns * 1e-9  # at most
-    found: Round = returned_by(function, *arguments, takes=takes)
-    return found
+    most = 2 * READY + 4 * (WARMUP + exchanges) * period_ns * 1e-9
+    receiver, sender = get_context("spawn").Pipe(duplex=False)
+    with serving(_answer, sender, function, *arguments):
+        sender.close()
+        with suppress(EOFError):
+            if receiver.poll(most):
+                found: Round = receiver.recv()
+                return found
+    raise RunError(f"{function.__name__} failed in its process, or did not end within {most:.0f} s")
+
+
+def _answer(sender: Any, function: Callable[..., Any], *arguments: object) -> None:
+    sender.send(function(*arguments))
+    os._exit(0)  # without waiting for sockets that it has left open
 
 
 def loop(function: Callable[..., Any], settings: Settings | None, timing: Timing) -> Round:

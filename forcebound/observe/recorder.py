@@ -21,8 +21,10 @@ from forcebound.messages.packets import TOPIC_OF, Telemetry
 from forcebound.network import sockets
 from forcebound.observe.control import device_status
 from forcebound.observe.runs import Watch
-from forcebound.run import process
+from forcebound.run.process.reader import Reader
+from forcebound.run.process.recorder import COMPLETE, FailSafeSink
 from forcebound.run.run_directory import RunDocument, read_launch_document
+from forcebound.stop import Stop
 
 if TYPE_CHECKING:
     from forcebound.recordings.recording import Recorder
@@ -50,7 +52,7 @@ def record_running(
     file: Path,
     duration: float | None,
     begin: Callable[[str], None],
-    stop: process.Stop,
+    stop: Stop,
 ) -> Recorded:
     """Record a running graph for ``duration`` s, until a request to stop, or until it ends.
 
@@ -63,10 +65,10 @@ def record_running(
     """
     check_writable(file, "the recording")
     run, watch = RunDocument.read(run_dir), Watch(run_dir)
-    with process.Reader(run_dir, run.graph.streams, run.core) as reader:
+    with Reader(run_dir, run.graph.streams, run.core) as reader:
         sockets.wait((stop.descriptor,), CONNECTED_NS)
         recorder = _begun(run_dir, run, file, reader)
-        sink = process.FailSafeSink(recorder)
+        sink = FailSafeSink(recorder)
         begin(run.file)
         start = time.monotonic()
         end = math.inf if duration is None else start + duration
@@ -74,27 +76,27 @@ def record_running(
             while not (stop.requested or watch.is_over or time.monotonic() >= end):
                 reader.wait(stop.descriptor)
                 sink.take(reader)
-                if sink.state != process.COMPLETE:
+                if sink.state != COMPLETE:
                     break
             sink.take(reader)  # what came during the last look, which is long on a busy machine
             sink.flush()
         finally:
             with suppress(OSError):  # a full disk, which is reported; the file stays readable
-                recorder.close() if sink.state == process.COMPLETE else recorder.abandon()
+                recorder.close() if sink.state == COMPLETE else recorder.abandon()
         seconds = time.monotonic() - start
     if not any(reader.received.values()):
         file.unlink()
         if stop.requested:
             raise KeyboardInterrupt
         raise RunError(f"nothing came from the graph in {run_dir} for {seconds:.1f} s")
-    if sink.state != process.COMPLETE:
+    if sink.state != COMPLETE:
         raise RunError(f"recording {sink.state}; {file} has what came before")
     ended = "graph ended" if watch.is_over else "duration"
     ended = "interrupted" if stop.requested else ended
     return Recorded(str(file), run.file, round(seconds, 3), reader.received, ended)
 
 
-def _begun(run_dir: Path, run: RunDocument, file: Path, reader: process.Reader) -> "Recorder":
+def _begun(run_dir: Path, run: RunDocument, file: Path, reader: Reader) -> "Recorder":
     """Return a recorder of what comes from now on, with the values of now in its metadata."""
     from forcebound.recordings.recording import ENERGY_BEFORE, Recorder  # slow to import
 

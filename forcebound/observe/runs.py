@@ -3,7 +3,7 @@
 A run directory is named ``forcebound-...``, lies in the user's runtime folder
 (:mod:`forcebound.folders`) or in the one for temporary files, belongs to the user, has a run's
 document (:class:`forcebound.run.run_directory.RunDocument`) and is held by a launcher, or by an
-environment for a graph on another machine (:mod:`forcebound.run.run_lock`).
+environment for a graph on another machine (:mod:`forcebound.run.run_directory`).
 """
 
 import os
@@ -21,10 +21,10 @@ from forcebound.run.run_directory import (
     RunDocument,
     graph_in,
     has_launcher,
+    is_held,
     own_run_directories,
     run_folders,
 )
-from forcebound.run.run_lock import is_held
 
 START_TIMEOUT = 60.0  # s, within which a launcher makes its run directory
 POLL_NS = 100_000_000  # between two looks for it

@@ -17,7 +17,7 @@ from msgspec import Struct
 from forcebound.errors import ConfigError, RunError
 from forcebound.graph.problems import unknown
 from forcebound.messages.packets import TOPIC_OF, TOPICS, Event, Packet, field_types
-from forcebound.run.process import Reader, Received
+from forcebound.run.process.reader import Reader, Received
 from forcebound.run.run_directory import RUN_FILE, RunDocument
 
 

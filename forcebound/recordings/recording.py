@@ -202,9 +202,10 @@ class Recording:
         for topic, packet in self._decoded(takers):
             takers[topic](packet)
         if not collector:
-            raise ConfigError(
-                f"{self.path} has no telemetry: did the run end before its device node started?"
-            )
+            why = "did the run end before its device node started?"
+            if not self.complete:
+                why = "it was cut or damaged before the first"
+            raise ConfigError(f"{self.path} has no telemetry: {why}")
         try:
             return collector.columns(), events
         except ValueError as error:
@@ -281,7 +282,7 @@ def read(path: str | PathLike[str], topics: Collection[str] = tuple(TOPICS)) -> 
 
     Args:
         path: The file.
-        topics: Of the packets that are wanted; of others it gives none.
+        topics: Of the packets to read; of others it gives none.
 
     Raises:
         ConfigError: If the file is missing, is no regular file, is not MCAP, was not written by

@@ -1,93 +1,61 @@
 """JSON schemas of recorded packets, with units, for Foxglove and PlotJuggler.
 
-They use one type per field, since Foxglove rejects a list of types, and say nothing of arrays
-within arrays (the points of a path), which it rejects, too.
+They are msgspec's with one type per field, since Foxglove rejects a list of types, and without
+arrays within arrays (the points of a path), which it rejects, too.
 """
 
-from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
+from typing import Any, get_args
 
-import msgspec
+from msgspec.json import schema_components
 
-from forcebound.messages.packets import (
-    MAX_AXES,
-    Meaning,
-    Packet,
-    Point,
-    Quaternion,
-    Vector,
-    field_types,
-    meanings,
-)
+from forcebound.messages.packets import Packet, field_types
 from forcebound.messages.topology import HAND
 
 #: Fields that are left out of a message when they are empty, or that older recordings lack.
 ABSENT: dict[str, Any] = {"hand": HAND, "proxies": {}}
 
+_KEPT = ("type", "items", "minItems", "maxItems", "properties", "additionalProperties", "required")
+
 
 def schema(packet: type[Packet]) -> dict[str, Any]:
     """Return the jsonschema of a packet: types, units and meaning of its fields."""
-    types, meaning = field_types(packet), meanings(packet)
+    _, rules = schema_components([packet])
+    types, described = field_types(packet), rules[packet.__name__]
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": f"forcebound.{packet.__name__}",
-        "description": (packet.__doc__ or "").strip().splitlines()[0],
+        "description": described["description"].partition("\n")[0],
         "type": "object",
         "properties": {
-            name: _field_schema(hint) | _described(meaning[name]) for name, hint in types.items()
+            name: _plain(field, rules) | _described(field["description"], field["unit"])
+            for name, field in ((name, described["properties"][name]) for name in types)
         },
         "required": [n for n, hint in types.items() if not is_optional(hint) and n not in ABSENT],
     }
 
 
-def _described(meaning: Meaning) -> dict[str, str]:
+def is_optional(hint: Any) -> bool:
+    """Return whether a field may have no value."""
+    return type(None) in get_args(hint)
+
+
+def _described(text: str, unit: str) -> dict[str, str]:
     """Return text and unit; a program that shows only descriptions shows both."""
-    text, unit = meaning
     return {"description": f"{text}, {unit}", "unit": unit} if unit else {"description": text}
 
 
-def is_optional(hint: Any) -> bool:
-    """Return whether a field may have no value."""
-    return type(None) in get_args(_unlimited(hint))
-
-
-def plain_type(hint: Any) -> Any:
-    """Return the type of a field that has a value."""
-    return get_args(_unlimited(hint))[0] if is_optional(hint) else hint
-
-
-def _unlimited(hint: Any) -> Any:
-    return hint.__origin__ if get_origin(hint) is Annotated else hint
-
-
-def _field_schema(hint: Any) -> dict[str, Any]:
-    plain = plain_type(hint)
-    if plain is int:
-        return {"type": "integer"}
-    if plain is float:
-        return {"type": "number"}
-    if plain is bool:
-        return {"type": "boolean"}
-    if plain is str:
-        return {"type": "string"}
-    if plain == Vector:
-        return _numbers(1, MAX_AXES)
-    if plain in (Point, Quaternion):
-        return _numbers(len(get_args(plain)), len(get_args(plain)))
-    if get_origin(plain) is Literal:
-        return {"type": "string"}
-    if get_origin(plain) is tuple:
-        return {"type": "array", "items": _object_schema(get_args(plain)[0])}
-    # Foxglove reads ``properties`` of every object, also of an empty one.
-    _, entry = get_args(plain)
-    return {"type": "object", "properties": {}, "additionalProperties": _field_schema(entry)}
-
-
-def _numbers(fewest: int, most: int) -> dict[str, Any]:
-    return {"type": "array", "items": {"type": "number"}, "minItems": fewest, "maxItems": most}
-
-
-def _object_schema(kind: type[msgspec.Struct]) -> dict[str, Any]:
-    hints = get_type_hints(kind)
-    described = {name: _field_schema(hints[name]) for name in hints if name != "points"}
-    required = [field.name for field in msgspec.structs.fields(kind) if field.required]
-    return {"type": "object", "properties": described, "required": required}
+def _plain(rule: dict[str, Any], rules: dict[str, Any]) -> dict[str, Any]:
+    """Return a rule of msgspec's with one type, and what it refers to in its place."""
+    rule = rules[rule["$ref"].rpartition("/")[2]] if "$ref" in rule else rule
+    rule = rule["anyOf"][0] if "anyOf" in rule else rule  # the other: null
+    found = {"type": "string"} | {key: rule[key] for key in _KEPT if key in rule}  # of an enum
+    if "prefixItems" in rule:
+        found["items"] = rule["prefixItems"][0]
+    if "items" in found:
+        found["items"] = _plain(found["items"], rules)
+    if found["type"] == "object":  # Foxglove reads ``properties`` of every object
+        inner = found.get("properties", {}).items()
+        found["properties"] = {n: _plain(one, rules) for n, one in inner if n != "points"}
+    if "additionalProperties" in found:
+        found["additionalProperties"] = _plain(found["additionalProperties"], rules)
+    return found

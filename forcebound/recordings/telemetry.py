@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
+from array import array
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from itertools import chain
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any, Self
 
@@ -15,8 +15,6 @@ from forcebound.messages.packets import EnvironmentReply, Telemetry
 if TYPE_CHECKING:  # a launcher starts without numpy
     import numpy as np
     from numpy.typing import NDArray
-
-BATCH = 2048  # packets that wait until they become columns: a sample takes 2 kB as a packet
 
 # Fields by the type of their column. Those of the ledger are left to verification.
 _SAMPLE = {
@@ -43,8 +41,8 @@ class TelemetryColumns:
     """The telemetry of a run, one array per field; ``n`` samples, oldest first.
 
     ``None`` in a packet is NaN here (-1 in ``device_seq``). Contacts are those of the state of the
-    same tick, whenever the environment answered it. A device that was lost and returned begins its
-    counts anew; here they go on.
+    same tick, whenever the environment answered it. A device that was lost and returned begins to
+    count again; here the counts go on.
     """
 
     time: NDArray[np.float64]  # (n,), s since the first sample with an engaged force
@@ -65,7 +63,7 @@ class TelemetryColumns:
     loop_delay: NDArray[np.float64]  # (n,), s
     reply_age: NDArray[np.float64]  # (n,), s, of the environment's reply in use
     deadline_misses: NDArray[np.int64]  # (n,), ticks skipped so far
-    is_told: NDArray[np.bool_]  # (n,), whether the environment's answer to this tick is known
+    is_answered: NDArray[np.bool_]  # (n,), whether the environment's answer to this tick is known
     proxy: NDArray[np.float64]  # (n, axes), m; NaN without a contact
     normal: NDArray[np.float64]  # (n, axes), outward unit normal at the proxy; NaN likewise
     rejected: Mapping[str, int]  # packets rejected by the end of the run, by reason
@@ -92,18 +90,9 @@ class TelemetryColumns:
         return collector.columns()
 
     def slice(self, chosen: NDArray[np.bool_]) -> Self:
-        """Return the chosen samples, a mask of shape (n,); times and counts stay as they are.
-
-        Samples in a row are not copied.
-        """
-        import numpy as np
-
-        numbers = np.flatnonzero(chosen)
-        kept: Any = chosen
-        if numbers.size and numbers[-1] - numbers[0] + 1 == numbers.size:
-            kept = slice(int(numbers[0]), int(numbers[-1]) + 1)
+        """Return the chosen samples, a mask of shape (n,); times and counts stay as they are."""
         columns = {
-            field.name: getattr(self, field.name)[kept]
+            field.name: getattr(self, field.name)[chosen]
             for field in fields(self)
             if field.name not in ("rejected", "hand")
         }
@@ -154,25 +143,25 @@ class TelemetryCollector:
         time = (time_ns - time_ns[start]) * 1e-9 if self else elapsed
         if self:
             self._rejected += Counter(self._last.rejected)
-        told = self._replies.get(samples.axes, _Table(_CONTACT, samples.axes)).columns()
+        replies = self._replies.get(samples.axes, _Table(_CONTACT, samples.axes)).columns()
         returns = np.flatnonzero(np.diff(seq) < 0) + 1  # samples at which a device has returned
         if returns.size:
             life = np.searchsorted(returns, np.arange(seq.size), "right")
             ticks = _before(seq + 1, returns)
-            lives = np.searchsorted(time_ns[returns - 1], told["device_time_ns"])
-            told["device_seq"] += ticks[lives]
+            lives = np.searchsorted(time_ns[returns - 1], replies["device_time_ns"])
+            replies["device_seq"] += ticks[lives]
             answered, misses = columns["device_seq"], columns["deadline_misses"]
             columns["device_seq"] = np.where(answered < 0, answered, answered + ticks[life])
             columns["deadline_misses"] = misses + _before(misses, returns)[life]
             columns["elapsed"] = np.where(life > 0, elapsed[start] + time, elapsed)
             columns["seq"] = seq = seq + ticks[life]
-        contacts = _contacts(seq, told)
+        contacts = _contacts(seq, replies)
         counts, hand = dict(self._rejected), self._last.hand if self else ""
         return TelemetryColumns(time=time, rejected=counts, hand=hand, **columns, **contacts)
 
 
 class _Table:
-    """Fields of packets of one kind as columns, which grow by batches.
+    """Fields of packets of one kind as columns.
 
     Args:
         names: Fields by the type of their column.
@@ -181,70 +170,66 @@ class _Table:
 
     def __init__(self, names: Mapping[str, Sequence[str]], axes: int) -> None:
         self.axes = axes
-        self._kinds = {name: kind for kind, group in names.items() for name in group}
-        self._values_of = attrgetter(*self._kinds)
-        self._waiting: list[Any] = []
-        self._parts: dict[str, list[NDArray[Any]]] = {name: [] for name in self._kinds}
-        self._other_axes: set[int] = set()
+        kinds = {name: kind for kind, group in names.items() for name in group}
+        self._values_of = attrgetter(*kinds)
+        self._columns: dict[str, tuple[str, array[Any]]] = {
+            name: (kind, array("q" if kind == "int64" else "d")) for name, kind in kinds.items()
+        }
+        self._nothing = (math.nan,) * axes
+        self._counts: set[int] = {axes}  # of the entries of vectors
 
     def add(self, packet: Any) -> None:
-        self._waiting.append(packet)
-        if len(self._waiting) == BATCH:
-            self._convert()
+        for (kind, column), value in zip(
+            self._columns.values(), self._values_of(packet), strict=True
+        ):
+            if kind == "int64":
+                column.append(-1 if value is None else value)
+            elif kind == "float64":
+                column.append(math.nan if value is None else value)
+            else:
+                vector = value or self._nothing
+                column.extend(vector)
+                if len(vector) != self.axes:
+                    self._counts.add(len(vector))
 
     def columns(self) -> dict[str, NDArray[Any]]:
         """Return all packets until now as columns, which this table then no longer has."""
         import numpy as np
 
-        self._convert()
-        if self._other_axes:
-            counts = " and ".join(map(str, sorted({self.axes, *self._other_axes})))
+        if len(self._counts) > 1:
+            counts = " and ".join(map(str, sorted(self._counts)))
             raise ValueError(f"telemetry has {counts} axes; a run has one number")
-        return {name: np.concatenate(self._parts.pop(name)) for name in self._kinds}
-
-    def _convert(self) -> None:
-        rows = zip(*map(self._values_of, self._waiting), strict=True)
-        by_name = dict(zip(self._kinds, rows, strict=True)) if self._waiting else {}
-        for name, kind in self._kinds.items():
-            self._parts[name].append(self._column(by_name.get(name, ()), kind))
-        self._waiting.clear()
-
-    def _column(self, values: Sequence[Any], kind: str) -> NDArray[Any]:
-        import numpy as np
-
-        if kind == "int64":
-            return np.array([-1 if value is None else value for value in values], dtype=np.int64)
-        if kind == "float64":
-            return np.array(values, dtype=np.float64)  # None becomes NaN
-        nothing = (math.nan,) * self.axes
-        vectors = [value or nothing for value in values]
-        others = set(map(len, vectors)) - {self.axes}
-        self._other_axes |= others
-        entries = () if others else list(chain.from_iterable(vectors))
-        return np.array(entries, dtype=np.float64).reshape(-1, self.axes)
+        found = {}
+        for name in list(self._columns):  # one after the other: of a long run they are large
+            kind, column = self._columns.pop(name)
+            values = np.array(column)
+            found[name] = values if kind in ("int64", "float64") else values.reshape(-1, self.axes)
+        return found
 
 
-def _contacts(seq: NDArray[np.int64], told: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+def _contacts(
+    seq: NDArray[np.int64], replies: Mapping[str, NDArray[Any]]
+) -> dict[str, NDArray[Any]]:
     """Return of each tick whether its answer is known, and the contact in the last one.
 
     Args:
         seq: Numbers of the ticks.
-        told: Columns of the replies; ``device_seq`` counts as ``seq`` does.
+        replies: Columns of the replies; ``device_seq`` counts as ``seq`` does.
     """
     import numpy as np
 
-    ticks = told["device_seq"]
+    ticks = replies["device_seq"]
     if not ticks.size:
-        nowhere = np.broadcast_to(math.nan, (seq.size, told["proxy"].shape[1]))
-        return {"is_told": np.zeros(seq.size, np.bool_), "proxy": nowhere, "normal": nowhere}
+        nowhere = np.broadcast_to(math.nan, (seq.size, replies["proxy"].shape[1]))
+        return {"is_answered": np.zeros(seq.size, np.bool_), "proxy": nowhere, "normal": nowhere}
     order = np.argsort(ticks, kind="stable")
-    last = np.searchsorted(ticks, seq, "right", sorter=order) - 1  # -1: any, since not told
+    last = np.searchsorted(ticks, seq, "right", sorter=order) - 1  # -1: any, since no answer
     reply = order[last]
-    is_told = ticks[reply] == seq
+    is_answered = ticks[reply] == seq
     return {
-        "is_told": is_told,
-        "proxy": np.where(is_told[:, np.newaxis], told["proxy"][reply], math.nan),
-        "normal": np.where(is_told[:, np.newaxis], told["normal"][reply], math.nan),
+        "is_answered": is_answered,
+        "proxy": np.where(is_answered[:, np.newaxis], replies["proxy"][reply], math.nan),
+        "normal": np.where(is_answered[:, np.newaxis], replies["normal"][reply], math.nan),
     }
 
 

@@ -114,10 +114,10 @@ def _touch_of_contacts(columns: TelemetryColumns, scale: Scale, stiffness: Float
     In free motion the surface is the plane that was touched last, or will be touched first: a hand
     that leaves it has a negative depth there, so that a bounce can be seen.
     """
-    proxy = scale.place(columns.proxy[_last(columns.is_told, 0)])
+    proxy = scale.place(columns.proxy[_last(columns.is_answered, 0)])
     touching: Mask = np.asarray(np.isfinite(proxy).all(axis=1))
     plane = _last(touching, int(np.argmax(touching)))
-    normal = columns.normal[_last(columns.is_told, 0)][plane]
+    normal = columns.normal[_last(columns.is_answered, 0)][plane]
     length = np.linalg.norm(normal, axis=1, keepdims=True)  # shorter than 1 in fewer than 3 axes
     normal = normal / np.where(length > 0.0, length, 1.0)
     deepest = np.where(touching, np.inf, 0.0)  # a tip that touches nothing is not behind a surface

@@ -1,4 +1,4 @@
-"""Nodes of a graph, made from its configuration; changes of nodes and links."""
+"""Nodes and links of a graph, made from its configuration."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -36,26 +36,24 @@ def build_node(
     """Return a node of a graph with its parts, which are made if need be.
 
     The graph knows an environment process from others by ``environment_name``. ``clock`` gives the
-    time, in ns, of a device without stamps; None: virtual time. KeyError if there is no such node.
+    time, in ns, of a device without stamps; None: virtual time. ConfigError or DeviceError if a
+    part cannot be opened.
     """
     role = graph.nodes[name].role
     if role == DEVICE:
         return build_device(config, clock)
     if role == CONTROLLER:
-        return build_controller(config)
+        try:
+            controller = made(CONTROLLER, config.controller).open(config.device.axes)
+        except Exception as error:
+            raise ConfigError(f"controller: open: {describe_user_error(error)}") from error
+        return ControllerNode(controller, lease_ns(config), dead_lease_ns(config))
     if role == ENVIRONMENT:
-        served, axes = _served(config.environment), config.device.axes
-        return EnvironmentNode(served, _computation(config), environment_name, axes)
+        model, computation = served(config.environment), config.environment.computation
+        seed = link_seed(config.seed, "computation")
+        times = ComputationTime(computation, seed, trace_of(computation))
+        return EnvironmentNode(model, times, environment_name, config.device.axes)
     raise KeyError(name)
-
-
-def build_controller(config: GraphConfig) -> ControllerNode:
-    """Return the controller node with its controller, opened; ConfigError if that fails."""
-    try:
-        controller = made(CONTROLLER, config.controller).open(config.device.axes)
-    except Exception as error:
-        raise ConfigError(f"controller: open: {describe_user_error(error)}") from error
-    return ControllerNode(controller, lease_ns(config), dead_lease_ns(config))
 
 
 def lease_ns(config: GraphConfig) -> int:
@@ -90,22 +88,20 @@ def build_device(
     return DeviceNode(device, dissipation_of(model, servo), servo, clock, lateness)
 
 
-def change_link(link: Link[Packet], impairment: Impairment) -> None:
-    """Impair later packets by ``impairment``."""
-    link.change(impairment, trace_of(impairment))
+def build_links(config: GraphConfig) -> dict[str, Link[Packet]]:
+    """Return the impaired links by topic; the others are perfect."""
+    return {
+        topic: build_link(topic, impairment, config.seed)
+        for topic, impairment in config.links.items()
+        if impairment != Impairment()
+    }
 
 
-def change_environment(node: EnvironmentNode, environment: EnvironmentConfig) -> None:
-    """Answer from the next query on with ``environment`` and its computation time."""
-    computation = environment.computation
-    node.change(_served(environment), computation, trace_of(computation))
+def build_link(topic: str, impairment: Impairment, seed: int) -> Link[Packet]:
+    """Return the link of a topic in a graph with this seed."""
+    return Link(impairment, link_seed(seed, topic), trace_of(impairment))
 
 
-def _served(environment: EnvironmentConfig) -> EnvironmentModel:
+def served(environment: EnvironmentConfig) -> EnvironmentModel:
+    """Return the model of an environment with its fixtures, made if need be."""
     return replace(environment, model=made(ENVIRONMENT, environment.model)).served
-
-
-def _computation(config: GraphConfig) -> ComputationTime:
-    computation = config.environment.computation
-    seed = link_seed(config.seed, "computation")
-    return ComputationTime(computation, seed, trace_of(computation))

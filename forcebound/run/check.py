@@ -11,18 +11,14 @@ from typing import Any, TypeAlias
 import msgspec
 from msgspec import Struct
 
+from forcebound.bounded_child import tried
 from forcebound.errors import ConfigError
+from forcebound.graph.model import law_of, member_of
 from forcebound.graph.names import Document
-from forcebound.graph.parts import law_of, member_of
 from forcebound.graph.resolved import member_document
-from forcebound.graph.users_code import tried
 from forcebound.haptics.controllers import contract as controllers
 from forcebound.haptics.devices import contract as devices
-from forcebound.haptics.environments import (
-    Environment,
-    EnvironmentModel,
-    open_environment,
-)
+from forcebound.haptics.environments import Environment, EnvironmentModel, open_environment
 from forcebound.haptics.environments import contract as environments
 from forcebound.haptics.hands import contract as operators
 from forcebound.haptics.laws import contract as laws
@@ -77,17 +73,13 @@ class Checked(Struct, kw_only=True, omit_defaults=True):
     seconds_per_answer: AnswerTimes | None = None
 
 
-def no_progress(doing: str, done: int, total: int) -> None:
-    """Report no progress."""
-
-
 def check_part(
     section: str,
     kind: str,
     arguments: Sequence[str] = (),
     axes: Sequence[int] = (),
     rest: Sequence[str] = (),
-    progress: Progress = no_progress,
+    progress: Progress = lambda doing, done, total: None,
 ) -> Checked:
     """Return what the contract test finds of a part.
 
@@ -121,7 +113,7 @@ def check_here(
     arguments: Sequence[str] = (),
     axes: Sequence[int] = (),
     rest: Sequence[str] = (),
-    progress: Progress = no_progress,
+    progress: Progress = lambda doing, done, total: None,
 ) -> Checked:
     """Do the work of :func:`check_part` in this process."""
     if section == "law":

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 
 from forcebound.ending import end
 from forcebound.files import printable
-from forcebound.run.process import SignalPipe
+from forcebound.stop import SignalPipe
 
 LAST_CHANCE = 2.0  # s to SIGKILL, for the rest of a group, or when the launcher itself fails
 TAIL_LINES = 20  # of a node's log, in the message of a failure

@@ -197,7 +197,12 @@ class Lifecycle:
             engaging: list[Action] = []
             if isinstance(event, Reported) and event.node in self.engaging:
                 engaging.append(Engage(event.node))
-            return [*engaging, *self._kill_late(time_ns), *self._start_due(time_ns)]
+            late = [
+                self._kill(node)
+                for node, end_ns in self._leaving.items()
+                if end_ns <= time_ns and node not in self._killed
+            ]
+            return [*engaging, *late, *self._start_due(time_ns)]
         return []
 
     def missing(self, node: str) -> str:
@@ -227,13 +232,6 @@ class Lifecycle:
             return []
         self._held.discard(node)
         return [] if node in self._alive else self._start(node)  # or when the old process has ended
-
-    def _kill_late(self, time_ns: int) -> list[Action]:
-        return [
-            self._kill(node)
-            for node, end_ns in self._leaving.items()
-            if end_ns <= time_ns and node not in self._killed
-        ]
 
     def _start_due(self, time_ns: int) -> list[Action]:
         return [action for node in self.restarts.take_due(time_ns) for action in self._start(node)]

@@ -28,7 +28,6 @@ from forcebound.messages.packets import (
 from forcebound.messages.topology import ONE_HAND, Graph
 from forcebound.roles import ENVIRONMENT, LAUNCHER
 from forcebound.run.actions import Limits
-from forcebound.run.links import check_links
 from forcebound.run.results import RunResult, run_metadata
 from forcebound.run.run_directory import (
     EVENT,
@@ -37,6 +36,7 @@ from forcebound.run.run_directory import (
     REPLY,
     TELEMETRY,
     RunDocument,
+    is_held,
     own_run_directories,
     read_launch_document,
     run_directory,
@@ -44,9 +44,8 @@ from forcebound.run.run_directory import (
     updating,
     write_launch_document,
 )
-from forcebound.run.run_lock import is_held
 from forcebound.run.screen import Screen
-from forcebound.run.supervisor import Step, Supervisor
+from forcebound.run.supervisor import Supervisor
 
 # Hz, of the servo of a live run. A tick with its partners is longer than a shorter period; between
 # two ticks of a slower one nothing is heard of a request to engage or to stop. Not measured here:
@@ -98,8 +97,8 @@ def run_live(
         if record is None:  # a summary needs few
             contacts = [REPLY] if may_report_contacts(config.environment.model) else []
             recorded = [TELEMETRY, *contacts, EVENT]
-        told = (recorded, run_metadata(config), file, str(folder.resolve()))
-        run = RunDocument(os.getpid(), core, str(recording), *told)
+        about = run_metadata(config), file, str(folder.resolve())
+        run = RunDocument(os.getpid(), core, str(recording), recorded, *about)
         run.write(run_dir)
         cores = realtime.leave_core(core)
         try:
@@ -133,10 +132,8 @@ def _supervisor(
         round((config.duration if duration is None else duration) * 1e9),
         limits,
         screen,
-        script=[
-            Step(part.start_ns, partial(_begin, run_dir, part), part.message, part.data)
-            for part in timetable(config)
-        ],
+        phases=timetable(config),
+        begin=partial(_begin, run_dir),
         remote_topics=() if config.remote is None else REMOTE_TOPICS,
         changes=partial(_changes, to_document(config), run_dir),
         start_cores=start_cores,
@@ -182,7 +179,7 @@ def check_here(config: GraphConfig, record: Path | None = None) -> None:
         )
     checks: list[Callable[[], object]] = [
         partial(realtime.choose_core, config.realtime.cores),
-        partial(check_links, config),
+        partial(_check_links, config),
     ]
     if record is not None:
         checks.append(partial(check_writable, record, "the recording"))
@@ -198,6 +195,17 @@ def check_here(config: GraphConfig, record: Path | None = None) -> None:
             problems.append(f"device: {error}")
     if problems:
         raise ConfigError("\n".join(problems))
+
+
+def _check_links(config: GraphConfig) -> None:
+    """Raise ConfigError if no packet gets through a link while a live run waits for it."""
+    end = Limits().start_ns * 1e-9
+    for topic, impairment in config.links.items():
+        if max(impairment.loss, impairment.corrupt) == 1.0 or impairment.delay >= end:
+            raise ConfigError(
+                f"links.{topic}: no packet gets through in the first {end:g} s, so a live run does"
+                " not start; lose them later, with phases: or `forcebound param set`"
+            )
 
 
 def _begin(run_dir: Path, part: Part) -> Mapping[str, Configure]:

@@ -3,8 +3,13 @@
 It is private (0700) and holds the sockets of a run and two documents for its processes:
 ``launch.json``, the resolved launch file, and ``run.json``, what only this run knows
 (:class:`RunDocument`). The next run removes what remains after a crash.
+
+Its owner, a launcher or an environment for a graph on another machine, keeps a lock on a file in it
+while it lives. The kernel frees the lock with the process, however that ends; a process id could be
+reused.
 """
 
+import fcntl
 import json
 import logging
 import os
@@ -29,7 +34,6 @@ from forcebound.messages.packets import TOPIC_OF, EnvironmentReply, Event, Telem
 from forcebound.messages.topology import ONE_HAND, Graph, endpoint, is_bound
 from forcebound.network.sockets import IPC_PATH_LIMIT
 from forcebound.roles import LAUNCHER
-from forcebound.run.run_lock import exclusive, shared, try_lock
 
 MAX_DOCUMENT = 10_000_000  # bytes of either document of a run; ten launch files have 3 MB
 
@@ -37,6 +41,7 @@ TELEMETRY, REPLY, EVENT = TOPIC_OF[Telemetry], TOPIC_OF[EnvironmentReply], TOPIC
 
 LAUNCH_FILE, RUN_FILE, RECORDING = "launch.json", "run.json", "recording.mcap"
 
+LOCK_FILE = "lock"  # its lock belongs to the owner of a run directory
 UPDATE_LOCK = "launch.lock"  # file; its lock belongs to the process that changes launch.json
 UPDATE_POLL = 1e-3  # s between two attempts to lock it; a change takes some 10 ms
 
@@ -122,6 +127,50 @@ def updating(run_dir: Path, timeout: float) -> Iterator[bool]:
 
 
 @contextmanager
+def shared(run_dir: Path) -> Iterator[None]:
+    """Own a run directory during the body.
+
+    Raises:
+        OSError: If the lock's file cannot be made.
+    """
+    descriptor = os.open(run_dir / LOCK_FILE, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_SH)  # waits only microseconds, for `exclusive`
+        yield
+    finally:
+        os.close(descriptor)
+
+
+@contextmanager
+def exclusive(run_dir: Path) -> Iterator[bool]:
+    """Keep a run directory without owner during the body; yield False if it has one."""
+    try:
+        descriptor = os.open(run_dir / LOCK_FILE, os.O_RDWR | os.O_CLOEXEC)
+    except OSError:
+        yield False  # unknown
+        return
+    try:
+        yield try_lock(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def try_lock(descriptor: int) -> bool:
+    """Lock an open file for this process alone; return whether that was possible."""
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return False
+    return True
+
+
+def is_held(run_dir: Path) -> bool:
+    """Return whether a run directory has a living owner."""
+    with exclusive(run_dir) as is_free:
+        return not is_free and (run_dir / LOCK_FILE).exists()
+
+
+@contextmanager
 def run_directory() -> Iterator[Path]:
     """Create a private directory whose ``ipc`` endpoints are short enough; remove it at the end."""
     longest = max(len(endpoint(Path(), stream)) for stream in ONE_HAND.streams)
@@ -150,7 +199,7 @@ def own_run_directories(folders: Iterable[Path]) -> list[Path]:
 def remove_left_over(folders: Iterable[Path]) -> list[Path]:
     """Remove run directories of this user that remain from a crash; return them.
 
-    Only those whose owner is dead (:mod:`.run_lock`), and that hold no recording: after a crash it
+    Only those whose owner is dead, and that hold no recording: after a crash it
     may be of use.
     """
     removed = []

@@ -23,6 +23,7 @@ from pathlib import Path
 from forcebound import realtime
 from forcebound.ending import end_group
 from forcebound.errors import RunError
+from forcebound.graph.phases import Part
 from forcebound.messages import control, packets
 from forcebound.messages.codec import encode
 from forcebound.messages.events import PARAMETERS_SET, PHASE_BEGINS, EventLog
@@ -53,25 +54,16 @@ REQUEST_INTERVAL_NS = 20_000_000  # between two requests to a node that is not r
 NOT_STARTED = 126  # exit status of a process that could not be started, as in a shell
 
 
-@dataclass(frozen=True)
-class Step:
-    """Action at a time of the run: the beginning of a phase."""
-
-    start_ns: int  # since the force engaged
-    act: Callable[[], Mapping[str, control.Configure]]  # does it; returns requests by process
-    message: str
-    data: Mapping[str, str]
-
-
 @dataclass(eq=False)
 class Supervisor:
     """Runs the processes of one run to their end.
 
     ``commands`` has the command line of each process by name, in the order in which they start.
-    ``script`` has steps in order. ``changes`` returns the parameters of a node that were changed
-    since the run began. The processes start on ``start_cores``, which takes most of a second of
-    each; none: those of the launcher, as for a process that restarts during a run. The others are
-    as of :class:`~forcebound.run.lifecycle.Lifecycle`.
+    ``begin`` makes a phase hold, and returns requests by process. ``changes`` returns the
+    parameters of a node that were changed since the run began. The processes start on
+    ``start_cores``, which takes most of a second of each; none: those of the launcher, as for a
+    process that restarts during a run. The others are as of
+    :class:`~forcebound.run.lifecycle.Lifecycle`.
     """
 
     commands: Mapping[str, Sequence[str]]
@@ -79,14 +71,15 @@ class Supervisor:
     duration_ns: int | None
     limits: Limits | None = None
     screen: Screen = field(default_factory=Screen)
-    script: Sequence[Step] = ()
+    phases: Sequence[Part] = ()
+    begin: Callable[[Part], Mapping[str, control.Configure]] = lambda _: {}
     remote_topics: Collection[str] = ()
     changes: Callable[[str], control.Parameters] = lambda _: {}
     start_cores: Collection[int] = ()
     graph: Graph = ONE_HAND
 
     def __post_init__(self) -> None:
-        self._steps = deque(self.script)
+        self._coming = deque(self.phases)
         self._began_ns: int | None = None  # when the force engaged
         self._children: dict[str, Child] = {}
         self._running: set[str] = set()
@@ -158,17 +151,17 @@ class Supervisor:
                     self._announce_changes(event.node)
             self._has_requests = server.serve(answer)
             if lifecycle.phase is Phase.RUNNING:
-                self._follow_script(time.monotonic_ns())
+                self._begin_phases(time.monotonic_ns())
 
-    def _follow_script(self, now_ns: int) -> None:
+    def _begin_phases(self, now_ns: int) -> None:
         if self._began_ns is None:
             self._began_ns = now_ns
-        while self._steps and now_ns >= self._began_ns + self._steps[0].start_ns:
-            step = self._steps.popleft()
-            for name, request in step.act().items():
+        while self._coming and now_ns >= self._began_ns + self._coming[0].start_ns:
+            part = self._coming.popleft()
+            for name, request in self.begin(part).items():
                 if name in self._clients:  # a stopped one reads the document when it starts
                     self._clients[name].ask(request)
-            self._emit(PHASE_BEGINS, step.message, step.data)
+            self._emit(PHASE_BEGINS, part.message, part.data)
 
     def _start(self, name: str) -> None:
         child = Child(name, self.commands[name], self.screen.show)
@@ -199,20 +192,18 @@ class Supervisor:
         if is_starting or lifecycle.returning or self._awaited(lifecycle):
             return REQUEST_INTERVAL_NS * 1e-9
         ends_ns = [] if lifecycle.deadline_ns is None else [lifecycle.deadline_ns]
-        if self._steps and lifecycle.phase is Phase.RUNNING and self._began_ns is not None:
-            ends_ns.append(self._began_ns + self._steps[0].start_ns)
+        if self._coming and lifecycle.phase is Phase.RUNNING and self._began_ns is not None:
+            ends_ns.append(self._began_ns + self._coming[0].start_ns)
         return max(0.0, (min(ends_ns) - now_ns) * 1e-9) if ends_ns else None
 
     def _ask(self, lifecycle: Lifecycle) -> None:
-        if lifecycle.phase is Phase.STARTING:
-            for name in lifecycle.not_ready:
-                self._clients[name].ask(control.GetStatus())
-        for name in lifecycle.engaging:
+        names = lifecycle.not_ready if lifecycle.phase is Phase.STARTING else []
+        engaging = lifecycle.engaging
+        returning = lifecycle.returning.difference(engaging)
+        for name in dict.fromkeys([*names, *returning, *self._awaited(lifecycle)]):
+            self._clients[name].ask(control.GetStatus())
+        for name in engaging:
             self._clients[name].ask(control.Engage())
-        for name in lifecycle.returning.difference(lifecycle.engaging):
-            self._clients[name].ask(control.GetStatus())
-        for name in self._awaited(lifecycle):
-            self._clients[name].ask(control.GetStatus())
 
     def _awaited(self, lifecycle: Lifecycle) -> list[str]:
         """Restarted nodes that have not answered yet."""

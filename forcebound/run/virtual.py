@@ -1,17 +1,17 @@
 """Run of a launch file in virtual time: the nodes of a live run, in this process."""
 
-import signal
 import time
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager, nullcontext
-from functools import partial
+from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 
 from forcebound.errors import ConfigError, RunError
 from forcebound.graph.graph import GraphConfig
+from forcebound.graph.parameters import parameters
 from forcebound.graph.phases import timetable
 from forcebound.graph.resolved import kind_of, to_document
 from forcebound.haptics.environments import may_report_contacts
+from forcebound.messages.control import Configure
 from forcebound.messages.events import PHASE_BEGINS, EventLog
 from forcebound.messages.packets import TOPIC_OF, EnvironmentReply, Event, Packet, Telemetry
 from forcebound.messages.topology import ONE_HAND
@@ -19,16 +19,16 @@ from forcebound.realtime import without_garbage_collection
 from forcebound.recordings.recording import Recorder
 from forcebound.recordings.telemetry import TelemetryCollector
 from forcebound.roles import DEVICE, LAUNCHER
-from forcebound.run.application import apply
-from forcebound.run.build import build_device, build_node
-from forcebound.run.links import build_links
+from forcebound.run.application import Tuner
+from forcebound.run.build import build_device, build_links, build_node
 from forcebound.run.results import RunResult, run_metadata
 from forcebound.run.simulation import LateTicks, Simulation
+from forcebound.stop import Stop
 
 Progress = Callable[[int, int], None]  # takes what is done, and the total
 
 MS = 1_000_000  # ns
-PART_NS = 100 * MS  # of virtual time, between two looks at the progress
+PART_NS = 100 * MS  # of virtual time, between two looks at progress and stop requests
 
 
 def run_virtual(
@@ -66,11 +66,13 @@ def run_virtual(
         for node in simulation.nodes:
             stack.callback(node.close)
             stack.callback(node.stop, end_ns)
+        stop = stack.enter_context(Stop()) if may_end_early else None
         began = time.perf_counter()
-        run = partial(_advance, simulation, lambda ns: progress(ns // MS, end_ns // MS))
-        interrupted = _run(config, simulation, observer, end_ns, may_end_early, run)
+        with without_garbage_collection():
+            _run(config, simulation, observer, end_ns, progress, stop)
         took = time.perf_counter() - began
         observer.take_last_events(simulation)
+    interrupted = stop is not None and stop.requested
     if not observer.samples and interrupted:
         if record is not None:
             record.unlink(missing_ok=True)
@@ -106,7 +108,6 @@ class _Observer:
         self.events: list[Event] = []
         needed = (Telemetry, Event, *((EnvironmentReply,) if wants_replies else ()))
         self.packets = needed if recorder is None else tuple(TOPIC_OF)
-        self.is_interrupted = False  # whether to end the run after the next packet
 
     def take(self, packet: Packet) -> None:
         if type(packet) is Telemetry:
@@ -117,9 +118,6 @@ class _Observer:
             self.events.append(packet)
         if self._recorder is not None:
             self._recorder.write(packet)
-        if self.is_interrupted:
-            self.is_interrupted = False
-            raise KeyboardInterrupt
 
     def take_last_events(self, simulation: Simulation) -> None:
         now_ns = simulation.time_ns
@@ -154,47 +152,20 @@ def _run(
     simulation: Simulation,
     observer: _Observer,
     end_ns: int,
-    may_end_early: bool,
-    run: Callable[[int], None],
-) -> bool:
-    """Run the phases, by ``run``; return whether the run was interrupted."""
+    progress: Progress,
+    stop: Stop | None,
+) -> None:
+    """Run the phases, until the end or a stop request."""
     launcher = EventLog(LAUNCHER)
     launcher.is_logged = False
-    interrupts = _interrupt_after_a_packet(observer) if may_end_early else nullcontext()
-    try:
-        with interrupts, without_garbage_collection():
-            now = config
-            for part in timetable(config):
-                if part.start_ns < end_ns:
-                    run(part.start_ns)
-                    apply(now, part.config, simulation)
-                    now = part.config
-                    event = launcher.emit(part.start_ns, PHASE_BEGINS, part.message, part.data)
-                    observer.take(event)
-            run(end_ns)
-    except KeyboardInterrupt:
-        if not may_end_early:
-            raise
-        return True
-    return False
-
-
-def _advance(simulation: Simulation, tell: Callable[[int], None], until_ns: int) -> None:
-    """Run until a virtual time, in parts, and tell the time after each."""
-    while simulation.time_ns < until_ns:
-        simulation.run(min(simulation.time_ns + PART_NS, until_ns))
-        tell(simulation.time_ns)
-
-
-@contextmanager
-def _interrupt_after_a_packet(observer: _Observer) -> Iterator[None]:
-    """Let Ctrl-C wait for the end of a packet, so that recording and result hold the same."""
-
-    def interrupt(number: int, frame: object) -> None:
-        observer.is_interrupted = True
-
-    before = signal.signal(signal.SIGINT, interrupt)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
+    tuner = Tuner(config)
+    parts = [part for part in timetable(config) if part.start_ns < end_ns]
+    for begin_ns, part in [*((part.start_ns, part) for part in parts), (end_ns, None)]:
+        while simulation.time_ns < begin_ns:
+            if stop is not None and stop.requested:
+                return
+            simulation.run(min(simulation.time_ns + PART_NS, begin_ns))
+            progress(simulation.time_ns // MS, end_ns // MS)
+        if part is not None:
+            tuner(simulation, Configure(begin_ns, parameters(part.config)))
+            observer.take(launcher.emit(begin_ns, PHASE_BEGINS, part.message, part.data))

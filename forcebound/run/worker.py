@@ -27,11 +27,11 @@ from forcebound.messages.topology import ONE_HAND
 from forcebound.network.ends import RemoteEnd
 from forcebound.nodes.environment import EnvironmentNode
 from forcebound.roles import CONTROLLER, DEVICE, ENVIRONMENT, LOST, RECORDER, ROLES
-from forcebound.run import process
 from forcebound.run.application import Tuner
-from forcebound.run.build import build_node
+from forcebound.run.build import build_links, build_node
 from forcebound.run.children import name_begins
-from forcebound.run.links import build_links
+from forcebound.run.process.recorder import COMPLETE, record
+from forcebound.run.process.runner import run as run_process
 from forcebound.run.results import run_metadata
 from forcebound.run.run_directory import (
     RECORDING,
@@ -40,6 +40,7 @@ from forcebound.run.run_directory import (
     run_directory,
     write_launch_document,
 )
+from forcebound.stop import Stop
 
 _logger = logging.getLogger(__name__)
 
@@ -51,7 +52,7 @@ def run_node(name: str, run_dir: Path) -> int:
         ConfigError: If an endpoint is in use, or a key is missing.
         DeviceError: If the device failed; its last force is zero, if it still took it.
     """
-    with process.Stop() as stop:
+    with Stop() as stop:
         run = RunDocument.read(run_dir)
         never_wait_for_a_reader()
         realtime.die_with_parent(ROLES[run.graph.nodes[name].role].death_signal)
@@ -77,7 +78,7 @@ def serve_environment(file: Path, arguments: Sequence[str] = ()) -> None:
     """
     from forcebound.graph.loader import load_tried  # a process of a launcher reads no launch file
 
-    with process.Stop() as stop:
+    with Stop() as stop:
         config = load_tried(file, arguments)
         if config.remote is None:
             raise ConfigError(
@@ -104,7 +105,7 @@ def serve_environment(file: Path, arguments: Sequence[str] = ()) -> None:
 
 
 def _run_or_lose(
-    name: str, config: GraphConfig, run: RunDocument, run_dir: Path, stop: process.Stop
+    name: str, config: GraphConfig, run: RunDocument, run_dir: Path, stop: Stop
 ) -> int:
     """Run one process; return ``LOST`` for a device that failed and waits for its user."""
     try:
@@ -135,7 +136,7 @@ def _run(
     config: GraphConfig,
     run: RunDocument,
     run_dir: Path,
-    stop: process.Stop,
+    stop: Stop,
     remote_end: RemoteEnd | None = None,
 ) -> None:
     role = run.graph.nodes[name].role
@@ -159,13 +160,13 @@ def _run(
         _logger.info("this environment is %s", node.name)
     links = build_links(config)  # a perfect link needs no model: its socket keeps the newest
     tuner = Tuner(config)
-    status = process.run(node, name, run_dir, links, settings, stop, tuner, remote_end, run.graph)
+    status = run_process(node, name, run_dir, links, settings, stop, tuner, remote_end, run.graph)
     if isinstance(node, EnvironmentNode):
         _logger.info("queries answered by %s: %d", node.name, node.answered)
     _log_rejected(status)
 
 
-def _record(run: RunDocument, run_dir: Path, stop: process.Stop) -> RecorderStatus:
+def _record(run: RunDocument, run_dir: Path, stop: Stop) -> RecorderStatus:
     """Record the streams of a run into its file; return the last status of the recorder."""
     from forcebound.recordings.recording import (
         Recorder,  # slow to import; no other process needs it
@@ -175,8 +176,8 @@ def _record(run: RunDocument, run_dir: Path, stop: process.Stop) -> RecorderStat
     recorder = Recorder(run.record, run.metadata, offset_ns, run.graph)
     is_complete = False
     try:
-        status = process.record(recorder, run_dir, run.graph, run.recorded, run.core, stop)
-        is_complete = status.recording == process.COMPLETE
+        status = record(recorder, run_dir, run.graph, run.recorded, run.core, stop)
+        is_complete = status.recording == COMPLETE
     finally:
         with suppress(OSError):  # a full disk, which was reported; the file stays readable
             recorder.close() if is_complete else recorder.abandon()

@@ -12,7 +12,7 @@ from typing import Annotated, ClassVar
 from forcebound.haptics.controllers import Controller, ControllerModel
 from forcebound.haptics.controllers.plane import Asked, PlaneEstimator
 from forcebound.messages.packets import DeviceState, EnvironmentReply, Vector
-from forcebound.quantities import POSITIVE, Time, check_ranges
+from forcebound.quantities import NOT_NEGATIVE, POSITIVE, Time, check_ranges
 
 REMEMBERED = 4096  # questions that are kept; at 4 kHz those of one second
 ROUND_TRIP_SHARE = 0.05  # weight of a new round trip in their mean
@@ -30,12 +30,14 @@ class EstimatingModel(ControllerModel):
     Attributes:
         hold: Silence of the environment after which the force fades.
         fade: Time in which it does.
-        age_limit: An answer that has taken longer is none.
+        age_limit: An answer that has taken longer is ignored.
+        release: Time of force-free answers behind a surface after which the surface is gone.
     """
 
     hold: Annotated[Time, POSITIVE] = 0.1
     fade: Annotated[Time, POSITIVE] = 0.05
     age_limit: Annotated[Time, POSITIVE] = 0.5
+    release: Annotated[Time, NOT_NEGATIVE] = 0.005
 
     answers_states: ClassVar[bool] = True
 

@@ -77,13 +77,15 @@ class OpenLocalModel(EstimatingController):
         self._states: deque[DeviceState] = deque(maxlen=VELOCITY_STATES)
 
     def _new_estimator(self) -> PlaneEstimator:
-        return PlaneEstimator(self._model.forgetting, self._model.stiffest)
+        model = self._model
+        return PlaneEstimator(model.forgetting, model.stiffest, model.release)
 
     def _force(self, state: DeviceState, dt: float) -> Vector:
         if self._model.prediction == "hold":
             return self._answer
         plane = self._estimator.plane
         if plane is None:
+            self._shown.forget()
             return self._zero
         return self._shown.force(plane, state.position, state.velocity, dt)
 

@@ -18,6 +18,7 @@ from typing import NamedTuple
 from forcebound.messages.packets import Contact, Vector
 
 NO_FORCE = 1e-9  # N; less is none
+NEAR = 5e-4  # m; a surface this far before a free place is gone
 PAIR_WAY = 1e-4  # m; of a hand
 PAIR_NS = 50_000_000  # ns; an older answer makes no pair
 TURNED = math.cos(math.radians(30.0))  # a surface that has turned further is another one
@@ -26,6 +27,8 @@ GUESS = 1e3  # N/m, of a surface that was never seen from outside
 SLIDING = 0.005  # m/s along the plane, from which friction is estimated
 FRICTION_SHARE = 0.05  # weight of a new friction coefficient
 UNSURE_STIFFNESS, UNSURE_DAMPING = 1e7, 1e4  # N/m, N s/m: of an estimate, over 1 N of noise
+UNSURE = (UNSURE_STIFFNESS**2, 0.0, UNSURE_DAMPING**2)
+CHANGED = 0.5  # of the force: two samples this far from what was expected: it has changed
 
 
 def dot(a: Vector, b: Vector) -> float:
@@ -92,18 +95,27 @@ class SpringDamper:
 
     def __init__(self, forgetting: float) -> None:
         self._forgetting = forgetting
-        self._covariance = (UNSURE_STIFFNESS**2, 0.0, UNSURE_DAMPING**2)  # P: kk, kb, bb
+        self._covariance = UNSURE  # P: kk, kb, bb
+        self._is_doubted = False  # the last sample contradicted it, and was left out
         self.stiffness, self.damping = 0.0, 0.0
         self.samples = 0  # that have been taken in
 
     def add(self, depth: float, speed: float, force: float) -> None:
         """Take a sample in: ``depth`` in m, ``speed`` in m/s and ``force`` in N, or changes."""
+        expected = self.stiffness * depth + self.damping * speed
+        is_far = abs(force - expected) > CHANGED * max(abs(force), abs(expected))
+        if self.samples > 1 and is_far and not self._is_doubted:
+            self._is_doubted = True
+            return  # one may be an error
+        if self._is_doubted and is_far:
+            self._covariance = UNSURE
+        self._is_doubted = False
         kk, kb, bb = self._covariance
         k, b = kk * depth + kb * speed, kb * depth + bb * speed
         known = depth * k + speed * b
         if known <= 0.0:  # depth and speed are 0
             return
-        error = (force - self.stiffness * depth - self.damping * speed) / (1.0 + known)
+        error = (force - expected) / (1.0 + known)
         self.stiffness += k * error
         self.damping += b * error
         beta = self._forgetting - (1.0 - self._forgetting) / known
@@ -116,17 +128,23 @@ class PlaneEstimator:
     """The plane that follows from the answers; None until the first contact.
 
     ``forgetting`` is the weight of the information before at each new sample, 0 to 1, ``stiffest``
-    the largest stiffness that it may have, in N/m, ``pair_way`` the way along u between the two
-    answers of a pair, in m.
+    the largest stiffness it may take, in N/m, ``release`` the time of force-free answers behind the
+    surface after which it is gone, in s, ``pair_way`` the way along u between the two answers of a
+    pair, in m.
     """
 
-    def __init__(self, forgetting: float, stiffest: float, pair_way: float = PAIR_WAY) -> None:
+    def __init__(
+        self, forgetting: float, stiffest: float, release: float, pair_way: float = PAIR_WAY
+    ) -> None:
+        self._release_ns = round(release * 1e9)
         self._forgetting = forgetting
         self._stiffest = stiffest
         self._pair_way = pair_way
         self.plane: Plane | None = None
         self._free: Asked | None = None  # the last answer without contact
         self._first: tuple[Asked, float] | None = None  # of the next pair, with its force
+        self._touched: Plane | None = None  # the plane at the last answer of a contact
+        self._missing_ns: int | None = None  # the first free answer behind it since
         self._friction = 0.0
         self._spring = SpringDamper(forgetting)
 
@@ -139,11 +157,20 @@ class PlaneEstimator:
             self._take_force(asked, tuple([f / magnitude for f in force]), magnitude)
         else:
             self._take_free(asked)
+            return
+        self._touched, self._missing_ns = self.plane, None
 
     def _take_free(self, asked: Asked) -> None:
         self._free, self._first = asked, None
-        plane = self.plane
-        if plane is not None and (depth := plane.depth(asked.position)) > 0.0:
+        plane, touched = self.plane, self._touched
+        if plane is None or touched is None or touched.depth(asked.position) <= 0.0:
+            return
+        if self._missing_ns is None:
+            self._missing_ns = asked.time_ns
+        missing = asked.time_ns - self._missing_ns
+        if touched.depth(asked.position) > NEAR or missing >= self._release_ns:
+            self.plane = None
+        elif (depth := plane.depth(asked.position)) > 0.0:
             self.plane = plane.at(plane.offset + depth)
 
     def _take_contact(self, asked: Asked, force: Vector, contact: Contact) -> None:

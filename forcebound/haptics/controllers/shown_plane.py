@@ -31,6 +31,10 @@ class ShownPlane:
         self._position = self._zero  # then, m
         self._stretch = self._zero  # of the spring along the surface, m
 
+    def forget(self) -> None:
+        """Show no plane; what it has stored is lost."""
+        self._plane, self._stretch = None, self._zero
+
     def force(self, plane: Plane, position: Vector, velocity: Vector, dt: float) -> Vector:
         """Return the force at a new position, in N, ``dt`` s after the position before."""
         place = dot(position, plane.inwards)

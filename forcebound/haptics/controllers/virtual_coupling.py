@@ -6,8 +6,7 @@ The environment is asked about the proxy p, so it never meets the hand itself
 .. math:: \frac{m}{dt} (w' - w) = k (x - p - w'\,dt) + b (v - w') - F_{env}(p + w'\,dt)
 
 The environment's force in it is that of a plane estimated from its answers, since the answer about
-p' is not there yet. Ten answers without force where the plane has some end the plane until the next
-contact.
+p' is not there yet.
 
 Source: J. E. Colgate, M. C. Stanley and J. M. Brown, Issues in the haptic display of tool use, IROS
 1995; R. J. Adams and B. Hannaford, Stable haptic interaction with virtual environments, IEEE
@@ -20,13 +19,12 @@ from typing import Annotated
 
 from forcebound.haptics.controllers.estimating import EstimatingController, EstimatingModel
 from forcebound.haptics.controllers.passivity import colgate_schenkel
-from forcebound.haptics.controllers.plane import Asked, Plane, PlaneEstimator, along, dot
-from forcebound.messages.packets import DeviceState, EnvironmentReply, Vector
+from forcebound.haptics.controllers.plane import PlaneEstimator, along, dot
+from forcebound.messages.packets import DeviceState, Vector
 from forcebound.quantities import NOT_NEGATIVE, POSITIVE, Damping, Mass, Stiffness
 
 FORGETTING, STIFFEST = 0.9, 1e6  # of the environment's plane; N/m
 PAIR_WAY = 1e-6  # m; a proxy moves little in a stiff wall
-GONE = 10  # answers without force behind the plane, one after the other
 
 
 @dataclass(frozen=True)
@@ -69,13 +67,11 @@ class OpenVirtualCoupling(EstimatingController):
 
     def _forget(self) -> None:
         super()._forget()
-        self._plane: Plane | None = None
-        self._missing = 0  # answers without force behind it
         self._proxy: Vector | None = None  # m; None: it is where the device is
         self._speed: Vector = ()  # of the proxy, m/s
 
     def _new_estimator(self) -> PlaneEstimator:
-        return PlaneEstimator(FORGETTING, STIFFEST, PAIR_WAY)
+        return PlaneEstimator(FORGETTING, STIFFEST, self._model.release, PAIR_WAY)
 
     def _force(self, state: DeviceState, dt: float) -> Vector:
         """Move the proxy; return the coupling's force."""
@@ -98,7 +94,7 @@ class OpenVirtualCoupling(EstimatingController):
             (model.stiffness * x + model.damping * v + inertia * w) / resistance
             for x, v, w in zip(spring, state.velocity, self._speed, strict=True)
         ]
-        free, plane = tuple(pulled), self._plane
+        free, plane = tuple(pulled), self._estimator.plane
         if plane is None or plane.depth(along(proxy, free, dt)) <= 0.0:
             return free
         speed, depth = dot(free, plane.inwards), plane.depth(proxy)
@@ -111,11 +107,3 @@ class OpenVirtualCoupling(EstimatingController):
         if self._proxy is None or self._heard_ns is None:
             self._proxy, self._speed = state.position, (0.0,) * len(state.position)
         return self._proxy, self._speed
-
-    def _learn(self, asked: Asked, reply: EnvironmentReply) -> None:
-        """Learn the environment's plane; it ends where the environment has long had no force."""
-        known = self._estimator.plane
-        is_behind = known is not None and known.depth(asked.position) > 0.0
-        self._missing = self._missing + 1 if is_behind and not any(reply.force) else 0
-        super()._learn(asked, reply)
-        self._plane = None if self._missing >= GONE else self._estimator.plane

@@ -1,7 +1,7 @@
 """Files with code of the user's own, and the parts that they define.
 
 ``kind: my_spring.py`` or ``kind: my_spring.py:MySpring`` in a launch file names such a part. Its
-file is read as Python reads a module, once in a process: after a change, start the graph anew.
+file is read as Python reads a module, once in a process: after a change, start the graph again.
 Loading it runs its code, as ``python my_spring.py`` would.
 
 Objects of a class that was loaded can be pickled to any process that has forcebound and the file.

@@ -15,26 +15,24 @@ from forcebound.errors import ConfigError
 from forcebound.files import check_writable
 from forcebound.graph.document import find
 from forcebound.graph.loader import load_tried
-from forcebound.graph.parts import device_of, member_of
+from forcebound.graph.model import device_of, member_of
 from forcebound.graph.resolved import kind_of
 from forcebound.haptics.devices import DEVICES, DeviceModel
 from forcebound.haptics.devices.simulated import SimulatedDevice
 from forcebound.hardware import ports
 from forcebound.hardware.line import EMULATED
 from forcebound.lab.identification import document as device_file
-from forcebound.lab.identification.clock import Clock, VirtualClock
-from forcebound.lab.identification.document import COMPARED, LOWER, METHODS, RecordedNumber
+from forcebound.lab.identification.document import COMPARED, LOWER, METHODS, Number
 from forcebound.lab.identification.estimators import Bounded
-from forcebound.lab.identification.picture import draw
 from forcebound.lab.identification.procedure import Found, Plan, identify
+from forcebound.lab.identification.rig import Clock, VirtualClock
 from forcebound.lab.identification.verdict import BETTER, verdict
 from forcebound.quantities import POSITIVE
-from forcebound.results.plots import check_picture
 from forcebound.units import parse_quantity
 
 _logger = logging.getLogger(__name__)
 
-Say = Callable[[str], None]
+Report = Callable[[str], None]
 
 REACHES = {"m": 0.03, "rad": 0.35}  # of the axes of a point, of joints
 GRAVITY = 9.81  # m/s^2
@@ -124,14 +122,14 @@ def _quantity(option: str, text: str | None, unit: str) -> float | None:
 
 
 def measure(
-    target: Target, plan: Plan, say: Say, ready: Say, expected: str | None = None
+    target: Target, plan: Plan, report: Report, ready: Report, expected: str | None = None
 ) -> tuple[Found, str]:
     """Open a device, identify it, and close it; return what was found, and its serial number.
 
     Args:
         target: The device.
         plan: Of the identification.
-        say: Is called with what comes next.
+        report: Is called with what comes next.
         ready: Is called with what the user has to do, and returns when it is done.
         expected: Serial number that it must have; None: any.
 
@@ -155,7 +153,7 @@ def measure(
         with realtime.without_garbage_collection(), nullcontext() if is_virtual else _punctual():
             clock = VirtualClock() if is_virtual else Clock()
             middle = model.angles((0.0,) * model.axes)
-            return identify(device, model, clock, plan, say, middle), serial
+            return identify(device, model, clock, plan, report, middle), serial
     finally:
         device.close()
 
@@ -184,17 +182,17 @@ def run(
     name: str,
     arguments: Sequence[str],
     out: Path,
-    say: Say,
-    ready: Say,
+    report: Report,
+    ready: Report,
     **wishes: str | None,
 ) -> dict[str, Any]:
-    """Identify a device; write ``out`` and a picture beside it; return what was found.
+    """Identify a device; write ``out``; return what was found.
 
     Args:
         name: Kind of device, or launch file.
         arguments: Of either, each ``name:=value``.
         out: File to write.
-        say: Is called with what comes next.
+        report: Is called with what comes next.
         ready: Is called with what the user has to do, and returns when it is done.
         wishes: As :func:`plan_of` takes them.
 
@@ -203,31 +201,20 @@ def run(
         DeviceError: If the device fails.
     """
     target = target_of(name, arguments)
-    picture = out.with_suffix(".png")
-    check_picture(picture)
-    for path, what in ((out, "the file of the device"), (picture, "the picture")):
-        check_writable(path, what)
+    check_writable(out, "the file of the device")
     plan = plan_of(target, **wishes)
-    found, serial = measure(target, plan, say, ready)
-    estimates = {
-        name: one.found for name, one in device_file.numbers_of(target.model, found).items()
-    }
+    found, serial = measure(target, plan, report, ready)
     middle = tuple(0.5 * (low + high) for low, high in found.measured_range)
     identified = device_file.identified_model(target.model, found)
-    judged = verdict(identified, estimates, target.rate, middle)
+    judged = verdict(identified, target.rate, middle)
     date = datetime.datetime.now(datetime.UTC).date().isoformat()
-    planned = {"reach": plan.reach, "force": plan.force, "rate": plan.rate}
-    content = device_file.document_of(
-        target.model, found, date, serial, planned, target.launch_file
-    )
+    content = device_file.document_of(target.model, found, date, serial, plan, target.launch_file)
     device_file.write(out, content, " ".join(("forcebound", "identify", name, *arguments)))
-    kind = kind_of("device", target.model)
-    draw(found, target.units, f"{kind}, identified on {date}", picture)
-    return {**content, "verdict": judged, "file": str(out), "picture": str(picture)}
+    return {**content, "verdict": judged._asdict(), "file": str(out)}
 
 
-def check(path: Path, say: Say, ready: Say) -> dict[str, Any]:
-    """Repeat a short identification of the device of a file; say whether it has changed.
+def check(path: Path, report: Report, ready: Report) -> dict[str, Any]:
+    """Repeat a short identification of the device of a file; report whether it has changed.
 
     Raises:
         ConfigError: If it is no such file, or of another device.
@@ -240,7 +227,7 @@ def check(path: Path, say: Say, ready: Say) -> dict[str, Any]:
         if {np.size(number.found), np.size(number.stated)} != {target.model.axes}:
             raise ConfigError(f"{path}: identified: {name} is not of {target.model.axes} axes")
     short = Plan(plan.reach, plan.force, plan.rate, poses=(0.0,), pushes=8, strokes=0)
-    found, _ = measure(target, short, say, ready, written.serial_number)
+    found, _ = measure(target, short, report, ready, written.serial_number)
     rows = [
         _compared(name, getattr(written.numbers, name), getattr(axis, name), number)
         for name in COMPARED
@@ -249,7 +236,7 @@ def check(path: Path, say: Say, ready: Say) -> dict[str, Any]:
     return {"file": str(path), "numbers": rows, "passed": all(row["holds"] for row in rows)}
 
 
-def _compared(name: str, number: RecordedNumber, now: Bounded, axis: int) -> dict[str, Any]:
+def _compared(name: str, number: Number, now: Bounded, axis: int) -> dict[str, Any]:
     was, stated = (float(np.atleast_1d(one)[axis]) for one in (number.found, number.stated))
     # Broken only if even the other end of what is seen now lies beyond what is stated.
     holds = now.upper >= stated if name in LOWER else now.lower <= stated
@@ -283,11 +270,9 @@ def lines(content: Mapping[str, Any]) -> list[str]:
     shown = judged["stiffness"] / 1e3
     text.append(f"a wall of the law certified, pressed by 2 mm: at most {shown:.3g} N/mm")
     for name, gain in judged["gains"].items():
-        measured = gain.get("measured")
-        known = "" if measured is None else f"; measured exactly: {_percent(measured)}"
-        text.append(f"  {name:<13} {BETTER[name][1]}: {_percent(gain['built'])}{known}")
+        text.append(f"  {name:<13} {BETTER[name][1]}: {100.0 * (gain - 1.0):+.1f} %")
     text.append(f"what limits it most: {judged['limit']}")
-    text.append(f"written: {content['file']}, {content['picture']}")
+    text.append(f"written: {content['file']}")
     return text
 
 
@@ -306,7 +291,3 @@ def check_lines(content: Mapping[str, Any]) -> list[str]:
 
 def _shown(value: Any) -> str:
     return ", ".join(f"{one:.4g}" for one in np.atleast_1d(value))
-
-
-def _percent(ratio: float) -> str:
-    return f"{100.0 * (ratio - 1.0):+.1f} %"

@@ -10,7 +10,7 @@ import math
 from collections.abc import Mapping, Sequence
 from io import StringIO
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any
 
 import msgspec
 
@@ -23,8 +23,7 @@ from forcebound.graph.resolved import member_document
 from forcebound.graph.tree import parse
 from forcebound.haptics.devices import DeviceModel
 from forcebound.lab.identification.estimators import Bounded
-from forcebound.lab.identification.procedure import Found
-from forcebound.messages.packets import Vector
+from forcebound.lab.identification.procedure import Found, Plan
 
 DIGITS = 4  # of a bound
 
@@ -53,20 +52,20 @@ class RecordedPlan(msgspec.Struct):
     rate: _Positive
 
 
-class RecordedNumber(msgspec.Struct):
-    """A number, for each axis."""
+class Number(msgspec.Struct):
+    """A number of a device, for each axis: as it was found, and the bound that it may state."""
 
-    found: float | list[float]
-    stated: float | list[float]
+    found: float | Sequence[float]
+    stated: float | Sequence[float]
 
 
 class RecordedNumbers(msgspec.Struct):
     """The numbers that a check compares."""
 
-    damping: RecordedNumber
-    friction: RecordedNumber
-    presliding: RecordedNumber
-    resolution: RecordedNumber
+    damping: Number
+    friction: Number
+    presliding: Number
+    resolution: Number
 
 
 class Identified(msgspec.Struct):
@@ -78,13 +77,6 @@ class Identified(msgspec.Struct):
 
 
 COMPARED = RecordedNumbers.__struct_fields__  # in a check
-
-
-class Number(NamedTuple):
-    """A number of a device: as it was found, and the bound that the device may state."""
-
-    found: float | Vector
-    stated: float | Vector
 
 
 def numbers_of(model: DeviceModel, found: Found) -> dict[str, Number]:
@@ -166,7 +158,7 @@ def document_of(
     found: Found,
     date: str,
     serial: str,
-    plan: Mapping[str, float],
+    plan: Plan,
     included: str | None,
 ) -> dict[str, Any]:
     """Return the content of the file.
@@ -175,7 +167,7 @@ def document_of(
         model: As it was given, without the numbers that were found.
         found: In the identification.
         date: Of today.
-        serial: Serial number of the device; empty if it has none.
+        serial: Number of the device; empty if it has none.
         plan: How it was identified.
         included: Launch file that it is for; None: none.
     """
@@ -199,7 +191,7 @@ def document_of(
         "identified": {
             "date": date,
             "serial_number": serial,
-            "plan": dict(plan),
+            "plan": {"reach": plan.reach, "force": plan.force, "rate": plan.rate},
             "range": _short(found.measured_range),
             "numbers": numbers_found,
             **_further(found),
@@ -209,14 +201,10 @@ def document_of(
 
 def _further(found: Found) -> dict[str, Any]:
     """Return what is found beside the numbers of a device."""
-    lag = lag_of(found)
+    lag, ends = lag_of(found), {"found": "estimate", "lower": "lower", "upper": "upper"}
     both = {"lag": [] if lag is None else [lag], "gain": found.gain}
     bounds = {
-        name: {
-            "found": _short([one.estimate for one in each]),
-            "lower": _short([one.lower for one in each]),
-            "upper": _short([one.upper for one in each]),
-        }
+        name: {key: _short([getattr(one, end) for one in each]) for key, end in ends.items()}
         for name, each in both.items()
         if each
     }

@@ -25,23 +25,15 @@ class Rough(NamedTuple):
 class Way:
     """A straight way of one axis: even acceleration, even speed, even deceleration.
 
-    Args:
-        start: In m (rad).
-        end: In m (rad).
-        speed: In between, in m/s (rad/s), > 0; less if the way is too short.
-        acceleration: In m/s^2 (rad/s^2), > 0.
-
-    Attributes:
-        top_speed: Speed that is reached, in m/s (rad/s).
-        rise: Time until the speed is even, in s.
-        duration: In s.
+    From ``start`` to ``end``, in m (rad), with a ``speed``, in m/s (rad/s), in between, or less if
+    the way is too short; ``acceleration`` in m/s^2 (rad/s^2).
     """
 
     def __init__(self, start: float, end: float, speed: float, acceleration: float) -> None:
         self.start, self.end, self.acceleration = start, end, acceleration
         length = abs(end - start)
         self.top_speed = min(speed, math.sqrt(length * acceleration))
-        self.rise = self.top_speed / acceleration
+        self.rise = self.top_speed / acceleration  # s, until the speed is even
         self.duration = length / self.top_speed + self.rise if length else 0.0
 
     def is_even(self, elapsed: float) -> bool:
@@ -122,22 +114,13 @@ class Ripple(NamedTuple):
 
 
 class Drive:
-    """Moves the axes of a rig.
-
-    Args:
-        rig: With the device.
-        rough: What is known of each axis.
-
-    Attributes:
-        goal: Where each axis is held, in m (rad).
-        load: Force of each axis that is added to that of the control, in N (N m).
-    """
+    """Moves the axes of a rig; ``rough``: what is known of each axis."""
 
     def __init__(self, rig: Rig, rough: Sequence[Rough]) -> None:
         self.rig = rig
         self.rough = list(rough)
-        self.load = [0.0] * rig.axes
-        self.goal: list[float] = []
+        self.load = [0.0] * rig.axes  # N (N m), added to the force of the control
+        self.goal: list[float] = []  # m (rad), where each axis is held
         self.take_over(rest(rig, rig.period).readings[-1])
 
     def acceleration(self, axis: int) -> float:

@@ -9,12 +9,13 @@ from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import optimize, stats
 
-Floats: TypeAlias = "np.ndarray[Any, np.dtype[np.float64]]"
+Floats: TypeAlias = NDArray[np.float64]
 Cell: TypeAlias = tuple[int, int]  # pose of the other axes, and part of the range
 
-#: Share by which a loss may be less than its statistics say: what the model leaves out, such as the
+#: Share by which a loss may be less than statistics allow: what the model leaves out, such as the
 #: ripple of the speed and the phase of the encoder.
 UNMODELLED = 0.03
 HUBER = 1.5  # standard deviations; beyond, a point counts less

@@ -5,7 +5,7 @@ the limits of the rig stop whatever moves too fast or too far.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -13,6 +13,7 @@ import numpy as np
 
 from forcebound.errors import DeviceError
 from forcebound.lab.identification.drive import Drive, Ripple, Rough, Way
+from forcebound.lab.identification.estimators import Point
 from forcebound.lab.identification.rig import Floats, Rig, Trace, come_to_rest, rest
 from forcebound.messages.packets import Vector
 
@@ -27,6 +28,10 @@ SETTLED, PUSH_RAMP, PUSH_LOOK = 0.15, 0.3, 0.3  # s; an axis rings on friction t
 RIPPLE = 0.6  # share of the speed
 RIPPLE_TICKS = 6  # between two jumps, or more
 GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)  # places that repeat late
+
+
+SPEED_SAMPLES = 8  # to either side, of which a speed is taken
+FEWEST = 8  # samples of a part
 
 
 class Pass(NamedTuple):
@@ -96,7 +101,7 @@ class Kick(NamedTuple):
 
 
 def kick(rig: Rig, axis: int, side: int, started: float) -> Kick:
-    """Push an axis, let it coast, and return what both say.
+    """Push an axis, let it coast, and return force, accelerations and speeds.
 
     Args:
         rig: With the device.
@@ -247,7 +252,55 @@ def _along(axes: int, axis: int, force: float) -> Vector:
 
 
 def rough_of(kicks: list[Kick], started: float) -> Rough:
-    """Return what kicks and the force at which an axis starts say of it."""
+    """Return inertia and friction of an axis, from kicks and the force at which it starts."""
     inertia = float(np.median([one.inertia(0.0) for one in kicks]))
     lost = float(np.median([one.lost for one in kicks]))
     return Rough(inertia, min(started, inertia * lost))
+
+
+def points_of(passes: Sequence[Pass], low: float, high: float, parts: int) -> list[Point]:
+    """Return a point for each pair of passes, there and back, and each part of the range.
+
+    Args:
+        passes: Of one axis, each followed by its way back.
+        low: Least place, in m (rad).
+        high: Largest place.
+        parts: Of the range.
+    """
+    edges = np.linspace(low, high, parts + 1)
+    points = []
+    for there, back in zip(passes[::2], passes[1::2], strict=True):
+        for part in range(parts):
+            a, b = (_means(one, edges[part], edges[part + 1]) for one in (there, back))
+            if a is not None and b is not None:
+                speed, loss, gained = (0.5 * (a - b)).tolist()
+                _, load, load_gained = (0.5 * (a + b)).tolist()
+                points.append(Point((there.pose, part), speed, loss, load, gained, load_gained))
+    return points
+
+
+def _means(one: Pass, low: float, high: float) -> Floats | None:
+    """Mean speed, force that moves the axis, and acceleration between two places.
+
+    All are positive with positive motion. None: there are too few samples, or a late one.
+    """
+    trace, q = one.trace, one.trace.readings[:, one.axis]
+    inside = np.flatnonzero((q >= low) & (q <= high))
+    if inside.size < FEWEST or trace.late[inside[0] : inside[-1]].any():
+        return None
+    ends = [int(inside[0]), int(inside[-1])]
+    given = np.interp(trace.read[ends], trace.effect, impulse_of(one))
+    speeds = [_speed_at(trace.read, q, end) for end in ends]
+    changes = [q[ends[1]] - q[ends[0]], given[0] - given[1], speeds[1] - speeds[0]]
+    return np.asarray(np.array(changes) / (trace.read[ends[1]] - trace.read[ends[0]]))
+
+
+def impulse_of(one: Pass) -> Floats:
+    """Return the time integral of the force of a pass up to each of its effects, in N s (N m s)."""
+    forces = one.trace.forces[:-1, one.axis]
+    return np.concatenate([[0.0], np.cumsum(forces * np.diff(one.trace.effect))])
+
+
+def _speed_at(time: Floats, q: Floats, index: int) -> float:
+    part = slice(max(0, index - SPEED_SAMPLES), index + SPEED_SAMPLES + 1)
+    return float(np.polyfit(time[part] - time[index], q[part], 1)[0])

@@ -12,8 +12,7 @@ import numpy as np
 from forcebound.errors import DeviceError
 from forcebound.lab.identification.drive import Drive
 from forcebound.lab.identification.estimators import Bounded, Floats, mean_of
-from forcebound.lab.identification.experiments import there_and_back
-from forcebound.lab.identification.windows import points_of
+from forcebound.lab.identification.experiments import points_of, there_and_back
 
 USER_TIMEOUT = 120.0  # s
 LOOK = 1.0  # s, for which a weight hangs still
@@ -33,7 +32,7 @@ def gain(
     friction: float,
     reach: float,
     speed: float,
-    say: Callable[[str], None],
+    report: Callable[[str], None],
 ) -> Bounded | None:
     """Return the force of a motor over its command; None if the weight was not hung.
 
@@ -47,7 +46,7 @@ def gain(
         friction: Of the axis, in N (N m).
         reach: Of the passes to either side, in m (rad).
         speed: Of the passes, in m/s (rad/s).
-        say: Shows the user what to do.
+        report: Shows the user what to do.
 
     Raises:
         DeviceError: If the axis does not move evenly.
@@ -55,24 +54,24 @@ def gain(
     name = f"axis {axis + 1}"
     least, most = LIGHTEST * friction, HEAVIEST * drive.rig.limits.force
     if not least <= weight <= most:
-        say(
+        report(
             f"{name}: the weight pulls with {weight:.3g}; it should be {least:.3g} ({LIGHTEST:g}"
             f" times the friction) to {most:.3g} ({HEAVIEST:g} of --force): gain not measured"
         )
         return None
     without = _loads(drive, axis, reach, speed)
     nothing = -float(without.mean())
-    say(
+    report(
         f"{name}: the motor holds. Hang the weight so that it pulls with {weight:.3g} at this axis"
         f" alone, either way, and let go; within {USER_TIMEOUT:.0f} s"
     )
     held = _wait(drive, axis, lambda force: abs(force - nothing) >= HANGS * weight, weight)
     if held is None:
-        say(f"{name}: no weight was seen to hang: gain not measured")
+        report(f"{name}: no weight was seen to hang: gain not measured")
         return None
     drive.load[axis] = held
     hanging = _loads(drive, axis, reach, speed)
-    say(f"{name}: take the weight off; within {USER_TIMEOUT:.0f} s")
+    report(f"{name}: take the weight off; within {USER_TIMEOUT:.0f} s")
     drive.load[axis] = 0.0
     _wait(drive, axis, lambda force: abs(force - nothing) < HANGS * weight, weight)
     mean, error = mean_of(np.abs(hanging - without.mean(axis=0)))

@@ -24,7 +24,7 @@ from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
 from forcebound.lab.identification.estimators import UNMODELLED, Bounded, Floats, mean_of
-from forcebound.lab.identification.experiments import Pass
+from forcebound.lab.identification.experiments import Pass, impulse_of
 
 FEWEST = 40  # ticks of a stroke
 FIRST_GUESS, LARGEST = 1e-4, 0.02  # s
@@ -65,7 +65,7 @@ def _lag_of_stroke(stroke: Pass, damping: float) -> float | None:
     slow = np.vander((time - time[0]) / (time[-1] - time[0]), 4)
     lost = damping * cumulative_trapezoid(place - place[0], time, initial=0.0)
     grid = np.arange(trace.effect[0] - LARGEST, time[-1] + STEP, STEP)
-    impulse = np.concatenate([[0.0], np.cumsum(trace.forces[:-1, axis] * np.diff(trace.effect))])
+    impulse = impulse_of(stroke)
 
     def misses(parameters: Floats) -> Floats:
         lag = float(parameters[0])

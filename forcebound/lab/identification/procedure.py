@@ -9,14 +9,12 @@ import numpy as np
 from forcebound.errors import DeviceError
 from forcebound.haptics.devices import Device, DeviceModel
 from forcebound.lab.identification import estimators, experiments
-from forcebound.lab.identification.clock import Clock
 from forcebound.lab.identification.drive import BANDWIDTH, Drive
-from forcebound.lab.identification.estimators import Bounded, Cell, Point
-from forcebound.lab.identification.experiments import Kick, Pass
+from forcebound.lab.identification.estimators import Bounded, Cell
+from forcebound.lab.identification.experiments import Kick, Pass, points_of
 from forcebound.lab.identification.gain import gain
 from forcebound.lab.identification.lag import lag_of
-from forcebound.lab.identification.rig import Limits, Rig, rest
-from forcebound.lab.identification.windows import points_of
+from forcebound.lab.identification.rig import Clock, Limits, Rig, rest
 from forcebound.messages.packets import Vector
 
 RANGE = 0.7  # share of the reach that is measured; the rest is for turning
@@ -48,7 +46,7 @@ class Plan:
 
 @dataclass(frozen=True, kw_only=True)
 class Loss:
-    """What the passes of an axis say; a bound is on the careful side."""
+    """Result of the passes of an axis; a bound is on the careful side."""
 
     damping: Bounded  # b, in N s/m (joints: N m s)
     friction: Bounded  # f_c, in N (N m), least of all places
@@ -57,7 +55,6 @@ class Loss:
     #: motion: its mean; the bound is of the largest, without sign.
     load: Bounded
     inertia: float  # kg (kg m^2)
-    passes: tuple[Point, ...]  # what damping was found from: whole passes, there and back
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,7 +83,7 @@ def identify(
     model: DeviceModel,
     clock: Clock,
     plan: Plan,
-    say: Callable[[str], None] = lambda line: None,
+    report: Callable[[str], None] = lambda line: None,
     middle: Vector | None = None,
 ) -> Found:
     """Return what is found of a device that nobody holds.
@@ -96,7 +93,7 @@ def identify(
         model: What it states.
         clock: Real or virtual.
         plan: How far, how hard, how often.
-        say: Is called with what comes next.
+        report: Is called with what comes next.
         middle: Readings in the middle of the workspace; None: where the device is now.
 
     Raises:
@@ -106,26 +103,26 @@ def identify(
     wide = Limits(plan.force, math.inf, BEYOND * plan.reach)
     rig = Rig(device, clock, 1.0 / plan.rate, wide, holds=model.watchdog == "none")
     axes = range(rig.axes)
-    say("at rest: noise of the encoders")
+    report("at rest: noise of the encoders")
     resting = rest(rig).readings
-    drive, kicks = _first_look(rig, rig.start if middle is None else middle, plan, say)
+    drive, kicks = _first_look(rig, rig.start if middle is None else middle, plan, report)
     speeds = [_largest_speed(drive, axis, plan) for axis in axes]
     passes = []
     for axis in axes:
-        say(f"axis {axis + 1}: there and back at several speeds, over its range")
+        report(f"axis {axis + 1}: there and back at several speeds, over its range")
         passes.append(_passes(drive, axis, speeds[axis], plan))
     rig.release()  # no force stays on while this is computed
     spans = tuple((x - RANGE * plan.reach, x + RANGE * plan.reach) for x in rig.start)
     losses = [_loss_of(*one, plan) for one in zip(passes, kicks, spans, strict=True)]
     drive.take_over(rest(rig, experiments.STOPPING).readings[-1].tolist())
-    say("there and back with a force that jumps: does it come late?")
+    report("there and back with a force that jumps: does it come late?")
     strokes = [
         experiments.strokes(drive, axis, speeds[axis], plan.reach, plan.strokes) for axis in axes
     ]
-    say("pushes below the friction: how far does it yield?")
+    report("pushes below the friction: how far does it yield?")
     forces = tuple(_below_friction(axis, one) for axis, one in enumerate(losses))
     yielded = experiments.pushes(drive, forces, plan.pushes)
-    gains = _gains(drive, losses, speeds, plan, say) if plan.weight else ()
+    gains = _gains(drive, losses, speeds, plan, report) if plan.weight else ()
     rig.release()
     found = []
     for axis, loss in enumerate(losses):
@@ -145,31 +142,31 @@ def _gains(
     losses: Sequence[Loss],
     speeds: Sequence[float],
     plan: Plan,
-    say: Callable[[str], None],
+    report: Callable[[str], None],
 ) -> tuple[Bounded, ...]:
     """Gains of all motors, or none; a failure is reported, and ends no identification."""
     gains = []
     try:
         for axis, one in enumerate(losses):
             reach, speed = WEIGHED * plan.reach, WEIGHED * speeds[axis]
-            found = gain(drive, axis, plan.weight, one.friction.upper, reach, speed, say)
+            found = gain(drive, axis, plan.weight, one.friction.upper, reach, speed, report)
             gains += [] if found is None else [found]
     except DeviceError as error:
-        say(f"{error}. What was measured before is kept")
+        report(f"{error}. What was measured before is kept")
     return tuple(gains) if len(gains) == len(losses) else ()
 
 
 def _first_look(
-    rig: Rig, middle: Vector, plan: Plan, say: Callable[[str], None]
+    rig: Rig, middle: Vector, plan: Plan, report: Callable[[str], None]
 ) -> tuple[Drive, list[list[Kick]]]:
-    """Return the drive of the axes, now in the middle, and what short pushes say of each."""
-    say("a slow ramp on each axis: does it move, and the right way?")
+    """Return the drive of the axes, now in the middle, and the kicks of each."""
+    report("a slow ramp on each axis: does it move, and the right way?")
     kicks, rough = [], []
     for axis in range(rig.axes):
         inwards = 1 if middle[axis] >= rig.start[axis] else -1
         sides = (inwards, -inwards)
         started = max(experiments.start_to_move(rig, axis, side) for side in sides)
-        say(f"axis {axis + 1} moves at {started:.3g}; short pushes: how heavy is it?")
+        report(f"axis {axis + 1} moves at {started:.3g}; short pushes: how heavy is it?")
         kicks.append([experiments.kick(rig, axis, side, started) for side in (*sides, *sides)])
         rough.append(experiments.rough_of(kicks[-1], started))
     drive = Drive(rig, rough)
@@ -244,7 +241,6 @@ def _loss_of(
         friction_of_parts=parts,
         load=estimators.load(fine),
         inertia=inertia,
-        passes=tuple(whole),
     )
 
 

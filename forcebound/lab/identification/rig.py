@@ -2,22 +2,25 @@
 
 import math
 import os
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
+from forcebound import realtime
 from forcebound.errors import DeviceError
 from forcebound.haptics.devices import Device
-from forcebound.lab.identification.clock import Clock
 from forcebound.messages.packets import Vector
 
-Floats: TypeAlias = "np.ndarray[Any, np.dtype[np.float64]]"
+Floats: TypeAlias = NDArray[np.float64]
 
 #: Force of a tick, from the time since the start of the run, in s, and the reading.
 Controller: TypeAlias = Callable[[float, Vector], Vector]
 
+SPIN_NS = 30_000
 LATE = 1.25  # periods; beyond, a watchdog may have dropped the force
 STALL = 0.01  # s; a force that is held longer by this moves an axis far
 SPEED_TICKS = 8  # over which the speed is watched
@@ -41,7 +44,34 @@ class Trace(NamedTuple):
     effect: Floats  # s, when forces began to act
     readings: Floats  # m (rad), of each axis
     forces: Floats  # N (N m), of each axis, positive against positive motion
-    late: "np.ndarray[Any, np.dtype[np.bool_]]"  # intervals in which a watchdog may have acted
+    late: NDArray[np.bool_]  # intervals in which a watchdog may have acted
+
+
+class Clock:
+    """The monotonic clock of this machine, in ns."""
+
+    def now(self) -> int:
+        """Return the time."""
+        return time.monotonic_ns()
+
+    def wait_until(self, time_ns: int) -> None:
+        """Return at this time, or at once if it has passed."""
+        realtime.wait_until(time_ns, SPIN_NS)
+
+
+class VirtualClock(Clock):
+    """The time of a simulated device: it passes while somebody waits."""
+
+    def __init__(self) -> None:
+        self._now_ns = 0
+
+    def now(self) -> int:
+        """Return the time."""
+        return self._now_ns
+
+    def wait_until(self, time_ns: int) -> None:
+        """Let the time pass."""
+        self._now_ns = max(self._now_ns, time_ns)
 
 
 class Rig:

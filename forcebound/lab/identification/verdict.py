@@ -3,13 +3,12 @@
 A reading goes along a prescribed way, at 100 mm/s to 2 mm behind a surface, and rests there, while
 the environment asks for more force than the law will ever give. What the law lets through, over
 these 2 mm, is the stiffness that a wall can have on this device: no device is simulated, and no
-hand. Repeated with one number better than it was measured, this gives what measuring it is worth.
+hand. Repeated with one number better, this shows which number limits it.
 """
 
 import dataclasses
 import math
-from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -79,35 +78,27 @@ def displayed_stiffness(model: DeviceModel, rate: float, start: Vector) -> float
     return math.hypot(*written.applied) / DEPTH
 
 
-def verdict(
-    model: Any, estimates: Mapping[str, float | Vector], rate: float, start: Vector
-) -> dict[str, Any]:
-    """Return what the law ``certified`` shows on a device.
+class Verdict(NamedTuple):
+    """What the law ``certified`` shows on a device."""
 
-    Args:
-        model: With the bounds that were found.
-        estimates: What was found of each number, without its uncertainty.
-        rate: Of the servo, in Hz.
-        start: Readings in the middle of the workspace.
+    stiffness: float  # N/m
+    gains: dict[str, float]  # times as stiff on a device with a better number, see BETTER
+    limit: str  # the number with the largest gain
 
-    Returns:
-        ``stiffness`` in N/m; ``gains`` by number: how many times stiffer a wall would be on a
-        better device (``built``, see :data:`BETTER`), and if the number had been found without any
-        uncertainty (``measured``); ``limit``, the number with the largest gain of a better device.
-    """
+
+def verdict(model: Any, rate: float, start: Vector) -> Verdict:
+    """Return what the law ``certified`` shows on a device; arguments of `displayed_stiffness`."""
 
     def shown(**changed: object) -> float:
         return displayed_stiffness(dataclasses.replace(model, **changed), rate, start)
 
     now = shown()
-    gains: dict[str, dict[str, float]] = {}
+    gains = {}
     for name, (factor, _) in BETTER.items():
         value = getattr(model, name) or 0.0
-        if not np.any(value):
-            continue
-        better = tuple(factor * v for v in value) if isinstance(value, tuple) else factor * value
-        gains[name] = {"built": shown(**{name: better}) / (now or math.inf)}
-        if name in estimates:
-            gains[name]["measured"] = shown(**{name: estimates[name]}) / (now or math.inf)
-    limit = max(gains, key=lambda name: gains[name]["built"])
-    return {"stiffness": now, "gains": gains, "limit": limit}
+        if np.any(value):
+            better = (
+                tuple(factor * v for v in value) if isinstance(value, tuple) else factor * value
+            )
+            gains[name] = shown(**{name: better}) / (now or math.inf)
+    return Verdict(now, gains, max(gains, key=gains.__getitem__))

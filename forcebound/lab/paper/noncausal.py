@@ -27,12 +27,12 @@ def less_conservative_noncausal(
     moves = _moves(positions)
     energy = force = 0.0
     forces: list[float] = []
-    for n, wanted in enumerate(commanded):
+    for n, demand in enumerate(commanded):
         energy += stiffness * moves[n] ** 2 + friction * abs(moves[n])
         energy += force * moves[n]
         budget = energy + friction * abs(moves[n + 1])
         largest = min(math.sqrt(4.0 * stiffness * max(budget, 0.0)), dissipation.saturation)
-        force = max(-largest, min(largest, wanted))
+        force = max(-largest, min(largest, demand))
         forces.append(force)
     return forces
 
@@ -51,18 +51,18 @@ def more_conservative_noncausal(
     moves = _moves(positions)
     beta, force = capability, 0.0
     forces: list[float] = []
-    for n, wanted in enumerate(commanded):
-        wanted = max(-dissipation.saturation, min(dissipation.saturation, wanted))
+    for n, demand in enumerate(commanded):
+        demand = max(-dissipation.saturation, min(dissipation.saturation, demand))
         gamma = 2.0 * beta * moves[n] + force
         rho = 4.0 * beta * friction * abs(moves[n + 1])
         square = gamma * gamma + rho
         largest, needed = 0.0, capability
-        if wanted != 0.0 and square != 0.0:
-            needed = max(beta * wanted * wanted / square, SMALLEST_SHARE * capability)
+        if demand != 0.0 and square != 0.0:
+            needed = max(beta * demand * demand / square, SMALLEST_SHARE * capability)
             needed = min(capability, needed)
             largest = math.sqrt(needed / beta * square)
         beta = needed
-        force = max(-largest, min(largest, wanted))
+        force = max(-largest, min(largest, demand))
         forces.append(force)
     return forces
 

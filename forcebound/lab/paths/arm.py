@@ -13,8 +13,7 @@ import math
 import numpy as np
 
 from forcebound.compiled import outlined
-from forcebound.lab.paths import truth as at
-from forcebound.lab.paths.truth import Floats, relax, walk, work_of_axis
+from forcebound.lab.paths.truth import AXES, Device, Floats, relax, walk, work_of_axis
 
 LINKS = (0.25, 0.2)  # m
 FIRST_POSE = (0.4, 1.3)  # rad, where the encoders read zero
@@ -58,15 +57,15 @@ def jacobian(first: float, second: float) -> tuple[float, float, float, float]:
 
 @outlined
 def power_at_tip(
-    first: float, second: float, speed_x: float, speed_y: float, damping: Floats, torque: Floats
+    first: float, second: float, speed_x: float, speed_y: float, device: Device, torque: Floats
 ) -> float:
     """Return the power of the hand, W, at the tip, against damping and motors."""
     a, b, c, d = jacobian(first, second)
     size = a * d - b * c
     turn_1 = (d * speed_x - c * speed_y) / size
     turn_2 = (a * speed_y - b * speed_x) / size
-    torque_1 = damping[0] * turn_1 + torque[0]
-    torque_2 = damping[1] * turn_2 + torque[1]
+    torque_1 = device.damping[0] * turn_1 + torque[0]
+    torque_2 = device.damping[1] * turn_2 + torque[1]
     force_x = (d * torque_1 - b * torque_2) / size  # J^-T
     force_y = (a * torque_2 - c * torque_1) / size
     return float(force_x * speed_x + force_y * speed_y)
@@ -82,8 +81,7 @@ def turn_rate(axis: int, first: float, second: float, speed_x: float, speed_y: f
 
 @outlined
 def rub(
-    body: Floats,
-    device: Floats,
+    device: Device,
     axis: int,
     line: tuple[float, float, float, float],
     start: float,
@@ -109,10 +107,10 @@ def rub(
             else:
                 high = middle
         turning = one if axis == 0 else two
-        work = work_of_axis(body, device, axis, turning - body[at.POSITION, axis])
-        body[at.POSITION, axis] = turning
-    work += work_of_axis(body, device, axis, angle - body[at.POSITION, axis])
-    body[at.POSITION, axis] = angle
+        work = work_of_axis(device, axis, turning - device.position[axis])
+        device.position[axis] = turning
+    work += work_of_axis(device, axis, angle - device.position[axis])
+    device.position[axis] = angle
     return work
 
 
@@ -131,21 +129,19 @@ def is_within_reach(
 
 
 @outlined
-def walk_at_tip(
-    body: Floats, device: Floats, numbers: Floats, duration: float, move: Floats
-) -> float:
+def walk_at_tip(device: Device, duration: float, move: Floats) -> float:
     """Move the tip straight to where ``move`` of the joints ends; return the hand's energy, J.
 
     Where it cannot, near the stretched or the folded arm, the joints move uniformly.
     """
-    first, second = body[at.POSITION, 0], body[at.POSITION, 1]
+    first, second = device.position[0], device.position[1]
     x, y = tip_of(first, second)
     end_x, end_y = tip_of(first + move[0], second + move[1])
     if not is_within_reach(second, second + move[1], x, y, end_x, end_y):
-        return walk(body, device, numbers, duration, move)
+        return walk(device, duration, move)
     speed_x, speed_y = (end_x - x) / duration, (end_y - y) / duration
-    lag, energy = numbers[at.LAG], 0.0
-    torque = np.zeros(at.AXES)
+    lag, energy = device.lag, 0.0
+    torque = np.zeros(AXES)
     part = duration / PARTS
     for number in range(PARTS):
         for node in range(len(_NODES)):
@@ -154,17 +150,17 @@ def walk_at_tip(
             angle_1, angle_2 = angles_of(x + speed_x * now, y + speed_y * now)
             left = math.exp(-after / lag) if lag > 0.0 else 0.0
             for axis in range(2):
-                target = body[at.TARGET, axis]
-                torque[axis] = target + (body[at.OUTPUT, axis] - target) * left
-                torque[axis] *= device[at.GAIN, axis]
-            power = power_at_tip(angle_1, angle_2, speed_x, speed_y, device[at.DAMPING], torque)
+                target = device.target[axis]
+                torque[axis] = target + (device.output[axis] - target) * left
+                torque[axis] *= device.gain[axis]
+            power = power_at_tip(angle_1, angle_2, speed_x, speed_y, device, torque)
             energy += _WEIGHTS[node] / 2.0 * part * power
         end = (number + 1) * part
         angle_1, angle_2 = angles_of(x + speed_x * end, y + speed_y * end)
         if number == PARTS - 1:
             angle_1, angle_2 = first + move[0], second + move[1]
         line = (x, y, speed_x, speed_y)
-        energy += rub(body, device, 0, line, number * part, end, angle_1)
-        energy += rub(body, device, 1, line, number * part, end, angle_2)
-        relax(body, lag, part)
+        energy += rub(device, 0, line, number * part, end, angle_1)
+        energy += rub(device, 1, line, number * part, end, angle_2)
+        relax(device, part)
     return energy

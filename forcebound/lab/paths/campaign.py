@@ -6,11 +6,10 @@ search; ``without_CERTIFICATE:...`` if the certificate's number was left out of 
 given.
 """
 
-import math
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -55,8 +54,8 @@ class PathCase(NamedTuple):
         return [
             {
                 **self._asdict(),
-                "samples": found.steps,
-                LOWEST: found.worst.outcome.worst,
+                "samples": found.samples,
+                LOWEST: found.worst.result.worst,
                 "case": name,
                 "is_tight": found.is_tight,
             }
@@ -102,7 +101,7 @@ def _check(name: str) -> None:
         raise ConfigError(f"no certificate {name!r}; known are {', '.join(CERTIFICATES)}")
 
 
-def replay(law: str, name: str) -> tuple[dict[str, Any], list[Vector]]:
+def replay(law: str, name: str) -> tuple[Row, list[Vector]]:
     """Repeat a run by its name; return it ready for JSON, and its trace.
 
     Raises:
@@ -119,23 +118,19 @@ def replay(law: str, name: str) -> tuple[dict[str, Any], list[Vector]]:
     found = PathCase(title, law, left_out, kind, seed, number + 1).restart()
     assert found.last is not None
     trace: list[Vector] = []
-    outcome = run(found.case, found.last.genes, found.bounder, found.last.start, trace)
-    case = {"name": name, "summary": CERTIFICATES[title].summary, **_said(found.case.stated)}
-    return {"law": law, "case": case, LOWEST: outcome.worst, **_said(outcome)}, trace
+    result = run(found.case, found.last.genes, found.bounder, found.last.start, trace)
+    stated = {key: one for key, one in asdict(found.case.stated).items() if one}
+    case = {"name": name, "summary": CERTIFICATES[title].summary, **stated}
+    return {"law": law, "case": case, LOWEST: result.worst, **result._asdict()}, trace
 
 
-def _said(numbers: Any) -> dict[str, Any]:
-    """Return the fields of a dataclass that are neither zero nor infinite."""
-    return {key: one for key, one in asdict(numbers).items() if one not in (0, math.inf, -math.inf)}
-
-
-def summary(rows: Sequence[Row]) -> list[dict[str, Any]]:
+def summary(rows: Sequence[Row]) -> list[Row]:
     """Return the worst of each certificate and law, ready for JSON.
 
     Each has ``certificate``, ``summary``, ``law``, ``holds``, ``runs``, ``samples``,
     ``margin_min_j`` (the lowest energy, of late holds that above the allowance, or the least truth
-    above what the law believed) and its ``case``, ``searches`` and ``tight``: how many of them came
-    back to zero; and ``without``: the same with the number left out, or None.
+    above the estimate of the law) and its ``case``, ``searches`` and ``tight``: how many of them
+    came back to zero; and ``without``: the same with the number left out, or None.
     """
     found = []
     for (certificate, law), own in groups(rows, "certificate", "law").items():
@@ -155,7 +150,7 @@ def summary(rows: Sequence[Row]) -> list[dict[str, Any]]:
     return found
 
 
-def _numbers(rows: Sequence[Row]) -> dict[str, Any]:
+def _numbers(rows: Sequence[Row]) -> Row:
     lowest = least(rows, LOWEST)
     searches = [row for row in rows if row["kind"] == "s"]
     return {
@@ -183,20 +178,20 @@ energy if the certificate's own number is stated as if the device did not have t
 """
 
 
-def section(rows: Sequence[dict[str, Any]]) -> Iterator[str]:
+def section(rows: Sequence[Row]) -> Iterator[str]:
     """Yield the section of a page; ``rows`` as of :func:`summary`."""
     yield INTRODUCTION
     yield from worst(rows)
     yield ""
 
 
-def worst(rows: Sequence[dict[str, Any]]) -> Iterator[str]:
+def worst(rows: Sequence[Row]) -> Iterator[str]:
     """Yield a table of the worst run of each certificate and law."""
     heads = ("certificate", "law", "runs", "lowest energy", "case", "tight", "verdict")
     yield from table((*heads, "left out", "case"), map(_shown, rows))
 
 
-def _shown(row: dict[str, Any]) -> tuple[str, ...]:
+def _shown(row: Row) -> tuple[str, ...]:
     without = row["without"] or {LOWEST: None, "case": ""}
     names = row["summary"], f"`{row['law']}`", f"{row['runs']:,}"
     tight = f"{row['tight']} of {row['searches']}", verdict(row[LOWEST])

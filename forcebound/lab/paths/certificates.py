@@ -1,58 +1,70 @@
 """The certificates under attack: for each, how devices are drawn, and what is left out to break it.
 
 A device is drawn first as it *is*; then it is stated to the bounder, truthfully or, to show that
-the attack would see the leak, with the certificate's own numbers stated as if the device did not
+the attack would see the leak, with the certificate's own number stated as if the device did not
 have the effect.
 """
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
-from typing import Any, TypeAlias
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
+from forcebound.compiled import record_type
 from forcebound.haptics.laws import Dissipation
-from forcebound.lab.paths import truth as at
+from forcebound.lab.cases import by_logarithm
 from forcebound.lab.paths.path import COMMANDS, READINGS, Manner
-from forcebound.lab.paths.run import Case
-from forcebound.lab.paths.truth import AXES
+from forcebound.lab.paths.run import AttackedDevice
+from forcebound.lab.paths.truth import COPIES, Device
 
 Random = np.random.Generator
 Effect: TypeAlias = Callable[["Draft"], None]
 
 
-@dataclass(frozen=True)
-class Certificate:
-    """What is attacked.
+class Certificate(NamedTuple):
+    """What is attacked."""
 
-    Attributes:
-        summary: One line for the report.
-        effects: Functions that give a device its imperfections, in this order.
-        left_out: Fields stated as here in the run that must break the law.
-        axes: Numbers of axes to draw from.
-    """
+    summary: str  # one line for the report
+    effects: tuple[Effect, ...]  # that give a device its imperfections, in this order
+    left_out: str = ""  # field whose truth is left out in the run that must break the law
+    axes: tuple[int, ...] = (1, 1, 2, 3)  # numbers of axes to draw from
 
-    summary: str
-    effects: tuple[Effect, ...]
-    left_out: dict[str, Any] = field(default_factory=dict)
-    axes: tuple[int, ...] = (1, 1, 2, 3)
+
+#: A field that is left out is stated as this, others as 0.
+LEFT_OUT = {"watchdog": "silent", "largest_speed": math.inf}
 
 
 def _log(random: Random, low: float, high: float) -> float:
-    return float(low * (high / low) ** random.random())
+    return by_logarithm(low, high, random.random())
 
 
 @dataclass
 class Draft:
-    """A device while it is drawn: the truth in arrays, and the fields that state it."""
+    """A device while it is drawn: the truth, and the fields that state it."""
 
     random: Random
     axes: int
-    device: Any
-    numbers: Any
-    fields: dict[str, Any]
-    case: dict[str, Any]
+    fields: dict[str, Any]  # of Dissipation
+    case: dict[str, Any] = field(default_factory=dict)  # further fields of AttackedDevice
+    devices: Any = None  # of ``truth``: the device and its copies
+
+    def __post_init__(self) -> None:
+        """Give the device what the fields state, alike on each axis, and nothing else."""
+        self.devices = np.zeros(1 + COPIES, record_type(Device))
+        device, axes = self.device, self.axes
+        device.gain[:], device.fastest = 1.0, math.inf
+        device.axes, device.is_along_path = axes, axes > 1
+        device.damping[:axes], device.friction[:axes] = (
+            self.fields[name] for name in ("damping", "friction")
+        )
+        device.error[:axes] = self.fields["resolution"] / 2.0
+
+    @property
+    def device(self) -> Any:
+        """The truth, a record."""
+        return self.devices[0]
 
     def per_axis(self, name: str) -> tuple[float, ...]:
         """Return a number for each axis, also where one was stated for all."""
@@ -71,20 +83,10 @@ def _plain(random: Random, axes: int) -> Draft:
         "hold_limit": round(period * ratio * 1e9) / 1e9,
         "saturation": _log(random, 1.0, 30.0),
     }
-    draft = draft_of(random, axes, fields)
+    draft = Draft(random, axes, fields)
     if axes > 1 and random.random() < 0.3:  # the isotropic law allows this, too
-        draft.numbers[at.ALONG_PATH] = 0.0
+        draft.device.is_along_path = False
     return draft
-
-
-def draft_of(random: Random, axes: int, fields: dict[str, Any]) -> Draft:
-    """Return a device that has what its ``fields`` state, alike on each axis, and nothing else."""
-    device, numbers = np.zeros((at.DEVICE_ROWS, AXES)), np.zeros(at.NUMBERS)
-    device[at.GAIN], numbers[at.FASTEST] = 1.0, math.inf
-    numbers[at.USED_AXES], numbers[at.ALONG_PATH] = axes, float(axes > 1)
-    device[at.DAMPING, :axes], device[at.FRICTION, :axes] = fields["damping"], fields["friction"]
-    device[at.ERROR, :axes] = fields["resolution"] / 2.0
-    return Draft(random, axes, device, numbers, fields, {})
 
 
 def write_delay(draft: Draft) -> None:
@@ -100,15 +102,15 @@ def presliding(draft: Draft) -> None:
     draft.fields["presliding"] = ways if axes > 1 else ways[0]
     if axes > 1:
         draft.fields["friction"] = draft.per_axis("friction")
-        draft.numbers[at.ALONG_PATH] = 0.0
-    draft.device[at.PRESLIDING, :axes] = draft.per_axis("presliding")
+        draft.device.is_along_path = False
+    draft.device.presliding[:axes] = draft.per_axis("presliding")
 
 
 def gain(draft: Draft) -> None:
     """Every motor gives a constant factor of its force, alike on each axis."""
     error = _log(draft.random, 0.005, 0.2)
     draft.fields["gain_error"] = error
-    draft.device[at.GAIN] = 1.0 + error * draft.random.choice(
+    draft.device.gain[:] = 1.0 + error * draft.random.choice(
         [-1.0, 1.0, draft.random.uniform(-1, 1)]
     )
 
@@ -117,41 +119,40 @@ def gain_of_axes(draft: Draft) -> None:
     """Every motor has a factor of its own."""
     error = _log(draft.random, 0.005, 0.2)
     draft.fields["gain_error"] = error
-    draft.device[at.GAIN] = 1.0 + error * draft.random.choice([-1.0, 1.0], AXES)
+    draft.device.gain[:] = 1.0 + error * draft.random.choice([-1.0, 1.0], 3)
 
 
 def lag(draft: Draft) -> None:
     """The amplifier is of first order."""
     draft.fields["lag"] = draft.fields["period"] * _log(draft.random, 0.02, 1.0)
-    draft.numbers[at.LAG] = draft.fields["lag"]
+    draft.device.lag = draft.fields["lag"]
 
 
-def _of_axes(draft: Draft, name: str, row: int, values: tuple[float, ...]) -> None:
-    """Give each axis a number of its own."""
-    draft.fields[name] = values
-    draft.device[row, : draft.axes] = np.array(values) * (0.5 if name == "resolution" else 1.0)
-    draft.numbers[at.ALONG_PATH] = 0.0
+def _of_axes(draft: Draft, draws: Callable[[str], float]) -> None:
+    """Give each axis damping, friction and resolution of its own."""
+    device, axes = draft.device, draft.axes
+    for name in ("damping", "friction", "resolution"):
+        draft.fields[name] = tuple(draws(name) for _ in range(axes))
+    device.damping[:axes], device.friction[:axes] = (
+        draft.fields["damping"],
+        draft.fields["friction"],
+    )
+    device.error[:axes] = np.array(draft.fields["resolution"]) * 0.5
+    device.is_along_path = False
 
 
 def pooled(draft: Draft) -> None:
     """Every axis has its own damping, friction and resolution."""
-    for name, row in (("damping", at.DAMPING), ("friction", at.FRICTION), ("resolution", at.ERROR)):
-        mean = draft.fields[name]
-        values = tuple(float(mean * _log(draft.random, 0.2, 5.0)) for _ in range(draft.axes))
-        _of_axes(draft, name, row, values)
+    means = dict(draft.fields)
+    _of_axes(draft, lambda name: float(means[name] * _log(draft.random, 0.2, 5.0)))
 
 
 def joints(draft: Draft) -> None:
     """Coordinates are the two joints of an arm; rad and N m."""
-    for name, row, low, high in (
-        ("damping", at.DAMPING, 5e-4, 0.02),
-        ("friction", at.FRICTION, 1e-3, 0.05),
-        ("resolution", at.ERROR, 1e-5, 2e-3),
-    ):
-        values = tuple(_log(draft.random, low, high) for _ in range(draft.axes))
-        _of_axes(draft, name, row, values)
+    ranges = {"damping": (5e-4, 0.02), "friction": (1e-3, 0.05), "resolution": (1e-5, 2e-3)}
+    _of_axes(draft, lambda name: _log(draft.random, *ranges[name]))
     draft.fields["saturation"] = _log(draft.random, 0.1, 2.0)
-    draft.numbers[at.AT_TIP] = 1.0
+    draft.device.is_at_tip = True
 
 
 def tolerance(draft: Draft) -> None:
@@ -170,25 +171,22 @@ def guarding(draft: Draft) -> None:
     """The watchdog guards a late force."""
     draft.fields["watchdog"] = draft.case["watchdog"] = "guarding"
     draft.fields["guard_period"] = draft.fields["period"] * _log(draft.random, 0.01, 0.99)
-    draft.numbers[at.GUARD] = draft.fields["guard_period"]
+    draft.device.guard = draft.fields["guard_period"]
 
 
 def phantom(draft: Draft) -> None:
     """The numbers of the simulated PHANToM Premium 1.5, whose first look is up to 5 us late."""
     stated = {"damping": 0.27, "friction": 0.12, "resolution": 3e-5, "saturation": 8.5}
     draft.fields |= stated | {"period": 1e-3, "hold_limit": 1.02e-3}
-    draft.device[at.DAMPING, 0], draft.device[at.FRICTION, 0], draft.device[at.ERROR, 0] = (
-        0.27,
-        0.12,
-        1.5e-5,
-    )
+    device = draft.device
+    device.damping[0], device.friction[0], device.error[0] = 0.27, 0.12, 1.5e-5
     draft.case["tolerance"] = draft.fields["watchdog_tolerance"] = 5 / 1020
 
 
 def drops_late(draft: Draft) -> None:
     """A guarding watchdog needs some time to drop a force: a look at the limit comes too late."""
     drop = round(draft.fields["guard_period"] * draft.random.uniform(0.05, 0.9), 9)
-    draft.numbers[at.GUARD], draft.numbers[at.DROP] = draft.fields["guard_period"] - drop, drop
+    draft.device.guard, draft.device.drop = draft.fields["guard_period"] - drop, drop
     draft.fields["watchdog_tolerance"] = drop / draft.fields["hold_limit"]
 
 
@@ -228,7 +226,7 @@ def glitches(draft: Draft) -> None:
     """Readings that imply more than the largest speed; the hand never exceeds it."""
     draft.case["refused"] = _log(draft.random, 0.02, 0.5)
     draft.fields["largest_speed"] = draft.case["glitch"] = _log(draft.random, 0.05, 5.0)
-    draft.numbers[at.FASTEST] = 0.999 * draft.fields["largest_speed"]  # no true reading is refused
+    draft.device.fastest = 0.999 * draft.fields["largest_speed"]  # no true reading is refused
 
 
 def too_fast(draft: Draft) -> None:
@@ -252,8 +250,8 @@ def weight(draft: Draft) -> None:
         heavy = np.clip(heavy, -0.5 * error / uncertain, 0.5 * error / uncertain)
         error *= 0.5
     draft.fields["weight"], draft.fields["weight_error"] = tuple(heavy.tolist()), error
-    draft.device[at.WEIGHT, :axes] = heavy + error * random.choice([-1.0, 1.0], axes)
-    draft.device[at.COMPENSATION, :axes] = heavy
+    draft.device.weight[:axes] = heavy + error * random.choice([-1.0, 1.0], axes)
+    draft.device.compensation[:axes] = heavy
     draft.case["punctual_only"] = True
 
 
@@ -264,87 +262,75 @@ def weight_cut(draft: Draft) -> None:
 
 
 CERTIFICATES = {
-    "plain": Certificate("quantised readings, any clock", (), {"resolution": 0.0}),
+    "plain": Certificate("quantised readings, any clock", (), "resolution"),
     "write_delay": Certificate(
-        "writes up to 0.4 T after the reading", (write_delay,), {"write_delay": 0.0}
+        "writes up to 0.4 T after the reading", (write_delay,), "write_delay"
     ),
-    "presliding": Certificate("elastic friction", (presliding,), {"presliding": 0.0}),
-    "gain": Certificate("gain error to 20 %", (gain,), {"gain_error": 0.0}),
+    "presliding": Certificate("elastic friction", (presliding,), "presliding"),
+    "gain": Certificate("gain error to 20 %", (gain,), "gain_error"),
     "gain_of_axes": Certificate(
         "gain error to 20 %, another in each motor", (gain_of_axes,), axes=(2, 3)
     ),
-    "lag": Certificate("first-order amplifier, to T", (lag,), {"lag": 0.0}),
-    "pooled": Certificate(
-        "numbers of each axis", (pooled,), {"resolution": 0.0}, axes=(1, 2, 2, 3)
-    ),
-    "joints": Certificate("an arm, energy at the tip", (joints,), {"resolution": 0.0}, axes=(2,)),
-    "tolerance": Certificate(
-        "silent watchdog in a range", (tolerance,), {"watchdog_tolerance": 0.0}
-    ),
+    "lag": Certificate("first-order amplifier, to T", (lag,), "lag"),
+    "pooled": Certificate("numbers of each axis", (pooled,), "resolution", axes=(1, 2, 2, 3)),
+    "joints": Certificate("an arm, energy at the tip", (joints,), "resolution", axes=(2,)),
+    "tolerance": Certificate("silent watchdog in a range", (tolerance,), "watchdog_tolerance"),
     "reporting": Certificate("reporting watchdog", (reporting,)),
     "guarding": Certificate("guarding watchdog", (guarding,)),
     "guarding_late": Certificate(
         "guarding watchdog, first look early or late within a tolerance",
         (tolerance, guarding),
-        {"watchdog_tolerance": 0.0},
+        "watchdog_tolerance",
     ),
     "guarding_phantom": Certificate(
         "guarding watchdog, the simulated PHANToM, first look 5 us early or late",
         (phantom, guarding),
-        {"watchdog_tolerance": 0.0},
+        "watchdog_tolerance",
         axes=(1,),
     ),
     "guarding_drop": Certificate(
         "guarding watchdog, drop some time after the look, within a tolerance",
         (guarding, drops_late),
-        {"watchdog_tolerance": 0.0},
+        "watchdog_tolerance",
     ),
     "guarding_all": Certificate(
         "guarding watchdog, elastic friction, gain error, other hold limits",
         (presliding, gain_of_axes, changing, guarding),
-        {"presliding": 0.0},
+        "presliding",
         axes=(1, 2, 3),
     ),
     "guarding_weight": Certificate(
         "guarding watchdog and compensated weight: the ledger alone", (weight_cut, guarding)
     ),
-    "none": Certificate(
-        "no watchdog, late holds leak the allowance", (none,), {"watchdog": "silent"}
-    ),
+    "none": Certificate("no watchdog, late holds leak the allowance", (none,), "watchdog"),
     "none_punctual": Certificate("no watchdog, punctual", (none_punctual,)),
     "changing": Certificate("changing hold limits", (changing,)),
     "changing_reporting": Certificate(
         "changing hold limits, reporting watchdog", (reporting, changing)
     ),
     "refused": Certificate("refused readings", (refused,)),
-    "glitches": Certificate(
-        "glitches beyond the largest speed", (glitches,), {"largest_speed": math.inf}
-    ),
+    "glitches": Certificate("glitches beyond the largest speed", (glitches,), "largest_speed"),
     "too_fast": Certificate("a hand faster than stated", (too_fast,)),
     "cap": Certificate("capped ledger", (cap,)),
     "delay_and_speed": Certificate(
-        "writes late, with a largest speed", (write_delay, glitches), {"write_delay": 0.0}
+        "writes late, with a largest speed", (write_delay, glitches), "write_delay"
     ),
     "late_writes": Certificate(
         "writes late and a silent watchdog in a range", (write_delay, tolerance)
     ),
-    "none_and_lag": Certificate("no watchdog, a lag", (lag, none), {"lag": 0.0}),
-    "none_and_delay": Certificate(
-        "no watchdog, writes late", (write_delay, none), {"write_delay": 0.0}
-    ),
-    "lag_and_presliding": Certificate(
-        "a lag and elastic friction", (lag, presliding), {"lag": 0.0}
-    ),
-    "weight": Certificate("compensated weight", (weight,), {"weight_error": 0.0}),
+    "none_and_lag": Certificate("no watchdog, a lag", (lag, none), "lag"),
+    "none_and_delay": Certificate("no watchdog, writes late", (write_delay, none), "write_delay"),
+    "lag_and_presliding": Certificate("a lag and elastic friction", (lag, presliding), "lag"),
+    "weight": Certificate("compensated weight", (weight,), "weight_error"),
     "weight_cut": Certificate("compensated weight, cuts: the ledger alone", (weight_cut,)),
     "gain_and_weight": Certificate(
-        "gain error and compensated weight", (gain, weight), {"gain_error": 0.0}
+        "gain error and compensated weight", (gain, weight), "gain_error"
     ),
     "all": Certificate("a random choice of all of these", ()),
 }
 
 
-def draw(name: str, law: str, random: Random, left_out: bool = False) -> Case:
+def draw(name: str, law: str, random: Random, left_out: bool = False) -> AttackedDevice:
     """Return a random case of a certificate, with ``left_out`` one that must break the law.
 
     Args:
@@ -358,8 +344,9 @@ def draw(name: str, law: str, random: Random, left_out: bool = False) -> Case:
     effects = list(certificate.effects) if name != "all" else _some(random, draft.axes)
     for effect in effects:
         effect(draft)
-    fields = draft.fields | (certificate.left_out if left_out else {})
-    return finished(law, draft, Dissipation(**fields))
+    if left_out and certificate.left_out:
+        draft.fields[certificate.left_out] = LEFT_OUT.get(certificate.left_out, 0.0)
+    return finished(law, draft)
 
 
 def _some(random: Random, axes: int) -> list[Effect]:
@@ -376,25 +363,28 @@ def _some(random: Random, axes: int) -> list[Effect]:
     return chosen + watchdogs[random.integers(len(watchdogs))]
 
 
-def finished(law: str, draft: Draft, stated: Dissipation) -> Case:
-    """Return the case of a device as it is, and as it is ``stated``, with a manner of attack."""
-    random, axes = draft.random, draft.axes
+def finished(law: str, draft: Draft, speed: float | None = None) -> AttackedDevice:
+    """Return a device as it is, and as its fields state it, with a manner of attack.
+
+    ``speed``: of the hand, m/s; None: it is drawn.
+    """
+    random, stated = draft.random, Dissipation(**draft.fields)
     clock = 3 if draft.case.get("ledger_only") else int(random.choice([0, 1, 2, 3, 3]))
     longest = 50.0 * stated.period
     if draft.case.get("watchdog") == "none":
         longest = 2.0 * draft.fields["watchdog_limit"]
     punctual = draft.case.pop("punctual_only", False)
-    if draft.device[at.COMPENSATION].any() and draft.case.get("tolerance"):
+    if draft.device.compensation.any() and draft.case.get("tolerance"):
         draft.case["ledger_only"] = True  # an early cut lets the weight fall
+    reading, command = int(random.integers(len(READINGS))), int(random.integers(len(COMMANDS)))
+    drawn = min(_log(random, 1e-3, 1.0), stated.largest_speed)
     manner = Manner(
-        int(random.integers(len(READINGS))),
-        int(random.integers(len(COMMANDS))),
-        clock,
-        _log(random, 1e-3, 1.0),
-        max(longest, stated.hold_limit),
-        stated.saturation,
-        punctual,
+        reading=reading,
+        command=command,
+        clock=clock,
+        speed=drawn if speed is None else speed,
+        longest=max(longest, stated.hold_limit),
+        saturation=stated.saturation,
+        punctual=punctual,
     )
-    if math.isfinite(stated.largest_speed):
-        manner = replace(manner, speed=min(manner.speed, stated.largest_speed))
-    return Case(law, stated, axes, draft.device, draft.numbers, manner, **draft.case)
+    return AttackedDevice(law, stated, draft.devices, manner, **draft.case)

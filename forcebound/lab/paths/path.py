@@ -2,64 +2,103 @@
 
 A run has a row of genes for each interval between two readings. :func:`plan_of` turns them into
 times, moves and commands; :func:`tick` lets the device go through one interval. The hand knows the
-force before it moves: its moves are shares of the move that costs it least (``STRIKE``), and on top
-of them multiples of the encoder's error (``MICRO``), a speed, and a turn within the hold.
+force before it moves: its moves are shares of the move that costs it least (``strike``), and on top
+of them multiples of the encoder's error (``micro``), a speed, and a turn within the hold.
 """
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from forcebound.compiled import outlined
-from forcebound.lab.paths import truth as at
+from forcebound.compiled import outlined, record_type
+from forcebound.lab.cases import LEAST_PEAK
 from forcebound.lab.paths.arm import walk_at_tip
-from forcebound.lab.paths.truth import AXES, Floats, no_faster, strike, strike_guarded, walk
+from forcebound.lab.paths.truth import (
+    AXES,
+    Device,
+    Devices,
+    Floats,
+    PerAxis,
+    Vector,
+    cut,
+    no_faster,
+    set_force,
+    strike,
+    strike_guarded,
+    walk,
+)
 
-# Columns of genes and of a plan.
-DURATION, WRITE, APPLIED, CUT, STRIKE_OLD, STRIKE, RETURN, TURN, SPLIT = range(9)
-MICRO, SPEED, MISREAD, COMMAND = 9, 12, 15, 18  # three columns each
-COLUMNS = 21
+
+class Interval:
+    """A row of genes, in this order, or what they mean; SI units but for the two times."""
+
+    duration: float  # ns
+    write: float  # ns after the reading
+    applied: float  # share of the force that is applied
+    cut: float  # error of the watchdog, -1 to 1
+    strike_old: float  # shares of the worst move: before the write,
+    strike: float  # in the hold,
+    back: float  # and, of the hold's, after the cut
+    turn: float  # m
+    split: float  # share of the hold before the turn
+    micro: PerAxis  # m
+    speed: PerAxis  # m/s
+    misread: PerAxis  # share of the error of a reading
+    command: PerAxis  # N
+
+
+FIELDS = record_type(Interval)
+COLUMNS = FIELDS.itemsize // 8
+#: Columns of a row of genes by field.
+PLACES = {name: FIELDS.fields[name][1] // 8 for name in FIELDS.names}  # type: ignore[index, union-attr]
+VECTORS = ("micro", "speed", "misread", "command")
 
 # How the encoder errs, always by at most r.
 READINGS = ("genes", "stick", "lead", "trail", "push", "pull", "quantised", "edges")
 # What the environment commands.
 COMMANDS = ("genes", "along the motion", "against the motion", "alternating", "along the axis")
 
-# Places of the record of a run.
-ENERGY, LOWEST, STRUCK, PEAK, SHARE, LEFT, CUT_AFTER, CUT_TIME, LATE_STRUCK, FALLEN = range(10)
-RECORD = 10
-
-# Rows of what is remembered from tick to tick besides the body.
-READING, COMMANDED, LAST_MOVE, AT_CUT, AT_WRITE = range(5)
-SEEN_ROWS = 5
-
-SMALLEST_PEAK = 1e-5  # J, of the energy; a share of less says nothing
 LARGE_PEAK = 1e-4  # J; what is left after such a peak says how tight a law is
 
 
-@dataclass(frozen=True)
-class Manner:
-    """How the genes of a run are read.
+class Account:
+    """The energy of a run so far, in J, and what is handed from interval to interval."""
 
-    Attributes:
-        reading: Place in :data:`READINGS`.
-        command: Place in :data:`COMMANDS`.
-        clock: 0: each interval is the hold limit, 1: the period, 2: up to the hold limit, 3: also
-            overruns up to ``longest``.
-        speed: Of the hand, m/s, for a gene of 1.
-        longest: Longest interval, s.
-        saturation: Largest command, N.
-        punctual: No hold lasts longer than the hold limit, from write to write.
-    """
+    energy: float
+    lowest: float
+    struck: float  # lowest of the worst ends of all holds
+    late_struck: float  # the same, of late holds
+    fallen: float  # most that it can fall in a punctual hold while it is below zero
+    peak: float
+    share: float  # lowest after a peak, over that peak
+    left: float  # lowest after a peak of LARGE_PEAK
+    cut_after: float  # s until the watchdog drops the force
+    cut_time: float  # s, when it did in this interval; -1: it did not
+    reading_mode: int  # place in READINGS
+    command_mode: int  # place in COMMANDS
+    hold: float  # s, for which the device really holds the next force
+    struck_hold: float  # s, for which it is struck
+    late_hold: float  # s, in a late hold; 0: not tried
+    force: PerAxis  # N, to be written
+    reading: PerAxis  # m
+    commanded: PerAxis  # N
+    last_move: PerAxis  # m
+    at_cut: PerAxis  # m
+    at_write: PerAxis  # m
 
-    reading: int
-    command: int
-    clock: int
-    speed: float
-    longest: float
-    saturation: float
-    punctual: bool = False
+
+class Manner(NamedTuple):
+    """How the genes of a run are read."""
+
+    reading: int  # place in READINGS
+    command: int  # place in COMMANDS
+    clock: int  # interval: 0 hold limit, 1 period, 2 up to the hold limit, 3 also overruns
+    speed: float  # m/s, of the hand, for a gene of 1
+    longest: float  # s, of an overrun
+    saturation: float  # N, largest command
+    punctual: bool = False  # no hold lasts longer than the hold limit, from write to write
 
 
 def plan_of(
@@ -69,19 +108,19 @@ def plan_of(
     hold_limit: Floats,
     write_delay: float,
     way: Floats,
-) -> Floats:
-    """Return what the rows of ``genes`` mean, in SI units, shape ``(rows, COLUMNS)``.
+) -> Any:
+    """Return what the rows of ``genes`` mean, an array of :class:`Interval`.
 
     Args:
-        genes: Any numbers; of the order of 1.
+        genes: Any numbers, of the order of 1; a row for each interval, ``COLUMNS`` columns.
         manner: How to read them.
         period: T, s.
         hold_limit: T_max of the force of each row, s.
         write_delay: Largest time from reading to writing, s.
-        way: Unit of ``MICRO`` and ``TURN`` for each axis, m.
+        way: Unit of ``micro`` and ``turn`` for each axis, m.
     """
-    plan = genes.copy()
-    shape = np.clip(genes[:, DURATION], -3.0, 3.0)
+    plan: Any = np.ascontiguousarray(genes).copy().view(FIELDS)[:, 0]
+    shape = np.clip(plan["duration"], -3.0, 3.0)
     exact = np.round(hold_limit * 1e9)
     if manner.clock == 0:
         nanoseconds = exact
@@ -96,153 +135,128 @@ def plan_of(
         nanoseconds = np.floor(np.clip(nanoseconds, 1000.0, np.maximum(up * 1e9, exact)))
     if manner.punctual:
         nanoseconds = np.minimum(nanoseconds, exact - math.ceil(write_delay * 1e9))
-    plan[:, DURATION] = nanoseconds
-    share = np.clip(np.abs(genes[:, WRITE]), 0.0, 1.0)
-    plan[:, WRITE] = np.floor(np.minimum(share * write_delay * 1e9, nanoseconds))
-    plan[:, APPLIED] = np.clip(2.0 - np.abs(genes[:, APPLIED]), 0.0, 1.0)
-    plan[:, CUT] = np.clip(genes[:, CUT], -1.0, 1.0)
-    plan[:, SPLIT] = np.clip(0.5 + genes[:, SPLIT] / 4.0, 0.05, 1.0)
-    plan[:, TURN] = way[0] * genes[:, TURN] ** 3
-    plan[:, MICRO : MICRO + AXES] = way * genes[:, MICRO : MICRO + AXES] ** 3
-    plan[:, SPEED : SPEED + AXES] = manner.speed * np.clip(
-        genes[:, SPEED : SPEED + AXES] ** 3, -1.0, 1.0
-    )
-    plan[:, MISREAD : MISREAD + AXES] = np.clip(1.5 * genes[:, MISREAD : MISREAD + AXES], -1.0, 1.0)
-    plan[:, COMMAND : COMMAND + AXES] = manner.saturation * np.clip(
-        3.0 * genes[:, COMMAND : COMMAND + AXES], -1.0, 1.0
-    )
+    plan["duration"] = nanoseconds
+    share = np.clip(np.abs(plan["write"]), 0.0, 1.0)
+    plan["write"] = np.floor(np.minimum(share * write_delay * 1e9, nanoseconds))
+    plan["applied"] = np.clip(2.0 - np.abs(plan["applied"]), 0.0, 1.0)
+    plan["cut"] = np.clip(plan["cut"], -1.0, 1.0)
+    plan["split"] = np.clip(0.5 + plan["split"] / 4.0, 0.05, 1.0)
+    plan["turn"] = way[0] * plan["turn"] ** 3
+    plan["micro"] = way * plan["micro"] ** 3
+    plan["speed"] = manner.speed * np.clip(plan["speed"] ** 3, -1.0, 1.0)
+    plan["misread"] = np.clip(1.5 * plan["misread"], -1.0, 1.0)
+    plan["command"] = manner.saturation * np.clip(3.0 * plan["command"], -1.0, 1.0)
     return plan
 
 
 @outlined
-def misread(
-    mode: int, axis: int, body: Floats, device: Floats, seen: Floats, share: float
-) -> float:
+def misread(account: Account, device: Device, axis: int, share: float) -> float:
     """Return a reading that is wrong by at most r, in m."""
-    position, error = body[at.POSITION, axis], device[at.ERROR, axis]
-    force = body[at.TARGET, axis] + device[at.WEIGHT, axis]
+    position, error, mode = device.position[axis], device.error[axis], account.reading_mode
     if mode == 1:
-        return float(min(max(seen[READING, axis], position - error), position + error))
+        return min(max(account.reading[axis], position - error), position + error)
     if mode == 2:
-        return float(position + math.copysign(error, seen[LAST_MOVE, axis]))
+        return position + math.copysign(error, account.last_move[axis])
     if mode == 3:
-        return float(position - math.copysign(error, seen[LAST_MOVE, axis]))
+        return position - math.copysign(error, account.last_move[axis])
     if mode == 4:
-        return float(position + math.copysign(error, force))
+        return position + math.copysign(error, device.target[axis] + device.weight[axis])
     if mode == 5:
-        return float(position - math.copysign(error, force))
+        return position - math.copysign(error, device.target[axis] + device.weight[axis])
     if mode == 6 and error > 0.0:
-        return float(2.0 * error * math.floor(position / (2.0 * error) + 0.5))
+        return 2.0 * error * math.floor(position / (2.0 * error) + 0.5)
     if mode == 7:
-        return float(position + math.copysign(error, share))
-    return float(position + error * share)
+        return position + math.copysign(error, share)
+    return position + error * share
 
 
 @outlined
-def command_of(mode: int, axis: int, index: int, seen: Floats, plan: Floats) -> float:
+def command_of(account: Account, axis: int, index: int, command: float) -> float:
     """Return the command of an axis for the next reading, in N."""
-    command = plan[index, COMMAND + axis]
+    mode = account.command_mode
     if mode == 1:
-        return float(math.copysign(command, -seen[LAST_MOVE, axis]))
+        return math.copysign(command, -account.last_move[axis])
     if mode == 2:
-        return float(math.copysign(command, seen[LAST_MOVE, axis]))
+        return math.copysign(command, account.last_move[axis])
     if mode == 3:
-        return float(abs(command) * (1.0 - 2.0 * (index % 2)))
+        return abs(command) * (1.0 - 2.0 * (index % 2))
     if mode == 4:
-        return float(command if axis == 0 else 0.0)
-    return float(command)
+        return command if axis == 0 else 0.0
+    return command
 
 
 @outlined
-def worst_way(device: Floats, numbers: Floats, force: Floats, duration: float, way: Floats) -> None:
+def worst_way(device: Device, force: Vector, duration: float, way: Floats) -> None:
     """Put the move that costs least under a constant ``force``, rigid friction, into ``way``."""
-    axes = int(numbers[at.USED_AXES])
     square = 0.0
-    for axis in range(axes):
-        way[axis] = device[at.GAIN, axis] * force[axis]
+    for axis in range(device.axes):
+        way[axis] = device.gain[axis] * force[axis]
         square += way[axis] * way[axis]
     size = math.sqrt(square)
-    for axis in range(axes):
-        if numbers[at.ALONG_PATH] > 0.0:
-            share = max(1.0 - device[at.FRICTION, 0] / size, 0.0) if size > 0.0 else 0.0
-            way[axis] *= -share * duration / (2.0 * device[at.DAMPING, axis])
+    for axis in range(device.axes):
+        if device.is_along_path:
+            share = max(1.0 - device.friction[0] / size, 0.0) if size > 0.0 else 0.0
+            way[axis] *= -share * duration / (2.0 * device.damping[axis])
         else:
-            excess = max(abs(way[axis]) - device[at.FRICTION, axis], 0.0)
-            way[axis] = (
-                -math.copysign(excess, way[axis]) * duration / (2.0 * device[at.DAMPING, axis])
-            )
+            excess = max(abs(way[axis]) - device.friction[axis], 0.0)
+            way[axis] = -math.copysign(excess, way[axis]) * duration / (2.0 * device.damping[axis])
 
 
 @outlined
-def is_guarded(body: Floats, device: Floats, numbers: Floats, seen: Floats) -> bool:
+def is_guarded(device: Device, account: Account) -> bool:
     """Return whether a watchdog that looks now leaves the force on: its readings hide up to 2r."""
-    for axis in range(int(numbers[at.USED_AXES])):
-        force = body[at.TARGET, axis] + device[at.COMPENSATION, axis]
-        back = -math.copysign(1.0, force) * (body[at.POSITION, axis] - seen[AT_WRITE, axis])
-        if force != 0.0 and back > 2.0 * device[at.ERROR, axis]:
+    for axis in range(device.axes):
+        force = device.target[axis] + device.compensation[axis]
+        back = -math.copysign(1.0, force) * (device.position[axis] - account.at_write[axis])
+        if force != 0.0 and back > 2.0 * device.error[axis]:
             return False
-    return bool(numbers[at.GUARD] > 0.0)
+    return device.guard > 0.0
 
 
 @outlined
-def account(
-    body: Floats, device: Floats, numbers: Floats, duration: float, step: Floats, record: Floats
-) -> None:
+def go(device: Device, account: Account, duration: float, step: Floats) -> None:
     """Walk a ``step``, in m, and keep the energy and its lowest value."""
-    if numbers[at.AT_TIP] > 0.0:
-        record[ENERGY] += walk_at_tip(body, device, numbers, duration, step)
+    if device.is_at_tip:
+        account.energy += walk_at_tip(device, duration, step)
     else:
-        record[ENERGY] += walk(body, device, numbers, duration, step)
-    record[LOWEST] = min(record[LOWEST], record[ENERGY])
+        account.energy += walk(device, duration, step)
+    account.lowest = min(account.lowest, account.energy)
 
 
 @outlined
-def drop(
-    now: float,
-    is_leaving: bool,
-    body: Floats,
-    device: Floats,
-    numbers: Floats,
-    record: Floats,
-    seen: Floats,
-) -> tuple[float, bool]:
+def drop(device: Device, account: Account, now: float, is_leaving: bool) -> tuple[float, bool]:
     """Return when the watchdog looks or drops next, and whether the force is on its way out."""
-    if not is_leaving and is_guarded(body, device, numbers, seen):
-        return now + float(numbers[at.GUARD]), False
-    if not is_leaving and numbers[at.DROP] > 0.0:
-        return now + float(numbers[at.DROP]), True
-    body[at.TARGET] = 0.0
-    record[CUT_TIME] = now
-    seen[AT_CUT] = body[at.POSITION]
+    if not is_leaving and is_guarded(device, account):
+        return now + device.guard, False
+    if not is_leaving and device.drop > 0.0:
+        return now + device.drop, True
+    cut(device)
+    account.cut_time = now
+    for axis in range(AXES):
+        account.at_cut[axis] = device.position[axis]
     return math.inf, is_leaving
 
 
 @outlined
-def through(
-    body: Floats,
-    device: Floats,
-    numbers: Floats,
-    times: Floats,
-    moves: Floats,
-    force: Floats,
-    events: Floats,
-    record: Floats,
-    seen: Floats,
-) -> None:
+def write_next(device: Device, account: Account) -> None:
+    """Write the force of this interval."""
+    set_force(device, account.force)
+    for axis in range(AXES):
+        account.at_write[axis] = device.position[axis]
+
+
+@outlined
+def through(device: Device, account: Account, write: float, times: Floats, moves: Floats) -> None:
     """Walk the pieces of an interval, split at the write and at the cut of the watchdog.
 
     Args:
-        body: The state; changed.
-        device: Properties.
-        numbers: The other numbers.
+        device: Changed.
+        account: Changed; it has the time of the old force's cut, and the new one and its hold.
+        write: Time of the write, s.
         times: Length of each piece of the path, s, shape ``(pieces,)``.
         moves: Move in each piece, m, shape ``(pieces, 3)``.
-        force: What is written, N.
-        events: Time of the write, time of the cut of the old force, hold of the new one, s.
-        record: Energy and its lowest value; changed.
-        seen: Position at the cut; changed.
     """
-    write, cut, hold = events[0], events[1], events[2]
+    cut_at = account.cut_after
     now, is_leaving = 0.0, False  # a guard has seen something; a new force comes before it forgets
     step = np.empty(AXES)
     for piece in range(times.size):
@@ -250,136 +264,103 @@ def through(
         end = now + left
         while True:
             if write <= now and write >= 0.0:
-                body[at.TARGET] = force - device[at.COMPENSATION]
-                cut, write, is_leaving = now + hold, -1.0, False
-                seen[AT_WRITE] = body[at.POSITION]
-            if cut <= now:
-                cut, is_leaving = drop(now, is_leaving, body, device, numbers, record, seen)
-            if numbers[at.LAG] <= 0.0:
-                body[at.OUTPUT] = body[at.TARGET]
+                write_next(device, account)
+                cut_at, write, is_leaving = now + account.hold, -1.0, False
+            if cut_at <= now:
+                cut_at, is_leaving = drop(device, account, now, is_leaving)
             if left <= 0.0:
                 break
-            after = min(end, cut, write) if write >= 0.0 else min(end, cut)
+            after = min(end, cut_at, write) if write >= 0.0 else min(end, cut_at)
             duration = after - now
             if after >= end:
                 duration, after = left, end
             if duration > 0.0:
                 for axis in range(AXES):
                     step[axis] = moves[piece, axis] * duration / times[piece]
-                account(body, device, numbers, duration, step, record)
+                go(device, account, duration, step)
             left -= duration
             now = after
             if now >= end:
                 left = 0.0
     if 0.0 <= write < math.inf:  # at the very end of the interval, to rounding
-        body[at.TARGET] = force - device[at.COMPENSATION]
-        seen[AT_WRITE] = body[at.POSITION]
-        cut = now + hold
-    record[CUT_AFTER] = cut - now
+        write_next(device, account)
+        cut_at = now + account.hold
+    account.cut_after = cut_at - now
 
 
 @outlined
-def strike_all(
-    body: Floats,
-    device: Floats,
-    numbers: Floats,
-    write: float,
-    holds: Floats,
-    force: Floats,
-    record: Floats,
-) -> None:
+def strike_all(devices: Devices, account: Account, write: float) -> None:
     """Note the worst ends of the hold that begins with a ``write`` in so many s (:func:`tick`)."""
-    low = strike(body, device, numbers, write, record[CUT_AFTER], force, holds[1])
-    if numbers[at.GUARD] > 0.0:
-        low = min(low, strike_guarded(body, device, numbers, write, force))
-    low += record[ENERGY]
-    record[STRUCK] = min(record[STRUCK], low)
-    if record[PEAK] > SMALLEST_PEAK:
-        record[SHARE] = min(record[SHARE], low / record[PEAK])
-    if record[PEAK] > LARGE_PEAK:
-        record[LEFT] = min(record[LEFT], low)
-    if write <= 0.0 and numbers[at.LAG] <= 0.0:  # else the rest of an overdue force may act
-        record[FALLEN] = min(record[FALLEN], low - min(record[ENERGY], 0.0))
-    if holds[2] > 0.0:
-        late = strike(body, device, numbers, write, record[CUT_AFTER], force, holds[2])
-        record[LATE_STRUCK] = min(record[LATE_STRUCK], late + record[ENERGY])
+    low = strike(devices, write, account.cut_after, account.force, account.struck_hold)
+    if devices[0].guard > 0.0:
+        low = min(low, strike_guarded(devices, write, account.force))
+    low += account.energy
+    account.struck = min(account.struck, low)
+    if account.peak > LEAST_PEAK:
+        account.share = min(account.share, low / account.peak)
+    if account.peak > LARGE_PEAK:
+        account.left = min(account.left, low)
+    if write <= 0.0 and devices[0].lag <= 0.0:  # else the rest of an overdue force may act
+        account.fallen = min(account.fallen, low - min(account.energy, 0.0))
+    if account.late_hold > 0.0:
+        late = strike(devices, write, account.cut_after, account.force, account.late_hold)
+        account.late_struck = min(account.late_struck, late + account.energy)
 
 
 @outlined
 def pieces_of(
-    body: Floats,
-    device: Floats,
-    numbers: Floats,
-    row: Floats,
-    hold: float,
-    force: Floats,
-    times: Floats,
-    moves: Floats,
+    device: Device, account: Account, row: Interval, times: Floats, moves: Floats
 ) -> None:
     """Put the lengths, s, and the moves, m, of the pieces of an interval into the last two."""
-    duration, write = row[DURATION] * 1e-9, row[WRITE] * 1e-9
+    duration, write = row.duration * 1e-9, row.write * 1e-9
     # The pieces: under the old force, under the new one (there and back), after its cut.
     before = min(write, duration)
-    held = min(duration - before, hold)
-    times[0], times[1] = before, held * row[SPLIT]
+    held = min(duration - before, account.hold)
+    times[0], times[1] = before, held * row.split
     times[2], times[3] = held - times[1], duration - before - held
-    worst_way(device, numbers, body[at.TARGET] + device[at.WEIGHT], max(before, 1e-9), moves[0])
-    worst_way(device, numbers, force, max(held, 1e-9), moves[1])
-    for axis in range(int(numbers[at.USED_AXES])):
-        old, new = row[STRIKE_OLD] * moves[0, axis], row[STRIKE] * moves[1, axis]
-        drift = row[SPEED + axis]
-        extra = row[MICRO + axis] + drift * held
-        share = row[SPLIT]
+    old_force = np.empty(AXES)
+    for axis in range(AXES):
+        old_force[axis] = device.target[axis] + device.weight[axis]
+    worst_way(device, old_force, max(before, 1e-9), moves[0])
+    worst_way(device, account.force, max(held, 1e-9), moves[1])
+    for axis in range(device.axes):
+        old, new = row.strike_old * moves[0, axis], row.strike * moves[1, axis]
+        drift = row.speed[axis]
+        extra = row.micro[axis] + drift * held
         moves[0, axis] = old + drift * before
-        moves[1, axis] = share * (new + extra) + row[TURN]
-        moves[2, axis] = (1.0 - share) * (new + extra) - row[TURN]
-        moves[3, axis] = row[RETURN] * new + drift * times[3]
+        moves[1, axis] = row.split * (new + extra) + row.turn
+        moves[2, axis] = (1.0 - row.split) * (new + extra) - row.turn
+        moves[3, axis] = row.back * new + drift * times[3]
 
 
 def tick(
-    body: Floats,
-    device: Floats,
-    numbers: Floats,
-    plan: Floats,
-    index: int,
-    modes: Floats,
-    holds: Floats,
-    record: Floats,
-    seen: Floats,
-    force: Floats,
+    devices: Devices, accounts: Sequence[Account], plan: Sequence[Interval], index: int
 ) -> None:
     """Strike with the written force and walk through an interval, up to the next reading.
 
     Args:
-        body: The state at the reading; changed.
-        device: Properties.
-        numbers: The other numbers.
+        devices: The device, changed, and its copies.
+        accounts: The account of the run, changed; it has the force that is written.
         plan: Of the run.
-        index: Row of this interval.
-        modes: Places in READINGS and in COMMANDS.
-        holds: How long the device really holds this force, how long it is struck, and how long in
-            a late hold (0: not tried), s.
-        record: Energies; changed.
-        seen: Readings, moves and the next command; changed.
-        force: Written, N, shape ``(3,)``.
+        index: Of this interval.
     """
-    row = plan[index]
-    write = row[WRITE] * 1e-9
-    record[CUT_TIME] = -1.0
-    if write < math.inf:
-        strike_all(body, device, numbers, write, holds, force, record)
-    times, moves = np.zeros(4), np.zeros((4, AXES))
-    pieces_of(body, device, numbers, row, holds[0], force, times, moves)
-    for piece in range(4):
-        no_faster(moves[piece], times[piece], numbers[at.FASTEST])
-    start = body[at.POSITION].copy()
-    events = np.array([write, record[CUT_AFTER], holds[0]])
-    through(body, device, numbers, times, moves, force, events, record, seen)
-    record[PEAK] = max(record[PEAK], record[ENERGY])
-    following = min(index + 1, len(plan) - 1)
-    seen[LAST_MOVE] = body[at.POSITION] - start
+    device, account, row = devices[0], accounts[0], plan[index]
+    write = row.write * 1e-9
+    account.cut_time = -1.0
     for axis in range(AXES):
-        seen[READING, axis] = misread(
-            int(modes[0]), axis, body, device, seen, plan[following, MISREAD + axis]
-        )
-        seen[COMMANDED, axis] = command_of(int(modes[1]), axis, following, seen, plan)
+        account.last_move[axis] = -device.position[axis]
+    if write < math.inf:
+        strike_all(devices, account, write)
+    times, moves = np.zeros(4), np.zeros((4, AXES))
+    pieces_of(device, account, row, times, moves)
+    for piece in range(4):
+        no_faster(moves[piece], times[piece], device.fastest)
+    through(device, account, write, times, moves)
+    account.peak = max(account.peak, account.energy)
+    following = min(index + 1, len(plan) - 1)
+    for axis in range(AXES):
+        account.last_move[axis] += device.position[axis]
+    for axis in range(AXES):
+        account.reading[axis] = misread(account, device, axis, plan[following].misread[axis])
+        command = plan[following].command[axis]
+        account.commanded[axis] = command_of(account, axis, following, command)

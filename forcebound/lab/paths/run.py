@@ -3,15 +3,15 @@
 import math
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from forcebound.compiled import jit
+from forcebound.compiled import jit, new_records
 from forcebound.haptics.laws import Dissipation, ForceBounder
-from forcebound.lab.paths import path, truth
-from forcebound.lab.paths.path import Manner, plan_of
-from forcebound.lab.paths.truth import AXES, Floats, stored_energy
+from forcebound.lab.paths import path
+from forcebound.lab.paths.path import Account, Manner, plan_of
+from forcebound.lab.paths.truth import Floats
 
 Vector = tuple[float, ...]
 
@@ -23,84 +23,52 @@ TRACE_COLUMNS = ("time", "position", "reading", "commanded", "force", "energy", 
 
 
 @dataclass(frozen=True)
-class Case:
-    """A device as it is, as it is described to the bounder, and how the attack reads its genes.
+class AttackedDevice:
+    """A device as it is, as it is described to the bounder, and how the attack reads its genes."""
 
-    Attributes:
-        law: A key of :data:`forcebound.haptics.laws.LAWS`.
-        stated: What the bounder is given.
-        axes: Number of axes, 1 to 3.
-        device: Properties, rows of ``truth.DEVICE_ROWS``.
-        numbers: Other numbers, ``truth.NUMBERS``.
-        manner: How genes are read.
-        watchdog: What the device does with a force that is too old.
-        tolerance: Of a silent watchdog.
-        late: Hold of a late tick, s; 0: none is tried.
-        allowance: Energy that a late hold may leak, J.
-        write_delay: Largest time from reading to writing, s.
-        hold_limits: Among which the hold limit changes, s.
-        ledger_only: What the law believes is compared with the truth, and nothing else: for a
-            weight that acts after a cut, which no law can prevent.
-        refused: Share of readings that are wrong by more than r.
-        glitch: Largest speed, m/s; such readings imply more. 0: they are not finite.
-        wrong_readings: Share of readings that are wrong by 10 mm.
-        late_stamps: Share of the stamps that are up to 2 ms late.
-        lost_writes: Share of the writes that do not arrive; the law does not know.
-    """
-
-    law: str
-    stated: Dissipation
-    axes: int
-    device: Floats
-    numbers: Floats
+    law: str  # key of forcebound.haptics.laws.LAWS
+    stated: Dissipation  # to the bounder
+    devices: Any  # of ``truth``: the device at rest, and its copies
     manner: Manner
-    watchdog: str = "silent"
-    tolerance: float = 0.0
-    late: float = 0.0
-    allowance: float = 0.0
-    write_delay: float = 0.0
-    hold_limits: tuple[float, ...] = ()
+    watchdog: str = "silent"  # what the device does with a force that is too old
+    tolerance: float = 0.0  # of a silent watchdog
+    late: float = 0.0  # s, hold of a late tick; 0: none is tried
+    allowance: float = 0.0  # J, that a late hold may leak
+    write_delay: float = 0.0  # s, largest time from reading to writing
+    hold_limits: tuple[float, ...] = ()  # s, among which the hold limit changes
+    #: The estimate of the law is compared with the truth, and nothing else: for a weight that acts
+    #: after a cut, which no law can prevent.
     ledger_only: bool = False
-    refused: float = 0.0
-    glitch: float = 0.0
-    wrong_readings: float = 0.0
-    late_stamps: float = 0.0
-    lost_writes: float = 0.0
+    refused: float = 0.0  # share of readings that are wrong by more than r
+    glitch: float = 0.0  # m/s, largest speed: such readings imply more; 0: they are not finite
+    wrong_readings: float = 0.0  # share of readings that are wrong by 10 mm
+    late_stamps: float = 0.0  # share of the stamps that are up to 2 ms late
+    lost_writes: float = 0.0  # share of the writes that do not arrive, unknown to the law
 
     @property
-    def is_unsure(self) -> bool:
-        """Whether it may not be known when the watchdog has dropped a force."""
-        return self.watchdog == "reporting" or self.tolerance > 0.0
+    def axes(self) -> int:
+        """Number of axes, 1 to 3."""
+        return int(self.devices[0].axes)
 
 
-@dataclass
-class Outcome:
-    """What a run has found.
+class PathResult(NamedTuple):
+    """What a run has found."""
 
-    Attributes:
-        lowest: Lowest energy, J, the worst end of each hold included. If holds may be late: most
-            that it fell in a punctual hold while it was below zero, or that it was below zero
-            beyond the allowance that the bounder reports.
-        late_margin: Lowest energy within late holds, plus the allowance, J.
-        peak: Largest energy, J.
-        share: Lowest energy over the peak before it, once that exceeds ``SMALLEST_PEAK``.
-        left: Lowest energy after a peak of ``LARGE_PEAK``, J.
-        excess: Most that the law believed in beyond the truth, at a reading that it took, J.
-        steps: Samples.
-    """
-
-    lowest: float
-    late_margin: float
-    peak: float
-    share: float
-    left: float
-    excess: float
-    steps: int
+    #: Lowest energy, the worst end of each hold included. If holds may be late: the most that it
+    #: fell in a punctual hold while it was below zero, or that it was below zero beyond the
+    #: allowance that the bounder reports.
+    lowest_j: float
+    late_margin_j: float  # lowest energy within late holds, plus the allowance
+    peak_j: float  # largest energy
+    share_left: float  # lowest energy over the peak before it, once that exceeds LEAST_PEAK
+    left_j: float  # lowest energy after a peak of LARGE_PEAK
+    excess_j: float  # largest estimate above the truth, at a reading that the law took
+    samples: int
 
     @property
     def worst(self) -> float:
         """Lowest energy, J; of late holds above the allowance, of the truth above the ledger."""
-        return min(self.lowest, self.late_margin, -self.excess)
+        return min(self.lowest_j, self.late_margin_j, -self.excess_j)
 
 
 @cache
@@ -108,25 +76,13 @@ def _tick() -> Any:
     return jit(path.tick)
 
 
-def _at_start(case: Case, start: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return state, record and readings before the first sample."""
-    body = np.zeros((truth.BODY_ROWS, AXES))
-    body[truth.BRISTLE] = _bristle(case, start)
-    body[truth.TARGET] = body[truth.OUTPUT] = -case.device[truth.COMPENSATION]
-    record, seen = np.zeros(path.RECORD), np.zeros((path.SEEN_ROWS, AXES))
-    record[path.SHARE] = record[path.LEFT] = record[path.CUT_AFTER] = math.inf
-    record[path.CUT_TIME] = -1.0
-    record[path.ENERGY] = stored_energy(body, case.device)  # a hand may have that back
-    return body, record, seen
-
-
 def run(
-    case: Case,
+    case: AttackedDevice,
     genes: Floats,
     bounder: ForceBounder,
     start: Floats,
     trace: list[Vector] | None = None,
-) -> Outcome:
+) -> PathResult:
     """Attack once.
 
     Args:
@@ -136,130 +92,153 @@ def run(
         start: Bristle at the start, shares of the presliding, shape ``(3,)``.
         trace: Gets a row of ``TRACE_COLUMNS`` for each sample.
     """
-    stated, axes, tick = case.stated, case.axes, _tick()
-    way = np.maximum(case.device[truth.ERROR] + case.device[truth.PRESLIDING], 1e-7)
+    stated, axes, tick, devices = case.stated, case.axes, _tick(), case.devices.copy()
+    device, accounts = devices[0], new_records(Account)
+    account = accounts[0]
+    way = np.maximum(device.error + device.presliding, 1e-7)
     limits = _hold_limits(case, genes)
     plan = plan_of(genes, case.manner, stated.period, limits, case.write_delay, way)
-    body, record, seen = _at_start(case, start)
-    modes = np.array([case.manner.reading, case.manner.command], dtype=float)
-    seen[path.READING] = case.device[truth.ERROR] * plan[0, path.MISREAD : path.MISREAD + AXES]
-    reading: Vector = tuple(seen[path.READING, :axes].tolist())
+    _begin(case, device, account, start)
+    account.reading[:] = device.error * plan["misread"][0]
+    reading: Vector = tuple(account.reading[:axes].tolist())
     bounder.start(0, reading)
-    watch = _Watch(case, plan, limits, bounder, reading)
-    applied = plan[:, path.APPLIED].tolist()
-    force, padding = (0.0,) * axes, (0.0,) * (AXES - axes)
-    holds = np.array([math.inf, stated.hold_limit, 0.0])
+    calls = _Calls(case, plan, limits, bounder, reading)
+    force = (0.0,) * axes
     time_ns, excess, hidden, before = 0, -math.inf, 0.0, 0.0
     for index in range(len(plan)):
         if index > 0:
-            reading, command = map(tuple, seen[: path.COMMANDED + 1, :axes].tolist())
-            watch.before(index, time_ns, record, seen)
-            shown = watch.shown(index, time_ns, reading)
-            force = bounder.bound(time_ns + watch.late_ns[index], shown, command)
-            if applied[index] < 1.0:
-                force = tuple([applied[index] * f for f in force])
-            watch.settle(index, time_ns, force)
+            reading, command = (
+                tuple(one[:axes].tolist()) for one in (account.reading, account.commanded)
+            )
+            calls.before(index, time_ns, account)
+            shown = calls.shown(index, time_ns, reading)
+            force = bounder.bound(time_ns + calls.late_ns[index], shown, command)
+            if calls.applied[index] < 1.0:
+                force = tuple([calls.applied[index] * f for f in force])
+            calls.settle(index, time_ns, force)
             if case.late > 0.0:
                 # Known once the late force is replaced, which may be after the next reading.
                 hidden = min(hidden, before + bounder.largest_allowance)
-                before = float(record[path.LOWEST])
-            if watch.is_taken:
-                excess = max(excess, bounder.estimated_energy - float(record[path.ENERGY]))
-            watch.set_holds(index, holds)
+                before = float(account.lowest)
+            if calls.is_taken:
+                excess = max(excess, bounder.estimated_energy - float(account.energy))
+            calls.set_holds(index, account)
             if trace is not None:
-                energies = (
-                    float(record[path.ENERGY]),
-                    float(min(record[path.STRUCK], record[path.LOWEST])),
-                )
-                place = float(body[truth.POSITION, 0])
+                energies = float(account.energy), float(min(account.struck, account.lowest))
+                place = float(device.position[0])
                 trace.append((time_ns / 1e9, place, shown[0], command[0], force[0], *energies))
-        written = np.array((*force, *padding))
-        tick(body, case.device, case.numbers, plan, index, modes, holds, record, seen, written)
-        time_ns += watch.durations[index]
-    return _outcome(case, record, hidden, excess, len(plan))
+        account.force[:axes] = force
+        tick(devices, accounts, plan, index)
+        time_ns += calls.durations[index]
+    return _result(case, account, hidden, excess, len(plan))
 
 
-def _outcome(case: Case, record: Floats, hidden: float, excess: float, steps: int) -> Outcome:
-    lowest = min(float(record[path.STRUCK]), float(record[path.LOWEST]))
+def _result(
+    case: AttackedDevice, account: Any, hidden: float, excess: float, samples: int
+) -> PathResult:
+    lowest = min(float(account.struck), float(account.lowest))
     late = case.late > 0.0  # then any hold so far may have been late
-    return Outcome(
-        0.0 if case.ledger_only else min(float(record[path.FALLEN]), hidden) if late else lowest,
-        min(float(record[path.LATE_STRUCK]), lowest) + case.allowance if late else math.inf,
-        float(record[path.PEAK]),
-        float(record[path.SHARE]),
-        float(record[path.LEFT]),
+    counted = min(float(account.fallen), hidden) if late else lowest
+    return PathResult(
+        0.0 if case.ledger_only else counted,
+        min(float(account.late_struck), lowest) + case.allowance if late else math.inf,
+        float(account.peak),
+        float(account.share),
+        float(account.left),
         excess,
-        steps,
+        samples,
     )
 
 
-def _hold_limits(case: Case, genes: Floats) -> Floats:
+def _begin(case: AttackedDevice, device: Any, account: Any, start: Floats) -> None:
+    """Set the state before the first sample; a bristle is as far bent as it can be, at most."""
+    bent = np.clip(start, -1.0, 1.0)
+    bent[device.axes :] = 0.0
+    size = math.sqrt(float(bent @ bent))
+    if device.is_along_path and size > 1.0:
+        bent /= size
+    device.bristle[:] = device.presliding * bent
+    device.target[:] = device.output[:] = -device.compensation
+    widths = np.maximum(device.presliding, 1e-300)  # a hand may have the energy of the bristles
+    account.energy = float(np.sum(device.friction / widths * device.bristle**2) / 2.0)
+    account.share = account.left = account.cut_after = math.inf
+    account.cut_time = -1.0
+    account.hold, account.struck_hold = math.inf, case.stated.hold_limit
+    account.reading_mode, account.command_mode = case.manner.reading, case.manner.command
+
+
+def _hold_limits(case: AttackedDevice, genes: Floats) -> Floats:
     """Return the hold limit of the force of each row, s."""
     limits = np.full(len(genes), case.stated.hold_limit)
     if case.hold_limits:
-        choice = np.abs(genes[:, path.CUT] * 7.0).astype(int) % (len(case.hold_limits) + 1)
-        limits = np.array([case.stated.hold_limit, *case.hold_limits])[choice]
+        choice = np.abs(genes[:, path.PLACES["cut"]] * 7.0).astype(int)
+        every = np.array([case.stated.hold_limit, *case.hold_limits])
+        limits = every[choice % len(every)]
     return limits
 
 
-class _Watch:
+class _Calls:
     """The calls to the bounder besides ``bound``, and the readings that it must refuse."""
 
     def __init__(
-        self, case: Case, plan: Floats, limits: Floats, bounder: ForceBounder, reading: Vector
+        self,
+        case: AttackedDevice,
+        plan: Any,
+        limits: Floats,
+        bounder: ForceBounder,
+        reading: Vector,
     ) -> None:
         self.case, self.bounder = case, bounder
         # A random number for each row that depends on its genes alone, so that a run repeats.
-        chances = np.abs(plan[:, path.SPLIT] * 1e6 + plan[:, path.CUT] * 1e5) % 1.0
-        self.durations = plan[:, path.DURATION].astype(int).tolist()
-        self.writes = plan[:, path.WRITE].astype(int).tolist()
-        self.cuts = plan[:, path.CUT].tolist()
-        self.limits = limits.tolist()
-        self.chances = chances.tolist()
+        chances = np.abs(plan["split"] * 1e6 + plan["cut"] * 1e5) % 1.0
+        self.durations = plan["duration"].astype(int).tolist()
+        self.writes = plan["write"].astype(int).tolist()
+        self.applied, self.cuts = plan["applied"].tolist(), plan["cut"].tolist()
+        self.limits, self.chances = limits.tolist(), chances.tolist()
         late = np.where(chances < case.late_stamps, chances * 1e4 % 1.0 * WORST_STAMP_NS, 0)
         self.late_ns = late.astype(int).tolist()
-        plan[chances < case.lost_writes, path.WRITE] = math.inf
+        plan["write"][chances < case.lost_writes] = math.inf
         self.is_wrong = (chances < case.wrong_readings).tolist()
-        self._believed(0, reading)
+        self._take(0, reading)
 
-    def _believed(self, time_ns: int, reading: Vector) -> None:
-        """Remember the last reading that the bounder can have believed."""
-        self.good_ns, self.good = time_ns, reading
-        self.side = 1.0
+    def _take(self, time_ns: int, reading: Vector) -> None:
+        """Remember the last reading that the bounder can have taken in."""
+        self.good_ns, self.good, self.side = time_ns, reading, 1.0
 
-    def before(self, index: int, time_ns: int, record: Floats, seen: Floats) -> None:
+    def before(self, index: int, time_ns: int, account: Any) -> None:
         """Report a cut in the interval that has just ended; set the hold limit of the next."""
         case = self.case
-        if case.watchdog in ("guarding", "reporting") and record[path.CUT_TIME] >= 0.0:
-            error = case.device[truth.ERROR] * np.clip(self.cuts[index] * 2.0, -1.0, 1.0)
-            at = tuple((seen[path.AT_CUT] + error)[: case.axes].tolist())
+        if case.watchdog in ("guarding", "reporting") and account.cut_time >= 0.0:
+            error = case.devices[0].error * np.clip(self.cuts[index] * 2.0, -1.0, 1.0)
+            at = tuple((account.at_cut + error)[: case.axes].tolist())
             start_ns = time_ns - self.durations[index - 1]
-            self.bounder.report_cut(start_ns + round(record[path.CUT_TIME] * 1e9), at)
+            self.bounder.report_cut(start_ns + round(account.cut_time * 1e9), at)
         if case.hold_limits:
             self.bounder.set_hold_limit(self.limits[index])
 
     def shown(self, index: int, time_ns: int, reading: Vector) -> Vector:
         """Return what the encoder shows: the reading, or a glitch that must be refused."""
-        case = self.case
+        case, chance = self.case, self.chances[index]
         if self.is_wrong[index]:
             self.is_taken = False
             return (reading[0] + math.copysign(WRONG_BY, self.cuts[index]), *reading[1:])
-        is_good = self.chances[index] >= case.refused
+        is_good = chance >= case.refused
         # With a delay, the law waits with readings of which it does not know what force acted.
+        is_unsure = case.watchdog == "reporting" or case.tolerance > 0.0
+        self.is_taken = is_good and not (case.write_delay > 0.0 and is_unsure)
         # A hand faster than stated has true readings refused.
-        self.is_taken = is_good and not (case.write_delay > 0.0 and case.is_unsure)
-        self.is_taken &= case.numbers[truth.FASTEST] <= case.stated.largest_speed
+        self.is_taken &= bool(case.devices[0].fastest <= case.stated.largest_speed)
         if is_good:
-            self._believed(time_ns, reading)
+            self._take(time_ns, reading)
             return reading
-        kind = int(self.chances[index] / case.refused * 1e4) % 8
+        kind = int(chance / case.refused * 1e4) % 8
         if case.glitch == 0.0 or kind == 0:
             value = (math.nan, math.inf, -math.inf, 1e200)[kind % 4]
             return (value, *reading[1:])
         elapsed = (time_ns - self.good_ns) / 1e9
-        gate = case.glitch * elapsed + 2.0 * float(np.linalg.norm(case.device[truth.ERROR]))
+        gate = case.glitch * elapsed + 2.0 * float(np.linalg.norm(case.devices[0].error))
         jump = gate * (1.0 + 1e-6 + (0.0, 0.0, 0.01, 0.1, 1.0, 10.0, 100.0, 1e3)[kind])
-        self.side = -self.side  # two glitches in a row that agree are believed
+        self.side = -self.side  # two glitches in a row that agree are taken in
         return (self.good[0] + self.side * jump, *self.good[1:])
 
     def settle(self, index: int, time_ns: int, force: Vector) -> None:
@@ -269,23 +248,13 @@ class _Watch:
         else:
             self.bounder.settle(force)
 
-    def set_holds(self, index: int, holds: Floats) -> None:
-        """Say how long the device holds this force, and how long it is struck."""
+    def set_holds(self, index: int, account: Any) -> None:
+        """Set how long the device holds this force, and how long it is struck."""
         case, limit = self.case, self.limits[index]
-        holds[0] = limit * (1.0 + case.tolerance * self.cuts[index])
+        account.hold = limit * (1.0 + case.tolerance * self.cuts[index])
         if case.watchdog == "guarding":
-            holds[0] = round(holds[0], 9)  # its report is in ns: no error of a stamp is meant here
+            account.hold = round(float(account.hold), 9)  # its report is in ns, without an error
         if case.watchdog == "none":
-            holds[0] = case.stated.watchdog_limit
-        holds[1] = limit * (1.0 + case.tolerance) + case.numbers[truth.DROP]
-        holds[2] = case.late
-
-
-def _bristle(case: Case, start: Floats) -> Floats:
-    """Return a bristle that is as far bent as it can be, at most."""
-    bent = np.clip(start, -1.0, 1.0)
-    bent[case.axes :] = 0.0
-    size = math.sqrt(float(bent @ bent))
-    if case.numbers[truth.ALONG_PATH] > 0.0 and size > 1.0:
-        bent /= size
-    return np.asarray(case.device[truth.PRESLIDING] * bent)
+            account.hold = case.stated.watchdog_limit
+        account.struck_hold = limit * (1.0 + case.tolerance) + case.devices[0].drop
+        account.late_hold = case.late

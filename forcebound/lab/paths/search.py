@@ -14,38 +14,30 @@ import numpy as np
 
 from forcebound.haptics.laws import ENERGY_TOLERANCE, ForceBounder
 from forcebound.lab.cases import optimiser
-from forcebound.lab.paths import path, truth
-from forcebound.lab.paths.path import COLUMNS, LARGE_PEAK
-from forcebound.lab.paths.run import Case, Outcome, run
-from forcebound.lab.paths.truth import Floats
+from forcebound.lab.paths.path import COLUMNS, LARGE_PEAK, PLACES, VECTORS
+from forcebound.lab.paths.run import AttackedDevice, PathResult, run
+from forcebound.lab.paths.truth import AXES, Floats
 
 NEAR = 1e-6  # J; a restart that ends nearer to zero than this is tight
 
 
-@dataclass(frozen=True)
-class Program:
-    """Rows and their order.
-
-    Attributes:
-        rows: Number of rows of genes.
-        order: Row of each interval.
-        columns: Columns that have genes; the others are zero.
-    """
+class Program(NamedTuple):
+    """Rows of genes and their order."""
 
     rows: int
-    order: tuple[int, ...]
-    columns: tuple[int, ...]
+    order: tuple[int, ...]  # row of each interval
+    columns: tuple[int, ...]  # that have genes; the others are zero
 
     @property
     def size(self) -> int:
         """Number of genes: of the rows, and three for the bristles at the start."""
-        return self.rows * len(self.columns) + truth.AXES
+        return self.rows * len(self.columns) + AXES
 
     def genes(self, vector: Floats) -> tuple[Floats, Floats]:
         """Return the genes of each interval, and the bristles at the start."""
         rows = np.zeros((self.rows, COLUMNS))
-        rows[:, self.columns] = vector[truth.AXES :].reshape(self.rows, len(self.columns))
-        return rows[list(self.order)], vector[: truth.AXES]
+        rows[:, self.columns] = vector[AXES:].reshape(self.rows, len(self.columns))
+        return rows[list(self.order)], vector[:AXES]
 
 
 class Attack(NamedTuple):
@@ -54,31 +46,20 @@ class Attack(NamedTuple):
     number: int
     genes: Floats
     start: Floats
-    outcome: Outcome
+    result: PathResult
 
 
 @dataclass
 class Restart:
-    """What one restart has found: a device and a series of attacks on it.
+    """What one restart has found: a device and a series of attacks on it."""
 
-    Attributes:
-        case: The device.
-        longest: Samples of a run, at most.
-        runs: Number of runs.
-        steps: Samples of all runs.
-        left: Lowest energy after a peak of 0.1 mJ, J.
-        lowest: Lowest true energy, J.
-        worst: The run with the lowest energy.
-        last: The last run.
-    """
-
-    case: Case
-    longest: int = 60
+    case: AttackedDevice
+    longest: int = 60  # samples of a run, at most
     runs: int = 0
-    steps: int = 0
-    left: float = math.inf
-    lowest: float = math.inf
-    worst: Attack | None = None
+    samples: int = 0  # of all runs
+    left: float = math.inf  # J, lowest energy after a peak of 0.1 mJ
+    lowest: float = math.inf  # J, lowest true energy
+    worst: Attack | None = None  # the run with the lowest energy
     last: Attack | None = None
     bounder: ForceBounder = field(init=False)
 
@@ -97,19 +78,19 @@ class Restart:
         was left after a peak of 0.1 mJ.
         """
         genes, start = program.genes(vector)
-        outcome = run(self.case, genes, self.bounder, start)
-        self.last = Attack(self.runs, genes, start, outcome)
-        if self.worst is None or outcome.worst < self.worst.outcome.worst:
+        result = run(self.case, genes, self.bounder, start)
+        self.last = Attack(self.runs, genes, start, result)
+        if self.worst is None or result.worst < self.worst.result.worst:
             self.worst = self.last
         self.runs += 1
-        self.steps += outcome.steps
-        self.left = min(self.left, outcome.left)
-        self.lowest = min(self.lowest, outcome.lowest)
-        if outcome.worst < -ENERGY_TOLERANCE / 10.0:
-            return outcome.worst / 1e-6
-        if to_zero and outcome.left < math.inf:
-            return outcome.left / LARGE_PEAK
-        return min(outcome.share, 1.0) + (NEAR / (outcome.peak + NEAR) if to_zero else 0.0)
+        self.samples += result.samples
+        self.left = min(self.left, result.left_j)
+        self.lowest = min(self.lowest, result.lowest_j)
+        if result.worst < -ENERGY_TOLERANCE / 10.0:
+            return result.worst / 1e-6
+        if to_zero and result.left_j < math.inf:
+            return result.left_j / LARGE_PEAK
+        return min(result.share_left, 1.0) + (NEAR / (result.peak_j + NEAR) if to_zero else 0.0)
 
     def at_random(self, random: np.random.Generator, runs: int) -> None:
         """Attack with random programs."""
@@ -146,10 +127,10 @@ class Restart:
 
 def draw_program(random: np.random.Generator, axes: int, longest: int) -> Program:
     """Return a random program of at most ``longest`` intervals for a device with ``axes`` axes."""
-    columns = list(range(path.MICRO))
-    for first in (path.MICRO, path.SPEED, path.MISREAD, path.COMMAND):
-        columns += range(first, first + axes)
-    used = [c for c in columns if random.random() < 0.8 or c >= path.COMMAND]
+    columns = list(range(PLACES[VECTORS[0]]))
+    for name in VECTORS:
+        columns += range(PLACES[name], PLACES[name] + axes)
+    used = [c for c in columns if random.random() < 0.8 or c >= PLACES["command"]]
     cycle = int(random.choice([1, 2, 3, 4, 5, 8, 16], p=[0.1, 0.2, 0.2, 0.2, 0.1, 0.15, 0.05]))
     prefix = int(random.integers(0, 4))
     order: list[int] = []
@@ -166,11 +147,12 @@ def first_guess(program: Program, axes: int, random: np.random.Generator) -> Flo
     rows = random.normal(size=(program.rows, COLUMNS)) * 0.5
     if random.random() < 0.7:
         moving, pushed = rows[: -len(rows) // 2], rows[-len(rows) // 2 :]
-        moving[:, path.SPEED : path.SPEED + axes] += 0.8
-        moving[:, path.COMMAND : path.COMMAND + axes] *= 0.1
-        pushed[:, path.COMMAND : path.COMMAND + axes] += random.choice([-0.7, 0.7], axes)
-        pushed[:, path.STRIKE] += random.choice([0.0, 0.5, 1.0])
+        speed, command = (slice(PLACES[name], PLACES[name] + axes) for name in ("speed", "command"))
+        moving[:, speed] += 0.8
+        moving[:, command] *= 0.1
+        pushed[:, command] += random.choice([-0.7, 0.7], axes)
+        pushed[:, PLACES["strike"]] += random.choice([0.0, 0.5, 1.0])
     vector = np.zeros(program.size)
-    vector[: truth.AXES] = random.normal(size=truth.AXES)
-    vector[truth.AXES :] = rows[:, program.columns].ravel()
+    vector[:AXES] = random.normal(size=AXES)
+    vector[AXES:] = rows[:, program.columns].ravel()
     return vector

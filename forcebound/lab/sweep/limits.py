@@ -54,11 +54,6 @@ def encoder(friction: float, resolution: float) -> float:
     return 2.0 * friction / resolution if resolution > 0.0 else math.inf
 
 
-def abbott_okamura(damping: float, friction: float, period: float, resolution: float) -> float:
-    """Return the stiffest passive wall, in N/m; ``resolution`` in m."""
-    return diolaiti(damping, friction, period, resolution, delay=0.0)
-
-
 def diolaiti(
     damping: float, friction: float, period: float, resolution: float, delay: float
 ) -> float:
@@ -77,14 +72,11 @@ def limit_of(row: Mapping[str, Any], name: str) -> float:
     damping, friction = row["device.damping"], row["device.friction"]
     period, resolution = 1.0 / row["device.rate"], row["device.resolution"]
     delay = (row["loop_delay_ms.p50"] or 0.0) * 1e-3
-    wall_damping = row.get("environment.damping") or 0.0
-    if name == "colgate_schenkel":
-        return colgate_schenkel(damping, period, wall_damping, delay)
-    if name == "with_hand":
-        hand = row.get("operator.damping") or 0.0
-        return colgate_schenkel(damping + hand, period, wall_damping, delay)
-    if name == "encoder":
-        return encoder(friction, resolution)
-    if name == "abbott_okamura":
-        return abbott_okamura(damping, friction, period, resolution)
-    return diolaiti(damping, friction, period, resolution, delay)
+    wall, hand = (row.get(f"{part}.damping") or 0.0 for part in ("environment", "operator"))
+    return {
+        "colgate_schenkel": colgate_schenkel(damping, period, wall, delay),
+        "with_hand": colgate_schenkel(damping + hand, period, wall, delay),
+        "encoder": encoder(friction, resolution),
+        "abbott_okamura": diolaiti(damping, friction, period, resolution, 0.0),
+        "diolaiti": diolaiti(damping, friction, period, resolution, delay),
+    }[name]

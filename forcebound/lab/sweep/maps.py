@@ -1,6 +1,9 @@
-"""Maps of a sweep: what is needed to draw one, and curves.
+"""Maps of a sweep: curves, or with two varied arguments one panel per law.
 
-:mod:`forcebound.lab.sweep.surfaces` draws maps with two varied arguments.
+A cell has the colour of its figure. Where the hand received energy (``leaks``), it is red instead,
+on a logarithmic scale; where the hand does not come to rest, it is hatched. A map of the minimum
+energy itself is light blue where nothing leaks. In a map of the displayed stiffness over that of
+the wall, a white line is where a hand begins to feel it softer than it is (Weber fraction).
 """
 
 import math
@@ -10,15 +13,23 @@ from textwrap import fill
 from typing import Any, TypeAlias
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import LinearSegmentedColormap, ListedColormap, LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.patheffects import Normal, Stroke
 
 from forcebound.errors import ConfigError
 from forcebound.files import content_of
 from forcebound.graph.problems import unknown
+from forcebound.haptics.laws import ENERGY_TOLERANCE
+from forcebound.lab.sweep.limits import LABELS, limit_of
 from forcebound.lab.table import Table, read_table
 from forcebound.results.colours import colours_of
 from forcebound.results.panels import in_figure
+from forcebound.results.perception import WEBER_FRACTIONS
 from forcebound.results.plots import save
 from forcebound.results.tables import axis_labels
 
@@ -35,6 +46,22 @@ UNITS: dict[str, tuple[str, float]] = {
 
 
 LONGEST_TITLE = 400  # characters
+_LEAKS = LinearSegmentedColormap.from_list("leaks", ["#ffd9a8", "#e06010", "#600018"])
+_PASSIVE = "#d8e6f2"
+_NO_FIGURE = "#eeeeee"
+_SOFTER: dict[str, Any] = {  # a white line that is seen on any colour, also in the key
+    "linewidth": 1.4,
+    "path_effects": [Stroke(linewidth=2.6, foreground="black"), Normal()],
+}
+_COLUMNS = 3
+_STYLES = {
+    "colgate_schenkel": "-",
+    "abbott_okamura": "--",
+    "diolaiti": "-",
+    "with_hand": "-.",
+    "encoder": ":",
+}
+_LEAK = ENERGY_TOLERANCE * 1e3  # mJ
 
 
 def draw(result: Path, picture: Path) -> None:
@@ -53,8 +80,6 @@ def draw(result: Path, picture: Path) -> None:
 
 
 def _drawn(table: Table, result: Path) -> Figure:
-    from forcebound.lab.sweep.surfaces import draw_surfaces
-
     drawing = table.about.get("map") or {}
     if not drawing:
         raise ConfigError(f"{result} has no map: its sweep file or campaign needs one")
@@ -150,3 +175,185 @@ def _setting(name: str, value: Any) -> str:
     if isinstance(value, str):
         return in_figure(f"{name.replace('_', ' ')} {value}")
     return f"{label_of(name)} {value * UNITS.get(name, ('', 1.0))[1]:g}"
+
+
+class _Map:
+    """The numbers of a map in everyday units, one for each case, and the axes of its panels.
+
+    Attributes:
+        leaks: Lowest energy, in mJ; NaN: not asked for.
+        rests: 1: the hand comes to rest, 0: it does not.
+        group: Name of the panel.
+    """
+
+    def __init__(self, table: Table, drawing: Mapping[str, Any]) -> None:
+        self.table, self.drawing = table, drawing
+        self.x, self.y, self.value = (
+            numbers_of(table, drawing[key]) for key in ("x", "y", "value")
+        )
+        self.xs, self.ys = np.unique(self.x), np.unique(self.y)
+        self.is_energy = drawing["value"].endswith("energy_min_j")
+        self.leaks: Array = self.value if self.is_energy else np.full(self.x.size, math.nan)
+        if "leaks" in drawing and not self.is_energy:
+            self.leaks = numbers_of(table, drawing["leaks"])
+        rests = table.columns["at_rest"]
+        self.rests = np.array([1.0 if rest is None else float(rest) for rest in rests])
+        names = column_of(table, drawing["per"]) if "per" in drawing else [None] * self.x.size
+        self.group = np.array(names, dtype=object)
+
+    def grid(self, values: Array, chosen: Array) -> Array:
+        """Return the lowest value of all cases in each cell: of repeated seeds, the worst."""
+        grid = np.full((self.ys.size, self.xs.size), np.nan)
+        rows, columns = np.searchsorted(self.ys, self.y), np.searchsorted(self.xs, self.x)
+        np.fmin.at(grid, (rows[chosen], columns[chosen]), values[chosen])
+        return grid
+
+    @property
+    def shows_softness(self) -> bool:
+        """Whether it is a map of the displayed stiffness over that of the wall."""
+        asked = (self.drawing["value"], self.drawing["y"])
+        return asked == ("displayed_stiffness_n_per_m", "stiffness")
+
+
+def draw_surfaces(table: Table, drawing: Mapping[str, Any]) -> Figure:
+    """Return the figure of a map with two varied arguments.
+
+    Raises:
+        ConfigError: If the result lacks a column of the map.
+    """
+    shown = _Map(table, drawing)
+    panels = list(dict.fromkeys(shown.group))
+    columns = min(_COLUMNS, len(panels))
+    rows = -(-len(panels) // columns)
+    figure = Figure(
+        figsize=(max(3.4 * columns + 1.6, 7.0), max(2.6 * rows + 1.0, 4.6)), layout="constrained"
+    )
+    axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
+    norm, leak_norm = _scale(shown), _leak_scale(shown.leaks)
+    for axis, panel in zip(axes, panels, strict=False):
+        chosen = np.array([one == panel for one in shown.group])
+        _draw_panel(axis, shown, chosen, norm, leak_norm)
+        name = "" if panel is None else in_figure(str(panel).replace("_", " "))
+        axis.set_title(name, fontsize=10)
+    for axis in axes[len(panels) :]:
+        axis.set_visible(False)
+    _arrange(axes, shown, len(panels), columns)
+    _add_keys(figure, axes, shown, norm, leak_norm)
+    return figure
+
+
+def _draw_panel(
+    axis: Axes, shown: _Map, chosen: Array, norm: Normalize, leak_norm: Normalize
+) -> None:
+    xs, ys = shown.xs, shown.ys
+    value, leaks = shown.grid(shown.value, chosen), shown.grid(shown.leaks, chosen)
+    rest = shown.grid(shown.rests, chosen)
+    is_leak = leaks < -_LEAK
+    axis.set_facecolor(_NO_FIGURE)
+    if shown.is_energy:
+        passive = np.where(leaks >= -_LEAK, 1.0, np.nan)
+        axis.pcolormesh(xs, ys, passive, cmap=ListedColormap([_PASSIVE]))
+    else:
+        axis.pcolormesh(xs, ys, np.where(is_leak, np.nan, value), norm=norm, cmap="viridis")
+    axis.pcolormesh(xs, ys, np.where(is_leak, -leaks, np.nan), norm=leak_norm, cmap=_LEAKS)
+    _draw_limits(axis, shown, chosen)
+    if xs.size < 2 or ys.size < 2:
+        return  # a row has no areas and no contours
+    restless = (rest == 0.0) & ~is_leak
+    if restless.any():
+        axis.contourf(xs, ys, restless, levels=[0.5, 1.5], hatches=["////"], colors="none")
+    if shown.shows_softness:
+        softest = 1.0 - WEBER_FRACTIONS["displayed_stiffness_n_per_m"][0]
+        share = np.where(is_leak, np.nan, value / ys[:, np.newaxis])
+        if (share < softest).any() and (share > softest).any():
+            axis.contour(xs, ys, share, levels=[softest], colors="white").set(**_SOFTER)
+
+
+def _arrange(axes: Array, shown: _Map, panels: int, columns: int) -> None:
+    xs, ys = shown.xs, shown.ys
+    if _is_log(xs):
+        axes[0].set_xscale("log")
+        axes[0].xaxis.set_major_formatter("{x:g}")
+    if _is_log(ys):
+        axes[0].set_yscale("log")
+        axes[0].yaxis.set_major_formatter("{x:g}")
+    axes[0].set_xlim(xs[0], xs[-1])
+    axes[0].set_ylim(ys[0], ys[-1])
+    for number in range(panels):
+        if number + columns >= panels:
+            axes[number].set_xlabel(label_of(shown.drawing["x"]))
+            axes[number].tick_params(labelbottom=True)
+        if number % columns == 0:
+            axes[number].set_ylabel(label_of(shown.drawing["y"]).replace(" (", "\n("))
+
+
+def _add_keys(
+    figure: Figure, axes: Array, shown: _Map, norm: Normalize, leak_norm: Normalize
+) -> None:
+    places = axes.tolist()
+    scales: list[tuple[Normalize, str | LinearSegmentedColormap, str]] = []
+    if not shown.is_energy:
+        scales.append((norm, "viridis", label_of(shown.drawing["value"])))
+    if np.isfinite(shown.leaks).any():
+        scales.append((leak_norm, _LEAKS, "energy given to the hand (mJ)"))
+    for scale, colours, label in scales:
+        bar = figure.colorbar(ScalarMappable(scale, colours), ax=places, format="{x:g}")
+        bar.set_label(label)
+    handles, labels = axes[0].get_legend_handles_labels()
+    handles, labels = list(handles), list(labels)
+    if shown.is_energy:
+        handles.append(Patch(facecolor=_PASSIVE))
+        labels.append("no energy given")
+    handles.append(Patch(facecolor="white", edgecolor="black", hatch="////"))
+    labels.append("no rest")
+    if np.isnan(shown.value[np.isnan(shown.leaks) | (shown.leaks >= -_LEAK)]).any():
+        handles.append(Patch(facecolor=_NO_FIGURE, edgecolor="#808080"))
+        labels.append("no figure")
+    if shown.shows_softness:
+        handles.append(Line2D([], [], color="white", **_SOFTER))
+        labels.append("a wall begins to feel softer than it is")
+    figure.legend(
+        handles,
+        labels,
+        loc="outside lower center",
+        ncols=3 if figure.get_figwidth() > 10.0 else 2,
+        frameon=False,
+    )
+
+
+def _scale(shown: _Map) -> Normalize:
+    known = shown.value[np.isfinite(shown.value) & ~(shown.leaks < -_LEAK)]
+    if shown.drawing.get("scale") == "log" and (known > 0.0).any():
+        return LogNorm(known[known > 0.0].min(), known.max())
+    return Normalize(known.min(initial=0.0), known.max(initial=1.0))
+
+
+def _leak_scale(leaks: Array) -> Normalize:
+    given = -leaks[leaks < -_LEAK]
+    return LogNorm(max(given.min(initial=1.0), 1e-4), max(given.max(initial=1.0), 1e-3))
+
+
+def _is_log(values: Array) -> bool:
+    if values.size < 3 or values[0] <= 0:
+        return False
+    ratios = values[1:] / values[:-1]
+    return bool(ratios.max() < 1.05 * ratios.min())
+
+
+def _draw_limits(axis: Axes, shown: _Map, chosen: Array) -> None:
+    if shown.drawing["y"] != "stiffness":
+        return
+    columns = shown.table.columns
+    ran = np.array([error is None for error in columns["error"]])
+    for name in shown.drawing.get("limits", ()):
+        if name == "with_hand" and not any(columns.get("operator.damping", ())):
+            continue  # the same line as without it
+        line = []
+        for position in shown.xs:
+            rows = np.flatnonzero(chosen & (shown.x == position) & ran)
+            row = {key: column[rows[0]] for key, column in columns.items() if rows.size}
+            line.append(limit_of(row, name) * 1e-3 if row else math.nan)
+        steps = "steps-mid" if shown.drawing["x"] == "delay" else "default"
+        axis.plot(
+            shown.xs, line, "k", ls=_STYLES[name], lw=1.3, drawstyle=steps, label=LABELS[name]
+        )

@@ -25,6 +25,7 @@ from forcebound.graph.names import split_setting
 from forcebound.graph.problems import Problems, nearest_file, unknown
 from forcebound.graph.tree import Value, parse
 from forcebound.haptics.laws import LAWS
+from forcebound.lab.cases import by_logarithm
 from forcebound.lab.sweep.limits import LABELS
 from forcebound.quantities import NOT_NEGATIVE, POSITIVE, Range, Time
 from forcebound.units import split_quantity
@@ -50,9 +51,9 @@ _END = Annotated[Any, _NumberAndUnit()]
 _ARGUMENTS = dict[str, Any] | None
 
 
-def _form(name: str, needed: Mapping[str, Any], others: Mapping[str, Any], **inner: Form) -> Form:
+def _form(name: str, needed: Mapping[str, Any], others: Mapping[str, Any]) -> Form:
     fields = {key: Field(key, hint, True) for key, hint in needed.items()}
-    return Form(name, fields | {key: Field(key, hint) for key, hint in others.items()}, None, inner)
+    return Form(name, fields | {key: Field(key, hint) for key, hint in others.items()})
 
 
 _SCALE = {"scale": Literal["linear", "log"]}
@@ -65,8 +66,10 @@ _FILE = _form(
         "set": _ARGUMENTS,
         "over": _ARGUMENTS,
     },
-    random=_form("random", {"count": _COUNT, "seed": _WHOLE}, {"over": _ARGUMENTS}),
-    map=_form(
+)
+_SECTIONS = {
+    "random": _form("random", {"count": _COUNT, "seed": _WHOLE}, {"over": _ARGUMENTS}),
+    "map": _form(
         "map",
         {"x": str, "value": str},
         {
@@ -74,7 +77,7 @@ _FILE = _form(
             "limits": list[str],
         },
     ),
-)
+}
 #: Values of an argument that are no list, by their first key; ``from``: a range.
 _VALUES = {
     "all": _form("all", {"all": Literal["laws"]}, {}),
@@ -86,27 +89,16 @@ _DRAWN = _form("range", {"from": _END, "to": _END}, _SCALE)
 
 @dataclass(frozen=True)
 class Sweep:
-    """A sweep, ready to run.
+    """A sweep, ready to run."""
 
-    Attributes:
-        name: Of its file, without the ending.
-        description: Its subject.
-        template: The launch file; :func:`forcebound.graph.loader.build` makes a case of it.
-        duration: Of each run, in s; None: that of the launch file.
-        constants: Arguments that are the same in all cases, as text.
-        columns: Names of the arguments that vary, in order.
-        cases: Their values, as text, one row for each case.
-        drawing: The map section, as plain values; empty without one.
-    """
-
-    name: str
+    name: str  # of its file, without the ending
     description: str
-    template: Value
-    duration: float | None
-    constants: Mapping[str, str]
-    columns: tuple[str, ...]
-    cases: tuple[tuple[str, ...], ...]
-    drawing: Mapping[str, Any]
+    template: Value  # launch file; forcebound.graph.loader.build makes a case of it
+    duration: float | None  # s, of each run; None: that of the launch file
+    constants: Mapping[str, str]  # arguments that are the same in all cases, as text
+    columns: tuple[str, ...]  # arguments that vary, in order
+    cases: tuple[tuple[str, ...], ...]  # their values, as text, a row for each case
+    drawing: Mapping[str, Any]  # the map section, as plain values; empty without one
 
     def overrides(self, case: int) -> list[str]:
         """Return the arguments of a case, each ``name:=value``."""
@@ -158,7 +150,9 @@ def load_sweep(path: str | Path, overrides: Sequence[str] = ()) -> Sweep:
 
 def _sweep(root: Value, file: Path, overrides: Sequence[str], problems: Problems) -> Sweep:
     """Return the sweep in the tree of a sweep file."""
-    head = _FILE.read(root, problems)
+    head = _FILE.read(root, problems, _SECTIONS) or {}
+    for name in _SECTIONS.keys() & root.entries.keys():
+        head[name] = _SECTIONS[name].read(root.entries[name], problems)
     problems.raise_if_any()
     found = find(Path(head["launch"]), file.parent)
     if found is None:
@@ -291,5 +285,5 @@ def _between(low: float, high: float, share: float, is_log: bool) -> float:
         return low
     if share == 1.0:
         return high
-    value = low * (high / low) ** share if is_log else low + (high - low) * share
+    value = by_logarithm(low, high, share) if is_log else low + (high - low) * share
     return float(f"{value:.12g}")

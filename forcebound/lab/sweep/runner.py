@@ -1,24 +1,28 @@
-"""Sweeps as campaigns: a row for each case, with its parameters and figures."""
+"""Sweeps as campaigns, ``forcebound sweep``: a row for each case, its parameters and figures."""
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+import time
+from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
-from typing import Any
 
-from forcebound.errors import ForceboundError
+from forcebound.errors import ConfigError, ForceboundError
 from forcebound.graph.graph import GraphConfig
 from forcebound.graph.loader import build
+from forcebound.graph.problems import unknown
 from forcebound.lab.engine import Campaign, Progress, Row, run
 from forcebound.lab.runs import run_all
-from forcebound.lab.sweep.plan import Sweep
+from forcebound.lab.sweep.plan import Sweep, load_sweep
+from forcebound.lab.workers import cluster_executor, local_executor, progress_bar
 from forcebound.results.figures import REPORTED
-from forcebound.units import to_si
+from forcebound.units import split_quantity, to_si
 
 SMALLEST_PART, LARGEST_PART, PARTS = 32, 256, 64  # cases in a part; parts aimed at
+#: Keys of a launch file without effect in virtual time.
+NO_PARAMETERS = ("forcebound", "description", "realtime")
 
 
 def run_cases(sweep: Sweep, cases: Sequence[tuple[int, tuple[str, ...]]]) -> list[Row]:
@@ -29,8 +33,9 @@ def run_cases(sweep: Sweep, cases: Sequence[tuple[int, tuple[str, ...]]]) -> lis
     sweep = replace(sweep, cases=tuple(values for _, values in cases))
     for place, (number, values) in enumerate(cases):
         row: Row = {"case": number, "engine": None, "error": None}
-        texts = dict(zip(sweep.columns, values, strict=True))
-        row |= {f"over.{name}": _plain(text) for name, text in texts.items()}
+        for name, text in zip(sweep.columns, values, strict=True):
+            in_si = to_si(text)
+            row[f"over.{name}"] = text if in_si is None else in_si
         rows.append(row)
         try:
             config = build(sweep.template, sweep.overrides(place))
@@ -46,23 +51,14 @@ def run_cases(sweep: Sweep, cases: Sequence[tuple[int, tuple[str, ...]]]) -> lis
         if ran.result is None:
             rows[place]["error"] = f"{type(ran.error).__name__}: {ran.error}"
         else:
-            rows[place] |= _flat(_parameters(ran.result.document))
+            document = ran.result.document
+            used = {key: document[key] for key in document if key not in NO_PARAMETERS}
+            rows[place] |= _flat(used)
             rows[place] |= _flat(_figures(ran.result.summary))
     return rows
 
 
-def _plain(text: str) -> float | str:
-    """Return a swept value for a column: in SI units, or as text."""
-    number = to_si(text)
-    return text if number is None else number
-
-
-def _parameters(document: Mapping[str, Any]) -> dict[str, Any]:
-    left_out = ("forcebound", "description", "realtime")  # without effect in virtual time
-    return {name: value for name, value in document.items() if name not in left_out}
-
-
-def _figures(summary: Mapping[str, Any]) -> dict[str, Any]:
+def _figures(summary: Row) -> Row:
     rejected = sum(summary["rejected_packets"].values())
     # The kernel does not count the losses of links, and only the graph has events.
     # Spectra are long; `forcebound simulate --json` has them.
@@ -72,24 +68,14 @@ def _figures(summary: Mapping[str, Any]) -> dict[str, Any]:
     return {**rest, "rejected_packets": rejected}
 
 
-def _flat(document: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    flat: dict[str, Any] = {}
+def _flat(document: Row, prefix: str = "") -> Row:
+    flat: Row = {}
     for name, value in document.items():
-        if isinstance(value, Mapping):
+        if isinstance(value, dict):
             flat |= _flat(value, f"{prefix}{name}.")
         else:
             flat[prefix + name] = json.dumps(value) if isinstance(value, list) else value
     return flat
-
-
-def campaign_of(sweep: Sweep) -> Campaign:
-    """Return the campaign of a sweep."""
-    part = min(max(math.ceil(len(sweep.cases) / PARTS), SMALLEST_PART), LARGEST_PART)
-    about = {"description": sweep.description, "map": dict(sweep.drawing), "name": sweep.name}
-    decisive = (sweep.template.plain, sweep.duration, dict(sweep.constants), sweep.columns)
-    work = partial(run_cases, replace(sweep, cases=()))
-    cases = list(enumerate(sweep.cases))
-    return Campaign(sweep.name, cases, work, part, decisive=decisive, about=about)
 
 
 def run_sweep(
@@ -99,7 +85,7 @@ def run_sweep(
     progress: Progress = lambda done, cases: None,
     restart: bool = False,
     overwrite: bool = False,
-) -> dict[str, Any]:
+) -> Row:
     """Run a sweep, or its remaining parts; arguments as of :func:`forcebound.lab.engine.run`.
 
     Returns:
@@ -110,7 +96,15 @@ def run_sweep(
         ConfigError: If ``result`` or the folder of parts is another sweep's, or not writable.
         RunError: If the executor's processes end before the work is done.
     """
-    rows, resumed = run(campaign_of(sweep), executor, progress, result, restart, overwrite)
+    campaign = Campaign(
+        sweep.name,
+        list(enumerate(sweep.cases)),
+        partial(run_cases, replace(sweep, cases=())),
+        part=min(max(math.ceil(len(sweep.cases) / PARTS), SMALLEST_PART), LARGEST_PART),
+        decisive=(sweep.template.plain, sweep.duration, dict(sweep.constants), sweep.columns),
+        about={"description": sweep.description, "map": dict(sweep.drawing), "name": sweep.name},
+    )
+    rows, resumed = run(campaign, executor, progress, result, restart, overwrite)
     errors = [row["error"] for row in rows if row["error"] is not None]
     return {
         "result": str(result),
@@ -122,3 +116,92 @@ def run_sweep(
         "simulated_s": math.fsum(row.get("duration") or 0.0 for row in rows),
         "resumed": resumed,
     }
+
+
+def run_file(
+    file: str,
+    arguments: Sequence[str] = (),
+    output: Path | None = None,
+    workers: int | None = None,
+    cluster: str | None = None,
+    restart: bool = False,
+    overwrite: bool = False,
+    plot: bool = False,
+) -> Row:
+    """Run a sweep file and return its outcome; arguments as on the command line.
+
+    Raises:
+        ConfigError: If the file or an option is wrong; before anything runs.
+        RunError: If the processes that run it end before it is done.
+    """
+    sweep = load_sweep(file, arguments)
+    if arguments:  # the same in all cases, so checked once
+        build(sweep.template, sweep.overrides(0))
+    if plot:
+        _check_axes(sweep)
+    _check_values(sweep)
+    _check_map(sweep)
+    result = output or Path(f"{sweep.name}.parquet")
+    began = time.monotonic()
+    executors = cluster_executor(cluster) if cluster else local_executor(workers)
+    with progress_bar(sweep.name) as show, executors as executor:
+        document = run_sweep(sweep, result, executor, show, restart, overwrite)
+    document["seconds"] = round(time.monotonic() - began, 3)
+    if plot and sweep.drawing:
+        from forcebound.lab.sweep.maps import draw
+
+        picture = result.with_suffix(".png")
+        draw(result, picture)
+        document["map"] = str(picture)
+    return document
+
+
+def _check_axes(sweep: Sweep) -> None:
+    """Raise if the command line holds constant what the map is to vary."""
+    for key in ("x", "y"):
+        name = sweep.drawing.get(key)
+        if name is not None and name not in sweep.columns:
+            raise ConfigError(f"map: {name!r} for {key}: is constant here: leave out --plot")
+
+
+def _check_values(sweep: Sweep) -> None:
+    """Raise if a name or a unit is wrong wherever it stands, so that all its cases would fail.
+
+    The first and the last case that have it are asked: another argument may forbid it in one.
+    """
+    ends: dict[tuple[str, str], tuple[int, int]] = {}
+    for number, case in enumerate(sweep.cases):
+        for column in zip(sweep.columns, map(_name_or_unit, case), strict=True):
+            ends[column] = ends.get(column, (number, number))[0], number
+    for first, last in dict.fromkeys(ends.values()):
+        error = _error_of(sweep, first)
+        if error is not None and _error_of(sweep, last) is not None:
+            raise error
+
+
+@cache
+def _name_or_unit(text: str) -> str:
+    try:
+        return split_quantity(text)[1]
+    except ConfigError:
+        return text
+
+
+def _error_of(sweep: Sweep, case: int) -> ConfigError | None:
+    try:
+        build(sweep.template, sweep.overrides(case))
+    except ConfigError as error:
+        return error
+    return None
+
+
+def _check_map(sweep: Sweep) -> None:
+    """Run the first case, and raise unless it has the figures that the map is to show."""
+    if not sweep.drawing:
+        return
+    (row,) = run_cases(sweep, [(0, sweep.cases[0])])
+    figures = [name for name in row if not name.startswith("over.")]
+    for key in sweep.drawing.keys() & {"value", "leaks"}:
+        name = sweep.drawing[key]
+        if row["error"] is None and name not in figures:
+            raise ConfigError(f"map: {unknown(f'figure for {key}:', name, figures)}")

@@ -15,7 +15,7 @@ from forcebound.errors import ConfigError
 from forcebound.messages.packets import EnvironmentReply, Event, Scene, Telemetry
 from forcebound.observe.page.scene_files import content
 from forcebound.observe.streams import fields_of_packet
-from forcebound.run.process import Reader
+from forcebound.run.process.reader import Reader
 from forcebound.run.run_directory import RunDocument
 
 #: To or from the pages, as JSON.

@@ -4,7 +4,7 @@ import logging
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 from forcebound.messages.control import GetStatus, RecorderStatus, StopProcess
 from forcebound.messages.packets import Packet
@@ -13,6 +13,9 @@ from forcebound.roles import DEVICE, RECORDER
 from forcebound.run.process.reader import PERIOD_NS, Reader
 from forcebound.stop import Stop
 
+if TYPE_CHECKING:
+    from forcebound.recordings.recording import Recorder  # slow to import
+
 COMPLETE = "complete"  # a complete recording
 FLUSH_PERIOD_NS = 250_000_000  # a killed recorder loses at most this
 DRAIN_NS = 50_000_000  # silence after a stop request that ends the recording
@@ -20,22 +23,10 @@ DRAIN_LIMIT_NS = 1_000_000_000  # longest wait for that silence, and for the dev
 _logger = logging.getLogger(__name__)
 
 
-class Sink(Protocol):
-    """Sink of a recorder's packets; :class:`forcebound.recordings.recording.Recorder` is one."""
-
-    def write(self, packet: Packet) -> None:
-        """Record one packet."""
-        ...
-
-    def flush(self) -> None:
-        """Flush, so that all packets so far survive the end of this process."""
-        ...
-
-
 class FailSafeSink:
     """Writes to a sink until that fails, which is reported once; then drops the packets."""
 
-    def __init__(self, sink: Sink) -> None:
+    def __init__(self, sink: "Recorder") -> None:
         self._sink = sink
         self._flush_ns = time.monotonic_ns() + FLUSH_PERIOD_NS
         self.state = COMPLETE  # or why the recording is not
@@ -66,7 +57,7 @@ class FailSafeSink:
 
 
 def record(
-    sink: Sink,
+    sink: "Recorder",
     run_dir: Path,
     graph: Graph,
     streams: Sequence[str],

@@ -30,7 +30,7 @@ import msgspec
 
 from forcebound import realtime
 from forcebound.errors import ConfigError
-from forcebound.messages.codec import encode, encode_unchecked
+from forcebound.messages.codec import encode
 from forcebound.messages.control import (
     OF_NODES,
     Accepted,
@@ -163,7 +163,7 @@ class Runner:
         if received or (wake_ns is not None and wake_ns <= time_ns):
             publish = self._publish
             for packet in self._node.step(time_ns, received):
-                publish[type(packet)](encode_unchecked(packet))
+                publish[type(packet)](encode(packet))
             self.steps += 1
         if time_ns >= self._look_ns:
             self.look(time_ns)

@@ -1,7 +1,7 @@
 """Cases of the audit of laws: devices, hands, adversaries and clocks, on one axis."""
 
 import random
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from forcebound.haptics.laws import Dissipation
@@ -21,8 +21,11 @@ ADVERSARIES = (
 #: Kinds of reading errors, each of at most half the resolution.
 SENSORS = ("quantised", "noisy", "chattering", "leading")
 
+#: Clock and reading: the assumptions of the paper's laws, and two steps beyond.
+CLOCKS = ("steady, exact", "steady, quantised", "unsteady clock")
 
-class Case(NamedTuple):
+
+class Scenario(NamedTuple):
     """Definition of a run, without the law."""
 
     name: str  # a seed, or a code of forcebound.lab.cases
@@ -109,32 +112,29 @@ DRAWN: dict[str, Callable[[random.Random], float]] = {
 }
 
 
-def draw_case(seed: int, seconds: float) -> Case:
-    """Return the random case of ``seed``, of about ``seconds`` s."""
-    draw = random.Random(seed)
-    drawn: dict[str, Any] = {}
-    for name in Case._fields[3:]:
-        drawn[name] = DRAWN[name](draw) if name in DRAWN else RANGES[name].draw(draw)
-    return Case(name=str(seed), seed=seed, samples=_samples(seconds), **drawn)
-
-
-def case_of(name: str | int, seconds: float) -> Case:
+def case_of(name: str, seconds: float) -> Scenario:
     """Return the case of a name: a seed, or a code of :func:`forcebound.lab.cases.encode`.
+
+    The same name with other ``seconds`` is the same run, cut.
 
     Raises:
         ConfigError: If it is neither.
     """
-    seed = seed_of(str(name))
+    samples, seed = max(2, round(seconds / PERIOD)), seed_of(name)
     if seed is not None:
-        return draw_case(seed, seconds)
-    (adversary, sensor, noise), numbers = decode(str(name), CHOICES, RANGES)
+        draw = random.Random(seed)
+        drawn: dict[str, Any] = {
+            one: DRAWN[one](draw) if one in DRAWN else RANGES[one].draw(draw)
+            for one in Scenario._fields[3:]
+        }
+        return Scenario(name, seed, samples, **drawn)
+    (adversary, sensor, noise), numbers = decode(name, CHOICES, RANGES)
     numbers["hold_limit"] = _nanoseconds(PERIOD * (1.0 + numbers["hold_limit"]))
     decoded: dict[str, Any] = numbers | {"delay": round(numbers["delay"])}
-    chosen = {"sensor": sensor, "adversary": adversary}
-    return Case(name=str(name), seed=noise, samples=_samples(seconds), **chosen, **decoded)
+    return Scenario(name, noise, samples, sensor=sensor, adversary=adversary, **decoded)
 
 
-def dissipation_of(case: Case) -> Dissipation:
+def dissipation_of(case: Scenario) -> Dissipation:
     """Return the dissipation stated to the law: exactly that of the device."""
     return Dissipation(
         damping=case.damping,
@@ -146,37 +146,11 @@ def dissipation_of(case: Case) -> Dissipation:
     )
 
 
-def difficulties(case: Case) -> dict[str, str]:
-    """Return the difficulty of a case on each axis, in words for a table."""
-    faulty = case.loss > 0.0 or case.corruption > 0.0
+def clock_of(case: Scenario) -> str:
+    """Return how far clock and reading of a case are as the paper's laws assume, of CLOCKS."""
     if case.jitter > 0.0 or case.overruns > 0.0:
-        clock = "unsteady clock"
-    else:
-        clock = "steady, quantised" if case.resolution > 0.0 else "steady, exact"
-    return {
-        "clock and reading": clock,
-        "environment": ADVERSARIES[case.adversary].replace("_", " "),
-        "delay": _range(case.delay, ((0, "none"), (10, "1 to 10 T"), (60, "11 to 60 T"))),
-        "loss": "lost or corrupted" if faulty else "none",
-        "quantisation": _range(
-            case.resolution, ((0.0, "none"), (3e-5, "to 0.03 mm"), (1.0, "to 0.2 mm"))
-        ),
-        "reading": SENSORS[case.sensor] if case.resolution > 0.0 else "exact",
-        "jitter": "-70 to +100 %" if case.jitter > 0.0 else "none",
-        "overrun": "up to 6 T" if case.overruns > 0.0 else "none",
-        "hand": _range(
-            case.hand_stiffness,
-            ((100.0, "to 0.1 N/mm"), (500.0, "to 0.5 N/mm"), (1e9, "to 2 N/mm")),
-        ),
-    }
-
-
-def _range(value: float, names: Sequence[tuple[float, str]]) -> str:
-    return next(name for limit, name in names if value <= limit)
-
-
-def _samples(seconds: float) -> int:
-    return max(2, round(seconds / PERIOD))
+        return CLOCKS[2]
+    return CLOCKS[case.resolution > 0.0]
 
 
 def _nanoseconds(duration: float) -> float:

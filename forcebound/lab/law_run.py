@@ -13,33 +13,26 @@ import numpy as np
 from forcebound.haptics.devices.extended import Axis
 from forcebound.haptics.laws import LAWS, check_law
 from forcebound.lab import one_axis
-from forcebound.lab.hands import ADVERSARIES, PERIOD, Case, case_of, dissipation_of
-from forcebound.lab.one_axis import MOTION, TRACE, Course, Integers, Rig, loop
+from forcebound.lab.cases import LEAST_PEAK
+from forcebound.lab.law_cases import ADVERSARIES, PERIOD, Scenario, dissipation_of
+from forcebound.lab.one_axis import MOTION, TRACE, Course, Integers, System, loop
 
 Floats: TypeAlias = one_axis.Floats
 
 SECONDS = 2.0  # length of a run
 PIECES = 8  # plant steps in a hold, or in the part of it before or after the watchdog's cut
-EARNED = 1e-5  # J; below this loss plus work, the share left has no meaning
 UNFILTERED = 1e30  # Hz, cutoff of an adversary's velocity
 
 
-class Result(NamedTuple):
+class LawResult(NamedTuple):
     """Result of a run."""
 
-    law: str
-    energy_min: float  # J, lowest energy of the hand
-    loss_and_work_min: float  # J, lowest loss plus motor work
-    balance_min: float  # J, lowest balance of a plant step: the integrator's error
+    energy_min_j: float  # lowest energy of the hand
+    loss_and_work_min_j: float  # lowest loss plus motor work
+    balance_min_j: float  # lowest balance of a plant step: the integrator's error
     share_left: float  # lowest share left of the loss plus work so far; 1 if there was none
-    time_of_min: float  # s, when loss plus work was lowest
-    peak_force: float  # N
-    case: Case
-
-    @property
-    def lowest(self) -> float:
-        """The lower of the two energies, in J."""
-        return min(self.energy_min, self.loss_and_work_min)
+    time_of_min_s: float  # when loss plus work was lowest
+    peak_force_n: float
 
 
 #: Columns of a trace, SI units; ``energy`` and ``loss_and_work`` are the lowest since the last row.
@@ -55,7 +48,7 @@ TRACE_COLUMNS = (
 )
 
 
-def attack(law: str, case: Case) -> tuple[Result, Floats]:
+def attack(law: str, case: Scenario) -> tuple[LawResult, Floats]:
     """Run one case.
 
     Args:
@@ -69,11 +62,11 @@ def attack(law: str, case: Case) -> tuple[Result, Floats]:
         ConfigError: If the law is not known.
     """
     check_law(law)
-    rig, course = _rig(case), _course(case)
+    system, course = _system(case), _course(case)
     times_ns = course.instants_ns[::2]
-    pieces = PIECES * (1 + (np.diff(times_ns) > rig.hold_ns))  # of each sample: more with a cut
+    pieces = PIECES * (1 + (np.diff(times_ns) > system.hold_ns))  # of each sample: more with a cut
     rows, motion = np.empty((times_ns.size, len(TRACE))), np.empty((pieces.sum(), len(MOTION)))
-    loop(law)(rig, LAWS[law].device(dissipation_of(case)), course, rows, motion)
+    loop(law)(system, LAWS[law].device(dissipation_of(case)), course, rows, motion)
     columns = dict(zip(TRACE, rows[1:].T, strict=True))
     magnitude = np.abs(columns["commanded_force"])
     commanded = np.where(
@@ -95,30 +88,20 @@ def attack(law: str, case: Case) -> tuple[Result, Floats]:
     lost = trace[:, 6]
     earned = np.maximum.accumulate(lost)
     lowest = int(np.argmin(lost))
-    result = Result(
-        law=law,
-        energy_min=float(trace[:, 5].min()),
-        loss_and_work_min=float(lost[lowest]),
-        balance_min=float(trace[:, 7].min()),
+    result = LawResult(
+        energy_min_j=float(trace[:, 5].min()),
+        loss_and_work_min_j=float(lost[lowest]),
+        balance_min_j=float(trace[:, 7].min()),
         share_left=float(
-            np.divide(lost, earned, where=earned > EARNED, out=np.ones_like(lost)).min()
+            np.divide(lost, earned, where=earned > LEAST_PEAK, out=np.ones_like(lost)).min()
         ),
-        time_of_min=float(trace[lowest, 0]),
-        peak_force=float(np.abs(trace[:, 4]).max()),
-        case=case,
+        time_of_min_s=float(trace[lowest, 0]),
+        peak_force_n=float(np.abs(trace[:, 4]).max()),
     )
     return result, trace
 
 
-def replay(law: str, name: str | int, seconds: float) -> tuple[Result, Floats]:
-    """Run a case again by its name; see :func:`attack` and :func:`forcebound.lab.hands.case_of`.
-
-    The same name with other ``seconds`` is the same run, cut.
-    """
-    return attack(law, case_of(name, seconds))
-
-
-def _rig(case: Case) -> Rig:
+def _system(case: Scenario) -> System:
     k, b, surface, force = case.stiffness, case.environment_damping, case.surface, case.magnitude
     environment, numbers = (  # in the order of ADVERSARIES
         (one_axis.WALL, (k, surface, 0.0, 0.0)),
@@ -129,7 +112,7 @@ def _rig(case: Case) -> Rig:
         (one_axis.SPRING, (k, surface, 0.0, 0.0)),
     )[case.adversary]
     total, hand = case.mass + case.hand_mass, (case.hand_stiffness, case.hand_damping)
-    return Rig(
+    return System(
         Axis(total, case.damping, case.friction, 0.0, 0.0, 0.0, *hand),
         hand_mass=case.hand_mass,
         substep=math.inf,
@@ -145,7 +128,7 @@ def _rig(case: Case) -> Rig:
     )
 
 
-def _course(case: Case) -> Course:
+def _course(case: Scenario) -> Course:
     """Return clock, hand and faults; tick 0 begins at rest, and the samples follow."""
     chance = np.random.default_rng(case.seed).random((case.samples, 6))
     periods = PERIOD * (1.0 + case.jitter * (1.7 * chance[:, 0] - 0.7))
@@ -174,7 +157,7 @@ def _course(case: Case) -> Course:
     )
 
 
-def _targets(case: Case, times: Floats) -> Floats:
+def _targets(case: Scenario, times: Floats) -> Floats:
     """Return the targets of the hand, in m."""
     slow = 1.0 - np.cos(2.0 * np.pi * case.slow * times)
     fast = 1.0 - np.cos(2.0 * np.pi * case.fast * times)
@@ -182,7 +165,7 @@ def _targets(case: Case, times: Floats) -> Floats:
     return targets
 
 
-def _energies(case: Case, motion: Floats, starts: Integers) -> list[Floats]:
+def _energies(case: Scenario, motion: Floats, starts: Integers) -> list[Floats]:
     """Return the last three columns of a trace; ``starts``: first row of each sample's motion."""
     duration, force, x, v, work = motion.T
     dx = np.diff(x, prepend=0.0)
