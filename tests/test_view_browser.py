@@ -32,7 +32,6 @@ window.WebSocket = class extends Plain {
 };
 """
 
-QUERY_DELAY = "links.environment_query.delay"
 RUNNING = ("passive", "late")  # states of a graph that runs under a law
 
 LOSE_FETCHES = """
@@ -130,6 +129,11 @@ class Visitor:
         field.clear()
         field.send_keys(value + Keys.TAB)
 
+    def slide(self, name: str, shown: str) -> None:
+        """Move the slider of a parameter by one step, until the page shows the new value."""
+        self.driver.find_element("id", f"s-{name}").send_keys(Keys.ARROW_RIGHT)
+        self.until(lambda: self.value(name) == shown)
+
     def touch(self, way: float) -> None:
         """Draw a finger over the scene, some pixels to the right."""
         scene = self.driver.find_element("id", "scene").rect
@@ -171,9 +175,8 @@ def test_one_drags_the_hand_into_the_wall_breaks_it_and_makes_it_safe() -> None:
             visitor.until(lambda: visitor.energies[0] > -1.0)  # not the scale of the law before
             assert visitor.figure("true energy, this law") >= 0.0
             assert "under none the hand has received" in visitor.text("events")
-            for name, shown in (("environment.stiffness", "11 N/mm"), (QUERY_DELAY, "0.5 ms")):
-                driver.find_element("id", f"s-{name}").send_keys(Keys.ARROW_RIGHT)
-                visitor.until(lambda name=name, shown=shown: visitor.value(name) == shown)
+            visitor.slide("environment.stiffness", "11 N/mm")
+            visitor.slide("links.environment_query.delay", "0.5 ms")
             assert visitor.errors() == []
         ended = graph.end()
         columns = ended.columns

@@ -80,7 +80,7 @@ def _place(config: GraphConfig, name: str) -> tuple[type | None, Any]:
         "links": (Impairment,),
     }
     kinds = beside.get(place.section, (GraphConfig,))
-    for step in () if place.section == "links" else place.path:
+    for step in () if place.section == "links" else place.steps[1:-1]:
         kinds = tuple(part for kind in kinds for part in _inside(kind, step))
     for kind in kinds:
         field = fields_of(kind).get(place.last)
