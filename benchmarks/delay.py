@@ -90,7 +90,7 @@ class WatchedLink(Link[Packet]):
     def accept(self, time_ns: int, packet: Packet, size: int = PACKET_SIZE) -> None:
         """Take a packet that arrives; see :meth:`forcebound.network.link.Link.accept`."""
         super().accept(time_ns, packet, size)
-        self.added_ns[packet.seq] = self._twin.travel_ns()
+        self.added_ns[packet.seq] = self._twin.travel_ns() or 0
 
 
 class ReceiverNode(Node):

@@ -23,7 +23,7 @@ from forcebound.graph.schema import SUBSTITUTION, properties
 from forcebound.graph.servo import ServoSettings
 from forcebound.haptics.geometry.proxy import Surface
 from forcebound.messages.topology import LINKS
-from forcebound.network.impairment import GilbertElliott, Impairment, Outage, Slot
+from forcebound.network.impairment import GilbertElliott, Impairment, Outage
 from forcebound.observe.formatting import meanings
 
 _HEAD = """# Keys of launch files
@@ -68,7 +68,7 @@ def _lines() -> Iterator[str]:
     topics = ", ".join(f"`{topic}`" for topic in LINKS)
     words = f"By topic: {topics}. A topic that is not named is perfect."
     yield from ("", "## `links`", *_table(Impairment, words))
-    for key, part in (("gemodel", GilbertElliott), ("slot", Slot), ("outages", Outage)):
+    for key, part in (("gemodel", GilbertElliott), ("outages", Outage)):
         yield from ("", f"### `{key}`", *_table(part))
     for section, settings in (("realtime", RealtimeConfig), ("remote", RemoteConfig)):
         yield from ("", f"## `{section}`", *_table(settings))

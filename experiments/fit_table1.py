@@ -26,8 +26,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from forcebound.haptics.devices.extended import Axis
 from forcebound.haptics.devices.phantom import PhantomPremium15
+from forcebound.haptics.devices.plant import Axis
 from forcebound.haptics.devices.true_values import per_axis
 from forcebound.haptics.laws import LAWS, Dissipation
 from forcebound.lab.one_axis import NO_MOTION, TRACE, WALL, Course, System, loop

@@ -150,7 +150,6 @@ class RemoteStatus(Struct, kw_only=True):
     secure: bool = True
     peers: list[str] = []
     connections: int = 0
-    superseded: int = 0
     counts: dict[str, int] = {}  # notices by kind, also those that were not reported
 
 

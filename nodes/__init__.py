@@ -7,16 +7,20 @@ packets that have arrived, publishes what it returns, and calls again when packe
 receives, and who receives its own, says :mod:`forcebound.messages.topology`.
 """
 
-from collections.abc import Mapping, Sequence
+import logging
+from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, ClassVar, Protocol
 
+from forcebound.haptics.parts.user_module import describe_user_error
 from forcebound.messages.control import Answer, NodeStatus, Refused, Request
 from forcebound.messages.events import EventLog
 from forcebound.messages.packets import Event, Packet
 
 if __name__ != "forcebound.nodes":
     raise ImportError(f"import forcebound.nodes, not {__name__}")
+
+_logger = logging.getLogger(__name__)
 
 
 class Node(Protocol):
@@ -32,8 +36,7 @@ class Node(Protocol):
 
     @property
     def wake_ns(self) -> int | None:
-        """When it wants to be stepped even if nothing arrives, in ns; None: only on arrival."""
-        ...
+        """When the next step is due even if nothing arrives, in ns; None: only on arrival."""
 
     @property
     def needs_packets(self) -> bool:
@@ -50,7 +53,6 @@ class Node(Protocol):
 
         Never raises for anything that a peer sent.
         """
-        ...
 
     def admit(self, packet: Packet, source: str, time_ns: int) -> bool:
         """Return whether a packet that has just arrived at ``time_ns`` may enter its link.
@@ -83,3 +85,11 @@ class Node(Protocol):
     def close(self) -> None:
         """Close all that the node has opened; called exactly once."""
         return
+
+
+def close_part(close: Callable[[], None], name: str) -> None:
+    """Close a part; a failure of its code is logged, with ``name``, and does not end the node."""
+    try:
+        close()
+    except Exception as error:
+        _logger.warning("the %s failed to close: %s", name, describe_user_error(error))

@@ -4,12 +4,12 @@ At each write the bounder hears what really happened since the last one, before 
 
 1. *When.* The time of the reading, and later the time from which the written force acts: from the
    device's stamps; else from the clock, before the read and after the write, so that the time
-   between them is never taken for shorter than it is; else the time of the tick. If the device
-   says by how much a reading may be later than its stamp, that is added to the interval: the same
-   way in a longer time dissipates less. So the bounder's clock runs ahead by what is uncertain.
+   between them is never taken for shorter than it is; else the time of the tick. By how much a
+   reading may be later than its stamp is added to the interval: the same way in a longer time
+   dissipates less. So the bounder's clock runs ahead by what is uncertain.
 2. *Cuts.* Where and when a guarding or reporting watchdog has dropped a force.
 3. *The hold limit* of the force to come. The device is given it before the write, and the bounder
-   plans with what the device says that it has set.
+   plans with the limit that the device returns.
 
 An arm (a device with ``kinematics``) is bounded in its joints: its readings are angles, its forces
 torques, and the command becomes the torques of that force at the tip. Saturation and law scale the
@@ -118,7 +118,7 @@ class BoundedDevice:
 
     @property
     def refused_readings(self) -> int:
-        """Readings that were not believed since :meth:`begin`."""
+        """Readings that were rejected since :meth:`begin`."""
         return self._before.refused_readings + self.bounder.refused_readings
 
     def read(self, time_ns: int) -> Vector:
@@ -140,13 +140,14 @@ class BoundedDevice:
         stamps, jitter_ns = self._stamps(), self._jitter()
         if stamps is not None:
             read_ns = stamps[0]
+        before_ns = self._ahead_ns  # at the last reading, and so at a cut since
         if jitter_ns is not None:
             self._ahead_ns += jitter_ns
         read_ns += self._ahead_ns
-        position, wanted, cut = reading, commanded, None
+        position, asked, cut = reading, commanded, None
         if kinematics is not None:
             position = kinematics.position(reading)
-            wanted = kinematics.torque(reading, commanded)
+            asked = kinematics.torque(reading, commanded)
         if self._write_ns is None:  # the ledger begins here, with no force held
             bounder.start(read_ns, reading)
             bounded = self._zero
@@ -154,8 +155,8 @@ class BoundedDevice:
             if self._reports_cuts:
                 cut = device.cut()
             if cut is not None:
-                bounder.report_cut(*cut)
-            bounded = bounder.bound(read_ns, reading, self._saturated(wanted, engagement))
+                bounder.report_cut(cut[0] + before_ns, cut[1])
+            bounded = bounder.bound(read_ns, reading, self._saturated(asked, engagement))
         self._applied = applied = device.write(time_ns, bounded)
         write_ns = time_ns if self._clock is None else self._clock()
         stamps = self._stamps()
@@ -175,8 +176,8 @@ class BoundedDevice:
         tip, limit, joints, torques = applied, bounder.limit, None, None
         if kinematics is not None:
             joints, torques = reading, applied
-            tip = tip_force(kinematics, reading, applied, commanded, wanted)
-            limit *= math.hypot(*commanded) / (math.hypot(*wanted) or math.inf)
+            tip = tip_force(kinematics, reading, applied, commanded, asked)
+            limit *= math.hypot(*commanded) / (math.hypot(*asked) or math.inf)
         ahead_ns = None if jitter_ns is None else self._ahead_ns
         read_ns, write_ns = read_ns - self._ahead_ns, write_ns - self._ahead_ns
         return Written(position, tip, limit, read_ns, write_ns, joints, torques, cut, ahead_ns)
@@ -220,15 +221,15 @@ class BoundedDevice:
         self._use_limit = seconds if set_limit is None else set_limit
         self.bounder.set_hold_limit(self._use_limit)
 
-    def _saturated(self, wanted: Vector, engagement: float) -> Vector:
+    def _saturated(self, asked: Vector, engagement: float) -> Vector:
         """Return no more force or torque than the motors have; the direction is kept.
 
         The bounder saturates its result, too, since a law may add damping; a device clips for
         itself, since a motor does.
         """
-        magnitude, largest = math.hypot(*wanted), self._dissipation.saturation * engagement
+        magnitude, largest = math.hypot(*asked), self._dissipation.saturation * engagement
         if magnitude <= largest:
-            return wanted
+            return asked
         if not math.isfinite(magnitude):
             return self._zero
-        return tuple([largest / magnitude * f for f in wanted])
+        return tuple([largest / magnitude * f for f in asked])

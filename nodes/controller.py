@@ -31,8 +31,7 @@ from forcebound.messages.packets import (
     Vector,
 )
 from forcebound.messages.topology import HAND, in_hand
-from forcebound.nodes import Node
-from forcebound.nodes.closing import close_part
+from forcebound.nodes import Node, close_part
 from forcebound.nodes.lease import LEASE_NS, Lease
 from forcebound.roles import CONTROLLER
 
@@ -96,7 +95,7 @@ class ControllerNode(Node):
         return Accepted()
 
     def close(self) -> None:
-        close_part(self._controller, CONTROLLER)
+        close_part(self._controller.close, CONTROLLER)
 
     def _take_state(self, state: DeviceState, time_ns: int, packets: list[Packet]) -> None:
         try:
@@ -176,8 +175,8 @@ class ControllerNode(Node):
 
 
 def _vector(answer: Vector) -> Vector:
-    """Return the answer of a controller, which may be a list or an array, as a tuple."""
-    return answer if type(answer) is tuple else tuple(map(float, answer))
+    """Return the answer of a controller, which may have numbers of numpy, as it can be sent."""
+    return tuple(map(float, answer))
 
 
 def _force(answer: Vector | None) -> Vector | None:

@@ -17,7 +17,7 @@ still comes about a period after the force before.
 import logging
 from collections.abc import Callable, Sequence
 from math import isfinite
-from typing import ClassVar, NamedTuple
+from typing import ClassVar
 
 from forcebound.errors import ConfigError, DeviceError
 from forcebound.graph.servo import ServoSettings
@@ -36,9 +36,8 @@ from forcebound.messages.control import (
 from forcebound.messages.events import TAKES_HOLD_LIMIT, EventLog
 from forcebound.messages.packets import DeviceState, Event, Packet, Telemetry, Vector
 from forcebound.messages.topology import HAND, in_hand
-from forcebound.nodes import Node
+from forcebound.nodes import Node, close_part
 from forcebound.nodes.bounded_device import BoundedDevice
-from forcebound.nodes.closing import close_part
 from forcebound.nodes.device_events import DeviceEvents
 from forcebound.nodes.safety import SafetyChain
 from forcebound.nodes.velocity import low_pass, low_pass_gain
@@ -47,17 +46,6 @@ from forcebound.roles import DEVICE
 _logger = logging.getLogger(__name__)
 
 LEAST_WAIT = 0.3  # periods, from a state that a slow exchange made late to the write
-
-
-class _Unknown(NamedTuple):
-    """The ground truth of hardware."""
-
-    energy: None = None
-    position: None = None
-    hand_force: None = None
-
-
-_UNKNOWN = _Unknown()
 
 
 class DeviceNode(Node):
@@ -113,9 +101,9 @@ class DeviceNode(Node):
         self.deadline_misses = 0
         self.events = EventLog(in_hand(hand, DEVICE))
         # Of a simulated device and of hardware of this package, verification knows it.
-        says = self._bounded.takes_limit and device.truth() is None
-        about = {TAKES_HOLD_LIMIT: "true"} if says else {}
-        self._tells = DeviceEvents(self.events, servo, about)
+        is_unknown = self._bounded.takes_limit and device.truth() is None
+        about = {TAKES_HOLD_LIMIT: "true"} if is_unknown else {}
+        self._reports = DeviceEvents(self.events, servo, about)
 
     @property
     def wake_ns(self) -> int:
@@ -188,10 +176,10 @@ class DeviceNode(Node):
             _logger.warning("could not write the last zero force to the device: %s", error)
 
     def last_events(self, time_ns: int) -> Sequence[Event]:
-        return [self._tells.tell_bounder(time_ns, self._bounded.report())]
+        return [self._reports.bounder(time_ns, self._bounded.report())]
 
     def close(self) -> None:
-        close_part(self._device, DEVICE)
+        close_part(self._device.close, DEVICE)
 
     def step(self, time_ns: int, received: Sequence[Packet]) -> list[Packet]:
         for packet in received:
@@ -203,7 +191,7 @@ class DeviceNode(Node):
             if self.is_engaged:
                 is_answered = self._chain.command is not None
                 refused = self._bounded.refused_readings
-                packets += self._tells.look(time_ns, is_answered, refused, self.deadline_misses)
+                packets += self._reports.look(time_ns, is_answered, refused, self.deadline_misses)
             if self._next_law is not None and not self._bounded.holds_force:
                 packets.append(self._change_law(self._next_law, time_ns))
             return packets
@@ -254,7 +242,7 @@ class DeviceNode(Node):
         reply_ns = None if command is None else command.reply_time_ns
         if reply_ns is not None and reply_ns > time_ns:  # a controller may say anything
             reply_ns = None
-        truth = self._device.truth() or _UNKNOWN
+        truth = self._device.truth()
         telemetry = Telemetry(
             self._tick,
             time_ns,
@@ -264,9 +252,9 @@ class DeviceNode(Node):
             written.applied,
             written.limit,
             self._bounded.bounder.estimated_energy,
-            truth.energy,
-            truth.position,
-            truth.hand_force,
+            None if truth is None else truth.energy,
+            None if truth is None else truth.position,
+            None if truth is None else truth.hand_force,
             demand.engagement,
             None if command is None else command.device_seq,
             None if command is None else (time_ns - command.device_time_ns) * 1e-9,
@@ -292,10 +280,10 @@ class DeviceNode(Node):
         self._bounded.change_law(law)
         truth = self._device.truth()
         if truth is None:
-            return self._tells.tell_law(time_ns, law)
+            return self._reports.law_changed(time_ns, law)
         given = truth.energy - self._energy_before
         self._energy_before = truth.energy - self._device.kinetic_energy()
-        return self._tells.tell_law(time_ns, law, (former, given, self._energy_before))
+        return self._reports.law_changed(time_ns, law, (former, given, self._energy_before))
 
     def _begin_next_tick(self, time_ns: int) -> None:
         """Skip the ticks whose writes are overdue: two writes at once would serve nothing."""

@@ -6,9 +6,11 @@ from forcebound.graph.servo import ServoSettings
 from forcebound.messages.control import BounderReport
 from forcebound.messages.events import BOUNDER_REPORTED, LAW_CHANGED, STATE_INTERVAL_NS, EventLog
 from forcebound.messages.packets import Event, Packet
-from forcebound.nodes.overload import Overload
 
 REFUSAL_INTERVAL_NS = 1_000_000_000  # between two events about refused readings
+WINDOW_NS = 1_000_000_000  # in which missed ticks are counted
+SHARE = 0.05  # of the ticks, missed in a window: more is a warning
+REPEAT_NS = 10_000_000_000  # between two warnings
 
 
 class DeviceEvents:
@@ -35,16 +37,16 @@ class DeviceEvents:
         events: list[Packet] = []
         if self._is_answered != is_answered and time_ns >= self._next_answer_ns:
             self._is_answered, self._next_answer_ns = is_answered, time_ns + STATE_INTERVAL_NS
-            events.append(self._tell_answers(time_ns))
+            events.append(self._answers(time_ns))
         if refused > self._refused and time_ns >= self._next_refusal_ns:
             self._refused, self._next_refusal_ns = refused, time_ns + REFUSAL_INTERVAL_NS
-            events.append(self._tell_refusals(time_ns))
+            events.append(self._refusals(time_ns))
         warning = self._overload.observe(time_ns, missed)
         if warning is not None:
             events.append(self._log.emit(time_ns, "ticks_missed", warning, is_fault=True))
         return events
 
-    def tell_law(
+    def law_changed(
         self, time_ns: int, law: str, before: tuple[str, float, float] | None = None
     ) -> Event:
         """Return the event of another law; the ticks that its loading has cost are no news.
@@ -61,7 +63,7 @@ class DeviceEvents:
             data["energy_before"] = repr(energy)
         return self._log.emit(time_ns, LAW_CHANGED, message, data)
 
-    def tell_bounder(self, time_ns: int, report: BounderReport) -> Event:
+    def bounder(self, time_ns: int, report: BounderReport) -> Event:
         """Return the event of a report."""
         periods = report.hold_limit / (self._servo.period_ns * 1e-9)
         message = (
@@ -73,7 +75,7 @@ class DeviceEvents:
             message += f", late holds can have leaked {report.largest_allowance:.2g} J, {repaid}"
         return self._log.emit(time_ns, BOUNDER_REPORTED, message, report.as_texts())
 
-    def _tell_answers(self, time_ns: int) -> Event:
+    def _answers(self, time_ns: int) -> Event:
         if self._is_answered:
             message = "replies received; ramping force up"
             return self._log.emit(time_ns, "force_engages", message, self._about)
@@ -81,10 +83,37 @@ class DeviceEvents:
         message = f"no answer younger than the age limit of {limit:g} ms: zero force"
         return self._log.emit(time_ns, "force_released", message, is_fault=True)
 
-    def _tell_refusals(self, time_ns: int) -> Event:
+    def _refusals(self, time_ns: int) -> Event:
         message = (
             f"refused readings so far: {self._refused}; they are not finite, too soon after"
             " another, or faster than device.largest_speed: look at the encoder and its cable"
         )
         data = {"refused": str(self._refused)}
         return self._log.emit(time_ns, "readings_refused", message, data, is_fault=True)
+
+
+class Overload:
+    """The warning that a servo misses many ticks: the machine is too slow, or too busy."""
+
+    def __init__(self, period_ns: int) -> None:
+        self._ticks = WINDOW_NS / period_ns
+        self._window_end_ns: int | None = None
+        self._missed_before = 0
+        self._next_warning_ns = 0
+
+    def observe(self, time_ns: int, missed: int) -> str | None:
+        """Return a warning if many ticks of the last second were ``missed``; else None."""
+        end_ns = self._window_end_ns
+        if end_ns is not None and time_ns < end_ns:
+            return None
+        lately = missed - self._missed_before
+        self._window_end_ns = time_ns + WINDOW_NS
+        self._missed_before = missed
+        if end_ns is None or lately <= SHARE * self._ticks or time_ns < self._next_warning_ns:
+            return None
+        self._next_warning_ns = time_ns + REPEAT_NS
+        return (
+            f"missed {lately} of {self._ticks:.0f} ticks in the last second, so there is little"
+            " force: something else uses this core, or the servo has no realtime scheduling;"
+            " `forcebound doctor` names the cause"
+        )

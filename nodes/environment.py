@@ -27,11 +27,10 @@ from forcebound.messages.packets import (
     Packet,
     Vector,
 )
-from forcebound.network.computation import ComputationTime
+from forcebound.network.chances import ComputationTime
 from forcebound.network.impairment import Impairment
 from forcebound.network.trace import DelayTrace
-from forcebound.nodes import Node
-from forcebound.nodes.closing import close_part
+from forcebound.nodes import Node, close_part
 from forcebound.nodes.scene import SceneSource
 from forcebound.roles import ENVIRONMENT
 
@@ -40,7 +39,7 @@ PROBE_INTERVAL_NS = 1_000_000_000  # between two answers of an environment that 
 _logger = logging.getLogger(__name__)
 
 
-# What the environment's code says to one query: force, in N, proxy, in m, and normal.
+# Answer of the environment's code to a query: force, in N, proxy, in m, and normal.
 _Answer: TypeAlias = tuple[Vector, Vector | None, Vector | None]
 
 
@@ -110,7 +109,7 @@ class EnvironmentNode(Node):
         self._computation.change(computation, trace)
 
     def close(self) -> None:
-        close_part(self._environment, ENVIRONMENT)
+        close_part(self._environment.close, ENVIRONMENT)
 
     def step(self, time_ns: int, received: Sequence[Packet]) -> list[Packet]:
         self._step_ns = time_ns
@@ -239,7 +238,7 @@ class EnvironmentNode(Node):
 
 
 def _vector(answer: Vector, query: EnvironmentQuery) -> Vector:
-    vector = answer if type(answer) is tuple else tuple(map(float, answer))
+    vector = tuple(map(float, answer))  # numbers of numpy cannot be sent
     if len(vector) != len(query.position):
         raise ValueError(f"expected {len(query.position)} entries, got {len(vector)}")
     return vector

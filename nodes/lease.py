@@ -5,10 +5,10 @@ The lease ends when its holder has been silent for longer than ``lease_ns`` or, 
 known to have ended, for longer than ``dead_lease_ns``. Both are longer than the age limit of a
 force, so the force is zero between two environments and returns over the engage ramp.
 
-Every query has the name of the holder, so a name proves nothing. In a live run the lease is bound
-to the *source* of the answers: the key of a peer, without keys its connection. A reply is looked at
-when it arrives (:meth:`Lease.admit`), before an impaired link orders the packets: an answer of
-another one must not displace that of the holder there.
+Every query carries the name of the holder, so a name proves nothing. In a live run the lease is
+bound to the *source* of the answers: the key of a peer, without keys its connection. A reply is
+looked at when it arrives (:meth:`Lease.admit`), before an impaired link orders the packets: an
+answer of another one must not displace that of the holder there.
 """
 
 from forcebound.messages.events import EventLog

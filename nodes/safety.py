@@ -37,6 +37,8 @@ from forcebound.messages.packets import DeviceState, ForceCommand, Packet, Vecto
 
 REMEMBERED = 4096  # ticks whose times are kept; more than any sensible age limit at 4 kHz
 
+LARGEST_FORCE = 1e100  # N; sums and squares of what is less stay finite
+
 
 class Demand(Struct, frozen=True, gc=False):
     """A force on its way through the stages."""
@@ -139,7 +141,7 @@ class SafetyChain:
         """Return the reason to reject a command."""
         if len(command.force) != self._axes:
             return "wrong_length"
-        if not all(map(math.isfinite, command.force)):
+        if not math.hypot(*command.force) < LARGEST_FORCE:
             return "not_finite"
         tick, measured_ns = command.device_seq, command.device_time_ns
         if tick > self._newest_tick:

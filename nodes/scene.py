@@ -42,7 +42,7 @@ class SceneSource:
         self.is_due = False  # whether the next step makes a scene; it may have none
 
     def note_answer(self, time_ns: int) -> None:
-        """Make a scene in the next step if one is due: the environment may have changed."""
+        """Plan a scene if one is due: the environment may have changed."""
         if not self.is_due and self._has_scene and time_ns >= self._due_ns:
             self.is_due = True
             self._wait_until_ns = time_ns + LONGEST_WAIT_NS

@@ -16,7 +16,7 @@ from forcebound.haptics.hands.hands import PressingHand
 from forcebound.haptics.laws import Dissipation
 from forcebound.messages.codec import encode
 from forcebound.messages.packets import DeviceState, ForceCommand, Packet, Vector
-from forcebound.network.computation import ComputationTime
+from forcebound.network.chances import ComputationTime
 from forcebound.network.impairment import Impairment
 from forcebound.network.link import Link, link_seed
 from forcebound.network.sockets import Network

@@ -52,7 +52,7 @@ class ScriptedBoard:
         if self.failures:
             raise self.failures[0]
         if foreign := self.drain():
-            raise DeviceError(f"sends what nobody asked for: {foreign.hex()}")
+            raise DeviceError(f"sends unexpected bytes: {foreign.hex()}")
         self._take(message)
         if message[0] == EXCHANGE:
             assert has_force == any(self.torques[-1])

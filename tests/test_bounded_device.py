@@ -68,6 +68,13 @@ class Uncertain(Stamping):
         return 100_000
 
 
+class Cutting(Uncertain):
+    """A device that drops each force 1.02 ms after its write, and reports it."""
+
+    def cut(self) -> tuple[int, Vector]:
+        return self.time_ns - 2 * MS + 1_020_000, self.position
+
+
 class Fresh(Silent):
     """A device whose writes bring a reading, and whose reads are noted."""
 
@@ -210,6 +217,22 @@ def test_a_way_of_uncertain_duration_is_taken_for_the_slowest() -> None:
     certain, uncertain = losses
     assert certain == pytest.approx(0.27 * 0.01**2 / 1.0e-3)
     assert uncertain == pytest.approx(0.27 * 0.01**2 / 1.1e-3)
+
+
+def test_a_reported_cut_is_on_the_clock_of_the_bounder() -> None:
+    """The hand moves with the force until it is cut, and rests there."""
+    device = Cutting()
+    node = BoundedDevice(device, "certified", replace(DISSIPATION, watchdog="reporting"), False)
+    node.begin()
+    for tick in range(20):  # the bounder's clock runs 2 ms ahead
+        device.time_ns, device.position = 2 * tick * MS, (0.005 * tick,)
+        node.write(device.time_ns, (1.0 if tick == 19 else 0.0,), 1.0)
+    before, (force,) = node.bounder.estimated_energy, device.written[-1]
+    assert force == 1.0
+    device.time_ns, device.position = 40 * MS, (0.095 - 1e-3,)
+    node.write(device.time_ns, (0.0,), 1.0)
+    loss = 0.27 * 1e-3**2 / 1.02e-3 + 0.12 * 1e-3
+    assert node.bounder.estimated_energy == pytest.approx(before + loss - force * 1e-3)
 
 
 def test_forces_of_a_new_law_depend_on_nothing_before_it() -> None:

@@ -10,12 +10,13 @@ from builders import MS
 from hypothesis import given
 from hypothesis import strategies as st
 
+from forcebound.compiled import new_records
 from forcebound.errors import ConfigError
 from forcebound.haptics.laws import Dissipation, ForceBounder
 from forcebound.haptics.laws.dissipation import Watchdog
 from forcebound.haptics.laws.hold_cost import hold_cost, lagging_cost, rigid_cost
 from forcebound.haptics.laws.sample import AxisConstants
-from forcebound.haptics.laws.waveform import NO_FORCE, mean_force, penalty, retarget
+from forcebound.haptics.laws.waveform import Motor, mean_force, penalty, retarget
 from forcebound.haptics.laws.waveform import run as run_motor
 
 PRESS = [2e-4 * min(n, 30) for n in range(1, 200)]  # m, into a wall and rest there
@@ -85,8 +86,10 @@ def test_a_step_within_an_interval_costs_no_more_than_its_penalty(
 ) -> None:
     dt, damping = 2e-3, 0.27
     axis = AxisConstants(damping, friction, 0.0, 0.0, 0.0, 0.0, 0.0)
-    motor = run_motor(retarget(NO_FORCE, old, 0.0, True), share * dt, 0.0)
-    motor = run_motor(retarget(motor, new, 0.0, False), (1 - share) * dt, 0.0)
+    motor = new_records(Motor)[0]
+    for force, part in ((old, share), (new, 1 - share)):
+        retarget(motor, force, 0.0, force == old)
+        run_motor(motor, part * dt, 0.0)
     claimed = damping * way**2 / dt + friction * abs(way) + mean_force(motor, dt, 0.0) * way
     claimed -= penalty(motor, dt, 0.0, 1.0, way, axis)
     for k in range(-200, 201):
@@ -213,6 +216,16 @@ def test_a_device_that_really_is_elsewhere_is_believed_without_credit() -> None:
     assert bounder.estimated_energy > 0.0
 
 
+def test_the_drift_of_the_weight_is_paid_in_full_at_the_least_gain() -> None:
+    least = replace(PHANTOM, gain_error=0.1, energy_cap=1.0)
+    way = PRESS[-1]
+    energies = []
+    for error in (0.0, 0.05):
+        device = replace(least, weight_error=error)
+        energies.append(run("certified", device, steady(PRESS, [0.05] * len(PRESS)))[-1].energy)
+    assert energies[0] - energies[1] >= 0.05 * (way + PHANTOM.coarsest_resolution)
+
+
 # Late ticks
 
 
@@ -235,6 +248,47 @@ def test_a_reported_cut_takes_nearly_nothing_from_a_hand_at_rest() -> None:
     left, bounder = late(replace(PHANTOM, watchdog="reporting"), 2 * MS, reports=True)
     assert 0.97 < left <= 1.0
     assert bounder.overruns == 1
+
+
+@pytest.mark.parametrize(
+    "watchdog", [{"watchdog": "reporting"}, {"watchdog": "guarding", "guard_period": 5e-5}]
+)
+@pytest.mark.parametrize(
+    "stamp_ns", [0, -1, -200_000], ids=["at the write", "before", "long before"]
+)
+@pytest.mark.parametrize("duration_ns", [MS, 3 * MS], ids=["punctual", "late"])
+def test_a_cut_that_is_stamped_before_a_write_does_not_undo_its_force(
+    watchdog: dict[str, Any], stamp_ns: int, duration_ns: int
+) -> None:
+    """The hand goes with the force, which gives all that it can until it is dropped."""
+    device = replace(PHANTOM, **watchdog, resolution=0.0, hold_limit=1e-3)
+    bounder = ForceBounder("certified", device)
+    for n in range(1, 20):
+        bounder.settle(bounder.bound(n * MS, (2e-4 * n,), (0.0,)))
+    force = bounder.bound(20 * MS, (4e-3,), (8.5,))[0]
+    bounder.settle((force,))
+    energy = bounder.estimated_energy
+    bounder.report_cut(20 * MS + stamp_ns, (4e-3,))
+    way = (force - 0.12) * 1e-3 / (2 * 0.27)
+    bounder.bound(20 * MS + duration_ns, (4e-3 - way,), (0.0,))
+    bounder.settle((0.0,))
+    truth = energy + 0.27 * way**2 / 1e-3 + 0.12 * way - force * way
+    assert bounder.estimated_energy <= truth + 1e-12
+
+
+def test_a_cut_at_a_late_write_is_one_of_the_force_before_it() -> None:
+    """The new force acts from its write on, as without the report."""
+    device = replace(PHANTOM, watchdog="reporting", write_delay=4e-4)
+    energies = []
+    for reports in (True, False):
+        bounder = ForceBounder("certified", device)
+        for n, x in enumerate(PRESS, start=1):
+            bounder.settle(bounder.bound(n * MS, (x,), (9.0,)), n * MS + 100_000)
+        if reports:
+            bounder.report_cut(199 * MS + 100_000, (PRESS[-1],))
+        bounder.settle(bounder.bound(200 * MS, (PRESS[-1] - 1e-4,), (9.0,)))
+        energies.append(bounder.estimated_energy)
+    assert energies[0] == energies[1]
 
 
 def test_a_force_that_is_guarded_costs_a_hand_at_rest_nothing() -> None:

@@ -13,8 +13,7 @@ from builders import MS, TimedPacket
 from chance_tests import SURELY_NOT, EveryPacket, delays, is_likely, losses
 
 from forcebound.network.chances import Draws
-from forcebound.network.distribution import QUANTILES
-from forcebound.network.impairment import GilbertElliott, Impairment, Outage
+from forcebound.network.impairment import QUANTILES, GilbertElliott, Impairment, Outage
 from forcebound.network.link import Link
 
 # Delay
@@ -87,19 +86,6 @@ def test_quantiles_are_those_of_the_tables_of_tc() -> None:
 
 
 # Loss
-
-
-def test_correlated_loss_is_the_recursion_of_netem() -> None:
-    rho, loss, count = 0.5, 0.3, 2000
-    draw = Draws(2)["loss"]
-    u: float | None = None
-    expected = []
-    for _ in range(count):
-        new = draw()
-        u = new if u is None else (1 - rho) * new + rho * u
-        expected.append(u < loss)
-    assert losses(Impairment(loss=loss, loss_correlation=rho), count, seed=2) == expected
-    assert sum(expected) / count < loss  # what tc-netem(8) warns of
 
 
 def test_bursts_of_gilbert_elliott_are_geometric() -> None:

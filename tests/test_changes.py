@@ -78,7 +78,7 @@ def test_values_are_shown_as_one_may_set_them(config: GraphConfig) -> None:
     }
     new = change(config, settings)
     assert replace(new, links=config.links, environment=config.environment) == config
-    shown = as_written(new, {**differences(config, new), "links.force_command.slot": None})
+    shown = as_written(new, {**differences(config, new), "links.force_command.trace": None})
     assert shown == {
         "links.device_state.gemodel": "{ p: 0.01, r: 0.2, h: 0, k: 1 }",
         "links.device_state.outages": "[{ start: 3 s, duration: 0.01 s }]",
@@ -86,7 +86,7 @@ def test_values_are_shown_as_one_may_set_them(config: GraphConfig) -> None:
         "links.device_state.distribution": "normal",
         "links.device_state.limit": "7",
         "environment.stiffness": "2000 N/m",
-        "links.force_command.slot": "null",
+        "links.force_command.trace": "null",
     }
     read = read_settings([f"{name}:={text}" for name, text in shown.items()])
     assert parameters(change(config, read)) == parameters(new)

@@ -17,8 +17,7 @@ from forcebound.graph.resolved import to_document
 from forcebound.haptics.environments.walls import Wall
 from forcebound.messages.control import Configure
 from forcebound.messages.packets import EnvironmentReply, Telemetry
-from forcebound.network.chances import Chances, Draws
-from forcebound.network.computation import ComputationTime
+from forcebound.network.chances import Chances, ComputationTime, Draws
 from forcebound.network.impairment import Impairment
 from forcebound.network.trace import DelayTrace
 from forcebound.nodes.environment import EnvironmentNode
@@ -35,12 +34,6 @@ def test_times_are_drawn_as_the_delays_of_a_link_of_this_seed(distribution: Any)
     times = [computation.next_ns(0) for _ in range(200)]
     assert times == [chances.travel_ns() for _ in range(200)]
     assert len(set(times)) > 150
-
-
-def test_a_table_gives_the_times(tmp_path: Path) -> None:
-    path = written(tmp_path, "-8192 8192", "two.dist")
-    computation = ComputationTime(Impairment(0.003, 0.001, distribution_file=path))
-    assert {computation.next_ns(0) for _ in range(100)} == {2 * MS, 4 * MS}
 
 
 def test_a_trace_counts_from_the_first_computation() -> None:
@@ -63,7 +56,7 @@ def test_it_changes_from_the_next_computation_on_and_the_numbers_go_on() -> None
 
 
 def test_a_computation_does_not_silently_do_without_its_trace() -> None:
-    with pytest.raises(ValueError, match=r"needs the times of its trace t\.csv"):
+    with pytest.raises(ValueError, match=r"trace t\.csv"):
         ComputationTime(Impairment(trace=Path("t.csv")))
 
 
@@ -119,14 +112,7 @@ def test_a_launch_file_takes_the_words_of_a_link(tmp_path: Path) -> None:
 
 
 def test_files_are_named_relative_to_the_launch_file(tmp_path: Path) -> None:
-    written(tmp_path, "-8192 8192", "two.dist")
     written(tmp_path, "time_s,delay_s\n0,0.004\n", "busy.csv")
-    path = computing(
-        tmp_path, compute_delay="3 ms", compute_jitter="1 ms", compute_distribution_file="two.dist"
-    )
-    node = build_node("environment", load(path))
-    node.step(0, [query(0)])
-    assert node.wake_ns in (2 * MS, 4 * MS)
     config = load(computing(tmp_path, compute_trace="busy.csv"))
     assert config.environment.compute_trace == tmp_path / "busy.csv"
     node = build_node("environment", config)
@@ -151,8 +137,7 @@ def test_the_seed_of_the_launch_file_decides_the_times(tmp_path: Path) -> None:
     [
         ({"compute_jitter": "1 N"}, "15:19: compute_jitter: expected a time"),
         ({"compute_correlation": "2"}, "15:24: compute_correlation: must be 0 to 1"),
-        ({"compute_distribution_file": "no.dist"}, "15:30: compute_distribution_file: cannot read"),
-        ({"compute_trace": "no.csv", "compute_delay": "1 ms"}, "give it without compute_delay"),
+        ({"compute_trace": "no.csv", "compute_delay": "1 ms"}, "compute_trace sets each delay"),
         ({"compute_jiter": "1 ms"}, "unknown key in environment: 'compute_jiter'"),
     ],
 )

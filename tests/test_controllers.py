@@ -3,12 +3,14 @@
 import math
 from typing import Any
 
+import numpy as np
 import pytest
 from builders import reply, state
 from msgspec.structs import replace
 
 from forcebound.haptics.controllers import Controller
 from forcebound.haptics.controllers.direct import DirectController
+from forcebound.messages.codec import decode, encode
 from forcebound.messages.packets import (
     DeviceState,
     EnvironmentQuery,
@@ -36,7 +38,7 @@ class Odd(DirectController):
         self.closed = 0
 
     def on_state(self, state: DeviceState, time_ns: int) -> Any:
-        return [0.5] * len(state.position)
+        return (np.float32(0.5),) * len(state.position)
 
     def on_reply(self, reply: EnvironmentReply, time_ns: int) -> Any:
         self.replies += 1
@@ -50,7 +52,7 @@ class Odd(DirectController):
 def test_a_force_for_a_state_is_commanded_at_once_with_the_echo_of_that_state() -> None:
     node = ControllerNode(Odd())
     command, query = node.step(5, [state(7, 0.01, 0.01)])
-    assert command == ForceCommand(0, 5, 7, 7_000_000, (0.5, 0.5))
+    assert decode(encode(command), ForceCommand) == ForceCommand(0, 5, 7, 7_000_000, (0.5, 0.5))
     assert isinstance(query, EnvironmentQuery)
 
 

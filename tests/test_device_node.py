@@ -108,6 +108,7 @@ def test_a_force_that_answers_its_own_tick_is_written_in_it() -> None:
     [
         (ForceCommand(0, 0, 0, 0, (math.nan,)), "not_finite"),
         (ForceCommand(0, 0, 0, 0, (math.inf,)), "not_finite"),
+        (ForceCommand(0, 0, 0, 0, (1e300,)), "not_finite"),
         (ForceCommand(0, 0, 0, 0, (1.0, 2.0)), "wrong_length"),
         (ForceCommand(0, 0, 1, 1 * MS, (1.0,)), "from_the_future"),
         (ForceCommand(0, 0, 0, 7, (1.0,)), "wrong_echo"),

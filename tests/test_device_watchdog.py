@@ -1,7 +1,7 @@
 """Hold limit, watchdog and write delay of the simulated device."""
 
 from dataclasses import replace
-from typing import Literal
+from typing import Any
 
 import pytest
 from builders import MS
@@ -55,10 +55,6 @@ def test_a_guarding_watchdog_drops_a_late_force_when_a_reading_has_moved_back() 
     assert device.truth().velocity[0] == pytest.approx(10 * 3.2e-3)
 
 
-def test_a_guarding_watchdog_drops_a_force_at_the_hold_limit_that_has_moved_back_before() -> None:
-    assert place_of_cut(pushed(FREE, hold_limit=2e-3), 2 * MS) == pytest.approx(0.5 * 10 * 2e-3**2)
-
-
 def test_a_guarding_watchdog_leaves_the_force_on_up_to_its_limit() -> None:
     coarse = replace(FREE, resolution=1.0, watchdog_limit=20e-3)
     assert place_of_cut(pushed(coarse, hold_limit=2e-3), 20 * MS) == 0.0
@@ -74,24 +70,28 @@ def test_a_guard_begins_anew_with_each_force() -> None:
     assert place_of_cut(device, 3_370_000) == pytest.approx(0.5 * 10 * 1.02e-3**2, rel=0.03)
 
 
-def test_a_silent_watchdog_drops_the_force_and_reports_nothing() -> None:
-    device = pushed(replace(FREE, watchdog="silent"), hold_limit=2e-3)
-    assert device.truth().velocity[0] == pytest.approx(10 * 2e-3)
-    assert device.cut() is None
-
-
-@pytest.mark.parametrize(("limit", "held"), [("auto", 50e-3), (20e-3, 20e-3)])
-def test_without_a_watchdog_a_force_stays_on_until_the_hardware_ends_it(
-    limit: float | Literal["auto"], held: float
-) -> None:
-    device = pushed(replace(FREE, watchdog="none", watchdog_limit=limit), hold_limit=2e-3)
+@pytest.mark.parametrize(
+    ("stated", "held"),
+    [
+        ({"watchdog": "silent"}, 2e-3),
+        ({"watchdog": "none"}, 50e-3),
+        ({"watchdog": "none", "watchdog_limit": 20e-3}, 20e-3),
+    ],
+)
+def test_what_does_not_report_holds_a_force_for_its_time(stated: Any, held: float) -> None:
+    device = pushed(replace(FREE, **stated), hold_limit=2e-3)
     assert device.truth().velocity[0] == pytest.approx(10 * held)
     assert device.cut() is None
 
 
-def test_the_watchdog_is_as_late_as_its_tolerance_permits() -> None:
-    device = pushed(replace(FREE, watchdog_tolerance=0.25), hold_limit=2e-3)
-    assert device.truth().velocity[0] == pytest.approx(10 * 2.5e-3)
+@pytest.mark.parametrize("tolerance", [0.0, 0.25])
+def test_a_force_that_has_moved_back_is_dropped_as_late_as_the_tolerance_permits(
+    tolerance: float,
+) -> None:
+    device = pushed(replace(FREE, watchdog_tolerance=tolerance), hold_limit=2e-3)
+    held = 2e-3 * (1 + tolerance)
+    assert place_of_cut(device, round(held * 1e9)) == pytest.approx(0.5 * 10 * held**2)
+    assert device.truth().velocity[0] == pytest.approx(10 * held)
 
 
 def test_a_force_acts_after_the_write_delay_and_the_one_before_until_then() -> None:

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from forcebound.errors import ConfigError
 from forcebound.graph.loader import from_document
 from forcebound.graph.resolved import restore, to_document, with_parts
-from forcebound.haptics.devices.extended import Axis, Moving, advance_extended
 from forcebound.haptics.devices.phantom import PhantomPremium15
+from forcebound.haptics.devices.plant import Axis, Moving, advance_extended
 from forcebound.haptics.devices.simulated import SimulatedDevice
 from forcebound.haptics.devices.true_values import TrueAxes
 from forcebound.messages.packets import Vector
@@ -166,25 +166,19 @@ def test_each_axis_has_its_own_damping_and_friction() -> None:
 
 
 @pytest.mark.parametrize(
-    ("truth", "gain"), [(None, 1.05), (TrueAxes(), 1.05), (TrueAxes(gain=0.95), 0.95)]
+    ("stated", "truth", "speed"),
+    [
+        ({"gain_error": 0.05}, None, 0.105),
+        ({"gain_error": 0.05}, TrueAxes(), 0.105),
+        ({"gain_error": 0.05}, TrueAxes(gain=0.95), 0.095),
+        ({"lag": 1e-3}, None, 0.1 - 10 * 1e-3 * (1 - math.exp(-10))),
+        ({"lag": 1e-3}, TrueAxes(lag=2e-3), 0.1 - 10 * 2e-3 * (1 - math.exp(-5))),
+    ],
 )
-def test_the_motor_is_at_the_upper_end_of_its_gain_or_where_it_truly_is(
-    truth: TrueAxes | None, gain: float
+def test_the_motor_is_at_the_upper_end_of_what_is_stated_or_where_it_truly_is(
+    stated: dict[str, Any], truth: TrueAxes | None, speed: float
 ) -> None:
-    model = replace(PUSHED, gain_error=0.05, truth=truth)
-    assert speeds(model) == pytest.approx((gain * 0.1,))
-
-
-@pytest.mark.parametrize(
-    ("stated", "truth", "lag"),
-    [({"lag": 1e-3}, None, 1e-3), ({"lag": 1e-3}, TrueAxes(lag=2e-3), 2e-3)],
-)
-def test_the_motor_lags_as_stated_or_as_it_truly_does(
-    stated: dict[str, Any], truth: TrueAxes | None, lag: float
-) -> None:
-    model = replace(PUSHED, truth=truth, **stated)
-    decay = math.exp(-0.01 / lag)
-    assert speeds(model) == pytest.approx((10 * (0.01 - lag * (1 - decay)),))
+    assert speeds(replace(PUSHED, truth=truth, **stated)) == pytest.approx((speed,))
 
 
 def test_true_damping_friction_and_presliding_may_differ_from_what_is_stated() -> None:

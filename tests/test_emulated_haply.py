@@ -15,7 +15,7 @@ from forcebound.haptics.hands.hands import PressingHand
 from forcebound.haptics.laws import ForceBounder
 from forcebound.hardware.emulators.emulation import Emulation
 from forcebound.hardware.emulators.faults import Faults, parse_fault
-from forcebound.hardware.emulators.kinds import EMULATORS
+from forcebound.hardware.emulators.program import EMULATORS
 from forcebound.hardware.hapi import WIRINGS, rest_message
 from forcebound.hardware.haply_2diy import Haply2DIY, OpenHaply
 
@@ -36,8 +36,8 @@ class EmulatedLine:
         self.truth = truth
         self.time_ns = 1_000_000_000
         self.failures: list[DeviceError] = []
-        wanted = Faults([parse_fault(text) for text in faults])
-        self.emulation = Emulation(EMULATORS["haply_2diy"](model.mechanism(), HAND), wanted, truth)
+        planned = Faults([parse_fault(text) for text in faults])
+        self.emulation = Emulation(*EMULATORS["haply_2diy"](model, HAND), planned, truth)
         self.emulation.start(self.time_ns)
         self._sent = b""
         self.lost: int | None = None  # place of a byte of the next message

@@ -14,9 +14,10 @@ from forcebound.haptics.devices.truth_file import NOBODY, TruthFile, truth_besid
 from forcebound.haptics.hands.hands import PressingHand
 from forcebound.hardware.emulators.emulation import Emulation
 from forcebound.hardware.emulators.faults import Fault, Faults, parse_fault
-from forcebound.hardware.emulators.kinds import EMULATORS, restored_operator
-from forcebound.hardware.emulators.program import given_values
+from forcebound.hardware.emulators.program import EMULATORS
 from forcebound.hardware.emulators.pty import PseudoPort
+from forcebound.hardware.haply_2diy import Haply2DIY
+from forcebound.hardware.odrive import ODrive
 
 MS = 1_000_000
 HAND = PressingHand(mass=0.1, stiffness=200.0, damping=2.0, approach_speed=0.1)
@@ -36,12 +37,10 @@ class Client:
         self,
         truth: TruthFile,
         *faults: Fault,
-        values: dict[str, object] | None = None,
-        latency: float = 0.0,
         hand: PressingHand | None = HAND,
     ):
-        emulated = EMULATORS["haply_2diy"](values or {}, hand)
-        self.emulation = Emulation(emulated, Faults(faults), truth, latency)
+        parts = EMULATORS["haply_2diy"](Haply2DIY(), hand)
+        self.emulation = Emulation(*parts, Faults(faults), truth)
         self.time_ns = 5_000 * MS
         self.emulation.start(self.time_ns)
         self.emulation.step(SETUP, self.time_ns)
@@ -152,14 +151,6 @@ def test_a_fault_of_a_time_spoils_every_reply_in_it(truth: TruthFile) -> None:
     assert [k for k in range(20) if len(replies[k]) == 8] == [5, 6, 7, 8]
 
 
-def test_a_reply_comes_after_the_latency(truth: TruthFile) -> None:
-    client = Client(truth, latency=0.0015)
-    assert client.exchange() == b""
-    assert client.emulation.wake_ns == client.time_ns + round(1.5 * MS)
-    assert client.exchange() == b""
-    assert len(client.exchange()) == 9
-
-
 def test_a_stall_answers_all_at_its_end(truth: TruthFile) -> None:
     replies = Client(truth, parse_fault("stall:at=5ms,for=4ms")).exchange_for(0.02)
     assert [len(reply) for reply in replies[4:11]] == [9, 0, 0, 0, 0, 45, 9]
@@ -197,18 +188,6 @@ def test_a_port_in_a_folder_that_is_not_there_is_refused(tmp_path: Path) -> None
         PseudoPort(tmp_path / "nowhere" / "board")
 
 
-@pytest.mark.parametrize("text", ["[]", '{"mechanism": 3}'])
-def test_what_is_no_description_is_refused(text: str) -> None:
-    with pytest.raises(ConfigError, match="no description"):
-        given_values(text)
-
-
-def test_a_wrong_number_names_its_model() -> None:
-    with pytest.raises(ConfigError, match="FiveBar"):
-        EMULATORS["haply_2diy"]({"friction": "much"}, None)
-    assert restored_operator({"kind": "pressing", "mass": 0.5}) == PressingHand(mass=0.5)
-
-
 def test_a_board_that_is_reset_keeps_its_torque_and_gives_no_angles(truth: TruthFile) -> None:
     client = Client(truth, parse_fault("reset:at=2ms"))
     replies = [client.exchange(PUSH) for _ in range(3)]
@@ -220,7 +199,7 @@ def test_a_board_that_is_reset_keeps_its_torque_and_gives_no_angles(truth: Truth
 
 
 def test_an_odrive_that_is_reset_gives_no_torque() -> None:
-    board, _ = EMULATORS["odrive"]({}, None)
+    board, _ = EMULATORS["odrive"](ODrive(), None)
     start = b"w axis0.controller.config.control_mode 1\nw axis0.requested_state 8\n"
     board.receive(start + b"w axis0.controller.config.enable_torque_mode_vel_limit 0\n", 0)
     board.receive(b"c 0 0.1\n", 10 * MS)

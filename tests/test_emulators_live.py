@@ -15,9 +15,10 @@ from test_haply_board import HOME, NO_TORQUE, PUSH, SETUP
 from waiting import until
 
 from forcebound.errors import DeviceError
-from forcebound.haptics.devices.truth_file import TruthFile
+from forcebound.haptics.devices.truth_file import SUFFIX, TruthFile
 from forcebound.haptics.hands.hands import PressingHand
-from forcebound.hardware.emulated import Emulated, start
+from forcebound.hardware.emulated import Emulator, start
+from forcebound.hardware.haply_2diy import Haply2DIY
 from forcebound.hardware.port import Port
 
 pytestmark = pytest.mark.live
@@ -27,8 +28,8 @@ SOON = 5_000_000_000  # ns; a busy machine takes its time
 
 
 @contextmanager
-def emulated() -> Iterator[Emulated]:
-    device = start("haply_2diy", {}, PressingHand(mass=0.1, stiffness=200.0, damping=2.0))
+def emulated() -> Iterator[Emulator]:
+    device = start("haply_2diy", Haply2DIY(), PressingHand(mass=0.1, stiffness=200.0, damping=2.0))
     try:
         yield device
     finally:
@@ -42,19 +43,19 @@ def exchange(port: Port, message: bytes) -> bytes:
 
 def test_a_driver_starts_it_and_its_end_is_that_of_the_port() -> None:
     with emulated() as device:
-        port, truth = Port(device.link), TruthFile(device.truth)
+        port, truth = Port(device.link), TruthFile(Path(device.link + SUFFIX))
         port.write(SETUP)
         assert exchange(port, PUSH) == HOME
         until(lambda: (found := truth.look()) is not None and any(found.torque), "torque")
         port.close()
-        until(lambda: not device.truth.exists(), "the end of the emulator")
+        until(lambda: not Path(device.link + SUFFIX).exists(), "the end of the emulator")
         assert not Path(device.link).is_symlink()
         truth.close()
 
 
-def test_a_number_that_is_none_is_told_by_the_program() -> None:
-    with pytest.raises(DeviceError, match=r"does not start.*FiveBar"):
-        start("haply_2diy", {"friction": "much"}, None)
+def test_the_driver_reports_why_an_emulator_does_not_start() -> None:
+    with pytest.raises(DeviceError, match=r"(?s)does not start.*unknown"):
+        start("unknown", Haply2DIY(), None)
 
 
 def exchange_for_ever(port: Port) -> None:
@@ -121,7 +122,7 @@ def test_unplugged_on_demand(tmp_path: Path) -> None:
 def test_the_makers_own_client_drives_it() -> None:
     hapi: Any = maker()
     with emulated() as device:
-        truth = TruthFile(device.truth)
+        truth = TruthFile(Path(device.link + SUFFIX))
         board = hapi.Board("test", device.link, 0)
         haply, pantograph = hapi.Device(5, board), hapi.Pantograph(3)
         haply.set_mechanism(pantograph)

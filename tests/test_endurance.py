@@ -53,12 +53,9 @@ links:
     jitter: 1 ms
     distribution: pareto
     loss: 5 %
-    loss_correlation: 0.2
     reorder: 5 %
-    gap: 3
     duplicate: 2 %
     corrupt: 1 %
-    slot: { min_delay: 0.2 ms, max_delay: 2 ms }
     outages: [{ start: 20 s, duration: 1 s }, { start: 300 s, duration: 3 s }]
   force_command: { delay: 0.5 ms, loss: 1 %, reorder: 2 % }
 realtime: { policy: other }

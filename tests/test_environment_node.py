@@ -2,15 +2,18 @@
 
 import logging
 import math
+from typing import Any
 
+import numpy as np
 import pytest
 from builders import MS, query
 from msgspec.structs import replace
 
 from forcebound.haptics.environments import StatelessEnvironment
 from forcebound.haptics.environments.walls import Wall
+from forcebound.messages.codec import decode, encode
 from forcebound.messages.packets import EnvironmentReply, Event, Vector
-from forcebound.network.computation import ComputationTime
+from forcebound.network.chances import ComputationTime
 from forcebound.network.impairment import Impairment
 from forcebound.nodes.environment import EnvironmentNode
 
@@ -85,6 +88,20 @@ def test_while_it_computes_it_answers_nothing_and_then_the_newest() -> None:
     assert isinstance(reply, EnvironmentReply)
     assert reply.query_seq == 2
     assert node.wake_ns is None
+
+
+class OfNumpy(StatelessEnvironment):
+    """An environment that answers with numbers of numpy."""
+
+    def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Any:
+        return (np.float32(1),)
+
+
+def test_an_answer_of_numpy_numbers_can_be_sent() -> None:
+    (reply,) = EnvironmentNode(OfNumpy()).step(0, [query(0)])
+    answer = decode(encode(reply), EnvironmentReply)
+    assert isinstance(answer, EnvironmentReply)
+    assert answer.force == (1.0,)
 
 
 class Broken(StatelessEnvironment):

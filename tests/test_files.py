@@ -15,7 +15,6 @@ from forcebound.graph.model import law_of
 from forcebound.haptics.hands.paths import TrajectoryHand
 from forcebound.lab.sweep.plan import load_sweep
 from forcebound.lab.table import read_table
-from forcebound.network.distribution import read_distribution
 from forcebound.network.keys import list_keys, new_key, public_key
 from forcebound.recordings.recording import read
 from forcebound.results.delay_traces import read_trace
@@ -46,7 +45,6 @@ READERS: dict[str, Callable[[Path], object]] = {
     "include": including,
     "trace": read_trace,
     "trajectory": TrajectoryHand,
-    "distribution": read_distribution,
     "recording": read,
     "sweep": load_sweep,
     "result": read_table,

@@ -181,7 +181,7 @@ def test_bytes_that_nobody_asked_for_end_it(board: ScriptedBoard) -> None:
     device = opened(board)
     board.reply = lambda board: angles(board) + b"\x07"
     device.read(0)
-    with pytest.raises(DeviceError, match="nobody asked for: 07"):
+    with pytest.raises(DeviceError, match="unexpected bytes: 07"):
         device.read(0)
     assert board.torques[-1] == (0.0, 0.0)
 

@@ -12,7 +12,6 @@ from chance_tests import (
     EveryPacket,
     binomial_tail,
     delays,
-    distance_is_likely,
     is_likely,
     passed,
 )
@@ -26,9 +25,7 @@ from forcebound.graph.loader import from_document, load
 from forcebound.graph.resolved import to_document
 from forcebound.messages.codec import encode
 from forcebound.messages.packets import EnvironmentQuery, EnvironmentReply
-from forcebound.network.chances import Chances, Draws, plain_fates
-from forcebound.network.distribution import QUANTILES
-from forcebound.network.impairment import GilbertElliott, Impairment, Outage, Slot
+from forcebound.network.impairment import QUANTILES, GilbertElliott, Impairment, Outage
 from forcebound.network.link import Link
 
 # Every setting
@@ -41,15 +38,12 @@ impairments = st.builds(
     jitter=times,
     distribution=st.sampled_from(sorted(QUANTILES)),
     correlation=share,
-    loss_correlation=share,
     gemodel=st.none() | st.builds(GilbertElliott, p=share, r=share, h=share, k=share),
     duplicate=share,
     corrupt=share,
     reorder=share,
-    gap=st.integers(1, 5),
     rate=st.sampled_from([0.0, 1e4, 1e6]),
     limit=st.integers(0, 10),
-    slot=st.none() | st.builds(Slot, min_delay=times, packets=st.integers(0, 3)),
     outages=st.lists(st.builds(Outage, times, times), max_size=2).map(tuple),
 )
 impairments |= st.builds(replace, impairments, gemodel=st.none(), loss=share)
@@ -111,23 +105,6 @@ def test_a_duplicate_changes_nothing_for_the_others() -> None:
     assert set(without) <= set(doubled)
 
 
-@pytest.mark.parametrize(
-    "impairment",
-    [
-        Impairment(),
-        Impairment(delay=0.001, jitter=0.004),
-        Impairment(loss=0.3),
-        Impairment(delay=0.01, jitter=0.005, loss=0.2),
-    ],
-)
-def test_the_fates_of_a_whole_run_are_those_of_its_packets(impairment: Impairment) -> None:
-    count, seed = 2000, 2**100 + 7
-    lost, travels = plain_fates(impairment, seed, count)
-    at_once = [None if gone else t for gone, t in zip(lost, travels.tolist(), strict=True)]
-    chances = Chances(impairment, Draws(seed))
-    assert at_once == [chances.next_plain() for _ in range(count)]
-
-
 # Duplicate, corrupt, reorder
 
 
@@ -164,12 +141,7 @@ def test_reordered_packets_go_at_once() -> None:
     assert is_likely([delay == 0 for delay in found], 0.25)
 
 
-def test_the_gap_is_delayed_before_one_goes_at_once() -> None:
-    found = delays(Impairment(delay=0.010, reorder=1.0, gap=5), 20)
-    assert [seq for seq, delay in enumerate(found) if delay == 0] == [4, 9, 14, 19]
-
-
-# Rate, limit, slot
+# Rate and limit
 
 
 def test_packets_leave_one_after_the_other_at_the_rate() -> None:
@@ -204,31 +176,6 @@ def test_a_changed_limit_counts_what_is_on_the_way() -> None:
     assert link.lost == 1
 
 
-def test_packets_wait_for_the_slot() -> None:
-    _, deliveries = passed(Impairment(slot=Slot(0.0035)), 9)
-    # 0 opens the slot at 3.5 ms; 4 is the first after it, and opens that at 7.5 ms.
-    slots = [3_500_000] * 4 + [7_500_000] * 4 + [11_500_000]
-    assert deliveries == [(slot, TimedPacket(i, i * MS)) for i, slot in enumerate(slots)]
-
-
-def test_a_slot_takes_no_more_than_its_packets() -> None:
-    _, deliveries = passed(Impairment(slot=Slot(0.0035, packets=2)), 4)
-    assert [time_ns for time_ns, _ in deliveries] == [3_500_000] * 2 + [7_000_000] * 2
-
-
-def test_a_packet_at_the_very_time_of_the_slot_goes_with_it() -> None:
-    _, deliveries = passed(Impairment(slot=Slot(0.002)), 4)
-    assert [time_ns for time_ns, _ in deliveries] == [2 * MS] * 3 + [5 * MS]
-
-
-def test_slots_are_uniform_between_their_bounds() -> None:
-    count = 2000
-    _, deliveries = passed(Impairment(slot=Slot(0.002, 0.006)), count, period_ns=10 * MS)
-    sample = [(time_ns - packet.time_ns - 2 * MS) / (4 * MS) for time_ns, packet in deliveries]
-    assert 0.0 <= min(sample) <= max(sample) <= 1.0
-    assert distance_is_likely(sample)
-
-
 # Refusals and launch files
 
 
@@ -237,12 +184,10 @@ def test_slots_are_uniform_between_their_bounds() -> None:
     [
         (partial(Impairment, -0.001), "delay"),
         (partial(Impairment, correlation=-1.0), "correlation"),
-        (partial(Impairment, gap=0), "gap"),
         (partial(Impairment, distribution="gamma"), "distribution"),  # type: ignore[arg-type]
         (partial(Impairment, reorder=0.1), "reorder"),
         (partial(Impairment, loss=0.1, gemodel=GilbertElliott(0.1, 0.1)), "gemodel"),
         (partial(GilbertElliott, 1.5, 0.1), "p"),
-        (partial(Slot, 0.002, 0.001), "max_delay"),
         (partial(Outage, 1.0, -1.0), "duration"),
     ],
 )
@@ -267,7 +212,7 @@ def test_the_shortest_time_on_the_way(impairment: Impairment, shortest: float) -
 
 ALL = """{delay: 2 ms, jitter: 500 us, distribution: paretonormal, correlation: 25 %,
     gemodel: {p: 1 %, r: 20 %, h: 5 %, k: 99 %}, duplicate: 1 %, corrupt: 0.1 %, reorder: 2 %,
-    gap: 5, rate: 64 kB/s, limit: 100, slot: {min_delay: 1 ms, max_delay: 2 ms, packets: 4},
+    rate: 64 kB/s, limit: 100,
     outages: [{start: 1 s, duration: 100 ms}, {start: 3 s, duration: 0.5 s}]}"""
 
 
@@ -282,10 +227,8 @@ def test_a_launch_file_takes_all_of_it(tmp_path: Path) -> None:
         duplicate=0.01,
         corrupt=0.001,
         reorder=0.02,
-        gap=5,
         rate=64_000.0,
         limit=100,
-        slot=Slot(0.001, 0.002, 4),
         outages=(Outage(1.0, 0.1), Outage(3.0, 0.5)),
     )
     assert from_document(to_document(config)) == config
@@ -297,7 +240,6 @@ def test_a_launch_file_takes_all_of_it(tmp_path: Path) -> None:
         ("rate: 3 ms", "16:29", "B/s"),
         ("gemodel: {p: 1 %, r: 200 %}", "16:44", "gemodel.r"),
         ("gemodel: {p: 1 %, x: 3}", "16:41", "'x'"),
-        ("slot: {min_delay: 2 ms, max_delay: 1 ms}", "16:58", "max_delay"),
         ("outages: [{start: 1 s, duration: 5 N}]", "16:56", "a time in s"),
     ],
 )

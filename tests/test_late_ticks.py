@@ -16,7 +16,7 @@ from forcebound.haptics.laws.dissipation import Watchdog
 from forcebound.haptics.laws.hold_limit import FLOOR, LADDER, PRICES, HoldLimit
 from forcebound.messages.packets import Packet, Telemetry
 from forcebound.nodes.device import DeviceNode
-from forcebound.nodes.overload import Overload
+from forcebound.nodes.device_events import Overload
 from forcebound.run.simulation import LateTicks
 
 WATCHDOGS = sorted(PRICES)

@@ -31,7 +31,7 @@ class Ends(NamedTuple):
 @pytest.fixture
 def ends() -> Iterator[Ends]:
     board, slave = os.openpty()
-    line = Line("none", os.ttyname(slave), ZERO, 60.0, {}, None)
+    line = Line("none", os.ttyname(slave), ZERO, 60.0)
     yield Ends(board, line)
     line.close()
     os.close(slave)
@@ -62,7 +62,7 @@ def test_bytes_that_nobody_asked_for_are_shown_and_nothing_is_written(ends: Ends
     board, line = ends
     os.write(board, b"\x07\x08")
     assert line.port.read(1, time.monotonic_ns() + round(PATIENCE * 1e9)) == b"\x07"
-    with pytest.raises(DeviceError, match="nobody asked for: 08"):
+    with pytest.raises(DeviceError, match="unexpected bytes: 08"):
         line.send(FORCE, has_force=True)
     line.send(ZERO, has_force=False)
     assert heard_by(board, len(ZERO)) == ZERO
@@ -70,12 +70,12 @@ def test_bytes_that_nobody_asked_for_are_shown_and_nothing_is_written(ends: Ends
 
 def test_what_a_board_answers_to_the_guardian_is_not_the_reason() -> None:
     board, slave = os.openpty()
-    line = Line("none", os.ttyname(slave), ZERO, 0.01, {}, None)
+    line = Line("none", os.ttyname(slave), ZERO, 0.01)
     line.send(FORCE, has_force=True)
     assert heard_by(board, len(FORCE + ZERO)) == FORCE + ZERO
     said = "the guardian of the port has written zero force"
     with pytest.raises(DeviceError, match=said):
-        line.fail(DeviceError("the device sends what nobody asked for"))
+        line.fail(DeviceError("the device sends unexpected bytes"))
     with pytest.raises(DeviceError, match=said):
         line.send(FORCE, has_force=True)
     line.close()
@@ -103,7 +103,7 @@ def test_a_zero_that_the_board_does_not_acknowledge_is_said_once(
     answer: bytes, has_force: bool, is_said: bool, caplog: pytest.LogCaptureFixture
 ) -> None:
     board, slave = os.openpty()
-    line = Line("none", os.ttyname(slave), ZERO, 60.0, {}, None, zero_reply=2)
+    line = Line("none", os.ttyname(slave), ZERO, 60.0, zero_reply=2)
 
     def play() -> None:
         heard_by(board, len(FORCE + ZERO))

@@ -16,6 +16,7 @@ from forcebound.hardware.odrive import ODrive, OpenODrive
 from forcebound.hardware.odrive_lines import (
     answer,
     error_words,
+    exclusive_or,
     number,
     on_wire,
     position,
@@ -63,7 +64,7 @@ class FakeLine:
         if self.failure is not None:
             raise self.failure
         if self.port.drain():
-            raise DeviceError("what nobody asked for")
+            raise DeviceError("unexpected bytes")
         self.forces.append(has_force)
         self.port.write(message)
 
@@ -131,9 +132,11 @@ def test_a_reply_that_is_none_is_refused(parse: Callable[[Any], Any], given: Any
 
 def test_numbers_and_errors_in_words() -> None:
     assert number("-1234.567", "x") == -1234.567
-    with pytest.raises(DeviceError, match=r"expected the number vbus.*invalid"):
-        number("invalid property", "vbus")
-    assert error_words(0x840) == "0x840 (MOTOR_FAILED, WATCHDOG_TIMER_EXPIRED)"
+    assert number("inf", "motor.config.torque_lim") == math.inf
+    for text in ("invalid property", "nan"):
+        with pytest.raises(DeviceError, match="number vbus"):
+            number(text, "vbus")
+    assert error_words(0x840) == "0x840 (MOTOR_FAILED|WATCHDOG_TIMER_EXPIRED)"
 
 
 def test_it_is_switched_on_by_its_first_writes_and_gives_no_torque_before() -> None:
@@ -236,6 +239,15 @@ def test_an_estimate_that_is_repeated_is_found_out() -> None:
     assert board.torque == (0.0,)
 
 
+@pytest.mark.parametrize("force", [0.0, 0.1])
+def test_a_board_that_was_reset_ends_all(force: float) -> None:
+    device, board, _ = switched_on(ODriveBoard(2))
+    device.write(0, (force, force))
+    board.reset()
+    with pytest.raises(DeviceError, match="without an error: the board was reset"):
+        device.write(0, (force, force))
+
+
 def test_a_watchdog_that_expires_under_force_is_the_end() -> None:
     device, board, line = switched_on()
     device.write(0, (0.1,))
@@ -278,11 +290,46 @@ def test_a_reply_that_is_not_in_order_ends_all(spoil: Callable[[bytes], bytes], 
         device.write(0, (0.1,))
 
 
+@pytest.mark.parametrize("error", ["nan", "inf", "-1", "0.0", "", "0.1 0.2", "\u00b2"])
+def test_an_error_that_is_no_whole_number_ends_all(error: str) -> None:
+    device, board, line = switched_on()
+    device.write(0, (0.1,))
+    read_lines, text = line.port.read_lines, error.encode("latin-1")
+
+    def spoiled(count: int, deadline_ns: int) -> bytes:
+        turns, _, *rest = read_lines(count, deadline_ns).split(b"\r\n")
+        return b"\r\n".join((turns, b"%s*%d" % (text, exclusive_or(text)), *rest))
+
+    line.port.read_lines = spoiled
+    with pytest.raises(DeviceError, match="whole number"):
+        device.write(0, (0.1,))
+    assert board.torque == (0.0,)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (lambda reply: b"", "no reply within"),
+        (lambda reply: b"Marlin 2.1\r\n", r"got b'Marlin 2\.1"),
+        (lambda reply: reply[:-1], r"got b'unknown.*0\*48\\r'"),
+    ],
+    ids=["silent", "another board", "short"],
+)
+def test_the_start_names_what_came_from_another_board(
+    spoil: Callable[[bytes], bytes], words: str
+) -> None:
+    line: Any = FakeLine(ODriveBoard(1))
+    read_lines = line.port.read_lines
+    line.port.read_lines = lambda count, deadline_ns: spoil(read_lines(count, deadline_ns))
+    with pytest.raises(DeviceError, match=words):
+        OpenODrive(ODrive(port="auto"), line, HOLD)
+
+
 def test_what_nobody_asked_for_ends_all() -> None:
     device, board, line = switched_on()
     device.write(0, (0.1,))
     line.port.unread = b"0.1 0.2\r\n"
-    with pytest.raises(DeviceError, match="nobody asked for"):
+    with pytest.raises(DeviceError, match="unexpected bytes"):
         device.read(0)
     assert board.torque == (0.0,)
 

@@ -5,7 +5,8 @@ import math
 import pytest
 from builders import MS
 
-from forcebound.hardware.emulators.odrive_board import ODriveBoard, exclusive_or
+from forcebound.hardware.emulators.odrive_board import ODriveBoard
+from forcebound.hardware.odrive_lines import exclusive_or
 
 START = (
     b"w axis0.config.watchdog_timeout 0.1\nu 0\nw axis0.config.enable_watchdog 1\nsc\n"

@@ -36,7 +36,7 @@ from forcebound.network import sockets
 from forcebound.network.impairment import Impairment
 from forcebound.network.link import Link
 from forcebound.network.sockets import Network
-from forcebound.network.subscriber import Subscriber
+from forcebound.network.streams import Subscriber
 from forcebound.nodes import Node
 from forcebound.nodes.controller import ControllerNode
 from forcebound.run.process.runner import Runner

@@ -27,7 +27,8 @@ from forcebound.network.ends import RemoteEnd
 from forcebound.network.impairment import Impairment
 from forcebound.network.link import Link
 from forcebound.network.remote import RemoteLink
-from forcebound.network.sockets import Network, Publisher
+from forcebound.network.sockets import Network
+from forcebound.network.streams import Publisher
 from forcebound.nodes.controller import ControllerNode
 from forcebound.nodes.environment import EnvironmentNode
 from forcebound.run.process.runner import Runner

@@ -49,7 +49,7 @@ def test_an_unknown_key_gets_no_byte_and_both_ends_say_why(
         both_have_said_so()
         run_for(0.02, host, guest)
     assert host.got == guest.got == []
-    assert host.link.status()["peers"] == []
+    assert host.link.status().peers == []
 
 
 def test_a_refused_peer_comes_in_once_it_is_allowed(start: Callable[..., Peer]) -> None:
@@ -99,7 +99,7 @@ def test_a_wrong_key_of_the_listener_is_said_and_not_hammered(start: Callable[..
     )
     assert STRANGER.public in guest.text("wrong_key")
     run_for(0.4, graph, guest)  # libzmq alone would have tried 20 times
-    assert guest.link.status()["counts"]["wrong_key"] <= 6
+    assert guest.link.status().counts["wrong_key"] <= 6
     assert guest.got == []
 
 
@@ -143,12 +143,12 @@ def test_hundreds_of_connections_are_cut_down_and_a_friend_still_comes(
             graph.turn()
             friend.turn()
         run_until(
-            lambda: graph.link.status()["connections"] <= limits.MAX_CONNECTIONS,
+            lambda: graph.link.status().connections <= limits.MAX_CONNECTIONS,
             "the crowd to be cut down",
             graph,
             friend,
         )
-        assert graph.link.status()["counts"]["too_many_connections"] > BURST
+        assert graph.link.status().counts["too_many_connections"] > BURST
         assert len([n for n in graph.notices if n.kind == "too_many_connections"]) == BURST
         assert graph.link.connected
         assert friend.link.connected

@@ -29,7 +29,7 @@ from forcebound.messages.packets import (
     SceneObject,
     Vector,
 )
-from forcebound.network.computation import ComputationTime
+from forcebound.network.chances import ComputationTime
 from forcebound.network.impairment import Impairment
 from forcebound.nodes.environment import EnvironmentNode
 from forcebound.recordings.telemetry import TelemetryColumns

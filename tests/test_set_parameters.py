@@ -73,11 +73,10 @@ def test_a_run_directory_without_nodes_keeps_the_change_for_them(
     assert json.loads(file.read_text())["environment"]["stiffness"] == 500.0
 
 
-@pytest.mark.parametrize("entry", ["trace", "distribution_file"])
 def test_a_file_is_taken_from_the_launch_files_folder_alone(
-    config: GraphConfig, tmp_path: Path, entry: str
+    config: GraphConfig, tmp_path: Path
 ) -> None:
-    name = f"links.environment_query.{entry}"
+    name = "links.environment_query.trace"
     (tmp_path / "launch.json").write_text(json.dumps(to_document(config)))
     own, secret = tmp_path / "own", tmp_path / "secret.csv"
     own.mkdir()
@@ -89,8 +88,7 @@ def test_a_file_is_taken_from_the_launch_files_folder_alone(
             set_parameters(tmp_path, {name: str(file)})
         assert "password" not in str(caught.value)
     (own / "delays.csv").write_text("time_s,delay_s\n0,0.01\n")
-    if entry == "trace":
-        assert set_parameters(tmp_path, {name: str(own / "delays.csv")}).values
+    assert set_parameters(tmp_path, {name: str(own / "delays.csv")}).values
     with pytest.raises(ConfigError, match=r"other\.csv"):
         set_parameters(tmp_path, {name: str(own / "other.csv")})
 

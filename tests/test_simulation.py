@@ -15,7 +15,7 @@ from forcebound.haptics.environments.walls import Wall
 from forcebound.haptics.laws import LAWS
 from forcebound.messages.codec import decode, encode
 from forcebound.messages.packets import DeviceState, Telemetry
-from forcebound.network.computation import ComputationTime
+from forcebound.network.chances import ComputationTime
 from forcebound.network.impairment import Impairment
 from forcebound.nodes.controller import ControllerNode
 from forcebound.recordings.telemetry import TelemetryColumns

@@ -16,10 +16,9 @@ from forcebound.errors import ConfigError
 from forcebound.messages.control import Accepted, GetStatus, Refused, StopNode
 from forcebound.network import sockets
 from forcebound.network.control import SERVE_LIMIT, ControlClient
-from forcebound.network.keys import KeyPair
 from forcebound.network.limits import MAX_FRAME
-from forcebound.network.sockets import Guard, Network, Publisher
-from forcebound.network.subscriber import Subscriber
+from forcebound.network.sockets import Network
+from forcebound.network.streams import Channel, Publisher, Subscriber
 
 Raw: TypeAlias = Callable[[int], "zmq.Socket[bytes]"]
 
@@ -321,17 +320,28 @@ def test_a_wait_ends_with_any_descriptor() -> None:
         os.close(writing)
 
 
+@pytest.mark.parametrize("kind", [zmq.DEALER, zmq.ROUTER])
+def test_a_message_that_is_gone_when_it_is_read_is_none(
+    network: Network, kind: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    socket, _ = network.monitored(kind, "tcp://127.0.0.1:9", bind=False, security={})
+    channel = Channel(socket)
+    monkeypatch.setattr(channel, "pending", lambda: True)
+    assert channel.receive() == []
+
+
 @pytest.mark.parametrize("key", ["#" * 40, "ä" * 40])
 def test_a_socket_that_fails_in_its_making_does_not_hang_the_end(key: str) -> None:
     """In a thread, which a hang would keep; the endpoint is in nobody's way."""
-    pair = KeyPair("lab", key, key)
+    public, secret = zmq.CURVE_PUBLICKEY, zmq.CURVE_SECRETKEY
     ended: list[str] = []
 
     def make_and_close() -> None:
         with Network() as made:
-            for guard in (Guard(key=pair, listener_key=key), Guard(domain="d", key=pair)):
+            for option in (public, secret):
+                wrong: dict[int, bytes | int] = {option: key.encode()}
                 with pytest.raises((ConfigError, ValueError)):
-                    made.guarded(zmq.SUB, "tcp://127.0.0.1:9", bind=False, guard=guard)
+                    made.monitored(zmq.SUB, "tcp://127.0.0.1:9", bind=False, security=wrong)
         ended.append("closed")
 
     thread = threading.Thread(target=make_and_close, daemon=True)

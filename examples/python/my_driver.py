@@ -59,7 +59,7 @@ class Motor(DeviceModel):
         """Return the device; a hand is for simulated ones."""
         # The line finds and locks the port. Its guardian, a process, writes the message of zero
         # force when this process dies, hangs or is stopped.
-        line = Line("my_driver", self.port, message(0.0), self.watchdog_limit, {}, None)
+        line = Line("my_driver", self.port, message(0.0), self.watchdog_limit)
         try:
             return OpenMotor(self, line)
         except BaseException:

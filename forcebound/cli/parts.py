@@ -19,7 +19,6 @@ from forcebound.cli.common import (
     print_document,
     print_json,
     print_rows,
-    seconds,
     show,
 )
 from forcebound.errors import ConfigError, RunError
@@ -99,24 +98,17 @@ def resume(run: Path) -> None:
     help="short, noise, nan: spoil one reply, or those of a time; lost; reset; stall; unplug; "
     "reversed. TIME counts from the first reply; default: at=1s. Repeatable.",
 )
-@click.option(
-    "--latency",
-    type=seconds,
-    metavar="TIME",
-    help="Time from a message to its reply, beyond the terminal's.",
-)
 @click.option("--no-hand", is_flag=True, help="Without a hand, as `forcebound identify` needs it.")
 @click.option("--until-unused", is_flag=True, help="End when the port is closed.")
-@click.option("--values", type=click.File(), hidden=True, help="Mechanism and hand, as JSON.")
+@click.option("--parts", type=click.File(), hidden=True, help="Device and hand, as JSON.")
 def emulate(
     kind: str,
     arguments: tuple[str, ...],
     link: Path | None,
     faults: tuple[str, ...],
-    latency: float | None,
     no_hand: bool,
     until_unused: bool,
-    values: TextIO | None,
+    parts: TextIO | None,
 ) -> None:
     r"""Emulate a device on a pseudo-terminal, for tests without hardware.
 
@@ -132,17 +124,16 @@ def emulate(
     planned = [parse_fault(text) for text in faults]
     link = program.default_link(kind) if link is None else link.absolute()
     advice = ""
-    if values is not None:
-        mechanism, operator = program.given_values(values.read())
+    if parts is not None:
+        model, operator = program.given_parts(parts.read())
     else:
-        mechanism, operator = program.launch_file_values(EMULATED[kind], arguments)
+        model, operator = program.launch_file_parts(EMULATED[kind], arguments)
         words = f'{EMULATED[kind]} device:={link} watchdog_limit:="{WATCHDOG_LIMIT}"'
         command = f"`forcebound launch {words}`"
         if no_hand:
             operator, command = None, f"`forcebound identify {kind} device:={link}`"
         advice = f"in another terminal: {command}"
-    late = latency or 0.0
-    program.run(kind, mechanism, operator, link, planned, late, until_unused, show, advice)
+    program.run(kind, (model, operator), link, planned, until_unused, show, advice)
 
 
 @click.command(short_help="Measure the numbers that a device's certificate rests on.")

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+from forcebound.errors import ConfigError
 from forcebound.graph.names import Document
 from forcebound.graph.servo import ServoSettings, dissipation_of
 from forcebound.haptics.controllers import CONTROLLERS, ControllerModel
@@ -21,7 +22,7 @@ from forcebound.haptics.laws import Dissipation
 from forcebound.haptics.parts import Table
 from forcebound.messages.control import Parameters
 from forcebound.network.ends import RemoteSection
-from forcebound.network.impairment import Impairment, check_delay
+from forcebound.network.impairment import Impairment
 from forcebound.quantities import NOT_NEGATIVE, POSITIVE, PROBABILITY, Ratio, Time, check_ranges
 
 FORMAT = 1  # version of the launch file format: the value of the key "forcebound"
@@ -90,7 +91,6 @@ class EnvironmentConfig:
         compute_jitter: Scale of the deviation from it, as of a link's delay.
         compute_distribution: Of the deviation.
         compute_correlation: Of a time with the one before.
-        compute_distribution_file: Table of the deviation, instead of a distribution.
         compute_trace: File of recorded times, instead of delay and jitter.
         fixtures: Guidance and limits beside the environment; null: none.
 
@@ -103,13 +103,16 @@ class EnvironmentConfig:
     compute_jitter: Annotated[Time, NOT_NEGATIVE] = 0.0
     compute_distribution: Literal["uniform", "normal", "pareto", "paretonormal"] = "uniform"
     compute_correlation: Annotated[Ratio, PROBABILITY] = 0.0
-    compute_distribution_file: Path | None = None
     compute_trace: Path | None = None
     fixtures: Fixtures | None = None
 
     def __post_init__(self) -> None:
         check_ranges(self)
-        check_delay(self, "compute_")
+        try:
+            _ = self.computation
+        except ConfigError as error:
+            name = f"compute_{error.field}"
+            raise ConfigError(f"compute_{error}", field=name) from None
 
     @property
     def computation(self) -> Impairment:

@@ -83,7 +83,7 @@ def exchange_message(address: int, torque: Vector) -> bytes:
 
 
 def rest_message(address: int, wiring: Wiring) -> bytes:
-    """Return the message that ends every torque, whatever the board has heard before.
+    """Return the message that ends every torque, whatever the board has received before.
 
     Its first bytes complete what the board may wait for, its set-up brings back what a reset has
     forgotten, its exchange is the zero. The present pose is the home pose then.

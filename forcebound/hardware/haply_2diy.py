@@ -5,7 +5,7 @@ turns towards larger angles; a positive torque of forcebound resists that. Both 
 so, whatever the wiring.
 
 What goes wrong ends in zero torque and a DeviceError, once: a reply that is short, of another
-address, or not in whole counts; a board that was reset; bytes that nobody asked for; silence for
+address, or not in whole counts; a board that was reset; unexpected bytes; silence for
 half of the watchdog limit; a port that is gone; a guardian that is gone or had to step in
 (:mod:`forcebound.hardware.line`). A late reply is counted and used: it makes a late tick, whose
 force the ledger knows. Nothing can say that the arm is in its home pose when it is set up, but the
@@ -17,13 +17,12 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 from forcebound.errors import DeviceError
 from forcebound.haptics.devices.five_bar import FiveBar, FiveBarNumbers
 from forcebound.haptics.devices.kinematics import ArmKinematics
 from forcebound.haptics.hands import Operator
-from forcebound.haptics.parts.plain import plain
 from forcebound.hardware.hapi import (
     LARGEST_TORQUE,
     REPLY_SIZE,
@@ -88,19 +87,17 @@ class Haply2DIY(FiveBarNumbers, SerialJoints):
     def angles(self, position: Vector) -> Vector | None:
         return self.five_bar().angles(position)
 
-    def mechanism(self) -> dict[str, Any]:
-        wiring = WIRINGS[self.version]
-        return {
-            **plain(self.five_bar()),
-            "resolution": math.tau / wiring.counts,  # whatever is stated
-            "home": [math.radians(angle) for angle in wiring.home],
-            "senses": list(wiring.directions),
-        }
-
     def open(self, operator: Operator | None, hold_limit: float) -> "OpenHaply":
         rest = rest_message(self.address, WIRINGS[self.version])
-        limit, parts = self.longest_force, self.mechanism()
-        line = Line(KIND, self.port, rest, limit, parts, operator, zero_reply=REPLY_SIZE)
+        line = Line(
+            KIND,
+            self.port,
+            rest,
+            self.longest_force,
+            zero_reply=REPLY_SIZE,
+            model=self,
+            operator=operator,
+        )
         try:
             return OpenHaply(self, line)
         except BaseException:

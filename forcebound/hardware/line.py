@@ -1,17 +1,16 @@
 """A line to a board: its port, the guardian of its force, and its emulator where there is one.
 
-A line fails once. What comes first is written zero force; then every message is refused with the
-same reason. Nothing looks for the begin of the next reply in a stream that has lost its order: the
-user closes the device, puts it into its home pose and starts again.
+A line fails once: it writes zero force, then refuses every message with the same reason. Nothing
+searches for the next reply in a stream that has lost its order: the user closes the device, puts it
+into its home pose and starts again.
 """
 
 import logging
 import time
-from collections.abc import Mapping
 from contextlib import ExitStack, suppress
-from typing import Any
 
 from forcebound.errors import DeviceError
+from forcebound.haptics.devices import DeviceModel
 from forcebound.haptics.devices.truth_file import TruthFile, truth_beside
 from forcebound.haptics.hands import Operator
 from forcebound.hardware.emulated import start
@@ -32,9 +31,12 @@ _logger = logging.getLogger(__name__)
 class Line:
     """An open line to the board of a kind of device, at a port of this name (see :func:`find`).
 
-    ``zero`` is the message of zero force, whatever the board has heard before; the board answers it
-    with ``zero_reply`` bytes. A force ends that nobody renews within ``watchdog_limit`` s.
-    ``mechanism`` and ``operator`` are those of an emulator; ``baud`` matters to a UART.
+    ``zero`` is the message of zero force, whatever the board has received before; the board answers
+    it with ``zero_reply`` bytes. A force ends that nobody renews within ``watchdog_limit`` s.
+    ``baud`` matters to a UART; ``model`` and ``operator`` to an emulator, the port ``emulated``.
+
+    Raises:
+        DeviceError: If port, guardian or emulator cannot be opened.
 
     Attributes:
         port: Open. Write with :meth:`send`.
@@ -49,10 +51,11 @@ class Line:
         name: str,
         zero: bytes,
         watchdog_limit: float,
-        mechanism: Mapping[str, Any],
-        operator: Operator | None,
+        *,
         baud: int = 115_200,
         zero_reply: int = 0,
+        model: DeviceModel | None = None,
+        operator: Operator | None = None,
     ) -> None:
         self._zero, self._zero_reply = zero, zero_reply
         self._had_force = False
@@ -60,10 +63,10 @@ class Line:
         self.is_at_rest = False
         self._failure: DeviceError | None = None
         with ExitStack() as opened:
-            if name == EMULATED:
-                emulated = start(kind, mechanism, operator)
-                opened.callback(emulated.close)
-                name = emulated.link
+            if name == EMULATED and model is not None:
+                emulator = start(kind, model, operator)
+                opened.callback(emulator.close)
+                name = emulator.link
             path = find(name, kind)
             self.port = Port(path, baud)
             opened.callback(self.port.close)
@@ -80,8 +83,8 @@ class Line:
         """Write a message in one piece; the replies of all before have been read.
 
         ``has_force``: the board gives a force after it. The guardian watches from before a force
-        until after a zero. DeviceError if it cannot be written, there are bytes that nobody asked
-        for, the guardian has ended the force, or the line has failed before.
+        until after a zero. DeviceError if it cannot be written, unexpected bytes have come, the
+        guardian has ended the force, or the line has failed before.
         """
         if self._failure is not None:
             raise self._failure
@@ -92,9 +95,7 @@ class Line:
         guardian.check()
         if foreign := self.port.drain():
             found = foreign[:20].hex(" ")
-            raise DeviceError(
-                f"the device at {self.port.path} sends what nobody asked for: {found}"
-            )
+            raise DeviceError(f"the device at {self.port.path} sends unexpected bytes: {found}")
         self.port.write(message)
         if not has_force:
             guardian.beat(0)
@@ -122,7 +123,7 @@ class Line:
         self._opened.close()
 
     def _rest(self) -> None:
-        """Write zero force; say so, once, if the board may not have taken it."""
+        """Write zero force; log it, once, if the board may not have taken it."""
         with suppress(DeviceError):
             self.port.drain()
             self.port.write(self._zero)
@@ -132,5 +133,8 @@ class Line:
                 self.is_at_rest = len(reply) == self._zero_reply
         if self._had_force and not self.is_at_rest:
             self._had_force = False
-            said = "has not acknowledged zero force: take the power from its motors"
-            _logger.error("a force may still be on: the device at %s %s", self.port.path, said)
+            _logger.error(
+                "a force may still be on: the device at %s has not acknowledged zero force: take"
+                " the power from its motors",
+                self.port.path,
+            )

@@ -7,7 +7,7 @@ on the wire turns towards larger angles; a positive torque of forcebound resists
 
 What goes wrong ends in zero torque and a DeviceError, once, as :mod:`forcebound.hardware.line` has
 it: silence for half of the ``watchdog_limit``; a reply that is cut short, without its checksum, or
-no number; more replies than asked for; an error of an axis; a port that is gone; a guardian that
+no number; more replies than expected; an error of an axis; a port that is gone; a guardian that
 had to step in.
 """
 
@@ -17,26 +17,26 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, ClassVar
 
 from forcebound.errors import DeviceError
 from forcebound.haptics.devices import Source
+from forcebound.haptics.devices.arms import AngleOfJoints, DampingOfJoints, TorqueOfJoints
 from forcebound.haptics.devices.kinematics import ArmKinematics
 from forcebound.haptics.devices.knob import Knob
-from forcebound.haptics.devices.stated_joints import AngleOfJoints, DampingOfJoints, TorqueOfJoints
 from forcebound.haptics.devices.true_values import per_axis
 from forcebound.haptics.hands import Operator
-from forcebound.haptics.parts.plain import plain
 from forcebound.hardware.line import Line
 from forcebound.hardware.odrive_lines import (
+    CLOSED_LOOP_CONTROL,
     WATCHDOG_EXPIRED,
     Requests,
     error_words,
-    number,
     on_wire,
-    position,
+    positions,
     request,
     torque_request,
+    whole_number,
 )
 from forcebound.hardware.odrive_start import (
     Switch,
@@ -109,13 +109,12 @@ class ODrive(SerialJoints):
     def kinematics(self) -> ArmKinematics:
         return self.knob().kinematics()
 
-    def mechanism(self) -> dict[str, Any]:
-        return plain(self.knob())
-
     def open(self, operator: Operator | None, hold_limit: float) -> "OpenODrive":
         zero = b"\n" + zero_torque(self.joints)  # the first ends a line that was cut short
         baud = self.baud or 115_200
-        line = Line(KIND, self.port, zero, self.longest_force, self.mechanism(), operator, baud)
+        line = Line(
+            KIND, self.port, zero, self.longest_force, baud=baud, model=self, operator=operator
+        )
         try:
             return OpenODrive(self, line, hold_limit)
         except BaseException:
@@ -144,8 +143,11 @@ class OpenODrive(SerialDevice):
         self._zero: Vector = (0.0,) * model.joints
         self._held = self._zero
         self._ask_positions = b"".join(request(f"f {axis}") for axis in joints)
-        self._ask_error = [request(f"r axis{axis}.error") for axis in joints]
-        self._next = 0  # axis whose error is asked for next
+        self._ask_state = [
+            request(f"r axis{axis}.error") + request(f"r axis{axis}.current_state")
+            for axis in joints
+        ]
+        self._next = 0  # axis whose error and state are requested next
         self._switch = Switch(self._requests, model.joints, model.longest_force)
         self.axes, self.kinematics = model.joints, model.kinematics()
         self._requests.begin(b"\n" + zero_torque(model.joints))
@@ -154,7 +156,7 @@ class OpenODrive(SerialDevice):
             set_up(self._requests, axis, model.saturation)
         for _ in range(FIRST_EXCHANGES):
             self._ask()
-            self._tell(self._zero)
+            self._set(self._zero)
         quickest_ns = self._requests.quickest_ns("read") + self._requests.quickest_ns("write")
         if quickest_ns * 1e-9 > hold_limit:
             raise DeviceError(
@@ -185,21 +187,18 @@ class OpenODrive(SerialDevice):
             force = tuple([scale * torque for torque in force])
         force = tuple(map(on_wire, force))
         axis = self._next
-        exchange = self._tell(force)
+        exchange = self._set(force)
         self._effect_ns = exchange.sent_ns + exchange.excess_ns + CONTROL_NS
-        *turns, said = exchange.reply
+        turns, error, state = exchange.reply
         self._came_ns, self._angles = self._clock(), _angles(turns)
-        error = int(said)
         if error == WATCHDOG_EXPIRED and not any(self._held):
             self._switch.begin()  # after a pause without force
             force = self._zero
-        elif error:
-            self._requests.end(
-                DeviceError(
-                    f"axis {axis} of the ODrive is off with the error {error_words(error)}: its"
-                    " tool says more (dump_errors)"
-                )
-            )
+        elif error or state != CLOSED_LOOP_CONTROL:
+            reason = f"with the error {error_words(error)}: its tool says more (dump_errors)"
+            if not error:
+                reason = "without an error: the board was reset, or another program switched it off"
+            self._requests.end(DeviceError(f"axis {axis} of the ODrive is off {reason}"))
         self._held = force
         return force
 
@@ -212,23 +211,28 @@ class OpenODrive(SerialDevice):
         self.exchanges.log(_logger)
 
     def _ask(self) -> Exchange[list[float]]:
-        return self._requests.ask("read", self._ask_positions, self._model.joints, position)
+        return self._requests.ask("read", self._ask_positions, self._model.joints, positions)
 
-    def _tell(self, force: Vector) -> Exchange[list[float]]:
-        """Set torques, which resist where positive; ask for the positions and an axis's error."""
+    def _set(self, force: Vector) -> Exchange[tuple[list[float], int, int]]:
+        """Set torques, which resist where positive; ask for positions, an axis's error and state.
+
+        A board that was reset has no error, and its motors are off.
+        """
         axis, joints = self._next, self._model.joints
         self._next = (axis + 1) % joints
-        message = _torque_lines(force) + self._ask_positions + self._ask_error[axis]
-        return self._requests.ask("write", message, joints + 1, _said, has_force=any(force))
+        message = _torque_lines(force) + self._ask_positions + self._ask_state[axis]
+        return self._requests.ask("write", message, joints + 2, _answers, has_force=any(force))
 
 
 def _torque_lines(force: Vector) -> bytes:
     return b"".join([torque_request(axis, -torque) for axis, torque in enumerate(force)])
 
 
-def _said(text: str) -> float:
-    """Return what a reply to a write says: a position, in turns, or the error of an axis."""
-    return position(text) if " " in text else number(text, "of an axis's error")
+def _answers(texts: list[str]) -> tuple[list[float], int, int]:
+    """Return what the replies to a write have: positions, in turns, error and state of an axis."""
+    *turns, error, state = texts
+    numbers = whole_number(error, "of an axis's error"), whole_number(state, "of an axis's state")
+    return positions(turns), *numbers
 
 
 def _angles(turns: Sequence[float]) -> Vector:

@@ -1,4 +1,4 @@
-"""The start of an ODrive: is it one, is its torque what is written; switching on."""
+"""The start of an ODrive: its checks, its settings, switching its motors on."""
 
 import logging
 import time
@@ -10,9 +10,9 @@ from forcebound.hardware.odrive_lines import (
     PASSED_THROUGH,
     Requests,
     error_words,
-    number,
     request,
     torque_request,
+    whole_number,
 )
 
 FIRMWARES = ((0, 5), (0, 0))  # the other is what a build out of a folder without git says
@@ -37,17 +37,20 @@ def switched_off(joints: int) -> bytes:
 
 
 def check_firmware(requests: Requests) -> None:
-    """Check that the board is an ODrive whose protocol is known."""
-    version = [requests.value(f"fw_version_{part}") for part in ("major", "minor")]
+    """Check that the board is an ODrive whose protocol is known; DeviceError if not."""
+    version = [requests.value(f"fw_version_{part}", whole_number) for part in ("major", "minor")]
     if None not in version and tuple(version) not in FIRMWARES:
         raise DeviceError(
-            f"the ODrive has the firmware {version[0]:g}.{version[1]:g}; this driver speaks the"
+            f"the ODrive has the firmware {version[0]}.{version[1]}; this driver speaks the"
             " ASCII protocol of 0.5"
         )
 
 
 def set_up(requests: Requests, axis: int, saturation: float) -> None:
-    """Let the torque of an axis be what is written, up to ``saturation``, in N m."""
+    """Let the torque of an axis be what is written, up to ``saturation``, in N m.
+
+    DeviceError if the board has no such axis, keeps another setting or gives less torque.
+    """
     if requests.value(f"axis{axis}.current_state") is None:
         raise DeviceError(f"the ODrive has no axis {axis}: expected joints: {axis} at most")
     own = f"axis{axis}.controller.config"
@@ -72,7 +75,7 @@ def _set(requests: Requests, name: str, value: int) -> None:
     if requests.value(name) is None:
         _logger.warning("the ODrive has no %s: see that its torque is what is written", name)
         return
-    requests.tell(request(f"w {name} {value}"))
+    requests.send(request(f"w {name} {value}"))
     after = requests.value(name)
     if after != value:
         raise DeviceError(f"the ODrive keeps {name} at {after}, after it was set to {value}")
@@ -101,20 +104,17 @@ class Switch:
         self._ordered_ns: int | None = None
 
     def go_on(self) -> None:
-        """Order the motors to be on, or ask one whether it is; a DeviceError after a second."""
+        """Order the motors to be on, or ask one whether it is; DeviceError after a second."""
         message, now_ns = self._zero, time.monotonic_ns()
         if self._ordered_ns is None:
             self._ordered_ns = now_ns
             message += self._order()
         axis = min(self._off)
-        name = f"axis{axis}.current_state"
-        asked = request(f"r {name}")
-        asking = self._requests.ask("state", message + asked, 1, lambda text: number(text, name))
-        (state,) = asking.reply
+        state = self._requests.value(f"axis{axis}.current_state", before=message)
         if state == CLOSED_LOOP_CONTROL:
             self._off.remove(axis)
         elif now_ns - self._ordered_ns > SWITCHING_NS:
-            error = int(self._requests.value(f"axis{axis}.error") or 0)
+            error = int(self._requests.value(f"axis{axis}.error", whole_number) or 0)
             self._requests.end(
                 DeviceError(
                     f"axis {axis} of the ODrive does not switch on, error {error_words(error)}:"

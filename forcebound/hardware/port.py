@@ -11,7 +11,6 @@ import errno
 import fcntl
 import os
 import select
-import stat
 import termios
 import time
 from collections.abc import Callable
@@ -30,8 +29,9 @@ class Port:
     Attributes:
         path: Of the port.
         descriptor: Open and not blocking; of this object.
-        has_low_latency: Whether the port's driver passes bytes on at once. Many have no
-            such mode and need none: USB-CDC, pseudo-terminals.
+
+    Raises:
+        DeviceError: If it cannot be opened, with what to try.
     """
 
     def __init__(self, path: str, baud: int = 115_200) -> None:
@@ -41,14 +41,12 @@ class Port:
         except (OSError, ValueError) as error:  # SerialException is an OSError
             raise DeviceError(_describe_opening(path, error)) from error
         self.descriptor: int = self._serial.fileno()
-        self.has_low_latency = False
-        with suppress(ValueError, OSError):
+        with suppress(ValueError, OSError):  # USB-CDC and pseudo-terminals have no such mode
             self._serial.set_low_latency_mode(True)
-            self.has_low_latency = True
         fcntl.ioctl(self.descriptor, termios.TIOCEXCL)
 
     def write(self, message: bytes) -> None:
-        """Give a whole message to the port, in one piece; never waits; may raise DeviceError."""
+        """Write a whole message, in one piece, without waiting; DeviceError if it fails."""
         try:
             count = os.write(self.descriptor, message)
         except BlockingIOError:
@@ -64,8 +62,8 @@ class Port:
     def read(self, count: int, deadline_ns: int) -> bytes:
         """Return ``count`` bytes, or fewer: what has come by the deadline, monotonic, in ns.
 
-        What is there is read even after it. DeviceError, as of all that read, if the device is
-        unplugged.
+        What is there is read even after it. DeviceError if the device is unplugged, as of
+        :meth:`read_lines` and :meth:`drain`.
         """
         return self._read(deadline_ns, lambda data: count - len(data))
 
@@ -76,7 +74,8 @@ class Port:
     def _read(self, deadline_ns: int, missing: Callable[[bytes], int]) -> bytes:
         """Read until nothing is missing, or nothing has come by the deadline."""
         data = b""
-        while count := missing(data):
+        wait_ns = 1
+        while wait_ns > 0 and (count := missing(data)):
             wait_ns = max(deadline_ns - time.monotonic_ns(), 0)
             if not select.select((self.descriptor,), (), (), wait_ns * 1e-9)[0]:
                 break
@@ -84,10 +83,15 @@ class Port:
         return data
 
     def drain(self, quiet: float = 0.0) -> bytes:
-        """Return what has come and nobody has read, once nothing has come for ``quiet`` s."""
-        data = b""
+        """Return the bytes that nobody has read, once nothing has come for ``quiet`` s.
+
+        Of a device that is never quiet, no more than ``CHUNK`` bytes or those of 20 ``quiet``.
+        """
+        data, until_ns = b"", time.monotonic_ns() + round(20e9 * quiet)
         while select.select((self.descriptor,), (), (), quiet)[0]:
             data += self._take(CHUNK)
+            if len(data) >= CHUNK or time.monotonic_ns() > until_ns:
+                break
         return data
 
     def close(self) -> None:
@@ -125,14 +129,7 @@ def _describe_opening(path: str, error: Exception) -> str:
         return f"{path} is in use by another program; end it (`fuser -v {path}` names it)"
     if number == errno.EISDIR or isinstance(error.__context__, termios.error):
         return (
-            f"expected a serial port, got {_kind(path)}: {path}; `forcebound device list` says"
+            f"expected a serial port, got {path}, which is none; `forcebound device list` says"
             " which ports there are"
         )
     return f"{path} cannot be opened: {error}"
-
-
-def _kind(path: str) -> str:
-    """Return what a file is that is no serial port."""
-    mode = os.stat(path).st_mode
-    kinds = {stat.S_IFDIR: "a folder", stat.S_IFREG: "a file", stat.S_IFIFO: "a pipe"}
-    return kinds.get(stat.S_IFMT(mode), "a device that is no terminal")

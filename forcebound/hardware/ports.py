@@ -1,4 +1,4 @@
-"""The serial ports of this machine: which there are, what they seem to be, which one is meant."""
+"""The serial ports of this machine, and the one that a name means."""
 
 import grp
 import os
@@ -78,10 +78,10 @@ def find(name: str, kind: str = "", among: Sequence[SerialPort] | None = None) -
     if name == "auto":
         alike = [port for port in ports if kind and port.seems == kind]
         found = alike or [port for port in ports if port.description]  # something is plugged in
-        wanted = "a device on a serial port"
+        expected = "a device on a serial port"
     else:
         found = [port for port in ports if name and port.serial_number == name]
-        wanted = (
+        expected = (
             f"a path such as /dev/ttyACM0, auto, or the serial number of a device, got {name!r}"
         )
     if len(found) == 1:
@@ -90,7 +90,7 @@ def find(name: str, kind: str = "", among: Sequence[SerialPort] | None = None) -
     if found:
         raise DeviceError(f"port {name!r} may mean several: {there}; name one by its path")
     raise DeviceError(
-        f"expected {wanted}, found none: plug it in, switch it on; serial ports here: {there}"
+        f"expected {expected}, found none: plug it in, switch it on; serial ports here: {there}"
     )
 
 
@@ -100,15 +100,15 @@ def serial_number(path: str, among: Sequence[SerialPort] | None = None) -> str:
     return next((p.serial_number for p in ports if os.path.realpath(p.path) == meant), "")
 
 
-def check_serial_number(path: str, wanted: str, among: Sequence[SerialPort] | None = None) -> None:
+def check_serial_number(path: str, stated: str, among: Sequence[SerialPort] | None = None) -> None:
     """Check that the device at a port is the one whose numbers are stated; empty: any.
 
     DeviceError if it has another serial number. One without any passes.
     """
-    found = serial_number(path, among) if wanted else ""
-    if found and found != wanted:
+    found = serial_number(path, among) if stated else ""
+    if found and found != stated:
         raise DeviceError(
-            f"the numbers in the launch file are of the device with the serial number {wanted}, and"
+            f"the numbers in the launch file are of the device with the serial number {stated}, and"
             f" {path} is that with {found}: plug the other one in, or measure this one with"
             " `forcebound identify`"
         )

@@ -1,4 +1,4 @@
-"""Joints at a serial port: what the drivers that ship have in common."""
+"""Joints at a serial port: the common part of the drivers that ship."""
 
 import logging
 import time
@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Generic, Literal, NamedTuple, TypeVar
 
 from forcebound.errors import DeviceError
-from forcebound.haptics.devices import Device
+from forcebound.haptics.devices import Device, Truth
+from forcebound.haptics.devices.arms import StatedJoints
 from forcebound.haptics.devices.kinematics import ArmKinematics
-from forcebound.haptics.devices.stated_joints import StatedJoints
-from forcebound.haptics.devices.truth import Truth
 from forcebound.hardware.line import EMULATED, Line
 from forcebound.hardware.port import Port
 from forcebound.hardware.ports import check_serial_number, find, serial_number
@@ -58,7 +57,7 @@ class SerialJoints(StatedJoints):
     reply_within: Annotated[Time, POSITIVE] = 3e-4
 
     def check_here(self) -> None:
-        """Check, before anything starts, that the port can be opened, and is the right one."""
+        """Check, before anything starts, the port and its serial number; DeviceError if wrong."""
         if self.port != EMULATED:
             path = find(self.port, self.board)
             Port(path).close()
@@ -147,7 +146,7 @@ class Exchanges:
         self.count = self.late = self.longest_ns = 0
 
     def log(self, logger: logging.Logger) -> None:
-        """Say what has come, if anything has."""
+        """Log the counts, if a reply has come."""
         if self.count:
             share, limit = 100.0 * self.late / self.count, 1e-6 * self._late_ns
             message = "%d replies of the board, %.2f %% of them later than %.2g ms, the"

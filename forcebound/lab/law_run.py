@@ -10,7 +10,7 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from forcebound.haptics.devices.extended import Axis
+from forcebound.haptics.devices.plant import Axis
 from forcebound.haptics.laws import LAWS, check_law
 from forcebound.lab import one_axis
 from forcebound.lab.cases import LEAST_PEAK

@@ -19,8 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forcebound.compiled import allow_in_kernels, jit
-from forcebound.haptics.devices.extended import Axis, Moving, advance_extended
-from forcebound.haptics.devices.plant import quantise
+from forcebound.haptics.devices.plant import Axis, Moving, advance_extended, quantise
 from forcebound.haptics.environments.walls import (
     active_wall_force,
     damped_wall_force,

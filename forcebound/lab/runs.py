@@ -23,8 +23,8 @@ from forcebound.graph.loader import load
 from forcebound.graph.resolved import kind_of, to_document
 from forcebound.graph.servo import ServoSettings, dissipation_of
 from forcebound.haptics.controllers.direct import DirectController
-from forcebound.haptics.devices.extended import Axis
 from forcebound.haptics.devices.phantom import PhantomPremium15
+from forcebound.haptics.devices.plant import Axis
 from forcebound.haptics.environments.walls import Wall
 from forcebound.haptics.hands import Operator
 from forcebound.haptics.hands.hands import NoHand
@@ -187,7 +187,7 @@ def timing_of(config: GraphConfig) -> TelemetryColumns:
     links, computation = tuple(sorted(config.links.items())), config.environment.computation
     ways = [way for _, way in links] + [computation]
     is_fixed = all(way == Impairment(way.delay) for way in ways)
-    reads_file = any(way.trace or way.distribution_file for way in ways)
+    reads_file = any(way.trace for way in ways)
     servo = replace(config.device.servo, law="none", velocity_cutoff=100.0, energy_cap="auto")
     environment = replace(config.environment, model=Wall(), fixtures=None)
     timing = _timing.__wrapped__ if reads_file else _timing

@@ -1,32 +1,21 @@
-"""Chances of a link: loss, delay and the rest, drawn alike for links, computations and sweeps.
+"""Chances of a link: loss, delay and the rest, drawn alike for links and computations.
 
 Each random decision has a generator of its own, and every packet draws all its numbers: two
 settings compared under one seed differ in nothing but the setting. *Correlation* is netem's, ``u =
 (1 - rho) * new + rho * last``. The *time on the way* is ``delay + jitter * quantile(u)``, rounded
-to nanoseconds and never negative.
-
-A link that has nothing but delay, uniform jitter and independent loss is *plain*: a packet draws
-two numbers only (:meth:`Chances.next_plain`), or all packets of a run draw theirs as arrays
-(:func:`plain_fates`).
+to nanoseconds and never negative, or that of a trace.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias
 
-from forcebound.network.impairment import Impairment, Slot
-
-if TYPE_CHECKING:  # a launcher has no link, and starts without numpy
-    import numpy as np
-    from numpy.typing import NDArray
+from forcebound.network.impairment import PERFECT, Impairment
+from forcebound.network.trace import DelayTrace
 
 Draw: TypeAlias = Callable[[], float]
 
-_DECISIONS = (  # one generator each, by place: append only
-    *("loss", "jitter", "state", "state_loss"),
-    *("duplicate", "reorder", "corrupt", "slot"),
-)
+# A generator each, by place: append only.
+_DECISIONS = ("loss", "jitter", "state", "state_loss", "duplicate", "reorder", "corrupt")
 
 
 class Fate(NamedTuple):
@@ -35,8 +24,8 @@ class Fate(NamedTuple):
     is_lost: bool
     is_duplicated: bool
     is_corrupt: bool
-    goes_at_once: bool  # if the gap allows it
-    delay_ns: int
+    goes_at_once: bool
+    delay_ns: int | None  # None: its trace loses it
 
 
 class Draws(dict[str, Draw]):
@@ -47,91 +36,66 @@ class Draws(dict[str, Draw]):
 
     def __init__(self, seed: int, *, is_copy: bool = False) -> None:
         super().__init__()
-        self._seed = seed
-        self._is_copy = is_copy
+        self._seed, self._copy = seed, [1] if is_copy else []
 
     def __missing__(self, decision: str) -> Draw:
-        """Make the generator of a decision; most links need two of eight."""
-        self[decision] = _generator(self._seed, decision, self._is_copy).random
+        """Make the generator of a decision; most links need two of seven."""
+        import numpy as np  # a launcher has no link, and starts without numpy
+
+        words = [self._seed, _DECISIONS.index(decision), *self._copy]
+        self[decision] = np.random.Generator(np.random.PCG64(np.random.SeedSequence(words))).random
         return self[decision]
 
 
-def _generator(seed: int, decision: str, is_copy: bool = False) -> np.random.Generator:
-    import numpy as np
-
-    place = _DECISIONS.index(decision)
-    words = [seed, place, 1] if is_copy else [seed, place]
-    return np.random.Generator(np.random.PCG64(np.random.SeedSequence(words)))
-
-
-def plain_fates(
-    impairment: Impairment, seed: int, count: int
-) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
-    """Return which of the first packets of a plain link are lost, and all times on the way, ns."""
-    import numpy as np
-
-    lost = np.zeros(count, dtype=np.bool_)
-    deviation = np.zeros(count)
-    if impairment.loss > 0.0:  # a generator costs more than all the rest
-        lost = _generator(seed, "loss").random(count) < impairment.loss
-    if impairment.jitter > 0.0:
-        numbers = _generator(seed, "jitter").random(count)
-        deviation = impairment.jitter * 1e9 * (2.0 * numbers - 1.0)
-    # rint takes ties to even, as round does for one number.
-    travel = round(impairment.delay * 1e9) + np.rint(deviation).astype(np.int64)
-    return lost, np.maximum(travel, 0)
-
-
 class Chances:
-    """The random processes of one link under one impairment; they go on with its numbers."""
+    """The random processes of one link under one impairment; they go on with its numbers.
 
-    def __init__(self, impairment: Impairment, draws: Draws) -> None:
-        self._impairment = impairment
+    ``trace`` is the content of the file ``impairment.trace``. ValueError if it is named and not
+    given.
+    """
+
+    def __init__(
+        self, impairment: Impairment, draws: Draws, trace: DelayTrace | None = None
+    ) -> None:
+        if trace is None and impairment.trace is not None:
+            raise ValueError(f"the delays of the trace {impairment.trace} are missing")
+        self._impairment, self._draws, self._trace = impairment, draws, trace
         self._delay_ns = round(impairment.delay * 1e9)
         self._jitter_ns = impairment.jitter * 1e9
         self._quantile = impairment.quantile
-        self._loss_share = impairment.loss
-        self._loss = _correlated(draws["loss"], impairment.loss_correlation)
-        self._jitter = _correlated(draws["jitter"], impairment.correlation)
+        self._last: float | None = None  # number of the last deviation
         self._is_bad = False
-        if impairment.is_plain:
-            return  # it needs no more generators
-        self._duplicate = _correlated(draws["duplicate"], impairment.duplicate_correlation)
-        self._reorder = _correlated(draws["reorder"], impairment.reorder_correlation)
-        self._corrupt = _correlated(draws["corrupt"], impairment.corrupt_correlation)
-        self._state, self._state_loss = draws["state"], draws["state_loss"]
-        self._slot = draws["slot"]
+
+    def next(self, since_ns: int) -> Fate:
+        """Return the fate of the next packet, ``since_ns`` ns after the first."""
+        impairment, draws = self._impairment, self._draws
+        is_lost = draws["loss"]() < impairment.loss
+        return Fate(
+            self._is_lost_by_state() or is_lost,
+            draws["duplicate"]() < impairment.duplicate,
+            draws["corrupt"]() < impairment.corrupt,
+            draws["reorder"]() < impairment.reorder,
+            self.travel_ns(since_ns),
+        )
 
     def next_plain(self) -> int | None:
         """Return how long the next packet of a plain link travels, in ns; None if it is lost."""
-        is_lost = self._loss() < self._loss_share
+        is_lost = self._draws["loss"]() < self._impairment.loss
         travel_ns = self.travel_ns()
         return None if is_lost else travel_ns
 
-    def next(self) -> Fate:
-        """Return the fate of the next packet of a link that is not plain."""
-        impairment = self._impairment
-        is_lost = self._loss() < self._loss_share
-        return Fate(
-            self._is_lost_by_state() or is_lost,
-            self._duplicate() < impairment.duplicate,
-            self._corrupt() < impairment.corrupt,
-            self._reorder() < impairment.reorder,
-            self.travel_ns(),
-        )
-
-    def travel_ns(self) -> int:
-        """Return the next time on the way, in ns."""
-        deviation_ns = self._jitter_ns * self._quantile(self._jitter())
-        return max(0, self._delay_ns + round(deviation_ns))
-
-    def slot_delay_ns(self, slot: Slot) -> int:
-        """Return the time until the next slot, in ns."""
-        longest = slot.min_delay if slot.max_delay is None else slot.max_delay
-        return round((slot.min_delay + (longest - slot.min_delay) * self._slot()) * 1e9)
+    def travel_ns(self, since_ns: int = 0) -> int | None:
+        """Return the next time on the way, in ns; None if the trace loses the packet."""
+        if self._trace is not None:
+            return self._trace.delay_ns(since_ns)
+        number, rho = self._draws["jitter"](), self._impairment.correlation
+        if rho and self._last is not None:
+            number = (1.0 - rho) * number + rho * self._last
+        self._last = number
+        return max(0, self._delay_ns + round(self._jitter_ns * self._quantile(number)))
 
     def _is_lost_by_state(self) -> bool:
-        change, chance = self._state(), self._state_loss()
+        change, chance = self._draws["state"](), self._draws["state_loss"]()
         model = self._impairment.gemodel
         if model is None:
             return False
@@ -141,14 +105,33 @@ class Chances:
         return is_lost
 
 
-def _correlated(draw: Draw, rho: float) -> Draw:
-    """Return a function that draws numbers in [0, 1), each correlated with the one before."""
-    last: float | None = None
+class ComputationTime:
+    """The time that each of a row of computations of an environment takes, in the words of a link.
 
-    def draw_towards_last() -> float:
-        nonlocal last
-        number = draw()
-        last = number if last is None else (1.0 - rho) * number + rho * last
-        return last
+    Those are ``delay``, ``jitter``, ``distribution``, ``correlation`` and ``trace``. Nothing else
+    of an impairment makes sense here, since a computation is no packet.
+    """
 
-    return draw_towards_last if rho else draw
+    def __init__(
+        self, impairment: Impairment = PERFECT, seed: int = 0, trace: DelayTrace | None = None
+    ) -> None:
+        self._draws = Draws(seed)
+        self._first_ns: int | None = None
+        self.change(impairment, trace)
+
+    def change(self, impairment: Impairment, trace: DelayTrace | None = None) -> None:
+        """Let computations that begin from now on take the time of ``impairment``."""
+        self._chances = Chances(impairment, self._draws, trace)
+        is_fixed = trace is None and not impairment.jitter
+        self._fixed_ns = round(impairment.delay * 1e9) if is_fixed else None
+
+    def next_ns(self, time_ns: int) -> int | None:
+        """Return how long the computation that begins now takes, in ns.
+
+        None: it fails, by its trace, which begins with the first computation.
+        """
+        if self._first_ns is None:
+            self._first_ns = time_ns
+        if self._fixed_ns is not None:
+            return self._fixed_ns
+        return self._chances.travel_ns(time_ns - self._first_ns)

@@ -12,25 +12,22 @@ from contextlib import suppress
 import zmq
 
 from forcebound.network import limits
-from forcebound.network.channel import Channel
 from forcebound.network.ends import RemoteEnd
-from forcebound.network.monitor import FAILURES, OTHER_SECURITY, Monitor, SocketEvent
+from forcebound.network.monitor import FAILURES, OTHER_SECURITY, MonitoredSocket, SocketEvent
 from forcebound.network.notices import Notice, gone
+from forcebound.network.sockets import Network
 
 FIRST_PAUSE_NS = 500_000_000
 LONGEST_PAUSE_NS = 5_000_000_000
 _SLOW_NS = limits.HANDSHAKE_MS * 900_000  # a handshake that fails after this timed out
 
 
-class Connector:
-    """The connection of a socket that has been connected to ``endpoint``, ``tcp://HOST:PORT``."""
+class Connector(MonitoredSocket):
+    """A DEALER that connects to ``endpoint``, ``tcp://HOST:PORT``; ConfigError if it cannot."""
 
-    def __init__(
-        self, socket: "zmq.Socket[bytes]", endpoint: str, monitor: Monitor, end: RemoteEnd
-    ) -> None:
-        self._socket = socket
+    def __init__(self, network: Network, endpoint: str, end: RemoteEnd) -> None:
+        super().__init__(network, zmq.DEALER, endpoint, end)
         self._endpoint = endpoint
-        self._monitor = monitor
         self._own = end.key
         self._key, self._name = next(iter(end.peers.items()), ("", ""))  # of the listener
         self._address = endpoint.removeprefix("tcp://")
@@ -41,7 +38,6 @@ class Connector:
         self._lost_ns: int | None = None  # lost, and libzmq has not reported that it tries again
         self._retry_ns: int | None = None  # disconnected by us until then
         self._pause_ns = FIRST_PAUSE_NS
-        self._has_more = False
 
     @property
     def connections(self) -> int:
@@ -53,32 +49,21 @@ class Connector:
         """Name or address of the other end while it is there."""
         return [self._name or self._address] if self._is_up else []
 
-    @property
-    def due_ns(self) -> int | None:
-        """When :meth:`take` should be called even if nothing happens, in ns; None: never."""
-        if self._has_more:
-            return 0
-        waits = (
-            (self._retry_ns, 0),
-            (self._lost_ns, self._pause_ns),
-            (self._alone_ns, limits.NO_ANSWER_NS),
-        )
-        return min((since + pause for since, pause in waits if since is not None), default=None)
-
     def take(self, time_ns: int, limit: int) -> list[Notice]:
-        """Take up to ``limit`` events, and connect again if it is time."""
+        """Take up to ``limit`` events, connect again if it is time, greet the listener."""
         if not self._has_begun:
             self._has_begun, self._alone_ns = True, time_ns
         notices: list[Notice] = []
-        self._has_more = True
         for _ in range(limit):
-            event = self._monitor.take()
+            event = self.next_event()
             if event is None:
-                self._has_more = False
                 break
             notices += self._handle(time_ns, event)
-        if self._has_more:
-            return notices  # the other events may change the rest
+        else:
+            self.due_ns = time_ns  # the other events may change the rest
+            return notices
+        if self._is_up:
+            self.channel.send(b"")
         if self._lost_ns is not None and time_ns >= self._lost_ns + self._pause_ns:
             self._leave(time_ns, 0)
         if self._retry_ns is not None and time_ns >= self._retry_ns:
@@ -91,13 +76,14 @@ class Connector:
                 "listens there, or a firewall or a lost network is between; still trying"
             )
             notices.append(self._notice("no_answer", sentence))
+        waits = (
+            (self._retry_ns, 0),
+            (self._lost_ns, self._pause_ns),
+            (self._alone_ns, limits.NO_ANSWER_NS),
+        )
+        times = [since + pause for since, pause in waits if since is not None]
+        self.due_ns = min(times, default=None)
         return notices
-
-    def greet(self, channel: Channel) -> list[Notice]:
-        """Greet the listener."""
-        if self._is_up:
-            channel.send(b"")
-        return []
 
     def _handle(self, time_ns: int, event: SocketEvent) -> list[Notice]:
         listener = f"{self._name} (key {self._key})" if self._key else "a peer without keys"

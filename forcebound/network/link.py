@@ -6,9 +6,9 @@ packet that arrives with the time (:meth:`Link.accept`), and asks which packets 
 same arrivals give the same deliveries, however often one asks.
 
 The words and their meaning are those of Linux netem (``docs/impairments.md``), in this order:
-duplicated or lost, lost beyond the limit, delayed or sent at once, sent at a rate, held for a slot,
-thrown away as corrupt. Where netem decides when it is asked, as for slots and the queue's length,
-this model decides when the packet arrives.
+duplicated or lost, lost beyond the limit, delayed or sent at once, sent at a rate, thrown away as
+corrupt. Where netem decides on delivery, as for the queue's length, this model decides when
+the packet arrives.
 
 *Newest wins*: the receiver gets, of the packets that are through, only the newest, and never one
 that is older than what it got before; the others are superseded. Which of two packets is newer is
@@ -90,8 +90,6 @@ class Link(Generic[PacketT]):
         self._outages: list[tuple[int, int]] = []  # start and end, in ns since the time below
         self._outages_ns: int | None = None  # arrival of the first packet after they were set
         self._tail_ns = 0  # when the last packet that the rate held is through
-        self._delayed = 0  # packets since one went at once
-        self._slot_ns, self._slot_room = -1, 0
         self._ahead: list[int] = []  # heap: when what counts for the limit is through
         self._draws, self._copy_draws = Draws(seed), Draws(seed, is_copy=True)
         self.change(impairment, trace)
@@ -102,11 +100,8 @@ class Link(Generic[PacketT]):
         The ``trace`` is the content of the file ``impairment.trace``; its time counts from the
         first packet. ValueError if it is named and not given.
         """
-        if trace is None and impairment.trace is not None:
-            raise ValueError(f"a link needs the delays of its trace {impairment.trace}")
+        self._chances = Chances(impairment, self._draws, trace)
         self._impairment = impairment
-        self._trace = trace
-        self._chances = Chances(impairment, self._draws)
         self._is_perfect = impairment == PERFECT
         self._is_plain = impairment.is_plain and trace is None
         outages = [
@@ -117,7 +112,7 @@ class Link(Generic[PacketT]):
             self._outages, self._outages_ns = outages, None
         if self._is_plain:
             return
-        self._copy_chances = Chances(impairment, self._copy_draws)
+        self._copy_chances = Chances(impairment, self._copy_draws, trace)
         self._ahead = sorted(entry[0] for entry in self._queue)  # a sorted list is a heap
 
     @property
@@ -184,20 +179,15 @@ class Link(Generic[PacketT]):
 
     def _impair(self, time_ns: int, packet: PacketT, size: int) -> None:
         """Apply every impairment of netem to a packet."""
-        fate, copy_fate = self._chances.next(), self._copy_chances.next()
+        since_ns = time_ns - (self._first_ns or 0)
+        fate, copy_fate = self._chances.next(since_ns), self._copy_chances.next(since_ns)
         if self._outages_ns is None:
             self._outages_ns = time_ns
         since_ns = time_ns - self._outages_ns
-        if any(start <= since_ns < end for start, end in self._outages):
+        is_out = any(start <= since_ns < end for start, end in self._outages)
+        if is_out or fate.delay_ns is None:
             self.lost += 1
             return
-        if self._trace is not None:
-            delay_ns = self._trace.delay_ns(time_ns - (self._first_ns or 0))
-            if delay_ns is None:
-                self.lost += 1
-                return
-            fate = fate._replace(delay_ns=delay_ns)
-            copy_fate = copy_fate._replace(delay_ns=delay_ns)
         rank = self._rank(packet)
         if fate.is_duplicated:
             self.duplicated += 1
@@ -214,14 +204,19 @@ class Link(Generic[PacketT]):
 
     def _send(self, time_ns: int, packet: PacketT, size: int, rank: _Rank, fate: Fate) -> None:
         """Put a packet that is not lost on its way."""
-        limit = self._impairment.limit
+        limit, rate = self._impairment.limit, self._impairment.rate
         if limit:
             while self._ahead and self._ahead[0] <= time_ns:
                 heappop(self._ahead)
             if len(self._ahead) >= limit:
                 self.lost += 1
                 return
-        through_ns = self._slotted(self._through_ns(time_ns, size, fate))
+        through_ns = time_ns
+        if not fate.goes_at_once:
+            through_ns += fate.delay_ns or 0
+            if rate:
+                through_ns = max(through_ns, self._tail_ns) + round(size * 1e9 / rate)
+                self._tail_ns = through_ns
         if limit:
             heappush(self._ahead, through_ns)
         if fate.is_corrupt:
@@ -229,33 +224,6 @@ class Link(Generic[PacketT]):
             return
         self._number += 1
         heappush(self._queue, (through_ns, self._number, rank, packet))
-
-    def _through_ns(self, time_ns: int, size: int, fate: Fate) -> int:
-        """Return when a packet is through but for slots, in ns."""
-        if fate.goes_at_once and self._delayed >= self._impairment.gap - 1:
-            self._delayed = 0
-            return time_ns
-        self._delayed += 1
-        through_ns = time_ns + fate.delay_ns
-        rate = self._impairment.rate
-        if rate:
-            through_ns = max(through_ns, self._tail_ns) + round(size * 1e9 / rate)
-            self._tail_ns = through_ns
-        return through_ns
-
-    def _slotted(self, time_ns: int) -> int:
-        """Return when the slot of a packet is that would be through at ``time_ns``, in ns."""
-        slot = self._impairment.slot
-        if slot is None:
-            return time_ns
-        if time_ns > self._slot_ns:
-            self._slot_ns = time_ns + self._chances.slot_delay_ns(slot)
-            self._slot_room = slot.packets
-        elif slot.packets and self._slot_room <= 0:
-            self._slot_ns += self._chances.slot_delay_ns(slot)
-            self._slot_room = slot.packets
-        self._slot_room -= 1
-        return self._slot_ns
 
     def _rank(self, packet: PacketT) -> _Rank:
         stamp: int | None = getattr(packet, "device_time_ns", None)

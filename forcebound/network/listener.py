@@ -7,27 +7,44 @@ handshake names nothing. These facts can be relied on:
 2. HANDSHAKE_FAILED_NO_DETAIL and ..._PROTOCOL are followed at once by the DISCONNECTED of the same
    connection; ..._AUTH is followed by it later. Invalid bytes may give DISCONNECTED alone.
 3. A message names the descriptor of its connection and the key of its sender. So a peer is
-   established with its first message, the greeting (:mod:`forcebound.network.channel`).
+   established with its first message, the greeting (:class:`forcebound.network.streams.Channel`).
 4. A descriptor is closed only after its DISCONNECTED is in the monitor's queue. So if the queue has
    no such event after a duplicate was made, the duplicate is of that connection.
 
 libzmq has no limit on connections, so for each beyond ``MAX_CONNECTIONS`` the oldest that is not
 established is shut. If they use up all descriptors between two turns of the loop, libzmq's thread
 tries to accept without a pause; so the process may have many more than it needs.
+
+The listener is also ZeroMQ's authenticator (ZAP, RFC 27). libzmq asks it about each peer, after the
+peer has proved that it holds the secret of its key, and before any message passes. With
+``ZAP_ENFORCE_DOMAIN=1``, a peer that is not explicitly allowed is refused. Status 400 reaches the
+refused peer, whose monitor shows it; 300 would leave it waiting for its handshake to time out. Not
+``zmq.auth.Authenticator``: its handler is a coroutine, it opens its own socket, and it reports the
+address and key of a refused peer only to its log.
 """
 
 import resource
 import socket
-from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 
 import zmq
+from zmq.utils import z85
 
 from forcebound.network import limits
-from forcebound.network.channel import Channel, Greeting
-from forcebound.network.monitor import FAILURES, OTHER_SECURITY, WRONG_KEY, Monitor, SocketEvent
+from forcebound.network.ends import RemoteEnd
+from forcebound.network.monitor import (
+    FAILURES,
+    OTHER_SECURITY,
+    WRONG_KEY,
+    MonitoredSocket,
+    SocketEvent,
+)
 from forcebound.network.notices import Notice, gone
+from forcebound.network.sockets import Network
+from forcebound.network.streams import Greeting
+
+ZAP_ENDPOINT = "inproc://zeromq.zap.01"
 
 
 @dataclass
@@ -37,18 +54,21 @@ class _Connection:
     is_shut: bool = False
 
 
-class Listener:
-    """The connections of one listening socket; ``names`` of the peers by public key, if any."""
+class Listener(MonitoredSocket):
+    """A ROUTER that listens at ``endpoint``, and its connections; ConfigError if it cannot."""
 
-    def __init__(self, monitor: Monitor, names: Mapping[str, str]) -> None:
-        self._monitor = monitor
-        self._names = names
+    def __init__(self, network: Network, endpoint: str, end: RemoteEnd) -> None:
+        # The authenticator comes first: else a peer could connect before it.
+        self._requests = network.reply_socket(ZAP_ENDPOINT)
+        super().__init__(network, zmq.ROUTER, endpoint, end)
+        self.descriptors.append(int(self._requests.FD))
+        self._names = end.peers  # by public key; empty: peers without keys are allowed
+        self._list_name = "environment_keys" if end.role == "graph" else "graph_key"
         self._open: dict[int, _Connection] = {}  # by descriptor, the oldest first
         self._refused = 0  # handshakes that the authenticator has refused and reported
         self._failure: SocketEvent | None = None
         soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
         resource.setrlimit(resource.RLIMIT_NOFILE, (max(soft, min(hard, limits.DESCRIPTORS)), hard))
-        self.due_ns: int | None = None  # when to call :meth:`take` even if nothing happens
 
     @property
     def connections(self) -> int:
@@ -64,10 +84,9 @@ class Listener:
             if connection.greeting is not None
         ]
 
-    def greet(self, channel: Channel) -> list[Notice]:
+    def _greet(self, notices: list[Notice]) -> None:
         """Establish the peers that have greeted; all events before that must have been taken."""
-        notices = []
-        for greeting in channel.greetings:
+        for greeting in self.channel.greetings:
             connection = self._open.get(greeting.descriptor)
             if connection is None:
                 continue  # it has gone since
@@ -76,15 +95,15 @@ class Listener:
             if is_new:
                 sentence = f"{self._name(connection)} connected from {connection.address}"
                 notices.append(self._notice("connected", sentence, connection))
-        channel.greetings.clear()
+        self.channel.greetings.clear()
         peers = self._open.values()
-        channel.set_peers(c.greeting for c in peers if c.greeting is not None)
-        return notices
+        self.channel.set_peers(c.greeting for c in peers if c.greeting is not None)
 
     def take(self, time_ns: int, limit: int) -> list[Notice]:
-        """Take up to ``limit`` events, and shut up to ``limit`` surplus connections."""
+        """Admit or refuse peers, take events, shut surplus connections: up to ``limit`` of each."""
         notices: list[Notice] = []
-        has_more = self._read(limit, notices)
+        has_more = self._decide(limit, notices)
+        has_more |= self._read(limit, notices)
         alive = [entry for entry in self._open.items() if not entry[1].is_shut]
         surplus = min(len(alive) - limits.MAX_CONNECTIONS, limit)
         if surplus > 0:
@@ -95,13 +114,40 @@ class Listener:
             for descriptor, victim in victims[:surplus]:
                 if not self._shut(descriptor, victim, limit, notices):
                     break
+        self._greet(notices)
         self.due_ns = time_ns if has_more else None
         return notices
+
+    def _decide(self, limit: int, notices: list[Notice]) -> bool:
+        """Decide about peers that wait; return whether the limit ended it."""
+        for _ in range(limit):
+            try:
+                frames = self._requests.recv_multipart(zmq.DONTWAIT)
+            except zmq.Again:
+                return False
+            version, request, _, peer, _, mechanism, *credentials = frames
+            key = z85.encode(credentials[0]).decode("ascii") if mechanism == b"CURVE" else ""
+            is_allowed = key in self._names if self._names else mechanism == b"NULL"
+            is_allowed = is_allowed and version == b"1.0"
+            status, user = (b"200", key.encode()) if is_allowed else (b"400", b"")
+            answer = [b"1.0", request, status, b"", user, b""]
+            self._requests.send_multipart(answer, zmq.DONTWAIT)
+            if not is_allowed:
+                address = peer.decode("ascii").removeprefix("::ffff:")
+                cause = (
+                    f"its key {key} is not in the list of allowed keys; to admit it, name it under "
+                    f"{self._list_name} in the launch file"
+                )
+                if not key:
+                    cause = "it uses another security than this end"
+                data = {"address": address, "key": key}
+                notices.append(Notice("refused_here", f"refused {address}: {cause}", data))
+        return True
 
     def _read(self, limit: int, notices: list[Notice]) -> bool:
         """Handle events; return whether the limit ended it."""
         for _ in range(limit):
-            event = self._monitor.take()
+            event = self.next_event()
             if event is None:
                 return False
             if event.kind == zmq.EVENT_ACCEPTED:

@@ -1,7 +1,7 @@
 """Notices of the link to another machine: their kinds, and a limit for the log."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from forcebound.network.limits import HEARTBEAT_TIMEOUT_MS, MAX_FRAME
@@ -47,8 +47,8 @@ KINDS: Mapping[str, Kind] = {
     "handshake_failed": Kind(
         "a peer was silent, or did not send a valid handshake",
         "does the other end use keys, too (the same remote: section), and the same version? The end"
-        " that listens cannot tell a peer without keys from another program; the peer's log can. "
-        "Otherwise a browser or a port scan may connect to this port",
+        " that listens cannot distinguish a peer without keys from another program; the peer's log"
+        " can. Otherwise a browser or a port scan may connect to this port",
     ),
     "too_many_connections": Kind(
         "the port has as many connections as it accepts", "end the peers that do not belong here"
@@ -65,16 +65,8 @@ class Notice:
     """Something happened to a connection."""
 
     kind: str  # a key of KINDS
-    sentence: str  # what happened, and what to do
+    message: str  # what happened, and what to do
     data: Mapping[str, str] = field(default_factory=dict)  # such as address, key, name
-    more: int = 0  # how many like this one were not reported
-
-    @property
-    def message(self) -> str:
-        """Text for the log."""
-        if not self.more:
-            return self.sentence
-        return f"{self.more} more like this within {WINDOW_NS // 10**9} s: {self.sentence}"
 
     @property
     def is_problem(self) -> bool:
@@ -106,8 +98,9 @@ class NoticeLimit:
                 del self._windows[kind]
                 more = number - BURST
                 if more > 0:
+                    start = f"{more} more like this within {WINDOW_NS // 10**9} s: "
                     data = {**last.data, "suppressed": str(more - 1)}
-                    admitted.append(replace(last, data=data, more=more))
+                    admitted.append(Notice(kind, start + last.message, data))
         for notice in notices:
             kind = notice.kind
             self.counts[kind] = self.counts.get(kind, 0) + 1

@@ -12,15 +12,15 @@ libzmq 4.3.5) and what is done:
    *connected* does not try again: on ipc the stream is silent until this process restarts, and the
    device's force is zero; on tcp :mod:`forcebound.network.remote` connects again.
 5. A peer that connects and sends nothing holds the socket for 30 s: HANDSHAKE_IVL.
-6. ``bind`` to an ``ipc`` path steals it from a live listener without an error: asked first.
+6. ``bind`` to an ``ipc`` path steals it from a live listener without an error: checked first.
 7. An empty ``recv(DONTWAIT)`` raises, which costs more than asking for EVENTS first.
 8. ``zmq_poll`` counts in milliseconds. ``select`` on the sockets' descriptors waits to the
    microsecond; but such a descriptor is edge-triggered, so a socket is emptied, until EVENTS shows
    it, before its descriptor is waited for. And asking EVENTS is a system call of 4 to 10 us in a
-   cold loop, so only sockets whose descriptor is readable are asked.
+   cold loop, so only sockets whose descriptor is readable are read.
 9. A message of several frames aborts a process whose CONFLATE socket reads it between two of them
    (``Assertion failed: !_more``, fq.cpp), on ipc too. So no socket has CONFLATE: it is read until
-   it is empty, and the newest kept (:mod:`forcebound.network.subscriber`). Such a message counts
+   it is empty, and the newest kept (:mod:`forcebound.network.streams`). Such a message counts
    as one malformed packet.
 10. A monitor whose queue is full stops the input and output thread, so all sockets: no limit.
 """
@@ -28,19 +28,15 @@ libzmq 4.3.5) and what is done:
 import errno
 import select
 import socket as unix
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import partial
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Self
 
 import zmq
-from zmq.backend import Socket as _CompiledSocket
 
 from forcebound.errors import ConfigError
 from forcebound.messages.control import Request
 from forcebound.network.control import ControlClient, ControlServer
-from forcebound.network.keys import KeyPair
 from forcebound.network.limits import (
     HANDSHAKE_MS,
     HEARTBEAT_MS,
@@ -54,7 +50,7 @@ from forcebound.network.limits import (
     TCP_RECONNECT_MAX_MS,
     TCP_SEND_QUEUE,
 )
-from forcebound.network.subscriber import Subscriber
+from forcebound.network.streams import Publisher, Subscriber
 
 MONITORED = (
     zmq.EVENT_CONNECTED
@@ -81,15 +77,6 @@ ADVICE = {
 }
 
 
-@dataclass(frozen=True)
-class Guard:
-    """How a socket verifies its peer."""
-
-    domain: str = ""  # of :mod:`forcebound.network.zap`; empty: this end connects
-    key: KeyPair | None = None  # ours; None: no CURVE
-    listener_key: str = ""  # its public key, at the end that connects with CURVE
-
-
 def library() -> tuple[str, bool]:
     """Return the version of libzmq, and whether it can encrypt (CURVE)."""
     return zmq.zmq_version(), bool(zmq.has("curve"))
@@ -101,24 +88,22 @@ def make_socket(
     endpoint: str,
     *,
     bind: bool,
-    guard: Guard | None = None,
+    security: Mapping[int, bytes | int] | None = None,
     monitor: str = "",
 ) -> "zmq.Socket[bytes]":
     """Return a socket that is bound or connected to ``endpoint``, with its options set before.
 
-    A ``zmq.SUB`` gets everything. A ``guard`` says which peers are admitted. A ``monitor`` is an
-    ``inproc`` endpoint at which the socket reports its events; its reader must have no limit on its
-    queue, and stop the monitor before it leaves.
+    A ``zmq.SUB`` gets everything. ``security`` has further options, of CURVE and ZAP. A ``monitor``
+    is an ``inproc`` endpoint at which the socket reports its events; its reader must have no limit
+    on its queue, and stop the monitor before it leaves.
 
     Raises:
         ConfigError: If the endpoint is malformed, in use or not permitted.
     """
     socket = context.socket(kind)
     try:
-        for option, value in _options(kind, endpoint).items():
+        for option, value in {**_options(kind, endpoint), **(security or {})}.items():
             socket.set(option, value)
-        if guard is not None:
-            _set_guard(socket, guard)
         if kind == zmq.SUB:
             socket.set(zmq.SUBSCRIBE, b"")
         if monitor:
@@ -168,23 +153,6 @@ def _options(kind: int, endpoint: str) -> dict[int, int]:
     return options
 
 
-class Publisher:
-    """One stream out; never blocks, and drops packets that no subscriber takes."""
-
-    def __init__(self, socket: "zmq.Socket[bytes]") -> None:
-        self._socket = socket
-
-    @property
-    def send(self) -> Callable[[bytes], Any]:
-        """Function that sends one packet to all subscribers; keep it if you send often."""
-        # The compiled method itself: pyzmq's Python one around it serves features not used here.
-        return partial(_CompiledSocket.send, self._socket)
-
-    def send_frames(self, frames: Sequence[bytes]) -> None:
-        """Send one message of several frames, to a program that expects that."""
-        self._socket.send_multipart(frames)
-
-
 class Network:
     """The sockets of one process, closed by leaving the ``with`` block.
 
@@ -195,8 +163,7 @@ class Network:
         self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
         self._linger_ms = linger_ms
         self._sockets: list[zmq.Socket[bytes]] = []
-        self._monitored: set[zmq.Socket[bytes]] = set()
-        self._names = 0
+        self._monitored: list[zmq.Socket[bytes]] = []
 
     def publisher(self, endpoint: str) -> Publisher:
         """Open one stream out; see :func:`make_socket` for errors."""
@@ -218,38 +185,28 @@ class Network:
         """Open a socket that sends requests to another process's :meth:`control_server`."""
         return ControlClient(self._open(zmq.REQ, endpoint, bind=False))
 
-    def guarded(
-        self, kind: int, endpoint: str, *, bind: bool, guard: Guard
+    def monitored(
+        self, kind: int, endpoint: str, *, bind: bool, security: Mapping[int, bytes | int]
     ) -> "tuple[zmq.Socket[bytes], zmq.Socket[bytes]]":
         """Open a socket and its monitor; see :func:`make_socket`."""
-        self._names += 1
-        where = f"inproc://monitor-{self._names}"
+        where = f"inproc://monitor-{len(self._sockets)}"
         monitor = self._open(zmq.PAIR, where, bind=False)
-        try:
-            socket = self._open(kind, endpoint, bind=bind, guard=guard, monitor=where)
-        except BaseException:
-            self.release([monitor])
-            raise
-        self._monitored.add(socket)
+        socket = self._open(kind, endpoint, bind=bind, security=security, monitor=where)
+        self._monitored.append(socket)
         return socket, monitor
 
     def reply_socket(self, endpoint: str) -> "zmq.Socket[bytes]":
         """Open a bound REP socket."""
         return self._open(zmq.REP, endpoint, bind=True)
 
-    def release(self, released: "Sequence[zmq.Socket[bytes]]") -> None:
-        """Close some sockets before the others; a socket may be closed already."""
-        # Without its reader, a monitor would stop the input and output thread.
-        for socket in self._monitored & set(released):
-            socket.disable_monitor()
-        self._monitored -= set(released)
-        for socket in released:
-            socket.close(linger=self._linger_ms if socket.type == zmq.PUB else 0)
-        self._sockets = [socket for socket in self._sockets if socket not in released]
-
     def close(self) -> None:
         """Close all sockets; returns within ``linger_ms``."""
-        self.release(self._sockets)
+        for socket in self._monitored:
+            socket.disable_monitor()  # without its reader, it would stop the thread of all sockets
+        for socket in self._sockets:
+            socket.close(linger=self._linger_ms if socket.type == zmq.PUB else 0)
+        self._monitored.clear()
+        self._sockets.clear()
         self._context.destroy(linger=0)  # term would wait for a socket that was left open
 
     def __enter__(self) -> Self:
@@ -272,20 +229,6 @@ def wait(descriptors: Sequence[int], timeout_ns: int) -> list[int]:
     interest.
     """
     return select.select(descriptors, (), (), timeout_ns * 1e-9 if timeout_ns > 0 else 0)[0]
-
-
-def _set_guard(socket: "zmq.Socket[bytes]", guard: Guard) -> None:
-    if guard.domain:
-        socket.set(zmq.ZAP_DOMAIN, guard.domain.encode("ascii"))
-        socket.set(zmq.ZAP_ENFORCE_DOMAIN, 1)
-    if guard.key is None:
-        return
-    socket.set(zmq.CURVE_PUBLICKEY, guard.key.public.encode("ascii"))
-    socket.set(zmq.CURVE_SECRETKEY, guard.key.secret.encode("ascii"))
-    if guard.domain:
-        socket.set(zmq.CURVE_SERVER, 1)
-    else:
-        socket.set(zmq.CURVE_SERVERKEY, guard.listener_key.encode("ascii"))
 
 
 def _refuse_to_steal(endpoint: str) -> None:

@@ -29,7 +29,8 @@ from forcebound.messages import packets
 from forcebound.messages.codec import encode
 from forcebound.messages.events import EventLog
 from forcebound.messages.topology import ONE_HAND, endpoint
-from forcebound.network.sockets import Network, Publisher, make_socket
+from forcebound.network.sockets import Network, make_socket
+from forcebound.network.streams import Publisher
 from forcebound.nodes import Node
 from forcebound.realtime import Settings
 from forcebound.roles import CONTROLLER, DEVICE, ENVIRONMENT

@@ -47,7 +47,7 @@ from forcebound.run.run_directory import (
 )
 from forcebound.units import parse_quantity
 
-PATHS = ("trace", "distribution_file", ".file", ".texture")  # ends of names of file parameters
+PATHS = ("trace", ".file", ".texture")  # ends of names of file parameters
 
 
 @dataclass(frozen=True)

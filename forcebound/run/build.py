@@ -14,7 +14,7 @@ from forcebound.haptics.environments import EnvironmentModel
 from forcebound.haptics.parts.user_module import describe_user_error
 from forcebound.messages.packets import Packet
 from forcebound.messages.topology import ONE_HAND, Graph
-from forcebound.network.computation import ComputationTime
+from forcebound.network.chances import ComputationTime
 from forcebound.network.impairment import Impairment
 from forcebound.network.link import Link, link_seed
 from forcebound.nodes import Node

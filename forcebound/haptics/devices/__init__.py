@@ -6,7 +6,7 @@ the bounder's guarantee rests on them, so state where they come from (measured, 
 
 To add a device: copy ``phantom.py`` to ``my_device.py``, add one line to ``DEVICES``;
 ``tests/test_devices.py`` tests it with all the others, and launch files know it as
-``device: {kind: my_device}``. Or name a file of one's own (docs/write-your-own-device.md).
+``device: {kind: my_device}``. Or name a custom file (docs/write-your-own-device.md).
 
 A device that does not answer, or answers nonsense, raises :class:`forcebound.errors.DeviceError`:
 the node then tries to write zero force, closes the device, and the graph ends.
@@ -16,10 +16,9 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
-from typing import ClassVar, Literal, Protocol, TypeAlias
+from typing import ClassVar, Literal, NamedTuple, Protocol, TypeAlias
 
 from forcebound.errors import ConfigError
-from forcebound.haptics.devices.truth import Truth
 from forcebound.haptics.hands import Operator
 from forcebound.haptics.laws.dissipation import StatedNumbers
 from forcebound.haptics.parts import Form, Table
@@ -31,16 +30,23 @@ __all__ = ["DEVICES", "Device", "DeviceModel", "Kinematics", "Source", "Truth"]
 Source: TypeAlias = Literal["measured", "data sheet", "assumed"]
 
 
+class Truth(NamedTuple):
+    """What a simulated device knows and no law may see."""
+
+    position: Vector  # m, not quantised
+    velocity: Vector  # m/s
+    hand_force: Vector  # N, of spring and damper of the hand, positive into the environment
+    energy: float  # J, that has flowed from the hand into the device: integral of F_h v dt
+
+
 class Kinematics(Protocol):
     """Geometry of an arm whose readings are joint angles and whose motors give torques."""
 
     def position(self, angles: Vector) -> Vector:
         """Return the position of the tip, in m, of joint angles in rad."""
-        ...
 
     def torque(self, angles: Vector, force: Vector) -> Vector:
         """Return the joint torques, in N m, of a force at the tip, in N: J(angles)^T force."""
-        ...
 
 
 class Device(ABC):

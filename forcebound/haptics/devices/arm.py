@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 
 from forcebound.errors import DeviceError
+from forcebound.haptics.devices import Truth
 from forcebound.haptics.devices.joints import ANGLE, FRICTION, INERTIA, SPEED, arm_kernel
 from forcebound.haptics.devices.plant import quantise
 from forcebound.haptics.devices.simulated import pad
 from forcebound.haptics.devices.true_values import true_axes, true_value
-from forcebound.haptics.devices.truth import Truth
 from forcebound.haptics.hands import Operator
 from forcebound.messages.packets import Vector
 
@@ -45,7 +45,7 @@ class ArmBody:
         self._joints = np.zeros((4, axes))
         self._joints[ANGLE] = angles
         self._inputs = np.zeros((3, axes))
-        self._from, self._to, self._told = self._inputs
+        self._from, self._to, self._commanded = self._inputs
         self._input_view = self._inputs.data
         self._set_inputs = Struct(f"{3 * axes}d").pack_into  # numpy takes longer to set a number
         self._muscle = np.zeros(axes)
@@ -83,7 +83,7 @@ class ArmBody:
             self._plant,
             self._hand,
             self._geometry,
-            self._told,
+            self._commanded,
             self._from,
             self._to,
             duration,

@@ -8,11 +8,10 @@ from typing import Annotated, Any, TypeAlias
 import numpy as np
 
 from forcebound.compiled import jit, new_records, record_type
-from forcebound.haptics.devices.extended import Axis, Moving, advance_extended
-from forcebound.haptics.devices.plant import quantise
+from forcebound.haptics.devices import Truth
+from forcebound.haptics.devices.plant import Axis, Moving, advance_extended, quantise
 from forcebound.haptics.devices.simulated import pad
 from forcebound.haptics.devices.true_values import per_axis, true_axes, true_value
-from forcebound.haptics.devices.truth import Truth
 from forcebound.haptics.hands import Operator
 from forcebound.messages.packets import MAX_AXES, Vector
 

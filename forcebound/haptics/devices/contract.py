@@ -6,19 +6,18 @@ writes no force but zero. An emulated one has ground truth: it gets all that a d
 
 import dataclasses
 import math
+from collections.abc import Callable
 from typing import Any
 
 from forcebound.errors import DeviceError
 from forcebound.haptics.devices import Device, DeviceModel
 from forcebound.haptics.devices.guard import guarded
-from forcebound.haptics.parts import overridden
-from forcebound.haptics.parts.contract import VALUE, Findings, Report, is_unit
+from forcebound.haptics.parts.contract import VALUE, Findings, Report
 from forcebound.haptics.parts.user_module import describe_user_error
 from forcebound.messages.packets import MAX_AXES, MAX_COUNT
 
 PROMISES: dict[str, str] = {
-    "states": f"states axes (1 to {MAX_AXES}), damping, friction, resolution, saturation and"
-    " watchdog",
+    "states": f"states axes, 1 to {MAX_AXES}",
     "opens": "opens without an operator, and closes",
     "answers": "answers every read and write",
     "shape": "readings and held forces are tuples with one finite number per axis",
@@ -35,11 +34,10 @@ PROMISES: dict[str, str] = {
     "port": "says with a DeviceError that there is no such port",
     **VALUE,
 }
-SENSED = ("orientation", "buttons")
 #: Promises that only an open device can keep or break.
 OF_OPEN = (
-    *("answers", "shape", "bounded", "stamps", "set_hold_limit", "cut", "guard", *SENSED),
-    *("kinematics", "reopens"),
+    *("answers", "shape", "bounded", "stamps", "set_hold_limit", "cut", "guard", "orientation"),
+    *("buttons", "kinematics", "reopens"),
 )
 
 PERIOD_NS = 1_000_000
@@ -50,17 +48,11 @@ NO_PORT = "/nowhere/port"
 
 
 def check(model: DeviceModel, ticks: int = 100, hold_limit: float = 1.25e-3) -> Report:
-    """Return which of the ``PROMISES`` a device keeps.
-
-    Args:
-        model: With the parameters that matter.
-        ticks: Of 1 ms, in which it is read and written; not in real time.
-        hold_limit: See :meth:`forcebound.haptics.devices.DeviceModel.open`.
-    """
+    """Return which of the ``PROMISES`` a device keeps in so many ticks, not in real time."""
     found = Findings()
     found.check_value(model)
-    _check_statements(model, found)
-    if found.is_broken("states"):
+    if not isinstance(model.axes, int) or not 1 <= model.axes <= MAX_AXES:
+        found.add("states", f"1 to {MAX_AXES}", repr(model.axes), "axes")
         return found.report(PROMISES, 0, unseen=("opens", *OF_OPEN))
     absent: list[str] = []
     with found.noting("opens", "a device that closes", "open(None, ...), close()"):
@@ -94,19 +86,6 @@ def _check_port(model: Any, hold_limit: float, found: Findings) -> None:
         found.add("port", "a DeviceError", "an open device", where)
 
 
-def _check_statements(model: Any, found: Findings) -> None:
-    axes = model.axes
-    if not isinstance(axes, int) or not 1 <= axes <= MAX_AXES:
-        found.add("states", f"1 to {MAX_AXES}", repr(axes), "axes")
-    found.check_number("states", model, "saturation", "N", above=True)
-    for name, unit in (("damping", "N s/m"), ("friction", "N"), ("resolution", "m")):
-        value = getattr(model, name)
-        if not isinstance(value, tuple):
-            found.check_number("states", model, name, unit, above=name == "damping")
-        elif len(value) != axes or not all(number >= 0.0 for number in value):
-            found.add("states", f"a number >= 0 {unit}, or {axes}", repr(value), name)
-
-
 def _use(device: Device, model: DeviceModel, ticks: int, found: Findings) -> None:
     axes = model.axes
     is_simulated = device.truth() is not None
@@ -126,52 +105,55 @@ def _use(device: Device, model: DeviceModel, ticks: int, found: Findings) -> Non
                 found.add("bounded", f"at most {largest:.4g} N", repr(held), where)
 
 
-def _use_extras(device: Any, model: DeviceModel, time_ns: int, found: Findings) -> list[str]:
+def _use_extras(device: Device, model: DeviceModel, time_ns: int, found: Findings) -> list[str]:
     """Check the optional members from ``time_ns`` on; return the promises of absent ones."""
-    checks = {
-        "stamps": lambda: _check_stamps(device, model.axes, time_ns, found),
-        "set_hold_limit": lambda: _check_limit(device, found),
-        "cut": lambda: _check_cut(device, model, time_ns, found),
-        "orientation": lambda: _check_orientation(device, time_ns, found),
-        "buttons": lambda: _check_buttons(device, time_ns, found),
-        "kinematics": lambda: _check_kinematics(device, model.axes, time_ns, found),
+    guard, zero = guarded(device), (0.0,) * model.axes
+
+    def stamps() -> object:
+        guard.write(time_ns, zero)
+        guard.latch_jitter()
+        guard.fresh_reading()
+        both = guard.stamps()
+        if both is not None and both[0] > both[1]:
+            raise DeviceError(f"expected the read, then the write, got {both}")
+        return both
+
+    def cut() -> object:
+        end_ns = time_ns + 10 * PERIOD_NS
+        guard.set_hold_limit(HOLD)
+        guard.write(time_ns, zero)
+        device.read(end_ns)
+        report = guard.cut()
+        if report is not None and not time_ns < report[0] <= end_ns:
+            raise DeviceError(f"expected a time within the hold of 10 ms, got {report[0]} ns")
+        if report is None and device.truth() is not None and model.watchdog == "reporting":
+            raise DeviceError("expected a report of a hold of 10 ms, got None")
+        return report
+
+    def kinematics() -> object:
+        if guard.kinematics is None:
+            return None
+        angles = device.read(time_ns)
+        return guard.kinematics.torque(angles, (1.0,) * len(guard.kinematics.position(angles)))
+
+    checks: dict[str, Callable[[], object]] = {
+        "stamps": stamps,
+        "set_hold_limit": lambda: guard.set_hold_limit(HOLD),
+        "cut": cut,
+        "orientation": guard.orientation,
+        "buttons": guard.buttons,
+        "kinematics": kinematics,
     }
-    own = overridden(device, Device)
-    absent = [name for name in checks if name not in own]
-    if device.kinematics is not None:
-        absent.remove("kinematics")
-    for name in SENSED:
-        with found.noting(name, "an answer", f"{name}()"):
-            if name in own and getattr(device, name)() is None:
+    absent = []
+    for name, check_member in checks.items():
+        with found.noting(name, PROMISES[name], name):
+            device.read(time_ns)
+            if check_member() is None:
                 absent.append(name)
-    for name in checks.keys() - absent:
-        checks[name]()
     if device.truth() is None or model.watchdog != "guarding":
         return [*absent, "guard"]
     _check_guard(device, model, time_ns + REST_NS, found)
     return absent
-
-
-def _check_stamps(device: Any, axes: int, time_ns: int, found: Findings) -> None:
-    with found.noting("stamps", "two stamps", "stamps()"):
-        device.read(time_ns)
-        device.write(time_ns, (0.0,) * axes)
-        read_ns, write_ns = device.stamps()
-        if not (isinstance(read_ns, int) and isinstance(write_ns, int) and read_ns <= write_ns):
-            found.add(
-                "stamps", "the read, then the write", f"{read_ns!r}, {write_ns!r}", "stamps()"
-            )
-        jitter_ns = device.latch_jitter()
-        if jitter_ns is not None and not (isinstance(jitter_ns, int) and jitter_ns >= 0):
-            found.add("stamps", "at least 0 ns", repr(jitter_ns), "latch_jitter()")
-        reading = device.fresh_reading()
-        if reading is not None:
-            found.check_vector(reading, axes, "m or rad", "fresh_reading()", finite="stamps")
-
-
-def _check_limit(device: Any, found: Findings) -> None:
-    with found.noting("set_hold_limit", "a hold limit > 0 s", f"set_hold_limit({HOLD})"):
-        guarded(device).set_hold_limit(HOLD)
 
 
 def _check_guard(device: Any, model: Any, time_ns: int, found: Findings) -> None:
@@ -196,44 +178,3 @@ def _check_guard(device: Any, model: Any, time_ns: int, found: Findings) -> None
                         where = f"force {size:.3g} at {time_ns} ns, hold limit {limit_ns} ns"
                         found.add("guard", f"a cut by {latest_ns} ns", repr(report), where)
                     break
-
-
-def _check_cut(device: Any, model: Any, time_ns: int, found: Findings) -> None:
-    axes, end_ns = model.axes, time_ns + 10 * PERIOD_NS
-    with found.noting("cut", "a report, or None", "cut() after a hold of 10 ms"):
-        device.set_hold_limit(HOLD)
-        device.write(time_ns, (0.0,) * axes)
-        device.read(end_ns)
-        report = device.cut()
-        if report is not None:
-            when, where = report
-            found.check_vector(where, axes, "m or rad", "cut()", finite="cut")
-            if not time_ns < when <= end_ns:
-                found.add("cut", "a time within the hold, in ns", repr(when), "cut()")
-        elif device.truth() is not None and model.watchdog == "reporting":
-            found.add("cut", "a report", "None", "cut() after a hold of 10 ms")
-
-
-def _check_orientation(device: Any, time_ns: int, found: Findings) -> None:
-    with found.noting("orientation", "a quaternion", "orientation()"):
-        device.read(time_ns)
-        w, x, y, z = device.orientation()
-        if not is_unit((w, x, y, z)):
-            found.add("orientation", "length 1", repr((w, x, y, z)), "orientation()")
-
-
-def _check_buttons(device: Any, time_ns: int, found: Findings) -> None:
-    with found.noting("buttons", "a whole number", "buttons()"):
-        device.read(time_ns)
-        buttons = device.buttons()
-        if not isinstance(buttons, int) or not 0 <= buttons <= MAX_COUNT:
-            found.add("buttons", f"0 to {MAX_COUNT}", repr(buttons), "buttons()")
-
-
-def _check_kinematics(device: Any, axes: int, time_ns: int, found: Findings) -> None:
-    with found.noting("kinematics", "finite vectors", "position(), torque()"):
-        angles = device.read(time_ns)
-        tip = device.kinematics.position(angles)
-        found.check_vector(tip, len(tip), "m", "position()", finite="kinematics")
-        torque = device.kinematics.torque(angles, (1.0,) * len(tip))
-        found.check_vector(torque, axes, "N m", "torque()", finite="kinematics")

@@ -18,17 +18,20 @@ largest force, the resolution, the apparent mass, and of the friction an *upper*
 stated here is half of that, and assumed, as is the damping.
 """
 
-import itertools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated
 
-from forcebound.errors import ConfigError
 from forcebound.haptics.devices import Source
+from forcebound.haptics.devices.arms import (
+    ASSUMED,
+    AngleOfJoints,
+    DampingOfJoints,
+    SimulatedArm,
+    TorqueOfJoints,
+)
 from forcebound.haptics.devices.kinematics import ArmKinematics, Floats, two_links
-from forcebound.haptics.devices.simulated_arm import ASSUMED, SimulatedArm
-from forcebound.haptics.devices.stated_joints import AngleOfJoints, DampingOfJoints, TorqueOfJoints
 from forcebound.messages.packets import Vector
 from forcebound.quantities import POSITIVE, AngularSpeed, Inertia, Length, Torque
 
@@ -36,11 +39,8 @@ from forcebound.quantities import POSITIVE, AngularSpeed, Inertia, Length, Torqu
 def desktop_pose(angles: Floats, geometry: Floats, tip: Floats, jacobian: Floats) -> None:
     """Pose of a desktop arm; see :data:`forcebound.haptics.devices.kinematics.Pose`.
 
-    Args:
-        angles: Of base, upper and lower link, in rad.
-        geometry: Lengths of the links, and the origin: up and out from the shoulder, in m.
-        tip: Becomes the position of the tip.
-        jacobian: Becomes its derivatives.
+    Angles of base, upper and lower link, in rad; the geometry is the lengths of the links, and the
+    origin, up and out from the shoulder, in m.
     """
     upper, lower = geometry[0], geometry[1]
     sine, cosine = math.sin(angles[0]), math.cos(angles[0])
@@ -94,20 +94,6 @@ class DesktopArm(SimulatedArm):
         hash=False,
     )
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if not all(edge > 0.0 for edge in self.workspace):
-            raise ConfigError(
-                f"workspace: edges must be > 0 m, got {self.workspace}", field="workspace"
-            )
-        for corner in itertools.product(*[(-0.5 * edge, 0.5 * edge) for edge in self.workspace]):
-            if self.angles(corner) is None:
-                raise ConfigError(
-                    f"workspace: the arm does not reach its corner {corner} m with links of"
-                    f" {self.upper} m and {self.lower} m",
-                    field="workspace",
-                )
-
     @property
     def axes(self) -> int:
         return 3
@@ -116,10 +102,7 @@ class DesktopArm(SimulatedArm):
         return ArmKinematics(desktop_pose, (self.upper, self.lower, *self.origin), 3)
 
     def angles(self, position: Vector) -> Vector | None:
-        """Return the joint angles, in rad, for a tip at ``position``, in m; None out of reach.
-
-        The elbow is above the line from shoulder to tip.
-        """
+        """The elbow is above the line from shoulder to tip."""
         right, up, towards = position[0], position[1] + self.origin[0], position[2] + self.origin[1]
         links = two_links(self.upper, self.lower, math.hypot(right, towards), up)
         if links is None:

@@ -18,9 +18,13 @@ from dataclasses import dataclass, field
 from typing import Annotated
 
 from forcebound.haptics.devices import Source
+from forcebound.haptics.devices.arms import (
+    AngleOfJoints,
+    DampingOfJoints,
+    SimulatedArm,
+    TorqueOfJoints,
+)
 from forcebound.haptics.devices.kinematics import ArmKinematics, Floats, link_angle
-from forcebound.haptics.devices.simulated_arm import SimulatedArm
-from forcebound.haptics.devices.stated_joints import AngleOfJoints, DampingOfJoints, TorqueOfJoints
 from forcebound.messages.packets import Vector
 from forcebound.quantities import NOT_NEGATIVE, POSITIVE, AngularSpeed, Inertia, Length, Torque
 
@@ -106,10 +110,7 @@ class FiveBar(FiveBarNumbers, SimulatedArm):
         return ArmKinematics(five_bar_pose, geometry, 2)
 
     def angles(self, position: Vector) -> Vector | None:
-        """Return the joint angles, in rad, for a tip at ``position``, in m; None out of reach.
-
-        The elbows are those on the outer sides.
-        """
+        """The elbows are those on the outer sides."""
         found = []
         for side in (1.0, -1.0):
             x = position[0] + self.origin[0] - side * 0.5 * self.base

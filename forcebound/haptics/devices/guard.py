@@ -37,7 +37,7 @@ def guarded(device: Device) -> Device:
         "fresh_reading": lambda answer: _vector(answer, axes, place),
         "cut": cut,
         "stamps": lambda answer: tuple(map(int, answer)),
-        "latch_jitter": int,
+        "latch_jitter": _jitter,
         "set_hold_limit": _seconds,
         "orientation": _orientation,
         "buttons": _buttons,
@@ -80,6 +80,12 @@ def _seconds(answer: Any) -> float:
     if not 0.0 < answer < math.inf:
         raise DeviceError(f"expected the hold limit that was set, > 0 s, got {answer!r}")
     return float(answer)
+
+
+def _jitter(answer: Any) -> int:
+    if not answer >= 0:
+        raise DeviceError(f"expected how much later a reading may be, >= 0 ns, got {answer!r}")
+    return int(answer)
 
 
 def _orientation(answer: Any) -> Quaternion:

@@ -37,9 +37,8 @@ from typing import Any
 import numpy as np
 
 from forcebound.compiled import allow_in_kernels, jit
-from forcebound.haptics.devices.extended import mean_speed, yield_by
 from forcebound.haptics.devices.kinematics import Floats, Pose
-from forcebound.haptics.devices.plant import count_steps
+from forcebound.haptics.devices.plant import count_steps, mean_speed, yield_by
 
 ANGLE, SPEED, BRISTLE, TORQUE = 0, 1, 2, 3  # rows of ``joints``
 INERTIA, DAMPING, FRICTION, PRESLIDING = 0, 1, 2, 3  # rows of ``plant``
@@ -92,33 +91,22 @@ def arm_kernel(pose: Pose) -> Any:
             for j in range(size):
                 mean[j] = joints[SPEED, j]
             pose(joints[ANGLE], geometry, tip, matrix)
-            pull(force, tip, matrix, mean, goal, goal_speed, hand, h)
+            for k in range(size):  # of the hand, if the tip stood still in this step
+                force[k] = (
+                    hand[STIFFNESS] * (goal[k] - tip[k])
+                    + hand[HAND_DAMPING] * goal_speed[k]
+                    + 2.0 * hand[MASS] / h * speed_of_tip(matrix, mean, k)
+                )
             find_speeds(mean, joints, plant, motor, jacobian, force, hand, h, matrix)
-            feel(muscle, tip, jacobian, mean, goal, goal_speed, hand, h)
+            for k in range(size):
+                speed = speed_of_tip(jacobian, mean, k)
+                spring = hand[STIFFNESS] * (goal[k] - tip[k] - 0.5 * h * speed)
+                muscle[k] = spring + hand[HAND_DAMPING] * (goal_speed[k] - speed)
             energy += turn(joints, plant, motor, mean, h)
         return energy
 
     allow_in_kernels([pose])
     return jit(advance)
-
-
-def pull(
-    force: Floats,
-    tip: Floats,
-    jacobian: Floats,
-    speeds: Floats,
-    goal: Floats,
-    goal_speed: Floats,
-    hand: Floats,
-    h: float,
-) -> None:
-    """Set ``force`` to that of the hand, in N, if the tip stood still in this step."""
-    for k in range(force.size):
-        force[k] = (
-            hand[STIFFNESS] * (goal[k] - tip[k])
-            + hand[HAND_DAMPING] * goal_speed[k]
-            + 2.0 * hand[MASS] / h * speed_of_tip(jacobian, speeds, k)
-        )
 
 
 def speed_of_tip(jacobian: Floats, speeds: Floats, k: int) -> float:
@@ -165,24 +153,6 @@ def find_speeds(
             mean[j] = speed
         if change <= CONVERGED * largest:
             break
-
-
-def feel(
-    muscle: Floats,
-    tip: Floats,
-    jacobian: Floats,
-    mean: Floats,
-    goal: Floats,
-    goal_speed: Floats,
-    hand: Floats,
-    h: float,
-) -> None:
-    """Set ``muscle`` to the mean force of the hand's spring and damper, in N."""
-    for k in range(muscle.size):
-        speed = speed_of_tip(jacobian, mean, k)
-        muscle[k] = hand[STIFFNESS] * (goal[k] - tip[k] - 0.5 * h * speed) + hand[HAND_DAMPING] * (
-            goal_speed[k] - speed
-        )
 
 
 def turn(joints: Floats, plant: Floats, motor: Floats, mean: Floats, h: float) -> float:

@@ -85,17 +85,17 @@ class ArmKinematics:
 
 
 def tip_force(
-    kinematics: "Kinematics", angles: Vector, applied: Vector, commanded: Vector, wanted: Vector
+    kinematics: "Kinematics", angles: Vector, applied: Vector, commanded: Vector, asked: Vector
 ) -> Vector:
     """Return the force, in N, that torques ``applied`` (N m) give at the tip: J^T force = applied.
 
-    It is the same part of the force ``commanded`` (N) as they are of its torques ``wanted`` (N m),
+    It is the same part of the force ``commanded`` (N) as they are of its torques ``asked`` (N m),
     and the force of what that leaves over; in a singular pose there is no such force.
     """
-    square = math.fsum(map(mul, wanted, wanted))
-    share = math.fsum(map(mul, applied, wanted)) / (square or math.inf)
+    square = math.fsum(map(mul, asked, asked))
+    share = math.fsum(map(mul, applied, asked)) / (square or math.inf)
     tip = tuple([share * f for f in commanded])
-    rest = [a - share * w for a, w in zip(applied, wanted, strict=True)]
+    rest = [a - share * w for a, w in zip(applied, asked, strict=True)]
     if math.hypot(*rest) <= ROUNDING * math.hypot(*applied):
         return tip
     size = len(rest)

@@ -11,13 +11,13 @@ import math
 from dataclasses import dataclass
 from typing import Annotated
 
-from forcebound.haptics.devices.kinematics import ArmKinematics, Floats
-from forcebound.haptics.devices.simulated_arm import SimulatedArm
-from forcebound.haptics.devices.stated_joints import (
+from forcebound.haptics.devices.arms import (
     AngleOfJoints,
     DampingOfJoints,
+    SimulatedArm,
     TorqueOfJoints,
 )
+from forcebound.haptics.devices.kinematics import ArmKinematics, Floats
 from forcebound.messages.packets import Vector
 from forcebound.quantities import POSITIVE, AngularSpeed, Inertia, Length, Range, Torque
 

@@ -12,7 +12,7 @@ NEVER = 1 << 62  # ns
 LONGEST_GUARDED = 0.1  # s, if the device states no limit
 
 
-class Motor:
+class SimulatedMotor:
     """The force commanded of the motor, over time, per axis, in N.
 
     A written force acts after the write delay, in place of the one before. The watchdog drops a

@@ -12,9 +12,13 @@ import math
 from dataclasses import dataclass
 from typing import Annotated
 
+from forcebound.haptics.devices.arms import (
+    AngleOfJoints,
+    DampingOfJoints,
+    SimulatedArm,
+    TorqueOfJoints,
+)
 from forcebound.haptics.devices.kinematics import ArmKinematics, Floats, two_links
-from forcebound.haptics.devices.simulated_arm import SimulatedArm
-from forcebound.haptics.devices.stated_joints import AngleOfJoints, DampingOfJoints, TorqueOfJoints
 from forcebound.messages.packets import Vector
 from forcebound.quantities import POSITIVE, AngularSpeed, Inertia, Length, Range, Torque
 
@@ -95,10 +99,7 @@ class SerialArm(SimulatedArm):
         return ArmKinematics(pose, (self.upper, self.lower, *self.origin, 0.0), self.joints)
 
     def angles(self, position: Vector) -> Vector | None:
-        """Return the joint angles, in rad, for a tip at ``position``, in m; None out of reach.
-
-        The elbow is above the line from shoulder to tip.
-        """
+        """The elbow is above the line from shoulder to tip."""
         out, up = position[0] + self.origin[0], position[1] + self.origin[1]
         base: Vector = ()
         if self.joints == 3:

@@ -3,10 +3,9 @@
 import math
 from typing import Any, Protocol
 
-from forcebound.haptics.devices import Device, Kinematics
-from forcebound.haptics.devices.motor import Motor
+from forcebound.haptics.devices import Device, Kinematics, Truth
+from forcebound.haptics.devices.motor import SimulatedMotor
 from forcebound.haptics.devices.true_values import TrueMotor, per_axis
-from forcebound.haptics.devices.truth import Truth
 from forcebound.haptics.hands import Operator
 from forcebound.haptics.hands.hands import NoHand
 from forcebound.haptics.hands.pointer import PointerHand
@@ -21,29 +20,25 @@ class Body(Protocol):
 
     def reading(self) -> Vector:
         """Return the readings of the encoders."""
-        ...
 
     def move(self, target: Vector, target_end: Vector, duration: float, commanded: Vector) -> None:
         """Move on for ``duration`` s under a force commanded of the motor, in N (or N m).
 
-        Where the hand wants to be moves evenly from ``target`` to ``target_end``, in m.
+        The hand's target moves evenly from ``target`` to ``target_end``, in m.
         """
-        ...
 
     def truth(self) -> Truth:
         """Return the ground truth."""
-        ...
 
     def kinetic_energy(self) -> float:
         """Return that of the device without the hand's mass, in J."""
-        ...
 
 
 class SimulatedDevice(Device):
     """A device with a hand on it, whose time is that of the reads and writes.
 
     It starts at rest at the hand's first target and rests there until :meth:`engage`. Every read
-    and write first moves the body to the given time, under the force that was held meanwhile. A
+    and write first moves the body to the given time, under the force that was held until then. A
     written force acts after the write delay; one that is too old is dropped at the very instant it
     gets too old, as the watchdog of a real device's firmware does, or guarded from then on.
 
@@ -63,7 +58,9 @@ class SimulatedDevice(Device):
         self._gain = per_axis(gain, self.axes)
         self._compensation = self._body.compensation
         self._scales = any(g != 1.0 for g in self._gain) or any(self._compensation)
-        self._motor = Motor(model, truth, hold_limit, self._told((0.0,) * self.axes))
+        self._motor = SimulatedMotor(
+            model, truth, hold_limit, self._motor_force((0.0,) * self.axes)
+        )
         self._reports_cuts = model.watchdog in ("guarding", "reporting")
         self._reading_at_cut = self._body.reading()
         self._time_ns: int | None = None
@@ -89,7 +86,7 @@ class SimulatedDevice(Device):
             scale = self._saturation / magnitude if math.isfinite(magnitude) else 0.0
             force = tuple([scale * f if math.isfinite(f) else 0.0 for f in force])
         reading = self._body.reading() if self._motor.guards else ()
-        self._motor.write(time_ns, self._told(force), force, reading)
+        self._motor.write(time_ns, self._motor_force(force), force, reading)
         return force
 
     def set_hold_limit(self, seconds: float) -> float:
@@ -111,8 +108,8 @@ class SimulatedDevice(Device):
     def point(self, place: Vector) -> Vector | None:
         return None if self._pointer is None else self._pointer.point(place)
 
-    def _told(self, force: Vector) -> Vector:
-        """What the motor gives for a force of a write, in N, once its lag has passed."""
+    def _motor_force(self, force: Vector) -> Vector:
+        """Return what the motor gives for a written force, in N, once its lag has passed."""
         if not self._scales:
             return force
         total = zip(self._gain, force, self._compensation, strict=True)

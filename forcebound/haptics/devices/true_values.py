@@ -121,23 +121,15 @@ def check_counts(model: Any, names: Sequence[str]) -> None:
         ConfigError: If not; it names the field.
     """
     true = vars(model.truth or TrueMotor())
-    for name in names:
-        check_count(getattr(model, name), name, model.axes)
-    for name in (*names, "gain"):
-        check_count(true.get(name), f"truth: {name}", model.axes)
+    numbers = {name: getattr(model, name) for name in names}
+    numbers |= {f"truth: {name}": true.get(name) for name in (*names, "gain")}
+    for name, value in numbers.items():
+        if isinstance(value, tuple) and len(value) != model.axes:
+            axes = model.axes
+            message = f"{name} must be one number, or {axes} (one per axis), got {len(value)}"
+            raise ConfigError(message, field=name)
 
 
 def per_axis(value: float | Vector, axes: int) -> Vector:
     """Return a number that is alike on every axis, or one of each, as one of each."""
     return tuple(value) if isinstance(value, tuple) else (value,) * axes
-
-
-def check_count(value: Any, name: str, axes: int) -> None:
-    """Check that a tuple has as many numbers as there are axes.
-
-    Raises:
-        ConfigError: If it has not.
-    """
-    if isinstance(value, tuple) and len(value) != axes:
-        message = f"{name} must be one number, or {axes} (one per axis), got {len(value)}"
-        raise ConfigError(message, field=name)

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from forcebound.errors import DeviceError
-from forcebound.haptics.devices.truth import Truth
+from forcebound.haptics.devices import Truth
 from forcebound.messages.packets import MAX_AXES, Vector
 
 MAGIC = b"fbtruth1"
@@ -62,7 +62,7 @@ class TruthFile:
             self._memory[:_COUNTER_AT] = MAGIC
         elif self._memory[:_COUNTER_AT] != MAGIC:
             self.close()
-            raise DeviceError(f"{path} is no file of an emulator: give the port that it says")
+            raise DeviceError(f"{path} is no file of an emulator: give the port that it prints")
         self._counter = 0
 
     def write(self, time_ns: int, truth: Truth, torque: Vector, torque_ns: int) -> None:
@@ -118,7 +118,7 @@ class TruthFile:
         return engaged_ns
 
     def forget(self) -> None:
-        """Take back what the last user of the port has said."""
+        """Clear the engagement of the previous user of the port."""
         _ENGAGED.pack_into(self._memory, _ENGAGED_AT, NOBODY)
 
     def close(self) -> None:

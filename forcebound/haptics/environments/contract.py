@@ -164,7 +164,7 @@ def _check_contact(environment: Environment, question: Question, found: Findings
         for vector, unit in ((proxy, "m"), (normal, "1")):
             fault = vector_fault(vector, axes, unit)
             if fault is not None:
-                found.add("contact", fault.expected, fault.got, where)
+                found.add("contact", *fault, where)
                 return
         if not all(map(math.isfinite, (*proxy, *normal))):
             found.add("contact", "finite numbers", repr(contact), where)

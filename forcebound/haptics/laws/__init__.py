@@ -18,14 +18,13 @@ never negative, whatever force is commanded (``forcebound.lab`` tries to break t
 To add a law: copy ``aol.py`` to ``my_law.py``. Its functions see a
 :class:`~forcebound.haptics.laws.sample.Sample` and the constants of the device; they use only
 numbers, ``if`` and :mod:`math`, because the same function objects are compiled. Name the
-:class:`BoundingLaw` made of them in ``laws.py``, one line in ``LAWS``; the contract tests, the
+:class:`BoundingLaw` made of them in ``LAWS`` (``law.py``); the contract tests, the
 audit and launch files (``device: {law: my_law}``) then know it.
 """
 
 from forcebound.haptics.laws.bounder import ForceBounder
 from forcebound.haptics.laws.dissipation import Dissipation, PerAxis, Watchdog
-from forcebound.haptics.laws.law import BoundingLaw
-from forcebound.haptics.laws.laws import LAWS, check_law
+from forcebound.haptics.laws.law import LAWS, BoundingLaw, check_law
 from forcebound.haptics.laws.sample import (
     ANCHOR_SAMPLES,
     ENERGY_TOLERANCE,

@@ -27,11 +27,11 @@ from forcebound.haptics.laws.ledger import (
     store_axis,
     store_force,
     store_memory,
-    store_motor,
 )
 from forcebound.haptics.laws.sample import (
     NO_MEMORY,
     NO_MOTION,
+    NO_WRITE,
     Motion,
     Sample,
     Write,
@@ -40,15 +40,14 @@ from forcebound.haptics.laws.sample import (
     start_axis,
 )
 from forcebound.haptics.laws.timeline import acting_cost, advance, drop, may_be_dropped, take_effect
-from forcebound.haptics.laws.waveform import NO_FORCE, begin_interval, mean_force, penalty
+from forcebound.haptics.laws.waveform import begin_interval, mean_force, penalty
 
-#: An array of one ledger.
-Ledgers: TypeAlias = Sequence[Ledger]
+Ledgers: TypeAlias = Sequence[Ledger]  # an array of one
 Start: TypeAlias = Callable[[Ledgers], float]
 Limit: TypeAlias = Callable[[Ledgers, float, float, float, int], tuple[float, float, int]]
 Settle: TypeAlias = Callable[[Ledgers, float], float]
 
-#: What becomes of a reading: it is refused, taken in, or the ledger starts anew from it.
+#: What becomes of a reading: it is refused, taken in, or the ledger starts again from it.
 REFUSED, TAKEN, RESTART = 0, 1, 2
 _UNSURE = 3  # taken in, after a hold that was cut at an unknown time
 
@@ -75,7 +74,7 @@ def _start(law: BoundingLaw) -> Start:
         ledger = ledgers[0]
         begin(ledger)
         ledger.state[0] = ledger.state[1] = start_law(ledger.constants)
-        return energy(ledger.state[0], Write(0.0, 0.0, 0.0), ledger.constants)
+        return energy(ledger.state[0], NO_WRITE, ledger.constants)
 
     return start
 
@@ -99,7 +98,7 @@ def _limit(law: BoundingLaw) -> Limit:
             saturated = min(magnitude, ledger.saturation)
             memory, sample = observe(ledger.memory, motion, cost, price, saturated, dt, device)
             store_memory(ledger.memory, memory)
-            # Both ledgers pay all of the drift, also the one that scales prices by less than 1.
+            # At least all of the drift in both ledgers, also in that whose gain is less than 1.
             ledger.held_price = sample.held_price + drift_price(ledger) / (1.0 - ledger.gain)
             for end in range(ledger.ends):
                 seen = scaled(sample, gain_at(ledger, end), ledger.held_price)
@@ -169,7 +168,8 @@ def begin(ledger: Ledger) -> None:
     for k in range(ledger.axes):
         axis, reading = ledger.axis[k], ledger.reading[k]
         store_axis(axis.memory, start_axis(reading))
-        store_motor(axis.motor, NO_FORCE)
+        begin_interval(axis.motor)
+        axis.motor.target = axis.motor.actual = 0.0
         axis.pending = axis.trial = axis.work = 0.0
         axis.origin = reading
     ledger.held_price = ledger.spent = ledger.since = 0.0
@@ -193,13 +193,7 @@ def closing_of(ledger: Ledger, closing: int) -> int:
 
 
 def observe_axes(ledger: Ledger, dt: float, is_unsure: bool) -> tuple[Motion, float, float]:
-    """Take in the new reading of every axis, ``dt`` after the last, in s.
-
-    If the force was cut at an unknown time, see :func:`unsure_cost`.
-
-    Returns:
-        The sums over the axes, the penalty and the price of the change of the force, in J.
-    """
+    """Take in the new readings; return the sums, and penalty and price of the change, in J."""
     motion = NO_MOTION
     lag, gain = ledger.lag, 1.0 + ledger.gain
     capability = work = uncertain = price = 0.0
@@ -222,7 +216,7 @@ def observe_axes(ledger: Ledger, dt: float, is_unsure: bool) -> tuple[Motion, fl
         axis.work += mean * move - one.half_resolution * change
         after, motion = observe_axis(before, ledger.memory, reading, mean, motion, one)
         store_axis(before, after)
-        store_motor(motor, begin_interval(motor))
+        begin_interval(motor)
     if is_unsure:
         cost = unsure_cost(ledger, gain * gain * capability, work - uncertain, dt)
         return motion, cost, price
@@ -235,8 +229,7 @@ def observe_axes(ledger: Ledger, dt: float, is_unsure: bool) -> tuple[Motion, fl
 def path_penalty(ledger: Ledger, step: float, penalty: float, way: float) -> float:
     """Return the penalty of a step of all axes together, with friction along the path, in J.
 
-    ``step`` is its length, in N; ``penalty`` that of the axes without friction, in J; ``way`` the
-    longest way from reading to reading, in m.
+    ``penalty`` is that of the axes without friction, ``way`` the longest between the readings.
     """
     damping = ledger.axis[0].constants.damping
     duration = 4.0 * damping * penalty / (step * step)
@@ -249,8 +242,7 @@ def unsure_cost(ledger: Ledger, capability: float, work: float, dt: float) -> fl
     .. math:: \bar s (1 - \bar s) \frac{|F|^2 dt}{4b} - \bar s F \cdot \Delta q
 
     is concave in the share :math:`\bar s` of the interval, so the worst share of those possible is
-    known. ``capability`` is the largest :math:`|F|^2 dt / (4b)`, ``work`` the least :math:`F \cdot
-    \Delta q`, in J.
+    known. ``capability`` is the largest first factor, ``work`` the least of the last, in J.
     """
     earliest: float = ledger.held_limit * (1.0 - ledger.tolerance) / dt
     latest: float = 1.0
@@ -278,7 +270,7 @@ def restart(ledger: Ledger) -> None:
         store_force(axis.memory, force)
         axis.work -= axis.constants.half_resolution * abs(mean)
         axis.origin = reading
-        store_motor(axis.motor, begin_interval(axis.motor))
+        begin_interval(axis.motor)
     for end in range(ledger.ends):
         price = ledger.spent + gain_at(ledger, end) * ledger.held_price
         ledger.state[end] -= price + ledger.constants.start_price

@@ -12,7 +12,7 @@ import math
 
 from forcebound.haptics.laws.hold_cost import lagging_cost, rigid_force
 from forcebound.haptics.laws.ledger import NONE, Ledger
-from forcebound.haptics.laws.timeline import axis_cost, path_cost
+from forcebound.haptics.laws.timeline import cost_of_strengths
 from forcebound.haptics.laws.waveform import Motor
 
 HALVINGS = 40  # of the saturation: 8 pN
@@ -95,27 +95,24 @@ def _may_be_held(ledger: Ledger, force: float) -> bool:
 
 def cost(ledger: Ledger, scale: float, duration: float) -> float:
     """Return what a hold of ``scale`` times the force ``trial`` can cost, in J."""
+    for k in range(ledger.axes):
+        ledger.axis[k].strength = abs(scale * ledger.axis[k].trial)
+    if ledger.lag == 0.0:
+        return cost_of_strengths(ledger, duration)
     lag = ledger.lag
     total = square = before_square = 0.0
     for k in range(ledger.axes):
         axis = ledger.axis[k]
-        one = axis.constants
-        force = abs(scale * axis.trial)
-        if ledger.is_along_path:
-            square += force * force
-            before = _strongest(ledger, axis.motor)
-            before_square += before * before
-        elif lag > 0.0:
-            error = one.weight_error - (one.friction if one.presliding == 0.0 else 0.0)
-            before = max(_strongest(ledger, axis.motor) + error, 0.0)
-            after = max(force + error, 0.0)
+        one, force = axis.constants, axis.strength
+        before = _strongest(ledger, axis.motor)
+        square += force * force
+        before_square += before * before
+        error = one.weight_error - (one.friction if one.presliding == 0.0 else 0.0)
+        if not ledger.is_along_path:
+            before, after = max(before + error, 0.0), max(force + error, 0.0)
             total += lagging_cost(before, after, one.damping, duration, lag)
-        else:
-            total += axis_cost(one, force, duration)
     if not ledger.is_along_path:
         return total
-    if lag == 0.0:
-        return path_cost(ledger, math.sqrt(square), duration)
     error = ledger.path_error - ledger.constants.path_friction
     before = max(math.sqrt(before_square) + error, 0.0)
     after = max(math.sqrt(square) + error, 0.0)

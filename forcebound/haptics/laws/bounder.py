@@ -10,8 +10,7 @@ from forcebound.errors import ConfigError
 from forcebound.haptics.laws.all_axes import REFUSED, RESTART, TAKEN, compiled, cut
 from forcebound.haptics.laws.constants import acts_along_path, axis_constants, energy_cap
 from forcebound.haptics.laws.dissipation import WATCHDOGS, Dissipation
-from forcebound.haptics.laws.law import BoundingLaw
-from forcebound.haptics.laws.laws import LAWS, check_law
+from forcebound.haptics.laws.law import LAWS, BoundingLaw, check_law
 from forcebound.haptics.laws.ledger import Ledger
 from forcebound.messages.packets import MAX_AXES
 
@@ -32,10 +31,10 @@ class ForceBounder:
     Attributes:
         limit: Largest magnitude allowed at the last sample, in the direction of the commanded
             force, in N: the law's or the saturation.
-        estimated_energy: Energy that the law believes in after the last sample, in J; its meaning
+        estimated_energy: The law's estimate after the last sample, in J; its meaning
             is the law's.
         overruns: Holds that lasted longer than the hold limit.
-        refused_readings: Readings that were not believed: not finite, too soon after the last, or
+        refused_readings: Readings that were rejected: not finite, too soon after the last, or
             faster than the device's largest speed.
         late_writes: Forces that took effect later after their reading than the device states.
 
@@ -175,12 +174,19 @@ class ForceBounder:
             self._ledger.constants.energy_cap = cap
 
     def report_cut(self, time_ns: int, position: Vector) -> None:
-        """Take in when and where (m) the watchdog dropped the force, before :meth:`bound`."""
+        """Take in when and where (m) the watchdog dropped the force, before :meth:`bound`.
+
+        A report at the time of a write is one of the old force, which acted until then. One from
+        before the last reading does not say when the force of now was dropped, or whether: any time
+        that the watchdog permits is reckoned with.
+        """
         if time_ns == self._written_ns:
-            return  # the force before that write, which has acted until then
+            return
+        if time_ns < self._now_ns:
+            self._ledger.is_unsure = True
+            return
         self._cut_ns = time_ns
-        if time_ns >= self._now_ns:
-            self._sample(time_ns, position, 0.0, is_cut=True)
+        self._sample(time_ns, position, 0.0, is_cut=True)
         self._cut(self._ledgers)
 
     def _sample(
@@ -218,7 +224,7 @@ class ForceBounder:
         """Return whether the device can have moved to a reading."""
         candidate, self._candidate = self._candidate, None
         if candidate is not None and self._is_credible(candidate, read_ns, position):
-            return RESTART  # it really is there: begin anew, with the price of not knowing how
+            return RESTART  # it really is there: begin again, at the price of not knowing how
         if self._is_credible((self._taken_ns, self._position), read_ns, position):
             return TAKEN
         self._candidate = read_ns, position

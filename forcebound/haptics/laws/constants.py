@@ -83,20 +83,14 @@ def energy_cap(dissipation: Dissipation, axes: int, hold_limit: float) -> float:
     )
     friction = dissipation.least_friction if is_rigid else 0.0
     around = dissipation.lag + dissipation.write_delay
-    duration = longest_plan(dissipation, hold_limit) + around
-    cap = rigid_cost(force, friction, dissipation.least_damping, duration)
+    if dissipation.watchdog != "none":
+        hold_limit *= 1.0 + dissipation.watchdog_tolerance
+    cap = rigid_cost(force, friction, dissipation.least_damping, hold_limit + around)
     if dissipation.watchdog == "none":
         duration = dissipation.watchdog_limit + around
         late = rigid_cost(force, friction, dissipation.least_damping, duration)
         cap = max(cap, late - dissipation.allowance)
     return cap
-
-
-def longest_plan(dissipation: Dissipation, hold_limit: float) -> float:
-    """Return how long a force may last that is planned for ``hold_limit``, in s."""
-    if dissipation.watchdog == "none":
-        return hold_limit
-    return hold_limit * (1.0 + dissipation.watchdog_tolerance)
 
 
 def _guard_price(dissipation: Dissipation, axes: int) -> float:

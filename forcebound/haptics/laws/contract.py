@@ -25,13 +25,7 @@ DEVICE = Dissipation(
 
 
 def check(law: str, seed: int = 1, samples: int = 2000) -> Report:
-    """Return which of the ``PROMISES`` a law keeps.
-
-    Args:
-        law: A key of :data:`forcebound.haptics.laws.LAWS`, or ``FILE.py:NAME``.
-        seed: Of the random walks.
-        samples: Of each walk.
-    """
+    """Return which of the ``PROMISES`` a law of :data:`LAWS` keeps, in walks of so many samples."""
     found = Findings()
     summary = LAWS[law].summary
     if not summary or "\n" in summary:

@@ -3,7 +3,7 @@
 A certified force is at most ``f_c + 2 sqrt(b G / T_max)`` for a ledger of G, so a short hold limit
 T_max gives more force. A tick that comes later than T_max costs part of the ledger, so a long one
 gives more force where ticks are late. The ledger is in joules, and T_max matters only when a limit
-is computed; so T_max may be chosen anew before each hold.
+is computed; so T_max may be chosen before each hold.
 
 How it is chosen. The servo counts the late intervals by their length, and old counts fade. From
 them follows how many are to be expected within a horizon of 17 000 periods, in which a hand may
@@ -23,7 +23,7 @@ from bisect import bisect_left
 from forcebound.haptics.laws.dissipation import Watchdog
 
 FLOOR = 1.02  # periods; the shortest limit: a punctual servo is late by less than this
-FIXED = 1.25  # periods; for a device that cannot be told how long to hold
+FIXED = 1.25  # periods; for a device whose hold limit cannot be set
 _MIDDLE = (1.03, 1.05, 1.08, 1.12, 1.18, FIXED, 1.4, 1.6, 2.0, 2.5, 3.2, 4.0, 5.0, 6.5, 8.0)
 LADDER = (FLOOR, *_MIDDLE, 10.0)  # periods
 FADING_TICKS = 250  # between two fadings

@@ -1,4 +1,4 @@
-"""A bounding law: four pure functions, and the constants of a device that it may rely on.
+"""A bounding law, four pure functions of the constants of a device, and the table of laws.
 
 The functions take and return numbers and the NamedTuples of :mod:`forcebound.haptics.laws.sample`,
 and use nothing but arithmetic and :mod:`math`. So the very same function objects run in plain
@@ -9,9 +9,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TypeAlias
 
+from forcebound.errors import ConfigError
 from forcebound.haptics.laws.constants import device_constants
 from forcebound.haptics.laws.dissipation import Dissipation
 from forcebound.haptics.laws.sample import DeviceConstants, Sample, Write
+from forcebound.haptics.parts import Form, Table
 
 #: What a law remembers from sample to sample: an energy, in J (or a stiffness, in N/m).
 State: TypeAlias = float
@@ -28,7 +30,7 @@ def settle_nothing(state: State, write: Write, device: DeviceConstants) -> State
 
 
 def state_is_energy(state: State, write: Write, device: DeviceConstants) -> float:
-    """``energy`` of a law whose state is the energy that it believes in, in J."""
+    """``energy`` of a law whose state is its estimate of the energy, in J."""
     return state
 
 
@@ -41,8 +43,8 @@ class BoundingLaw:
         limit: ``(state, sample, device) -> (state, largest force in N, added damping in N s/m)``.
         start: ``(device) -> state`` at the first reading.
         settle: ``(state, write, device) -> state`` once the force of this sample is written.
-        energy: ``(state, write, device) -> J``: the energy that the law believes in after
-            ``settle``.
+        energy: ``(state, write, device) -> J``: the law's estimate of the energy
+            after ``settle``.
         limits_holds: The next hold may cost at most the law's ``energy``; the bounder finds the
             largest force for which it does (:mod:`forcebound.haptics.laws.hold_cost`). The state is
             an energy, in J.
@@ -79,3 +81,30 @@ def observe_energy(state: State, sample: Sample, device: DeviceConstants) -> Sta
     capability = device.damping / device.period
     distance = sample.distance
     return state + capability * distance * distance + device.friction * distance + sample.work
+
+
+LAWS: Table[BoundingLaw] = Table(
+    "laws",
+    {
+        "none": "forcebound.haptics.laws.none:NONE",
+        "less_conservative": "forcebound.haptics.laws.less_conservative:LESS_CONSERVATIVE",
+        "less_conservative_viscous": (
+            "forcebound.haptics.laws.less_conservative:LESS_CONSERVATIVE_VISCOUS"
+        ),
+        "more_conservative": "forcebound.haptics.laws.more_conservative:MORE_CONSERVATIVE",
+        "more_conservative_viscous": (
+            "forcebound.haptics.laws.more_conservative:MORE_CONSERVATIVE_VISCOUS"
+        ),
+        "aol": "forcebound.haptics.laws.aol:AOL",
+        "tdpa": "forcebound.haptics.laws.tdpa:TDPA",
+        "certified": "forcebound.haptics.laws.certified:CERTIFIED",
+        "certified_memoryless": "forcebound.haptics.laws.certified:CERTIFIED_MEMORYLESS",
+    },
+    Form("forcebound.haptics.laws.law:BoundingLaw", is_object=True),
+)
+
+
+def check_law(name: str) -> None:
+    """Raise ConfigError if there is no such law."""
+    if name not in LAWS:
+        raise ConfigError(f"no bounding law {name!r}; known are {', '.join(sorted(LAWS))}")

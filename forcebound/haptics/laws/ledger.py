@@ -9,7 +9,7 @@ from forcebound.haptics.laws.sample import AxisConstants, AxisMemory, DeviceCons
 from forcebound.haptics.laws.waveform import Motor
 from forcebound.messages.packets import MAX_AXES
 
-# : Values of ``Ledger.watchdog``, in the order of
+#: Values of ``Ledger.watchdog``, in the order of
 # :data:`forcebound.haptics.laws.dissipation.WATCHDOGS`.
 GUARDING, REPORTING, SILENT, NONE = range(4)
 
@@ -22,6 +22,7 @@ class Axis:
     constants: AxisConstants
     pending: float  # N, force that was written
     trial: float  # N, force whose cost is computed, or the direction of one
+    strength: float  # N, magnitude of the force of a hold
     origin: float  # m, reading at the start
     work: float  # J, in the ledger, of this axis: less the prices that grow with the gain
 
@@ -95,13 +96,3 @@ def store_memory(into: Any, memory: Memory) -> None:
     into.older_age = memory.older_age
     into.younger_age = memory.younger_age
     into.samples = memory.samples
-
-
-def store_motor(into: Any, motor: Motor) -> None:
-    """Put the motor of an axis into a record."""
-    into.target = motor.target
-    into.actual = motor.actual
-    into.first = motor.first
-    into.second = motor.second
-    into.steps = motor.steps
-    into.step = motor.step

@@ -21,7 +21,7 @@ from forcebound.haptics.laws.sample import (
     observe,
     observe_axis,
 )
-from forcebound.haptics.laws.waveform import NO_FORCE, mean_force, penalty, retarget, run
+from forcebound.haptics.laws.waveform import step_penalty
 
 Step: TypeAlias = Callable[
     [AxisMemory, Memory, State, float, float, float, float, DeviceConstants],
@@ -34,10 +34,7 @@ written, which is then ``axis.force``, and the largest that was allowed, in N.""
 
 @cache
 def one_axis(law: BoundingLaw) -> Step:
-    """Return what :class:`forcebound.haptics.laws.ForceBounder` does at a sample, for one axis.
-
-    A device is taken to apply what the bounder returns.
-    """
+    """Return what the bounder does at a sample of one axis; the device applies what it returns."""
     limit, settle, energy = law.limit, law.settle, law.energy
     limits_holds = law.limits_holds
 
@@ -56,9 +53,10 @@ def one_axis(law: BoundingLaw) -> Step:
         move = reading - axis.reading
         mean, cost = axis.force, 0.0
         if dt > device.hold_limit:
-            motor = run(retarget(NO_FORCE, axis.force, 0.0, True), device.hold_limit, 0.0)
-            motor = run(retarget(motor, 0.0, 0.0, False), dt - device.hold_limit, 0.0)
-            mean, cost = mean_force(motor, dt, 0.0), penalty(motor, dt, 0.0, 1.0, move, constants)
+            first = axis.force * device.hold_limit  # the force steps to zero at the hold limit
+            second = axis.force * axis.force * device.hold_limit
+            mean, deviation = first / dt, max(second - first * first / dt, 0.0)
+            cost = step_penalty(axis.force, deviation, 1.0, move, constants)
         change = r * abs(mean - axis.mean_force)
         axis, motion = observe_axis(axis, memory, reading, mean, NO_MOTION, constants)
         saturated = min(abs(commanded), saturation)
@@ -70,8 +68,8 @@ def one_axis(law: BoundingLaw) -> Step:
             most = rigid_force(available, friction, device.damping, device.hold_limit)
             largest = min(largest, most)
         largest = min(largest, saturation)
-        wanted = commanded + added_damping / dt * move if added_damping > 0.0 else commanded
-        force = min(max(wanted, -largest), largest)
+        asked = commanded + added_damping / dt * move if added_damping > 0.0 else commanded
+        force = min(max(asked, -largest), largest)
         axis = AxisMemory(
             reading, force, axis.mean_force, axis.play, axis.path, axis.older, axis.younger
         )

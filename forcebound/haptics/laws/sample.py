@@ -7,7 +7,7 @@ compiled as well as in plain Python. A new observable is a field of :class:`Samp
 
 A sample is :func:`observe_axis` for each axis, begun with :data:`NO_MOTION`, then :func:`observe`,
 the law's ``limit``, and its ``settle`` once the force is written. The measured loss is a lower
-bound (``docs/theory.md``, section 3, points 3 and 4): the path of the play operator of each axis,
+bound (``docs/theory.md``, section 3, lemmas 3 and 4): the path of the play operator of each axis,
 and :func:`viscous_loss`.
 """
 

@@ -6,7 +6,7 @@ The watchdog may drop it.
 import math
 
 from forcebound.haptics.laws.hold_cost import hold_cost, rigid_cost
-from forcebound.haptics.laws.ledger import GUARDING, NONE, SILENT, Axis, Ledger, store_motor
+from forcebound.haptics.laws.ledger import GUARDING, NONE, SILENT, Ledger
 from forcebound.haptics.laws.sample import AxisConstants
 from forcebound.haptics.laws.waveform import retarget, run
 
@@ -34,8 +34,7 @@ def _run_motors(ledger: Ledger, piece: float) -> None:
     cost = acting_cost(ledger, piece, 1.0 + ledger.gain)
     ledger.given += cost
     for k in range(ledger.axes):
-        motor = ledger.axis[k].motor
-        store_motor(motor, run(motor, piece, ledger.lag))
+        run(ledger.axis[k].motor, piece, ledger.lag)
     ledger.age += piece
     ledger.since += piece
     ledger.until_cut -= piece
@@ -50,8 +49,7 @@ def _run_motors(ledger: Ledger, piece: float) -> None:
 def may_be_dropped(ledger: Ledger) -> bool:
     """Whether the watchdog may, or may not yet, have dropped the acting force.
 
-    A reporting watchdog that is late with its report is not believed to have held the force; a
-    guarding one, which need not drop it, is.
+    A reporting watchdog whose report is late may have dropped it; a guarding one need not.
     """
     if ledger.is_dropped or ledger.watchdog == NONE or ledger.watchdog == GUARDING:
         return False
@@ -63,7 +61,7 @@ def may_be_dropped(ledger: Ledger) -> bool:
 def take_effect(ledger: Ledger) -> None:
     """Let the force act that was written last."""
     for k in range(ledger.axes):
-        _retarget(ledger, ledger.axis[k], ledger.axis[k].pending)
+        retarget(ledger.axis[k].motor, ledger.axis[k].pending, ledger.lag, ledger.since == 0.0)
     limit = ledger.pending_limit
     ledger.age = ledger.given = 0.0
     ledger.is_dropped = False
@@ -79,46 +77,39 @@ def take_effect(ledger: Ledger) -> None:
 def drop(ledger: Ledger) -> None:
     """Let the watchdog drop the force."""
     for k in range(ledger.axes):
-        _retarget(ledger, ledger.axis[k], ledger.axis[k].constants.dropped)
+        axis = ledger.axis[k]
+        retarget(axis.motor, axis.constants.dropped, ledger.lag, ledger.since == 0.0)
     ledger.until_cut, ledger.is_dropped = math.inf, True
-
-
-def _retarget(ledger: Ledger, one: Axis, target: float) -> None:
-    is_first = ledger.since == 0.0
-    store_motor(one.motor, retarget(one.motor, target, ledger.lag, is_first))
 
 
 def acting_cost(ledger: Ledger, duration: float, gain: float) -> float:
     """Return the most that the acting force can give in ``duration``, in s, in J."""
-    total = square = 0.0
     for k in range(ledger.axes):
-        motor = ledger.axis[k].motor
-        force = gain * max(abs(motor.target), abs(motor.actual))
-        if not ledger.is_along_path:
-            total += axis_cost(ledger.axis[k].constants, force, duration)
-        square += force * force
-    if not ledger.is_along_path:
-        return total
-    return path_cost(ledger, math.sqrt(square), duration)
+        axis = ledger.axis[k]
+        axis.strength = gain * max(abs(axis.motor.target), abs(axis.motor.actual))
+    return cost_of_strengths(ledger, duration)
 
 
 def dropped_cost(ledger: Ledger, duration: float) -> float:
     """Return the most that weights which are not carried can give in ``duration``, in s, in J."""
+    for k in range(ledger.axes):
+        ledger.axis[k].strength = abs(ledger.axis[k].constants.dropped)
+    return cost_of_strengths(ledger, duration)
+
+
+def cost_of_strengths(ledger: Ledger, duration: float) -> float:
+    """Return what a hold of the forces ``strength`` can cost, in J; the motors do not lag."""
     total = square = 0.0
     for k in range(ledger.axes):
-        one = ledger.axis[k].constants
-        if not ledger.is_along_path:
-            total += axis_cost(one, abs(one.dropped), duration)
-        square += one.dropped * one.dropped
-    if square == 0.0 or not ledger.is_along_path:
+        axis = ledger.axis[k]
+        if ledger.is_along_path:
+            square += axis.strength * axis.strength
+        else:
+            total += axis_cost(axis.constants, axis.strength, duration)
+    if not ledger.is_along_path:
         return total
-    return path_cost(ledger, math.sqrt(square), duration)
-
-
-def path_cost(ledger: Ledger, force: float, duration: float) -> float:
-    """Return the cost of a hold with friction along the path, in J; all axes alike."""
     friction, damping = ledger.constants.path_friction, ledger.axis[0].constants.damping
-    return rigid_cost(force + ledger.path_error, friction, damping, duration)
+    return rigid_cost(math.sqrt(square) + ledger.path_error, friction, damping, duration)
 
 
 def axis_cost(one: AxisConstants, force: float, duration: float) -> float:

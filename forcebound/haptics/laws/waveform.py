@@ -7,13 +7,12 @@ the mean force, and that of a single step, where friction counts.
 """
 
 import math
-from typing import NamedTuple
 
 from forcebound.haptics.laws.hold_cost import hold_cost
 from forcebound.haptics.laws.sample import AxisConstants
 
 
-class Motor(NamedTuple):
+class Motor:
     """The force of one axis since the last reading."""
 
     target: float  # N, that the amplifier approaches
@@ -24,36 +23,34 @@ class Motor(NamedTuple):
     step: float  # N, the last of them
 
 
-NO_FORCE = Motor(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-
-
-def run(motor: Motor, duration: float, lag: float) -> Motor:
-    """Return the motor ``duration`` later, in s; ``lag`` is τ, in s."""
-    target, first, second = motor.target, motor.first, motor.second
-    away = motor.actual - target
-    first += target * duration
-    second += target * target * duration
+def run(motor: Motor, duration: float, lag: float) -> None:
+    """Let ``duration`` pass, in s; ``lag`` is τ, in s."""
+    target, away = motor.target, motor.actual - motor.target
+    motor.first += target * duration
+    motor.second += target * target * duration
     if away != 0.0:  # only with a lag: else the force is on its target at once
         left = math.exp(-duration / lag)
         mean = lag * (1.0 - left)
-        first += away * mean
-        second += 2.0 * target * away * mean + 0.5 * away * away * lag * (1.0 - left * left)
+        motor.first += away * mean
+        motor.second += 2.0 * target * away * mean + 0.5 * away * away * lag * (1.0 - left * left)
         away *= left
-    return Motor(target, target + away, first, second, motor.steps, motor.step)
+    motor.actual = target + away
 
 
-def retarget(motor: Motor, target: float, lag: float, is_first: bool) -> Motor:
-    """Return the motor with a new target, in N; ``is_first``: right at the reading."""
-    actual = motor.actual if lag > 0.0 else target
+def retarget(motor: Motor, target: float, lag: float, is_first: bool) -> None:
+    """Set a new target, in N; ``is_first``: right at the reading."""
     step = target - motor.target
-    if is_first or step == 0.0:
-        return Motor(target, actual, motor.first, motor.second, motor.steps, motor.step)
-    return Motor(target, actual, motor.first, motor.second, motor.steps + 1.0, step)
+    motor.target = target
+    if lag <= 0.0:
+        motor.actual = target
+    if not is_first and step != 0.0:
+        motor.steps += 1.0
+        motor.step = step
 
 
-def begin_interval(motor: Motor) -> Motor:
-    """Return the motor at a reading, from which it is observed anew."""
-    return Motor(motor.target, motor.actual, 0.0, 0.0, 0.0, 0.0)
+def begin_interval(motor: Motor) -> None:
+    """Observe the motor from a reading on."""
+    motor.first = motor.second = motor.steps = motor.step = 0.0
 
 
 def mean_force(motor: Motor, dt: float, lag: float) -> float:
@@ -73,13 +70,18 @@ def penalty(
     """
     if motor.steps == 0.0 and lag == 0.0:
         return 0.0
-    damping = constants.damping
     deviation = max(motor.second - motor.first * motor.first / dt, 0.0)
-    if deviation == 0.0:
-        return 0.0
-    if motor.steps != 1.0 or lag > 0.0 or constants.presliding > 0.0 or constants.friction == 0.0:
-        return gain * gain * deviation / (4.0 * damping)
-    step = abs(motor.step)
+    if motor.steps != 1.0 or lag > 0.0 or constants.presliding > 0.0:
+        return gain * gain * deviation / (4.0 * constants.damping)
+    return step_penalty(motor.step, deviation, gain, move, constants)
+
+
+def step_penalty(
+    step: float, deviation: float, gain: float, move: float, constants: AxisConstants
+) -> float:
+    """Return the penalty of a single ``step``, in N, on an axis with rigid friction, in J."""
+    if deviation == 0.0 or constants.friction == 0.0:
+        return gain * gain * deviation / (4.0 * constants.damping)
     way = abs(move) + 2.0 * constants.half_resolution
     share = deviation / (step * step)
-    return hold_cost(gain * step, 2.0 * constants.friction, way, damping, share)
+    return hold_cost(gain * abs(step), 2.0 * constants.friction, way, constants.damping, share)

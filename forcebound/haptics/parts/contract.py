@@ -21,17 +21,6 @@ SHOWN = 3  # violations of one promise in a report; the others are alike
 
 
 @dataclass(frozen=True)
-class Fault:
-    """What is wrong with an answer."""
-
-    expected: str
-    got: str
-
-    def __str__(self) -> str:
-        return f"expected {self.expected}; got {self.got}"
-
-
-@dataclass(frozen=True)
 class Violation:
     """One promise that was broken."""
 
@@ -57,18 +46,17 @@ class Report:
         return {promise: promise not in broken for promise in self.promises}
 
 
-def vector_fault(answer: object, axes: int, unit: str) -> Fault | None:
-    """Return what is wrong with the form of a vector in ``unit``; None if nothing."""
-    tolist = getattr(answer, "tolist", None)  # of an array
-    entries: object = answer if tolist is None else tolist()
+def vector_fault(answer: Any, axes: int, unit: str) -> tuple[str, str] | None:
+    """Return what a vector in ``unit`` should be, and what came; None if its form is right."""
+    entries = answer.tolist() if hasattr(answer, "tolist") else answer  # of an array
     expected = f"a tuple with {axes} number{'s' * (axes > 1)} in {unit}, one per axis"
     if isinstance(entries, str | bytes) or not isinstance(entries, Sequence):
-        return Fault(expected, shown(answer))
+        return expected, shown(answer)
     if len(entries) != axes:
-        return Fault(expected, f"{len(entries)} entries: {shown(answer)}")
+        return expected, f"{len(entries)} entries: {shown(answer)}"
     for entry in entries:
         if isinstance(entry, bool) or not isinstance(entry, numbers.Real):
-            return Fault(expected, f"an entry {shown(entry)}")
+            return expected, f"an entry {shown(entry)}"
     return None
 
 
@@ -122,7 +110,7 @@ class Findings:
         """Return whether a vector has its form (promise "shape"); check that it is finite."""
         fault = vector_fault(answer, axes, unit)
         if fault is not None:
-            self.add("shape", fault.expected, fault.got, where)
+            self.add("shape", *fault, where)
         elif not all(map(math.isfinite, answer)):
             self.add(finite, "finite numbers", repr(answer), where)
         return fault is None

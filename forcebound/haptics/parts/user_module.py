@@ -15,7 +15,7 @@ import hashlib
 import re
 import sys
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -111,15 +111,6 @@ def user_code(call: str, field: str | None = None) -> Iterator[None]:
         raise ConfigError(f"{start}{describe_user_error(error)}", field=field) from error
 
 
-def raised_words(error: BaseException) -> str:
-    """Return what an error says; of numba's report, what is wrong in which line of the law."""
-    text = str(error)
-    if not type(error).__module__.startswith("numba"):
-        return text
-    found = _IN_LINE.search(text)
-    return text if found is None else f"{found['what']} ({found['file']}:{found['line']})"
-
-
 def _match(kind: str) -> re.Match[str]:
     match = _KIND.fullmatch(kind)
     assert match is not None, kind
@@ -161,7 +152,9 @@ def _read(path: Path) -> bytes:
 def _describe(error: BaseException, files: set[str]) -> str:
     """What was raised, where in one of these files, and the line itself."""
     place, text = None, ""
-    words = raised_words(error)
+    words = str(error)
+    if type(error).__module__.startswith("numba") and (found := _IN_LINE.search(words)):
+        words = f"{found['what']} ({found['file']}:{found['line']})"  # which line of the law
     if isinstance(error, SyntaxError) and error.filename in files:
         place, text, words = f"{error.filename}:{error.lineno}", error.text or "", error.msg
     else:
@@ -173,18 +166,18 @@ def _describe(error: BaseException, files: set[str]) -> str:
 
 
 def _name_in(
-    file: _File, path: Path, wanted: str | None, fits: Callable[[object], bool], expected: str
+    file: _File, path: Path, asked: str | None, fits: Callable[[object], bool], expected: str
 ) -> str:
     defined = {
         name: part
         for name, part in vars(file.module).items()
         if name not in file.imported and not name.startswith("__") and _is_part(name, part)
     }
-    if wanted is not None:
-        if wanted not in defined:
+    if asked is not None:
+        if asked not in defined:
             known = ", ".join(sorted(defined)) or "none"
-            raise ConfigError(f"{path.name} does not define {wanted!r}; it has: {known}")
-        return wanted
+            raise ConfigError(f"{path.name} does not define {asked!r}; it has: {known}")
+        return asked
     classes = [name for name, part in defined.items() if isinstance(part, type)]
     fitting = [name for name, part in defined.items() if fits(part)]
     # The class of an open environment has the methods of a stateless one, and is no dataclass.
@@ -212,5 +205,5 @@ def _reduce(member: Any) -> tuple[Callable[..., Any], tuple[Any, ...]]:
     return _rebuild, (kind_of(type(member)), values)
 
 
-def _rebuild(kind: str, values: dict[str, Any]) -> Any:
+def _rebuild(kind: str, values: Mapping[str, object]) -> Any:
     return load(kind, Path(), lambda part: True, "a class")(**values)

@@ -7,5 +7,5 @@ clock or a port. It turns the motors of a
 :mod:`forcebound.hardware.emulators.pty` gives that a port and the real time, ``forcebound emulate``
 a terminal.
 
-To add one: write ``my_board.py``, and a function in :mod:`forcebound.hardware.emulators.kinds`.
+To add one: write ``my_board.py``, and a function in :mod:`forcebound.hardware.emulators.program`.
 """

@@ -1,7 +1,6 @@
 """A board, its mechanism and its faults, over time; without a clock or a port."""
 
-from collections import deque
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 from forcebound.haptics.devices.truth_file import NOT_YET, TruthFile
 from forcebound.hardware.emulators.faults import Faults
@@ -40,15 +39,8 @@ class Board(Protocol):
         ...
 
 
-class Emulated(NamedTuple):
-    """What a kind of emulator is made of."""
-
-    board: Board
-    mechanism: Mechanism
-
-
 class Emulation:
-    """What happens at the far end of a serial line; replies come ``latency`` s late.
+    """What happens at the far end of a serial line.
 
     Attributes:
         replies: Number of replies so far.
@@ -57,13 +49,15 @@ class Emulation:
     """
 
     def __init__(
-        self, emulated: Emulated, faults: Faults, truth: TruthFile, latency: float = 0.0
+        self,
+        board: Board,
+        mechanism: Mechanism,
+        faults: Faults,
+        truth: TruthFile,
     ) -> None:
-        self._board, self._mechanism = emulated
+        self._board, self._mechanism = board, mechanism
         self._faults, self._truth = faults, truth
-        self._latency_ns = round(1e9 * latency)
         self._unread = b""
-        self._waiting: deque[tuple[int, bytes]] = deque()  # replies, and when they are due
         self._is_used = False
         self.replies = 0
         self.lowest_energy = self.longest_hold = 0.0
@@ -72,8 +66,6 @@ class Emulation:
     @property
     def wake_ns(self) -> int | None:
         """When the board has something to do by itself, in ns."""
-        if self._waiting and self._board.wake_ns is None:
-            return self._waiting[0][0]
         return self._board.wake_ns
 
     def start(self, time_ns: int) -> None:
@@ -110,11 +102,8 @@ class Emulation:
             faults.begin(time_ns)
             if faults.is_on("nan", time_ns):
                 reply = board.with_nan(reply)
-            self._waiting.append((time_ns + self._latency_ns, faults.spoil(reply, time_ns)))
-        due = b""
-        while self._waiting and self._waiting[0][0] <= time_ns:
-            due += self._waiting.popleft()[1]
-        return due
+            reply = faults.spoil(reply, time_ns)
+        return reply
 
     def settle(self, time_ns: int) -> None:
         """Move the hand as its time has come, and publish the ground truth."""

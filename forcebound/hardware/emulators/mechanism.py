@@ -1,18 +1,58 @@
-"""What an emulated board turns: a simulated device, in a hand, at the angles of its motors."""
+"""The simulated device whose motors an emulated board turns, and the hand on it."""
 
 from dataclasses import replace
 from functools import partial
 from typing import Any
 
 from forcebound.errors import DeviceError
-from forcebound.haptics.devices.simulated import SimulatedDevice
-from forcebound.haptics.devices.truth import Truth
+from forcebound.haptics.devices import Truth
+from forcebound.haptics.devices.simulated import SimulatedDevice, pad
 from forcebound.haptics.hands import Operator
 from forcebound.haptics.hands.hands import NoHand
-from forcebound.hardware.emulators.hand import CarryingHand
 from forcebound.messages.packets import Vector
 
 LARGEST_TORQUE = 1e6  # N m, no limit: the board has its own
+CARRY = 1.0  # s, to bring the tip from one place to another
+
+
+class CarryingHand(Operator):
+    """A hand that holds the tip in the pose of the set-up until it is sent elsewhere.
+
+    A real arm is held in a known pose, ``home`` (m), while the board is set up, and only then
+    brought to where the operator's path begins. All times are those of ``target``.
+    """
+
+    def __init__(self, operator: Operator, home: Vector) -> None:
+        self.mass, self.stiffness = operator.mass, operator.stiffness
+        self.damping = operator.damping
+        self._operator = operator
+        self.home, self.begin = home, pad(operator.target(0.0), len(home))
+        self._from = self._to = home
+        self._carried_at = -CARRY
+        self._moves_at: float | None = None
+
+    @property
+    def is_home(self) -> bool:
+        """Whether the tip is held in the pose of the set-up, or brought there."""
+        return self._to == self.home and self._moves_at is None
+
+    def carry(self, elapsed: float, to: Vector) -> None:
+        """Bring the tip to a place, in m, and hold it there."""
+        self._from, self._to = self.target(elapsed), to
+        self._carried_at = elapsed
+        self._moves_at = None
+
+    def move(self, elapsed: float) -> None:
+        """Move along the path, as soon as the tip is where that begins."""
+        if self._moves_at is None:
+            self._moves_at = max(elapsed, self._carried_at + CARRY)
+
+    def target(self, elapsed: float) -> Vector:
+        if self._moves_at is not None and elapsed >= self._moves_at:
+            return pad(self._operator.target(elapsed - self._moves_at), len(self.home))
+        share = min(max((elapsed - self._carried_at) / CARRY, 0.0), 1.0)
+        smooth = share * share * (3.0 - 2.0 * share)
+        return tuple([a + smooth * (b - a) for a, b in zip(self._from, self._to, strict=True)])
 
 
 class Mechanism:
@@ -85,7 +125,7 @@ class Mechanism:
         if not self._is_held:
             self._put_home(time_ns)
         elif not self._hand.is_home:
-            self._hand.carry_home(self._elapsed(time_ns))
+            self._hand.carry(self._elapsed(time_ns), self._hand.home)
 
     def use(self, time_ns: int, may_move: bool) -> None:
         """Let the hand bring the tip to where its path begins; ``may_move``: and move along it."""
@@ -95,7 +135,7 @@ class Mechanism:
             self._is_away = may_move
             return
         if self._hand.is_home:
-            self._hand.carry_out(self._elapsed(time_ns))
+            self._hand.carry(self._elapsed(time_ns), self._hand.begin)
         if may_move:
             self._hand.move(self._elapsed(time_ns))
 

@@ -20,18 +20,20 @@ properties.
 import math
 import re
 from dataclasses import dataclass, field
-from functools import reduce
-from operator import xor
 
+from forcebound.hardware.odrive_lines import (
+    CLOSED_LOOP_CONTROL,
+    IDLE,
+    WATCHDOG_EXPIRED,
+    exclusive_or,
+)
 from forcebound.messages.packets import Vector
 
 LINE_ENDS = re.compile(rb"[\r\n!]")
 LONGEST_LINE = 256  # bytes, with its end
 LONGEST_VALUE = 9  # characters
-IDLE, CLOSED_LOOP_CONTROL = 1, 8  # states of an axis
 TORQUE_CONTROL = 1
-# Errors of an axis.
-INVALID_STATE, MOTOR_FAILED, ENCODER_FAILED, WATCHDOG_EXPIRED = 0x1, 0x40, 0x100, 0x800
+INVALID_STATE, ENCODER_FAILED = 0x1, 0x100  # errors of an axis
 STATE_NS = 1_000_000  # from the request for a state to the state
 NUMBER = r"[-+]?(?:inf(?:inity)?|nan|(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?)"
 LARGEST_FLOAT = 3.4028235e38
@@ -69,7 +71,7 @@ READ_ONLY = {*BOARD_VALUES, "current_state", "encoder.pos_estimate", "encoder.ve
 class _Axis:
     values: dict[str, Value] = field(default_factory=AXIS_VALUES.copy)
     fed_until_ns: int = 0
-    state_from_ns: int | None = None  # when a state that was asked for is taken on
+    state_from_ns: int | None = None  # when the requested state is taken on
     angle: float | None = None  # rad, at the last look
 
     @property
@@ -114,6 +116,9 @@ class ODriveBoard:
         if len(rest) >= LONGEST_LINE:
             self._is_passed_over, rest = True, b""
         self._line = rest
+        for axis in self._axes:
+            if axis.values["requested_state"] and axis.state_from_ns is None:
+                axis.state_from_ns = time_ns + STATE_NS
         self.torque = tuple(map(_torque, self._axes))
         self.wake_ns = self._next_ns()
         reply = b"".join(self._reply)
@@ -132,7 +137,7 @@ class ODriveBoard:
         return b"".join(lines)
 
     def _go_on(self, time_ns: int) -> None:
-        """Let time pass: estimates, states that were asked for, watchdogs."""
+        """Let time pass: estimates, requested states, watchdogs."""
         for axis, angle in zip(self._axes, self.angles, strict=True):
             self._estimate(axis, angle, time_ns)
             values = axis.values
@@ -155,12 +160,11 @@ class ODriveBoard:
         axis.angle = angle
 
     def _enter(self, axis: _Axis) -> None:
-        wanted = axis.values["requested_state"]
-        axis.values["requested_state"] = 0
-        if wanted == CLOSED_LOOP_CONTROL and (not self._is_calibrated or axis.values["error"]):
-            axis.fail(INVALID_STATE)
-        elif wanted in (IDLE, CLOSED_LOOP_CONTROL):
-            axis.values["current_state"] = wanted
+        values = axis.values
+        state, values["requested_state"] = values["requested_state"], 0
+        is_ready = self._is_calibrated and not values["error"]
+        if state == IDLE or (state == CLOSED_LOOP_CONTROL and is_ready):
+            values["current_state"] = state
         else:
             axis.fail(INVALID_STATE)
 
@@ -177,21 +181,19 @@ class ODriveBoard:
             given = re.match(rb"\s*\+?(\d+)", rest)
             if given is None or int(given[1]) != exclusive_or(text):
                 return
-        command = text.decode("latin-1")
-        answer = self._answer(command, time_ns)
+        answer = self._answer(text.decode("latin-1"), time_ns)
         if answer is not None:
             self._reply.append(_ended(answer, bool(star)))
 
     def _answer(self, command: str, time_ns: int) -> str | None:
-        kind = command[:1]
+        kind, words = command[:1], command[1:].split()
+        if command.startswith("sc"):
+            for axis in self._axes:
+                axis.values["error"] = 0
         if kind == "s":
-            if command[1:2] == "c":
-                self._clear_errors()
             return None
-        if kind == "r":
-            return self._read(command)
-        if kind == "w":
-            return self._write(command, time_ns)
+        if kind in ("r", "w"):
+            return self._property(kind, *words[:2]) if words else "invalid command format"
         if kind not in ("c", "f", "u"):
             return "unknown command"
         form = rf"{kind}\s*\+?(\d+)" + (rf"\s*({NUMBER})" if kind == "c" else "")
@@ -201,63 +203,32 @@ class ODriveBoard:
         if int(given[1]) >= len(self._axes):
             return f"invalid motor {given[1]}"
         axis = self._axes[int(given[1])]
+        values = axis.values
         if kind == "f":
-            values = axis.values
             return f"{values['encoder.pos_estimate']:f} {values['encoder.vel_estimate']:f}"
         if kind == "c":
-            axis.values["controller.config.control_mode"] = TORQUE_CONTROL
-            axis.values["controller.input_torque"] = _as_float(given[2])
-        self._feed(axis, time_ns)
+            values["controller.config.control_mode"] = TORQUE_CONTROL
+            values["controller.input_torque"] = _as_float(given[2])
+        axis.fed_until_ns = time_ns + round(float(values["config.watchdog_timeout"]) * 1e9)
         return None
 
-    def _feed(self, axis: _Axis, time_ns: int) -> None:
-        axis.fed_until_ns = time_ns + round(float(axis.values["config.watchdog_timeout"]) * 1e9)
-
-    def _clear_errors(self) -> None:
-        for axis in self._axes:
-            axis.values["error"] = 0
-
-    def _find(self, command: str) -> tuple[dict[str, Value], str, _Axis | None] | str:
-        """Return the values with a property, its name there, its axis; or what is said of it."""
-        words = command[1:].split()
-        if not words:
-            return "invalid command format"
-        name = words[0]
-        found = re.fullmatch(r"axis(\d+)\.(.+)", name)
-        if found is None:
-            return (self._values, name, None) if name in self._values else "invalid property"
-        number, own = int(found[1]), found[2]
-        if number >= len(self._axes) or own not in AXIS_VALUES:
+    def _property(self, kind: str, name: str, text: str = "") -> str | None:
+        """Read or write a property; return the reply."""
+        owners = {f"axis{number}": axis.values for number, axis in enumerate(self._axes)}
+        owner, own = name.partition(".")[::2]
+        values, key = (owners[owner], own) if owner in owners else (self._values, name)
+        if key not in values:
             return "invalid property"
-        return self._axes[number].values, own, self._axes[number]
-
-    def _read(self, command: str) -> str:
-        found = self._find(command)
-        if isinstance(found, str):
-            return found
-        value = found[0][found[1]]
-        return (f"{value:f}" if isinstance(value, float) else str(int(value)))[:LONGEST_VALUE]
-
-    def _write(self, command: str, time_ns: int) -> str | None:
-        found = self._find(command)
-        if isinstance(found, str):
-            return found
-        values, name, axis = found
-        words = command[1:].split()
-        form = NUMBER if isinstance(values[name], float) else r"[-+]?\d+"
-        given = re.match(form, words[1] if len(words) > 1 else "", re.IGNORECASE)
-        if name in READ_ONLY or given is None:
+        value = values[key]
+        if kind == "r":
+            return (f"{value:f}" if isinstance(value, float) else str(int(value)))[:LONGEST_VALUE]
+        form = NUMBER if isinstance(value, float) else r"[-+]?\d+"
+        given = re.match(form, text, re.IGNORECASE)
+        if key in READ_ONLY or given is None:
             return "not implemented"
-        kind = type(values[name])
-        values[name] = _as_float(given[0]) if kind is float else kind(int(given[0]))
-        if axis is not None and name == "requested_state":
-            axis.state_from_ns = time_ns + STATE_NS
+        is_float = isinstance(value, float)
+        values[key] = _as_float(given[0]) if is_float else type(value)(int(given[0]))
         return None
-
-
-def exclusive_or(text: bytes) -> int:
-    """Return the checksum of a line."""
-    return reduce(xor, text, 0)
 
 
 def _torque(axis: _Axis) -> float:

@@ -1,47 +1,78 @@
 """The program of an emulator: its parts made, its port shown, its time begun."""
 
 import json
+import math
 import os
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from forcebound import realtime
 from forcebound.errors import ConfigError
 from forcebound.folders import runtime_folder
+from forcebound.graph.graph import PartSpec
+from forcebound.graph.names import Document
+from forcebound.graph.resolved import made
+from forcebound.haptics.devices.true_values import true_axes
 from forcebound.haptics.hands import Operator
-from forcebound.hardware.emulators.emulation import Emulation
+from forcebound.hardware.emulators.emulation import Board, Emulation
 from forcebound.hardware.emulators.faults import Fault, Faults
-from forcebound.hardware.emulators.kinds import EMULATORS, restored_operator
+from forcebound.hardware.emulators.haply_board import HaplyBoard
+from forcebound.hardware.emulators.mechanism import Mechanism
+from forcebound.hardware.emulators.odrive_board import ODriveBoard
 from forcebound.hardware.emulators.pty import PseudoPort, serve
+from forcebound.hardware.hapi import WIRINGS
+from forcebound.hardware.haply_2diy import Haply2DIY
+from forcebound.hardware.odrive import ODrive
 from forcebound.stop import Stop
 
 PRIORITY = 20  # of SCHED_FIFO; below that of the nodes
 
 
+def haply_2diy(model: Haply2DIY, operator: Operator | None) -> tuple[Board, Mechanism]:
+    """Return a Haply board on a simulated five-bar, whose encoders are those of its version."""
+    wiring = WIRINGS[model.version]
+    arm = replace(model.five_bar(), resolution=math.tau / wiring.counts)
+    home = arm.kinematics().position(tuple([math.radians(angle) for angle in wiring.home]))
+    board = HaplyBoard(true_axes(arm, "resolution"), wiring.directions)
+    return board, Mechanism(arm, operator, home)
+
+
+def odrive(model: ODrive, operator: Operator | None) -> tuple[Board, Mechanism]:
+    """Return an ODrive on simulated knobs; the hand begins at 0 m, where the encoders begin."""
+    home = (0.0,) * model.joints
+    return ODriveBoard(model.joints), Mechanism(model.knob(), operator, home)
+
+
+#: By the kind of device that is emulated: the function that makes board and mechanism of its model
+#: and a hand, or None.
+EMULATORS: Mapping[str, Callable[[Any, Operator | None], tuple[Board, Mechanism]]] = {
+    "haply_2diy": haply_2diy,
+    "odrive": odrive,
+}
+
+
 def run(
     kind: str,
-    values: Mapping[str, Any],
-    operator: Operator | None,
+    parts: tuple[Any, Operator | None],
     link: Path,
     faults: Sequence[Fault],
-    latency: float,
     until_unused: bool,
     say: Callable[[str], None],
     advice: str = "",
 ) -> None:
     """Run an emulator until it is interrupted, unplugs itself or is no longer used.
 
-    Kind, values and operator are those of ``EMULATORS``; a reply comes ``latency`` s late, beyond
-    that of the pseudo-terminal; with ``until_unused`` it ends when its user has closed the port.
-    ``say`` takes the lines for the terminal, the last of which may be ``advice``.
+    Kind and parts, the model of a device and a hand, are those of ``EMULATORS``. With
+    ``until_unused`` it ends when its user has closed the port. ``say`` takes the lines for the
+    terminal, the last of which may be ``advice``.
     """
     be_punctual()
     with Stop() as stop, PseudoPort(link) as port:
-        emulated = EMULATORS[kind](values, operator)
-        emulation = Emulation(emulated, Faults(faults), port.truth, latency)
+        emulation = Emulation(*EMULATORS[kind](*parts), Faults(faults), port.truth)
         realtime.freeze_garbage()
         emulation.start(time.monotonic_ns())
         port.show()
@@ -64,30 +95,26 @@ def be_punctual() -> None:
 
 
 def default_link(kind: str) -> Path:
-    """Return the path of the port of an emulator that is started by hand."""
+    """Return the path of the port of an emulator that is started by hand; else ConfigError."""
     folder = runtime_folder()
     if folder is None:
         raise ConfigError("there is no private folder for the port: give a path with --link")
     return folder / f"forcebound-{kind}"
 
 
-def launch_file_values(
-    file: str, arguments: Sequence[str]
-) -> tuple[Mapping[str, Any], Operator | None]:
-    """Return mechanism and operator of a launch file whose device can be emulated."""
+def launch_file_parts(file: str, arguments: Sequence[str]) -> tuple[Any, Operator | None]:
+    """Return device model and operator of a launch file whose device can be emulated."""
     from forcebound.graph.loader import load  # a driver that starts an emulator reads none
 
     config = load(file, arguments)
-    model: Any = config.device.model
-    return model.mechanism(), config.operator
+    return config.device.model, config.operator
 
 
-def given_values(text: str) -> tuple[Mapping[str, Any], Operator | None]:
-    """Return mechanism and operator of the document that a driver gives."""
-    try:
-        document = json.loads(text)
-        return dict(document["mechanism"]), restored_operator(document["operator"])
-    except ConfigError:
-        raise
-    except (ValueError, KeyError, TypeError) as error:
-        raise ConfigError(f"this is no description of an emulated device: {error!r}") from error
+def given_parts(text: str) -> tuple[Any, Operator | None]:
+    """Return device model and operator that :func:`forcebound.hardware.emulated.start` gives."""
+    document = json.loads(text)
+    return _part("device", document["device"]), _part("operator", document["operator"])
+
+
+def _part(section: str, values: Document | None) -> Any:
+    return None if values is None else made(section, PartSpec(values.pop("kind"), values))

@@ -1,9 +1,8 @@
 """A port for an emulator: a pseudo-terminal, a link to it, and the real time.
 
-The link is made last, when all is ready, so that whoever waits for it may begin at once. Beside it
-stands the ground truth (:mod:`forcebound.haptics.devices.truth_file`), locked for as long as the
-emulator
-runs: so a link that a killed emulator has left differs from one that is in use.
+The link is made last, when all is ready, so that a program that waits for it may begin at once.
+Beside it is the ground truth (:mod:`forcebound.haptics.devices.truth_file`), locked for as long as
+the emulator runs: so a link that a killed emulator has left differs from one that is in use.
 """
 
 import errno

@@ -21,10 +21,9 @@ from forcebound.messages.codec import decode
 from forcebound.messages.packets import TOPIC_OF, TOPICS, Packet
 from forcebound.messages.topology import HAND, Stream, endpoint
 from forcebound.network import sockets
-from forcebound.network.channel import Channel
 from forcebound.network.link import Link
 from forcebound.network.sockets import Network
-from forcebound.network.subscriber import Subscriber
+from forcebound.network.streams import Channel, Subscriber
 
 LONGEST_WAIT_NS = 10_000_000  # then the runner polls its control socket
 SLEPT_NS = 5_000  # a receiving call that took longer has slept

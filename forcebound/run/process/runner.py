@@ -26,8 +26,6 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-import msgspec
-
 from forcebound import realtime
 from forcebound.errors import ConfigError
 from forcebound.messages.codec import encode
@@ -40,7 +38,6 @@ from forcebound.messages.control import (
     NodeStatus,
     Parameters,
     Refused,
-    RemoteStatus,
     Request,
     StopProcess,
 )
@@ -237,7 +234,7 @@ class Runner:
         status.steps = self.steps
         status.links = self._inbox.link_counts()
         if self._remote is not None:
-            status.remote = msgspec.convert(self._remote.status(), RemoteStatus)
+            status.remote = self._remote.status()
         status.realtime = list(self._facts)
         return status
 

@@ -1,10 +1,18 @@
-"""What an arm states: numbers of its joints."""
+"""What every arm states: numbers of its joints. Each kind of simulated arm adds its geometry."""
 
-from dataclasses import dataclass
-from typing import Annotated, ClassVar, TypeAlias
+from abc import abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Annotated, ClassVar, TypeAlias
 
-from forcebound.haptics.devices import DeviceModel
+from forcebound.errors import ConfigError
+from forcebound.haptics.devices import DeviceModel, Source
+from forcebound.haptics.devices.kinematics import ArmKinematics
+from forcebound.haptics.devices.simulated import SimulatedDevice
 from forcebound.haptics.devices.true_values import TrueMotor, check_counts
+from forcebound.haptics.hands import Operator
+from forcebound.haptics.laws import Watchdog
+from forcebound.messages.packets import Vector
 from forcebound.quantities import (
     NOT_NEGATIVE,
     POSITIVE,
@@ -12,9 +20,14 @@ from forcebound.quantities import (
     AngularSpeed,
     Inertia,
     JointDamping,
+    Range,
+    Ratio,
     Time,
     Torque,
 )
+
+if TYPE_CHECKING:
+    from forcebound.haptics.devices.arm import ArmBody
 
 # One number for all joints alike, or a list of one for each joint.
 DampingOfJoints: TypeAlias = (
@@ -28,6 +41,9 @@ AngleOfJoints: TypeAlias = (
 )
 
 PER_JOINT = ("damping", "friction", "resolution", "presliding")
+ASSUMED: Mapping[str, Source] = dict.fromkeys(
+    ("damping", "friction", "resolution", "saturation", "inertia", "largest_speed"), "assumed"
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,3 +102,39 @@ class StatedJoints(DeviceModel):
     def __post_init__(self) -> None:
         super().__post_init__()
         check_counts(self, PER_JOINT)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulatedArm(StatedJoints):
+    """Parameters of a simulated arm."""
+
+    sources: Mapping[str, Source] = field(default_factory=lambda: ASSUMED, hash=False)
+    watchdog: Watchdog = "guarding"
+    watchdog_tolerance: Annotated[Ratio, Range(at_least=0, below=1)] = 0.0
+    guard_period: Annotated[Time, POSITIVE] = 50e-6
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.angles((0.0,) * self.axes) is None:
+            raise ConfigError("origin: the arm does not reach 0 m", field="origin")
+
+    @abstractmethod
+    def kinematics(self) -> ArmKinematics:
+        """Return the kinematics of this geometry."""
+
+    @abstractmethod
+    def angles(self, position: Vector) -> Vector | None:
+        """Return the joint angles, in rad, for a tip at ``position``, in m; None out of reach."""
+
+    def body(self, operator: Operator) -> "ArmBody":
+        """Return the body; see :class:`forcebound.haptics.devices.simulated.Body`.
+
+        Raises:
+            DeviceError: If the hand begins where the arm does not reach.
+        """
+        from forcebound.haptics.devices.arm import ArmBody  # numpy, which a launcher does without
+
+        return ArmBody(self, operator)
+
+    def open(self, operator: Operator | None, hold_limit: float) -> SimulatedDevice:
+        return SimulatedDevice(self, operator, hold_limit)
