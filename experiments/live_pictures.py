@@ -26,6 +26,7 @@ STEPS = 30  # moves of a drag
 FILM = {"width": 1120, "height": 680, "deviceScaleFactor": 1, "mobile": False}
 SHOWN = 0.8  # scale of the moving picture
 FRAME = 0.1  # s between two of its frames, at least
+DEEP = 16  # mm that the hand is pushed away from the eye
 QUALITY = 75  # of its compression
 LARGEST = 2_000_000  # B
 IS_TOUCHING = "parseFloat(document.getElementById('force').textContent) > 0.1"
@@ -162,7 +163,9 @@ def show_touch(driver: Any, running: Graph, picture: Path) -> None:
     driver.execute_cdp_cmd("Emulation.setEmulatedMedia", dark)
     open_page(driver, running.address)
     running.run_for(6.0)  # the mesh comes, and time to see that the hand was free
-    drag(driver, 135.0, -15.0)
+    drag(driver, 90.0, 0.0)
+    key = selenium("webdriver").Keys.PAGE_UP  # 1 mm away, into the rabbit
+    driver.find_element("id", "scene").send_keys(key * DEEP)
     until(driver, IS_TOUCHING)
     running.run_for(3.0)
     save(driver, picture)
