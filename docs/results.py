@@ -9,8 +9,26 @@ _HEAD = """# Results of a run
 
 The table on this page is made from that of the program: `make reference` writes it.
 
-Every run ends with a table; `--json` prints the same figures under the keys given here, in SI units (a key that ends
-in `_ms`: in ms).
+A result begins with a verdict of at most five lines (`simulate`, `launch`, `plot`, `replay`; key `verdict`):
+
+```
+Not passive: the hand received up to 194 mJ that it had not put in.
+Not at rest: it moves at 110 mm/s at the end, and turned round 222 times after first contact.
+Stiffness felt: 7.91 N/mm of 10 N/mm (79%, a mean, since the hand moved); the rest was taken by: saturation 100 %.
+```
+
+* **Passive** of a simulated device is the ground truth: the energy that the hand has put in less what it got back never
+  falls below zero (by more than 1 nJ). What was left at the closest is its lowest value from first contact on; friction on
+  the way to the wall counts. Of a real device no true energy is known. There the line says what the motor alone gave, and
+  whether a certificate covers it.
+* **At rest**: slower than 1 mm/s over the last 0.5 s.
+* **Stiffness felt** is the displayed stiffness of the table, less what a watchdog dropped between two writes, in the unit
+  of the launch file. The [shares](#what-takes-stiffness) of what took the rest add up to 100 %.
+* **Why the law gave little**: the first cause of `little_force`, with a remedy.
+* **Failed**: faults, rejected and lost packets, ticks missed (from 0.1 % on); only if there are any.
+
+`--all` prints the table of all figures below it; `--json` prints them under the keys given here, in SI units (a key that
+ends in `_ms`: in ms).
 `forcebound plot RUN.mcap` computes them again from a recording. A dash means: not defined for this run (no surface, no
 contact, no ground truth); `undefined` has the reason, by key. Under *needs* stands what a run must have for the figure,
 beside an engaged force: *truth* is that of a simulated device, *axes* are several, *constant* is a stiffness that does not
@@ -30,6 +48,10 @@ MEANINGS = {
     "displayed_stiffness_n_per_m": (
         "mean of applied force over penetration, in contact, 2 to 5 s after engagement; of a "
         "shorter run, its last 40 % (paper, Eq. 33)"
+    ),
+    "stiffness_n_per_m": (
+        "`asked` of the environment, `felt`, and the `shares` of what took the rest, see below; "
+        "null where late answers added more than a tenth of what was lost"
     ),
     "rate_hardness_n_per_m": (
         "slope of force over slope of penetration in the first 10 ms of the first contact (Eq. 34)"
@@ -94,6 +116,7 @@ MEANINGS = {
         "minimum of ∫ F_h v dt, ground truth of a simulated device; below zero, the hand "
         "received energy that it did not put in"
     ),
+    "energy_left_j": "lowest energy (ground truth) from first contact on",
     "largest_energy_fall_j": (
         "the most energy (ground truth) that the hand got back at a stretch. A spring that is "
         "released gives back what was put in, so this is no leak; it is what the hand has to "
@@ -109,7 +132,8 @@ MEANINGS = {
     ),
     "observed_energy_min_j": (
         "minimum of the passivity observer at the motor, from readings and applied forces; "
-        "available on hardware (Hannaford and Ryu 2002)"
+        "available on hardware (Hannaford and Ryu 2002). Damping and friction of the device are "
+        "not in it, so below zero is no leak: a law may give what they are sure to take"
     ),
     "observed_power_min_w": "the most power that the motor gave, mean over 10 samples",
     "observed_deficit_share": "share of the samples in which that observer is below zero",
@@ -187,6 +211,27 @@ MEANINGS = {
 }
 
 _TAIL = """
+## What takes stiffness
+
+The force of a wall passes several stages, and at each sample in contact (of the steady window) the last one that made it
+smaller took what is missing: without an earlier one the hand would have felt no more.
+
+| share | what is missing where |
+|---|---|
+| law | the law cut the force |
+| saturation | the motor could not give more, and the law left that as it was |
+| late answers | nothing cut it: the answer in use is of an earlier, shallower place |
+| missing answers | no answer was in use: none had come, or it was older than `device.age_limit` |
+| missed ticks | a silent or reporting watchdog had dropped the force of a late tick until the next write; and, with `device.hold_limit: auto`, what a certified law gives less with the same ledger because late ticks lengthen the hold limit |
+| controller or environment | neither: the controller changes the answer, or the environment is more than a spring |
+
+**What cannot be separated.** Late answers and missed ticks also take stiffness through the law: they empty its ledger.
+That is in the law's share, since only another run could tell how much it is; compare with `delay:="0 ms"` in
+`forcebound simulate`. Of a run whose law was changed, the share of missed ticks has only the dropped force. Of a hand
+that moves, the stiffness felt is a mean and means little.
+
+## More
+
 **Two and three axes.** An environment that has a proxy says with each answer where it is, and the normal of the surface
 there. Penetration and the forces of displayed stiffness, rate-hardness, vibration and impedance are then those along
 that normal, at the position that was asked about; a tick without an answer has the surface of the newest one before it,

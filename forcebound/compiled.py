@@ -11,6 +11,7 @@ needed. Two things are handled here and nowhere else:
 """
 
 import hashlib
+import logging
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from functools import cache
@@ -32,6 +33,8 @@ from forcebound.folders import cache_folder
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
+
+_logger = logging.getLogger(__name__)
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -81,10 +84,17 @@ def _compiled(function: Callable[..., Any], parallel: bool, fast: bool) -> Any:
     if folder is not None:
         config: Any = numba.config  # pyright: ignore[reportPrivateImportUsage]
         config.CACHE_DIR = str(folder)
+        if not any(folder.iterdir()):
+            _say_that_it_compiles()
     allow_in_kernels(_called_by(function))
     return numba.njit(
         cache=folder is not None, parallel=parallel, fastmath=fast, error_model="numpy", nogil=True
     )(function)
+
+
+@cache
+def _say_that_it_compiles() -> None:
+    _logger.info("compiling (once, about half a minute)")
 
 
 def _is_known_by_name(function: Callable[..., Any]) -> bool:

@@ -48,6 +48,22 @@ def split_quantity(
     return _finite(float(match["number"]), text, expected), match["unit"] or ""
 
 
+def in_unit(value: float, unit: str, digits: int = 15) -> str:
+    """Return a quantity in SI as text in a unit that is written so: ``20 ms``.
+
+    With as few of the ``digits`` as give the number again; a unit that there is not is none.
+    """
+    try:
+        size = _unit(unit)[0] if unit else Decimal(1)
+    except KeyError:
+        unit, size = "", Decimal(1)
+    number = float(Decimal(repr(value)) / size) if math.isfinite(value) else value
+    text = f"{number:.{digits}g}"
+    if digits == 15 and float(text) != number:
+        text = repr(number)
+    return f"{text} {unit}".rstrip()
+
+
 @cache
 def to_si(text: str) -> float | None:
     """Return a quantity of any dimension that parameters have, in SI; None if it is none."""

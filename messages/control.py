@@ -38,6 +38,7 @@ class Configure(Request, frozen=True, tag="configure"):
 
     time_ns: int  # when they were written into the launch document; an older request is ignored
     parameters: Parameters  # all of the graph
+    units: dict[str, str] = {}  # in which quantities of it were written, by name; for people
 
 
 class Engage(Request, frozen=True, tag="engage"):

@@ -11,6 +11,8 @@ LINK_COUNTED = "link_counted"  # kind of event: packets of a link, by fate
 BOUNDER_REPORTED = "bounder_reported"  # kind of event: what the bounder has met in a run
 TAKES_HOLD_LIMIT = "takes_hold_limit"  # in data of an event: this device can be given a hold limit
 LAW_CHANGED = "law_changed"  # kind of event: another law bounds from now on; its data has its name
+RESERVED = (PHASE_BEGINS, PARAMETERS_SET, LINK_COUNTED, BOUNDER_REPORTED, LAW_CHANGED)
+PUBLISHED = "published"  # in data of an event: code of a device, controller or environment sent it
 STATE_INTERVAL_NS = 200_000_000  # between two events about a state that each packet may change
 MAX_ENTRIES, MAX_DATA = 60, 1_800  # of an event's data, bytes: a packet holds no more than 4096
 

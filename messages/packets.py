@@ -20,7 +20,7 @@ positive direction (``docs/theory.md``, section 1).
 from collections.abc import Mapping
 from typing import Annotated, Any, Final, Literal, NamedTuple, TypeAlias, get_type_hints
 
-from msgspec import Meta, Struct
+from msgspec import UNSET, Meta, Struct, UnsetType
 from msgspec.inspect import type_info
 
 VERSION: Final = 4  # of the wire format; every packet carries it
@@ -31,6 +31,8 @@ MAX_LENGTH = 64  # of any array or map on the wire
 MAX_NAME = 64  # characters of a name
 NAMES = ("hand", "environment", "node", "event")  # keys whose text is printable, on one line
 MAX_TEXT = 500  # characters of a text for people
+MAX_SIGNALS = 32  # of a packet, which holds no more than 4096 bytes
+SIGNAL_NAME = "^[A-Za-z][A-Za-z0-9_]{0,31}$"  # it becomes part of names of columns
 
 Vector: TypeAlias = tuple[float, ...]
 Point: TypeAlias = tuple[float, float, float]  # m, in space, whatever number of axes a device has
@@ -51,6 +53,10 @@ _Digest: TypeAlias = Annotated[str, Meta(pattern="^[0-9a-f]{64}$")]
 _Texts: TypeAlias = Annotated[Mapping[str, _Text], Meta(max_length=MAX_LENGTH)]
 _Vectors: TypeAlias = Annotated[Mapping[str, _Vector], Meta(max_length=MAX_LENGTH)]
 _Counts: TypeAlias = Annotated[Mapping[str, _Count], Meta(max_length=MAX_LENGTH)]
+_SignalName: TypeAlias = Annotated[str, Meta(pattern=SIGNAL_NAME)]
+_Numbers: TypeAlias = Annotated[Mapping[_SignalName, float], Meta(max_length=MAX_SIGNALS)]
+# Without signals the key is not sent.
+_Signals: TypeAlias = Annotated[_Numbers | UnsetType, _means("published by the sender, by name")]
 
 
 class Contact(NamedTuple):
@@ -110,6 +116,7 @@ class DeviceState(_Wire, frozen=True, tag="device_state"):
     force: Annotated[_Vector, _means("held by the motor at time_ns", "N")]
     orientation: Annotated[Quaternion | None, _means("unit quaternion w x y z of the tip")] = None
     buttons: Annotated[_Count | None, _means("bit i: button i of the device is down")] = None
+    signals: _Signals = UNSET
 
 
 class EnvironmentQuery(_Wire, frozen=True, tag="environment_query"):
@@ -142,6 +149,7 @@ class EnvironmentReply(_Wire, frozen=True, tag="environment_reply"):
         _Vector | None, _means("where the tip would be if it could enter nothing; none: free", "m")
     ] = None
     normal: Annotated[_Vector | None, _means("outward unit normal at the proxy")] = None
+    signals: _Signals = UNSET
 
     @property
     def contact(self) -> Contact | None:
@@ -163,6 +171,7 @@ class ForceCommand(_Wire, frozen=True, tag="force_command"):
         _Count | None,
         _means("device_time_ns of the environment's reply in use, device's clock", "ns"),
     ] = None
+    signals: _Signals = UNSET
 
 
 class Telemetry(_Wire, frozen=True, tag="telemetry"):

@@ -43,6 +43,13 @@ _SENT: dict[type[Packet], tuple[str, str | None]] = {
 #: Topics of the four hops of the loop, in order.
 LINKS = tuple(TOPIC_OF[packet] for packet, (_, receiver) in _SENT.items() if receiver is not None)
 
+#: Topics whose packets carry the signals of a part, by the role of its node.
+SIGNAL_TOPICS = {
+    role: TOPIC_OF[packet]
+    for packet, (role, _) in _SENT.items()
+    if "signals" in packet.__struct_fields__
+}
+
 
 class NodeSpec(Struct, frozen=True):
     """One process of a graph."""

@@ -5,7 +5,7 @@ which environment it is connected with.
 """
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from itertools import chain
 from math import isfinite
 from typing import ClassVar
@@ -13,6 +13,7 @@ from typing import ClassVar
 from msgspec.structs import replace
 
 from forcebound.haptics.controllers import Controller
+from forcebound.haptics.parts.signals import Signal
 from forcebound.haptics.parts.user_module import describe_user_error
 from forcebound.messages.control import (
     Accepted,
@@ -33,6 +34,7 @@ from forcebound.messages.packets import (
 from forcebound.messages.topology import HAND, in_hand
 from forcebound.nodes import Node, close_part
 from forcebound.nodes.lease import LEASE_NS, Lease
+from forcebound.nodes.publishing import Signals
 from forcebound.roles import CONTROLLER
 
 _logger = logging.getLogger(__name__)
@@ -55,12 +57,14 @@ class ControllerNode(Node):
         lease_ns: int = LEASE_NS,
         dead_lease_ns: int | None = None,
         hand: str = HAND,
+        signals: Collection[Signal] = (),
     ) -> None:
         self._hand = hand
         self._controller = controller
         self._queries = 0
         self._commands = 0
         self.events = EventLog(in_hand(hand, CONTROLLER))
+        self._signals = Signals(controller, signals, self.events, self.reject)
         self._lease = Lease(self.events, lease_ns, dead_lease_ns)
         self._reply_ns: int | None = None  # device's clock: state that the newest reply answers
         self._failures = 0  # failed calls of the controller's code
@@ -72,6 +76,7 @@ class ControllerNode(Node):
                 self._take_state(packet, time_ns, packets)
             elif type(packet) is EnvironmentReply:
                 self._take_reply(packet, time_ns, packets)
+        packets += self._signals.events(time_ns)
         return packets
 
     def admit(self, packet: Packet, source: str, time_ns: int) -> bool:
@@ -102,15 +107,11 @@ class ControllerNode(Node):
             force = _force(self._controller.on_state(state, time_ns))
             position, velocity = self._controller.query(state)
             position, velocity = _vector(position), _vector(velocity)
-            noticed = self._controller.notices()
-            notices = [(str(event), str(message)) for event, message in noticed] if noticed else ()
         except Exception as error:
             self._fail("on_state or query", error, time_ns, packets)
             return
         if force is not None:
             packets.append(self._command(state.seq, state.time_ns, force, time_ns, self._reply_ns))
-        for event, message in notices:
-            packets.append(self.events.emit(time_ns, event, message, is_fault=True))
         seq = self._queries
         self._queries += 1
         packets.append(
@@ -164,7 +165,10 @@ class ControllerNode(Node):
     ) -> ForceCommand:
         seq = self._commands
         self._commands += 1
-        return ForceCommand(seq, time_ns, device_seq, device_time_ns, force, reply, hand=self._hand)
+        signals = self._signals.numbers()
+        return ForceCommand(
+            seq, time_ns, device_seq, device_time_ns, force, reply, signals, hand=self._hand
+        )
 
     def _fail(self, method: str, error: Exception, time_ns: int, packets: list[Packet]) -> None:
         self._failures += 1

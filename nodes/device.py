@@ -15,7 +15,7 @@ still comes about a period after the force before.
 """
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from math import isfinite
 from typing import ClassVar
 
@@ -23,6 +23,7 @@ from forcebound.errors import ConfigError, DeviceError
 from forcebound.graph.servo import ServoSettings
 from forcebound.haptics.devices import Device
 from forcebound.haptics.laws import LAWS, Dissipation
+from forcebound.haptics.parts.signals import Signal
 from forcebound.messages.control import (
     Answer,
     DeviceStatus,
@@ -39,6 +40,7 @@ from forcebound.messages.topology import HAND, in_hand
 from forcebound.nodes import Node, close_part
 from forcebound.nodes.bounded_device import BoundedDevice
 from forcebound.nodes.device_events import DeviceEvents
+from forcebound.nodes.publishing import Signals
 from forcebound.nodes.safety import SafetyChain
 from forcebound.nodes.velocity import low_pass, low_pass_gain
 from forcebound.roles import DEVICE
@@ -68,6 +70,7 @@ class DeviceNode(Node):
         clock: Callable[[], int] | None = None,
         lateness: Callable[[], int] | None = None,
         hand: str = HAND,
+        signals: Collection[Signal] = (),
     ) -> None:
         self._hand = hand
         self._device = device
@@ -100,6 +103,7 @@ class DeviceNode(Node):
         self._lateness = lateness
         self.deadline_misses = 0
         self.events = EventLog(in_hand(hand, DEVICE))
+        self._signals = Signals(device, signals, self.events, self.reject)
         # Of a simulated device and of hardware of this package, verification knows it.
         is_unknown = self._bounded.takes_limit and device.truth() is None
         about = {TAKES_HOLD_LIMIT: "true"} if is_unknown else {}
@@ -194,6 +198,7 @@ class DeviceNode(Node):
                 packets += self._reports.look(time_ns, is_answered, refused, self.deadline_misses)
             if self._next_law is not None and not self._bounded.holds_force:
                 packets.append(self._change_law(self._next_law, time_ns))
+            packets += self._signals.events(time_ns)
             return packets
         return [self._sample(time_ns)]
 
@@ -220,6 +225,7 @@ class DeviceNode(Node):
             self._applied,
             self._orientation(),
             self._buttons(),
+            self._signals.numbers(),
             hand=self._hand,
         )
         self._chain.remember(state)

@@ -13,9 +13,11 @@ An answer carries the contact that the environment reports; its scene is sent in
 """
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from math import isfinite
 from typing import ClassVar, TypeAlias
+
+from msgspec import UnsetType
 
 from forcebound.haptics.environments import EnvironmentModel, change_environment, open_environment
 from forcebound.messages.control import EnvironmentStatus
@@ -31,6 +33,7 @@ from forcebound.network.chances import ComputationTime
 from forcebound.network.impairment import Impairment
 from forcebound.network.trace import DelayTrace
 from forcebound.nodes import Node, close_part
+from forcebound.nodes.publishing import Signals
 from forcebound.nodes.scene import SceneSource
 from forcebound.roles import ENVIRONMENT
 
@@ -39,8 +42,8 @@ PROBE_INTERVAL_NS = 1_000_000_000  # between two answers of an environment that 
 _logger = logging.getLogger(__name__)
 
 
-# Answer of the environment's code to a query: force, in N, proxy, in m, and normal.
-_Answer: TypeAlias = tuple[Vector, Vector | None, Vector | None]
+# Answer of the environment's code to a query: force, in N, proxy, in m, normal, and signals.
+_Answer: TypeAlias = tuple[Vector, Vector | None, Vector | None, Mapping[str, float] | UnsetType]
 
 
 class EnvironmentNode(Node):
@@ -77,6 +80,7 @@ class EnvironmentNode(Node):
         self._refused_for: str | None = None  # the environment that serves instead
         self._probed_ns = 0
         self.events = EventLog(ENVIRONMENT)
+        self._signals = Signals(self._environment, model.signals, self.events, self.reject)
         self._scene = SceneSource(self._environment, self.events)
         self._proxies: dict[str, Vector] = {}  # of the last answer to each hand
         self.name = name
@@ -105,6 +109,7 @@ class EnvironmentNode(Node):
         if model != self._model:
             self._environment = change_environment(self._environment, model, self._axes)
             self._model = model
+            self._signals.part = self._environment
             self._scene.watch(self._environment)
         self._computation.change(computation, trace)
 
@@ -117,7 +122,7 @@ class EnvironmentNode(Node):
             if type(packet) is EnvironmentQuery:
                 self._take(packet, time_ns)
         was_due, answered = self._scene.is_due, self._seq
-        packets = self._answers(time_ns)
+        packets = [*self._answers(time_ns), *self._signals.events(time_ns)]
         if self._seq != answered:
             self._scene.note_answer(time_ns)
         if was_due and (self._seq == answered or not self._scene.may_wait(time_ns)):
@@ -204,10 +209,11 @@ class EnvironmentNode(Node):
             answer = environment.force(query.hand, query.position, query.velocity, query.elapsed)
             force = _vector(answer, query)
             contact = environment.contact(query.hand)
+            signals = self._signals.numbers()
             if contact is None:
-                return force, None, None
+                return force, None, None, signals
             proxy, normal = contact
-            return force, _vector(proxy, query), _vector(normal, query)
+            return force, _vector(proxy, query), _vector(normal, query), signals
         except Exception:
             self.faults += 1
             if self.faults == 1:
@@ -217,7 +223,7 @@ class EnvironmentNode(Node):
     def _reply(self, query: EnvironmentQuery, answer: _Answer, time_ns: int) -> EnvironmentReply:
         seq = self._seq
         self._seq += 1
-        force, proxy, normal = answer
+        force, proxy, normal, signals = answer
         if proxy is not None:
             self._proxies[query.hand] = proxy
         elif self._proxies:
@@ -233,6 +239,7 @@ class EnvironmentNode(Node):
             self.name,
             proxy,
             normal,
+            signals,
             hand=query.hand,
         )
 

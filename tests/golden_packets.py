@@ -8,6 +8,7 @@ from typing import Any, get_args
 import msgpack
 import pytest
 from hypothesis import strategies as st
+from msgspec import UNSET, UnsetType
 from msgspec.structs import replace
 
 from forcebound.errors import PacketError
@@ -16,6 +17,7 @@ from forcebound.messages.packets import (
     MAX_AXES,
     MAX_COUNT,
     MAX_NAME,
+    SIGNAL_NAME,
     TOPIC_OF,
     DeviceState,
     EnvironmentQuery,
@@ -143,6 +145,7 @@ counts = st.integers(0, MAX_COUNT)
 names = st.text(min_size=1, max_size=MAX_NAME).filter(str.isprintable)
 lengths = st.floats(allow_nan=False, allow_infinity=False)
 points = st.tuples(lengths, lengths, lengths)
+signals = st.dictionaries(st.from_regex(SIGNAL_NAME, fullmatch=True), numbers, max_size=4)
 objects = st.builds(
     SceneObject,
     names,
@@ -178,6 +181,7 @@ def packets(draw: st.DrawFn, kind: type[Packet] | None = None) -> Packet:
         Mapping[str, str]: st.dictionaries(st.text(max_size=20), st.text(max_size=40), max_size=16),
         Mapping[str, Vector]: st.dictionaries(names, vectors, max_size=3),
         Mapping[str, int]: st.dictionaries(st.text(max_size=20), counts, max_size=32),
+        Mapping[str, float] | UnsetType: st.just(UNSET) | signals,
     }
     values = {name: draw(strategies[hint]) for name, hint in field_types(chosen).items()}
     if chosen is EnvironmentReply and values["normal"] is None:

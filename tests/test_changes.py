@@ -1,5 +1,6 @@
 """Parameters of a running graph: names, permitted values, phases, in virtual time and live."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -9,9 +10,10 @@ import pytest
 
 from forcebound.errors import ConfigError
 from forcebound.graph.graph import GraphConfig
-from forcebound.graph.loader import change, load
+from forcebound.graph.loader import change, from_document, load
 from forcebound.graph.names import LAW
-from forcebound.graph.parameters import differences, parameters, processes_of
+from forcebound.graph.parameters import describe, differences, parameters, processes_of
+from forcebound.graph.resolved import to_document
 from forcebound.messages.control import Configure
 from forcebound.messages.packets import EnvironmentQuery, Event
 from forcebound.messages.topology import ONE_HAND
@@ -177,3 +179,17 @@ def test_a_damaged_request_changes_nothing(config: GraphConfig) -> None:
     one = process([EnvironmentNode(config.environment.model)])
     with pytest.raises(ConfigError, match="cannot be made"):
         Tuner(config)(one, Configure(5, {"environment.stiffness": "soft"}))
+
+
+def test_units_come_back_as_they_went_in(config: GraphConfig) -> None:
+    settings = {"links.environment_query.delay": "20 ms", "environment.stiffness": "2 N/mm"}
+    new = change(config, settings)
+    values = differences(config, new)
+    assert as_written(new, values, new.units) == settings
+    again = from_document(json.loads(json.dumps(to_document(new))))
+    assert as_written(again, values, again.units) == settings
+    assert describe(values, again.units).endswith("environment.stiffness = 2 N/mm")
+    bare = change(new, {"links.environment_query.delay": 0.005})
+    assert as_written(bare, differences(new, bare), bare.units) == {
+        "links.environment_query.delay": "5 ms"
+    }

@@ -22,6 +22,7 @@ from golden_packets import (
 )
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec import UnsetType
 from msgspec.structs import fields, replace
 
 from forcebound.errors import PacketError
@@ -29,6 +30,7 @@ from forcebound.messages.codec import MAX_BYTES, decode, encode
 from forcebound.messages.packets import (
     MAX_AXES,
     MAX_COUNT,
+    MAX_SIGNALS,
     TOPIC_OF,
     VERSION,
     DeviceState,
@@ -160,8 +162,8 @@ def _least(packet: Packet) -> list[Any]:
 
 
 def test_keys_that_this_version_does_not_know_are_ignored(packet: Packet) -> None:
-    signals = {"signals": {"temperature": 36.6}, "deep": [[{}]], "more": b"x"}
-    assert decode(msgpack.packb(as_map(packet) | signals)) == packet
+    later = {"temperature": {"skin": 36.6}, "deep": [[{}]], "more": b"x"}
+    assert decode(msgpack.packb(as_map(packet) | later)) == packet
 
 
 def test_of_a_key_given_twice_the_last_counts() -> None:
@@ -222,6 +224,14 @@ UNFIT: dict[Any, list[object]] = {
     str: ["x" * 501, 0, b"name", ["name"], {}],
     Mapping[str, str]: [[], 0, "age", {"age": 1}, {"age": b"1"}, {"age": "x" * 501}],
     Mapping[str, Vector]: [[], 0, "left", {"left": 1.0}, {"left": []}, {"left": None}],
+    Mapping[str, float] | UnsetType: [
+        [],
+        {"age": None},
+        {"age": True},
+        {"of the skin": 1.0},
+        {"": 1.0},
+        {f"n{i}": 1.0 for i in range(MAX_SIGNALS + 1)},
+    ],
     Mapping[str, int]: [[], 0, "age", {"age": -1}, {"age": True}, {"age": 0.5}, {"age": None}],
 }
 

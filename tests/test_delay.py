@@ -56,12 +56,12 @@ def test_delays_from_hop_to_hop_of_a_recording(tmp_path: Path) -> None:
     # Each way 3 ms; the environment and the controller answer within the same instant.
     for name in ("environment_query", "environment_reply"):
         assert links[name]["p50"] == pytest.approx(3.0)
-        assert sum(row["count"] for row in links[name]["histogram"]) == links[name]["count"] > 100
+        assert links[name]["count"] > 100
     hops = [links[name]["p50"] for name in links if name != "loop"]
     assert links["loop"]["p50"] == pytest.approx(sum(hops))
     row = CliRunner().invoke(main, ["delay", str(run), "--links"]).stdout.splitlines()[-1]
-    name, *_, bars = row.split()
-    assert (name, bars) == ("loop", "█" + 11 * "·")  # virtual time: all of them are equal
+    name, least, *_, largest, count = row.split()
+    assert (name, least, int(count)) == ("loop", largest, links["loop"]["count"])
 
 
 def test_a_tick_that_a_newer_answer_overtook_counts_as_lost() -> None:

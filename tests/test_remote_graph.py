@@ -12,6 +12,7 @@ from waiting import free_port, until
 
 from forcebound.errors import ConfigError
 from forcebound.haptics.controllers.direct import DirectController
+from forcebound.haptics.environments.membrane import Membrane
 from forcebound.haptics.environments.walls import Wall
 from forcebound.messages.codec import decode, encode
 from forcebound.messages.control import (
@@ -50,7 +51,7 @@ class Pair:
         self.far = environment
         node, folder = ControllerNode(DirectController()), self.folders["here"]
         self.controller = Runner(node, "controller", folder, {}, self.here, remote=graph)
-        far, folder = EnvironmentNode(Wall(stiffness=1000.0), name="far"), self.folders["there"]
+        far, folder = EnvironmentNode(Membrane(stiffness=1000.0), name="far"), self.folders["there"]
         self.environment = Runner(far, "environment", folder, {}, self.there, remote=environment)
         self.device = self.here.publisher(topic_endpoint(self.folders["here"], "device_state"))
         self._at_once, other = socket.socketpair()  # readable: it ends a wait at once
@@ -95,6 +96,9 @@ def test_an_environment_on_another_machine_answers_whoever_listens(pair: Pair) -
     command = decode(heard["commands"][0], ForceCommand)
     assert isinstance(command, ForceCommand)
     assert command.force == pytest.approx((1.0,))
+    answer = decode(heard["replies"][0], EnvironmentReply)
+    assert isinstance(answer, EnvironmentReply)
+    assert answer.signals == pytest.approx({"damage": 0.5})
     status = pair.controller.status()
     assert isinstance(status, ControllerStatus)
     assert status.environment == "far"

@@ -1,6 +1,5 @@
 """Setting parameters of a run: its document, its nodes, other machines, other commands."""
 
-import copy
 import json
 import subprocess
 import sys
@@ -143,13 +142,12 @@ class Answering:
 
     Args:
         run_dir: Of the graph.
-        replies: That come to the controller between two answers.
         answers: By process; None: silent.
     """
 
-    def __init__(self, run_dir: Path, replies: int, answers: Mapping[str, Answer | None]) -> None:
+    def __init__(self, run_dir: Path, answers: Mapping[str, Answer | None]) -> None:
         self.asked: list[tuple[str, Request]] = []
-        self._run_dir, self._replies, self._answers = run_dir, replies, answers
+        self._run_dir, self._answers = run_dir, answers
         for name in answers:
             (run_dir / ONE_HAND.nodes[name].socket).touch()
 
@@ -159,11 +157,7 @@ class Answering:
         assert run_dir == self._run_dir
         assert timeout > 0.0
         self.asked += [(name, request) for name in names]
-        controller = self._answers.get("controller")
-        if isinstance(controller, ControllerStatus):
-            came = controller.received.get("environment_reply", 0) + self._replies
-            controller.received = {"environment_reply": came}
-        return {name: copy.deepcopy(self._answers[name]) for name in names}
+        return {name: self._answers[name] for name in names}
 
     @property
     def configured(self) -> set[str]:
@@ -179,10 +173,10 @@ def answering(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., 
     document = to_document(load(written(tmp_path, REMOTE)))
     (tmp_path / "launch.json").write_text(json.dumps(document))
 
-    def make(is_graph: bool = True, replies: int = 0, **answers: Answer | None) -> Answering:
+    def make(is_graph: bool = True, **answers: Answer | None) -> Answering:
         metadata = {"launch": json.dumps(document)}
         RunDocument(1, None, "", [], metadata, is_graph=is_graph).write(tmp_path)
-        made = Answering(tmp_path, replies, answers)
+        made = Answering(tmp_path, answers)
         for module in (tuning, control, snapshot):
             monkeypatch.setattr(module, "ask_all", made)
         return made
@@ -217,19 +211,16 @@ RUNNING = {"device": "running", "controller": "running", "environment": "running
 
 
 @pytest.mark.parametrize(
-    ("serving", "replies", "is_told"),
-    [("far/1/a", 100, True), ("far/1/a", 1, False), ("near/2/b", 100, False), (None, 0, False)],
+    ("serving", "is_told"), [("far/1/a", True), ("near/2/b", False), (None, False)]
 )
 def test_a_change_to_a_stand_by_says_who_serves(
     answering: Callable[..., Answering],
     tmp_path: Path,
     serving: str | None,
-    replies: int,
     is_told: bool,
 ) -> None:
     processes = answering(
         launcher=launcher(**RUNNING),
-        replies=replies,
         controller=ControllerStatus(environment=serving),
         environment=EnvironmentStatus(name="near/2/b"),
     )
@@ -244,12 +235,10 @@ def test_an_environment_that_was_stopped_on_request_keeps_the_change(
 ) -> None:
     processes = answering(
         launcher=launcher(**{**RUNNING, "environment": "stopped"}),
-        replies=100,
-        controller=ControllerStatus(environment="far/1/a"),
     )
     done = set_parameters(tmp_path, {"environment.stiffness": 500})
     assert not processes.configured
-    check_notes(done, "`forcebound start environment`", "far/1/a serves the graph")
+    check_notes(done, "`forcebound start environment`")
     assert changed_parameters(tmp_path) == {"environment.stiffness": 500.0}
 
 

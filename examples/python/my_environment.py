@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from forcebound.haptics.environments import StatelessEnvironment
+from forcebound.haptics.parts.signals import Signal
 from forcebound.messages.packets import Vector
 from forcebound.quantities import NOT_NEGATIVE, POSITIVE, Damping, Length, Stiffness
 
@@ -20,6 +21,10 @@ from forcebound.quantities import NOT_NEGATIVE, POSITIVE, Damping, Length, Stiff
 @dataclass(frozen=True)
 class Ball(StatelessEnvironment):
     """A ball that pushes outwards, along the line from its centre, and damps motion inside."""
+
+    # Numbers that it publishes, each with name, SI unit and label: recordings, plots and the live
+    # page show them.
+    signals = (Signal("depth", "m", "depth in the ball"),)
 
     # The parameters, as a launch file gives them: with a unit, a range, a default, in SI.
     stiffness: Annotated[Stiffness, NOT_NEGATIVE] = 1_000.0  # N/m
@@ -36,6 +41,7 @@ class Ball(StatelessEnvironment):
         offset = (position[0] - self.centre, *position[1:])
         distance = math.hypot(*offset)
         depth = self.radius - distance
+        self.signal("depth", max(depth, 0.0))
         if depth <= 0.0 or distance == 0.0:  # outside; or at the centre, where all ways lead out
             return (0.0,) * len(position)
         # It pushes the device out, along offset; as a force that resists, that is -offset.

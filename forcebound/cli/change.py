@@ -134,7 +134,7 @@ def _print(run: Path, values: "Parameters", as_json: bool, *, with_ranges: bool 
     remarks = ranges(config, values) if with_ranges else {}
     elsewhere = found_elsewhere(run, config, values)
     remarks |= dict.fromkeys(elsewhere, "belongs to another machine; value of the launch file here")
-    for name, text in as_written(config, values).items():
+    for name, text in as_written(config, values, config.units).items():
         show(f"{name}: {text}  # {remarks[name]}" if remarks.get(name) else f"{name}: {text}")
 
 
@@ -156,4 +156,4 @@ def outage(time: str, links: tuple[str, ...], run: Path, as_json: bool) -> None:
     if as_json:
         print_json({"links": cut, "duration_s": seconds})
     else:
-        show(f"{', '.join(cut)}: no packet for {seconds:g} s")
+        show(f"{', '.join(cut)}: no packet for {time}")

@@ -66,6 +66,9 @@ json_option = click.option("--json", "as_json", is_flag=True, help="Print one JS
 json_lines_option = click.option(
     "--json", "as_json", is_flag=True, help="Print one JSON document per line."
 )
+all_option = click.option(
+    "--all", "shows_all", is_flag=True, help="Print the table of all figures, too."
+)
 duration_option = partial(click.option, "--duration", type=seconds, metavar="TIME")
 run_duration_option = duration_option(help="Duration of the run, e.g. 5s or 500ms.")
 output_option = partial(click.option, "-o", "--output", type=FILE)
@@ -180,6 +183,7 @@ def show_live_run(
     duration: float | None,
     record: Path | None,
     as_json: bool,
+    shows_all: bool,
     file: str,
     folder: Path = Path(),
 ) -> None:
@@ -190,11 +194,15 @@ def show_live_run(
         result = run_live(config, duration, record, None, file, screen, folder)
         screen.status("computing the figures")
         _ = result.summary
-    report(result, record, as_json)
+    report(result, record, as_json, shows_all)
 
 
 def show_virtual_run(
-    config: "GraphConfig", duration: float | None, record: Path | None, as_json: bool
+    config: "GraphConfig",
+    duration: float | None,
+    record: Path | None,
+    as_json: bool,
+    shows_all: bool,
 ) -> None:
     """Run a graph in virtual time, and show the result; see :func:`report`."""
     from forcebound.run.virtual import run_virtual
@@ -202,31 +210,43 @@ def show_virtual_run(
     with slow_bar("ms of virtual time", as_json) as tell:
         result = run_virtual(config, duration, record, may_end_early=True, progress=tell)
     show(f"virtual time: {result.times_real_time:.0f} times real time", err=True)
-    report(result, record, as_json)
+    report(result, record, as_json, shows_all)
 
 
-def report(result: "RunResult", record: Path | None, as_json: bool) -> None:
+def report(result: "RunResult", record: Path | None, as_json: bool, shows_all: bool) -> None:
     """Show the result of a run; RunError, once it is shown, if the run failed."""
     if result.interrupted:
         show("forcebound: interrupted; result up to here", err=True)
     if as_json:
         print_json(result.summary)
     else:
-        _show_result(result)
+        show_results([result], shows_all=shows_all)
         if record is not None:
             show(f"recording: {record}")
     if result.failed:
         raise RunError(result.failed)
 
 
-def _show_result(result: "RunResult") -> None:
+def show_results(
+    results: "list[RunResult]", labels: Sequence[str] = (), *, shows_all: bool
+) -> None:
+    """Print the verdict on each run, under its label, and all figures if they are asked for."""
     from forcebound.results.tables import phase_rows
 
-    print_rows(*table_of([result]))
-    for cause in result.summary["little_force"]:
-        show(f"little force: {cause['advice']}")
-    if result.summary["phases"]:
-        head, *rows = phase_rows(result.summary["phases"])
+    for number, result in enumerate(results):
+        if labels:
+            show(f"{labels[number]}:")
+        for line in result.summary["verdict"]:
+            show(f"  {line}" if labels else line)
+    if shows_all:
+        click.echo()
+        print_rows(*table_of(results, labels))
+        for cause in (cause for one in results for cause in one.summary["little_force"]):
+            show(f"little force: {cause['advice']}")
+    else:
+        show("All figures: --all, or --json.")
+    for phases in (one.summary["phases"] for one in results if one.summary["phases"]):
+        head, *rows = phase_rows(phases)
         click.echo()
         print_rows(head, rows)
 

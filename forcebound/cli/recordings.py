@@ -13,19 +13,19 @@ from forcebound.cli.common import (
     FILE,
     FOLDER,
     PATH,
+    all_option,
     arguments_argument,
     duration_option,
     json_option,
     output_option,
     print_json,
-    print_rows,
     record_option,
     recording_option,
     run_duration_option,
     show,
     show_live_run,
+    show_results,
     show_virtual_run,
-    table_of,
 )
 from forcebound.files import content_of
 
@@ -75,18 +75,21 @@ def record(graph: Path | None, output: Path | None, duration: float | None, as_j
     "runs", nargs=-1, required=True, metavar="RUN.mcap...", shell_complete=complete.recordings
 )
 @output_option(help="Picture file, .png or .svg. Default: name of the first recording, .png.")
+@all_option
 @json_option
-def plot(runs: tuple[str, ...], output: Path | None, as_json: bool) -> None:
+def plot(runs: tuple[str, ...], output: Path | None, shows_all: bool, as_json: bool) -> None:
     r"""Draw recordings side by side: position, forces, energy, loop delay.
 
-    Reports whether a hand feels the difference between the first run and each other run.
+    Prints the verdict on each, and if a hand feels the difference between the first and each other.
 
     \b
     forcebound plot run.mcap
     forcebound plot none.mcap certified.mcap -o both.svg
     """
+    from forcebound.recordings.recording import read
     from forcebound.results.perception import differences
     from forcebound.results.plots import check_picture, figure, save
+    from forcebound.results.signals import curves_of
     from forcebound.results.tables import difference_text
     from forcebound.run.results import RunResult
 
@@ -100,13 +103,13 @@ def plot(runs: tuple[str, ...], output: Path | None, as_json: bool) -> None:
         summaries = [result.summary for result in results]
         compared = [differences(summaries[0], other) for other in summaries[1:]]
         drawn = [(label, r.columns, r.document) for label, r in zip(labels, results, strict=True)]
-        save(figure(drawn, events=[r.events for r in results]), output)
-        head, rows = table_of(results, labels)
+        signals = [curves_of(read(run)) for run in runs]
+        save(figure(drawn, events=[r.events for r in results], signals=signals), output)
         document = {"picture": str(output), "runs": summaries, "differences": compared}
     if as_json:
         print_json(document)
         return
-    print_rows(head, rows)
+    show_results(results, labels if len(runs) > 1 else (), shows_all=shows_all)
     for label, found in zip(labels[1:], compared, strict=True):
         for difference in found:
             show(f"{label} against {labels[0]}: {difference_text(difference)}")
@@ -174,6 +177,7 @@ def recover(run: Path, output: Path, as_json: bool) -> None:
 @click.option("--live", is_flag=True, help="In real time. Default: in virtual time.")
 @run_duration_option
 @record_option
+@all_option
 @json_option
 def replay(
     run: Path,
@@ -184,6 +188,7 @@ def replay(
     live: bool,
     duration: float | None,
     record: Path | None,
+    shows_all: bool,
     as_json: bool,
 ) -> None:
     r"""Run the graph of a recording once more, its hand fed from the recording.
@@ -216,9 +221,9 @@ def replay(
     seconds = duration_of(recording, config) if duration is None else duration
     if live:
         words = " ".join((str(run), *arguments))
-        show_live_run(config, seconds, record, as_json, file=words)
+        show_live_run(config, seconds, record, as_json, shows_all, words)
     else:
-        show_virtual_run(config, seconds, record, as_json)
+        show_virtual_run(config, seconds, record, as_json, shows_all)
 
 
 def _verify(run: Path, settings: Sequence[str], as_json: bool) -> NoReturn:

@@ -15,6 +15,7 @@ import click
 from forcebound.cli import complete
 from forcebound.cli.common import (
     all_of,
+    all_option,
     arguments_argument,
     json_option,
     print_json,
@@ -63,6 +64,7 @@ _graph_options = all_of(
     record_option,
     click.option("--check", is_flag=True, help="Only check the launch file."),
     click.option("--show-args", is_flag=True, help="List the arguments of the file."),
+    all_option,
     json_option,
 )
 
@@ -77,6 +79,7 @@ def launch_graph(
     record: Path | None,
     check: bool,
     show_args: bool,
+    shows_all: bool,
     as_json: bool,
     has_view: bool,
 ) -> None:
@@ -97,15 +100,15 @@ def launch_graph(
     if config is not None:
         words = " ".join((file, *arguments))
         with _page() if has_view else nullcontext():
-            show_live_run(
-                config, duration, record, as_json, file=words, folder=folder_of(Path(file))
-            )
+            folder = folder_of(Path(file))
+            show_live_run(config, duration, record, as_json, shows_all, words, folder)
 
 
 @contextmanager
 def _page() -> Iterator[None]:
     """A page of the graph that this process launches, from a process of its own."""
     command = [sys.executable, "-m", "forcebound", "view", "--launcher", str(os.getpid())]
+    show("the live page starts; its address follows", err=True)
     # Ctrl-C is for the launcher; the page ends with the graph.
     page = subprocess.Popen(command, stdout=sys.stderr, start_new_session=True)
     try:
@@ -125,6 +128,7 @@ def simulate(
     seed: int | None,
     check: bool,
     show_args: bool,
+    shows_all: bool,
     as_json: bool,
 ) -> None:
     r"""Run a launch file in virtual time: deterministic, faster than real time.
@@ -138,7 +142,7 @@ def simulate(
         check_writable(record, "the recording")
     config = _configuration(file, arguments, check, show_args, as_json, seed)
     if config is not None:
-        show_virtual_run(config, duration, record, as_json)
+        show_virtual_run(config, duration, record, as_json, shows_all)
 
 
 @click.command(short_help="Serve a graph on another machine.")

@@ -38,7 +38,6 @@ if TYPE_CHECKING:
     from forcebound.observe.streams import StreamFigures
 
 BAR = 40  # characters, of the longest bar of a histogram
-BARS = "·▁▂▃▄▅▆▇█"  # of a histogram in one line; ·: none
 
 _measuring_option = duration_option(default="2s", help="Measuring time. Default: 2s.")
 _ending_option = duration_option(help="Time after which it ends. Default: with the graph.")
@@ -168,33 +167,21 @@ def _stream(figures: "StreamFigures") -> tuple[str, ...]:
 
 @click.command("graph", short_help="Show the graph with its measured rates.")
 @click.option("--mermaid", is_flag=True, help="As a Mermaid flowchart.")
-@output_option(metavar="GRAPH.svg", help="Draw a picture: .svg or .png.")
 @run_option
 @_measuring_option
 @json_option
-def draw_graph(
-    mermaid: bool, output: Path | None, run: Path, duration: float, as_json: bool
-) -> None:
+def draw_graph(mermaid: bool, run: Path, duration: float, as_json: bool) -> None:
     r"""Show nodes and streams, with the measured rates.
 
     \b
     forcebound graph
     forcebound graph --mermaid > graph.md
-    forcebound graph -o graph.svg
     """
     from forcebound.observe import drawing
 
-    if output is not None:
-        from forcebound.results.plots import check_picture
-
-        check_picture(output)
     edges = drawing.measure_edges(run, duration)
-    if output is not None:
-        drawing.draw(edges, output)
     if as_json:
         print_json([edge._asdict() for edge in edges])
-    elif output is not None:
-        show(f"picture: {output}")
     else:
         show(drawing.as_mermaid(edges) if mermaid else drawing.as_text(edges))
 
@@ -290,20 +277,13 @@ def _show_histogram(bins: Sequence["Bin"]) -> None:
 def _show_links(links: Mapping[str, "LinkDelays"]) -> None:
     from forcebound.observe.delay import SHARES
 
-    shares = [name.replace("_", ".") for name in SHARES]
-    head = ("from sending, ms", "least", *shares, "ticks", "least to p99.9")
-    print_rows(head, [(name, *_delays(one)) for name, one in links.items()])
-
-
-def _delays(link: "LinkDelays") -> tuple[str, ...]:
-    """Return least delay, percentiles, count and histogram of a link, as cells."""
-    counts = [one.count for one in link.histogram]
-    least = link.histogram[0].from_ms if link.histogram else None
-    delays = [least, link.p50, link.p90, link.p99, link.p99_9, link.max]
-    shown = [UNKNOWN if delay is None else f"{delay:.3f}" for delay in delays]
-    # The rarest class is seen, too.
-    bars = "".join(BARS[-(-count * (len(BARS) - 1) // max(counts))] for count in counts)
-    return (*shown, str(link.count), bars)
+    rows = []
+    for name, link in links.items():
+        delays = [getattr(link, share) for share in SHARES]
+        shown = [UNKNOWN if delay is None else f"{delay:.3f}" for delay in delays]
+        rows.append((name, *shown, str(link.count)))
+    head = ("from sending, ms", *(share.replace("_", ".") for share in SHARES), "ticks")
+    print_rows(head, rows)
 
 
 @click.group(short_help="Show a running graph in another program.", cls=Group)

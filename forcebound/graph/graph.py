@@ -191,6 +191,7 @@ class GraphConfig:
         duration: From the moment when the force engages; with phases, theirs together.
         links: Impairments by topic; a topic that is not named has a perfect link.
         phases: One after the other, from the moment when the force engages.
+        units: In which quantities were written, by the name of the parameter; for people.
     """
 
     seed: Annotated[int, NOT_NEGATIVE]
@@ -204,3 +205,4 @@ class GraphConfig:
     realtime: RealtimeConfig = field(default_factory=RealtimeConfig)
     remote: RemoteConfig | None = None
     phases: tuple[Phase, ...] = ()
+    units: Mapping[str, str] = field(default_factory=dict, compare=False)

@@ -28,7 +28,7 @@ from forcebound.graph.parameters import parameters, takeable_laws, unknown_param
 from forcebound.graph.phases import read_phases
 from forcebound.graph.problems import Problems, unknown
 from forcebound.graph.resolved import to_document
-from forcebound.graph.tree import Value, from_plain
+from forcebound.graph.tree import Value, from_plain, units_of
 from forcebound.haptics.parts.user_module import file_of, names_file
 from forcebound.messages.control import Parameters
 
@@ -109,11 +109,14 @@ def _filled(template: Value, overrides: Sequence[str], problems: Problems) -> Va
 
 
 def arguments_of(path: str | Path) -> list[Argument]:
-    """Return the arguments that a launch file declares, in its order."""
+    """Return the arguments that a launch file declares and uses, in its order."""
     problems = Problems()
-    arguments = Arguments(_read(path, problems), problems)
+    root = _read(path, problems)
+    arguments = Arguments(root, problems)
     problems.raise_if_any()
-    return list(arguments.declared.values())
+    substitution = Substitution(arguments.values(()), Problems())
+    substitution.apply(root.without("arguments"))
+    return [each for name, each in arguments.declared.items() if name in substitution.used]
 
 
 def from_document(document: Document) -> GraphConfig:
@@ -183,11 +186,15 @@ def user_files(root: Value) -> list[Path]:
 
 def _build(root: Value, problems: Problems, asks: bool = True) -> GraphConfig:
     """Return what the tree says; ``asks``: whether to call a user's own parts once."""
+    written = root.entries.get("units", Value(None, root.place)).entries  # of a resolved document
+    units = {name: unit.text for name, unit in written.items()}
+    root = root.without("units") if units else root
+    units |= units_of(root)
     made = read_sections(root, problems)
     checks.check_together(made, root, problems, asks)
     problems.raise_if_any()
     phases = made.pop(PHASES, ())
-    config = GraphConfig(**{"duration": 1.0, **made})
+    config = GraphConfig(**{"duration": 1.0, **made}, units=units)
     if not phases:
         return config
     phases = read_phases(root, phases, config, partial(_build, asks=asks), problems)

@@ -17,6 +17,7 @@ from forcebound.haptics.parts.plain import plain
 from forcebound.messages.control import Parameters
 from forcebound.messages.topology import LINKS, ONE_HAND
 from forcebound.network.impairment import Impairment
+from forcebound.units import in_unit
 
 SECTIONS = ("links", "environment")  # of a launch file, whose entries are parameters
 
@@ -97,6 +98,11 @@ def processes_of(names: Iterable[str]) -> set[str]:
     }
 
 
-def describe(settings: Parameters) -> str:
-    """Return parameters and their values in words."""
-    return ", ".join(f"{name} = {value}" for name, value in settings.items())
+def describe(settings: Parameters, units: Mapping[str, str]) -> str:
+    """Return parameters and their values in words, each in its unit, if it was written in one."""
+
+    def text(name: str, value: Any) -> str:
+        is_quantity = name in units and isinstance(value, int | float)
+        return in_unit(value, units[name]) if is_quantity else str(value)
+
+    return ", ".join(f"{name} = {text(name, value)}" for name, value in settings.items())

@@ -102,7 +102,8 @@ def timetable(config: GraphConfig) -> list[Part]:
     plain = replace(config, phases=())
     start_ns = 0
     for phase in config.phases:
-        message = f"phase {phase.name}: {describe(phase.settings) or 'as the launch file says'}"
+        settings = describe(phase.settings, config.units) or "as the launch file says"
+        message = f"phase {phase.name}: {settings}"
         parts.append(Part(phase.name, start_ns, with_parameters(plain, phase.settings), message))
         start_ns += round(phase.duration * 1e9)
     return parts

@@ -52,6 +52,8 @@ def to_document(config: GraphConfig) -> Document:
         "links": {topic: plain(impairment) for topic, impairment in config.links.items()},
         "realtime": plain(config.realtime),
     }
+    if config.units:
+        document["units"] = dict(config.units)
     if config.operator is not None:
         document["operator"] = member_document("operator", config.operator)
     if config.remote is not None:
@@ -185,6 +187,7 @@ def _graph(document: Document) -> GraphConfig:
             Phase(phase["name"], float(phase["duration"]), phase["set"])
             for phase in document.get("phases", ())
         ),
+        units=document.get("units", {}),
     )
 
 

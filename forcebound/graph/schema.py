@@ -40,6 +40,7 @@ def json_schema() -> Schema:
                 "forcebound": {"const": FORMAT, "description": "version of the format"},
                 "include": {"type": "string", "description": "launch file that this one overrides"},
                 "identified": {"type": "object", "description": "where its numbers come from"},
+                "units": {"type": "object", "description": "of a resolved document, for people"},
                 "arguments": {
                     "type": ["object", "null"],
                     "additionalProperties": {"anyOf": [_SCALAR, _mapping(argument)]},

@@ -6,12 +6,15 @@ scalars follow the core schema of YAML 1.2 (:func:`scalar`): ``yes`` is text, ``
 
 import re
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final, TypeAlias
 
+from forcebound.errors import ConfigError
 from forcebound.graph.problems import Place, Problems, Related, shortened
+from forcebound.units import split_quantity
 
 _LINE_END = re.compile(r"\r\n|[\n\r\x85\u2028\u2029]")  # as the parser counts lines
 
@@ -82,6 +85,24 @@ class Value:
         if isinstance(self.content, tuple):
             return "a list"
         return repr(shortened(self.text))
+
+
+def units_of(value: Value, name: str = "") -> Iterator[tuple[str, str]]:
+    """Yield the units in which quantities are written, by the name of the parameter."""
+    if isinstance(value.content, Mapping):
+        for key, entry in value.content.items():
+            yield from units_of(entry, f"{name}.{key}" if name else key)
+    elif isinstance(value.content, tuple):
+        for entry in value.content:
+            if entry.is_scalar:
+                yield from units_of(entry, name)
+            elif "set" in entry.entries:  # of a phase
+                yield from units_of(entry.entries["set"])
+    elif isinstance(value.content, str):
+        with suppress(ConfigError):
+            unit = split_quantity(value.content)[1]
+            if unit:
+                yield name, unit
 
 
 def from_plain(content: Any, name: str) -> Value:

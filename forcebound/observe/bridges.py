@@ -23,15 +23,18 @@ from typing import TypeAlias
 import msgspec
 
 from forcebound.errors import ConfigError
-from forcebound.messages.packets import Packet
+from forcebound.messages.packets import TOPIC_OF, Packet
 from forcebound.network.sockets import Network
 from forcebound.observe.streams import fields_of_packet, packets_of, streams_of
-from forcebound.recordings.schema import schema
+from forcebound.recordings.schema import declared_signals, schema
+from forcebound.run.run_directory import RunDocument
 
 #: Called with topic, packet and its time since the epoch, in ns.
 Send: TypeAlias = Callable[[str, Packet, int], None]
-#: Opens a port on loopback for packets by topic.
-Bridge: TypeAlias = Callable[[Mapping[str, type[Packet]], int], AbstractContextManager[Send]]
+#: A schema of packets, by its keys.
+Schema: TypeAlias = Mapping[str, object]
+#: Opens a port on loopback for packets, with their schemas by topic.
+Bridge: TypeAlias = Callable[[Mapping[str, Schema], int], AbstractContextManager[Send]]
 
 
 def serve(
@@ -50,7 +53,11 @@ def serve(
     Raises:
         ConfigError: If there is no such topic, the port is in use, or a package is missing.
     """
-    streams = streams_of(run, topics)
+    declared = declared_signals(RunDocument.read(run).metadata)
+    streams = {
+        name: schema(packet, declared.get(TOPIC_OF[packet]))
+        for name, packet in streams_of(run, topics).items()
+    }
     ahead_ns = time.time_ns() - time.monotonic_ns()
     with bridge(streams, port) as send:
         say(f"{', '.join(streams)} at port {port} of localhost; Ctrl-C ends it")
@@ -59,7 +66,7 @@ def serve(
 
 
 @contextmanager
-def plotjuggler(streams: Mapping[str, type[Packet]], port: int) -> Iterator[Send]:
+def plotjuggler(streams: Mapping[str, Schema], port: int) -> Iterator[Send]:
     """Publish for PlotJuggler."""
     with Network() as network:
         publisher = network.publisher(f"tcp://127.0.0.1:{port}")
@@ -76,7 +83,7 @@ def frames(topic: str, packet: Packet, at_ns: int) -> tuple[bytes, bytes]:
 
 
 @contextmanager
-def foxglove(streams: Mapping[str, type[Packet]], port: int) -> Iterator[Send]:
+def foxglove(streams: Mapping[str, Schema], port: int) -> Iterator[Send]:
     """Serve Foxglove."""
     try:
         import foxglove as sdk
@@ -87,12 +94,9 @@ def foxglove(streams: Mapping[str, type[Packet]], port: int) -> Iterator[Send]:
     logging.getLogger("foxglove.websocket.connected_client.poller").setLevel(logging.CRITICAL)
     context = sdk.Context()
     channels = {}
-    for topic, packet in streams.items():
-        described = sdk.Schema(
-            name=f"forcebound.{packet.__name__}",
-            encoding="jsonschema",
-            data=json.dumps(schema(packet)).encode(),
-        )
+    for topic, form in streams.items():
+        data = json.dumps(form).encode()
+        described = sdk.Schema(name=str(form["title"]), encoding="jsonschema", data=data)
         channels[topic] = sdk.Channel(
             f"/{topic}", schema=described, message_encoding="json", context=context
         )

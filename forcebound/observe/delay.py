@@ -21,9 +21,9 @@ from forcebound.results.hops import HOPS, Hops
 from forcebound.run.run_directory import read_launch_document
 
 DURATION = 5.0  # s, how long a running graph is watched
-SHARES = {"p50": 50.0, "p90": 90.0, "p99": 99.0, "p99_9": 99.9, "max": 100.0}
+SHARES = {"min": 0.0, "p50": 50.0, "p90": 90.0, "p99": 99.0, "p99_9": 99.9, "max": 100.0}
 CLASSES = 12  # of a histogram
-LEAST, LEAST_OF_LINK = 0.12, 0.012  # ms, width of a histogram of equal delays
+LEAST = 0.12  # ms, width of a histogram of equal delays
 
 
 class Bin(Struct, frozen=True):
@@ -37,6 +37,7 @@ class Bin(Struct, frozen=True):
 class Percentiles(Struct, frozen=True):
     """Delays that these shares of all do not exceed, in ms; None: every answer was lost."""
 
+    min: float | None = None
     p50: float | None = None
     p90: float | None = None
     p99: float | None = None
@@ -48,7 +49,6 @@ class LinkDelays(Percentiles, frozen=True, kw_only=True):
     """Times from hop to hop."""
 
     count: int
-    histogram: list[Bin]
 
 
 class DelayFigures(Struct, frozen=True, omit_defaults=True):
@@ -80,12 +80,9 @@ class Measured:
             ticks=ticks,
             lost_share=1.0 - known.size / ticks,
             loop_delay_ms=Percentiles(**_percentiles(known)),
-            histogram=_histogram(known, LEAST),
+            histogram=_histogram(known),
             links_ms={
-                name: LinkDelays(
-                    **_percentiles(one), count=one.size, histogram=_histogram(one, LEAST_OF_LINK)
-                )
-                for name, one in hops.items()
+                name: LinkDelays(**_percentiles(one), count=one.size) for name, one in hops.items()
             },
         )
 
@@ -96,12 +93,12 @@ def _percentiles(delays: NDArray[np.float64]) -> dict[str, float]:
     return dict(zip(SHARES, np.percentile(delays, list(SHARES.values())).tolist(), strict=True))
 
 
-def _histogram(delays: NDArray[np.float64], least: float) -> list[Bin]:
+def _histogram(delays: NDArray[np.float64]) -> list[Bin]:
     """Return classes of equal width up to the 99.9th percentile; the last has all beyond, too."""
     if not delays.size:
         return []
     low, high = float(delays.min()), float(np.percentile(delays, SHARES["p99_9"]))
-    counts, edges = np.histogram(delays.clip(max=high), CLASSES, (low, max(high, low + least)))
+    counts, edges = np.histogram(delays.clip(max=high), CLASSES, (low, max(high, low + LEAST)))
     rows = zip(edges, edges[1:], counts, strict=False)
     return [Bin(float(a), float(b), int(n)) for a, b, n in rows]
 

@@ -18,14 +18,21 @@ from forcebound.graph.tree import scalar
 from forcebound.messages.control import Parameters
 from forcebound.network.impairment import Impairment
 from forcebound.quantities import Range, Unit
+from forcebound.units import in_unit
 
 # YAML reads it as text without quotes, also within { } and [ ].
 _PLAIN = re.compile(r"[A-Za-z_/.][A-Za-z0-9_/.+-]*( [A-Za-z0-9_/.+-]+)*")
 
 
-def as_written(config: GraphConfig, values: Parameters) -> dict[str, str]:
-    """Return parameters of a graph as YAML, each fit for ``forcebound param set``."""
-    return {name: _text(value, _hint(config, name)) for name, value in values.items()}
+def as_written(
+    config: GraphConfig, values: Parameters, units: Mapping[str, str] | None = None
+) -> dict[str, str]:
+    """Return parameters of a graph as YAML, each fit for ``forcebound param set``.
+
+    In ``units``, by the name of the parameter, else in SI.
+    """
+    units = units or {}
+    return {n: _text(value, _hint(config, n), units.get(n, "")) for n, value in values.items()}
 
 
 def ranges(config: GraphConfig, names: Iterable[str]) -> dict[str, str]:
@@ -97,20 +104,20 @@ def _inside(kind: type, name: str) -> Iterator[type]:
             yield part
 
 
-def _text(value: Any, hint: Any) -> str:
+def _text(value: Any, hint: Any, unit: str = "") -> str:
     if value is None:
         return "null"
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, int | float):
-        number = f"{value:.15g}" if float(f"{value:.15g}") == value else repr(value)
-        units = [part.symbol for part in _parts(hint) if isinstance(part, Unit)]
-        return f"{number} {units[0]}" if units and units[0] else number
+        symbols = [part.symbol for part in _parts(hint) if isinstance(part, Unit)]
+        return in_unit(value, unit if symbols and unit else "".join(symbols[:1]))
     if isinstance(value, list):
         inner = [part for part in _parts(hint) if get_origin(part) in (tuple, list)]
         entries = get_args(inner[0]) if inner else ()
         hints = [entry for entry in entries if entry is not Ellipsis] or [None]
-        texts = [_text(entry, hints[min(i, len(hints) - 1)]) for i, entry in enumerate(value)]
+        kinds = [hints[min(i, len(hints) - 1)] for i in range(len(value))]
+        texts = [_text(entry, kind, unit) for entry, kind in zip(value, kinds, strict=True)]
         return f"[{', '.join(texts)}]"
     if isinstance(value, Mapping):
         classes = [part for part in _parts(hint) if dataclasses.is_dataclass(part)]

@@ -17,14 +17,11 @@ from forcebound.messages.control import (
     ProcessStatus,
 )
 from forcebound.messages.topology import is_bound
-from forcebound.network import sockets
-from forcebound.observe.control import ask, ask_all
-from forcebound.roles import CONTROLLER, ENVIRONMENT, LAUNCHER
+from forcebound.observe.control import ask_all
+from forcebound.roles import ENVIRONMENT, LAUNCHER
 from forcebound.run.run_directory import RunDocument
 
 STATUS_TIMEOUT = 1.0  # s; a node answers between two steps, so within milliseconds
-SERVING_NS = 100_000_000  # in which an environment that serves replies, unless it is very slow
-WAITING_REPLIES = 1  # of an environment that waits, in this time
 UNKNOWN = "unknown"  # state of a process that no launcher watches, or whose launcher is silent
 
 S = TypeVar("S", bound=ProcessStatus)
@@ -104,32 +101,14 @@ def snapshot(run_dir: Path) -> GraphStatus:
 
 
 def other_environment(graph: GraphStatus) -> str | None:
-    """Return the environment that serves in place of the one here; None: there is none.
-
-    An environment here that is silent may be the one that serves.
-    """
+    """Return the environment that serves in place of the one here; None: there is none."""
     own, controller = graph.status_of(EnvironmentStatus), graph.status_of(ControllerStatus)
-    if not graph.run.is_graph:
-        return None if own is None else own.refused_for
-    if controller is None or controller.environment is None:
-        return None
     if own is None:
-        here = graph.processes.get(graph.run.graph.of_role(ENVIRONMENT))
-        if here is None or here.state != "stopped":
-            return None
-    elif own.name == controller.environment:
         return None
-    sockets.wait((), SERVING_NS)
-    later = ask(graph.run_dir, graph.run.graph.of_role(CONTROLLER), GetStatus(), STATUS_TIMEOUT)
-    replies = _replies(later) - _replies(controller)
-    # With fewer, it has gone, with its lease.
-    return controller.environment if replies > WAITING_REPLIES else None
-
-
-def _replies(controller: object) -> int:
-    if not isinstance(controller, ControllerStatus):
-        return 0
-    return controller.received.get("environment_reply", 0)
+    if not graph.run.is_graph:
+        return own.refused_for
+    serving = None if controller is None else controller.environment
+    return None if serving == own.name else serving
 
 
 def use_of(pid: int | None) -> Use | None:

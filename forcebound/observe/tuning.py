@@ -84,6 +84,8 @@ def every_parameter(config: GraphConfig) -> Parameters:
     """Return all values by name: those that can be changed, and what is fixed during a run."""
     fixed: Parameters = {}
     for section, value in to_document(config).items():
+        if section == "units":
+            continue
         if isinstance(value, Mapping):
             fixed |= {f"{section}.{name}": entry for name, entry in value.items()}
         elif section != "forcebound":

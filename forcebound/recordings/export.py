@@ -1,12 +1,14 @@
 """Topics of a recording as tables: a CSV file each, and ``columns.csv`` with unit and meaning.
 
 A field with several entries becomes a column for each, ``position[0]``, as `forcebound echo --csv`
-names them; what is nested deeper becomes JSON text. A field that no packet of the recording has,
-and a topic without packets, are left out. Numbers are exact: the text gives the same bits.
+names them; a signal is a column ``signals.NAME``; what is nested deeper becomes JSON text. A field
+that no packet of the recording has, and a topic without packets, are left out. Numbers are exact:
+the text gives the same bits.
 """
 
 import csv
 import json
+import re
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -17,6 +19,7 @@ from forcebound.errors import ConfigError
 from forcebound.files import content_of, reason
 from forcebound.messages.packets import TOPIC_OF, TOPICS, Packet, field_types, meanings
 from forcebound.recordings.recording import Recording
+from forcebound.recordings.schema import declared_signals
 
 COLUMNS = "columns.csv"  # what each column means
 
@@ -57,10 +60,12 @@ def export(recording: Recording, folder: Path, overwrite: bool = False) -> list[
             for packet in recording.stream(*TOPICS):
                 tables[TOPIC_OF[type(packet)]].writerow(_row_of(packet))
             described = table(folder / COLUMNS, ["table", "column", "unit", "meaning"])
+            signals = declared_signals(recording.metadata)
             for topic, names in columns.items():
-                known = meanings(TOPICS[topic])
+                own = {f"signals.{name}": one for name, one in signals.get(topic, {}).items()}
+                known = meanings(TOPICS[topic]) | own
                 for name in names:
-                    text, unit = known[name.partition("[")[0]]
+                    text, unit = known.get(name) or known[_field(name)]
                     row = {"table": topic, "column": name, "unit": unit, "meaning": text}
                     described.writerow(row)
     except OSError as error:  # the disk is full
@@ -73,11 +78,13 @@ def _row_of(packet: Packet) -> dict[str, Any]:
     row: dict[str, Any] = {}
     for name in field_types(type(packet)):
         value = getattr(packet, name)
-        if isinstance(value, tuple) and value and isinstance(value[0], float):
+        if name == "signals" and value is not msgspec.UNSET:
+            row |= {f"signals.{signal}": one for signal, one in value.items()}
+        elif isinstance(value, tuple) and value and isinstance(value[0], float):
             row |= {f"{name}[{i}]": one for i, one in enumerate(value)}
         elif isinstance(value, int | float | str):
             row[name] = value
-        elif value is not None:
+        elif value is not None and value is not msgspec.UNSET:
             row[name] = json.dumps(msgspec.to_builtins(value))
     return row
 
@@ -90,6 +97,11 @@ def _columns_of(recording: Recording) -> dict[str, list[str]]:
     columns = {}
     for kind in filter(seen.__contains__, TOPICS.values()):
         order = list(field_types(kind))
-        names = sorted(seen[kind], key=lambda name: (order.index(name.partition("[")[0]), name))
+        names = sorted(seen[kind], key=lambda name: (order.index(_field(name)), name))
         columns[TOPIC_OF[kind]] = names
     return columns
+
+
+def _field(column: str) -> str:
+    """Return the field of a packet that a column belongs to."""
+    return re.split(r"[[.]", column)[0]

@@ -45,7 +45,7 @@ from forcebound.messages.packets import (
     field_types,
 )
 from forcebound.messages.topology import HAND, ONE_HAND, Graph, Stream
-from forcebound.recordings.schema import ABSENT, is_optional, schema
+from forcebound.recordings.schema import ABSENT, declared_signals, is_optional, schema
 from forcebound.recordings.telemetry import TelemetryCollector, TelemetryColumns
 
 ENERGY_BEFORE = "energy_before"  # key of the metadata, and of the status of a device
@@ -84,6 +84,7 @@ class Recorder(AbstractContextManager["Recorder"]):
         self._writer: Any = Writer(self._file)
         self._writer.start(profile="", library="forcebound")
         self._writer.add_metadata(METADATA_NAME, dict(sorted(metadata.items())))
+        self._signals = declared_signals(metadata)
         # All topics from the start: the file does not depend on which packet happens to come first.
         self._channels = {
             (TOPICS[stream.topic], stream.hand or HAND): self._register(stream)
@@ -95,8 +96,9 @@ class Recorder(AbstractContextManager["Recorder"]):
         self, stream: Stream
     ) -> tuple[int, tuple[str, ...], Callable[[Packet], tuple[Any, ...]]]:
         packet = TOPICS[stream.topic]
+        described = schema(packet, self._signals.get(stream.topic))
         schema_id = self._writer.register_schema(
-            f"forcebound.{packet.__name__}", "jsonschema", json.dumps(schema(packet)).encode()
+            f"forcebound.{packet.__name__}", "jsonschema", json.dumps(described).encode()
         )
         channel = self._writer.register_channel(f"/{stream.name}", "json", schema_id)
         names = tuple(field_types(packet))
@@ -108,7 +110,7 @@ class Recorder(AbstractContextManager["Recorder"]):
         document = {
             name: value
             for name, value in zip(names, values_of(packet), strict=True)
-            if value is not None and value != ""
+            if value is not None and value != "" and value is not msgspec.UNSET
         }
         log_time = packet.time_ns + self._clock_offset_ns
         # The sequence of an MCAP message has 32 bits; the packet's own is in the message.
@@ -301,6 +303,7 @@ def _decoder(packet: type[Packet]) -> Callable[[bytes], Packet]:
     """Return a function from a recorded message to the packet; raises as msgspec does."""
     hints = field_types(packet)
     absent = {name: None for name, hint in hints.items() if is_optional(hint)} | ABSENT
+    absent.pop("signals", None)  # which has no null
 
     def read_message(data: bytes) -> Packet:
         document: dict[str, Any] = _decode(data)
@@ -315,4 +318,6 @@ def _with_nan(value: Any) -> Any:
     """Return a recorded value with NaN for null."""
     if isinstance(value, list):
         return [_with_nan(one) for one in value]
+    if isinstance(value, dict):
+        return {name: _with_nan(one) for name, one in value.items()}
     return math.nan if value is None else value

@@ -4,11 +4,14 @@ They are msgspec's with one type per field, since Foxglove rejects a list of typ
 arrays within arrays (the points of a path), which it rejects, too.
 """
 
-from typing import Any, get_args
+from collections.abc import Mapping
+from typing import Annotated, Any, TypeAlias, get_args, get_origin
 
+import msgspec
 from msgspec.json import schema_components
 
-from forcebound.messages.packets import Packet, field_types
+from forcebound.errors import ConfigError
+from forcebound.messages.packets import Meaning, Packet, field_types
 from forcebound.messages.topology import HAND
 
 #: Fields that are left out of a message when they are empty, or that older recordings lack.
@@ -16,27 +19,43 @@ ABSENT: dict[str, Any] = {"hand": HAND, "proxies": {}}
 
 _KEPT = ("type", "items", "minItems", "maxItems", "properties", "additionalProperties", "required")
 
+#: What the parts of a run publish: meanings of numbers by topic and name.
+Signals: TypeAlias = Mapping[str, Mapping[str, Meaning]]
 
-def schema(packet: type[Packet]) -> dict[str, Any]:
-    """Return the jsonschema of a packet: types, units and meaning of its fields."""
+
+def declared_signals(metadata: Mapping[str, str]) -> Signals:
+    """Return the signals that the metadata of a recording declares; ConfigError if damaged."""
+    try:
+        text = metadata.get("signals", "{}")
+        return msgspec.json.decode(text, type=dict[str, dict[str, Meaning]])
+    except (msgspec.MsgspecError, ValueError) as error:
+        raise ConfigError(f"the recording's list of signals is damaged ({error})") from error
+
+
+def schema(packet: type[Packet], signals: Mapping[str, Meaning] | None = None) -> dict[str, Any]:
+    """Return the jsonschema of a packet: types, units and meaning of its fields and signals."""
     _, rules = schema_components([packet])
     types, described = field_types(packet), rules[packet.__name__]
+    fields = {
+        name: _plain(field, rules) | _described(field["description"], field["unit"])
+        for name, field in ((name, described["properties"][name]) for name in types)
+    }
+    for name, (text, unit) in (signals or {}).items():
+        fields["signals"]["properties"][name] = {"type": "number", **_described(text, unit)}
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": f"forcebound.{packet.__name__}",
         "description": described["description"].partition("\n")[0],
         "type": "object",
-        "properties": {
-            name: _plain(field, rules) | _described(field["description"], field["unit"])
-            for name, field in ((name, described["properties"][name]) for name in types)
-        },
+        "properties": fields,
         "required": [n for n, hint in types.items() if not is_optional(hint) and n not in ABSENT],
     }
 
 
 def is_optional(hint: Any) -> bool:
     """Return whether a field may have no value."""
-    return type(None) in get_args(hint)
+    plain = hint.__origin__ if get_origin(hint) is Annotated else hint
+    return not {type(None), msgspec.UnsetType}.isdisjoint(get_args(plain))
 
 
 def _described(text: str, unit: str) -> dict[str, str]:

@@ -47,6 +47,7 @@ from forcebound.results.energy import since_contact
 from forcebound.results.samples import (
     ACROSS,
     ALWAYS,
+    ASKED,
     AT_REST,
     BANDWIDTH,
     BROUGHT,
@@ -61,6 +62,7 @@ from forcebound.results.samples import (
     SPECTRUM,
     STEADY,
     SURFACE,
+    TOUCHED,
     TRUTH,
     VIBRATION,
     WALL,
@@ -69,6 +71,7 @@ from forcebound.results.samples import (
     law,
 )
 from forcebound.results.spectrum import transparency_bandwidth
+from forcebound.results.stiffness import felt_stiffness
 from forcebound.results.surface import Floats
 
 
@@ -235,6 +238,16 @@ def _since_contact(run: Samples) -> float | None:
     return since_contact(run.time, energy, columns.true_position, first, run.mass)
 
 
+def _felt(run: Samples) -> dict[str, Any] | None:
+    felt = felt_stiffness(run)
+    return None if felt is None else felt._asdict()
+
+
+def _energy_left(run: Samples) -> float | None:
+    energy = run.columns.true_energy
+    return _or_none(np.min, energy[int(np.argmax(run.contact)) :])
+
+
 def _ledger_deficit(run: Samples) -> float | None:
     return _or_none(lambda known: np.mean(known < 0.0), run.columns.estimated_energy)
 
@@ -309,6 +322,7 @@ FIGURES: tuple[Figure, ...] = (
         _of_contact(displayed_stiffness),
         STEADY,
     ),
+    Figure("stiffness_n_per_m", "", None, _felt, ASKED),
     Figure("rate_hardness_n_per_m", "rate-hardness", N_MM, _hardness, INWARDS),
     Figure(
         "extended_rate_hardness_n_per_m",
@@ -351,6 +365,7 @@ FIGURES: tuple[Figure, ...] = (
     Figure(
         "true_energy_min_j", "minimum energy (ground truth)", MJ, _minimum("true_energy"), TRUTH
     ),
+    Figure("energy_left_j", "", None, _energy_left, TOUCHED),
     Figure("largest_energy_fall_j", "largest fall of energy", MJ, _of("fall", "energy"), TRUTH),
     Figure(
         "energy_regain_time_s", "time to regain it", MS, _of("fall", "time_to_regain"), REGAINED
@@ -360,17 +375,21 @@ FIGURES: tuple[Figure, ...] = (
     ),
     Figure(
         "observed_energy_min_j",
-        "minimum energy (observed)",
+        "minimum energy (motor alone)",
         MJ,
         _of("observed", "energy_min"),
         ENGAGED,
     ),
     Figure(
-        "observed_power_min_w", "minimum power (observed)", W, _of("observed", "power_min"), ENGAGED
+        "observed_power_min_w",
+        "minimum power (motor alone)",
+        W,
+        _of("observed", "power_min"),
+        ENGAGED,
     ),
     Figure(
         "observed_deficit_share",
-        "time in deficit (observed)",
+        "time in deficit (motor alone)",
         PERCENT,
         _of("observed", "deficit_share"),
         ENGAGED,

@@ -6,7 +6,7 @@ whole vector, as their limit is; what is over penetration, along the normal of w
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -19,6 +19,7 @@ from forcebound.messages.packets import Event
 from forcebound.recordings.telemetry import TelemetryColumns
 from forcebound.results.colours import AXIS_COLOURS, COMMANDED, ESTIMATED, NEUTRAL, PHYSICAL
 from forcebound.results.energy import largest_fall
+from forcebound.results.signals import Curve
 from forcebound.results.surface import Floats, Touch, touch_of_run
 
 if TYPE_CHECKING:
@@ -31,6 +32,7 @@ MOST_SLOPES = 3  # a wall may change its stiffness all the time
 AROUND_CONTACT = (-20.0, 150.0)  # ms about the first contact, range of the panel "contact"
 AXIS_NAMES = ("x", "y", "z", "axis 4", "axis 5", "axis 6")
 MOST_POINTS = 20_000  # of a curve over time; of more the extremes are drawn, in as many pieces
+WIDE: dict[str, Any] = {"linewidth": 2.6, "alpha": 0.5}  # of a curve that another may lie upon
 PIECES = 5_000  # 8 for each pixel of a PNG
 
 
@@ -47,6 +49,7 @@ class View:
     columns: TelemetryColumns
     shown: slice  # samples since the force engaged
     touch: Touch | None  # what was touched, at each sample of the run
+    signals: Sequence[Curve] = ()
 
     @property
     def axes(self) -> int:
@@ -66,7 +69,7 @@ class View:
         return shown[:, 0] if self.axes == 1 else np.linalg.norm(shown, axis=1)
 
 
-def view_of(run: Run, events: Sequence[Event] = ()) -> View:
+def view_of(run: Run, events: Sequence[Event] = (), signals: Sequence[Curve] = ()) -> View:
     """Return the samples of a run since the force engaged; its events may move the surface.
 
     Raises:
@@ -75,9 +78,8 @@ def view_of(run: Run, events: Sequence[Event] = ()) -> View:
     _, columns, config = run
     start = int(np.searchsorted(columns.time, 0.0)) if (columns.engagement > 0.0).any() else 0
     shown = slice(start, None)
-    return View(
-        since_engaged(columns)[shown], columns, shown, touch_of_run(columns, events, config)
-    )
+    touch = touch_of_run(columns, events, config)
+    return View(since_engaged(columns)[shown], columns, shown, touch, signals)
 
 
 def since_engaged(columns: TelemetryColumns) -> Floats:
@@ -125,7 +127,7 @@ def _draw_position(axes: Axes, view: View) -> None:
     position = view.columns.position[view.shown] * 1e3
     if view.axes == 1:
         true = view.columns.true_position[view.shown, 0] * 1e3
-        _over_time(axes, view, true, "true", color=PHYSICAL, linewidth=2.2, alpha=0.45)
+        _over_time(axes, view, true, "true", color=PHYSICAL, **WIDE)
         _over_time(axes, view, view.proxy[:, 0] * 1e3, "proxy", color=NEUTRAL, linewidth=1.4)
         _over_time(axes, view, position[:, 0], "reading", color="black", linewidth=0.6)
         return
@@ -140,7 +142,7 @@ def _draw_force(axes: Axes, view: View) -> None:
     commanded, applied = (
         view.size(one) for one in (view.columns.commanded_force, view.columns.applied_force)
     )
-    _over_time(axes, view, commanded, "commanded", color=COMMANDED, linewidth=0.8)
+    _over_time(axes, view, commanded, "commanded", color=COMMANDED, **WIDE)
     _over_time(axes, view, applied, "applied", color=PHYSICAL, linewidth=1.1)
     scale = axes.get_ylim()  # that of the forces: the limit may be far beyond
     limit = view.columns.force_limit[view.shown]
@@ -156,8 +158,8 @@ def _draw_energy(axes: Axes, view: View) -> None:
     estimated, true = (
         one[view.shown] * 1e3 for one in (view.columns.estimated_energy, view.columns.true_energy)
     )
-    _over_time(axes, view, estimated, "estimated", color=ESTIMATED, linewidth=1.0)
-    _over_time(axes, view, true, "true", color=PHYSICAL, linewidth=1.4)
+    _over_time(axes, view, estimated, "estimated", color=ESTIMATED, **WIDE)
+    _over_time(axes, view, true, "true", color=PHYSICAL, linewidth=0.9)
     fall = largest_fall(view.time, true)
     if fall is not None:
         text = f"minimum {true.min() + 0.0:.2f} mJ, largest fall {fall.energy:.2f} mJ"
@@ -207,7 +209,7 @@ def _draw_contact(axes: Axes, view: View) -> None:
         view.touch.along(one)[view.shown][seen]
         for one in (view.columns.commanded_force, view.columns.applied_force)
     )
-    _line(axes, since[seen], commanded, "commanded", color=COMMANDED, linewidth=0.8)
+    _line(axes, since[seen], commanded, "commanded", color=COMMANDED, **WIDE)
     _line(axes, since[seen], applied, "applied", color=PHYSICAL, linewidth=1.1)
     axes.set_xlim(*AROUND_CONTACT)
 
@@ -222,6 +224,16 @@ def _draw_path(axes: Axes, view: View, up: int) -> None:
     _line(axes, tip[:, 0], tip[:, 1], "tip", color=PHYSICAL, linewidth=0.8)
     axes.plot(*tip[:1].T, "o", label="start", color=NEUTRAL, markersize=4.0)
     axes.set_aspect("equal", adjustable="datalim")
+
+
+def _draw_signals(axes: Axes, view: View, unit: str) -> None:
+    time_ns = view.columns.time_ns[view.shown]
+    for number, curve in enumerate(each for each in view.signals if each.about.unit == unit):
+        time = (curve.time_ns - time_ns[:1]) * 1e-9 + view.time[:1]
+        chosen = extremes(np.where(time >= 0.0, curve.values, np.nan))
+        chosen = chosen[time[chosen] >= 0.0]
+        label, colour = in_figure(curve.about.text), AXIS_COLOURS[number % len(AXIS_COLOURS)]
+        _line(axes, time[chosen], curve.values[chosen], label, color=colour, linewidth=1.0)
 
 
 @dataclass(frozen=True)
@@ -248,3 +260,12 @@ PANELS: dict[str, Panel] = {
     "path_xy": Panel(partial(_draw_path, up=1), "y (mm)", _X),
     "path_xz": Panel(partial(_draw_path, up=2), "z (mm)", _X),
 }
+
+
+def signal_panels(signals: Iterable[Curve]) -> dict[str, Panel]:
+    """Return a panel for each unit of the signals of some runs."""
+    units = dict.fromkeys(curve.about.unit for curve in signals)
+    return {
+        f"signals {unit}": Panel(partial(_draw_signals, unit=unit), f"signals ({unit or 1})")
+        for unit in units
+    }

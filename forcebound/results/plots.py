@@ -7,7 +7,7 @@ figure of the same data is the same file, byte by byte.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
+from itertools import chain, pairwise
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,11 +16,20 @@ import numpy as np
 
 from forcebound.errors import ConfigError
 from forcebound.files import check_writable
-from forcebound.messages.events import LAW_CHANGED, PARAMETERS_SET, PHASE_BEGINS
+from forcebound.messages.events import LAW_CHANGED, PARAMETERS_SET, PHASE_BEGINS, PUBLISHED
 from forcebound.messages.packets import Event
 from forcebound.results.colours import NEUTRAL, NOT_PASSIVE, PHASE
-from forcebound.results.panels import PANELS, Panel, Run, in_figure, since_engaged, view_of
+from forcebound.results.panels import (
+    PANELS,
+    Panel,
+    Run,
+    in_figure,
+    signal_panels,
+    since_engaged,
+    view_of,
+)
 from forcebound.results.samples import law
+from forcebound.results.signals import Curve
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -43,6 +52,7 @@ def figure(
     runs: Sequence[Run],
     panels: Sequence[str] | None = None,
     events: Sequence[Sequence[Event]] = (),
+    signals: Sequence[Sequence[Curve]] = (),
 ) -> Figure:
     """Return a figure with one column per run and one row per panel.
 
@@ -53,7 +63,9 @@ def figure(
     Args:
         runs: Label, telemetry, and launch file as resolved, of each run; at least one.
         panels: Keys of ``PANELS``, from top to bottom; None: those that suit the number of axes.
-        events: Events of each run: faults and changes are drawn as vertical lines, phases as bands.
+        events: Events of each run: faults, changes and those of the parts' own code are drawn as
+            vertical lines, phases as bands.
+        signals: Of each run; each unit has a panel, below the others.
 
     Raises:
         ConfigError: If a launch file does not fit its run.
@@ -63,21 +75,29 @@ def figure(
     if panels is None:
         axes = max(columns.position.shape[1] for _, columns, _ in runs)
         panels = (*DEFAULT_PANELS, *PATH_PANELS[: axes - 1])
-    size = (1.6 + 4.4 * len(runs), 0.9 + 1.75 * len(panels))
+    rows = {name: PANELS[name] for name in panels} | signal_panels(chain(*signals))
+    size = (1.6 + 4.4 * len(runs), 0.9 + 1.75 * len(rows))
     drawing = Figure(figsize=size, dpi=150, layout="constrained")
-    grid = drawing.subplots(len(panels), len(runs), squeeze=False)
-    rows = [PANELS[name] for name in panels]
-    for column, run, marked in zip(grid.T, runs, events or [()] * len(runs), strict=True):
-        _draw_column(list(column), run, rows, marked)
-    for name, row_axes in zip(panels, grid, strict=True):
+    grid = drawing.subplots(len(rows), len(runs), squeeze=False)
+    known = zip(events or [()] * len(runs), signals or [()] * len(runs), strict=True)
+    for column, run, (marked, curves) in zip(grid.T, runs, known, strict=True):
+        _draw_column(list(column), run, list(rows.values()), marked, curves)
+    for (name, panel), row_axes in zip(rows.items(), grid, strict=True):
+        row_axes[0].set_ylabel(panel.label, fontsize=9)
         _arrange_row(name, list(row_axes))
     drawing.align_ylabels(list(grid[:, 0]))
     return drawing
 
 
-def _draw_column(column: list[Axes], run: Run, rows: list[Panel], events: Sequence[Event]) -> None:
+def _draw_column(
+    column: list[Axes],
+    run: Run,
+    rows: list[Panel],
+    events: Sequence[Event],
+    signals: Sequence[Curve],
+) -> None:
     """Draw the panels of a run; panels over time that stand together share numbers and label."""
-    view = view_of(run, events)
+    view = view_of(run, events, signals)
     column[0].set_title(_title(run), fontsize=11)
     labels = [panel.x_label for panel in rows]
     first = None
@@ -104,7 +124,11 @@ def _mark(axes: Axes, run: Run, events: Sequence[Event], *, names: bool) -> None
     zero_ns = int(columns.time_ns[0]) - round(first * 1e9)
     begins = [event for event in events if event.event == PHASE_BEGINS][:MOST_MARKS]
     changes = () if begins else CHANGES  # the changes of a phase are named by it
-    marked = [event for event in events if event.is_fault or event.event in changes]
+    marked = [
+        event
+        for event in events
+        if event.is_fault or event.event in changes or PUBLISHED in event.data
+    ]
     marked = [event for event in marked if event.time_ns >= zero_ns]
     kinds = list(dict.fromkeys(event.event for event in marked))
     for event in marked[:MOST_MARKS]:
@@ -142,7 +166,6 @@ def _arrange_row(name: str, row: list[Axes]) -> None:
         axes.spines[["top", "right"]].set_visible(False)
         axes.tick_params(labelsize=8)
         axes.margins(x=0.01)
-    row[0].set_ylabel(PANELS[name].label, fontsize=9)
     if name == "energy":
         _scale_energy(row)
     elif name == "loop_delay":
@@ -179,8 +202,7 @@ def _scale_energy(row: list[Axes]) -> None:
         for axes in row:
             axes.set_yscale("symlog", linthresh=linear)
             axes.yaxis.set_major_formatter("{x:g}")
-        # An entry of the legend without a line: in the panel it would lie over the curves.
-        row[-1].plot([], [], " ", label=f"log beyond\n±{linear:g} mJ")
+        row[0].set_ylabel(f"energy (mJ)\nlog beyond ±{linear:g} mJ", fontsize=9)
         bottom, top = min(2.0 * low, -0.3 * linear), max(2.0 * high, 0.3 * linear)
     style: dict[str, Any] = {"color": NOT_PASSIVE, "alpha": 0.12, "linewidth": 0.0, "zorder": 0}
     for axes in row:

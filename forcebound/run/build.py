@@ -44,10 +44,12 @@ def build_node(
         return build_device(config, clock)
     if role == CONTROLLER:
         try:
-            controller = made(CONTROLLER, config.controller).open(config.device.axes)
+            model = made(CONTROLLER, config.controller)
+            controller = model.open(config.device.axes)
         except Exception as error:
             raise ConfigError(f"controller: open: {describe_user_error(error)}") from error
-        return ControllerNode(controller, lease_ns(config), dead_lease_ns(config))
+        leases = lease_ns(config), dead_lease_ns(config)
+        return ControllerNode(controller, *leases, signals=model.signals)
     if role == ENVIRONMENT:
         model, computation = served(config.environment), config.environment.computation
         seed = link_seed(config.seed, "computation")
@@ -85,7 +87,8 @@ def build_device(
         raise DeviceError(f"open must return a forcebound.haptics.devices.Device, got {device!r}")
     if not isinstance(device, SimulatedDevice):  # which cannot fail, and runs in sweeps
         device = guarded(device)
-    return DeviceNode(device, dissipation_of(model, servo), servo, clock, lateness)
+    signals = model.signals
+    return DeviceNode(device, dissipation_of(model, servo), servo, clock, lateness, signals=signals)
 
 
 def build_links(config: GraphConfig) -> dict[str, Link[Packet]]:

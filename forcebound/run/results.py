@@ -18,7 +18,8 @@ from forcebound.graph.names import Document
 from forcebound.graph.resolved import to_document
 from forcebound.haptics.parts.user_module import source_of
 from forcebound.messages.events import BOUNDER_REPORTED, LAW_CHANGED
-from forcebound.messages.packets import TOPIC_OF, EnvironmentReply, Event, Telemetry
+from forcebound.messages.packets import TOPIC_OF, EnvironmentReply, Event, Meaning, Telemetry
+from forcebound.messages.topology import SIGNAL_TOPICS
 from forcebound.recordings.telemetry import TelemetryColumns
 
 _logger = logging.getLogger(__name__)
@@ -43,7 +44,12 @@ def run_metadata(config: GraphConfig) -> dict[str, str]:
         source = source_of(kind)
         if source is not None:  # the file may change before the recording is read
             metadata[f"{section}_source"] = source
-    return metadata
+    signals = {
+        topic: {each.name: Meaning(each.label or each.name, each.unit) for each in declared}
+        for section, topic in SIGNAL_TOPICS.items()
+        if (declared := KINDS[section][kinds[section]].signals)
+    }
+    return {**metadata, "signals": json.dumps(signals)} if signals else metadata
 
 
 @dataclass(frozen=True)
@@ -135,6 +141,7 @@ class RunResult:
         An incomplete recording is a further fault, ``recording_incomplete``.
         """
         from forcebound.results.summary import OF_ONE_LAW, summarize, summarize_phases
+        from forcebound.results.verdict import verdict
 
         summary = {
             **summarize(self.columns, self.document, self.events),
@@ -153,7 +160,8 @@ class RunResult:
             ]
             summary |= {**dict.fromkeys(OF_ONE_LAW), "little_force": [], "undefined": reasons}
             summary["laws"] = laws
-        return {name: _finite(value) for name, value in summary.items()}
+        summary = {name: _finite(value) for name, value in summary.items()}
+        return {**summary, "verdict": verdict(summary, self.document)}
 
 
 def _finite(value: Any) -> Any:

@@ -107,7 +107,7 @@ def write_launch_document(run_dir: Path, config: GraphConfig) -> Configure:
     unfinished = run_dir / f"{LAUNCH_FILE}.{os.getpid()}"  # others may write, too
     unfinished.write_text(json.dumps(run_document(config)), encoding="utf-8")
     unfinished.replace(run_dir / LAUNCH_FILE)
-    return Configure(time.monotonic_ns(), parameters(config))
+    return Configure(time.monotonic_ns(), parameters(config), dict(config.units))
 
 
 @contextmanager

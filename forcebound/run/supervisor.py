@@ -288,8 +288,7 @@ class Supervisor:
         """Publish the changed parameters that a restarted node has read."""
         changed = {name: str(value) for name, value in self.changes(node).items()}
         if changed:
-            values = ", ".join(f"{name} = {value}" for name, value in changed.items())
-            message = f"{node} was restarted with changed parameters: {values}"
+            message = f"{node} was restarted with changed parameters: {', '.join(changed)}"
             self._emit(PARAMETERS_SET, message, changed)
 
     def _emit(

@@ -12,7 +12,7 @@ from forcebound.haptics.parts.user_module import describe_user_error
 from forcebound.run.virtual import run_virtual
 
 TICKS = 20
-FAILURES = ("environment_failed", "controller_failed")  # events of code of the user's own
+FAILURES = ("environment_failed", "controller_failed", "signal_refused")  # of the user's code
 
 
 def try_start(config: GraphConfig) -> None:

@@ -17,20 +17,14 @@ To add a controller: copy ``direct.py`` to ``my_controller.py``, add one line to
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import ClassVar, NamedTuple
+from typing import ClassVar
 
 from forcebound.haptics.parts import Form, Table
+from forcebound.haptics.parts.signals import Publisher, Publishing
 from forcebound.messages.packets import DeviceState, EnvironmentReply, Vector
 
 
-class Notice(NamedTuple):
-    """Something that people should know; it becomes an event, a fault of the run."""
-
-    event: str  # what kind, in one word
-    message: str  # for people
-
-
-class Controller(ABC):
+class Controller(Publisher, ABC):
     """An open controller, which may keep state; ``query`` alone has no default.
 
     The same calls, in the same order from ``open`` on, return the same forces.
@@ -58,15 +52,11 @@ class Controller(ABC):
         """
         return None
 
-    def notices(self) -> Sequence[Notice]:
-        """Return what has happened since the last call; called after each state."""
-        return ()
-
     def close(self) -> None:
         """Release what ``open`` took; called once."""
 
 
-class ControllerModel(ABC):
+class ControllerModel(Publishing, ABC):
     """Parameters of a kind of controller: a frozen dataclass.
 
     Attributes:

@@ -6,7 +6,7 @@ from random import Random
 from typing import Any
 
 from forcebound.haptics.controllers import Controller, ControllerModel
-from forcebound.haptics.parts.contract import VALUE, Findings, Report, copy_of
+from forcebound.haptics.parts.contract import SIGNALS, VALUE, Findings, Report, copy_of
 from forcebound.messages.packets import MAX_AXES, DeviceState, EnvironmentReply, Vector
 
 PROMISES: dict[str, str] = {
@@ -14,7 +14,7 @@ PROMISES: dict[str, str] = {
     "answers": "takes every state and reply, with and without contact, buttons, or a reply at all",
     "shape": "queries and forces are tuples with one number per axis, or there is no force",
     "finite": "queries and forces are finite",
-    "notices": "what it reports, if anything, is pairs of texts: event and message",
+    **SIGNALS,
     "pure": "the same calls, in the same order from open on, return the same",
     **VALUE,
 }
@@ -44,6 +44,7 @@ def _answers(model: ControllerModel, axes: int, states: int, found: Findings) ->
     with found.noting("opens", "an instance that closes", f"axes: {axes}"):
         controller = model.open(axes)
         answers = list(_drive(controller, axes, states, found))
+        found.check_signals(controller, model.signals)
         controller.close()
         return answers
     return []
@@ -71,10 +72,6 @@ def _drive(controller: Controller, axes: int, states: int, found: Findings) -> I
         state = DeviceState(seq, time_ns, seq * 1e-3, position, velocity, zero, None, buttons)
         yield call(controller.on_state, state, time_ns)
         yield call(controller.query, state, units=("m", "m/s"))
-        with found.noting("notices", "a list of pairs of texts", "notices()"):
-            for event, message in controller.notices():
-                if not isinstance(event, str) or not isinstance(message, str):
-                    found.add("notices", "two texts", f"{event!r}, {message!r}", "notices()")
         if random.random() < 0.7:
             direction = _vector(random, axes, 1.0)
             normal = tuple(entry / math.hypot(*direction) for entry in direction)

@@ -10,11 +10,12 @@ devices with limited workspace, World Haptics 2005.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Annotated, Literal
 
-from forcebound.haptics.controllers import Controller, ControllerModel, Notice
+from forcebound.haptics.controllers import Controller, ControllerModel
 from forcebound.haptics.controllers.estimating import has_restarted
 from forcebound.haptics.controllers.plane import along
 from forcebound.messages.packets import DeviceState, EnvironmentReply, Vector
@@ -85,14 +86,16 @@ class Scaled(ControllerModel):
 class Clutch:
     """A button that uncouples the device while it is down, if it has a number.
 
-    ``engage_time`` is from no force to full force, once it is up again, in s.
+    ``engage_time`` is from no force to full force, once it is up again, in s; ``warn`` publishes
+    an event and its message.
     """
 
-    def __init__(self, button: int | None, engage_time: float) -> None:
+    def __init__(
+        self, button: int | None, engage_time: float, warn: Callable[[str, str], None]
+    ) -> None:
         self._button = button
-        self._engage_time = engage_time
+        self._engage_time, self._warn = engage_time, warn
         self.is_down = False
-        self.notices: list[Notice] = []  # of what a person may not have meant
         self._has_begun = False
         self._changed_ns: int | None = None  # when it went down or up; None: never
 
@@ -105,13 +108,13 @@ class Clutch:
             self._has_begun = True
             if state.buttons is None:
                 message = f"the device has no buttons, so clutch_button: {self._button} never acts"
-                self.notices.append(Notice("no_clutch", message))
+                self._warn("no_clutch", message)
             elif is_down:
                 message = (
                     f"the clutch (button {self._button}) is down at the start: there is no force of"
                     " the environment until it is let go"
                 )
-                self.notices.append(Notice("clutch_down", message))
+                self._warn("clutch_down", message)
         if is_down != self.is_down:
             self.is_down, self._changed_ns = is_down, state.time_ns
 
@@ -129,7 +132,8 @@ class OpenScaled(Controller):
 
     def __init__(self, model: Scaled, axes: int) -> None:
         self._model = model
-        self._clutch = Clutch(model.clutch_button, model.engage_time)
+        warn = partial(self.event, is_fault=True)
+        self._clutch = Clutch(model.clutch_button, model.engage_time, warn)
         self._zero: Vector = (0.0,) * axes
         self._point: Vector | None = None  # X, m
         self._velocity = self._zero  # of X, m/s
@@ -167,7 +171,3 @@ class OpenScaled(Controller):
         border = along(self._zero, self._excess, self._model.border_stiffness)
         share = 0.0 if self._before is None else self._clutch.share(self._before.time_ns)
         return along(border, reply.force, share * self._model.force_factor)
-
-    def notices(self) -> Sequence[Notice]:
-        notices, self._clutch.notices = self._clutch.notices, []
-        return notices

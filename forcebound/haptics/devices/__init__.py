@@ -22,6 +22,7 @@ from forcebound.errors import ConfigError
 from forcebound.haptics.hands import Operator
 from forcebound.haptics.laws.dissipation import StatedNumbers
 from forcebound.haptics.parts import Form, Table
+from forcebound.haptics.parts.signals import Publisher, Publishing
 from forcebound.messages.packets import Quaternion, Vector
 
 __all__ = ["DEVICES", "Device", "DeviceModel", "Kinematics", "Source", "Truth"]
@@ -49,7 +50,7 @@ class Kinematics(Protocol):
         """Return the joint torques, in N m, of a force at the tip, in N: J(angles)^T force."""
 
 
-class Device(ABC):
+class Device(Publisher, ABC):
     """An open device; only ``axes``, ``read`` and ``write`` have no default.
 
     Attributes:
@@ -160,7 +161,7 @@ class Device(ABC):
 
 
 @dataclass(frozen=True, kw_only=True)
-class DeviceModel(StatedNumbers, ABC):
+class DeviceModel(StatedNumbers, Publishing, ABC):
     """Parameters of a kind of device: its stated numbers, and those of its own.
 
     Attributes:

@@ -12,7 +12,7 @@ from typing import Any
 from forcebound.errors import DeviceError
 from forcebound.haptics.devices import Device, DeviceModel
 from forcebound.haptics.devices.guard import guarded
-from forcebound.haptics.parts.contract import VALUE, Findings, Report
+from forcebound.haptics.parts.contract import SIGNALS, VALUE, Findings, Report
 from forcebound.haptics.parts.user_module import describe_user_error
 from forcebound.messages.packets import MAX_AXES, MAX_COUNT
 
@@ -32,6 +32,7 @@ PROMISES: dict[str, str] = {
     "kinematics": "finite positions of the tip, and one finite torque per joint",
     "reopens": "opens again after it was closed: nothing is left locked or out of order",
     "port": "says with a DeviceError that there is no such port",
+    **SIGNALS,
     **VALUE,
 }
 #: Promises that only an open device can keep or break.
@@ -62,6 +63,7 @@ def check(model: DeviceModel, ticks: int = 100, hold_limit: float = 1.25e-3) -> 
         try:
             _use(device, model, ticks, found)
             absent = _use_extras(device, model, ticks * PERIOD_NS, found)
+            found.check_signals(device, model.signals)
         finally:
             device.close()
         with found.noting("reopens", "an open device", "open(None, ...) after close()"):

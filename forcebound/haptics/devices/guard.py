@@ -48,10 +48,8 @@ def guarded(device: Device) -> Device:
         torque = _guarded(kinematics, "torque", lambda answer: _vector(answer, axes, "N m"))
         kinematics = cast(Any, SimpleNamespace(position=position, torque=torque))
     methods["close"] = device.close
-    return cast(
-        Device,
-        SimpleNamespace(axes=axes, kinematics=kinematics, is_exchange=is_exchange, **methods),
-    )
+    own = {"axes": axes, "kinematics": kinematics, "is_exchange": is_exchange}
+    return cast(Device, SimpleNamespace(**own, published=device.published, **methods))
 
 
 def _guarded(part: Any, name: str, check: Callable[[Any], Any] | None) -> Callable[..., Any]:

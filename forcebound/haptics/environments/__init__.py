@@ -23,6 +23,7 @@ from typing import Any
 
 from forcebound.errors import ConfigError
 from forcebound.haptics.parts import Form, Table, overridden
+from forcebound.haptics.parts.signals import Publisher, Publishing
 from forcebound.haptics.parts.user_module import describe_user_error
 from forcebound.messages.packets import Contact, SceneObject, Vector
 
@@ -34,7 +35,7 @@ def within_reach(coordinate: float) -> float:
     return min(max(coordinate, -FAR), FAR)
 
 
-class Environment(ABC):
+class Environment(Publisher, ABC):
     """An open environment, which may keep state from one query to the next.
 
     The same queries, in the same order from ``open`` on, have the same answers; ``contact`` and
@@ -74,7 +75,7 @@ class Environment(ABC):
         """Release what ``open`` took; called once."""
 
 
-class EnvironmentModel(ABC):
+class EnvironmentModel(Publishing, ABC):
     """Parameters of a kind of environment: a frozen dataclass."""
 
     @abstractmethod
@@ -89,7 +90,8 @@ class StatelessEnvironment(EnvironmentModel, Environment):
     """A model whose force depends on nothing but the query: it is its own instance."""
 
     def open(self, axes: int) -> Environment:
-        """Return itself."""
+        """Return itself, with nothing published."""
+        self.__dict__.pop("published", None)
         return self
 
 
@@ -144,6 +146,7 @@ ENVIRONMENTS: Table[type[EnvironmentModel]] = Table(
         "mass_spring": "forcebound.haptics.environments.mass_spring:MassSpring",
         "bodies": "forcebound.haptics.environments.bodies:Bodies",
         "recorded": "forcebound.haptics.environments.recorded:RecordedEnvironment",
+        "membrane": "forcebound.haptics.environments.membrane:Membrane",
         "mesh": "forcebound.haptics.environments.solids_of_files:TriangleMesh",
         "active_wall": "forcebound.haptics.environments.walls:ActiveWall",
     },

@@ -22,6 +22,7 @@ from forcebound.haptics.environments import (
 from forcebound.haptics.environments.strokes import Question, strokes
 from forcebound.haptics.parts import overridden
 from forcebound.haptics.parts.contract import (
+    SIGNALS,
     VALUE,
     Findings,
     Report,
@@ -46,6 +47,7 @@ PROMISES: dict[str, str] = {
     "contact": "reports a finite proxy and a unit normal, one entry per axis, or None",
     "scene": f"shows at most {MAX_LENGTH} objects with different names, all of them drawable",
     "pure": "the same questions, in the same order from open on, have the same answers",
+    **SIGNALS,
     **VALUE,
     "rest": "shows at rest the force that was stated",
 }
@@ -140,6 +142,7 @@ def _answers(
                 _check_contact(environment, question, found)
         if members is not None:
             _check_scene(environment, f"scene() after the last query, {axes} axes", found)
+        found.check_signals(environment, model.signals)
         environment.close()
     return answers
 

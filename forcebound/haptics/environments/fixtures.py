@@ -296,6 +296,9 @@ class WithFixtures(EnvironmentModel):
     model: EnvironmentModel
     fixtures: Fixtures
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "signals", self.model.signals)
+
     def open(self, axes: int) -> Environment:
         return _Guided(self, axes)
 
@@ -306,6 +309,7 @@ class _Guided(Environment):
     def __init__(self, model: WithFixtures, axes: int) -> None:
         self._model, self._axes = model, axes
         self._opened = open_environment(model.model, axes)
+        self.published = self._opened.published
 
     def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
         force = self._opened.force(user, position, velocity, elapsed)
@@ -322,6 +326,7 @@ class _Guided(Environment):
         """Take over other parameters; the environment keeps its state if it can."""
         if model.model != self._model.model:
             self._opened = change_environment(self._opened, model.model, self._axes)
+            self.published = self._opened.published
         self._model = model
         return True
 

@@ -14,8 +14,10 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
+from forcebound.haptics.parts.signals import Publisher, Signal
 from forcebound.haptics.parts.user_module import describe_user_error
 
+SIGNALS = {"signals": "publishes numbers, under the names that `signals` of its model declares"}
 VALUE = {"value": "is a frozen dataclass that can be copied, changed and pickled"}
 SHOWN = 3  # violations of one promise in a report; the others are alike
 
@@ -114,6 +116,14 @@ class Findings:
         elif not all(map(math.isfinite, answer)):
             self.add(finite, "finite numbers", repr(answer), where)
         return fault is None
+
+    def check_signals(self, part: Publisher, declared: Collection[Signal]) -> None:
+        """Check the numbers that an open part has published."""
+        names = [signal.name for signal in declared]
+        for name, value in part.published.numbers.items():
+            if name not in names or not isinstance(value, numbers.Real):
+                expected = f"a number, under one of the names {names}"
+                self.add("signals", expected, f"{name!r}: {shown(value)}", "signal()")
 
     def check_repeats(self, one: Sequence[Any], other: Sequence[Any], where: str) -> None:
         """Check that the answers of two runs are the same (promise "pure")."""

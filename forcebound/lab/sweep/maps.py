@@ -20,6 +20,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.patheffects import Normal, Stroke
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
 from forcebound.errors import ConfigError
 from forcebound.files import content_of
@@ -32,6 +33,7 @@ from forcebound.results.panels import in_figure
 from forcebound.results.perception import WEBER_FRACTIONS
 from forcebound.results.plots import save
 from forcebound.results.tables import axis_labels
+from forcebound.units import to_si
 
 Array: TypeAlias = np.ndarray[Any, Any]
 
@@ -54,6 +56,7 @@ _SOFTER: dict[str, Any] = {  # a white line that is seen on any colour, also in 
     "path_effects": [Stroke(linewidth=2.6, foreground="black"), Normal()],
 }
 _COLUMNS = 3
+MOST_TICKS = 6  # of an axis of a small panel
 _STYLES = {
     "colgate_schenkel": "-",
     "abbott_okamura": "--",
@@ -93,9 +96,18 @@ def _drawn(table: Table, result: Path) -> Figure:
     return figure
 
 
-def label_of(name: str) -> str:
+def label_of(table: Table, name: str) -> str:
     """Return the label of an axis for a parameter or figure."""
-    return UNITS.get(name, (in_figure(name.replace("_", " ")), 1.0))[0]
+    return _axis(table, name)[0]
+
+
+def _axis(table: Table, name: str) -> tuple[str, float]:
+    """Label and factor: of an argument that is not known here, in the unit of the sweep file."""
+    if name in UNITS:
+        return UNITS[name]
+    words, unit = name.replace("_", " "), (table.about.get("units") or {}).get(name, "")
+    size = to_si(f"1 {unit}") if unit else None
+    return (in_figure(words), 1.0) if not size else (in_figure(f"{words} ({unit})"), 1.0 / size)
 
 
 def column_of(table: Table, name: str) -> list[Any]:
@@ -121,7 +133,7 @@ def numbers_of(table: Table, name: str) -> Array:
         values = [math.nan if v is None else float(v) for v in column]
     except ValueError:
         raise ConfigError(f"the column {name!r} is text; a map needs numbers") from None
-    return np.array(values) * UNITS.get(name, ("", 1.0))[1]
+    return np.array(values) * _axis(table, name)[1]
 
 
 def _curves(table: Table, drawing: Mapping[str, Any]) -> Figure:
@@ -154,12 +166,13 @@ def _curves(table: Table, drawing: Mapping[str, Any]) -> Figure:
             at_rest = np.where(rests[rows], value[rows], np.nan)
             axis.plot(x[rows], at_rest, style, color=colour, lw=1.6, marker=".", label=label)
         axis.set_title(
-            ", ".join(_setting(n[5:], v) for n, v in zip(others, panel, strict=True)), fontsize=10
+            ", ".join(_setting(table, n[5:], v) for n, v in zip(others, panel, strict=True)),
+            fontsize=10,
         )
-        axis.set_xlabel(label_of(drawing["x"]))
+        axis.set_xlabel(label_of(table, drawing["x"]))
         axis.set_xlim(x.min(), x.max())
         axis.grid(alpha=0.3)
-    axes[0].set_ylabel(label_of(drawing["value"]))
+    axes[0].set_ylabel(label_of(table, drawing["value"]))
     if drawing.get("scale") == "log":
         axes[0].set_yscale("log")
     handles, labels = axes[0].get_legend_handles_labels() if names != [None] else ([], [])
@@ -171,10 +184,11 @@ def _curves(table: Table, drawing: Mapping[str, Any]) -> Figure:
     return figure
 
 
-def _setting(name: str, value: Any) -> str:
+def _setting(table: Table, name: str, value: Any) -> str:
     if isinstance(value, str):
         return in_figure(f"{name.replace('_', ' ')} {value}")
-    return f"{label_of(name)} {value * UNITS.get(name, ('', 1.0))[1]:g}"
+    label, factor = _axis(table, name)
+    return f"{label} {value * factor:g}"
 
 
 class _Map:
@@ -200,6 +214,7 @@ class _Map:
         self.rests = np.array([1.0 if rest is None else float(rest) for rest in rests])
         names = column_of(table, drawing["per"]) if "per" in drawing else [None] * self.x.size
         self.group = np.array(names, dtype=object)
+        self.is_softer = False  # somewhere, as a line shows
 
     def grid(self, values: Array, chosen: Array) -> Array:
         """Return the lowest value of all cases in each cell: of repeated seeds, the worst."""
@@ -266,25 +281,28 @@ def _draw_panel(
         softest = 1.0 - WEBER_FRACTIONS["displayed_stiffness_n_per_m"][0]
         share = np.where(is_leak, np.nan, value / ys[:, np.newaxis])
         if (share < softest).any() and (share > softest).any():
+            shown.is_softer = True
             axis.contour(xs, ys, share, levels=[softest], colors="white").set(**_SOFTER)
 
 
 def _arrange(axes: Array, shown: _Map, panels: int, columns: int) -> None:
     xs, ys = shown.xs, shown.ys
-    if _is_log(xs):
-        axes[0].set_xscale("log")
-        axes[0].xaxis.set_major_formatter("{x:g}")
-    if _is_log(ys):
-        axes[0].set_yscale("log")
-        axes[0].yaxis.set_major_formatter("{x:g}")
+    for axis, values in ((axes[0].xaxis, xs), (axes[0].yaxis, ys)):
+        if _is_log(values):
+            (axes[0].set_xscale if axis is axes[0].xaxis else axes[0].set_yscale)("log")
+            axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=MOST_TICKS))
+            axis.set_major_formatter("{x:g}")
+            axis.set_minor_formatter(NullFormatter())
+        else:
+            axis.set_major_locator(MaxNLocator(MOST_TICKS))
     axes[0].set_xlim(xs[0], xs[-1])
     axes[0].set_ylim(ys[0], ys[-1])
     for number in range(panels):
         if number + columns >= panels:
-            axes[number].set_xlabel(label_of(shown.drawing["x"]))
+            axes[number].set_xlabel(label_of(shown.table, shown.drawing["x"]))
             axes[number].tick_params(labelbottom=True)
         if number % columns == 0:
-            axes[number].set_ylabel(label_of(shown.drawing["y"]).replace(" (", "\n("))
+            axes[number].set_ylabel(label_of(shown.table, shown.drawing["y"]).replace(" (", "\n("))
 
 
 def _add_keys(
@@ -293,23 +311,27 @@ def _add_keys(
     places = axes.tolist()
     scales: list[tuple[Normalize, str | LinearSegmentedColormap, str]] = []
     if not shown.is_energy:
-        scales.append((norm, "viridis", label_of(shown.drawing["value"])))
+        scales.append((norm, "viridis", label_of(shown.table, shown.drawing["value"])))
     if np.isfinite(shown.leaks).any():
         scales.append((leak_norm, _LEAKS, "energy given to the hand (mJ)"))
     for scale, colours, label in scales:
         bar = figure.colorbar(ScalarMappable(scale, colours), ax=places, format="{x:g}")
         bar.set_label(label)
+        bar.ax.yaxis.set_minor_formatter(NullFormatter())
+        if isinstance(scale, LogNorm):
+            bar.set_ticks(LogLocator(subs=(1.0, 2.0, 5.0)))
     handles, labels = axes[0].get_legend_handles_labels()
     handles, labels = list(handles), list(labels)
     if shown.is_energy:
         handles.append(Patch(facecolor=_PASSIVE))
         labels.append("no energy given")
-    handles.append(Patch(facecolor="white", edgecolor="black", hatch="////"))
-    labels.append("no rest")
+    if ((shown.rests == 0.0) & ~(shown.leaks < -_LEAK)).any():
+        handles.append(Patch(facecolor="white", edgecolor="black", hatch="////"))
+        labels.append("no rest")
     if np.isnan(shown.value[np.isnan(shown.leaks) | (shown.leaks >= -_LEAK)]).any():
         handles.append(Patch(facecolor=_NO_FIGURE, edgecolor="#808080"))
         labels.append("no figure")
-    if shown.shows_softness:
+    if shown.is_softer:
         handles.append(Line2D([], [], color="white", **_SOFTER))
         labels.append("a wall begins to feel softer than it is")
     figure.legend(

@@ -22,7 +22,14 @@ from forcebound.units import split_quantity, to_si
 
 SMALLEST_PART, LARGEST_PART, PARTS = 32, 256, 64  # cases in a part; parts aimed at
 #: Keys of a launch file without effect in virtual time.
-NO_PARAMETERS = ("forcebound", "description", "realtime")
+NO_PARAMETERS = ("forcebound", "description", "realtime", "units")
+
+
+def _units(sweep: Sweep) -> dict[str, str]:
+    """Units in which the varied arguments are written, by name."""
+    texts = zip(sweep.columns, zip(*sweep.cases, strict=True), strict=True)
+    known = ((name, text) for name, column in texts for text in column if to_si(text) is not None)
+    return {name: unit for name, text in known if (unit := split_quantity(text)[1])}
 
 
 def run_cases(sweep: Sweep, cases: Sequence[tuple[int, tuple[str, ...]]]) -> list[Row]:
@@ -62,7 +69,7 @@ def _figures(summary: Row) -> Row:
     rejected = sum(summary["rejected_packets"].values())
     # The kernel does not count the losses of links, and only the graph has events.
     # Spectra are long; `forcebound simulate --json` has them.
-    spectra = ("vibration", "displayed_impedance", "undefined")
+    spectra = ("vibration", "displayed_impedance", "undefined", "stiffness_n_per_m", "verdict")
     left_out = ("law", "rejected_packets", "links", "faults", "phases", *REPORTED, *spectra)
     rest = {key: value for key, value in summary.items() if key not in left_out}
     return {**rest, "rejected_packets": rejected}
@@ -102,7 +109,12 @@ def run_sweep(
         partial(run_cases, replace(sweep, cases=())),
         part=min(max(math.ceil(len(sweep.cases) / PARTS), SMALLEST_PART), LARGEST_PART),
         decisive=(sweep.template.plain, sweep.duration, dict(sweep.constants), sweep.columns),
-        about={"description": sweep.description, "map": dict(sweep.drawing), "name": sweep.name},
+        about={
+            "description": sweep.description,
+            "map": dict(sweep.drawing),
+            "name": sweep.name,
+            "units": _units(sweep),
+        },
     )
     rows, resumed = run(campaign, executor, progress, result, restart, overwrite)
     errors = [row["error"] for row in rows if row["error"] is not None]

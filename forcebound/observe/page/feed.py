@@ -1,4 +1,4 @@
-"""What pages see of a running graph: samples, contacts, the scene, events.
+"""What pages see of a running graph: samples, signals, contacts, the scene, events.
 
 The graph is looked at some thirty times a second; each frame has all samples since the last one.
 """
@@ -12,9 +12,18 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
 from forcebound.errors import ConfigError
-from forcebound.messages.packets import EnvironmentReply, Event, Scene, Telemetry
+from forcebound.messages.packets import (
+    TOPIC_OF,
+    DeviceState,
+    EnvironmentReply,
+    Event,
+    ForceCommand,
+    Scene,
+    Telemetry,
+)
 from forcebound.observe.page.scene_files import content
 from forcebound.observe.streams import fields_of_packet
+from forcebound.recordings.schema import declared_signals
 from forcebound.run.process.reader import Reader
 from forcebound.run.run_directory import RunDocument
 
@@ -45,7 +54,14 @@ class Feed:
 
     def __init__(self, run_dir: Path, energy_before: float) -> None:
         run = RunDocument.read(run_dir)
-        self._reader = Reader(run_dir, run.graph.named(*SHOWN), run.core)
+        declared = declared_signals(run.metadata)
+        #: Meanings of the signals, by name after that of their topic.
+        self.signals = {
+            f"{t}.{n}": about for t, own in declared.items() for n, about in own.items()
+        }
+        self._held: dict[str, float | None] = dict.fromkeys(self.signals)
+        self._published: dict[int, dict[str, float | None]] = {}  # by the tick that they answer
+        self._reader = Reader(run_dir, run.graph.named(*{*SHOWN, *declared}), run.core)
         self._ahead_ns = time.time_ns() - time.monotonic_ns()
         self.scene: Message | None = None  # the newest
         self._law = _LawStart(0, energy_before, 0.0)
@@ -62,8 +78,10 @@ class Feed:
         for _, packet, _ in self._reader.take():
             if isinstance(packet, Telemetry):
                 samples.append(packet)
-            elif isinstance(packet, EnvironmentReply):
-                contact = packet
+            elif isinstance(packet, DeviceState | ForceCommand | EnvironmentReply):
+                contact = packet if isinstance(packet, EnvironmentReply) else contact
+                if self.signals:
+                    self._take_signals(packet)
             elif isinstance(packet, Scene):
                 self.scene = {"type": "scene", **fields_of_packet(packet)}
                 messages.append(self.scene)
@@ -74,11 +92,33 @@ class Feed:
             kept = slice((len(samples) - 1) % keep, None, keep)
             frame = _frame(samples[kept], contact) | {"true_energy": energies[kept]}
             times = [self._newest or samples[0].time_ns, *(sample.time_ns for sample in samples)]
+            signals = self._signals_at(samples)
+            frame["signals"] = {name: curve[kept] for name, curve in signals.items()}
             frame["longest"] = max(b - a for a, b in pairwise(times)) * 1e-9
             frame |= {"since": self._law.time_ns * 1e-9, "law": self._law.name}
             self._newest = times[-1]
             messages.append(frame)
         return messages
+
+    def _take_signals(self, packet: DeviceState | ForceCommand | EnvironmentReply) -> None:
+        tick = packet.seq if isinstance(packet, DeviceState) else packet.device_seq
+        topic, numbers = TOPIC_OF[type(packet)], packet.signals or {}
+        own = [name for name in self.signals if name.startswith(f"{topic}.")]
+        values = {name: _finite(numbers.get(name.removeprefix(f"{topic}."))) for name in own}
+        self._published.setdefault(tick, {}).update(values)
+
+    def _signals_at(self, samples: Sequence[Telemetry]) -> dict[str, list[float | None]]:
+        """Return the signals at some samples, each held from the sample that uses its packet on."""
+        curves: dict[str, list[float | None]] = {name: [] for name in self.signals}
+        for sample in samples:
+            for tick in (sample.device_seq, sample.seq):
+                self._held |= self._published.pop(-1 if tick is None else tick, {})
+            for name, curve in curves.items():
+                curve.append(self._held[name])
+        newest = samples[-1].seq if samples[-1].device_seq is None else samples[-1].device_seq
+        for tick in sorted(tick for tick in self._published if tick < newest):
+            self._held |= self._published.pop(tick)  # late, or overtaken: from now on
+        return curves
 
     def file(self, digest: str) -> Message | None:
         """Return what a file of the scene has to draw, as :func:`content`; None: it is not here.

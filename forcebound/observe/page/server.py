@@ -194,7 +194,11 @@ class _Graph:
     def describe(self) -> list[Message]:
         """Return what a page needs to know before its first frame."""
         controls, scene = self.controls, self.feed.scene
-        hello = {**controls.describe(), "graph": self._shown_since}
+        signals = [
+            {"name": name, "label": about.text, "unit": about.unit}
+            for name, about in self.feed.signals.items()
+        ]
+        hello = {**controls.describe(), "graph": self._shown_since, "signals": signals}
         return [hello, controls.parameters(), *([scene] if scene else [])]
 
     def look(self, now: float) -> list[Message]:

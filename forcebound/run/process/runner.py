@@ -28,6 +28,7 @@ from pathlib import Path
 
 from forcebound import realtime
 from forcebound.errors import ConfigError
+from forcebound.graph.parameters import describe
 from forcebound.messages.codec import encode
 from forcebound.messages.control import (
     OF_NODES,
@@ -223,8 +224,8 @@ class Runner:
             return Refused(str(error))
         if changed:
             values = {name: str(value) for name, value in changed.items()}
-            changes = ", ".join(f"{name} = {value}" for name, value in values.items())
-            self.emit(PARAMETERS_SET, f"changed: {changes}", values)
+            words = f"changed: {describe(changed, request.units)}"
+            self.emit(PARAMETERS_SET, words, values)
         return Accepted()
 
     def status(self) -> NodeStatus:

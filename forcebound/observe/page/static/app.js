@@ -2,7 +2,7 @@
 
 import { Controls } from "./controls.js";
 import { Figures } from "./figures.js";
-import { PLOTS, Plot, linesOf } from "./plots.js";
+import { PLOTS, Plot, linesOf, signalPlots } from "./plots.js";
 import { Samples, Window } from "./samples.js";
 import { joule, text } from "./scale.js";
 import { Scene } from "./scene.js";
@@ -42,6 +42,7 @@ const state = new State();
 const { delay, ...beneath } = PLOTS;
 export const plots = Object.values(beneath).map((spec) => new Plot($("plots"), shown, spec));
 const delays = new Plot($("delays"), shown, delay); // behind the fold of the network
+const others = plots.length; // after them: plots of the graph's signals
 
 // --- What comes ----------------------------------------------------------------------------------
 
@@ -57,6 +58,8 @@ const takes = {
     samples.push(samples.newest, {}); // a gap: it may be another graph
     scene.describe(message);
     plots[0].lines = linesOf(message.axes);
+    for (const { canvas } of plots.splice(others)) canvas.remove();
+    plots.push(...signalPlots($("plots"), shown, message.signals));
     $("hint").replaceChildren(Object.assign(document.createElement("span"), { id: "about", textContent: `${message.description} ` }), hintOf(message));
     controls.describe(message);
   },
@@ -67,6 +70,7 @@ const takes = {
     message.time.forEach((time, i) => {
       const values = { limit: message.limit[i], energy: message.energy[i], true_energy: message.true_energy[i],
         delay: message.delay[i], commanded: magnitude(message.commanded[i]), applied: magnitude(message.applied[i]) };
+      for (const [name, column] of Object.entries(message.signals)) values[name] = column[i];
       message.position[i].forEach((x, axis) => { values[`p${axis}`] = x; });
       samples.push(time, values);
     });

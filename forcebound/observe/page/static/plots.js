@@ -174,3 +174,14 @@ export class Plot {
     context.stroke();
   }
 }
+
+const COLOURS = ["true", "second", "energy", "commanded", "limit"]; // of signals, one after the other
+
+/** One plot for each unit of the signals that the parts of a graph publish; canvases are added to `place`. */
+export function signalPlots(place, shown, signals) {
+  return [...new Set(signals.map(({ unit }) => unit))].map((unit) => {
+    const lines = signals.filter((each) => each.unit === unit)
+      .map(({ name, label }, i) => ({ name, label, colour: COLOURS[i % COLOURS.length] }));
+    return new Plot(place, shown, { title: "Signals", unit: unit || "1", scale: 1, least: 1e-6, lines });
+  });
+}

@@ -1,0 +1,87 @@
+"""Signals: named numbers and events that a part publishes beside its forces.
+
+The model declares the numbers in its class, ``signals = (Signal("damage", "1", "damage of the
+skin"),)``; the open part sets them with :meth:`Publisher.signal`. The packets of its node carry
+them (:mod:`forcebound.nodes.publishing`), recordings, plots and pages show them.
+"""
+
+import re
+from collections.abc import Collection
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, ClassVar
+
+from forcebound.errors import ConfigError
+from forcebound.files import printable
+from forcebound.messages.packets import MAX_SIGNALS, SIGNAL_NAME
+
+MAX_LABEL = 60  # characters
+
+
+@dataclass(frozen=True)
+class Signal:
+    """A number that a part publishes.
+
+    Attributes:
+        name: A letter, then letters, digits and ``_``; at most 32.
+        unit: SI, such as "N" or "m/s"; "1" or empty: it has none.
+        label: What it is, for people; empty: its name.
+
+    Raises:
+        ConfigError: If the name is no such name, or a text cannot be printed on one line.
+    """
+
+    name: str
+    unit: str = ""
+    label: str = ""
+
+    def __post_init__(self) -> None:
+        if not re.fullmatch(SIGNAL_NAME, self.name):
+            expected = "a letter, then letters, digits and _, at most 32"
+            raise ConfigError(f"name of a signal: expected {expected}, got {self.name!r}")
+        for text in (self.unit, self.label):
+            if text != printable(text, MAX_LABEL):
+                expected = f"unit and label of at most {MAX_LABEL} printable characters"
+                raise ConfigError(f"signal {self.name}: expected {expected}, got {text!r}")
+
+
+class Publishing:
+    """A model whose open part publishes signals.
+
+    Attributes:
+        signals: The numbers, each with a name of its own.
+    """
+
+    signals: ClassVar[Collection[Signal]] = ()
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        names = [each.name for each in cls.signals if isinstance(each, Signal)]
+        if not len(set(names)) == len(cls.signals) <= MAX_SIGNALS:
+            expected = f"at most {MAX_SIGNALS} Signal objects with different names"
+            raise ConfigError(f"class {cls.__name__}: signals: expected {expected}")
+
+
+class Published:
+    """What an open part has published."""
+
+    def __init__(self) -> None:
+        self.numbers: dict[str, float] = {}  # that hold now
+        self.events: list[tuple[str, str, bool]] = []  # not sent yet: kind, message, is it a fault
+
+
+class Publisher:
+    """An open part that may publish signals."""
+
+    @cached_property
+    def published(self) -> Published:
+        """What its node sends; a part that wraps another has that of the other."""
+        return Published()
+
+    def signal(self, name: str, value: float) -> None:
+        """Publish a number that the model declares; it holds until the next one, NaN ends it."""
+        self.published.numbers[name] = value
+
+    def event(self, event: str, message: str = "", *, is_fault: bool = False) -> None:
+        """Publish an event of the run: its kind, in a word or two, and a message for people."""
+        self.published.events.append((event, message, is_fault))

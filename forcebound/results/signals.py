@@ -1,0 +1,56 @@
+"""Signals of a recording over time."""
+
+from __future__ import annotations
+
+from array import array
+from math import nan
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from forcebound.messages.packets import (
+    TOPIC_OF,
+    DeviceState,
+    EnvironmentReply,
+    ForceCommand,
+    Meaning,
+)
+from forcebound.recordings.schema import declared_signals
+
+if TYPE_CHECKING:
+    from forcebound.recordings.recording import Recording
+
+
+class Curve(NamedTuple):
+    """A signal over time."""
+
+    about: Meaning  # label and unit
+    time_ns: NDArray[np.int64]  # (n,), device's clock: of the state that the sender answered
+    values: NDArray[np.float64]  # (n,), NaN where there was no number
+
+
+def curves_of(recording: Recording) -> list[Curve]:
+    """Return the signals of a recording; of one without any, the packets are not read."""
+    declared = declared_signals(recording.metadata)
+    kinds = (DeviceState, EnvironmentReply, ForceCommand)
+    if not declared and "remote" not in recording.launch:
+        return []
+    curves = []
+    for kind in kinds:
+        topic, times = TOPIC_OF[kind], array("q")
+        found: dict[str, array[float]] = {name: array("d") for name in declared.get(topic, {})}
+        for packet in recording.stream(topic):
+            assert isinstance(packet, kinds)
+            signals = packet.signals or {}
+            for name in signals:  # of a program of another language, perhaps
+                found.setdefault(name, array("d", [nan]) * len(times))
+            times.append(
+                packet.time_ns if isinstance(packet, DeviceState) else packet.device_time_ns
+            )
+            for name, values in found.items():
+                values.append(signals.get(name, nan))
+        for name, values in found.items():
+            about = declared.get(topic, {}).get(name, Meaning(name, ""))
+            curves.append(Curve(about, np.array(times), np.array(values)))
+    return curves
