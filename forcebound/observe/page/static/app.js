@@ -35,9 +35,7 @@ function send(message) {
 
 const scene = new Scene($("scene"), (target, at) => send({ do: "point", target, stamp: at }));
 const controls = new Controls(send);
-
 const figures = new Figures($("figures"));
-
 const state = new State();
 const { delay, ...beneath } = PLOTS;
 export const plots = Object.values(beneath).map((spec) => new Plot($("plots"), shown, spec));
