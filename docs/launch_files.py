@@ -24,6 +24,7 @@ from forcebound.graph.servo import ServoSettings
 from forcebound.haptics.geometry.proxy import Surface
 from forcebound.messages.topology import LINKS
 from forcebound.network.impairment import GilbertElliott, Impairment, Outage
+from forcebound.observe.formatting import meanings
 
 _HEAD = """# Keys of launch files
 
@@ -130,13 +131,13 @@ def _table(
 
 
 def _rows(kind: type, names: tuple[str, ...] | None = None) -> Iterator[str]:
-    meanings = _meanings(kind)
+    described = meanings(kind)
     fields = fields_of(kind, names)
     for name, schema in properties(fields).items():
         field = fields[name]
         default = "" if field.required else _shown(field.default)
         value = _words(schema).replace("|", "\\|")
-        yield f"| `{name}` | {value} | {default} | {_plain(meanings.get(name, ''))} |"
+        yield f"| `{name}` | {value} | {default} | {_plain(described.get(name, ''))} |"
 
 
 def _shown(default: Any) -> str:
@@ -179,19 +180,6 @@ def _plain(text: str) -> str:
     """Markdown of a docstring."""
     text = re.sub(r":\w+:`~?([^`]*)`", r"``\1``", text)
     return text.replace("``", "`").replace("|", "\\|")
-
-
-def _meanings(kind: type) -> dict[str, str]:
-    """The attributes that a docstring explains."""
-    meanings: dict[str, str] = {}
-    for base in reversed(kind.__mro__):
-        _, _, after = (inspect.cleandoc(base.__doc__ or "")).partition("Attributes:\n")
-        section = after.partition("\n\n")[0]
-        for entry in re.split(r"\n(?=    \w)", f"\n{section}"):
-            name, colon, text = entry.strip().partition(": ")
-            if colon and name.isidentifier():
-                meanings[name] = " ".join(text.split())
-    return meanings
 
 
 if __name__ == "__main__":

@@ -23,9 +23,9 @@ def pages_of(runtime: str) -> Iterator[tuple[str, str]]:
 
 
 @contextmanager
-def pointed() -> Iterator[tuple[LiveGraph, tuple[str, str]]]:
+def pointed(launch: str = "pointer_wall") -> Iterator[tuple[LiveGraph, tuple[str, str]]]:
     """A graph whose hand follows a pointer, engaged, and its addresses."""
-    with live_graph("pointer_wall", is_alone=False) as graph:
+    with live_graph(launch, is_alone=False) as graph:
         graph.wait_until_engaged()
         with pages_of(str(graph.runtime)) as addresses:
             yield graph, addresses

@@ -1,7 +1,11 @@
 """The files of the live page: all that they name is there, and nothing comes from elsewhere."""
 
+import json
 import re
+import shutil
+import subprocess
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -58,3 +62,67 @@ def test_text_and_lines_stand_out(scheme: dict[str, str]) -> None:
             assert contrast(scheme[text], scheme[ground]) >= 4.5  # WCAG 1.4.3
         for line in ("true", "commanded", "energy", "second"):
             assert contrast(scheme[line], scheme[ground]) >= 3.0  # WCAG 1.4.11
+
+
+NODE = shutil.which("node")
+
+
+def run(tmp_path: Path, script: str) -> Any:
+    """What an expression of JavaScript gives, which uses modules of the page without a page."""
+    for name in ("state.js", "scale.js"):
+        (tmp_path / name).write_text(SCRIPTS[name])
+    (tmp_path / "package.json").write_text('{"type": "module"}')
+    head = "import { State } from './state.js'; import * as scale from './scale.js';"
+    (tmp_path / "main.js").write_text(f"{head} console.log(JSON.stringify({script}));")
+    words = [str(NODE), str(tmp_path / "main.js")]
+    return json.loads(subprocess.run(words, capture_output=True, check=True, text=True).stdout)
+
+
+STATE = """(() => {
+  const state = new State();
+  state.law = law;
+  for (let i = 0; i <= 60; i += 1) {
+    const time = 1 + i / 30, x = 0.012 + swing * Math.sin(20 * time);
+    state.take({ time: [time], position: [[x]], commanded: [[20]], applied: [[applied]],
+      energy: [null], true_energy: [fall * (time - 1)], misses: Math.round(lost * 1e3 * time),
+      delay: [delay], engagement, since: 1, limit: [8.5] });
+  }
+  const { kind, head } = state.words("wall");
+  return [kind, /[\\d.]+ m?J/.exec(head)?.[0] ?? ""];
+})()"""
+HEALTHY = {
+    "law": "certified", "swing": 0.0, "applied": 20.0, "fall": 0.01, "lost": 0.0, "delay": 1e-3,
+    "engagement": 1.0,
+}  # fmt: skip
+
+
+@pytest.mark.skipif(NODE is None, reason="needs node")
+@pytest.mark.parametrize(
+    ("change", "kind", "energy"),
+    [
+        ({}, "passive", ""),
+        ({"swing": 5e-3}, "passive", ""),
+        ({"law": "none"}, "off", ""),  # nothing has happened, and nothing guards
+        ({"law": "none", "swing": 5e-3, "fall": -1.7}, "unstable", "3.4 J"),
+        ({"fall": -0.01}, "unstable", "20 mJ"),  # whatever the law is called
+        ({"lost": 0.1, "applied": 5.0}, "late", ""),
+        ({"lost": 0.1}, "passive", ""),  # ticks are missed, and nobody feels it
+        ({"applied": 5.0}, "passive", ""),
+        ({"delay": None}, "off", ""),
+        ({"engagement": 0.4}, "off", ""),
+    ],
+)
+def test_the_state_in_words(tmp_path: Path, change: dict[str, Any], kind: str, energy: str) -> None:
+    known = "".join(f"const {k} = {json.dumps(v)};" for k, v in (HEALTHY | change).items())
+    assert run(tmp_path, f"(() => {{ {known} return {STATE}; }})()") == [kind, energy]
+
+
+@pytest.mark.skipif(NODE is None, reason="needs node")
+def test_scales_are_round_and_those_of_the_law_in_use(tmp_path: Path) -> None:
+    bars = run(tmp_path, "[15000, 3333, 1e6].map((pixels) => scale.scaleBar(pixels, 160))")
+    assert [bar["words"] for bar in bars] == ["10 mm", "20 mm", "0.1 mm"]
+    assert bars[0]["pixels"] == pytest.approx(150.0)
+    columns = "[{ at: 10, low: -14e3, high: 0 }, { at: 11, low: 0, high: 20 }]"
+    assert run(tmp_path, f"scale.rangeOf({columns}, 10, 1)") == pytest.approx([0.0, 21.6])
+    assert run(tmp_path, f"scale.rangeOf({columns}, 0, 1)")[0] < -14e3
+    assert run(tmp_path, "scale.rangeOf([], 0, 1)")[1] >= 1.0

@@ -9,7 +9,6 @@ import stat
 import subprocess
 import sys
 import tempfile
-import time
 import webbrowser
 from collections import deque
 from collections.abc import Iterator
@@ -37,7 +36,7 @@ from forcebound.lab.replay import device_of, duration_of, graph_of
 from forcebound.lab.verification import verify
 from forcebound.observe.page.access import LOOPBACK, Access, hosts_of
 from forcebound.observe.page.scene_files import content
-from forcebound.observe.page.server import Server
+from forcebound.observe.page.server import SLOWEST, Pace, Server
 from forcebound.recordings.recording import Recording, read
 from forcebound.run.run_directory import RunDocument
 
@@ -186,12 +185,8 @@ def test_pages_see_the_graph_and_change_it_and_nobody_else_gets_in(
         assert not (await audience.until("hello"))["may_change"]
         assert "only look" in str(await audience.asks(do="set", settings={"device.law": "none"}))
 
-        began = time.monotonic()
         await page.send(do="point", target=[0.02], stamp=41.5)
-        taken = await page.until("taken")
-        assert taken["stamp"] == 41.5
-        assert began < taken["heard"] < taken["told"] < time.monotonic()
-        assert abs(taken["device"] - taken["told"]) < PATIENCE  # of the same clock
+        assert (await page.until("taken"))["stamp"] == 41.5
         await page.until("frame", lambda m: m["tip"][0] > 0.0105 and m["applied"][-1][0] > 0.0)
 
         assert await page.asks(do="set", settings={"environment.stiffness": "3 N/mm"}) is None
@@ -202,6 +197,7 @@ def test_pages_see_the_graph_and_change_it_and_nobody_else_gets_in(
         assert changed["values"]["environment.compute_delay"] == "0 s"
         assert changed["ranges"]["environment.stiffness"] == ">= 0 N/m"
         assert changed["ranges"]["links.environment_reply.loss"] == "0 to 1"
+        assert "Probability" in changed["help"]["links.environment_reply.loss"]
         assert "no such control" in str(await page.asks(do="format the disk"))
         for target in ([2**70 * 10**300], ["near"], {"x": 1}, 0.02, None):
             assert "target" in str(await page.asks(do="point", target=target))
@@ -218,10 +214,12 @@ def test_pages_see_the_graph_and_change_it_and_nobody_else_gets_in(
             "law: none from now on; under certified the hand has put in"
         )
         await page.until("parameters", lambda m: m["values"]["device.law"] == "none")
+        await page.until("frame", lambda m: m["law"] == "none" and m["since"] > 0.0)
         assert await page.asks(do="safe") is None
         await page.until("event", lambda m: m["message"].startswith("law: certified"))
         safe = await page.until("frame", lambda frame: frame["engagement"] == 1.0)
-        assert min(safe["true_energy"]) >= 0.0  # of this law alone
+        energies = zip(safe["time"], safe["true_energy"], strict=True)
+        assert min(e for t, e in energies if t > safe["since"]) >= 0.0  # of this law alone
         await page.until("nodes", lambda m: any(p["steps"] for p in m["processes"]))
         assert await page.asks(do="end_recording") is None
         ended = await page.until("recording", lambda m: m["file"] is None)
@@ -264,6 +262,20 @@ def check_part(recording: Recording) -> None:
     config = graph_of(recording)
     length = float(np.ptp(recording.telemetry.time))
     assert duration_of(recording, config) == pytest.approx(length, abs=0.01)
+
+
+def test_pages_give_way_while_ticks_are_missed_and_come_back() -> None:
+    pace = Pace(1e-3)
+    misses, seen = 0, []
+    for second in range(30):
+        misses += 50 if 5 <= second < 10 else 0
+        pace.note(misses, float(second))
+        seen.append(pace.slowness)
+    assert set(seen[:5]) == {1}
+    assert max(seen) == SLOWEST
+    assert seen[-1] == 1
+    pace.note(0, 30.0)  # another device, which counts from 0
+    assert pace.slowness == 1
 
 
 def test_a_graph_that_ends_while_its_controls_are_made_leaves_nothing(

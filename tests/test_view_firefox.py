@@ -130,7 +130,7 @@ def test_one_drags_breaks_and_mends_in_firefox() -> None:
     async def visit(address: str) -> None:
         async with firefox() as tab:
             await tab.open(address)
-            await tab.until("document.getElementById('state').textContent === 'running'")
+            await tab.until("document.body.dataset.state === 'passive'")
             await tab.until(f"{figure('position')} < 0")
             await tab.drag(160, "mouse")
             await tab.until(f"{figure('position')} > 10 && {figure('applied')} > 0.5")

@@ -1,9 +1,11 @@
 """Parameters as text for a launch file, with the unit that their type names."""
 
 import dataclasses
+import inspect
 import json
 import re
 from collections.abc import Iterable, Iterator, Mapping
+from functools import cache
 from types import UnionType
 from typing import Annotated, Any, Union, get_args, get_origin
 
@@ -45,7 +47,36 @@ def ranges(config: GraphConfig, names: Iterable[str]) -> dict[str, str]:
     return found
 
 
+def meanings_of(config: GraphConfig, names: Iterable[str]) -> dict[str, str]:
+    """Return what parameters mean, in the words of their docstrings; "" where there are none."""
+    found = {}
+    for name in names:
+        kind, _ = _place(config, name)
+        text = meanings(kind).get(ParameterName.parse(name).last, "") if kind else ""
+        found[name] = re.sub(r":\w+:`~?([^`]*)`|`+([^`]*)`+", r"\1\2", text)
+    return found
+
+
+@cache
+def meanings(kind: type) -> dict[str, str]:
+    """Return the meanings of the fields of a dataclass, from the attributes in its docstring."""
+    found: dict[str, str] = {}
+    for base in reversed(kind.__mro__):
+        _, _, after = inspect.cleandoc(base.__doc__ or "").partition("Attributes:\n")
+        section = after.partition("\n\n")[0]
+        for entry in re.split(r"\n(?=    \w)", f"\n{section}"):
+            name, colon, text = entry.strip().partition(": ")
+            if colon and name.isidentifier():
+                found[name] = " ".join(text.split())
+    return found
+
+
 def _hint(config: GraphConfig, name: str) -> Any:
+    return _place(config, name)[1]
+
+
+def _place(config: GraphConfig, name: str) -> tuple[type | None, Any]:
+    """Return the dataclass that has a parameter, and the type of the parameter there."""
     place = ParameterName.parse(name)
     beside: dict[str, tuple[type, ...]] = {
         "environment": (type(config.environment.model), EnvironmentConfig),
@@ -55,11 +86,22 @@ def _hint(config: GraphConfig, name: str) -> Any:
         "realtime": (RealtimeConfig,),
         "links": (Impairment,),
     }
-    for kind in beside.get(place.section, (GraphConfig,)):
+    kinds = beside.get(place.section, (GraphConfig,))
+    for step in () if place.section == "links" else place.steps[1:-1]:
+        kinds = tuple(part for kind in kinds for part in _inside(kind, step))
+    for kind in kinds:
         field = fields_of(kind).get(place.last)
         if field is not None:
-            return field.hint
-    return None
+            return kind, field.hint
+    return None, None
+
+
+def _inside(kind: type, name: str) -> Iterator[type]:
+    """Give the dataclasses that a field of a dataclass may have."""
+    field = fields_of(kind).get(name)
+    for part in _parts(field.hint) if field else ():
+        if isinstance(part, type) and dataclasses.is_dataclass(part):
+            yield part
 
 
 def _text(value: Any, hint: Any, unit: str = "") -> str:

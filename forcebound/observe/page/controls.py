@@ -19,7 +19,7 @@ from forcebound.messages.packets import Vector
 from forcebound.messages.topology import LINKS, endpoint
 from forcebound.network.sockets import Network
 from forcebound.observe.control import device_status, start_node, stop_node
-from forcebound.observe.formatting import as_written, ranges
+from forcebound.observe.formatting import as_written, meanings_of, ranges
 from forcebound.observe.kernels import Kernels
 from forcebound.observe.page.feed import Message
 from forcebound.observe.page.recording import PageRecording
@@ -46,6 +46,7 @@ class Controls:
         self._run_dir = run_dir
         self.recording = PageRecording(run_dir, recordings)
         self._config = configuration(run_dir, with_code=False)
+        self.period = self._config.device.servo.period_ns * 1e-9  # s
         status = device_status(run_dir)
         self.energy_before = 0.0 if status is None else status.energy_before
         self._kernels = Kernels(run_dir, self._config.device.servo.law)
@@ -64,7 +65,7 @@ class Controls:
     def describe(self) -> Message:
         """Return the description of the graph for a page, before its first frame."""
         config = self._config
-        facts, servo = config.device.facts, config.device.servo
+        facts = config.device.facts
         return {
             "type": "hello",
             "name": RunDocument.read(self._run_dir).file,
@@ -72,7 +73,7 @@ class Controls:
             "axes": facts.axes,
             "laws": takeable_laws(),
             "links": list(LINKS),
-            "period": servo.period_ns * 1e-9,
+            "period": self.period,
             "hand": _hand(config),
             "workspace": facts.workspace,
         }
@@ -85,6 +86,7 @@ class Controls:
             "type": "parameters",
             "values": as_written(config, found),
             "ranges": ranges(config, found),
+            "help": meanings_of(config, found),
             "wall": _wall(config),
         }
 
@@ -121,11 +123,11 @@ class Controls:
 class Pointer:
     """A client that sends pointer positions to the device, and never waits for an answer.
 
-    ``taken`` is called when the device has taken a place: with its stamp, and from when on it
-    counts, in ns of the monotonic clock. When ``descriptor`` is readable, call :meth:`send`.
+    ``taken`` is called with the stamp of a place when the device has taken it. When ``descriptor``
+    is readable, call :meth:`send`.
     """
 
-    def __init__(self, run_dir: Path, taken: Callable[[Any, int], None]) -> None:
+    def __init__(self, run_dir: Path, taken: Callable[[Any], None]) -> None:
         self._taken = taken
         self._network = Network()
         graph = graph_in(run_dir)
@@ -156,7 +158,7 @@ class Pointer:
                 self._asked = None
                 if isinstance(answer, Pointed):
                     self.place = answer.target
-                    self._taken(stamp, answer.time_ns)
+                    self._taken(stamp)
             elif time.monotonic() - asked > OVERDUE:
                 self._asked = None
         if self._newest is not None and self._asked is None:

@@ -7,6 +7,7 @@ import math
 import time
 from collections.abc import Sequence
 from contextlib import suppress
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
@@ -45,6 +46,7 @@ class _LawStart(NamedTuple):
     time_ns: int
     energy: float  # J, true energy then
     previous_energy: float  # J, that of the law before
+    name: str = ""
 
 
 class Feed:
@@ -63,9 +65,13 @@ class Feed:
         self._ahead_ns = time.time_ns() - time.monotonic_ns()
         self.scene: Message | None = None  # the newest
         self._law = _LawStart(0, energy_before, 0.0)
+        self._newest = 0  # ns, of the last sample
 
-    def look(self) -> list[Message]:
-        """Return the messages to the pages about what has come since the last look."""
+    def look(self, keep: int = 1) -> list[Message]:
+        """Return the messages to the pages about what has come since the last look.
+
+        A frame has one of ``keep`` samples, counted back from the newest.
+        """
         samples: list[Telemetry] = []
         messages: list[Message] = []
         contact: EnvironmentReply | None = None
@@ -82,9 +88,15 @@ class Feed:
             elif isinstance(packet, Event):
                 messages.append(self._event(packet))
         if samples:
-            frame = _frame(samples, contact)
-            frame["true_energy"] = [self._energy_under_law(sample) for sample in samples]
-            frame["signals"] = self._signals_at(samples)
+            energies = [self._energy_under_law(sample) for sample in samples]
+            kept = slice((len(samples) - 1) % keep, None, keep)
+            frame = _frame(samples[kept], contact) | {"true_energy": energies[kept]}
+            times = [self._newest or samples[0].time_ns, *(sample.time_ns for sample in samples)]
+            signals = self._signals_at(samples)
+            frame["signals"] = {name: curve[kept] for name, curve in signals.items()}
+            frame["longest"] = max(b - a for a, b in pairwise(times)) * 1e-9
+            frame |= {"since": self._law.time_ns * 1e-9, "law": self._law.name}
+            self._newest = times[-1]
             messages.append(frame)
         return messages
 
@@ -137,7 +149,9 @@ class Feed:
     def _event(self, event: Event) -> Message:
         if "energy_before" in event.data:
             energy = float(event.data["energy_before"])
-            self._law = _LawStart(event.time_ns, energy, self._law.energy)
+            self._law = _LawStart(
+                event.time_ns, energy, self._law.energy, str(event.data.get("law", ""))
+            )
         at = (event.time_ns + self._ahead_ns) * 1e-9
         return {
             "type": "event",

@@ -28,6 +28,9 @@ from forcebound.observe.runs import Watch
 
 PAGE = Path(__file__).parent / "static"
 FRAME = 1.0 / 30.0  # s between two looks at the graph
+SLOWEST = 8  # times as long at most, while ticks are missed
+LATE = 0.01  # share of missed ticks in a second from which on pages give way
+CALM = 2  # seconds without, after which they come back by one step
 PROCESSES_PERIOD = 1.0  # s between two looks at its processes
 PING = 30.0  # s between two; as long may a page on a busy machine take to answer one
 CLOSE_TIMEOUT_S = 1.0  # s that pages have to close
@@ -110,14 +113,15 @@ class Server:
         try:
             while not (graph.watch.is_over or self.is_stopped):
                 started = time.monotonic()
-                for message in graph.look():
+                for message in graph.look(started):
                     self._note(message)
                     self.tell(message)
                 graph.pointer.send()
                 if self.pages and started >= next_nodes:
                     next_nodes = started + PROCESSES_PERIOD
                     loop.run_in_executor(self.workers, self._look_at_nodes, graph)
-                await asyncio.sleep(max(0.0, FRAME - (time.monotonic() - started)))
+                period = FRAME * graph.pace.slowness
+                await asyncio.sleep(max(0.0, period - (time.monotonic() - started)))
         finally:
             if graph.watch.was_launched:  # else its run directory may be used again
                 self.last = graph.run_dir
@@ -141,11 +145,10 @@ class Server:
         with suppress(ForceboundError):  # the graph has ended
             self.later(self.tell, controls.parameters())
 
-    def _pointed(self, stamp: tuple["_Page", Any, float], time_ns: int) -> None:
-        """Tell a page that the device has taken its place, and the times of it, in s."""
-        page, own, heard = stamp
-        times = {"heard": heard, "device": time_ns * 1e-9, "told": time.monotonic()}
-        page.tell(json.dumps({"type": "taken", "stamp": own, **times}))
+    def _pointed(self, stamp: tuple["_Page", Any]) -> None:
+        """Tell a page that the device has taken its place."""
+        page, own = stamp
+        page.tell(json.dumps({"type": "taken", "stamp": own}))
 
     def _look_at_nodes(self, graph: "_Graph") -> None:
         """Tell the pages of the processes; in a thread, since it takes time."""
@@ -179,15 +182,14 @@ class Server:
 class _Graph:
     """A running graph that is shown: what comes from it, and what may be done to it."""
 
-    def __init__(
-        self, run_dir: Path, controls: Controls, taken: Callable[[Any, int], None]
-    ) -> None:
+    def __init__(self, run_dir: Path, controls: Controls, taken: Callable[[Any], None]) -> None:
         self.run_dir = run_dir
         self._shown_since = time.monotonic()  # s; no other graph of this server has the same
         self.watch = Watch(run_dir)
         self.controls = controls
         self.feed = Feed(run_dir, controls.energy_before)  # first: the graph may have ended
         self.pointer = Pointer(run_dir, taken)
+        self.pace = Pace(controls.period)
 
     def describe(self) -> list[Message]:
         """Return what a page needs to know before its first frame."""
@@ -199,18 +201,47 @@ class _Graph:
         hello = {**controls.describe(), "graph": self._shown_since, "signals": signals}
         return [hello, controls.parameters(), *([scene] if scene else [])]
 
-    def look(self) -> list[Message]:
+    def look(self, now: float) -> list[Message]:
         """Return the messages to the pages about what has come since the last look."""
-        messages = self.feed.look()
+        messages = self.feed.look(self.pace.slowness)
         for message in messages:
             if message["type"] == "frame":
                 message["pointer"] = self.pointer.place  # whoever has moved it
+                self.pace.note(message["misses"], now)
+                message["pace"] = FRAME * self.pace.slowness
         return messages
 
     def close(self) -> None:
         """Close what comes from the graph."""
         self.feed.close()
         self.pointer.close()
+
+
+class Pace:
+    """How much slower pages are than they could be, since a servo that misses ticks comes first.
+
+    ``slowness`` is 1 on a machine that keeps up; it doubles, up to ``SLOWEST``, after each second
+    in which many ticks were missed, and halves after each calm time.
+    """
+
+    def __init__(self, period: float) -> None:
+        self.slowness = 1
+        self._most = LATE / period  # missed ticks in a second
+        self._begin = (0, 0.0)  # missed ticks and time, s, of this second
+        self._calm = 0  # seconds
+
+    def note(self, misses: int, now: float) -> None:
+        """Take in how many ticks were missed so far."""
+        missed, seconds = misses - self._begin[0], now - self._begin[1]
+        if seconds < 1.0:
+            return
+        self._begin = misses, now
+        is_late = self._most * seconds < missed
+        self._calm = 0 if is_late else self._calm + 1
+        if is_late:
+            self.slowness = min(2 * self.slowness, SLOWEST)
+        elif self._calm % CALM == 0:
+            self.slowness = max(self.slowness // 2, 1)
 
 
 class _Http(tornado.httpserver.HTTPServer):
@@ -324,8 +355,7 @@ class _Page(_Handler, tornado.websocket.WebSocketHandler):
         elif graph is None:
             self._answer(wanted, "no graph runs")
         elif do == "point":
-            stamp = self, wanted.get("stamp"), time.monotonic()
-            error = graph.pointer.point(wanted.get("target"), stamp)
+            error = graph.pointer.point(wanted.get("target"), (self, wanted.get("stamp")))
             if error is not None:
                 self._answer(wanted, error)
         else:

@@ -1,12 +1,12 @@
 // The page of a running graph: one WebSocket in, requests out, everything drawn from what came.
 
-import { text } from "./canvas.js";
-import { Clock } from "./clock.js";
 import { Controls } from "./controls.js";
-import { Figures, magnitude } from "./figures.js";
-import { Histogram, Plot, signalPlots } from "./plots.js";
+import { Figures } from "./figures.js";
+import { PLOTS, Plot, linesOf, signalPlots } from "./plots.js";
 import { Samples, Window } from "./samples.js";
+import { joule, text } from "./scale.js";
 import { Scene } from "./scene.js";
+import { State, magnitude } from "./state.js";
 
 const $ = (id) => document.getElementById(id);
 const token = new URLSearchParams(location.search).get("token") ?? "";
@@ -15,9 +15,10 @@ const shown = new Window(samples);
 
 const SILENT = 1000; // ms without a frame: the signal is lost
 const FRAME = 1000 / 30 - 4; // ms between two pictures, at least
-const COUNTED = 200; // ms between two pictures of the histogram
+const READABLE = 250; // ms between two wordings of the state
 const AGAIN = 1000; // ms until the next attempt to connect
 const MOST_EVENTS = 200;
+const SLOWED = 1 / 29; // s between two frames: from then on the server gives way
 
 let socket = null;
 let request = 0;
@@ -32,29 +33,14 @@ function send(message) {
   return request;
 }
 
-const clock = new Clock();
-const scene = new Scene($("scene"), (target, at) => send({ do: "point", target, stamp: [at, performance.now()] }));
+const scene = new Scene($("scene"), (target, at) => send({ do: "point", target, stamp: at }));
 const controls = new Controls(send);
-
 const figures = new Figures($("figures"));
-
-const AXES = [["x", "true"], ["y", "second"], ["z", "energy"]];
-const position = new Plot($("position"), shown, "Position", "mm", 1e3, []);
-const plots = [
-  position,
-  new Plot($("force"), shown, "Force", "N", 1, [
-    { name: "limit", label: "limit", colour: "limit", isArea: true },
-    { name: "commanded", label: "commanded", colour: "commanded" },
-    { name: "applied", label: "applied", colour: "true" },
-  ]),
-  new Plot($("energy"), shown, "Energy, this law", "mJ", 1e3, [
-    { name: "energy", label: "estimated", colour: "energy" },
-    { name: "true_energy", label: "true", colour: "true" },
-  ]),
-  new Plot($("delay"), shown, "Loop delay", "ms", 1e3, [{ name: "delay", label: "delay", colour: "true" }]),
-];
+const state = new State();
+const { delay, ...beneath } = PLOTS;
+export const plots = Object.values(beneath).map((spec) => new Plot($("plots"), shown, spec));
+const delays = new Plot($("delays"), shown, delay); // behind the fold of the network
 const others = plots.length; // after them: plots of the graph's signals
-const histogram = new Histogram($("histogram"), shown, "delay", "Loop delay, how often", "ms", 1e3);
 
 // --- What comes ----------------------------------------------------------------------------------
 
@@ -63,21 +49,21 @@ const takes = {
     mayChange = message.may_change;
     isOver = false;
     figures.begin(message.period);
+    state.begin(message);
     heard = performance.now();
-    $("name").textContent = `forcebound: ${message.name}`;
+    $("name").replaceChildren(Object.assign(document.createElement("span"), { textContent: "forcebound: " }), message.name);
     document.title = message.name;
     samples.push(samples.newest, {}); // a gap: it may be another graph
-    asked.clear();
     scene.describe(message);
-    position.lines = AXES.slice(0, message.axes).map(([label, colour], i) => ({ name: `p${i}`, label, colour }));
+    plots[0].lines = linesOf(message.axes);
     for (const { canvas } of plots.splice(others)) canvas.remove();
     plots.push(...signalPlots($("plots"), shown, message.signals));
-    $("hint").textContent = `${message.description} ${hintOf(message)}`;
+    $("hint").replaceChildren(Object.assign(document.createElement("span"), { id: "about", textContent: `${message.description} ` }), hintOf(message));
     controls.describe(message);
   },
   frame(message) {
     heard = performance.now();
-    if (message.time[0] < samples.newest - 1) samples.clear(); // another clock
+    if (message.time[0] < samples.newest - 1) { samples.clear(); shown.marks = []; } // another clock
     if (message.time[0] > samples.newest + 1e-3 * SILENT) samples.push(samples.newest, {}); // a gap
     message.time.forEach((time, i) => {
       const values = { limit: message.limit[i], energy: message.energy[i], true_energy: message.true_energy[i],
@@ -89,7 +75,12 @@ const takes = {
     figures.take(message, heard);
     scene.follow(message.pointer);
     scene.state = { tip: message.tip, proxy: message.proxy, commanded: message.commanded.at(-1), applied: message.applied.at(-1) };
-    say(forceOf(message), true);
+    state.take(message);
+    if (message.since && message.since !== shown.marks.at(-1)?.time) shown.mark(message.since, message.law);
+    pace = message.pace;
+    if (heard - worded < READABLE) return;
+    worded = heard;
+    tell(state.words(scene.hasWall ? "wall" : "surface"));
   },
   scene(message) {
     scene.objects = message.objects;
@@ -103,17 +94,11 @@ const takes = {
     $("events").prepend(entry);
     while ($("events").children.length > MOST_EVENTS) $("events").lastChild.remove();
   },
-  taken({ stamp: [at, sent], heard, device, told }) {
-    const back = performance.now();
-    clock.note(sent, 1e3 * heard, 1e3 * told, back);
-    const passed = { there: 1e3 * device - clock.ahead - at, back: back - at };
-    figures.show("pointer to device", `${text(passed.there)} ms`);
-    figures.show("and back", `${text(passed.back)} ms`);
-    document.dispatchEvent(new CustomEvent("taken", { detail: passed }));
-  },
+  taken({ stamp }) { figures.show("pointer to device and back", `${text(performance.now() - stamp)} ms`); },
   nodes(message) { controls.nodes(message); },
   parameters(message) {
     scene.wall = message.wall;
+    state.law = message.values["device.law"];
     controls.parameters(message);
   },
   answer(message) { controls.answer(message); },
@@ -121,42 +106,58 @@ const takes = {
   over() {
     const was = $("controls").childElementCount > 0;
     isOver = true;
-    say(`${was ? "the graph has ended" : "no graph runs yet"}; the page shows the next one as soon as it runs`, false);
+    say({ head: was ? "The graph has ended." : "No graph runs yet.", more: "The page shows the next one as soon as it runs." });
   },
   closed() {
     isClosed = true;
-    say("this page has ended; `forcebound view` opens a new one", false);
+    say({ head: "This page has ended.", more: "`forcebound view` opens a new one." });
   },
 };
 
-/** How the force stands, in words. */
-function forceOf({ delay, engagement }) {
-  if (delay.at(-1) === null) return "no force: controller or environment does not answer";
-  return engagement < 1 ? `force engages: ${Math.round(100 * engagement)} %` : "running";
-}
-
 function hintOf({ may_change, hand, axes }) {
-  const turn = axes > 2 ? "; Shift, or two fingers, to turn" : "";
+  const turn = axes > 2 ? "; Shift to turn" : "";
   if (!may_change) return `This page may only look${axes > 2 ? ": drag to turn" : ""}.`;
+  if (hand && matchMedia("(pointer: coarse)").matches) return `Drag to move the hand${axes > 2 ? "; two fingers turn" : ""}.`;
   return hand ? `Drag, or use the arrow keys (1 mm), to move the hand${axes > 2 ? "; Page Up and Down for away and near" : ""}${turn}.`
     : "Nobody can drag this hand: it is real, or moves by itself. `operator: { kind: pointer }` makes one that can be dragged.";
 }
 
+/** Show the state of a graph that runs, and its force and energy. */
+function tell(words) {
+  say(words, true);
+  $("force").textContent = `${text(state.force)} N`;
+  $("energy").textContent = joule(state.past.at(-1).energy);
+  $("note").textContent = [
+    scene.isLoading ? "The shape is still loading: the force is real, its picture comes." : "",
+    pace > SLOWED ? `Ticks are missed, so this page gives way: ${Math.round(1 / pace)} pictures a second.` : "",
+  ].join(" ");
+  for (const [key, is] of Object.entries(scene.parts)) document.querySelector(`[data-key=${key}]`).hidden = !is;
+  const { pixels, words: length } = scene.bar;
+  $("bar").textContent = length;
+  $("bar").style.width = `${pixels}px`;
+}
+
 /** Say how things are; whether what can be changed can be changed just now follows from it. */
-function say(words, isWell) {
-  if ($("state").textContent !== words) $("state").textContent = words;
+function say({ head, more, kind = "away" }, isWell = false) {
+  if (document.body.dataset.state !== kind || kind === "away") $("spoken").textContent = head; // numbers are not spoken
+  document.body.dataset.state = kind;
+  for (const [id, words] of [["state", head], ["why", more]]) if ($(id).textContent !== words) $(id).textContent = words;
+  if (!isWell) $("note").textContent = "";
   document.body.classList.toggle("is-away", !isWell);
   const isOff = !mayChange || socket?.readyState !== WebSocket.OPEN || isOver || isClosed;
   for (const part of document.querySelectorAll(".changes")) if (part.disabled !== isOff) part.disabled = isOff;
 }
 
 const asked = new Set();
-/** Fetch what a mesh or a cloud has, once for each connection: one that is lost may have cost the answer. */
+/** Fetch what a mesh or a cloud has, again and again while the scene has it and it does not come. */
 async function fetchFile(digest) {
   if (scene.files.has(digest) || asked.has(digest)) return;
   asked.add(digest);
   const answer = await fetch(`file/${digest}?token=${encodeURIComponent(token)}`).catch(() => null);
-  if (answer?.ok) scene.files.set(digest, await answer.json());
+  const content = answer?.ok ? await answer.json().catch(() => null) : null;
+  asked.delete(digest);
+  if (content) scene.files.set(digest, content);
+  else if (scene.objects.some((object) => object.digest === digest)) setTimeout(fetchFile, AGAIN, digest);
 }
 
 // --- What one does -------------------------------------------------------------------------------
@@ -169,7 +170,7 @@ $("pause").addEventListener("click", () => {
   const isPaused = !shown.isPaused;
   shown.pause(isPaused);
   $("pause").setAttribute("aria-pressed", String(isPaused));
-  $("pause").textContent = isPaused ? "Go on" : "Pause plots";
+  $("pause").textContent = isPaused ? "▶" : "❚❚";
 });
 $("plots").addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.altKey || event.metaKey) return; // these are the browser's
@@ -193,28 +194,30 @@ function connect() {
   });
   socket.addEventListener("close", async () => {
     if (isClosed) return;
-    say("not connected; trying again", false);
+    say({ head: "Not connected.", more: "Trying again." });
     const answer = await fetch(location.href).catch(() => null);
     isClosed = answer?.status === 403; // this token is of a server before
-    if (isClosed) say("another page is here now; open the address that its command has printed", false);
+    if (isClosed) say({ head: "Another page is here now.", more: "Open the address that its command has printed." });
     else setTimeout(connect, AGAIN);
   });
 }
 
-let drawn = 0, counted = 0; // ms, when the picture and its histogram were drawn last
+let pace = 0; // s between two frames of the server, which are fewer where ticks are missed
+let worded = 0, drawn = 0, pictures = 0; // ms, when the state was worded and the scene drawn last; how many pictures so far
+
+/** Draw the scene, and one of the plots: each has its turn. */
 function draw(now) {
   requestAnimationFrame(draw);
-  if (now - drawn < FRAME) return;
+  if (now - drawn < Math.max(FRAME, 1e3 * pace - 4)) return;
   drawn = now;
+  pictures += 1;
   const silence = performance.now() - heard;
   if (silence > SILENT && socket?.readyState === WebSocket.OPEN && !isOver) {
-    say(`signal lost: nothing from the device for ${Math.floor(silence / 1000)} s`, false);
+    say({ head: "Signal lost.", more: `Nothing from the device for ${Math.floor(silence / 1000)} s.` });
   }
   scene.draw();
-  for (const plot of plots) plot.draw();
-  if (now - counted < COUNTED) return;
-  counted = now;
-  histogram.draw();
+  const seen = $("network").open ? [...plots, delays] : plots;
+  seen[pictures % seen.length].draw();
 }
 
 connect();

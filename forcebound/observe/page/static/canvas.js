@@ -1,6 +1,4 @@
-// What every canvas of the page needs: its size, the colours of the style sheet, numbers as text.
-
-const LEAST = 1e-9; // below, a number is a rounding error
+// What every canvas of the page needs: its size, and the colours of the style sheet.
 
 const colours = new Map(); // reading a style makes the browser compute all that has changed
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => colours.clear());
@@ -10,6 +8,8 @@ export function colour(name) {
   if (!colours.has(name)) colours.set(name, getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim());
   return colours.get(name);
 }
+
+const font = getComputedStyle(document.body).fontFamily;
 
 /** Clear a canvas and give it the size that `shown`, an element of the page, has. */
 export function fit(canvas, shown = canvas) {
@@ -22,12 +22,6 @@ export function fit(canvas, shown = canvas) {
   const context = canvas.getContext("2d");
   context.setTransform(ratio, 0, 0, ratio, 0, 0);
   context.clearRect(0, 0, width, height);
-  context.font = "12px system-ui, sans-serif";
+  context.font = `12px ${font}`;
   return { context, width, height };
-}
-
-/** A number with three digits. */
-export function text(value) {
-  if (!Number.isFinite(value)) return "–";
-  return Math.abs(value) < LEAST ? "0" : String(Number(value.toPrecision(3)));
 }

@@ -6,12 +6,17 @@ const make = (tag, properties = {}, ...children) => {
   return element;
 };
 
+/** The number of a quantity in SI units, of those that a slider has. */
+const siOf = (text) => parseFloat(text) * ({ "N/mm": 1e3, ms: 1e-3 }[text.split(" ")[1]] ?? 1);
+
 const SHOWN = { s: [1e3, "ms", 10], m: [1e3, "mm", 10], "m/s": [1e3, "mm/s", 10] }; // below so many, in the other unit
 const RECORD = "Record";
 const OF_LINKS = ["delay", "jitter", "loss"];
-const REFINED = /compute_(?!delay)/; // among the other parameters
 const LAW = "device.law";
+const STIFFNESS = "environment.stiffness";
 const DELAYS = ["links.environment_query.delay", "links.environment_reply.delay"];
+const SOFTEST = 2, HARDEST = 5; // powers of ten of the stiffness slider, in N/m
+const SLOWEST = 20; // ms, of the delay slider
 
 /** A quantity as one would write it: `5 ms` for `0.005 s`, `10 N/mm` for `10000 N/m`. */
 export function readable(text) {
@@ -30,6 +35,9 @@ export class Controls {
     this.rows = new Map(); // node -> cells of its row
     this.law = make("select", { id: "law" });
     this.law.addEventListener("change", () => this.ask({ do: "set", settings: { [LAW]: this.law.value } }, this.law));
+    this.before = "certified"; // the law that the switch turns on
+    this.power = make("button", { type: "button", id: "power", role: "switch", ariaLabel: "a law bounds the force" });
+    this.power.addEventListener("click", () => this.ask({ do: "set", settings: { [LAW]: this.present === "none" ? this.before : "none" } }, this.power));
     this.record = make("button", { type: "button", id: "record", textContent: RECORD });
     this.record.addEventListener("click", () => this.ask({ do: this.record.textContent === RECORD ? "record" : "end_recording" }, this.record));
     this.recorded = make("small", { id: "recorded", role: "status" });
@@ -65,16 +73,51 @@ export class Controls {
     this.rows.clear();
     const outage = make("button", { type: "button", id: "outage", textContent: "lose all for 0.5 s" });
     outage.addEventListener("click", () => this.ask({ do: "outage", time: "500 ms" }, outage));
-    this.own = make("div");
-    this.other = make("details", {}, make("summary", { textContent: "All other parameters" }));
+    const stiffness = this.input(STIFFNESS, make("small", { id: `r-${STIFFNESS}`, className: "spoken" }));
+    this.sliders = [
+      this.slider("stiffness", { min: SOFTEST, max: HARDEST, step: 0.05, shown: stiffness }, {
+        words: (power) => readable(`${Number((10 ** power).toPrecision(2))} N/m`), names: [STIFFNESS],
+        read: ([text]) => Math.log10(Math.max(siOf(text), 1)) }),
+      this.slider("delay each way", { min: 0, max: SLOWEST, step: 0.5, shown: make("output") }, {
+        words: (delay) => `${delay} ms`, names: DELAYS, read: (texts) => 1e3 * Math.max(...texts.map(siOf)) }),
+    ];
+    const [network, environment] = ["network", "environment"].map((id) => document.querySelector(`#${id} > fieldset`));
+    this.groups = new Map([["links", network], ["environment", environment]]); // part -> where its fields are
     document.getElementById("controls").replaceChildren(
-      make("div", { className: "field" }, make("label", { htmlFor: "law", textContent: "law" }), this.law),
-      this.own,
-      this.buildLinks(),
-      make("div", { className: "field" }, make("label", { htmlFor: "outage", textContent: "network" }), outage),
+      make("div", { className: "field law" }, make("label", { htmlFor: "law", textContent: "law" }), this.power, this.law),
+      ...this.sliders.map((slider) => slider.row),
       make("div", { className: "field" }, make("label", { htmlFor: "record", textContent: "recording" }), this.record, this.recorded),
-      this.other,
     );
+    network.replaceChildren(this.buildLinks(),
+      make("div", { className: "field" }, make("label", { htmlFor: "outage", textContent: "outage" }), outage));
+    environment.replaceChildren();
+  }
+
+  /** A slider for parameters, beside what shows its value; `words` of its number is what is sent. */
+  slider(label, { min, max, step, shown }, { words, names, read }) {
+    const range = make("input", { type: "range", min, max, step, id: `s-${names[0]}` });
+    const row = make("div", { className: "field" }, make("label", { htmlFor: range.id, textContent: label }), shown, range);
+    if (this.fields.has(names[0])) row.append(this.fields.get(names[0]).range, this.fields.get(names[0]).fault);
+    let isHeld = false; // somebody moves it
+    const show = (text) => {
+      range.setAttribute("aria-valuetext", text);
+      if (isHeld || shown.tagName === "OUTPUT") shown.value = text; // a field shows its own value
+    };
+    range.addEventListener("input", () => { isHeld = true; show(words(range.valueAsNumber)); });
+    range.addEventListener("change", () => {
+      const text = words(range.valueAsNumber);
+      this.ask({ do: "set", settings: Object.fromEntries(names.map((name) => [name, text])) }, range, () => { isHeld = false; });
+    });
+    const take = (values) => {
+      row.hidden = names.some((name) => !(name in values));
+      if (row.hidden || isHeld) return;
+      const texts = names.map((name) => readable(values[name])), value = read(texts);
+      if (value > range.max) range.max = value;
+      if (value < range.min) range.min = value;
+      range.value = value;
+      show([...new Set(texts)].join(" and "));
+    };
+    return { row, take };
   }
 
   buildLinks() {
@@ -119,28 +162,33 @@ export class Controls {
     if (!fault.parentNode) this.faults.append(fault);
   }
 
-  parameters({ values, ranges }) {
+  parameters({ values, ranges, help }) {
     this.present = values[LAW];
+    if (this.present !== "none") this.before = this.present;
+    for (const slider of this.sliders) slider.take(values);
     for (const [name, value] of Object.entries(values)) {
       if (name === LAW) continue; // it is chosen from a list
-      if (!this.fields.has(name)) this.addField(name, value);
+      if (!this.fields.has(name)) this.addField(name);
       const field = this.fields.get(name);
       field.value = readable(value);
-      field.range.textContent = ranges[name] ?? "";
+      field.range.textContent = OF_LINKS.includes(name.split(".")[2]) ? ranges[name] : [help[name], ranges[name]].filter(Boolean).join(" ");
       const isOwn = document.activeElement === field.input || field.input.getAttribute("aria-invalid") === "true";
       if (!isOwn) field.input.value = field.value;
     }
     this.showLaw();
   }
 
-  addField(name, value) {
-    const [section, ...rest] = name.split(".");
-    const label = make("label", { htmlFor: `p-${name}` });
-    name.split(/(?<=[._])/).forEach((part) => label.append(part, document.createElement("wbr")));
-    const isFirst = section === "environment" && rest.length === 1 && /^-?[\d.]/.test(value) && !REFINED.test(name);
-    if (isFirst) label.textContent = rest[0].replaceAll("_", " ");
+  /** Add a field to the group of its part: the environment's own beside each other, each further part behind a fold. */
+  addField(name) {
+    const path = name.split("."), part = path.slice(0, -1).join(".");
+    if (!this.groups.has(part)) {
+      const words = (path[0] === "links" ? `link ${path[1]}: more` : path.slice(1, -1).join(" ")).replaceAll("_", " ");
+      this.groups.set(part, make("details", {}, make("summary", { textContent: words })));
+      this.groups.get(path[0]).append(this.groups.get(part));
+    }
+    const label = make("label", { htmlFor: `p-${name}`, textContent: path.at(-1).replaceAll("_", " ") });
     const range = make("small", { id: `r-${name}` }), input = this.input(name, range);
-    (isFirst ? this.own : this.other).append(make("div", { className: "field" }, label, input, range, this.fields.get(name).fault));
+    this.groups.get(part).append(make("div", { className: "field" }, label, input, range, this.fields.get(name).fault));
   }
 
   /** Show what is recorded, or what came of it. */
@@ -154,6 +202,7 @@ export class Controls {
   showLaw() {
     const law = this.present;
     if (document.activeElement !== this.law || !this.law.hasAttribute("aria-busy")) this.law.value = law;
+    this.power.setAttribute("aria-checked", String(law !== "none"));
     const delays = DELAYS.map((name) => this.fields.get(name)?.value);
     const shown = { none: law === "none" && delays.every((d) => d === "5 ms"),
       certified: law === "certified" && delays.every((d) => d === "0 ms") };

@@ -1,10 +1,9 @@
 // The figures: the values of now, each under its name.
 
-import { text } from "./canvas.js";
+import { text } from "./scale.js";
+import { magnitude } from "./state.js";
 
 const READABLE = 200; // ms between two values of a figure
-
-export const magnitude = (vector) => (vector.length === 1 ? vector[0] : Math.hypot(...vector));
 
 export class Figures {
   /** @param list element for names and values */
@@ -18,7 +17,6 @@ export class Figures {
   /** Begin with a graph whose ticks are `period` apart, in s. */
   begin(period) {
     this.period = period;
-    this.before = NaN; // s, the newest tick
     this.latest = NaN; // s by which the latest tick of a second was late
     this.worst = 0; // the same of the second that goes on
     this.since = 0; // s, when that began
@@ -37,11 +35,9 @@ export class Figures {
   }
 
   take(frame, now) {
-    for (const time of frame.time) {
-      this.worst = Math.max(this.worst, time - this.before - this.period || 0);
-      this.before = time;
-    }
-    if (this.before - this.since >= 1) Object.assign(this, { latest: this.worst, worst: 0, since: this.before });
+    const time = frame.time.at(-1);
+    this.worst = Math.max(this.worst, frame.longest - this.period);
+    if (time - this.since >= 1) Object.assign(this, { latest: this.worst, worst: 0, since: time });
     if (now - this.shown < READABLE) return;
     this.shown = now;
     this.showAll(frame);

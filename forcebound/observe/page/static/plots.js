@@ -1,28 +1,40 @@
 // Plots of the last seconds, on canvases. All of them share one window of time.
 
-import { colour, fit, text } from "./canvas.js";
+import { colour, fit } from "./canvas.js";
+import { rangeOf, text, ticks } from "./scale.js";
 
 const GAP = -1; // in place of a column of pixels
-const MARGIN = { left: 52, right: 8, top: 18, bottom: 18 };
-const BINS = 40; // of the histogram
+const MARGIN = { left: 46, right: 10, top: 24, bottom: 18 };
+const AXES = [["x", "true"], ["y", "second"], ["z", "energy"]];
 
-function ticks(low, high, wanted) {
-  const rough = (high - low) / wanted;
-  const power = 10 ** Math.floor(Math.log10(rough));
-  const step = [1, 2, 5, 10].map((f) => f * power).find((s) => s >= rough);
-  const found = [];
-  for (let tick = Math.ceil(low / step) * step; tick <= high + step * 1e-9; tick += step) found.push(tick);
-  return found;
-}
+/**
+ * The plots. `scale` turns SI into `unit`; `least` is the smallest range, in `unit`; with `isOfLaw` the law in use sets
+ * the range. A further curve is one more line {name, label, colour, isArea} here, or one more plot, and a value of that
+ * name in the samples.
+ */
+export const PLOTS = {
+  position: { title: "Position", unit: "mm", scale: 1e3, least: 1, lines: [] },
+  force: { title: "Force", unit: "N", scale: 1, least: 1, isOfLaw: true, lines: [
+    { name: "limit", label: "limit", colour: "limit", isArea: true },
+    { name: "commanded", label: "commanded", colour: "commanded" },
+    { name: "applied", label: "applied", colour: "true" },
+  ] },
+  energy: { title: "Energy", unit: "mJ", scale: 1e3, least: 1, isOfLaw: true, lines: [
+    { name: "energy", label: "estimated", colour: "energy" },
+    { name: "true_energy", label: "true", colour: "true" },
+  ] },
+  delay: { title: "Loop delay", unit: "ms", scale: 1e3, least: 0.1, lines: [{ name: "delay", label: "delay", colour: "true" }] },
+};
 
-/** Lines over time. */
+/** The lines of the position on each axis. */
+export const linesOf = (axes) => AXES.slice(0, axes).map(([label, colour], i) => ({ name: `p${i}`, label, colour }));
+
+/** Lines over time, on a canvas that is added to an element. */
 export class Plot {
-  /**
-   * @param lines [{name, label, colour, isArea}], in the order in which they are drawn
-   * @param unit as shown; `scale` turns SI into it
-   */
-  constructor(canvas, shown, title, unit, scale, lines) {
-    Object.assign(this, { canvas, shown, title, unit, scale, lines });
+  constructor(parent, shown, spec) {
+    const canvas = Object.assign(document.createElement("canvas"), { className: "plot", role: "img", ariaLabel: `${spec.title} over time` });
+    parent.append(canvas);
+    Object.assign(this, { canvas, shown }, spec);
     for (const kind of ["pointermove", "pointerdown"]) canvas.addEventListener(kind, (event) => { // a finger only taps
       const share = (event.offsetX - MARGIN.left) / (canvas.clientWidth - MARGIN.left - MARGIN.right);
       shown.age = share >= 0 && share <= 1 ? (1 - share) * shown.seconds : null;
@@ -41,14 +53,8 @@ export class Plot {
     const right = width - MARGIN.right, bottom = height - MARGIN.bottom;
     const x = (time) => MARGIN.left + ((time - from) / (to - from)) * (right - MARGIN.left);
     const drawn = this.lines.map((line) => this.columns(line, first, last, x));
-    let low = 0, high = 0;
-    for (const column of drawn.flat()) {
-      low = Math.min(low, column.low);
-      high = Math.max(high, column.high);
-    }
-    if (high - low < 1e-9) high = low + 1;
-    const room = 0.06 * (high - low);
-    low -= room; high += room;
+    [this.low, this.high] = rangeOf(drawn.flat(), this.isOfLaw ? Math.ceil(x(this.shown.since)) : GAP, this.least);
+    const { low, high } = this;
     const y = (value) => bottom - ((value - low) / (high - low)) * (bottom - MARGIN.top);
     this.drawAxes(context, { x, y, low, high, from, to, right, bottom });
     context.save();
@@ -56,6 +62,7 @@ export class Plot {
     context.rect(MARGIN.left, MARGIN.top, right - MARGIN.left, bottom - MARGIN.top);
     context.clip();
     this.lines.forEach((line, i) => this.drawLine(context, line, drawn[i], y));
+    this.drawMarks(context, x, bottom);
     context.restore();
     this.drawKey(context, right);
   }
@@ -66,7 +73,7 @@ export class Plot {
     context.lineWidth = 1;
     context.textAlign = "right";
     context.textBaseline = "middle";
-    for (const tick of ticks(low, high, 4)) {
+    for (const tick of ticks(low, high, 3)) {
       context.beginPath();
       context.moveTo(MARGIN.left, y(tick));
       context.lineTo(right, y(tick));
@@ -75,7 +82,7 @@ export class Plot {
     }
     context.textAlign = "center";
     context.textBaseline = "top";
-    for (const tick of ticks(from - to, 0, 5)) context.fillText(`${text(tick)} s`, Math.min(x(to + tick), right - 12), bottom + 4);
+    for (const tick of ticks(from - to, 0, 4)) context.fillText(`${text(tick)} s`, Math.min(x(to + tick), right - 12), bottom + 4);
   }
 
   /** The lowest and the highest sample in each column of pixels, in the plot's unit; at GAP there is none. */
@@ -91,6 +98,22 @@ export class Plot {
       else if (value > column.high) column.high = value;
     }
     return found;
+  }
+
+  /** Where another law began. */
+  drawMarks(context, x, bottom) {
+    context.strokeStyle = context.fillStyle = colour("soft");
+    context.lineWidth = 1;
+    context.setLineDash([3, 3]);
+    context.textAlign = "left";
+    for (const { time, words } of this.shown.marks) {
+      context.beginPath();
+      context.moveTo(x(time), MARGIN.top);
+      context.lineTo(x(time), bottom);
+      context.stroke();
+      context.fillText(words, x(time) + 4, bottom - 14);
+    }
+    context.setLineDash([]);
   }
 
   drawLine(context, line, columns, y) {
@@ -127,16 +150,20 @@ export class Plot {
     context.textBaseline = "top";
     context.textAlign = "left";
     context.fillStyle = colour("text");
-    context.fillText(`${this.title} (${this.unit})${cursor === null ? "" : ` at ${text(cursor - to)} s`}`, 4, 3);
+    context.font = context.font.replace("12px", "600 12px");
+    context.fillText(`${this.title}, ${this.unit}${cursor === null ? "" : ` at ${text(cursor - to)} s`}`, 6, 5);
+    const begin = MARGIN.left + context.measureText(this.title).width;
+    context.font = context.font.replace(/^\w+ /, "");
     context.textAlign = "right";
     let place = right;
     for (const { line, words } of this.readings.reverse()) {
+      if (place - context.measureText(words).width < begin) break; // no room
       context.fillStyle = colour("text");
-      context.fillText(words, place, 3);
+      context.fillText(words, place, 5);
       place -= context.measureText(words).width + 4;
       context.fillStyle = colour(line.colour);
-      context.fillRect(place - 12, line.isArea ? 4 : 7, 12, line.isArea ? 9 : 3);
-      place -= 24;
+      context.fillRect(place - 10, line.isArea ? 6 : 9, 10, line.isArea ? 9 : 3);
+      place -= 20;
     }
     if (cursor === null) return;
     const x = MARGIN.left + ((cursor - from) / (to - from)) * (right - MARGIN.left);
@@ -153,49 +180,8 @@ const COLOURS = ["true", "second", "energy", "commanded", "limit"]; // of signal
 /** One plot for each unit of the signals that the parts of a graph publish; canvases are added to `place`. */
 export function signalPlots(place, shown, signals) {
   return [...new Set(signals.map(({ unit }) => unit))].map((unit) => {
-    const canvas = document.createElement("canvas");
-    canvas.className = "plot signals";
-    canvas.setAttribute("role", "img");
-    canvas.setAttribute("aria-label", `Signals over time, in ${unit || 1}`);
-    place.append(canvas);
     const lines = signals.filter((each) => each.unit === unit)
       .map(({ name, label }, i) => ({ name, label, colour: COLOURS[i % COLOURS.length] }));
-    return new Plot(canvas, shown, "Signals", unit || "1", 1, lines);
+    return new Plot(place, shown, { title: "Signals", unit: unit || "1", scale: 1, least: 1e-6, lines });
   });
-}
-
-/** How often each delay came, in the window. */
-export class Histogram {
-  constructor(canvas, shown, name, title, unit, scale) {
-    Object.assign(this, { canvas, shown, name, title, unit, scale });
-  }
-
-  draw() {
-    const { context, width, height } = fit(this.canvas);
-    const { samples, from, to } = this.shown;
-    const values = samples.values.get(this.name);
-    const first = samples.first(from), last = values ? samples.first(to + 1e-9) : first;
-    const known = Float64Array.from({ length: last - first }, (_, i) => values[(first + i) % samples.capacity] * this.scale)
-      .filter((value) => !Number.isNaN(value)).sort();
-    const at = (share) => known[Math.min(known.length - 1, Math.floor(share * known.length))];
-    const high = Math.max(known.length ? at(0.999) * 1.1 : 1, 1e-3);
-    const bins = new Array(BINS).fill(0);
-    for (const value of known) bins[Math.min(BINS - 1, Math.floor((value / high) * BINS))] += 1;
-    const most = Math.max(...bins, 1), right = width - MARGIN.right, bottom = height - MARGIN.bottom;
-    const step = (right - MARGIN.left) / BINS;
-    context.fillStyle = colour("true");
-    bins.forEach((count, i) => {
-      const tall = (count / most) * (bottom - MARGIN.top);
-      context.fillRect(MARGIN.left + i * step, bottom - tall, step - 1, tall);
-    });
-    context.fillStyle = colour("soft");
-    context.textBaseline = "top";
-    context.textAlign = "center";
-    for (const tick of ticks(0, high, 6)) context.fillText(text(tick), MARGIN.left + (tick / high) * (right - MARGIN.left), bottom + 4);
-    context.fillStyle = colour("text");
-    context.textAlign = "left";
-    context.fillText(`${this.title} (${this.unit})`, 4, 3);
-    context.textAlign = "right";
-    if (known.length) context.fillText(`p50 ${text(at(0.5))}  p99 ${text(at(0.99))}  max ${text(known.at(-1))}`, right, 3);
-  }
 }

@@ -58,7 +58,14 @@ export class Window {
     this.seconds = SECONDS;
     this.end = null; // null: now
     this.age = null; // s before the right end, of the cursor; null: there is none
+    this.marks = []; // {time, words}: where another law began
   }
+
+  /** When the law of the window's end began, in s. */
+  get since() { return this.marks.findLast((one) => one.time <= this.to)?.time ?? 0; }
+
+  /** Mark that another law begins. */
+  mark(time, words) { this.marks = [...this.marks, { time, words }].filter((one) => one.time > time - LONGEST); }
 
   get isPaused() { return this.end !== null; }
   get to() { return this.end ?? this.samples.newest; }

@@ -1,10 +1,14 @@
 // The scene: the tip, its proxy, the forces, and what the environment says there is to draw.
 
 import { colour, fit } from "./canvas.js";
+import { scaleBar, text } from "./scale.js";
 import { listen } from "./hand.js";
 import { BOX_EDGES, add, boxCorners, cross, dot, facesOf, pad, pointsOf, scaled, sub } from "./shapes.js";
 
-const FORCE = 0.004; // m that an arrow is long for each N
+const NEWTONS = 22; // as many would be as long as the scene
+const LONGEST = 0.45; // of the scene, that an arrow is drawn; a longer one is dashed
+const WHOLE = 0.95; // share of the commanded force from which on both are one arrow
+const SIDE = 26; // pixels between the two arrows where there is one axis
 const NEAR = 0.08; // m, half of what is seen at first
 const ABOUT = 0.03; // m about a wall that is seen
 const OWN = 500; // ms that the pointer of this page is its own after a move
@@ -50,7 +54,25 @@ export class Scene {
     return { right, forward, up: cross(right, forward) };
   }
 
-  get scale() { return Math.min(this.canvas.clientWidth, this.canvas.clientHeight) / (2 * this.half); }
+  /** Pixels for each metre: one axis has the whole width. */
+  get scale() { return this.size / (2 * this.half); }
+
+  get size() {
+    const { clientWidth: width, clientHeight: height } = this.canvas;
+    return this.axes < 2 ? width : Math.min(width, height);
+  }
+
+  /** The scale bar: {pixels, words}. */
+  get bar() { return scaleBar(this.scale, 0.25 * this.size); }
+
+  /** The parts of the scene that there are, for its legend. */
+  get parts() {
+    return { pointer: Boolean(this.target), proxy: Boolean(this.state.proxy), solid: this.hasWall || this.objects.length > 0,
+      box: Boolean(this.hand || this.workspace) };
+  }
+
+  /** Whether something is felt that is not drawn yet, since its file is on its way. */
+  get isLoading() { return this.objects.some((object) => object.digest && !this.files.has(object.digest)); }
 
   /** Where a point is on the canvas, in pixels, in the view of this picture. */
   project(point) {
@@ -90,7 +112,7 @@ export class Scene {
   /** Whether all that the view is to show at first is here. */
   get isWhole() {
     return this.state.tip && this.wall !== undefined && (this.wall !== null || this.objects.length)
-      && this.objects.every((object) => !object.digest || this.files.has(object.digest));
+      && !this.isLoading;
   }
 
   /** Look at all that there is. */
@@ -102,7 +124,7 @@ export class Scene {
     const low = [0, 1, 2].map((i) => points.reduce((least, p) => Math.min(least, p[i]), Infinity));
     const high = [0, 1, 2].map((i) => points.reduce((most, p) => Math.max(most, p[i]), -Infinity));
     this.centre = scaled(add(low, high), 0.5);
-    this.half = Math.max(0.02, 0.6 * Math.hypot(...sub(high, low)));
+    this.half = Math.max(0.02, (this.axes < 2 ? 0.53 : 0.6) * Math.hypot(...sub(high, low)));
   }
 
   get hasWall() { return Number.isFinite(this.wall); }
@@ -136,14 +158,63 @@ export class Scene {
     if (this.axes < 3) this.drawGround(context, width, height);
     this.drawLayer(context, width, height);
     const tip = pad(this.state.tip);
+    if (this.target) this.drawSpring(context, this.target, tip);
     if (this.state.proxy) {
       this.line(context, [tip, pad(this.state.proxy)], colour("energy"), 2);
-      this.dot(context, pad(this.state.proxy), 5, colour("energy"));
+      this.dot(context, pad(this.state.proxy), 6, colour("energy"));
     }
-    this.arrow(context, tip, this.state.commanded, colour("commanded"), 5);
-    this.arrow(context, tip, this.state.applied, colour("true"), 3);
-    if (this.target) this.ring(context, this.target);
-    this.dot(context, tip, 7, colour("text"));
+    this.drawForces(context, tip);
+    this.dot(context, tip, 10, colour("ground"));
+    this.dot(context, tip, 8, colour("text"));
+    if (this.axes < 2 && this.hasWall && tip[0] > this.wall) this.drawDepth(context, tip);
+  }
+
+  /** The arrows of the applied and the commanded force, as the hand feels them, with their names. */
+  drawForces(context, tip) {
+    const { commanded, applied } = this.state;
+    if (!applied) return;
+    const [given, asked] = [applied, commanded].map((force) => Math.hypot(...force));
+    const isWhole = given > WHOLE * asked, away = this.axes < 2 ? SIDE : 0;
+    if (!isWhole) this.arrow(context, tip, commanded, { stroke: colour("commanded"), width: 6, side: -away, words: `commanded ${text(asked)} N` });
+    this.arrow(context, tip, applied, { stroke: colour("true"), width: 6, side: 0, words: `force ${text(given)} N`, isBelow: true });
+  }
+
+  /** The spring of the hand, from where it pulls to the tip, and the ring of its end. */
+  drawSpring(context, target, tip) {
+    const from = this.project(target), to = this.project(tip), way = [to[0] - from[0], to[1] - from[1]];
+    const length = Math.hypot(...way), turns = 14, wide = Math.min(9, length / 4);
+    context.strokeStyle = colour("soft");
+    context.lineWidth = 1.5;
+    context.beginPath();
+    for (let i = 0; i <= turns && length > 1; i += 1) {
+      const off = i % turns === 0 ? 0 : i % 2 ? wide : -wide;
+      context.lineTo(from[0] + (way[0] * i) / turns - (way[1] / length) * off, from[1] + (way[1] * i) / turns + (way[0] / length) * off);
+    }
+    context.stroke();
+    context.lineWidth = 3;
+    context.beginPath();
+    context.arc(...from, 16, 0, 2 * Math.PI);
+    context.stroke();
+  }
+
+  /** How deep the tip is in the wall. */
+  drawDepth(context, tip) {
+    const [x0, y] = this.project([this.wall, 0, 0]), [x1] = this.project(tip), level = y + 2 * SIDE;
+    context.lineWidth = 1;
+    for (const x of [x0, x1]) this.segment(context, [x, level - 6], [x, level + 6], colour("soft"));
+    this.segment(context, [x0, level], [x1, level], colour("soft"));
+    this.label(context, `${text(1e3 * (tip[0] - this.wall))} mm deep`, (x0 + x1) / 2, level + 18, colour("soft"));
+  }
+
+  /** Words with a rim, so that they can be read on whatever is behind; they stay in the scene. */
+  label(context, words, x, y, fill) {
+    context.font = context.font.replace("12px", "600 14px");
+    const half = context.measureText(words).width / 2 + 6;
+    const at = Math.min(Math.max(x, half), this.canvas.clientWidth - half);
+    Object.assign(context, { textAlign: "center", textBaseline: "middle", lineWidth: 4, lineJoin: "round", strokeStyle: colour("scene"), fillStyle: fill });
+    context.strokeText(words, at, y);
+    context.fillText(words, at, y);
+    context.font = context.font.replace("600 14px", "12px");
   }
 
   /** The edges of a box: how far the pointer can go, or the workspace. */
@@ -160,13 +231,32 @@ export class Scene {
   /** What lies in the plane of the screen: the wall, and the only axis. */
   drawGround(context, width, height) {
     const [x, y] = this.project([this.wall ?? 0, 0, 0]);
+    context.lineWidth = 1;
+    if (this.axes < 2) this.segment(context, [0, y], [width, y], colour("line"));
+    if (!this.hasWall) return;
     context.fillStyle = colour("limit");
-    if (this.hasWall) context.fillRect(x, 0, Math.max(0, width - x), height);
-    if (this.axes > 1) return;
-    context.strokeStyle = colour("line");
+    context.fillRect(x, 0, Math.max(0, width - x), height);
+    context.save();
     context.beginPath();
-    context.moveTo(0, y);
-    context.lineTo(width, y);
+    context.rect(x, 0, Math.max(0, width - x), height);
+    context.clip();
+    context.strokeStyle = colour("hatch");
+    context.beginPath();
+    for (let at = Math.max(x, x % 14) - height; at < width; at += 14) {
+      context.moveTo(at, height);
+      context.lineTo(at + height, 0);
+    }
+    context.stroke();
+    context.restore();
+    context.lineWidth = 3;
+    this.segment(context, [x, 0], [x, height], colour("soft"));
+  }
+
+  segment(context, from, to, stroke) {
+    context.strokeStyle = stroke;
+    context.beginPath();
+    context.moveTo(...from);
+    context.lineTo(...to);
     context.stroke();
   }
 
@@ -208,8 +298,8 @@ export class Scene {
     context.closePath();
     context.strokeStyle = colour("line");
     if (!object.is_removed) {
-      const grey = Math.round(110 + 110 * light);
-      context.fillStyle = object.shape === "plane" ? "rgba(128,128,128,.15)" : `rgb(${grey},${grey},${grey + 10})`;
+      const grey = Math.round(95 + 120 * light);
+      context.fillStyle = object.shape === "plane" ? "rgba(128,140,150,.18)" : `rgb(${grey - 8},${grey + 4},${grey + 14})`;
       context.fill();
       if (object.shape === "mesh") context.strokeStyle = context.fillStyle; // no gaps between its triangles
     }
@@ -239,28 +329,24 @@ export class Scene {
     context.fill();
   }
 
-  ring(context, point) {
-    context.strokeStyle = colour("soft");
-    context.lineWidth = 2;
-    context.beginPath();
-    context.arc(...this.project(point), 12, 0, 2 * Math.PI);
-    context.stroke();
-  }
-
-  /** The force on the hand: against what resists. */
-  arrow(context, tip, force, stroke, width) {
-    if (!force) return;
-    const end = sub(tip, scaled(pad(force), FORCE));
-    const [x0, y0] = this.project(tip), [x1, y1] = this.project(end);
-    const length = Math.hypot(x1 - x0, y1 - y0);
-    if (length < 2) return;
-    this.line(context, [tip, end], stroke, width);
-    const [ux, uy] = [(x1 - x0) / length, (y1 - y0) / length], head = 3 * width;
+  /** The force on the hand, against what resists, as an arrow with its name. */
+  arrow(context, tip, force, { stroke, width, side, words, isBelow }) {
+    const [x, y] = this.project(tip), [ex, ey] = this.project(sub(tip, pad(force)));
+    const seen = Math.hypot(ex - x, ey - y); // pixels that a force of so many metres would have
+    const full = (seen / this.scale) * (this.size / NEWTONS), length = Math.min(full, LONGEST * this.size), head = 3 * width;
+    if (length < 4) return;
+    const [ux, uy] = [(ex - x) / seen, (ey - y) / seen], [x1, y1] = [x + ux * length, y + side + uy * length];
+    const shaft = Math.max(length - head, 0);
+    context.lineWidth = width;
+    context.setLineDash(full > length ? [10, 6] : []);
+    this.segment(context, [x, y + side], [x + ux * shaft, y + side + uy * shaft], stroke);
+    context.setLineDash([]);
     context.fillStyle = stroke;
     context.beginPath();
-    context.moveTo(x1 + ux * head, y1 + uy * head);
-    context.lineTo(x1 - uy * head * 0.7, y1 + ux * head * 0.7);
-    context.lineTo(x1 + uy * head * 0.7, y1 - ux * head * 0.7);
+    context.moveTo(x1, y1);
+    for (const across of [-1, 1]) context.lineTo(x1 - ux * head + across * uy * head * 0.5, y1 - uy * head - across * ux * head * 0.5);
     context.fill();
+    if (this.axes < 2) this.label(context, words, (x + x1) / 2, y + side + (isBelow ? 22 : -20), stroke);
+    else this.label(context, words, x1 + ux * 50, y1 + uy * 24 + (isBelow ? 20 : -20), stroke);
   }
 }

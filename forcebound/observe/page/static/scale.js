@@ -1,0 +1,43 @@
+// Numbers as people read them: three digits, steps of 1, 2 and 5, ranges of plots. No element of the page is used here.
+
+const LEAST = 1e-9; // below, a number is a rounding error
+
+/** A number with three digits. */
+export function text(value) {
+  if (!Number.isFinite(value)) return "–";
+  return Math.abs(value) < LEAST ? "0" : String(Number(value.toPrecision(3)));
+}
+
+/** An energy in J or mJ. */
+export const joule = (energy) => (Math.abs(energy) < 1 ? `${text(Number((1e3 * energy).toFixed(1)))} mJ` : `${text(energy)} J`);
+
+const round = (rough, factors) => {
+  const power = 10 ** Math.floor(Math.log10(rough));
+  return factors.map((f) => f * power);
+};
+
+/** Where a scale from `low` to `high` has its about `count` ticks. */
+export function ticks(low, high, count) {
+  const rough = (high - low) / count, step = round(rough, [1, 2, 5, 10]).find((s) => s >= rough), found = [];
+  for (let tick = Math.ceil(low / step) * step; tick <= high + step * 1e-9; tick += step) found.push(tick);
+  return found;
+}
+
+/** The scale bar of a scene: a round length that is at most `most` pixels long. */
+export function scaleBar(pixelsPerMetre, most) {
+  const metres = round(most / pixelsPerMetre, [5, 2, 1]).find((length) => length * pixelsPerMetre <= most);
+  return { pixels: metres * pixelsPerMetre, words: `${Number((1e3 * metres).toPrecision(1))} mm` };
+}
+
+/** The range of a plot's columns [{at, low, high}] after the pixel `from`, with 0 and some room; at least `least`. */
+export function rangeOf(columns, from, least) {
+  let low = 0, high = 0;
+  for (const column of columns) {
+    if (column.at <= from) continue;
+    low = Math.min(low, column.low);
+    high = Math.max(high, column.high);
+  }
+  if (high - low < least) high = low + least;
+  const room = 0.08 * (high - low);
+  return [low - (low < 0 ? room : 0), high + room];
+}
