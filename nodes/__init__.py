@@ -37,6 +37,7 @@ class Node(Protocol):
     @property
     def wake_ns(self) -> int | None:
         """When the next step is due even if nothing arrives, in ns; None: only on arrival."""
+        ...
 
     @property
     def needs_packets(self) -> bool:
@@ -53,6 +54,7 @@ class Node(Protocol):
 
         Never raises for anything that a peer sent.
         """
+        ...
 
     def admit(self, packet: Packet, source: str, time_ns: int) -> bool:
         """Return whether a packet that has just arrived at ``time_ns`` may enter its link.

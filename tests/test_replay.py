@@ -190,7 +190,9 @@ class OwnDevice(FakeDevice):
 
 @dataclass(frozen=True, kw_only=True)
 class OwnModel(DeviceModel):
-    axes = 1
+    @property
+    def axes(self) -> int:
+        return 1
 
     def open(self, operator: Operator | None, hold_limit: float) -> Device:
         return OwnDevice()

@@ -36,7 +36,7 @@ def schema(packet: type[Packet], signals: Mapping[str, Meaning] | None = None) -
     """Return the jsonschema of a packet: types, units and meaning of its fields and signals."""
     _, rules = schema_components([packet])
     types, described = field_types(packet), rules[packet.__name__]
-    fields = {
+    fields: dict[str, Any] = {
         name: _plain(field, rules) | _described(field["description"], field["unit"])
         for name, field in ((name, described["properties"][name]) for name in types)
     }
@@ -67,7 +67,9 @@ def _plain(rule: dict[str, Any], rules: dict[str, Any]) -> dict[str, Any]:
     """Return a rule of msgspec's with one type, and what it refers to in its place."""
     rule = rules[rule["$ref"].rpartition("/")[2]] if "$ref" in rule else rule
     rule = rule["anyOf"][0] if "anyOf" in rule else rule  # the other: null
-    found = {"type": "string"} | {key: rule[key] for key in _KEPT if key in rule}  # of an enum
+    found: dict[str, Any] = {"type": "string"} | {
+        key: rule[key] for key in _KEPT if key in rule
+    }  # of an enum
     if "prefixItems" in rule:
         found["items"] = rule["prefixItems"][0]
     if "items" in found:

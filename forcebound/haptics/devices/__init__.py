@@ -45,9 +45,11 @@ class Kinematics(Protocol):
 
     def position(self, angles: Vector) -> Vector:
         """Return the position of the tip, in m, of joint angles in rad."""
+        ...
 
     def torque(self, angles: Vector, force: Vector) -> Vector:
         """Return the joint torques, in N m, of a force at the tip, in N: J(angles)^T force."""
+        ...
 
 
 class Device(Publisher, ABC):

@@ -20,6 +20,7 @@ class Body(Protocol):
 
     def reading(self) -> Vector:
         """Return the readings of the encoders."""
+        ...
 
     def move(self, target: Vector, target_end: Vector, duration: float, commanded: Vector) -> None:
         """Move on for ``duration`` s under a force commanded of the motor, in N (or N m).
@@ -29,9 +30,11 @@ class Body(Protocol):
 
     def truth(self) -> Truth:
         """Return the ground truth."""
+        ...
 
     def kinetic_energy(self) -> float:
         """Return that of the device without the hand's mass, in J."""
+        ...
 
 
 class SimulatedDevice(Device):

@@ -91,7 +91,7 @@ class StatelessEnvironment(EnvironmentModel, Environment):
 
     def open(self, axes: int) -> Environment:
         """Return itself, with nothing published."""
-        self.__dict__.pop("published", None)
+        vars(self).pop("published", None)
         return self
 
 
