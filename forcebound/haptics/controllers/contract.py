@@ -75,9 +75,10 @@ def _drive(controller: Controller, axes: int, states: int, found: Findings) -> I
         if random.random() < 0.7:
             direction = _vector(random, axes, 1.0)
             normal = tuple(entry / math.hypot(*direction) for entry in direction)
-            proxy, normal = (position, normal) if random.random() < 0.5 else (None, None)
+            reports = random.random() < 0.5
+            contact = (position if reports else None, normal if reports else None)
             times = (seq, time_ns, seq, time_ns, seq, time_ns)
-            reply = EnvironmentReply(*times, force, "one", proxy, normal)
+            reply = EnvironmentReply(*times, force, "one", *contact)
             yield call(controller.on_reply, reply, time_ns + 400_000)
 
 
