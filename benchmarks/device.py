@@ -78,10 +78,8 @@ def _late(one: Measured) -> Figure:
 
 @contextmanager
 def _emulator(port: Path) -> Iterator[None]:
-    values = port.with_suffix(".json")
-    values.write_text('{"mechanism": {}, "operator": null}')  # nobody holds it
     command = [sys.executable, "-m", "forcebound", "emulate", "odrive", "--link", str(port)]
-    process = subprocess.Popen([*command, "--values", str(values)], stdout=subprocess.DEVNULL)
+    process = subprocess.Popen([*command, "--no-hand"], stdout=subprocess.DEVNULL)
     try:
         await_port(port)
         yield
