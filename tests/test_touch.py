@@ -51,8 +51,8 @@ def run_of(path: Callable[[float], Sequence[float]], seconds: float = 6.0) -> Te
         proxies.append(position - force / STIFFNESS if depth > 0.0 else np.full(3, math.nan))
         normals.append(normal if depth > 0.0 else np.full(3, math.nan))
     columns = TelemetryColumns.from_packets(packets)
-    told = np.ones(len(packets), dtype=np.bool_)
-    return replace(columns, is_answered=told, proxy=np.array(proxies), normal=np.array(normals))
+    answered = np.ones(len(packets), dtype=np.bool_)
+    return replace(columns, is_answered=answered, proxy=np.array(proxies), normal=np.array(normals))
 
 
 def around(elapsed: float) -> Sequence[float]:
@@ -108,13 +108,13 @@ def test_a_hand_beside_a_sphere_is_in_free_motion_although_behind_the_plane_it_t
 
 def test_a_tick_without_an_answer_has_the_surface_of_the_newest_one_before() -> None:
     columns = run_of(around)
-    told = columns.is_answered.copy()
-    told[1::3] = False
+    answered = columns.is_answered.copy()
+    answered[1::3] = False
     sparse = replace(
         columns,
-        is_answered=told,
-        proxy=np.where(told[:, np.newaxis], columns.proxy, math.nan),
-        normal=np.where(told[:, np.newaxis], columns.normal, math.nan),
+        is_answered=answered,
+        proxy=np.where(answered[:, np.newaxis], columns.proxy, math.nan),
+        normal=np.where(answered[:, np.newaxis], columns.normal, math.nan),
     )
     figures = summary_of(sparse)
     assert figures["displayed_stiffness_n_per_m"] == pytest.approx(STIFFNESS, rel=1e-2)

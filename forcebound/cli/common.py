@@ -160,7 +160,7 @@ def slow_bar(name: str, as_json: bool) -> Iterator[Callable[[int, int], None]]:
 def show(text: str, err: bool = False) -> None:
     """Print a text that may hold names from outside: none of them reaches the terminal as it is.
 
-    What cannot be told on standard error (a full disk) is not worth a result.
+    A failure to write to standard error (a full disk) does not change the exit status.
     """
     with suppress(OSError) if err else nullcontext():
         click.echo(printable(text), err=err)

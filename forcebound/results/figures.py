@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forcebound.results import cells, ticks
+from forcebound.results import samples as need
 from forcebound.results.bounder import Limited, causes_of_little_force
 from forcebound.results.cells import (
     HZ,
@@ -44,32 +45,7 @@ from forcebound.results.contact import (
     steady_window,
 )
 from forcebound.results.energy import since_contact
-from forcebound.results.samples import (
-    ACROSS,
-    ALWAYS,
-    ASKED,
-    AT_REST,
-    BANDWIDTH,
-    BROUGHT,
-    ENGAGED,
-    IMPEDANCE,
-    INWARDS,
-    LEDGER,
-    PROXY,
-    PUSHED,
-    REGAINED,
-    SETTLED,
-    SPECTRUM,
-    STEADY,
-    SURFACE,
-    TOUCHED,
-    TRUTH,
-    VIBRATION,
-    WALL,
-    Needs,
-    Samples,
-    law,
-)
+from forcebound.results.samples import Needs, Samples, law
 from forcebound.results.spectrum import transparency_bandwidth
 from forcebound.results.stiffness import felt_stiffness
 from forcebound.results.surface import Floats
@@ -91,7 +67,7 @@ class Figure:
     label: str
     shown: Unit | Cell | None
     of: Callable[[Samples], Any]
-    needs: Needs = ALWAYS
+    needs: Needs = need.ALWAYS
 
     def cell(self, summary: Summary) -> str:
         """Return what a table shows of a summary; empty: no row."""
@@ -261,16 +237,6 @@ def _minimum(energy: str) -> Callable[[Samples], float | None]:
     return lambda run: _or_none(np.min, getattr(run.run, energy)[run.since])
 
 
-def _longest_write_delay(run: Samples) -> float | None:
-    return None if run.report is None else run.report.longest_write_delay * 1e3
-
-
-def _hold_limits(run: Samples) -> dict[str, float | None]:
-    if run.report is None:
-        return {"mean": None, "longest": None}
-    return {"mean": run.report.hold_limit * 1e3, "longest": run.report.longest_hold_limit * 1e3}
-
-
 def _cap(run: Samples) -> float | None:
     cap = run.device.get("energy_cap", "auto")
     return None if cap == "auto" else cap
@@ -289,14 +255,14 @@ def _little_force(run: Samples) -> list[dict[str, Any]]:
 
 #: Figures that rest on the report of the bounder; a sweep has none of them.
 _OF_THE_BOUNDER = (
-    Figure("hold_limit_ms", "hold limit mean/longest", cells.hold_limit, _hold_limits),
+    Figure("hold_limit_ms", "hold limit mean/longest", cells.hold_limit, ticks.hold_limits),
     Figure(
         "refused_readings", "refused readings", cells.refused, _of("report", "refused_readings")
     ),
     Figure(
         "late_writes", "writes later than stated", cells.late_writes, _of("report", "late_writes")
     ),
-    Figure("longest_write_delay_ms", "", None, _longest_write_delay),
+    Figure("longest_write_delay_ms", "", None, ticks.longest_write_delay),
     Figure(
         "largest_allowance_j",
         "largest allowance used",
@@ -320,89 +286,105 @@ FIGURES: tuple[Figure, ...] = (
         "displayed stiffness",
         N_MM,
         _of_contact(displayed_stiffness),
-        STEADY,
+        need.STEADY,
     ),
-    Figure("stiffness_n_per_m", "", None, _felt, ASKED),
-    Figure("rate_hardness_n_per_m", "rate-hardness", N_MM, _hardness, INWARDS),
+    Figure("stiffness_n_per_m", "", None, _felt, need.ASKED),
+    Figure("rate_hardness_n_per_m", "rate-hardness", N_MM, _hardness, need.INWARDS),
     Figure(
         "extended_rate_hardness_n_per_m",
         "extended rate-hardness",
         N_MM,
         _of_contact(extended_rate_hardness),
-        INWARDS,
+        need.INWARDS,
     ),
-    Figure("transparency_bandwidth_hz", "transparency bandwidth", HZ, _bandwidth, BANDWIDTH),
-    Figure("displayed_impedance", "", None, _impedance, IMPEDANCE),
+    Figure("transparency_bandwidth_hz", "transparency bandwidth", HZ, _bandwidth, need.BANDWIDTH),
+    Figure("displayed_impedance", "", None, _impedance, need.IMPEDANCE),
     Figure("peak_force_n", "peak force", N, _peak_force),
-    Figure("peak_penetration_m", "peak penetration", MM, _deepest, SURFACE),
-    Figure("peak_tangential_force_n", "peak tangential force", N, _across, ACROSS),
-    Figure("tangential_share", "tangential over normal force", WHOLE, _share_across, ACROSS),
-    Figure("peak_proxy_distance_m", "peak proxy distance", MM, _proxy_distance, PROXY),
-    Figure("force_error_rms_n", "force error, RMS", N, _force_error, PUSHED),
-    Figure("wall_error_rms_n", "error to the ideal wall, RMS", N, _wall_error, WALL),
+    Figure("peak_penetration_m", "peak penetration", MM, _deepest, need.SURFACE),
+    Figure("peak_tangential_force_n", "peak tangential force", N, _across, need.ACROSS),
+    Figure("tangential_share", "tangential over normal force", WHOLE, _share_across, need.ACROSS),
+    Figure("peak_proxy_distance_m", "peak proxy distance", MM, _proxy_distance, need.PROXY),
+    Figure("force_error_rms_n", "force error, RMS", N, _force_error, need.PUSHED),
+    Figure("wall_error_rms_n", "error to the ideal wall, RMS", N, _wall_error, need.WALL),
     Figure(
         "vibration_above_threshold_db",
         "vibration above threshold",
         cells.vibration,
         _strongest("above_threshold"),
-        VIBRATION,
+        need.VIBRATION,
     ),
-    Figure("vibration_frequency_hz", "", None, _strongest("frequency"), VIBRATION),
-    Figure("vibration", "", None, _vibration, SPECTRUM),
-    Figure("settling_time_s", "settling time", MS, _of("settling", "time"), SETTLED),
-    Figure("overshoot_share", "overshoot", WHOLE, _of("settling", "overshoot"), SETTLED),
+    Figure("vibration_frequency_hz", "", None, _strongest("frequency"), need.VIBRATION),
+    Figure("vibration", "", None, _vibration, need.SPECTRUM),
+    Figure("settling_time_s", "settling time", MS, _of("settling", "time"), need.SETTLED),
+    Figure("overshoot_share", "overshoot", WHOLE, _of("settling", "overshoot"), need.SETTLED),
     Figure(
         "limit_cycle_amplitude_m",
         "limit-cycle amplitude",
         MM,
         lambda run: limit_cycle_amplitude(run.time, run.path),
-        SURFACE,
+        need.SURFACE,
     ),
-    Figure("contact_bounces", "contact bounces", NUMBER, _bounces, SURFACE),
-    Figure("final_speed_m_per_s", "speed at the end", MM_S, attrgetter("final_speed"), TRUTH),
-    Figure("at_rest", "", None, _at_rest, TRUTH),
-    Figure("penetration_at_rest_m", "penetration at rest", MM, _resting_depth, AT_REST),
+    Figure("contact_bounces", "contact bounces", NUMBER, _bounces, need.SURFACE),
+    Figure("final_speed_m_per_s", "speed at the end", MM_S, attrgetter("final_speed"), need.TRUTH),
+    Figure("at_rest", "", None, _at_rest, need.TRUTH),
+    Figure("penetration_at_rest_m", "penetration at rest", MM, _resting_depth, need.AT_REST),
     Figure(
-        "true_energy_min_j", "minimum energy (ground truth)", MJ, _minimum("true_energy"), TRUTH
+        "true_energy_min_j",
+        "minimum energy (ground truth)",
+        MJ,
+        _minimum("true_energy"),
+        need.TRUTH,
     ),
-    Figure("energy_left_j", "", None, _energy_left, TOUCHED),
-    Figure("largest_energy_fall_j", "largest fall of energy", MJ, _of("fall", "energy"), TRUTH),
+    Figure("energy_left_j", "", None, _energy_left, need.TOUCHED),
     Figure(
-        "energy_regain_time_s", "time to regain it", MS, _of("fall", "time_to_regain"), REGAINED
+        "largest_energy_fall_j", "largest fall of energy", MJ, _of("fall", "energy"), need.TRUTH
     ),
     Figure(
-        "energy_since_contact_min_j", "minimum energy since contact", MJ, _since_contact, BROUGHT
+        "energy_regain_time_s",
+        "time to regain it",
+        MS,
+        _of("fall", "time_to_regain"),
+        need.REGAINED,
+    ),
+    Figure(
+        "energy_since_contact_min_j",
+        "minimum energy since contact",
+        MJ,
+        _since_contact,
+        need.BROUGHT,
     ),
     Figure(
         "observed_energy_min_j",
         "minimum energy (motor alone)",
         MJ,
         _of("observed", "energy_min"),
-        ENGAGED,
+        need.ENGAGED,
     ),
     Figure(
         "observed_power_min_w",
         "minimum power (motor alone)",
         W,
         _of("observed", "power_min"),
-        ENGAGED,
+        need.ENGAGED,
     ),
     Figure(
         "observed_deficit_share",
         "time in deficit (motor alone)",
         PERCENT,
         _of("observed", "deficit_share"),
-        ENGAGED,
+        need.ENGAGED,
     ),
     Figure(
         "estimated_energy_min_j",
         "minimum energy (estimated)",
         MJ,
         _minimum("estimated_energy"),
-        LEDGER,
+        need.LEDGER,
     ),
-    Figure("ledger_deficit_share", "time in deficit (ledger)", PERCENT, _ledger_deficit, LEDGER),
-    Figure("bounder_active_share", "bounder active", PERCENT, _bounded, PUSHED),
+    Figure(
+        "ledger_deficit_share", "time in deficit (ledger)", PERCENT, _ledger_deficit, need.LEDGER
+    ),
+    Figure("bounder_active_share", "bounder active", PERCENT, _bounded, need.PUSHED),
     Figure("answered_share", "ticks answered", PERCENT, ticks.answered),
     Figure("same_tick_share", "answered in the same tick", PERCENT, ticks.same_tick_share),
     Figure("loop_delay_ms", "loop delay p50/p99/max", cells.loop_delay, _delays("loop_delay")),

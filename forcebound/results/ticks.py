@@ -88,3 +88,15 @@ def links(run: Samples) -> dict[str, dict[str, int]]:
 def _count(text: str) -> int:
     """The count in an event's data; 0 for what is none, in a recording from elsewhere."""
     return int(text) if text.isdecimal() else 0
+
+
+def hold_limits(run: Samples) -> dict[str, float | None]:
+    """Return the mean and the longest hold limit, in ms, as the bounder reported them."""
+    if run.report is None:
+        return {"mean": None, "longest": None}
+    return {"mean": run.report.hold_limit * 1e3, "longest": run.report.longest_hold_limit * 1e3}
+
+
+def longest_write_delay(run: Samples) -> float | None:
+    """Return the longest time from a reading to its force, in ms."""
+    return None if run.report is None else run.report.longest_write_delay * 1e3

@@ -89,7 +89,9 @@ def _stiffness(s: Summary, document: Mapping[str, Any]) -> str:
     if stiffness["felt"] > stiffness["asked"]:
         return f"{words}."
     if stiffness["shares"] is None:
-        return f"{words}; what took the rest cannot be told apart, since late answers also add."
+        return (
+            f"{words}; what took the rest cannot be separated, since late answers also add force."
+        )
     percent = {name: round(100.0 * share) for name, share in stiffness["shares"].items()}
     largest = next(iter(percent))
     percent[largest] += 100 - sum(percent.values())

@@ -52,7 +52,7 @@ class Interval:
 FIELDS = record_type(Interval)
 COLUMNS = FIELDS.itemsize // 8
 #: Columns of a row of genes by field.
-PLACES = {name: FIELDS.fields[name][1] // 8 for name in FIELDS.names}  # type: ignore[index, union-attr]
+PLACES = {name: place // 8 for name, (_, place, *_) in (FIELDS.fields or {}).items()}
 VECTORS = ("micro", "speed", "misread", "command")
 
 # How the encoder errs, always by at most r.

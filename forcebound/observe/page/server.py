@@ -345,21 +345,21 @@ class _Page(_Handler, tornado.websocket.WebSocketHandler):
 
     def on_message(self, message: str | bytes) -> None:
         try:
-            wanted = json.loads(message)
-            do = wanted["do"]
+            request = json.loads(message)
+            do = request["do"]
         except (ValueError, TypeError, KeyError, RecursionError):
             return
         graph = self.server.graph
         if not self._may_change:
-            self._answer(wanted, "this page may only look")
+            self._answer(request, "this page may only look")
         elif graph is None:
-            self._answer(wanted, "no graph runs")
+            self._answer(request, "no graph runs")
         elif do == "point":
-            error = graph.pointer.point(wanted.get("target"), (self, wanted.get("stamp")))
+            error = graph.pointer.point(request.get("target"), (self, request.get("stamp")))
             if error is not None:
-                self._answer(wanted, error)
+                self._answer(request, error)
         else:
-            self.server.workers.submit(self._act, graph.controls, wanted)
+            self.server.workers.submit(self._act, graph.controls, request)
 
     def on_close(self) -> None:
         self.server.pages.discard(self)
@@ -378,12 +378,12 @@ class _Page(_Handler, tornado.websocket.WebSocketHandler):
         else:
             sent.add_done_callback(asyncio.Future.exception)  # it closed just now: no news
 
-    def _act(self, controls: Controls, wanted: Message) -> None:
+    def _act(self, controls: Controls, request: Message) -> None:
         """Do what the page wants; in the thread of changes."""
         server = self.server
-        server.later(self._answer, wanted, controls.act(wanted))
+        server.later(self._answer, request, controls.act(request))
         server.later(server.tell, controls.recording.describe())
         server.tell_parameters(controls)
 
-    def _answer(self, wanted: Message, error: str | None) -> None:
-        self.tell(json.dumps({"type": "answer", "id": wanted.get("id"), "error": error}))
+    def _answer(self, request: Message, error: str | None) -> None:
+        self.tell(json.dumps({"type": "answer", "id": request.get("id"), "error": error}))

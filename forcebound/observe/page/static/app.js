@@ -37,8 +37,8 @@ const scene = new Scene($("scene"), (target, at) => send({ do: "point", target, 
 const controls = new Controls(send);
 const figures = new Figures($("figures"));
 const state = new State();
-const { delay, ...beneath } = PLOTS;
-export const plots = Object.values(beneath).map((spec) => new Plot($("plots"), shown, spec));
+const { delay, ...others } = PLOTS;
+export const plots = Object.values(others).map((spec) => new Plot($("plots"), shown, spec));
 const delays = new Plot($("delays"), shown, delay); // behind the fold of the network
 const others = plots.length; // after them: plots of the graph's signals
 

@@ -20,7 +20,7 @@ export function listen(scene) {
   });
   const moved = (event) => {
     const before = down.get(event.pointerId);
-    if (!canvas.hasPointerCapture(event.pointerId)) down.delete(event.pointerId); // its loss is told late, or never
+    if (!canvas.hasPointerCapture(event.pointerId)) down.delete(event.pointerId); // the event of its loss comes late, or never
     else if (before && (before[0] !== event.clientX || before[1] !== event.clientY)) move(event, before);
   };
   const move = (event, before) => {
