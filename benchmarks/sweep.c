@@ -31,7 +31,7 @@ static inline double quantise(double x, double resolution)
     return resolution <= 0.0 ? x : floor(x / resolution + 0.5) * resolution;
 }
 
-/* devices/extended.py, with rigid friction */
+/* devices/plant.py, with rigid friction */
 static inline void move(struct body *b, const struct rig *p, int64_t time_ns, double end,
                         double force)
 {

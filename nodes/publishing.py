@@ -59,7 +59,7 @@ class Signals:
             if self._left and is_text and _is_kind(event):
                 self._left -= 1
                 words, data = printable(message or event), {PUBLISHED: "true"}
-                sent.append(self._log.emit(time_ns, event, words, data, is_fault=bool(is_fault)))
+                sent.append(self._log.emit(time_ns, event, words, data, is_fault=is_fault is True))
             else:
                 self._reject("event")
         waiting.clear()
@@ -75,7 +75,7 @@ class Signals:
                 self._is_reported = True
                 known = ", ".join(sorted(self._names)) or "none"
                 words = f"signal {name!r}: expected a number, under a name of: {known}"
-                self.part.event("signal_refused", words, is_fault=True)
+                self.part.published.events.append(("signal_refused", words, True))
 
 
 def _is_number(value: float) -> bool:

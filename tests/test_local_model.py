@@ -120,6 +120,14 @@ def test_free_answers_far_behind_the_surface_or_for_long_end_it(depth: float, ti
     assert estimator.plane.stiffness == before.stiffness  # it is remembered
 
 
+def test_single_free_answers_with_free_motion_between_them_leave_the_surface() -> None:
+    estimator, before = touched()
+    for tick in (5, 500):
+        estimator.take(Asked((0.0101,), (0.0,), tick * MS), (0.0,))
+        estimator.take(Asked((0.005,), (0.0,), (tick + 1) * MS), (0.0,))
+    assert estimator.plane == before.at(0.0101)
+
+
 def test_two_samples_that_contradict_the_estimate_begin_another_one() -> None:
     spring = SpringDamper(0.9)
     for depth in (1e-3, 2e-3, 3e-3):

@@ -24,11 +24,12 @@ from forcebound.haptics.environments.membrane import Membrane
 from forcebound.haptics.environments.walls import Wall
 from forcebound.haptics.parts.signals import Signal
 from forcebound.messages.codec import encode
-from forcebound.messages.events import LAW_CHANGED, PUBLISHED
+from forcebound.messages.events import LAW_CHANGED, PUBLISHED, EventLog
 from forcebound.messages.packets import EnvironmentReply, Event, ForceCommand, Vector
 from forcebound.network.impairment import Impairment
 from forcebound.nodes.controller import ControllerNode
 from forcebound.nodes.environment import EnvironmentNode
+from forcebound.nodes.publishing import Signals
 from forcebound.observe.page.feed import Feed
 from forcebound.recordings.recording import Recorder, read
 from forcebound.recordings.schema import declared_signals
@@ -164,7 +165,14 @@ def test_a_controller_and_a_device_publish_with_their_packets(tmp_path: Path) ->
 
 def test_a_guarded_device_publishes() -> None:
     device = PhantomPremium15().open(None, 1e-3)
-    assert guarded(device).published is device.published
+    rejected: list[str] = []
+    published = Signals(guarded(device), (Signal("one"),), EventLog("device"), rejected.append)
+    device.signal("one", 1.0)
+    assert published.numbers() == {"one": 1.0}
+    device.signal("two", 1.0)
+    assert published.numbers() == {"one": 1.0}
+    assert rejected == ["signal"]
+    assert [event.event for event in published.events(0)] == ["signal_refused"]
 
 
 @pytest.mark.parametrize("mark", [pytest.param(None, marks=PROCESSES_OF_THEIR_OWN)])

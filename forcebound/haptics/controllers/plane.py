@@ -163,7 +163,10 @@ class PlaneEstimator:
     def _take_free(self, asked: Asked) -> None:
         self._free, self._first = asked, None
         plane, touched = self.plane, self._touched
-        if plane is None or touched is None or touched.depth(asked.position) <= 0.0:
+        if plane is None or touched is None:
+            return
+        if touched.depth(asked.position) <= 0.0:
+            self._missing_ns = None
             return
         if self._missing_ns is None:
             self._missing_ns = asked.time_ns

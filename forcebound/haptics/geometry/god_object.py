@@ -1,8 +1,8 @@
 """The proxy of a hand on a triangle mesh: a god-object that stays outside.
 
 The proxy is the centre of a ball so small that nobody feels it: its *clearance*, 1e-7 of the mesh.
-It moves in straight lines, each of which is tested against the whole mesh, so speed does not help
-to get through, nor does a plate without thickness. Towards a goal:
+It moves in straight lines, each of which is tested against the whole mesh, so within
+10 m of it speed does not help to get through, nor does a plate without thickness. Towards a goal:
 
 1. Move until the ball touches a triangle (:func:`first_contact`). Add the plane between the two to
    the planes of this sweep: that of the triangle, or across an edge or a corner.
@@ -55,7 +55,9 @@ SWEEPS = 64  # of a question at most; what is left is done in the next
 SHADED = 0.94  # cosine of 20 degrees, half of a crease: the proxy lies on one smooth face
 IDLE = 2  # sweeps that bring nothing before it is enough: where many planes meet, each finds others
 STILL = 1e-3  # of the clearance: a shorter move is none
-AWAY = (0.5419, 0.6127, 0.5753)  # a direction that no edge of a mesh is likely to have
+# Directions that no edge of a mesh is likely to have. A ray that meets an edge or a corner may slip
+# between its triangles by rounding; two do not at the same point.
+AWAY = ((0.5419, 0.6127, 0.5753), (-0.7213, 0.2971, 0.6257), (0.1409, -0.8377, 0.5277))
 
 
 class MeshSolid:
@@ -112,15 +114,20 @@ class MeshSolid:
         return smooth if side > SHADED else normal
 
     def _is_inside(self, point: Vector3) -> bool:
-        """Whether a straight way out leaves the first triangle that it meets from behind."""
+        """Whether two of three straight ways lead out of the solid."""
         if not self._is_closed:
             return False
+        first, second = (self._leads_out(point, away) for away in AWAY[:2])
+        return first if first == second else self._leads_out(point, AWAY[2])
+
+    def _leads_out(self, point: Vector3, away: Vector3) -> bool:
+        """Whether a straight way leaves the first triangle that it meets from behind."""
         reach = math.dist(point, self.tree.lowest) + self.tree.size
-        index, _ = self.tree.first_contact(point, along(point, AWAY, reach))
+        index, _ = self.tree.first_contact(point, along(point, away, reach))
         if index < 0:
             return False
         a, b, c = (corner(self.tree.data.triangles, index, k) for k in range(3))
-        return dot(cross(sub(b, a), sub(c, a)), AWAY) > 0.0
+        return dot(cross(sub(b, a), sub(c, a)), away) > 0.0
 
 
 def barycentric(point: Vector3, a: Vector3, b: Vector3, c: Vector3) -> Any:

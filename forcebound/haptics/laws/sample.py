@@ -23,8 +23,7 @@ Floats: TypeAlias = "NDArray[np.float64]"
 #: Joules. An energy is negative if it is below minus this: rounding of sums that reach some 10 J.
 ENERGY_TOLERANCE = 1e-9
 
-#: Samples after which the younger of two anchors takes the place of the older. With eight,
-#: two anchors gain 97 % of what 64 would, in displayed stiffness (``docs/theory.md``, section 3).
+#: Samples after which the younger of two anchors takes the place of the older.
 ANCHOR_SAMPLES = 8
 
 
