@@ -57,8 +57,8 @@ def in_unit(value: float, unit: str, digits: int = 15) -> str:
         size = _unit(unit)[0] if unit else Decimal(1)
     except KeyError:
         unit, size = "", Decimal(1)
-    number = float(Decimal(repr(value)) / size) if math.isfinite(value) else value
-    text = f"{number:.{digits}g}"
+    number = float(Decimal(repr(value)) / size) + 0.0 if math.isfinite(value) else value
+    text = f"{float(f'{number:.{digits}g}'):.15g}"
     if digits == 15 and float(text) != number:
         text = repr(number)
     return f"{text} {unit}".rstrip()

@@ -84,7 +84,8 @@ STATE = """(() => {
   for (let i = 0; i <= 60; i += 1) {
     const time = 1 + i / 30, x = 0.012 + swing * Math.sin(20 * time);
     state.take({ time: [time], position: [[x]], commanded: [[20]], applied: [[applied]],
-      energy: [null], true_energy: [fall * (time - 1)], misses: Math.round(lost * 1e3 * time),
+      energy: [fall * (time - 1)], true_energy: [isTrue ? fall * (time - 1) : null],
+      misses: Math.round(lost * 1e3 * time),
       delay: [delay], engagement, since: 1, limit: [8.5] });
   }
   const { kind, head } = state.words("wall");
@@ -92,7 +93,7 @@ STATE = """(() => {
 })()"""
 HEALTHY = {
     "law": "certified", "swing": 0.0, "applied": 20.0, "fall": 0.01, "lost": 0.0, "delay": 1e-3,
-    "engagement": 1.0,
+    "engagement": 1.0, "isTrue": True,
 }  # fmt: skip
 
 
@@ -110,6 +111,8 @@ HEALTHY = {
         ({"applied": 5.0}, "passive", ""),
         ({"delay": None}, "off", ""),
         ({"engagement": 0.4}, "off", ""),
+        ({"isTrue": False}, "passive", ""),
+        ({"isTrue": False, "fall": -0.01}, "off", "20 mJ"),  # of the motor
     ],
 )
 def test_the_state_in_words(tmp_path: Path, change: dict[str, Any], kind: str, energy: str) -> None:

@@ -17,7 +17,7 @@ def test_each_step_of_a_start_is_told() -> None:
         lifecycle.advance(1, Reported(node, ()))
     assert doing(lifecycle, 4.0) == "starting device, 4 s (a first start compiles)"
     lifecycle.advance(2, Reported("device", ("force_command",)))
-    assert doing(lifecycle, 5.0) == "waiting: device has received nothing on force_command, 5 s"
+    assert doing(lifecycle, 5.0) == "waiting, 5 s: device has received nothing on force_command"
     lifecycle.advance(3, Reported("device", ()))
     assert doing(lifecycle, 5.1) == "all ready: the force engages"
     lifecycle.advance(4, Engaged("device"))

@@ -240,6 +240,24 @@ def test_a_flood_of_requests_does_not_hold_a_turn(
     assert turns >= 500 // SERVE_LIMIT
 
 
+def test_a_slow_process_is_heard_however_often_it_is_polled(
+    network: Network, run_dir: Path
+) -> None:
+    server = network.control_server(f"ipc://{run_dir}/control", (GetStatus,))
+    client = network.control_client(f"ipc://{run_dir}/control")
+
+    def has_asked() -> bool:
+        client.poll(GetStatus())
+        return server.pending()
+
+    until(has_asked, "the request")
+    for _ in range(2 * SERVE_LIMIT):
+        client.poll(GetStatus())
+    server.serve(lambda request: Accepted())
+    until(client.pending, "the answer")
+    assert client.answer() == Accepted()
+
+
 def test_a_request_may_follow_one_without_an_answer(network: Network, run_dir: Path) -> None:
     server = network.control_server(f"ipc://{run_dir}/control", (GetStatus, StopNode))
     client = network.control_client(f"ipc://{run_dir}/control")

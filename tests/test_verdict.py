@@ -93,6 +93,18 @@ def test_without_ground_truth_it_says_what_is_known(
     assert words in line
 
 
+def test_a_wall_without_stiffness_has_a_verdict(tmp_path: Path) -> None:
+    summary = result_of(tmp_path, "arguments: {stiffness: 0 N/mm}").summary
+    assert summary["stiffness_n_per_m"] is None
+    assert summary["verdict"][0].startswith("Passive")
+
+
+@pytest.mark.parametrize(("name", "stiffness"), [("push_mass", "2"), ("touch_sphere", "1")])
+def test_the_stiffness_felt_is_in_the_unit_of_the_file(name: str, stiffness: str) -> None:
+    lines = run_virtual(load(name), 1.0).summary["verdict"]
+    assert any(f"{stiffness} N/mm of {stiffness} N/mm" in line for line in lines)
+
+
 def test_what_failed_is_named(tmp_path: Path) -> None:
     lossy = "links: {environment_reply: {loss: 30 %}}"
     summary = result_of(tmp_path, lossy, LATE).summary

@@ -1,5 +1,7 @@
 """Requests to a process and their answers, of :mod:`forcebound.messages.control`, as msgpack."""
 
+import math
+import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import reduce
@@ -14,6 +16,7 @@ from zmq.backend import Socket as _CompiledSocket
 from forcebound.messages.control import Answer, Refused, Request
 
 _EVENTS, _POLLIN, _POLLOUT = int(zmq.EVENTS), int(zmq.POLLIN), int(zmq.POLLOUT)
+OVERDUE = 1.0  # s without an answer, after which a request is sent again: its process has restarted
 SERVE_LIMIT = 4  # requests answered at once; a node looks 100 times a second
 _MAX_ITEMS = 256  # in a list or map of a request or its answer
 
@@ -54,6 +57,7 @@ class ControlClient:
 
     def __init__(self, socket: "zmq.Socket[bytes]") -> None:
         self._socket = socket
+        self._asked = -math.inf  # s, monotonic: when the request was sent that waits for its answer
         self.descriptor = int(socket.FD)
 
     def pending(self) -> bool:
@@ -66,14 +70,25 @@ class ControlClient:
             return False
         with suppress(zmq.Again):
             self._socket.send(_encode(request), zmq.DONTWAIT)
+            self._asked = time.monotonic()
             return True
         return False
+
+    def poll(self, request: Request) -> None:
+        """Send a request, unless one waits for its answer.
+
+        A request that is replaced loses its answer. So a process that is slow, and is asked more
+        often than it looks, would never be heard.
+        """
+        if time.monotonic() - self._asked > OVERDUE:
+            self.ask(request)
 
     def answer(self) -> Answer | None:
         """Return the answer to the last request, or None while it has not come."""
         data = _receive(self._socket) if self.pending() else None
         if data is None:
             return None
+        self._asked = -math.inf
         try:
             answer: Answer = _decode(data, Answer)
         except ValueError as error:

@@ -97,9 +97,8 @@ class Impairment:
         jitter: Scale of the deviation from ``delay``, in s, at least 0. May exceed ``delay``: a
             packet that would be through before it arrives is through when it arrives.
         loss: Probability of a packet being lost, 0 to 1.
-        distribution: Of the deviation; see the head of this module.
-        trace: File of recorded delays, instead of ``delay`` and ``jitter``; who builds the link
-            reads it (:class:`forcebound.network.trace.DelayTrace`).
+        distribution: Of the deviation; docs/impairments.md has the shapes.
+        trace: File of recorded delays, instead of ``delay`` and ``jitter``.
         trace_hop: Where a recording that ``trace`` names has these delays: on one link, or all
             around the loop.
         correlation: Of a delay with the one before, 0 to 1.

@@ -36,21 +36,26 @@ def curves_of(recording: Recording) -> list[Curve]:
     kinds = (DeviceState, EnvironmentReply, ForceCommand)
     if not declared and "remote" not in recording.launch:
         return []
-    curves = []
-    for kind in kinds:
-        topic, times = TOPIC_OF[kind], array("q")
-        found: dict[str, array[float]] = {name: array("d") for name in declared.get(topic, {})}
-        for packet in recording.stream(topic):
-            assert isinstance(packet, kinds)
-            signals = packet.signals or {}
-            for name in signals:  # of a program of another language, perhaps
-                found.setdefault(name, array("d", [nan]) * len(times))
-            times.append(
-                packet.time_ns if isinstance(packet, DeviceState) else packet.device_time_ns
-            )
-            for name, values in found.items():
-                values.append(signals.get(name, nan))
-        for name, values in found.items():
-            about = declared.get(topic, {}).get(name, Meaning(name, ""))
-            curves.append(Curve(about, np.array(times), np.array(values)))
-    return curves
+    topics = [TOPIC_OF[kind] for kind in kinds]
+    times = {topic: array("q") for topic in topics}
+    found: dict[str, dict[str, array[float]]] = {
+        topic: {name: array("d") for name in declared.get(topic, {})} for topic in topics
+    }
+    for packet in recording.stream(*topics):
+        assert isinstance(packet, kinds)
+        topic, signals = TOPIC_OF[type(packet)], packet.signals or {}
+        for name in signals:  # of a program of another language, perhaps
+            found[topic].setdefault(name, array("d", [nan]) * len(times[topic]))
+        time_ns = packet.time_ns if isinstance(packet, DeviceState) else packet.device_time_ns
+        times[topic].append(time_ns)
+        for name, values in found[topic].items():
+            values.append(signals.get(name, nan))
+    return [
+        Curve(
+            declared.get(topic, {}).get(name, Meaning(name, "")),
+            np.array(times[topic]),
+            np.array(values),
+        )
+        for topic in topics
+        for name, values in found[topic].items()
+    ]

@@ -47,7 +47,7 @@ def felt_stiffness(run: Samples) -> Stiffness | None:
     """Return what a run's hand felt of the stiffness; None without contact in the window."""
     surface, columns = run.surface, run.columns
     assert surface.stiffness is not None
-    chosen = run.contact & steady_window(run.time) & np.isfinite(surface.stiffness)
+    chosen = run.contact & steady_window(run.time) & (surface.stiffness > 0.0)
     if not chosen.any():
         return None
     commanded, saturated = surface.along(columns.commanded_force), surface.along(run.saturated)

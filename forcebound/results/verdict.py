@@ -46,7 +46,7 @@ def _passivity(s: Summary) -> str:
         return _passivity_without_truth(s)
     if lowest < -ENERGY_TOLERANCE:
         return f"Not passive: the hand received up to {energy(-lowest)} that it had not put in."
-    least = f"; at the closest, {energy(left)} were left" if left else ""
+    least = f"; at the closest, {energy(left)} were left" if left is not None and left > 0.0 else ""
     return f"Passive: the hand never received energy that it had not put in{least}."
 
 
@@ -75,7 +75,7 @@ def _rest(s: Summary, document: Mapping[str, Any]) -> str:
         depth = s["penetration_at_rest_m"]
         return "At rest at the end" + (f", {MM.show(depth)} deep." if depth else ".")
     words = f"Not at rest: it moves at {float(f'{1e3 * speed:.3g}'):g} mm/s at the end"
-    words += f", and turned round {turns} times after first contact." if turns else "."
+    words += f", and turned round {_times(turns)} after first contact." if turns else "."
     hand = (document.get("operator") or {}).get("kind", STAYS)
     return words if hand == STAYS else f"{words} (A hand of kind {hand} may do that by itself.)"
 
@@ -95,7 +95,7 @@ def _stiffness(s: Summary, document: Mapping[str, Any]) -> str:
     percent = {name: round(100.0 * share) for name, share in stiffness["shares"].items()}
     largest = next(iter(percent))
     percent[largest] += 100 - sum(percent.values())
-    taken = ", ".join(f"{name} {share} %" for name, share in percent.items() if share)
+    taken = ", ".join(f"{name} {share}%" for name, share in percent.items() if share)
     return f"{words}; the rest was taken by: {taken}."
 
 
@@ -107,7 +107,7 @@ def _felt(s: Summary, document: Mapping[str, Any]) -> str:
         return f"Stiffness felt: {felt} of {asked}"
     if mean is not None:
         return f"Stiffness felt: {in_unit(mean, unit, 3)}; the environment has no constant one"
-    return f"Stiffness felt: none, {s['undefined']['displayed_stiffness_n_per_m']}"
+    return f"Stiffness felt: not known, {s['undefined']['displayed_stiffness_n_per_m']}"
 
 
 def _reason(s: Summary) -> str:
@@ -117,6 +117,10 @@ def _reason(s: Summary) -> str:
     partly = "" if cause["cause"] in WHOLE else ", in part (a recording cannot tell how much)"
     others = f" ({more} more: --all)" if more else ""
     return f"Why the law gave little{partly}: {cause['advice']}.{others}"
+
+
+def _times(count: int) -> str:
+    return "once" if count == 1 else f"{count} times"
 
 
 def _failures(s: Summary) -> Iterator[str]:

@@ -52,7 +52,7 @@ def doing(lifecycle: Lifecycle, seconds: float) -> str:
         if lifecycle.silent:
             return f"starting {', '.join(lifecycle.silent)}, {seconds:.0f} s{why}"
         waiting = "; ".join(map(lifecycle.missing, lifecycle.not_ready))
-        return f"waiting: {waiting}, {seconds:.0f} s"
+        return f"waiting, {seconds:.0f} s: {waiting}"
     return {
         Phase.ENGAGING: "all ready: the force engages",
         Phase.STOPPING: "stopping: zero force, then the processes",

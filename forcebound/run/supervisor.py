@@ -201,9 +201,9 @@ class Supervisor:
         engaging = lifecycle.engaging
         returning = lifecycle.returning.difference(engaging)
         for name in dict.fromkeys([*names, *returning, *self._awaited(lifecycle)]):
-            self._clients[name].ask(control.GetStatus())
+            self._clients[name].poll(control.GetStatus())
         for name in engaging:
-            self._clients[name].ask(control.Engage())
+            self._clients[name].poll(control.Engage())
 
     def _awaited(self, lifecycle: Lifecycle) -> list[str]:
         """Restarted nodes that have not answered yet."""

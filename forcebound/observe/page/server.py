@@ -6,6 +6,7 @@ import mimetypes
 import signal
 import socket
 import time
+from collections import deque
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
@@ -37,6 +38,7 @@ CLOSE_TIMEOUT_S = 1.0  # s that pages have to close
 MOST_PAGES = 32
 MOST_CONNECTIONS = 64  # besides those of pages; a page needs a few while it loads
 MOST_REQUEST = 16_000  # B, of the head of a request; no route takes a body
+MOST_EVENTS = 50  # that a page which comes later gets
 IDLE = 10.0  # s that a connection may wait with its next request
 MOST_MESSAGE = 64_000  # B, of a message from a page
 MOST_WAITING = 2_000_000  # B that a page may leave unread before it misses frames
@@ -136,7 +138,9 @@ class Server:
                 page.tell(text)
 
     def _note(self, message: Message) -> None:
-        """Send the parameters to the pages again when some have changed, from wherever."""
+        """Keep an event; send the parameters to the pages again when some have changed."""
+        if message["type"] == "event" and self.graph:
+            self.graph.events.append(message)
         if message.get("event") in (LAW_CHANGED, PARAMETERS_SET) and self.graph:
             self.workers.submit(self.tell_parameters, self.graph.controls)
 
@@ -190,6 +194,7 @@ class _Graph:
         self.feed = Feed(run_dir, controls.energy_before)  # first: the graph may have ended
         self.pointer = Pointer(run_dir, taken)
         self.pace = Pace(controls.period)
+        self.events: deque[Message] = deque(maxlen=MOST_EVENTS)  # for pages that come later
 
     def describe(self) -> list[Message]:
         """Return what a page needs to know before its first frame."""
@@ -199,7 +204,7 @@ class _Graph:
             for name, about in self.feed.signals.items()
         ]
         hello = {**controls.describe(), "graph": self._shown_since, "signals": signals}
-        return [hello, controls.parameters(), *([scene] if scene else [])]
+        return [hello, controls.parameters(), *([scene] if scene else []), *self.events]
 
     def look(self, now: float) -> list[Message]:
         """Return the messages to the pages about what has come since the last look."""

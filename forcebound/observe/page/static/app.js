@@ -37,8 +37,8 @@ const scene = new Scene($("scene"), (target, at) => send({ do: "point", target, 
 const controls = new Controls(send);
 const figures = new Figures($("figures"));
 const state = new State();
-const { delay, ...others } = PLOTS;
-export const plots = Object.values(others).map((spec) => new Plot($("plots"), shown, spec));
+const { delay, ...main } = PLOTS;
+export const plots = Object.values(main).map((spec) => new Plot($("plots"), shown, spec));
 const delays = new Plot($("delays"), shown, delay); // behind the fold of the network
 const others = plots.length; // after them: plots of the graph's signals
 
@@ -60,6 +60,7 @@ const takes = {
     plots.push(...signalPlots($("plots"), shown, message.signals));
     $("hint").replaceChildren(Object.assign(document.createElement("span"), { id: "about", textContent: `${message.description} ` }), hintOf(message));
     controls.describe(message);
+    $("events").replaceChildren(); // those so far follow
   },
   frame(message) {
     heard = performance.now();

@@ -142,8 +142,11 @@ export class Plot {
       { line, words: `${line.label} ${text(samples.values.get(line.name)[index % samples.capacity] * this.scale)}` }));
   }
 
+  /** Title and unit. */
+  get name() { return this.unit ? `${this.title}, ${this.unit}` : this.title; }
+
   /** The same in words, for those who do not see it. */
-  get said() { return `${this.title}, ${this.unit}: ${this.readings.map(({ words }) => words).join(", ")}`; }
+  get said() { return `${this.name}: ${this.readings.map(({ words }) => words).join(", ")}`; }
 
   drawKey(context, right) {
     const { cursor, from, to } = this.shown;
@@ -151,16 +154,19 @@ export class Plot {
     context.textAlign = "left";
     context.fillStyle = colour("text");
     context.font = context.font.replace("12px", "600 12px");
-    context.fillText(`${this.title}, ${this.unit}${cursor === null ? "" : ` at ${text(cursor - to)} s`}`, 6, 5);
+    context.fillText(`${this.name}${cursor === null ? "" : ` at ${text(cursor - to)} s`}`, 6, 5);
     const begin = MARGIN.left + context.measureText(this.title).width;
     context.font = context.font.replace(/^\w+ /, "");
     context.textAlign = "right";
     let place = right;
     for (const { line, words } of this.readings.reverse()) {
-      if (place - context.measureText(words).width < begin) break; // no room
+      const wide = (what) => context.measureText(what).width > place - begin - 14;
+      let fits = words;
+      for (let n = line.label.length - 1; n > 2 && wide(fits); n -= 1) fits = words.replace(line.label, `${line.label.slice(0, n)}…`);
+      if (wide(fits)) break; // no room
       context.fillStyle = colour("text");
-      context.fillText(words, place, 5);
-      place -= context.measureText(words).width + 4;
+      context.fillText(fits, place, 5);
+      place -= context.measureText(fits).width + 4;
       context.fillStyle = colour(line.colour);
       context.fillRect(place - 10, line.isArea ? 6 : 9, 10, line.isArea ? 9 : 3);
       place -= 20;
@@ -182,6 +188,6 @@ export function signalPlots(place, shown, signals) {
   return [...new Set(signals.map(({ unit }) => unit))].map((unit) => {
     const lines = signals.filter((each) => each.unit === unit)
       .map(({ name, label }, i) => ({ name, label, colour: COLOURS[i % COLOURS.length] }));
-    return new Plot(place, shown, { title: "Signals", unit: unit || "1", scale: 1, least: 1e-6, lines });
+    return new Plot(place, shown, { title: "Signals", unit: unit === "1" ? "" : unit, scale: 1, least: 1e-6, lines });
   });
 }

@@ -9,7 +9,7 @@ export function text(value) {
 }
 
 /** An energy in J or mJ. */
-export const joule = (energy) => (Math.abs(energy) < 1 ? `${text(Number((1e3 * energy).toFixed(1)))} mJ` : `${text(energy)} J`);
+export const joule = (energy) => (Math.abs(energy) < 0.9995 ? `${text(Number((1e3 * energy).toFixed(1)))} mJ` : `${text(energy)} J`);
 
 const round = (rough, factors) => {
   const power = 10 ** Math.floor(Math.log10(rough));
