@@ -78,6 +78,14 @@ def run(tmp_path: Path, script: str) -> Any:
     return json.loads(subprocess.run(words, capture_output=True, check=True, text=True).stdout)
 
 
+@pytest.mark.skipif(NODE is None, reason="needs node")
+@pytest.mark.parametrize("name", sorted(SCRIPTS))
+def test_a_script_can_be_read(name: str) -> None:
+    words = [str(NODE), "--check", "--input-type=module", "-"]
+    done = subprocess.run(words, input=SCRIPTS[name], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
 STATE = """(() => {
   const state = new State();
   state.law = law;

@@ -120,7 +120,7 @@ function hintOf({ may_change, hand, axes }) {
   if (!may_change) return `This page may only look${axes > 2 ? ": drag to turn" : ""}.`;
   if (hand && matchMedia("(pointer: coarse)").matches) return `Drag to move the hand${axes > 2 ? "; two fingers turn" : ""}.`;
   return hand ? `Drag, or use the arrow keys (1 mm), to move the hand${axes > 2 ? "; Page Up and Down for away and near" : ""}${turn}.`
-    : "Nobody can drag this hand: it is real, or moves by itself. `operator: { kind: pointer }` makes one that can be dragged.";
+    : "Nobody can drag this hand: it is real, or moves by itself. Launch files such as pointer_wall have one that can be dragged.";
 }
 
 /** Show the state of a graph that runs, and its force and energy. */
