@@ -109,13 +109,16 @@ def test_what_failed_is_named(tmp_path: Path) -> None:
     lossy = "links: {environment_reply: {loss: 30 %}}"
     summary = result_of(tmp_path, lossy, LATE).summary
     last = summary["verdict"][-1]
-    assert last.startswith("Failed:")
+    assert last.startswith("Faults:")
     assert "environment_reply" in last
     assert f"{summary['deadline_misses']} ticks missed" in last
     faults = {"faults": {"environment_lost": 2}, "rejected_packets": {"age": 5}}
-    last = verdict({**summary, **faults}, {})[-1]
-    assert "2 environment lost" in last
+    few = {"deadline_misses": 1, "samples": 1, "refused_readings": 1}
+    last = verdict({**summary, **faults, **few}, {})[-1]
+    assert "environment lost 2 times" in last
     assert "5 age" in last
+    assert "1 tick missed" in last
+    assert "1 reading refused" in last
 
 
 @pytest.mark.parametrize(
