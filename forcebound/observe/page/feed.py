@@ -5,6 +5,7 @@ The graph is looked at some thirty times a second; each frame has all samples si
 
 import math
 import time
+from collections import deque
 from collections.abc import Sequence
 from contextlib import suppress
 from itertools import pairwise
@@ -30,6 +31,7 @@ from forcebound.run.run_directory import RunDocument
 #: To or from the pages, as JSON.
 Message: TypeAlias = dict[str, Any]
 
+RECENT = 1000  # samples from which the cause of little force is judged
 SHOWN = ("telemetry", "environment_reply", "scene", "event")
 SAMPLES = {
     "position": "position",
@@ -66,6 +68,7 @@ class Feed:
         self.scene: Message | None = None  # the newest
         self._law = _LawStart(0, energy_before, 0.0)
         self._newest = 0  # ns, of the last sample
+        self.recent: deque[Telemetry] = deque(maxlen=RECENT)
 
     def look(self, keep: int = 1) -> list[Message]:
         """Return the messages to the pages about what has come since the last look.
@@ -87,6 +90,7 @@ class Feed:
                 messages.append(self.scene)
             elif isinstance(packet, Event):
                 messages.append(self._event(packet))
+        self.recent.extend(samples)
         if samples:
             energies = [self._energy_under_law(sample) for sample in samples]
             kept = slice((len(samples) - 1) % keep, None, keep)

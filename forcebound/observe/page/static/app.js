@@ -96,7 +96,11 @@ const takes = {
     while ($("events").children.length > MOST_EVENTS) $("events").lastChild.remove();
   },
   taken({ stamp }) { figures.show("pointer to device and back", `${text(performance.now() - stamp)} ms`); },
-  nodes(message) { controls.nodes(message); },
+  nodes(message) {
+    controls.nodes(message);
+    state.reason = message.reason;
+    $("why").title = message.reason;
+  },
   parameters(message) {
     scene.wall = message.wall;
     state.law = message.values["device.law"];
@@ -128,7 +132,9 @@ function tell(words) {
   say(words, true);
   $("force").textContent = `${text(state.force)} N`;
   $("energy").textContent = joule(state.past.at(-1).energy);
+  const { preparing, present } = controls;
   $("note").textContent = [
+    preparing && preparing !== present ? `Preparing law ${preparing}; until then, law ${present} goes on.` : "",
     scene.isLoading ? "The shape is still loading: the force is real, its picture comes." : "",
     pace > SLOWED ? `Ticks are missed, so this page gives way: ${Math.round(1 / pace)} pictures a second.` : "",
   ].join(" ");

@@ -1,5 +1,7 @@
 // The controls: fields for the parameters, the law, nodes that stop and start, two buttons for visitors.
 
+import { EVERYDAY } from "./scale.js";
+
 const make = (tag, properties = {}, ...children) => {
   const element = Object.assign(document.createElement(tag), properties);
   element.append(...children);
@@ -9,7 +11,7 @@ const make = (tag, properties = {}, ...children) => {
 /** The number of a quantity in SI units, of those that a slider has. */
 const siOf = (text) => parseFloat(text) * ({ "N/mm": 1e3, ms: 1e-3 }[text.split(" ")[1]] ?? 1);
 
-const SHOWN = { s: [1e3, "ms", 10], m: [1e3, "mm", 10], "m/s": [1e3, "mm/s", 10] }; // below so many, in the other unit
+const SMALL = 10; // of a unit; below, the everyday one is shown
 const RECORD = "Record";
 const OF_LINKS = ["delay", "jitter", "loss"];
 const LAW = "device.law";
@@ -22,8 +24,8 @@ const SLOWEST = 20; // ms, of the delay slider
 export function readable(text) {
   const [, number, unit] = /^(-?[\d.]+(?:e[+-]?\d+)?) (\S.*)$/.exec(text) ?? [];
   if (unit === "N/m" && Math.abs(number) >= 1000) return `${Number((number / 1e3).toPrecision(12))} N/mm`;
-  const [factor, shown, most] = SHOWN[unit] ?? [];
-  return factor && Math.abs(number) < most ? `${Number((number * factor).toPrecision(12))} ${shown}` : text;
+  const [factor, shown] = EVERYDAY[unit] ?? [];
+  return factor && Math.abs(number) < SMALL ? `${Number((number * factor).toPrecision(12))} ${shown}` : text;
 }
 
 export class Controls {
@@ -49,8 +51,10 @@ export class Controls {
   /** Ask the server for a change; `element` is busy until the answer is here. */
   ask(request, element, done = () => {}) {
     element.setAttribute("aria-busy", "true");
+    this.preparing = { break: "none", safe: "certified" }[request.do] ?? request.settings?.[LAW] ?? this.preparing;
     this.pending.set(this.send(request), (error) => {
       element.removeAttribute("aria-busy");
+      if (!this.pending.size) this.preparing = undefined;
       document.getElementById("error").textContent = done(error) ? "" : error ?? "";
       this.showLaw();
     });
@@ -170,7 +174,9 @@ export class Controls {
       if (name === LAW) continue; // it is chosen from a list
       if (!this.fields.has(name)) this.addField(name);
       const field = this.fields.get(name);
-      field.value = readable(value);
+      const shown = readable(value);
+      if (shown !== field.value && document.activeElement !== field.input) this.showFault(field, null); // changed elsewhere
+      field.value = shown;
       field.range.textContent = OF_LINKS.includes(name.split(".")[2]) ? ranges[name] : [help[name], ranges[name]].filter(Boolean).join(" ");
       const isOwn = document.activeElement === field.input || field.input.getAttribute("aria-invalid") === "true";
       if (!isOwn) field.input.value = field.value;
