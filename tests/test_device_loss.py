@@ -44,7 +44,7 @@ ADVISED = Announce("device_lost", "device", ADVICE, is_fault=True)
 STARTED = Announce("process_started", "device", "device was restarted")
 
 
-def test_a_lost_device_waits_for_the_word_and_engages_anew() -> None:
+def test_a_lost_device_waits_for_the_word_and_engages_again() -> None:
     lifecycle = running()
     assert lifecycle.advance(499, ResumeDevice()) == []
     assert lifecycle.advance(500, Ended("device", LOST)) == [ADVISED]

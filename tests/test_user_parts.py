@@ -200,7 +200,7 @@ def answer_of(node: EnvironmentNode, position: float, elapsed: float) -> float:
 
 
 @pytest.mark.parametrize("has_change", [True, False])
-def test_a_change_of_parameters_keeps_the_state_or_opens_anew(
+def test_a_change_of_parameters_keeps_the_state_or_opens_again(
     has_change: bool, tmp_path: Path
 ) -> None:
     path = sprung_mass(tmp_path)
