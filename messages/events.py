@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Mapping
-from typing import Final, Literal, TypeAlias, cast, get_args
+from typing import Final, Literal, TypeAlias, cast
 
 from forcebound.messages.packets import MAX_TEXT, Event
 
@@ -63,7 +63,7 @@ class EventLog:
         )
 
     def publish(self, time_ns: int, event: str, message: str, *, is_fault: bool) -> Event:
-        """Return the next event, which a part's own code sends; its kind is not reserved."""
+        """Return the next event, which a part's own code sends; it has no kind of the graph."""
         data = {PUBLISHED: "true"}
         return self.emit(time_ns, cast(Kind, event), message, data, is_fault=is_fault)
 
@@ -72,11 +72,6 @@ class EventLog:
         fates = ", ".join(f"{count} {fate}" for fate, count in counts.items() if count)
         data = {"link": topic, **{fate: str(count) for fate, count in counts.items()}}
         return self.emit(time_ns, LINK_COUNTED, f"{topic}: {fates or 'nothing'}", data)
-
-
-def is_reserved(event: str) -> bool:
-    """Return whether only the graph itself emits events of a kind."""
-    return event in get_args(Kind) or event.startswith(REMOTE)
 
 
 def _bounded(data: Mapping[str, str]) -> dict[str, str]:

@@ -2,12 +2,13 @@
 
 from collections.abc import Callable, Collection, Mapping
 from math import isfinite
+from typing import get_args
 
 from msgspec import UNSET, UnsetType
 
 from forcebound.files import printable
 from forcebound.haptics.parts.signals import Publisher, Signal
-from forcebound.messages.events import EventLog, is_reserved
+from forcebound.messages.events import REMOTE, EventLog, Kind
 from forcebound.messages.packets import MAX_NAME, Event
 
 EVENTS_PER_SECOND = 10  # of one part; further ones are counted
@@ -101,4 +102,5 @@ def _is_number(value: float) -> bool:
 
 
 def _is_kind(event: str) -> bool:
-    return 0 < len(event) <= MAX_NAME and event.isprintable() and not is_reserved(event)
+    is_reserved = event in get_args(Kind) or event.startswith(REMOTE)
+    return 0 < len(event) <= MAX_NAME and event.isprintable() and not is_reserved

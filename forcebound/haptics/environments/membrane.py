@@ -73,12 +73,8 @@ class _Skin(Environment):
         return on_first_axis(load, len(position))
 
     def scene(self) -> tuple[SceneObject, ...]:
-        at = self._model.skin + 0.5 * THICKNESS
-        if self._damage < 1.0:
-            size = (THICKNESS, WIDTH, WIDTH)
-            return (SceneObject("skin", "box", position=(at + self._stretch, 0.0, 0.0), size=size),)
-        size = (THICKNESS, 0.5 * (WIDTH - GAP), WIDTH)
-        return tuple(
-            SceneObject(name, "box", position=(at, 0.25 * side * (WIDTH + GAP), 0.0), size=size)
-            for name, side in (("below", -1.0), ("above", 1.0))
-        )
+        gap, stretch = (0.0, self._stretch) if self._damage < 1.0 else (GAP, 0.0)
+        x, y = self._model.skin + stretch + 0.5 * THICKNESS, 0.25 * (WIDTH + gap)
+        size = (THICKNESS, 0.5 * (WIDTH - gap), WIDTH)
+        halves = {"above": (x, y, 0.0), "below": (x, -y, 0.0)}
+        return tuple(SceneObject(n, "box", position=at, size=size) for n, at in halves.items())

@@ -18,7 +18,7 @@ from forcebound.haptics.environments.fixtures import WithFixtures
 from forcebound.haptics.hands.pointer import PointerHand
 from forcebound.messages.control import Point, Pointed
 from forcebound.messages.packets import Telemetry, Vector
-from forcebound.messages.topology import LINKS, endpoint
+from forcebound.messages.topology import endpoint
 from forcebound.network.sockets import Network
 from forcebound.observe.control import device_status, start_node, stop_node
 from forcebound.observe.formatting import as_written, meanings_of, ranges
@@ -78,7 +78,6 @@ class Controls:
             "description": config.description,
             "axes": facts.axes,
             "laws": takeable_laws(),
-            "links": list(LINKS),
             "period": self.period,
             "hand": _hand(config),
             "workspace": facts.workspace,

@@ -15,7 +15,7 @@ const shown = new Window(samples);
 
 const SILENT = 1000; // ms without a frame: the signal is lost
 const FRAME = 1000 / 30 - 4; // ms between two pictures, at least
-const READABLE = 250; // ms between two wordings of the state
+const READABLE = 250; // ms between two wordings of the state, and values of the figures
 const AGAIN = 1000; // ms until the next attempt to connect
 const MOST_EVENTS = 200;
 const SLOWED = 1 / 29; // s between two frames: from then on the server gives way
@@ -48,7 +48,6 @@ const takes = {
   hello(message) {
     mayChange = message.may_change;
     isOver = false;
-    figures.begin(message.period);
     state.begin(message);
     heard = performance.now();
     $("name").replaceChildren(Object.assign(document.createElement("span"), { textContent: "forcebound: " }), message.name);
@@ -73,7 +72,6 @@ const takes = {
       message.position[i].forEach((x, axis) => { values[`p${axis}`] = x; });
       samples.push(time, values);
     });
-    figures.take(message, heard);
     scene.follow(message.pointer);
     scene.state = { tip: message.tip, proxy: message.proxy, commanded: message.commanded.at(-1), applied: message.applied.at(-1) };
     state.take(message);
@@ -81,6 +79,7 @@ const takes = {
     pace = message.pace;
     if (heard - worded < READABLE) return;
     worded = heard;
+    figures.showAll(message);
     tell(state.words(scene.hasWall ? "wall" : "surface"));
   },
   scene(message) {

@@ -13,7 +13,6 @@ const siOf = (text) => parseFloat(text) * ({ "N/mm": 1e3, ms: 1e-3 }[text.split(
 
 const SMALL = 10; // of a unit; below, the everyday one is shown
 const RECORD = "Record";
-const OF_LINKS = ["delay", "jitter", "loss"];
 const LAW = "device.law";
 const STIFFNESS = "environment.stiffness";
 const DELAYS = ["links.environment_query.delay", "links.environment_reply.delay"];
@@ -71,7 +70,6 @@ export class Controls {
     for (const id of [...this.pending.keys()]) this.answer({ id, error: "no answer: the connection was lost" });
     if (hello.graph === this.graph) return; // connected again: what one has typed or opened stays
     this.graph = hello.graph;
-    this.links = hello.links;
     this.fields.clear();
     this.law.replaceChildren(...hello.laws.map((name) => new Option(name, name)));
     this.rows.clear();
@@ -92,8 +90,7 @@ export class Controls {
       ...this.sliders.map((slider) => slider.row),
       make("div", { className: "field" }, make("label", { htmlFor: "record", textContent: "recording" }), this.record, this.recorded),
     );
-    network.replaceChildren(this.buildLinks(),
-      make("div", { className: "field" }, make("label", { htmlFor: "outage", textContent: "outage" }), outage));
+    network.replaceChildren(make("div", { className: "field" }, make("label", { htmlFor: "outage", textContent: "outage" }), outage));
     environment.replaceChildren();
   }
 
@@ -124,21 +121,6 @@ export class Controls {
     return { row, take };
   }
 
-  buildLinks() {
-    const ranges = new Map(OF_LINKS.map((name) => [name, make("small", { id: `r-${name}` })]));
-    const head = make("tr", {}, make("th", { textContent: "link", scope: "col" }),
-      ...OF_LINKS.map((name) => make("th", { scope: "col" }, name, ranges.get(name))));
-    const cell = (link, name) => {
-      const input = this.input(`links.${link}.${name}`, ranges.get(name));
-      input.setAttribute("aria-label", input.name); // the others have a label
-      return make("td", {}, input);
-    };
-    const rows = this.links.map((link) => make("tr", {}, make("th", { textContent: link.replace("_", " "), scope: "row" }),
-      ...OF_LINKS.map((name) => cell(link, name))));
-    this.faults = make("div");
-    return make("div", { className: "links" }, make("table", {}, head, ...rows), this.faults);
-  }
-
   /** A field for a parameter, whose range `range` will tell. */
   input(name, range) {
     const input = make("input", { name, id: `p-${name}`, autocomplete: "off", spellcheck: false });
@@ -163,7 +145,6 @@ export class Controls {
   showFault({ input, fault }, error) {
     fault.textContent = error ? `${error} (Escape: as it is)` : "";
     input.setAttribute("aria-invalid", String(Boolean(error)));
-    if (!fault.parentNode) this.faults.append(fault);
   }
 
   parameters({ values, ranges, help }) {
@@ -177,7 +158,7 @@ export class Controls {
       const shown = readable(value);
       if (shown !== field.value && document.activeElement !== field.input) this.showFault(field, null); // changed elsewhere
       field.value = shown;
-      field.range.textContent = OF_LINKS.includes(name.split(".")[2]) ? ranges[name] : [help[name], ranges[name]].filter(Boolean).join(" ");
+      field.range.textContent = [help[name], ranges[name]].filter(Boolean).join(" ");
       const isOwn = document.activeElement === field.input || field.input.getAttribute("aria-invalid") === "true";
       if (!isOwn) field.input.value = field.value;
     }
@@ -188,7 +169,7 @@ export class Controls {
   addField(name) {
     const path = name.split("."), part = path.slice(0, -1).join(".");
     if (!this.groups.has(part)) {
-      const words = (path[0] === "links" ? `link ${path[1]}: more` : path.slice(1, -1).join(" ")).replaceAll("_", " ");
+      const words = path.slice(1, -1).join(" ").replaceAll("_", " ");
       this.groups.set(part, make("details", {}, make("summary", { textContent: words })));
       this.groups.get(path[0]).append(this.groups.get(part));
     }
