@@ -7,6 +7,7 @@ import subprocess
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 import forcebound.observe.page
@@ -69,10 +70,11 @@ NODE = shutil.which("node")
 
 def run(tmp_path: Path, script: str) -> Any:
     """What an expression of JavaScript gives, which uses modules of the page without a page."""
-    for name in ("state.js", "scale.js"):
+    for name in ("state.js", "scale.js", "shapes.js"):
         (tmp_path / name).write_text(SCRIPTS[name])
     (tmp_path / "package.json").write_text('{"type": "module"}')
     head = "import { State } from './state.js'; import * as scale from './scale.js';"
+    head += "import { facesOf } from './shapes.js';"
     (tmp_path / "main.js").write_text(f"{head} console.log(JSON.stringify({script}));")
     words = [str(NODE), str(tmp_path / "main.js")]
     return json.loads(subprocess.run(words, capture_output=True, check=True, text=True).stdout)
@@ -168,6 +170,19 @@ def test_scales_are_round_and_those_of_the_law_in_use(tmp_path: Path) -> None:
     assert run(tmp_path, f"scale.rangeOf({columns}, 10, 1)") == pytest.approx([0.0, 21.6])
     assert run(tmp_path, f"scale.rangeOf({columns}, 0, 1)")[0] < -14e3
     assert run(tmp_path, "scale.rangeOf([], 0, 1)")[1] >= 1.0
+
+
+@pytest.mark.skipif(NODE is None, reason="needs node")
+def test_large_triangles_of_a_mesh_are_cut_into_the_same_area(tmp_path: Path) -> None:
+    small = [[[i, 0, 0], [i + 1, 0, 0], [i, 1, 0]] for i in range(40)]
+    file = json.dumps({"corners": [*small, [[0, 0, 5], [30, 0, 5], [0, 40, 5]]]})
+    faces = run(tmp_path, f"facesOf({{ shape: 'mesh' }}, {file}).map((face) => face.points)")
+    corners = np.array([points for points in faces if points[0][2] == 5])
+    edges = corners - np.roll(corners, 1, axis=1)
+    assert np.linalg.norm(edges, axis=2).max() < 10.0
+    areas = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1) / 2
+    assert areas.sum() == pytest.approx(600.0)
+    assert len(faces) == len(corners) + 40
 
 
 @pytest.mark.skipif(NODE is None, reason="needs node")

@@ -229,6 +229,23 @@ def test_the_skin_breaks_once_and_gives_no_energy(tmp_path: Path) -> None:
     assert np.abs(result.columns.applied_force[at_rest]).max() < 1e-9  # N
 
 
+def test_the_skin_is_drawn_where_it_is_stretched_and_then_with_a_gap() -> None:
+    skin = Membrane(stiffness=500.0, strength=2.0, skin=0.010).open(1)
+
+    def drawn(position: float) -> tuple[float, float]:
+        """Place of the skin, and height of the gap in it, in m."""
+        skin.force("", (position,), (0.0,), 0.0)
+        above, below = skin.scene() or ()
+        return above.position[0], above.position[1] - below.position[1] - above.size[1]
+
+    rest, whole = drawn(0.0)
+    assert whole == pytest.approx(0.0)
+    assert drawn(0.013) == pytest.approx((rest + 0.003, 0.0))
+    at, gap = drawn(0.015)
+    assert at == rest
+    assert gap > 0.001
+
+
 # --- what does not fit ---------------------------------------------------------------------------
 
 

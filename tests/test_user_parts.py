@@ -154,7 +154,7 @@ def test_what_the_page_shows_passes_its_check(page: str, pages: Path) -> None:
 def of_the_page(name: str) -> str:
     """The program of the page on environments that has a class."""
     text = (DOCS / "write-your-own-environment.md").read_text(encoding="utf-8")
-    blocks = re.findall(r"^```python\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+    blocks: list[str] = re.findall(r"^```python\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
     (program,) = [block for block in blocks if f"class {name}" in block]
     return program
 

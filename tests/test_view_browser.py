@@ -161,6 +161,7 @@ def test_one_drags_the_hand_into_the_wall_breaks_it_and_makes_it_safe() -> None:
             visitor.until(
                 lambda: visitor.figure("position") > 10.0 and visitor.figure("applied") > 0.5
             )
+            visitor.until(lambda: re.search(r"commands: \w", visitor.text("why")))  # the cause
 
             driver.find_element("id", "break").click()
             graph.until(lambda: "law: none from now on" in graph.log, "the law to go")

@@ -170,7 +170,7 @@ export class Plot {
     context.textAlign = "right";
     let place = right;
     for (const { line, words } of this.readings.reverse()) {
-      const wide = (what) => context.measureText(what).width > place - begin - 20;
+      const wide = (what) => context.measureText(what).width > place - begin - 28;
       let fits = words;
       for (let n = line.label.length - 1; n > 2 && wide(fits); n -= 1) fits = words.replace(line.label, `${line.label.slice(0, n)}…`);
       if (wide(fits)) break; // no room
