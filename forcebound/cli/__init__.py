@@ -14,9 +14,10 @@ from typing import Any
 import click
 
 from forcebound.cli import change, look, parts, recordings, run, start, study, topics, view
-from forcebound.cli.common import INTERRUPTED, LONGEST_CELL, Group, show
+from forcebound.cli.common import INTERRUPTED, Group, show
 from forcebound.errors import ConfigError, ForceboundError
 from forcebound.files import printable
+from forcebound.results.printing import LONGEST_CELL
 
 __all__ = ["main"]
 
