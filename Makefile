@@ -16,7 +16,7 @@ FUZZ_SECONDS ?= 60# for each target
   reference fuzz hapi mutation clean
 
 demo: $(STAMP)
-	$(BIN)/python experiments/demo.py
+	$(BIN)/forcebound demo
 
 test: check
 	$(BIN)/pytest -n 2 --dist loadgroup -m "not slow and not endurance"

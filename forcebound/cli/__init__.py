@@ -13,7 +13,7 @@ from typing import Any
 
 import click
 
-from forcebound.cli import change, look, parts, recordings, run, start, study, topics, view
+from forcebound.cli import change, demo, look, parts, recordings, run, start, study, topics, view
 from forcebound.cli.common import INTERRUPTED, Group, show
 from forcebound.errors import ConfigError, ForceboundError
 from forcebound.files import printable
@@ -23,7 +23,7 @@ __all__ = ["main"]
 
 #: Commands in the order of the help, under what they are for.
 COMMANDS: dict[str, tuple[click.Command, ...]] = {
-    "Run a graph": (run.launch_graph, run.simulate, run.node, start.new),
+    "Run a graph": (demo.demo, run.launch_graph, run.simulate, run.node, start.new),
     "Look at a running graph": (
         view.view,
         look.list_graphs,

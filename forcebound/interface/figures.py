@@ -85,7 +85,7 @@ class Figures(Mapping[str, Quantity]):
                 self._values[name] = Quantity(number, unit, label, reasons.get(key, ""))
 
     def __getattr__(self, name: str) -> Quantity:
-        values = self.__dict__.get("_values", {})
+        values: dict[str, Quantity] = self.__dict__.get("_values", {})
         if name in values:
             return values[name]
         raise AttributeError(_unknown(name, values))

@@ -2,10 +2,12 @@
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
 import time
+import weakref
 from collections.abc import Mapping
 from contextlib import closing
 from pathlib import Path
@@ -54,12 +56,10 @@ class Graph:
         run_dir: Its run directory, for the commands' ``--run``.
     """
 
-    def __init__(
-        self, command: list[str], record: Path | None, folder: tempfile.TemporaryDirectory[str]
-    ) -> None:
-        self._folder = folder  # is removed with this object
-        self._recording = Path(folder.name) / "run.mcap" if record is None else record
-        self._log = Path(folder.name) / "log"
+    def __init__(self, command: list[str], record: Path | None, folder: Path) -> None:
+        weakref.finalize(self, shutil.rmtree, folder, ignore_errors=True)
+        self._recording = folder / "run.mcap" if record is None else record
+        self._log = folder / "log"
         self._result: Run | None = None
         with self._log.open("wb") as log:
             self._process = subprocess.Popen(
@@ -214,9 +214,9 @@ def launch(
     seconds = UNTIL_ENDED
     if duration is not None:
         seconds = Range(above=0).check(parse_quantity(duration, "s"), "s")
-    folder = tempfile.TemporaryDirectory(prefix="forcebound-python-")
+    folder = Path(tempfile.mkdtemp(prefix="forcebound-python-"))
     if isinstance(launch, Mapping):
-        file = Path(folder.name) / "launch.yaml"
+        file = folder / "launch.yaml"
         file.write_text(json.dumps(to_document(configuration(launch, arguments))))
         launch, texts = os.fspath(file), []
     command = ["launch", launch, *texts, "--duration", repr(seconds)]

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,9 +27,6 @@ from forcebound.recordings.telemetry import TelemetryColumns
 from forcebound.run.results import RunResult
 from forcebound.run.virtual import run_virtual
 from forcebound.units import parse_quantity
-
-if TYPE_CHECKING:
-    import pandas
 
 #: A launch file: its path, the name of one that comes with forcebound, or its content.
 LaunchFile: TypeAlias = str | Path | Mapping[str, Any]
@@ -103,8 +100,8 @@ class Run:
         """The run of each hand by the hand's name; the only hand of a graph has the name ``""``."""
         return {self._result.columns.hand: self}
 
-    def to_pandas(self) -> "pandas.DataFrame":
-        """Return the telemetry as a table, indexed by time in s; needs pandas.
+    def to_pandas(self) -> Any:
+        """Return the telemetry as a pandas.DataFrame, indexed by time in s; needs pandas.
 
         A column of several axes becomes several: ``position_0``, ``position_1``.
         """

@@ -11,7 +11,7 @@ from dataclasses import replace
 from functools import partial
 from itertools import groupby, product
 from operator import itemgetter
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,9 +39,6 @@ from forcebound.lab.views import table
 from forcebound.lab.workers import local_executor
 from forcebound.quantities import Range
 from forcebound.units import parse_quantity, split_quantity, to_si
-
-if TYPE_CHECKING:
-    import pandas
 
 FEW = 8  # runs, which are done before processes have started
 PARTS = 8  # of the work of each process, for the progress bar
@@ -101,8 +98,8 @@ class Runs:
         """Why runs failed; their figures are NaN."""
         return [row["error"] for row in self.rows if row["error"] is not None]
 
-    def to_pandas(self) -> "pandas.DataFrame":
-        """Return a table of the arguments that vary, and of all figures; needs pandas."""
+    def to_pandas(self) -> Any:
+        """Return a pandas.DataFrame of the varied arguments and all figures; needs pandas."""
         own = ("case", "engine", "error", *(key for key in self._keys if "." in key))
         names = [name for name in self._keys if name not in own and name_of(name)[0] == name]
         return needed("pandas").DataFrame({name: self[name] for name in names})

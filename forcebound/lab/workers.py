@@ -89,18 +89,18 @@ class _Process(SpawnProcess):
     @staticmethod
     def _Popen(process: Any) -> Any:  # noqa: N802  # the hook of multiprocessing
         main = sys.modules["__main__"]
-        kept = {
+        kept: dict[str, Any] = {
             name: vars(main).pop(name) for name in ("__file__", "__spec__") if name in vars(main)
         }
         main.__spec__ = None
         try:
-            return SpawnProcess._Popen(process)  # type: ignore[attr-defined]
+            return SpawnProcess._Popen(process)
         finally:
             vars(main).update(kept)
 
 
 class _WithoutMain(SpawnContext):
-    Process = _Process  # type: ignore[assignment]
+    Process = _Process
 
 
 def _begin_worker(begin: Callable[[], None] | None) -> None:
