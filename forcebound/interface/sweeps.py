@@ -16,7 +16,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from forcebound.errors import ConfigError
+from forcebound.errors import ConfigError, RunError
 from forcebound.graph.graph import KINDS
 from forcebound.graph.loader import build
 from forcebound.graph.problems import unknown
@@ -131,8 +131,8 @@ def sweep(
         The runs; the last argument varies fastest. A run that fails has an error, and no figures.
 
     Raises:
-        ConfigError: If the launch file or a name is wrong, or every run fails.
-        RunError: If the processes end before the work is done.
+        ConfigError: If the launch file or a name is wrong, or a value of the first run.
+        RunError: If every run fails, or the processes end before the work is done.
     """
     varied = {name: _values(name, value) for name, value in arguments.items() if _is_list(value)}
     fixed = {name: value for name, value in arguments.items() if name not in varied}
@@ -157,6 +157,8 @@ def sweep(
     first, _ = files[next(iter(files))]
     build(first.template, replace(first, cases=(cases[0][2],)).overrides(0))  # wrong names: at once
     runs = Runs(_run(list(files.values()), cases, workers), tuple(varied))
+    if len(runs.errors) == len(runs):
+        raise RunError(f"every run failed; the first: {runs.errors[0]}")
     if runs.errors:
         _logger.warning("%d of %d runs failed: %s", len(runs.errors), len(runs), runs.errors[0])
     return runs
