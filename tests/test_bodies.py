@@ -86,8 +86,11 @@ def test_new_stiffness_leaves_the_bodies_where_they_are(tmp_path: Path) -> None:
     assert scene.scene() != before
 
 
-def test_bodies_that_fly_apart_begin_anew(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    scene = opened(tmp_path, BOX)
+@pytest.mark.parametrize("tool", [None, "box"])
+def test_bodies_that_fly_apart_begin_again(
+    tmp_path: Path, tool: str | None, caplog: pytest.LogCaptureFixture
+) -> None:
+    scene = opened(tmp_path, BOX, tool=tool)
     moved(scene, -0.01, 0.0, 0.1, z=0.008)
     scene._data.qvel[:] = 1e12
     force = scene.force("", (0.0, 0.0, 0.008), (0.0, 0.0, 0.0), 0.2)

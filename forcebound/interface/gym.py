@@ -43,7 +43,8 @@ class HapticEnv(gymnasium.Env[dict[str, Any], Numbers]):
     ``commanded_force`` (N, before the law and the motor's limit). A force is positive where it
     resists motion in the positive direction. ``info`` has of the same tick its number ``tick``,
     ``elapsed`` (s), ``engagement`` (0 to 1), ``energy`` (J, from the hand into the device so far;
-    below zero, the hand has received energy) and ``force_limit`` (N); and ``law`` and ``seed``.
+    below zero, the hand has received energy; None of a device without ground truth) and
+    ``force_limit`` (N); and ``law`` and ``seed``.
 
     The reward is 0, and no episode ends by itself: override :meth:`reward` and :meth:`is_over`. One
     is truncated after the duration of the launch file.

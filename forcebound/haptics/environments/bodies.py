@@ -119,7 +119,8 @@ class _Scene(Environment):
         self._origin: Vector3 = (0.0, 0.0, 0.0)
         rigid = self._scene.body_weldid
         touching = self._probe.id if model.tool is None else _movable(self._scene)[model.tool]
-        (self._geoms,) = np.nonzero(rigid[self._scene.geom_bodyid] == rigid[touching])
+        # By number of a geom, with one more for -1, which is none.
+        self._touches = np.append(rigid[self._scene.geom_bodyid] == rigid[touching], False)
         self._hand: Vector3 | None = None
         self._elapsed = 0.0  # s, until which the scene has gone
         self._resets = 0
@@ -186,7 +187,7 @@ class _Scene(Environment):
         self._couple(hand)
 
     def contact(self, user: str) -> Contact | None:
-        if self._hand is None or not np.isin(self._data.contact.geom, self._geoms).any():
+        if self._hand is None or not self._touches[self._data.contact.geom].any():
             return None
         place = self._probed()
         way = sub(place, self._hand)
