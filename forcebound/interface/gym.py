@@ -17,7 +17,7 @@ from forcebound.haptics.devices.simulated import pad
 from forcebound.haptics.hands import Operator
 from forcebound.haptics.hands.hands import coordinates
 from forcebound.haptics.hands.pointer import PointerHand
-from forcebound.messages.control import Point, Refused
+from forcebound.messages.control import Point
 from forcebound.messages.packets import DeviceState, Packet, Telemetry
 from forcebound.run.virtual import VirtualGraph, check_has_virtual_time
 
@@ -70,15 +70,13 @@ class HapticEnv(gymnasium.Env[dict[str, Any], Numbers]):
         """
         if frame_skip < 1:
             raise ConfigError(f"frame_skip: expected at least 1 tick, got {frame_skip}")
-        config = load(file, [f"{name}:={_text(value)}" for name, value in arguments.items()])
+        config = load(file, [f"{name}:={value}" for name, value in arguments.items()])
         check_has_virtual_time(config)
         hand, axes = _pointed(config.operator), config.device.axes
         self.config = replace(config, operator=hand)
         self._step_ns = frame_skip * config.device.servo.period_ns
         self._seed = config.seed
         self._graph: VirtualGraph | None = None
-        self._ticks: list[Telemetry] = []
-        self._velocity: tuple[float, ...] = ()
         start = np.array(pad(coordinates(hand.start), axes))
         self.action_space = gymnasium.spaces.Box(
             start - hand.reach, start + hand.reach, dtype=np.float64
@@ -110,9 +108,10 @@ class HapticEnv(gymnasium.Env[dict[str, Any], Numbers]):
         config = replace(self.config, seed=self._seed)
         config = change(config, dict(options)) if options else config
         self.close()
+        self._ticks: list[Telemetry] = []
         self._law = config.device.servo.law
         self._graph = VirtualGraph(config, self._take, (DeviceState, Telemetry))
-        self._run(self._graph, config.device.servo.period_ns)
+        self._graph.run(config.device.servo.period_ns)
         return self._observation(), self._info()
 
     def step(self, action: Numbers) -> tuple[dict[str, Numbers], float, bool, bool, dict[str, Any]]:
@@ -125,14 +124,12 @@ class HapticEnv(gymnasium.Env[dict[str, Any], Numbers]):
         graph = self._graph
         if graph is None:
             raise gymnasium.error.ResetNeeded("call reset() before step()")
-        target = np.asarray(action, np.float64)
-        if target.shape != self.action_space.shape:
-            shape = self.action_space.shape
-            raise ConfigError(f"action: expected shape {shape}, in m, got {target.shape}")
-        answer = graph.device.handle(Point(tuple(target.tolist())))
-        if isinstance(answer, Refused):
-            raise ConfigError(f"action: {answer.error}")
-        self._run(graph, self._step_ns)
+        target, shape = np.asarray(action, np.float64), self.action_space.shape
+        if target.shape != shape or not np.isfinite(target).all():
+            raise ConfigError(f"action: expected numbers in m, shape {shape}, got {action}")
+        graph.device.handle(Point(tuple(target.tolist())))
+        self._ticks = []
+        graph.run(graph.time_ns + self._step_ns)
         reward, is_over = self.reward(self._ticks), self.is_over(self._ticks)
         is_late = graph.time_ns >= round(self.config.duration * 1e9)
         return self._observation(), reward, is_over, is_late, self._info()
@@ -151,15 +148,11 @@ class HapticEnv(gymnasium.Env[dict[str, Any], Numbers]):
             self._graph.close()
             self._graph = None
 
-    def _run(self, graph: VirtualGraph, duration_ns: int) -> None:
-        self._ticks = []
-        graph.run(graph.time_ns + duration_ns)
-
     def _take(self, packet: Packet) -> None:
-        if isinstance(packet, Telemetry):
-            self._ticks.append(packet)
-        elif isinstance(packet, DeviceState):
+        if isinstance(packet, DeviceState):
             self._velocity = packet.velocity
+        elif isinstance(packet, Telemetry):
+            self._ticks.append(packet)
 
     def _observation(self) -> dict[str, Numbers]:
         tick = self._ticks[-1]
@@ -187,10 +180,6 @@ def _pointed(hand: Operator | None) -> PointerHand:
         return hand
     grip = {"mass": hand.mass, "stiffness": hand.stiffness, "damping": hand.damping}
     return PointerHand(start=hand.target(0.0), **grip)
-
-
-def _text(value: object) -> str:
-    return str(value).lower() if isinstance(value, bool) else str(value)
 
 
 gymnasium.register("forcebound/Hand-v0", "forcebound.interface.gym:HapticEnv")

@@ -72,8 +72,7 @@ class VirtualGraph:
             part = self._phases.popleft()
             self._simulation.run(part.start_ns)
             self._tuner(self._simulation, Configure(part.start_ns, parameters(part.config)))
-            event = self._launcher.emit(part.start_ns, PHASE_BEGINS, part.message, part.data)
-            self._observe(event)
+            self._observe(self._launcher.emit(part.start_ns, PHASE_BEGINS, part.message, part.data))
         self._simulation.run(until_ns)
 
     def report_end(self) -> None:

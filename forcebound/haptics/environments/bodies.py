@@ -24,16 +24,7 @@ from forcebound.bounded_child import ChildError, in_bounded_child
 from forcebound.errors import ConfigError
 from forcebound.files import open_file, reason
 from forcebound.haptics.environments import Environment, EnvironmentModel, within_reach
-from forcebound.haptics.geometry.vectors import (
-    Vector3,
-    add,
-    along,
-    cut,
-    norm,
-    pad3,
-    scale,
-    sub,
-)
+from forcebound.haptics.geometry.vectors import Vector3, add, along, cut, norm, pad3, scale, sub
 from forcebound.messages.packets import MAX_NAME, Contact, SceneObject, Shape, Vector
 from forcebound.quantities import (
     NOT_NEGATIVE,
@@ -91,7 +82,7 @@ class Bodies(EnvironmentModel):
     def check_files(self) -> None:
         """Compile the scene, unless MuJoCo is only installed where the environment runs."""
         if find_spec("mujoco") is not None:
-            _compile(engine(), self)
+            _Scene(self, 3)
 
     def open(self, axes: int) -> "_Scene":
         return _Scene(self, axes)
@@ -118,9 +109,9 @@ class _Scene(Environment):
         self._home: Vector3 = tuple(self._probe.pos.tolist())
         self._origin: Vector3 = (0.0, 0.0, 0.0)
         rigid = self._scene.body_weldid
-        touching = self._probe.id if model.tool is None else _movable(self._scene)[model.tool]
+        body = self._probe.id if model.tool is None else _body_of(model.tool, self._scene)
         # By number of a geom, with one more for -1, which is none.
-        self._touches = np.append(rigid[self._scene.geom_bodyid] == rigid[touching], False)
+        self._touches = np.append(rigid[self._scene.geom_bodyid] == rigid[body], False)
         self._hand: Vector3 | None = None
         self._elapsed = 0.0  # s, until which the scene has gone
         self._resets = 0
@@ -213,14 +204,11 @@ class _Scene(Environment):
         mujoco.mju_mat2Quat(turned, self._data.geom_xmat[geom])
         w, i, j, k = turned.tolist()
         x, y, z = self._data.geom_xpos[geom].tolist()
-        position = (x, y, z)
-        if self._model.tool is not None:
-            position = add(sub(position, self._home), self._origin)
         name = scene.geom(geom).name or f"{scene.body(body).name or 'world'} {geom}"
         return SceneObject(
             name[:MAX_NAME],
             shape,
-            position=position,
+            position=add(sub((x, y, z), self._home), self._origin),
             orientation=(w, i, j, k),
             size=size,
             is_fixed=bool(scene.body_weldid[body] == 0),
@@ -270,7 +258,6 @@ def _compile(mujoco: Any, model: Bodies) -> Any:
             field="file",
         ) from None
     scene = mujoco.MjModel.from_binary_path("scene.mjb", {"scene.mjb": binary})
-    _check_tool(model, scene)
     _check_coupling(model, scene.opt.timestep)
     return scene
 
@@ -323,41 +310,25 @@ def _add_probe(mujoco: Any, spec: Any, model: Bodies) -> None:
             probe.add_site(name=PROBE)
             tie, kind = mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtObj.mjOBJ_SITE
             spec.add_equality(type=tie, objtype=kind, name1=PROBE, name2=held.name, **hard)
-    # All that a default of the file might set otherwise.
-    slide = {
-        "type": mujoco.mjtJoint.mjJNT_SLIDE,
-        "limited": 0,
-        "armature": 0.0,
-        "frictionloss": 0.0,
-    }
+    spring = {"stiffness": model.stiffness, "damping": model.damping}
+    free = {"limited": 0, "armature": 0.0, "frictionloss": 0.0}  # whatever the file's defaults
     for axis in axes:
-        probe.add_joint(axis=axis, stiffness=model.stiffness, damping=model.damping, **slide)
+        probe.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis, **spring, **free)
     ball = {"type": mujoco.mjtGeom.mjGEOM_SPHERE, "size": [model.probe_radius, 0.0, 0.0]}
     probe.add_geom(name=PROBE, mass=model.probe_mass, **ball, **touching)
 
 
-def _check_tool(model: Bodies, scene: Any) -> None:
-    names = _movable(scene)
-    if model.tool is None or model.tool in names:
-        return
-    known = ", ".join(list(names)[:MOST_NAMES]) or "none"
-    more = ", ..." if len(names) > MOST_NAMES else ""
-    raise ConfigError(
-        f"expected the name of a site or body of {model.file} that moves, got {model.tool!r};"
-        f" known: {known}{more}",
-        field="tool",
-    )
-
-
-def _movable(scene: Any) -> dict[str, int]:
-    """The body of each site and body of the file that moves, by name; a site comes first."""
+def _body_of(tool: str, scene: Any) -> int:
+    """Return the number of a body, or of that of a site; ConfigError if it is none that moves."""
     bodies = {scene.body(i).name: i for i in range(scene.nbody)}
     sites = {scene.site(i).name: int(scene.site_bodyid[i]) for i in range(scene.nsite)}
-    return {
-        name: body
-        for name, body in {**bodies, **sites}.items()
-        if scene.body_weldid[body] and name not in ("", PROBE, TOOL)
-    }
+    ours = ("", PROBE, TOOL)
+    found = {n: i for n, i in (bodies | sites).items() if scene.body_weldid[i] and n not in ours}
+    if tool in found:
+        return found[tool]
+    known = ", ".join(list(found)[:MOST_NAMES]) + ("" if len(found) <= MOST_NAMES else ", ...")
+    message = f"expected the name of a site or body that moves, got {tool!r}; known: {known}"
+    raise ConfigError(message, field="tool")
 
 
 def _check_coupling(model: Bodies, step: float) -> None:
