@@ -248,3 +248,15 @@ def test_a_held_arm_keeps_the_contract_and_gives_no_energy() -> None:
     assert columns.true_energy.min() >= -1e-9
     # Hand of 300 N/m with its target at 30 mm, coupling, block against the wall at 18 mm.
     assert columns.applied_force[-1, 0] == pytest.approx(0.012 / (1 / 300 + 1 / 1000), rel=0.02)
+
+
+def test_defaults_and_mocap_bodies_of_the_file_are_not_those_of_the_hand(tmp_path: Path) -> None:
+    text = FLOOR.format(more=MOCAP).replace('type="plane"', 'type="plane" contype="1"')
+    joint = '<joint armature="1" frictionloss="5" limited="true" range="-1e-3 1e-3"/>'
+    defaults = f'<default>{joint}<geom contype="0" conaffinity="0"/></default>'
+    file = written(tmp_path, text.replace("<worldbody>", defaults + "<worldbody>"), "scene.xml")
+    scene: Any = open_environment(Bodies(file, stiffness=800.0), 3)
+    force = held(scene, (0.0, 0.0, 0.002))
+    assert force == pytest.approx((0.0, 0.0, -800.0 * 0.003), rel=0.05, abs=1e-2)
+    [finger] = [one for one in scene.scene() if one.name == "finger"]
+    assert finger.position == pytest.approx((0.0, 0.0, 0.02))
