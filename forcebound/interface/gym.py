@@ -12,11 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forcebound.errors import ConfigError
-from forcebound.graph.loader import change, load
+from forcebound.graph.loader import change
 from forcebound.haptics.devices.simulated import pad
 from forcebound.haptics.hands import Operator
 from forcebound.haptics.hands.hands import coordinates
 from forcebound.haptics.hands.pointer import PointerHand
+from forcebound.interface.runs import LaunchFile, configuration
 from forcebound.messages.control import Point
 from forcebound.messages.packets import DeviceState, Packet, Telemetry
 from forcebound.run.virtual import VirtualGraph, check_has_virtual_time
@@ -56,21 +57,21 @@ class HapticEnv(gymnasium.Env[dict[str, Any], Numbers]):
     metadata = {"render_modes": []}  # noqa: RUF012 (as gymnasium has it)
 
     def __init__(
-        self, file: str = "stiff_wall", *, frame_skip: int = 10, **arguments: object
+        self, file: LaunchFile = "stiff_wall", *, frame_skip: int = 10, **arguments: object
     ) -> None:
         """Read a launch file.
 
         Args:
-            file: A path; or the name of one that comes with forcebound.
+            file: A path, the name of one that comes with forcebound, or its content.
             frame_skip: Ticks of the servo for each step.
-            arguments: Of the launch file, by name: numbers in SI units, or text with a unit.
+            arguments: As of :func:`forcebound.simulate`.
 
         Raises:
             ConfigError: With every problem of the file or an argument.
         """
         if frame_skip < 1:
             raise ConfigError(f"frame_skip: expected at least 1 tick, got {frame_skip}")
-        config = load(file, [f"{name}:={value}" for name, value in arguments.items()])
+        config = configuration(file, arguments)
         check_has_virtual_time(config)
         hand, axes = _pointed(config.operator), config.device.axes
         self.config = replace(config, operator=hand)
