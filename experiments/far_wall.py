@@ -28,7 +28,7 @@ from forcebound.recordings.telemetry import TelemetryColumns
 from forcebound.results.contact import count_bounces, displayed_stiffness
 from forcebound.run.virtual import run_virtual
 
-LAWS = ("certified", "certified_memoryless")
+LAWS = ("certified", "certified_fading")
 DELAYS = (20, 50)  # ms, each way
 SURFACE = 0.010  # m
 AGAIN = 1.0  # s, beginning of the second press

@@ -54,6 +54,6 @@ def test_the_certified_laws_are_as_stiff_as_they_are_meant_to_be() -> None:
     aims = {aim["law"]: aim for aim in document["aims"]}
     assert len(document["rows"]) == 7 * 24
     assert aims["certified"]["ratio_of_mean_stiffness"] >= 1.0
-    assert aims["certified_memoryless"]["ratio_of_mean_stiffness"] >= 1.4
+    assert aims["certified_fading"]["ratio_of_mean_stiffness"] >= 1.4
     assert all(aim["ratio_of_mean_rate_hardness"] >= 1.0 for aim in aims.values())
     assert all(row["true_energy_min_j"] >= -1e-9 for row in document["averages"])
