@@ -1,13 +1,17 @@
-"""Stiffness of a wall that is far away: controllers against each other.
+"""Stiffness of a wall that is far away: controllers against each other, and where that ends.
 
-Usage: python experiments/far_wall.py [--plot docs/far_wall.png]
+Usage: python experiments/far_wall.py [--limits] [--plot docs/far_wall.png]
+
+The walls are the best case of ``local_model``: flat, they stand still, and the second press finds a
+wall that was touched before. ``--limits`` prints only what bumps and moving bodies do to it.
 
 The hand of `stiff_wall` presses into its wall of 10 N/mm, in virtual time; and a hand that touches
 it, lets go, and presses again from 1 s on. *stiffness*, *energy* and *bounces* are those of the
 whole run, and of the second press alone for the second hand: so what was learned at the first
 touch is known. *first* is the deepest point of the first contact. The energy is the least that the
 hand has put in since the start (ground truth). The third table has the second press with other
-powers of the local model; the last lines have a hand that strokes over a sphere.
+powers of the local model. The last table, ``--limits``, compares the commanded force with the one
+that the same world gives at the hand at once: RMS of the difference, and correlation.
 """
 
 import argparse
@@ -22,6 +26,7 @@ import numpy as np
 from forcebound.graph.graph import GraphConfig
 from forcebound.graph.loader import load
 from forcebound.haptics.controllers.local_model import LocalModel
+from forcebound.haptics.geometry.proxy import Surface
 from forcebound.haptics.hands.hands import StrokingHand
 from forcebound.haptics.hands.paths import TrajectoryHand
 from forcebound.recordings.telemetry import TelemetryColumns
@@ -51,6 +56,8 @@ CONTESTANTS: Mapping[str, LocalModel | None] = {
 }
 DRAWN = ("direct", "local_model")
 POWERS = (0.0, 0.005, 0.02, 0.05)  # W
+#: Scenes of ``--limits``: the launch file, or a plane with waves of 0.4 mm at distances in mm.
+SCENES = ("touch_sphere", "waves 40", "waves 4", "waves 1", "touch_mesh", "push_mass")
 
 
 class Figures(NamedTuple):
@@ -126,29 +133,59 @@ def print_powers(hand: Any) -> None:
         print(row(f"{power * 1e3:g} mW", found, reference), flush=True)
 
 
-def error_on_sphere(controller: str, delay: int) -> float:
-    """Return the RMS error of the commanded force, in N, of a hand that strokes over a sphere.
-
-    The right force is that of the sphere where the hand is; ``delay`` in ms each way.
-    """
+def scene(name: str, controller: str, delay: int, folder: Path) -> GraphConfig:
+    """Return one of ``SCENES``; ``delay`` in ms each way. The folder is for the waves."""
     arguments = [f"controller:={controller}", f"delay:={delay} ms", "age_limit:=300 ms"]
-    config = load("touch_sphere", [*arguments, "stiffness:=2 N/mm"])
-    hand = StrokingHand(start=(-0.01, 0.0, 0.0), end=(0.014, 0.0, 0.0), stroke=(0.0, 0.0, 0.012))
-    columns = run_virtual(replace(config, operator=hand), DURATION).columns
-    slides = columns.elapsed > 1.0
-    outwards = columns.position[slides] - np.array([0.05, 0.0, 0.0])
-    distance = np.linalg.norm(outwards, axis=1, keepdims=True)
-    right = -2000.0 * np.maximum(0.04 - distance, 0.0) * outwards / distance
-    error = columns.commanded_force[slides] - right
-    return float(np.sqrt(np.mean(np.sum(error**2, axis=1))))
+    if name == "touch_sphere":
+        hand = StrokingHand(start=(-0.01, 0.0, 0.0), end=(0.014, 0.0, 0.0), stroke=(0, 0, 0.012))
+        return replace(load(name, [*arguments, "stiffness:=2 N/mm"]), operator=hand)
+    if not name.startswith("waves"):
+        return load(name, arguments)
+    file = folder / "waves.npy"
+    np.save(file, np.tile(np.cos(2.0 * np.pi * np.arange(64) / 64), (2, 1)))
+    surface = Surface(texture=file, texture_height=4e-4, texture_size=1e-3 * float(name.split()[1]))
+    config = load("sliding_friction", arguments)
+    model: Any = config.environment.model
+    plane = replace(config.environment, model=replace(model, surface=surface))
+    return replace(config, environment=plane)
+
+
+def error_of(config: GraphConfig) -> tuple[float, float]:
+    """Return RMS error, in N, and correlation of the commanded force, from 1 s on.
+
+    The right force is what the same world gives where the hand is, without any delay.
+    """
+    columns = run_virtual(config, DURATION).columns
+    axes = columns.position.shape[1]
+    world, still = config.environment.model.open(axes), (0.0,) * axes
+    asked = zip(columns.position.tolist(), columns.elapsed.tolist(), strict=True)
+    right = np.array([world.force("", tuple(place), still, time) for place, time in asked])
+    force, right = (one[columns.elapsed > 1.0] for one in (columns.commanded_force, right))
+    error = float(np.sqrt(np.mean(np.sum((force - right) ** 2, axis=1))))
+    deviations = [(one - one.mean(axis=0)).ravel() for one in (force, right)]
+    return error, float(np.corrcoef(*deviations)[0, 1])
+
+
+def print_limits(folder: Path) -> None:
+    """Print the error of each of ``SCENES``."""
+    print("| scene | direct, 0 ms | direct, 20 ms | local_model, 20 ms |")
+    print("|---|---|---|---|")
+    for name in SCENES:
+        configs = (scene(name, *one, folder) for one in (("direct", 0), *((c, 20) for c in DRAWN)))
+        cells = ("{:.2f} N, {:.2f}".format(*error_of(config)) for config in configs)
+        print(f"| {name} | {' | '.join(cells)} |", flush=True)
 
 
 def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description="Stiffness of a wall that is far away.")
     parser.add_argument("--plot", type=Path, help="draw the second hand's runs into this file")
+    parser.add_argument("--limits", action="store_true", help="print only the last table")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
+        if options.limits:
+            print_limits(Path(folder))
+            return
         hands = {"presses once": None, "touches, then presses": touching_hand(Path(folder))}
         runs = {}
         for name, hand in hands.items():
@@ -157,9 +194,8 @@ def main() -> None:
                 runs[name, law] = table(law, hand)
         print("\nlocal_model with other powers, touches, then presses, 50 ms, certified")
         print_powers(hands["touches, then presses"])
-    for name in DRAWN:
-        for delay in (0, *DELAYS):
-            print(f"sphere, {name}, {delay} ms: {error_on_sphere(name, delay):.3f} N RMS")
+        print("\ncommanded force against the right one: RMS error, correlation")
+        print_limits(Path(folder))
     if options.plot:
         draw(runs["touches, then presses", LAWS[0]], options.plot)
 
@@ -178,6 +214,7 @@ def draw(runs: Mapping[str, TelemetryColumns], file: Path) -> None:
     depths.set(ylabel="depth in the wall (mm)", ylim=(-2.0, 6.0))
     depths.axhspan(-2.0, 0.0, color="0.93")
     depths.legend(loc="upper right", ncols=2)
+    figure.suptitle("Best case: a flat wall that stands still, and was touched before")
     forces.set(ylabel="applied force (N)", xlabel="time since the force engaged (s)", xlim=(0, 2))
     figure.savefig(file, dpi=110)
 
