@@ -26,7 +26,7 @@ import numpy as np
 from forcebound.graph.graph import GraphConfig
 from forcebound.graph.loader import load
 from forcebound.haptics.controllers.local_model import LocalModel
-from forcebound.haptics.geometry.proxy import Surface
+from forcebound.haptics.environments.solid import Shape, Solid
 from forcebound.haptics.hands.hands import StrokingHand
 from forcebound.haptics.hands.paths import TrajectoryHand
 from forcebound.recordings.telemetry import TelemetryColumns
@@ -56,8 +56,9 @@ CONTESTANTS: Mapping[str, LocalModel | None] = {
 }
 DRAWN = ("direct", "local_model")
 POWERS = (0.0, 0.005, 0.02, 0.05)  # W
-#: Scenes of ``--limits``: the launch file, or a plane with waves of 0.4 mm at distances in mm.
-SCENES = ("touch_sphere", "waves 40", "waves 4", "waves 1", "touch_mesh", "push_mass")
+#: Scenes of ``--limits``: launch files, and a wall of ridges at distances in mm.
+SCENES = ("touch_sphere", *(f"ridges {n}" for n in (40, 10, 4, 2)), "touch_mesh", "push_mass")
+RIDGE = 4e-4  # m, from the valleys to the ridges
 
 
 class Figures(NamedTuple):
@@ -133,21 +134,22 @@ def print_powers(hand: Any) -> None:
         print(row(f"{power * 1e3:g} mW", found, reference), flush=True)
 
 
-def scene(name: str, controller: str, delay: int, folder: Path) -> GraphConfig:
-    """Return one of ``SCENES``; ``delay`` in ms each way. The folder is for the waves."""
+def scene(name: str, controller: str, delay: int) -> GraphConfig:
+    """Return one of ``SCENES``; ``delay`` in ms each way."""
     arguments = [f"controller:={controller}", f"delay:={delay} ms", "age_limit:=300 ms"]
     if name == "touch_sphere":
         hand = StrokingHand(start=(-0.01, 0.0, 0.0), end=(0.014, 0.0, 0.0), stroke=(0, 0, 0.012))
         return replace(load(name, [*arguments, "stiffness:=2 N/mm"]), operator=hand)
-    if not name.startswith("waves"):
+    if not name.startswith("ridges"):
         return load(name, arguments)
-    file = folder / "waves.npy"
-    np.save(file, np.tile(np.cos(2.0 * np.pi * np.arange(64) / 64), (2, 1)))
-    surface = Surface(texture=file, texture_height=4e-4, texture_size=1e-3 * float(name.split()[1]))
+    pitch = 1e-3 * float(name.split()[1])
+    radius = (0.25 * pitch**2 + RIDGE**2) / (2.0 * RIDGE)
+    row = range(-round(0.024 / pitch), round(0.024 / pitch) + 1)
+    places = [(SURFACE + radius, pitch * k, 0.0) for k in row]
+    shapes = tuple(Shape("cylinder", place, radius=radius, length=0.1) for place in places)
     config = load("sliding_friction", arguments)
-    model: Any = config.environment.model
-    plane = replace(config.environment, model=replace(model, surface=surface))
-    return replace(config, environment=plane)
+    world = replace(config.environment, model=Solid(shapes, stiffness=1000.0))
+    return replace(config, environment=world)
 
 
 def error_of(config: GraphConfig) -> tuple[float, float]:
@@ -166,13 +168,14 @@ def error_of(config: GraphConfig) -> tuple[float, float]:
     return error, float(np.corrcoef(*deviations)[0, 1])
 
 
-def print_limits(folder: Path) -> None:
+def print_limits() -> None:
     """Print the error of each of ``SCENES``."""
-    print("| scene | direct, 0 ms | direct, 20 ms | local_model, 20 ms |")
-    print("|---|---|---|---|")
+    cases = [(name, delay) for delay in (0, 20) for name in DRAWN]
+    print(f"| scene | {' | '.join(f'{name}, {delay} ms' for name, delay in cases)} |")
+    print("|---" * (1 + len(cases)) + "|")
     for name in SCENES:
-        configs = (scene(name, *one, folder) for one in (("direct", 0), *((c, 20) for c in DRAWN)))
-        cells = ("{:.2f} N, {:.2f}".format(*error_of(config)) for config in configs)
+        errors = (error_of(scene(name, *one)) for one in cases)
+        cells = (f"{error:.2f} N, {correlation:.2f}" for error, correlation in errors)
         print(f"| {name} | {' | '.join(cells)} |", flush=True)
 
 
@@ -182,10 +185,10 @@ def main() -> None:
     parser.add_argument("--plot", type=Path, help="draw the second hand's runs into this file")
     parser.add_argument("--limits", action="store_true", help="print only the last table")
     options = parser.parse_args()
+    if options.limits:
+        print_limits()
+        return
     with tempfile.TemporaryDirectory() as folder:
-        if options.limits:
-            print_limits(Path(folder))
-            return
         hands = {"presses once": None, "touches, then presses": touching_hand(Path(folder))}
         runs = {}
         for name, hand in hands.items():
@@ -194,8 +197,8 @@ def main() -> None:
                 runs[name, law] = table(law, hand)
         print("\nlocal_model with other powers, touches, then presses, 50 ms, certified")
         print_powers(hands["touches, then presses"])
-        print("\ncommanded force against the right one: RMS error, correlation")
-        print_limits(Path(folder))
+    print("\ncommanded force against the right one: RMS error, correlation")
+    print_limits()
     if options.plot:
         draw(runs["touches, then presses", LAWS[0]], options.plot)
 
