@@ -49,7 +49,7 @@ def test_every_impairment_of_every_link_and_all_of_the_environment_can_be_change
     ("settings", "message"),
     [
         ({"environment.stifness": 1}, "did you mean 'environment.stiffness'"),
-        ({"device.law": "memoryless"}, "unknown law .* did you mean 'certified_memoryless'"),
+        ({"device.law": "fading"}, "unknown law .* did you mean 'certified_fading'"),
         ({"device.law": "my_law.py"}, "needs a launch of its own"),
         ({"device.law": None}, "unknown law 'None'"),
         ({"device.allowance": 1.0}, "device.allowance is fixed while a graph runs"),

@@ -240,19 +240,19 @@ def check_law(graph: LiveGraph, look: Callable[..., Result]) -> None:
     """Check that the law of a running graph is a parameter like others."""
     assert look("param", "get", "device.law").stdout == "device.law: certified\n"
     first = look("param", "list").stdout.splitlines()[0]
-    assert first.startswith("device.law: certified  # aol, certified, certified_memoryless, ")
-    done = look("param", "set", "device.law:=certified_memoryless")
-    assert done.stdout == "device.law: certified_memoryless\n"
+    assert first.startswith("device.law: certified  # aol, certified, certified_fading, ")
+    done = look("param", "set", "device.law:=certified_fading")
+    assert done.stdout == "device.law: certified_fading\n"
     assert "note: the law was taken without force" in done.stderr
-    graph.until(lambda: "law: certified_memoryless from now on" in graph.log, "the new law")
-    assert look("param", "list", "--changed").stdout == "device.law: certified_memoryless\n"
-    refused = CliRunner().invoke(main, ["param", "set", "device.law:=memoryless"])
+    graph.until(lambda: "law: certified_fading from now on" in graph.log, "the new law")
+    assert look("param", "list", "--changed").stdout == "device.law: certified_fading\n"
+    refused = CliRunner().invoke(main, ["param", "set", "device.law:=fading"])
     assert refused.exit_code == 2
-    assert "did you mean 'certified_memoryless'?" in refused.stderr
+    assert "did you mean 'certified_fading'?" in refused.stderr
     words = {"COMP_WORDS": "forcebound param set device.law:=cert", "COMP_CWORD": "3"}
     asking = {"_FORCEBOUND_COMPLETE": "bash_complete", **words}
     offered = CliRunner().invoke(main, [], env=asking, prog_name="forcebound")
-    laws = ["certified", "certified_memoryless"]
+    laws = ["certified", "certified_fading"]
     assert offered.stdout.split() == [f"plain,device.law:={law}" for law in laws]
 
 

@@ -58,7 +58,7 @@ def offered(tmp_path: Path, line: str) -> list[str]:
         ("forcebound sim", ["simulate"]),
         ("forcebound simulate stiff", ["stiff_wall"]),
         ("forcebound simulate stiff_wall la", ["law:="]),
-        ("forcebound simulate stiff_wall law:=cert", ["certified", "certified_memoryless"]),
+        ("forcebound simulate stiff_wall law:=cert", ["certified", "certified_fading"]),
         ("forcebound simulate no_such_file x", []),
         ("forcebound simulate sub/", ["sub/my_wall.yaml"]),
         ("forcebound plot r", ["run.mcap"]),

@@ -129,3 +129,12 @@ def test_with_several_axes_moving_bodies_or_no_wall_there_is_a_verdict(name: str
     assert 3 <= len(lines) <= 5
     assert lines[0].startswith("Passive")
     assert any(line.startswith("Stiffness felt") for line in lines)
+
+
+def test_a_recording_whose_law_is_no_longer_known_has_its_result(tmp_path: Path) -> None:
+    result = result_of(tmp_path, "")
+    device = {**result.document["device"], "law": "certified_memoryless"}
+    old = RunResult(result.columns, {**result.document, "device": device})
+    assert old.summary["law"] == "certified_memoryless"
+    assert verdict(old.summary, old.document)
+    assert old.summary["little_force"][0]["cause"] == "law_not_certified"

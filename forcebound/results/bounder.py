@@ -187,7 +187,7 @@ def _of_the_ledger(
     costly = [f"device.{name}" for name in COSTLY if np.any(device.get(name) or 0.0)]
     if costly:
         names = ", ".join(costly)
-        advice = f"{names} cost force: docs/theory.md, section 3, has the price of each"
+        advice = f"{names} cost force: docs/prices.md has the price of each"
         yield Cause("imperfections", advice, data={"names": names})
     if "inertia" in device:
         return  # of joints: telemetry has no torques to judge their encoders by
