@@ -235,7 +235,9 @@ def test_the_skin_is_drawn_where_it_is_stretched_and_then_with_a_gap() -> None:
     def drawn(position: float) -> tuple[float, float]:
         """Place of the skin, and height of the gap in it, in m."""
         skin.force("", (position,), (0.0,), 0.0)
-        above, below = skin.scene() or ()
+        scene = skin.scene()
+        assert scene is not None
+        above, below = scene
         return above.position[0], above.position[1] - below.position[1] - above.size[1]
 
     rest, whole = drawn(0.0)
