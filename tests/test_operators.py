@@ -1,6 +1,7 @@
 """The path of each operator."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -86,6 +87,9 @@ def test_the_tremor_is_a_force_of_the_spring_about_the_path() -> None:
     for time, share in ((0.05, 1.0), (0.1, 0.0), (0.15, -1.0), (2.05, 1.0)):
         force = hand.stiffness * (hand.target(time)[0] - calm.target(time)[0])
         assert force == pytest.approx(0.5 * share, abs=1e-9)
+        ahead = replace(hand, tremor_phase=0.5 * math.pi)  # by a quarter of the 0.2 s cycle
+        calmer = hand.target(time + 0.05)[0] - calm.target(time + 0.05)[0]
+        assert ahead.target(time)[0] - calm.target(time)[0] == pytest.approx(calmer)
 
 
 def test_a_tremor_of_two_axes_circles() -> None:

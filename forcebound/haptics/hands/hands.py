@@ -15,6 +15,7 @@ from forcebound.messages.packets import MAX_AXES, Vector
 from forcebound.quantities import (
     NOT_NEGATIVE,
     POSITIVE,
+    Angle,
     Damping,
     Force,
     Frequency,
@@ -210,6 +211,7 @@ class TremblingHand(_ApproachingHand):
         tremor: On the first axis, or a list of one for each axis. Each axis trembles a quarter of
             a cycle after the one before, so that the tip circles.
         tremor_frequency: Of every axis.
+        tremor_phase: Of the first axis, when the force engages.
     """
 
     places: ClassVar[tuple[str, ...]] = ("start", "end", "tremor")
@@ -221,9 +223,10 @@ class TremblingHand(_ApproachingHand):
     approach_speed: Annotated[Speed, POSITIVE] = 0.1
     tremor: Annotated[Force, NOT_NEGATIVE] | tuple[Annotated[Force, NOT_NEGATIVE], ...] = 0.4
     tremor_frequency: Annotated[Frequency, NOT_NEGATIVE] = 8.0
+    tremor_phase: Angle = 0.0
 
     def target(self, elapsed: float) -> Vector:
-        phase = 2.0 * math.pi * self.tremor_frequency * elapsed
+        phase = 2.0 * math.pi * self.tremor_frequency * elapsed + self.tremor_phase
         tremor = [
             force / self.stiffness * math.sin(phase - 0.5 * math.pi * axis)
             for axis, force in enumerate(coordinates(self.tremor))

@@ -12,7 +12,6 @@ from forcebound.lab.paper.setup import (
     HIGH,
     PAPER_LAWS,
     SPEEDS,
-    Approach,
     Contact,
     Runs,
     command,
@@ -34,8 +33,7 @@ class TimeVaryingWall:
     def run(self, runs: Runs) -> Outcome:
         """Reproduce the figure."""
         arguments = {
-            law: ("paper_time_varying_wall", f"law:={law}", *HIGH.arguments)
-            for law in (self.law, *CERTIFIED)
+            law: ("paper_time_varying_wall", f"law:={law}", *HIGH) for law in (self.law, *CERTIFIED)
         }
         contacts = {law: runs.contact(*words) for law, words in arguments.items()}
         numbers = [
@@ -53,14 +51,9 @@ class TimeVaryingWall:
         )
 
 
-# The paper states neither speed nor depth of its Fig. 7. A hand that presses harder than at the
-# high speed receives more energy than it has put into its way to the wall.
-UNBOUNDED = Approach(HIGH.speed, HIGH.way, target=0.2)
-
-
 def no_law(runs: Runs) -> Outcome:
     """Reproduce Figure 7: the wall of 10 N/mm without any law."""
-    contacts = {law: runs.wall(law, UNBOUNDED) for law in ("none", *CERTIFIED)}
+    contacts = {law: runs.wall(law, HIGH) for law in ("none", *CERTIFIED)}
     bounces = {law: contact.run.summary["contact_bounces"] for law, contact in contacts.items()}
     peaks = {law: contact.run.summary["peak_force_n"] for law, contact in contacts.items()}
     return Outcome(
@@ -70,8 +63,8 @@ def no_law(runs: Runs) -> Outcome:
             f"Without a law the hand oscillates, {bounces['none']} bounces in "
             f"{contacts['none'].time[-1]:.0f} s, and receives "
             f"{-contacts['none'].lowest_energy:.1f} mJ from the wall; with the certified laws "
-            "it rests but for its tremor. The paper states neither speed nor depth: here the "
-            f"high speed, with a target {UNBOUNDED.target * 1e3:g} mm behind the surface."
+            "it rests but for its tremor. The paper states neither speed nor depth: here the high "
+            "speed."
         ),
         numbers=[
             *minimum_energies(contacts),
@@ -79,7 +72,7 @@ def no_law(runs: Runs) -> Outcome:
             *by_law("largest force", "N", peaks),
         ],
         drawing=_draw(contacts),
-        commands=[wall_command(law, UNBOUNDED) for law in contacts],
+        commands=[wall_command(law, HIGH) for law in contacts],
     )
 
 
@@ -92,11 +85,11 @@ class StiffWall:
 
     def run(self, runs: Runs) -> Outcome:
         """Reproduce the figure."""
-        speed, approach = self.speed, SPEEDS[self.speed]
-        contacts = {law: runs.wall(law, approach) for law in (self.law, *CERTIFIED)}
+        speed, words = self.speed, SPEEDS[self.speed]
+        contacts = {law: runs.wall(law, words) for law in (self.law, *CERTIFIED)}
         numbers = [
-            Number(words, "N/mm", getattr(contact, key), paper_value(law, key, speed), law)
-            for key, words in WORDS.items()
+            Number(name, "N/mm", getattr(contact, key), paper_value(law, key, speed), law)
+            for key, name in WORDS.items()
             for law, contact in contacts.items()
         ]
         turns = {law: contact.turns for law, contact in contacts.items()}
@@ -111,7 +104,7 @@ class StiffWall:
             ),
             numbers=numbers,
             drawing=_draw(contacts),
-            commands=[wall_command(law, approach) for law in contacts],
+            commands=[wall_command(law, words) for law in contacts],
         )
 
 

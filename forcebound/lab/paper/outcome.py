@@ -17,13 +17,17 @@ TIME = "time since the force engaged (s)"
 
 @dataclass(frozen=True)
 class Number:
-    """One number, with the paper's if it prints one; ``law`` is empty if it is not of one law."""
+    """One number, with the paper's if it prints one; ``law`` is empty if it is not of one law.
+
+    Of many trials it is the median, and ``spread`` is 10 and 90 %.
+    """
 
     quantity: str
     unit: str
     ours: float | None
     paper: float | None = None
     law: str = ""
+    spread: tuple[float, float] | None = None
 
 
 def by_law(quantity: str, unit: str, values: Mapping[str, float | None]) -> list[Number]:

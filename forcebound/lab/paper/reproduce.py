@@ -14,6 +14,8 @@ from forcebound.lab.paper.outcome import Outcome
 from forcebound.lab.paper.setup import Runs
 from forcebound.results.plots import save
 
+RIGHT = ("ours", "10 to 90 %", "paper")  # columns of numbers
+
 
 @dataclass(frozen=True)
 class Reproduction:
@@ -90,11 +92,13 @@ def tables(done: Reproduction) -> Iterator[Any]:
     for name, outcome in done.outcomes.items():
         title = f"{name}: {outcome.title}"
         table = Table(title=title, title_justify="left", box=None, pad_edge=False)
-        for head in ("quantity", "law", "ours", "paper", "unit"):
-            table.add_column(head, justify="right" if head in ("ours", "paper") else "left")
+        for head in ("quantity", "law", "ours", "10 to 90 %", "paper", "unit"):
+            table.add_column(head, justify="right" if head in RIGHT else "left")
         for number in outcome.numbers:
             unit = "" if number.unit == "1" else number.unit
-            table.add_row(number.quantity, number.law, show(number.ours), show(number.paper), unit)
+            spread = " to ".join(show(one) for one in number.spread or ())
+            shown = (show(number.ours), spread, show(number.paper))
+            table.add_row(number.quantity, number.law, *shown, unit)
         yield table
         yield f"{outcome.finding}\n"
 

@@ -54,12 +54,11 @@ def stiffness_at(depth: float, move: float, relied_on: Dissipation) -> float:
 
 
 def recursion(contact: Contact, relied_on: Dissipation) -> tuple[slice, Floats]:
-    """Return the samples from contact on while the bound is active, and the forces of Eq. 41.
+    """Return the samples of the first contact while the bound is active, and the forces of Eq. 41.
 
-    The recursion begins with the force of the first sample in contact, which may be the wall's own
-    force, below the bound.
+    The recursion begins with the first force that the bound reduces.
     """
-    first = int(np.argmax(contact.in_contact))
+    first = int(np.argmax(contact.in_contact & (contact.commanded > contact.applied + 1e-9)))
     free = np.flatnonzero(contact.commanded[first + 1 :] <= contact.applied[first + 1 :])
     last = first + 1 + (int(free[0]) if free.size else contact.time.size - first - 1)
     forces = [float(contact.applied[first])]
