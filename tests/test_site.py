@@ -1,0 +1,57 @@
+"""The site: built from the Markdown files without a warning; gallery and texts beside the code."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import forcebound
+from experiments.gallery import entries
+
+ROOT = Path(__file__).parent.parent
+MOST_LINES = 20  # of an entry of the gallery
+LARGEST, ALL = 170_000, 1_500_000  # B, of its pictures
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("site")
+    options = ["-q", "-W", "--keep-going", "-c", str(ROOT / "docs"), str(ROOT), str(folder)]
+    command = [sys.executable, "-m", "sphinx", *options]
+    run = subprocess.run(command, capture_output=True, text=True)
+    assert (run.returncode, run.stderr) == (0, "")
+    return folder
+
+
+def test_every_page_is_built(site: Path) -> None:
+    pages = {file.with_suffix("").relative_to(ROOT) for file in (ROOT / "docs").rglob("*.md")}
+    built = {file.with_suffix("").relative_to(site) for file in (site / "docs").rglob("*.html")}
+    assert built == pages
+    assert (site / "README.html").exists()
+    assert "docs/index.html" in (site / "index.html").read_text()
+
+
+def test_the_reference_has_every_public_name(site: Path) -> None:
+    page = (site / "docs/api.html").read_text(encoding="utf-8")
+    places = set(re.findall(r'id="(forcebound[\w.]*)"', page))
+    public = getattr(forcebound, "__all__", [])
+    made = {name for name in public if callable(getattr(forcebound, name))}
+    assert {f"forcebound.{name}" for name in made} - places == set()
+    assert "forcebound.haptics.environments.Environment.force" in places
+    assert "forcebound.haptics.laws.law.BoundingLaw" in places
+
+
+def test_an_entry_of_the_gallery_is_small() -> None:
+    parts = (ROOT / "docs/gallery.md").read_text(encoding="utf-8").split("\n## ")[1:]
+    assert len(parts) == len(entries()) >= 12
+    assert [part for part in parts if len(part.strip().splitlines()) > MOST_LINES] == []
+    sizes = [picture.stat().st_size for picture, _ in entries().values()]
+    assert max(sizes) < LARGEST
+    assert sum(sizes) < ALL
+
+
+def test_no_picture_of_the_gallery_is_without_an_entry() -> None:
+    shown = {picture for picture, _ in entries().values()}
+    assert set((ROOT / "docs/gallery").iterdir()) - shown == set()
