@@ -1,11 +1,14 @@
-"""The site: built from the Markdown files without a warning; gallery and texts beside the code."""
+"""The site, built without a warning; the gallery; the texts beside the code."""
 
 import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
+from typing import Any
 
 import pytest
+from ruamel.yaml import YAML
 
 import forcebound
 from experiments.gallery import entries
@@ -55,3 +58,32 @@ def test_an_entry_of_the_gallery_is_small() -> None:
 def test_no_picture_of_the_gallery_is_without_an_entry() -> None:
     shown = {picture for picture, _ in entries().values()}
     assert set((ROOT / "docs/gallery").iterdir()) - shown == set()
+
+
+def read(name: str) -> Any:
+    """Return the content of a YAML file of the repository."""
+    return YAML(typ="safe").load((ROOT / name).read_text(encoding="utf-8"))
+
+
+def test_the_citation_is_that_of_this_version() -> None:
+    citation = read("CITATION.cff")
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    assert {"cff-version", "message", "title", "authors"} <= set(citation)
+    assert citation["version"] == project["version"]
+    assert citation["license"] == project["license"]
+
+
+@pytest.mark.parametrize("name", ["bug", "device"])
+def test_a_form_asks_for_the_diagnosis(name: str) -> None:
+    form = read(f".github/ISSUE_TEMPLATE/{name}.yml")
+    assert {"name", "description", "body"} <= set(form)
+    asked = {part["id"]: part for part in form["body"] if part["type"] != "markdown"}
+    assert "forcebound doctor --json" in asked["doctor"]["attributes"]["label"]
+    assert all(part["attributes"]["label"] for part in asked.values())
+
+
+def test_the_paper_cites_each_of_its_sources() -> None:
+    text = (ROOT / "paper/paper.md").read_text(encoding="utf-8")
+    sources = (ROOT / "paper/paper.bib").read_text(encoding="utf-8")
+    listed = set(re.findall(r"^@\w+\{(\w+),", sources, re.MULTILINE))
+    assert set(re.findall(r"@(\w+)", text)) == listed != set()
