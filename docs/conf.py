@@ -8,6 +8,9 @@ from importlib.metadata import version as version_of
 from pathlib import Path
 from typing import Any
 
+from docutils.nodes import SkipNode
+from docutils.utils.math.latex2mathml import tex2mathml
+
 ROOT = Path(__file__).parent.parent
 FOLDERS = [entry.name for entry in ROOT.iterdir() if entry.is_dir()]
 
@@ -20,7 +23,9 @@ root_doc = "docs/index"
 include_patterns = ["*.md", "docs/**.md", "examples/README.md"]
 exclude_patterns = [*({*FOLDERS} - {"docs", "examples"}), "examples/*/**"]  # not even searched
 
+myst_enable_extensions = ["dollarmath"]
 myst_heading_anchors = 4  # named as repository browsers do; links to them are checked
+add_module_names = False
 autodoc_member_order = "bysource"
 autodoc_typehints = "description"
 autodoc_typehints_description_target = "documented"  # a type where its argument is explained
@@ -29,18 +34,29 @@ copybutton_prompt_text = "$ "
 
 html_theme = "furo"
 html_title = "forcebound"
-html_extra_path = ["site"]  # index.html, which leads to docs/index.html
+html_static_path = ["site/site.css"]
+html_css_files = ["site.css"]
+html_extra_path = ["site/index.html"]  # leads to docs/index.html
 html_copy_source = False
+html_math_renderer = "mathml"  # of the browser's own: the site asks no other server for anything
 
 DECISIONS = "\n```{toctree}\n:hidden:\n:glob:\n\n[0-9]*\n```\n"
 
 
 def setup(app: Any) -> None:
-    """Add the list of decisions to the navigation, which their page has as a table."""
+    """Add formulas, and the list of decisions to the navigation: their page has it as a table."""
     app.connect("source-read", add_decisions)
+    app.add_html_math_renderer("mathml", (show_formula, None), (show_formula, None))
 
 
 def add_decisions(app: Any, page: str, source: list[str]) -> None:
     """Append a table of contents to the page of the decisions, on the site alone."""
     if page == "docs/decisions/README":
         source[0] += DECISIONS
+
+
+def show_formula(page: Any, node: Any) -> None:
+    """Write a formula, in a line of text or by itself, as MathML."""
+    is_block = node.tagname == "math_block"
+    page.body.append(tex2mathml(node.astext(), as_block=is_block))
+    raise SkipNode
