@@ -5,7 +5,8 @@
 #   docker run --rm --cap-add SYS_NICE --ulimit rtprio=99 --ulimit memlock=-1 forcebound launch stiff_wall --duration 10s
 #
 # The three options permit SCHED_FIFO and locked memory (docs/realtime.md); without them a live graph runs with ordinary
-# scheduling and says so. A device at a serial port: --device /dev/ttyACM0.
+# scheduling and says so. A board at a serial port: --device /dev/ttyACM0 --group-add dialout. The installation has been
+# tried in a virtual environment; the image itself has not been built yet.
 FROM python:3.12-slim
 WORKDIR /forcebound
 COPY . .

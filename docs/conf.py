@@ -16,6 +16,7 @@ FOLDERS = [entry.name for entry in ROOT.iterdir() if entry.is_dir()]
 
 project = "forcebound"
 author = "The forcebound developers"
+project_copyright = f"2026 {author}, MIT licence"
 version = release = version_of("forcebound")
 
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx_copybutton"]
@@ -45,6 +46,7 @@ DECISIONS = "\n```{toctree}\n:hidden:\n:glob:\n\n[0-9]*\n```\n"
 
 def setup(app: Any) -> None:
     """Add formulas, and the list of decisions to the navigation: their page has it as a table."""
+    app.connect("autodoc-process-docstring", keep_colon, priority=400)  # before napoleon
     app.connect("source-read", add_decisions)
     app.add_html_math_renderer("mathml", (show_formula, None), (show_formula, None))
 
@@ -60,3 +62,9 @@ def show_formula(page: Any, node: Any) -> None:
     is_block = node.tagname == "math_block"
     page.body.append(tex2mathml(node.astext(), as_block=is_block))
     raise SkipNode
+
+
+def keep_colon(app: Any, what: str, name: str, part: Any, options: Any, lines: list[str]) -> None:
+    """Keep napoleon from taking the words before a colon for the type of a property."""
+    if what in ("attribute", "data", "property"):
+        lines[:0] = ["..", ""]  # an empty comment, in whose line there is no colon
