@@ -12,11 +12,11 @@ COVERAGE := 88
 CORE_COVERAGE := 90
 FUZZ_SECONDS ?= 60# for each target
 
-.PHONY: demo test coverage check ruff mypy pyright imports test-slow examples endurance audit bench browser \
+.PHONY: demo test coverage check ruff mypy pyright imports test-slow examples endurance audit bench browser release \
   reference docs fuzz hapi mutation clean
 
 demo: $(STAMP)
-	$(BIN)/python experiments/demo.py
+	$(BIN)/forcebound demo
 
 test: check
 	$(BIN)/pytest -n 2 --dist loadgroup -m "not slow and not endurance"
@@ -75,6 +75,14 @@ docs: $(STAMP)
 	    --constraint constraints.txt --editable '.[docs]'
 	$(BIN)/sphinx-build -q -E -W --keep-going -d results/doctrees -c docs . results/site
 	@echo "open results/site/index.html"
+
+# Everything up to the upload, which a person does: `twine upload dist/*`.
+release: $(STAMP)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[release]'
+	rm -rf build dist
+	$(BIN)/python -m build
+	$(BIN)/twine check --strict dist/*
+	$(BIN)/pytest -m "slow or not slow" tests/test_wheel.py
 
 mutation: $(STAMP)
 	@$(BIN)/python -c 'import mutmut' 2>/dev/null \

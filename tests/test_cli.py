@@ -14,8 +14,8 @@ from launch_texts import written
 from waiting import PATIENCE, until
 
 from forcebound.cli import main
-from forcebound.cli.common import print_rows
 from forcebound.results.figures import FIGURES
+from forcebound.results.printing import print_rows
 from forcebound.run.results import RunResult
 
 QUICK = ("--duration", "200 ms")
