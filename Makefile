@@ -13,7 +13,7 @@ CORE_COVERAGE := 90
 FUZZ_SECONDS ?= 60# for each target
 
 .PHONY: demo test coverage check ruff mypy pyright imports test-slow examples endurance audit bench browser release \
-  reference docs fuzz hapi mutation clean
+  reference docs prices fuzz hapi mutation clean
 
 demo: $(STAMP)
 	$(BIN)/forcebound demo
@@ -61,6 +61,10 @@ audit: $(STAMP)
 # All figures with date, commit and machine, on one page; some ten minutes on an idle machine.
 bench: $(STAMP)
 	$(BIN)/python -m benchmarks --page docs/benchmarks.md
+
+# What a number costs; some minutes on an idle machine.
+prices: $(STAMP)
+	$(BIN)/python experiments/certificate_grid.py --page docs/prices.md
 
 # The pages of all keys of launch files and of all figures of a run, from their tables.
 reference: $(STAMP)

@@ -205,7 +205,7 @@ def test_a_glitch_of_one_sample_is_refused_and_earns_nothing() -> None:
     assert ForceBounder("certified", PHANTOM).refused_readings == 0
 
 
-def test_a_device_that_really_is_elsewhere_is_believed_without_credit() -> None:
+def test_a_device_that_really_is_elsewhere_counts_without_credit() -> None:
     device = replace(PHANTOM, largest_speed=1.0)
     bounder = ForceBounder("certified", device)
     for n in range(1, 20):

@@ -43,7 +43,7 @@ def test_the_time_of_the_first_law_has_the_figures_of_a_run_that_ends_then(
     assert (first["law"], first["samples"]) == ("none", alone["samples"])
 
 
-def test_the_time_of_the_second_law_begins_anew(whole: RunResult, changed: RunResult) -> None:
+def test_the_time_of_the_second_law_starts_at_zero(whole: RunResult, changed: RunResult) -> None:
     _, second = changed.by_law
     assert second.columns.time[0] == 0.0
     later = whole.columns.time_ns > MOMENT_NS
