@@ -13,7 +13,7 @@ CORE_COVERAGE := 90
 FUZZ_SECONDS ?= 60# for each target
 
 .PHONY: demo test coverage check ruff mypy pyright imports test-slow examples endurance audit bench browser release \
-  reference prices fuzz hapi mutation clean
+  reference docs prices fuzz hapi mutation clean
 
 demo: $(STAMP)
 	$(BIN)/forcebound demo
@@ -70,6 +70,15 @@ prices: $(STAMP)
 reference: $(STAMP)
 	$(BIN)/python docs/launch_files.py > docs/launch-files.md
 	$(BIN)/python docs/results.py > docs/results.md
+
+# The site, from the Markdown files: results/site/index.html. A warning, such as of a link that leads
+# nowhere, is an error.
+docs: $(STAMP)
+	@$(BIN)/python -c 'import furo, myst_parser, sphinx_copybutton' 2>/dev/null \
+	  || $(BIN)/python -m pip install --quiet --disable-pip-version-check \
+	    --constraint constraints.txt --editable '.[docs]'
+	$(BIN)/sphinx-build -q -E -W --keep-going -d results/doctrees -c docs . results/site
+	@echo "open results/site/index.html"
 
 # Everything up to the upload, which a person does: `twine upload dist/*`.
 release: $(STAMP)

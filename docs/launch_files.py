@@ -88,6 +88,7 @@ def _inner(
     at: str = "",
 ) -> Iterator[str]:
     """The tables of the keys of a dataclass that are mappings with keys of their own."""
+    level = "####" if at else "###"  # under a kind, or under the section itself
     for field in fields_of(kind, names).values():
         for part in _dataclasses(field.hint):
             place = f"{before}{field.name}"
@@ -95,7 +96,7 @@ def _inner(
                 first = known[f"{place} {next(_rows(part))}"]
                 yield from ("", f"`{place}`: as of `kind: {first}`.")
             else:
-                yield from ("", f"#### `{place}`", *_table(part, "", None, known, at, place))
+                yield from ("", f"{level} `{place}`", *_table(part, "", None, known, at, place))
             yield from _inner(part, None, f"{place}.", known, at)
 
 

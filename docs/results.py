@@ -25,7 +25,8 @@ Stiffness felt: 7.91 N/mm of 10 N/mm (79%, a mean, since the hand moved); the re
 * **Stiffness felt** is the displayed stiffness of the table, less what a watchdog dropped between two writes, in the unit
   of the launch file. The [shares](#what-takes-stiffness) of what took the rest add up to 100 %.
 * **Why the law gave little**: the first cause of `little_force`, with a remedy.
-* **Failed**: faults, rejected and lost packets, ticks missed (from 0.1 % on); only if there are any.
+* **Faults**: faults by kind, rejected and lost packets, ticks missed (from 0.1 % on); only if there are any. A run that
+  reaches its end with faults has exit status 0.
 
 `--all` prints the table of all figures below it; `--json` prints them under the keys given here, in SI units (a key that
 ends in `_ms`: in ms).

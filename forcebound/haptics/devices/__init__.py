@@ -70,7 +70,7 @@ class Device(Publisher, ABC):
 
     @property
     def serial_number(self) -> str:
-        """Serial number of its USB device; empty: it has none."""
+        """Serial number of its USB device; empty if it has none."""
         return ""
 
     @abstractmethod
@@ -96,7 +96,7 @@ class Device(Publisher, ABC):
         """Drop the forces from the next write on when they have acted for ``seconds``.
 
         Returns:
-            The hold limit that was really set, in s: the bounder plans with it. None: this device
+            The hold limit that was really set, in s; the bounder plans with it. None if this device
             keeps the one with which it was opened.
         """
         return None
@@ -157,7 +157,7 @@ class Device(Publisher, ABC):
             place: In m; entries that it does not have stay as they are.
 
         Returns:
-            Where the pointer is now, in m: within the hand's reach.
+            Where the pointer is now, in m; within the hand's reach.
         """
         return None
 
