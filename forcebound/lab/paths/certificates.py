@@ -235,10 +235,9 @@ def refused(draft: Draft) -> None:
 
 
 def glitches(draft: Draft) -> None:
-    """Readings that imply more than the largest speed; the hand never exceeds it."""
+    """Readings that imply more than the largest speed; the hand may exceed it."""
     draft.case["refused"] = _log(draft.random, 0.02, 0.5)
     draft.fields["largest_speed"] = draft.case["glitch"] = _log(draft.random, 0.05, 5.0)
-    draft.device.fastest = 0.999 * draft.fields["largest_speed"]  # no true reading is refused
 
 
 def too_fast(draft: Draft) -> None:
