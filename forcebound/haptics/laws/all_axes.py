@@ -6,8 +6,8 @@ several times more than compiled.
 
 A motor whose gain is uncertain has two ledgers, one for each end of the range. Loss and work are
 linear in the gain, penalties and costs of holds convex; so what both ledgers allow, every gain
-between allows. Several motors may have different gains. With P_i the work on axis i in the ledger,
-the worst of all their combinations has x (Σ|P_i| - |Σ P_i|) less than the worse of the two ledgers;
+between allows. Several motors may have different gains. With J_i the work on axis i in the ledger,
+the worst of all their combinations has x (Σ|J_i| - |Σ J_i|) less than the worse of the two ledgers;
 that is then paid beforehand (:func:`spread_price`), and what holds cost, also that of the old force
 until the new one takes effect, is that of the largest gain.
 """
