@@ -200,7 +200,7 @@ def test_the_old_force_costs_what_the_strongest_motor_can_do(
     device, energy, struck = every[0], 0.0, []
     device.gain[:2] = gains
     bounder.start(0, (0.0, 0.0))
-    force = (0.0, 0.0)
+    force: tuple[float, ...] = (0.0, 0.0)
     for index in range(300):
         if index < 200:
             asked, step = (push, 0.0), np.array([5e-5, 0.0, 0.0])
