@@ -12,11 +12,11 @@ COVERAGE := 88
 CORE_COVERAGE := 90
 FUZZ_SECONDS ?= 60# for each target
 
-.PHONY: demo test coverage check ruff mypy pyright imports test-slow examples endurance audit bench browser \
-  reference fuzz hapi mutation clean
+.PHONY: demo test coverage check ruff mypy pyright imports test-slow examples endurance audit bench browser release \
+  reference prices fuzz hapi mutation clean
 
 demo: $(STAMP)
-	$(BIN)/python experiments/demo.py
+	$(BIN)/forcebound demo
 
 test: check
 	$(BIN)/pytest -n 2 --dist loadgroup -m "not slow and not endurance"
@@ -62,10 +62,22 @@ audit: $(STAMP)
 bench: $(STAMP)
 	$(BIN)/python -m benchmarks --page docs/benchmarks.md
 
+# What a number costs; some minutes on an idle machine.
+prices: $(STAMP)
+	$(BIN)/python experiments/certificate_grid.py --page docs/prices.md
+
 # The pages of all keys of launch files and of all figures of a run, from their tables.
 reference: $(STAMP)
 	$(BIN)/python docs/launch_files.py > docs/launch-files.md
 	$(BIN)/python docs/results.py > docs/results.md
+
+# Everything up to the upload, which a person does: `twine upload dist/*`.
+release: $(STAMP)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[release]'
+	rm -rf build dist
+	$(BIN)/python -m build
+	$(BIN)/twine check --strict dist/*
+	$(BIN)/pytest -m "slow or not slow" tests/test_wheel.py
 
 mutation: $(STAMP)
 	@$(BIN)/python -c 'import mutmut' 2>/dev/null \

@@ -14,7 +14,7 @@ from typing import Any
 import click
 
 from benchmarks.harness import Figure, Measured, Result, conditions
-from forcebound.cli.common import print_rows
+from forcebound.results.printing import print_rows
 
 NAMES = (
     "servo",

@@ -1,13 +1,17 @@
-"""Stiffness of a wall that is far away: controllers against each other.
+"""Stiffness of a wall that is far away: controllers against each other, and where that ends.
 
-Usage: python experiments/far_wall.py [--plot docs/far_wall.png]
+Usage: python experiments/far_wall.py [--limits] [--plot docs/far_wall.png]
+
+The walls are the best case of ``local_model``: flat, they stand still, and the second press finds a
+wall that was touched before. ``--limits`` prints only what bumps and moving bodies do to it.
 
 The hand of `stiff_wall` presses into its wall of 10 N/mm, in virtual time; and a hand that touches
 it, lets go, and presses again from 1 s on. *stiffness*, *energy* and *bounces* are those of the
 whole run, and of the second press alone for the second hand: so what was learned at the first
 touch is known. *first* is the deepest point of the first contact. The energy is the least that the
 hand has put in since the start (ground truth). The third table has the second press with other
-powers of the local model; the last lines have a hand that strokes over a sphere.
+powers of the local model. The last table, ``--limits``, compares the commanded force with the one
+that the same world gives at the hand at once: RMS of the difference, and correlation.
 """
 
 import argparse
@@ -22,13 +26,14 @@ import numpy as np
 from forcebound.graph.graph import GraphConfig
 from forcebound.graph.loader import load
 from forcebound.haptics.controllers.local_model import LocalModel
+from forcebound.haptics.environments.solid import Shape, Solid
 from forcebound.haptics.hands.hands import StrokingHand
 from forcebound.haptics.hands.paths import TrajectoryHand
 from forcebound.recordings.telemetry import TelemetryColumns
 from forcebound.results.contact import count_bounces, displayed_stiffness
 from forcebound.run.virtual import run_virtual
 
-LAWS = ("certified", "certified_memoryless")
+LAWS = ("certified", "certified_fading")
 DELAYS = (20, 50)  # ms, each way
 SURFACE = 0.010  # m
 AGAIN = 1.0  # s, beginning of the second press
@@ -51,6 +56,9 @@ CONTESTANTS: Mapping[str, LocalModel | None] = {
 }
 DRAWN = ("direct", "local_model")
 POWERS = (0.0, 0.005, 0.02, 0.05)  # W
+#: Scenes of ``--limits``: launch files, and a wall of ridges at distances in mm.
+SCENES = ("touch_sphere", *(f"ridges {n}" for n in (40, 10, 4, 2)), "touch_mesh", "push_mass")
+RIDGE = 4e-4  # m, from the valleys to the ridges
 
 
 class Figures(NamedTuple):
@@ -126,28 +134,60 @@ def print_powers(hand: Any) -> None:
         print(row(f"{power * 1e3:g} mW", found, reference), flush=True)
 
 
-def error_on_sphere(controller: str, delay: int) -> float:
-    """Return the RMS error of the commanded force, in N, of a hand that strokes over a sphere.
-
-    The right force is that of the sphere where the hand is; ``delay`` in ms each way.
-    """
+def scene(name: str, controller: str, delay: int) -> GraphConfig:
+    """Return one of ``SCENES``; ``delay`` in ms each way."""
     arguments = [f"controller:={controller}", f"delay:={delay} ms", "age_limit:=300 ms"]
-    config = load("touch_sphere", [*arguments, "stiffness:=2 N/mm"])
-    hand = StrokingHand(start=(-0.01, 0.0, 0.0), end=(0.014, 0.0, 0.0), stroke=(0.0, 0.0, 0.012))
-    columns = run_virtual(replace(config, operator=hand), DURATION).columns
-    slides = columns.elapsed > 1.0
-    outwards = columns.position[slides] - np.array([0.05, 0.0, 0.0])
-    distance = np.linalg.norm(outwards, axis=1, keepdims=True)
-    right = -2000.0 * np.maximum(0.04 - distance, 0.0) * outwards / distance
-    error = columns.commanded_force[slides] - right
-    return float(np.sqrt(np.mean(np.sum(error**2, axis=1))))
+    if name == "touch_sphere":
+        hand = StrokingHand(start=(-0.01, 0.0, 0.0), end=(0.014, 0.0, 0.0), stroke=(0, 0, 0.012))
+        return replace(load(name, [*arguments, "stiffness:=2 N/mm"]), operator=hand)
+    if not name.startswith("ridges"):
+        return load(name, arguments)
+    pitch = 1e-3 * float(name.split()[1])
+    radius = (0.25 * pitch**2 + RIDGE**2) / (2.0 * RIDGE)
+    row = range(-round(0.024 / pitch), round(0.024 / pitch) + 1)
+    places = [(SURFACE + radius, pitch * k, 0.0) for k in row]
+    shapes = tuple(Shape("cylinder", place, radius=radius, length=0.1) for place in places)
+    config = load("sliding_friction", arguments)
+    world = replace(config.environment, model=Solid(shapes, stiffness=1000.0))
+    return replace(config, environment=world)
+
+
+def error_of(config: GraphConfig) -> tuple[float, float]:
+    """Return RMS error, in N, and correlation of the commanded force, from 1 s on.
+
+    The right force is what the same world gives where the hand is, without any delay.
+    """
+    columns = run_virtual(config, DURATION).columns
+    axes = columns.position.shape[1]
+    world, still = config.environment.model.open(axes), (0.0,) * axes
+    asked = zip(columns.position.tolist(), columns.elapsed.tolist(), strict=True)
+    right = np.array([world.force("", tuple(place), still, time) for place, time in asked])
+    force, right = (one[columns.elapsed > 1.0] for one in (columns.commanded_force, right))
+    error = float(np.sqrt(np.mean(np.sum((force - right) ** 2, axis=1))))
+    deviations = [(one - one.mean(axis=0)).ravel() for one in (force, right)]
+    return error, float(np.corrcoef(*deviations)[0, 1])
+
+
+def print_limits() -> None:
+    """Print the error of each of ``SCENES``."""
+    cases = [(name, delay) for delay in (0, 20) for name in DRAWN]
+    print(f"| scene | {' | '.join(f'{name}, {delay} ms' for name, delay in cases)} |")
+    print("|---" * (1 + len(cases)) + "|")
+    for name in SCENES:
+        errors = (error_of(scene(name, *one)) for one in cases)
+        cells = (f"{error:.2f} N, {correlation:.2f}" for error, correlation in errors)
+        print(f"| {name} | {' | '.join(cells)} |", flush=True)
 
 
 def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description="Stiffness of a wall that is far away.")
     parser.add_argument("--plot", type=Path, help="draw the second hand's runs into this file")
+    parser.add_argument("--limits", action="store_true", help="print only the last table")
     options = parser.parse_args()
+    if options.limits:
+        print_limits()
+        return
     with tempfile.TemporaryDirectory() as folder:
         hands = {"presses once": None, "touches, then presses": touching_hand(Path(folder))}
         runs = {}
@@ -157,9 +197,8 @@ def main() -> None:
                 runs[name, law] = table(law, hand)
         print("\nlocal_model with other powers, touches, then presses, 50 ms, certified")
         print_powers(hands["touches, then presses"])
-    for name in DRAWN:
-        for delay in (0, *DELAYS):
-            print(f"sphere, {name}, {delay} ms: {error_on_sphere(name, delay):.3f} N RMS")
+    print("\ncommanded force against the right one: RMS error, correlation")
+    print_limits()
     if options.plot:
         draw(runs["touches, then presses", LAWS[0]], options.plot)
 
@@ -178,6 +217,7 @@ def draw(runs: Mapping[str, TelemetryColumns], file: Path) -> None:
     depths.set(ylabel="depth in the wall (mm)", ylim=(-2.0, 6.0))
     depths.axhspan(-2.0, 0.0, color="0.93")
     depths.legend(loc="upper right", ncols=2)
+    figure.suptitle("Best case: a flat wall that stands still, and was touched before")
     forces.set(ylabel="applied force (N)", xlabel="time since the force engaged (s)", xlim=(0, 2))
     figure.savefig(file, dpi=110)
 

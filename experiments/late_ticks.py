@@ -18,7 +18,7 @@ from forcebound.graph.loader import load
 from forcebound.run.simulation import LateTicks
 from forcebound.run.virtual import run_virtual
 
-LAWS = ("certified", "certified_memoryless")
+LAWS = ("certified", "certified_fading")
 RATES = (0.0, 2.0, 20.0)  # late ticks per second
 HOLD_LIMITS = (1.25, 2.0, 4.0, 10.0, "auto")
 JITTER = 20e-6  # s

@@ -23,6 +23,7 @@ from PIL import Image
 from benchmarks.onlookers import END_TIMEOUT_S, Graph, graph, page
 
 STEPS = 30  # moves of a drag
+PHONE = {"width": 390, "height": 844, "deviceScaleFactor": 1.5, "mobile": True}
 FILM = {"width": 1120, "height": 680, "deviceScaleFactor": 1, "mobile": False}
 SHOWN = 0.8  # scale of the moving picture
 FRAME = 0.1  # s between two of its frames, at least
@@ -85,13 +86,17 @@ def drag(driver: Any, right: float, down: float) -> None:
 @click.command()
 @click.argument("folder", default="docs", type=click.Path(exists=True, path_type=Path))
 def main(folder: Path) -> None:
-    """Write the two pictures and the moving one into a folder, docs by default."""
+    """Write the three pictures and the moving one into a folder, docs by default."""
     with (
         tempfile.TemporaryDirectory(prefix="fb-", ignore_cleanup_errors=True) as own,
         browser(own) as driver,
     ):
         with graph(own, "pointer_wall") as launched, page(launched) as running:
             show_wall(driver, running, folder / "live-page.png")
+            driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", PHONE)
+            running.run_for(1.0)  # it is laid out
+            save(driver, folder / "live-page-phone.png")
+            driver.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
             film_wall(driver, running, folder / "live-page.webp")
         with graph(own, "pointer_touch") as launched, page(launched) as running:
             show_touch(driver, running, folder / "live-page-touch.png")

@@ -1,1 +1,85 @@
-"""Force feedback over a network, without ROS, that provably stays passive."""
+"""Force feedback over a network, without ROS, that provably stays passive.
+
+::
+
+    import forcebound as fb
+
+    run = fb.simulate("stiff_wall", law="certified", delay="2 ms")
+    run.figures.displayed_stiffness      # N/m, a float with .unit and .label
+    run.telemetry["position"]            # numpy, one row a tick
+
+The commands of the shell and these functions share one implementation. Nothing is imported before
+it is used, so ``import forcebound`` costs next to nothing.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from forcebound import errors
+
+if TYPE_CHECKING:
+    from forcebound.haptics.controllers import CONTROLLERS as controllers
+    from forcebound.haptics.devices import DEVICES as devices
+    from forcebound.haptics.environments import ENVIRONMENTS as environments
+    from forcebound.haptics.hands import OPERATORS as operators
+    from forcebound.haptics.laws import LAWS as laws
+    from forcebound.interface.figures import Figures, Quantity
+    from forcebound.interface.laws import bound
+    from forcebound.interface.live import Graph, launch
+    from forcebound.interface.runs import Run, plot, read, simulate
+    from forcebound.interface.sweeps import Runs, linspace, sweep
+
+__all__ = [
+    "Figures",
+    "Graph",
+    "Quantity",
+    "Run",
+    "Runs",
+    "bound",
+    "controllers",
+    "devices",
+    "environments",
+    "errors",
+    "launch",
+    "laws",
+    "linspace",
+    "operators",
+    "plot",
+    "read",
+    "simulate",
+    "sweep",
+]
+
+#: Where each public name is defined; of a table of parts, the name that it has there.
+_PLACES = {
+    "controllers": "haptics.controllers:CONTROLLERS",
+    "devices": "haptics.devices:DEVICES",
+    "environments": "haptics.environments:ENVIRONMENTS",
+    "operators": "haptics.hands:OPERATORS",
+    "laws": "haptics.laws:LAWS",
+    "Figures": "interface.figures",
+    "Quantity": "interface.figures",
+    "bound": "interface.laws",
+    "Graph": "interface.live",
+    "launch": "interface.live",
+    "Run": "interface.runs",
+    "plot": "interface.runs",
+    "read": "interface.runs",
+    "simulate": "interface.runs",
+    "Runs": "interface.sweeps",
+    "linspace": "interface.sweeps",
+    "sweep": "interface.sweeps",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _PLACES:
+        raise AttributeError(f"module 'forcebound' has no attribute {name!r}")
+    module, _, there = _PLACES[name].partition(":")
+    value = getattr(import_module(f"forcebound.{module}"), there or name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return [*__all__]

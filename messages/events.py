@@ -2,16 +2,25 @@
 
 import logging
 from collections.abc import Mapping
+from typing import Final, Literal, TypeAlias, cast
 
 from forcebound.messages.packets import MAX_TEXT, Event
 
-PHASE_BEGINS = "phase"  # kind of event: a part of a scripted run begins; its data has the name
-PARAMETERS_SET = "parameter_set"  # kind of event: parameters changed; its data has the new values
-LINK_COUNTED = "link_counted"  # kind of event: packets of a link, by fate
-BOUNDER_REPORTED = "bounder_reported"  # kind of event: what the bounder has met in a run
+#: Kinds of the events that the processes of a graph emit, besides those of a remote link.
+Kind: TypeAlias = Literal[
+    "phase", "parameter_set", "law_changed", "bounder_reported", "link_counted",
+    "force_engages", "force_released", "ticks_missed", "readings_refused", "packets_refused",
+    "environment_awaited", "environment_serves", "environment_lost", "environment_refused",
+    "serving", "environment_failed", "controller_failed", "signal_refused", "scene_failed",
+    "scene_cut", "process_started", "process_ended", "device_lost",
+]  # fmt: skip
+REMOTE = "remote_"  # kinds of events of a remote link begin so; then the kind of the notice
+PHASE_BEGINS: Final = "phase"  # a part of a scripted run begins; its data has the name
+PARAMETERS_SET: Final = "parameter_set"  # parameters changed; its data has the new values
+LINK_COUNTED: Final = "link_counted"  # packets of a link, by fate
+BOUNDER_REPORTED: Final = "bounder_reported"  # what the bounder has met in a run
+LAW_CHANGED: Final = "law_changed"  # another law bounds from now on; its data has its name
 TAKES_HOLD_LIMIT = "takes_hold_limit"  # in data of an event: this device can be given a hold limit
-LAW_CHANGED = "law_changed"  # kind of event: another law bounds from now on; its data has its name
-RESERVED = (PHASE_BEGINS, PARAMETERS_SET, LINK_COUNTED, BOUNDER_REPORTED, LAW_CHANGED)
 PUBLISHED = "published"  # in data of an event: code of a device, controller or environment sent it
 STATE_INTERVAL_NS = 200_000_000  # between two events about a state that each packet may change
 MAX_ENTRIES, MAX_DATA = 60, 1_800  # of an event's data, bytes: a packet holds no more than 4096
@@ -29,7 +38,7 @@ class EventLog:
     def emit(
         self,
         time_ns: int,
-        event: str,
+        event: Kind,
         message: str,
         data: Mapping[str, str] | None = None,
         *,
@@ -52,6 +61,11 @@ class EventLog:
             message=message[:MAX_TEXT],
             data=_bounded(data or {}),
         )
+
+    def publish(self, time_ns: int, event: str, message: str, *, is_fault: bool) -> Event:
+        """Return the next event, which a part's own code sends; it has no kind of the graph."""
+        data = {PUBLISHED: "true"}
+        return self.emit(time_ns, cast(Kind, event), message, data, is_fault=is_fault)
 
     def link_counts(self, time_ns: int, topic: str, counts: Mapping[str, int]) -> Event:
         """Return an event with the counts of a link's packets, by fate."""

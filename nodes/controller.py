@@ -27,6 +27,7 @@ from forcebound.messages.packets import (
     DeviceState,
     EnvironmentQuery,
     EnvironmentReply,
+    Event,
     ForceCommand,
     Packet,
     Vector,
@@ -86,6 +87,9 @@ class ControllerNode(Node):
             return True
         self.reject("second_environment")
         return False
+
+    def last_events(self, time_ns: int) -> Sequence[Event]:
+        return self._signals.last_events(time_ns)
 
     def status(self) -> ControllerStatus:
         return ControllerStatus(

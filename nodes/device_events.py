@@ -6,6 +6,7 @@ from forcebound.graph.servo import ServoSettings
 from forcebound.messages.control import BounderReport
 from forcebound.messages.events import BOUNDER_REPORTED, LAW_CHANGED, STATE_INTERVAL_NS, EventLog
 from forcebound.messages.packets import Event, Packet
+from forcebound.results.cells import energy as energy_in_words
 
 REFUSAL_INTERVAL_NS = 1_000_000_000  # between two events about refused readings
 WINDOW_NS = 1_000_000_000  # in which missed ticks are counted
@@ -59,7 +60,7 @@ class DeviceEvents:
         if before is not None:
             former, given, energy = before
             has = "has put in" if given >= 0.0 else "has received"
-            message += f"; under {former} the hand {has} {1e3 * abs(given):.1f} mJ"
+            message += f"; under {former} the hand {has} {energy_in_words(abs(given))}"
             data["energy_before"] = repr(energy)
         return self._log.emit(time_ns, LAW_CHANGED, message, data)
 

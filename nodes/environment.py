@@ -109,7 +109,7 @@ class EnvironmentNode(Node):
         if model != self._model:
             self._environment = change_environment(self._environment, model, self._axes)
             self._model = model
-            self._signals.part = self._environment
+            self._signals.watch(self._environment)
             self._scene.watch(self._environment)
         self._computation.change(computation, trace)
 
@@ -122,7 +122,8 @@ class EnvironmentNode(Node):
             if type(packet) is EnvironmentQuery:
                 self._take(packet, time_ns)
         was_due, answered = self._scene.is_due, self._seq
-        packets = [*self._answers(time_ns), *self._signals.events(time_ns)]
+        packets = self._answers(time_ns)
+        packets += self._signals.events(time_ns)
         if self._seq != answered:
             self._scene.note_answer(time_ns)
         if was_due and (self._seq == answered or not self._scene.may_wait(time_ns)):
@@ -159,8 +160,9 @@ class EnvironmentNode(Node):
             if answer is None:
                 if self.faults == 1:
                     message = "the environment's code failed: its log gives the reason"
-                    event = "environment_failed"
-                    replies.append(self.events.emit(time_ns, event, message, is_fault=True))
+                    replies.append(
+                        self.events.emit(time_ns, "environment_failed", message, is_fault=True)
+                    )
                 return replies
             delay_ns = self._computation.next_ns(time_ns)
             if delay_ns == 0:
@@ -169,6 +171,9 @@ class EnvironmentNode(Node):
                 self._answering = (query, answer)
                 self._done_ns = time_ns + delay_ns
         return replies
+
+    def last_events(self, time_ns: int) -> Sequence[Event]:
+        return self._signals.last_events(time_ns)
 
     def status(self) -> EnvironmentStatus:
         return EnvironmentStatus(

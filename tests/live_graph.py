@@ -21,7 +21,7 @@ import numpy as np
 import pytest
 from addresses import LAUNCHERS, topic_endpoint
 from numpy.typing import NDArray
-from waiting import PATIENCE
+from waiting import TIMEOUT
 
 from forcebound.messages.codec import decode
 from forcebound.messages.control import GetStatus, LauncherStatus, ProcessState
@@ -96,10 +96,10 @@ class LiveGraph:
 
     def until(self, happened: Callable[[], object], what: str) -> None:
         """Wait until something happened, in bounded time, while the launcher lives."""
-        end = time.monotonic() + PATIENCE
+        end = time.monotonic() + TIMEOUT
         while not happened():
             assert self.process.poll() is None, f"the run ended; its log:\n{self.log}"
-            assert time.monotonic() < end, f"waited {PATIENCE} s for {what}; log:\n{self.log}"
+            assert time.monotonic() < end, f"waited {TIMEOUT} s for {what}; log:\n{self.log}"
             sockets.wait((), 10_000_000)
 
     def status(self) -> LauncherStatus:
@@ -151,7 +151,7 @@ class LiveGraph:
 
         self.wait_for_telemetry(passed, f"{seconds} s to pass")
 
-    def wait_for_telemetry(self, wanted: Callable[[Telemetry], bool], what: str) -> None:
+    def wait_for_telemetry(self, accepts: Callable[[Telemetry], bool], what: str) -> None:
         """Wait for telemetry of a certain kind."""
         with Network() as network:
             endpoint = topic_endpoint(self.run_dir, "telemetry")
@@ -159,7 +159,7 @@ class LiveGraph:
 
             def came() -> bool:
                 packets = [decode(data) for data in subscriber.receive()]
-                return any(wanted(packet) for packet in packets if isinstance(packet, Telemetry))
+                return any(accepts(packet) for packet in packets if isinstance(packet, Telemetry))
 
             self.until(came, what)
 
@@ -170,7 +170,7 @@ class LiveGraph:
             env={**os.environ, **self.variables},
             capture_output=True,
             text=True,
-            timeout=PATIENCE,
+            timeout=TIMEOUT,
             check=False,
         )
 
@@ -180,10 +180,10 @@ class LiveGraph:
         assert done.returncode == 0, done.stderr
         return done
 
-    def end(self, patience: float = PATIENCE) -> "Ended":
+    def end(self, timeout: float = TIMEOUT) -> "Ended":
         """Interrupt the run as Ctrl-C does; return what it leaves."""
         self.process.send_signal(signal.SIGINT)
-        out, _ = self.process.communicate(timeout=patience)
+        out, _ = self.process.communicate(timeout=timeout)
         assert "Traceback" not in self.log, self.log
         return Ended(self.process.returncode, out.decode(), self.log, self.record)
 
@@ -243,7 +243,7 @@ def live_graph(
             for pid in children:
                 with suppress(ProcessLookupError):  # what stands still must go on to end
                     os.kill(pid, signal.SIGCONT)
-            end = time.monotonic() + PATIENCE
+            end = time.monotonic() + TIMEOUT
             while any(map(is_alive, children)):
                 assert time.monotonic() < end, "a process of the run is left"
                 sockets.wait((), 10_000_000)

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from waiting import PATIENCE
+from waiting import TIMEOUT
 
 from forcebound.network.keys import new_key
 
@@ -49,7 +49,7 @@ class RemoteEnvironment:
     def end(self) -> None:
         """Stop it as systemd or Ctrl-C would."""
         self.process.terminate()
-        assert self.process.wait(PATIENCE) == 0, self.log
+        assert self.process.wait(TIMEOUT) == 0, self.log
 
 
 @contextmanager

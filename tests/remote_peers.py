@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 
 import zmq
-from waiting import PATIENCE
+from waiting import TIMEOUT
 
 from forcebound.errors import ConfigError
 from forcebound.network import sockets
@@ -69,10 +69,10 @@ def open_peers() -> Iterator[Callable[..., Peer]]:
 
 def run_until(happened: Callable[[], bool], what: str, *peers: Peer) -> None:
     """Let some ends work until something has happened, in bounded time."""
-    end = time.monotonic() + PATIENCE
+    end = time.monotonic() + TIMEOUT
     while not happened():
         said = [notice.message for peer in peers for notice in peer.notices]
-        assert time.monotonic() < end, f"waited {PATIENCE} s for {what}; said: {said}"
+        assert time.monotonic() < end, f"waited {TIMEOUT} s for {what}; said: {said}"
         for peer in peers:
             peer.turn()
         descriptors = [d for peer in peers for d in peer.link.descriptors]

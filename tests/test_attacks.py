@@ -27,7 +27,7 @@ from live_graph import (
 )
 from remote_environment import key_folders, serving, write_launch_file
 from tcp_tap import TcpTap
-from waiting import PATIENCE, free_port
+from waiting import TIMEOUT, free_port
 
 from forcebound.messages.codec import decode, encode
 from forcebound.messages.control import ControllerStatus, GetStatus
@@ -91,13 +91,13 @@ class Attacker:
             assert isinstance(packet, Telemetry)
             self.rejected = dict(packet.rejected)
         if self._newest is None:
-            assert self._in.poll(round(PATIENCE * 1e3)), "the graph asks nothing"
+            assert self._in.poll(round(TIMEOUT * 1e3)), "the graph asks nothing"
             return self.newest()
         return self._newest
 
     def next(self) -> Packet:
         """Wait for something that the graph has not asked before."""
-        assert self._in.poll(round(PATIENCE * 1e3)), "the graph asks nothing"
+        assert self._in.poll(round(TIMEOUT * 1e3)), "the graph asks nothing"
         return self.newest()
 
     def until_rejected(self, reason: str, make: Callable[[Packet], bytes]) -> None:

@@ -32,7 +32,7 @@ from forcebound.lab.sensitivity import MISTAKES, device_of, run, stated_by
 
 pytestmark = pytest.mark.no_cover  # attacks by the thousand would take twice the time
 
-CERTIFIED = ("certified", "certified_memoryless")
+CERTIFIED = ("certified", "certified_fading")
 
 
 def devices(axes: int, presliding: float = 0.0, lag: float = 0.0) -> Any:

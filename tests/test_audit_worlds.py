@@ -22,7 +22,7 @@ GONE_WRONG = ("exploding_body", "holed_wall", "jumping_proxy")
 @pytest.mark.no_cover  # runs too short to be measured only at their begin, as all others are
 @pytest.mark.parametrize(
     ("law", "controllers"),
-    [("certified", sorted(CONTROLLERS)), ("certified_memoryless", ["direct"])],
+    [("certified", sorted(CONTROLLERS)), ("certified_fading", ["direct"])],
 )
 def test_no_world_and_no_controller_makes_a_certified_law_leak(
     law: str, controllers: list[str]

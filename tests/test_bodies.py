@@ -14,6 +14,7 @@ from forcebound.errors import ConfigError
 from forcebound.graph.loader import load
 from forcebound.haptics.environments import bodies, open_environment
 from forcebound.haptics.environments.bodies import Bodies
+from forcebound.haptics.environments.contract import check
 from forcebound.run.virtual import run_virtual
 
 FLOOR = """<mujoco><option timestep="0.001"/><worldbody>
@@ -85,8 +86,11 @@ def test_new_stiffness_leaves_the_bodies_where_they_are(tmp_path: Path) -> None:
     assert scene.scene() != before
 
 
-def test_bodies_that_fly_apart_begin_anew(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    scene = opened(tmp_path, BOX)
+@pytest.mark.parametrize("tool", [None, "box"])
+def test_bodies_that_fly_apart_begin_again(
+    tmp_path: Path, tool: str | None, caplog: pytest.LogCaptureFixture
+) -> None:
+    scene = opened(tmp_path, BOX, tool=tool)
     moved(scene, -0.01, 0.0, 0.1, z=0.008)
     scene._data.qvel[:] = 1e12
     force = scene.force("", (0.0, 0.0, 0.008), (0.0, 0.0, 0.0), 0.2)
@@ -153,3 +157,106 @@ def test_a_hand_pushes_twenty_boxes_and_gets_no_energy() -> None:
     columns = run_virtual(config).columns
     assert columns.true_energy.min() >= -1e-9
     assert columns.applied_force[:, 0].max() > 0.5  # five rows were pushed
+
+
+SLIDE = """<body name="weight" pos="0.1 0.2 0.3"><joint type="slide" axis="0 0 1"/>
+<geom name="ball" size="0.01" mass="0.2" solref="0.002 1"/>
+<site name="top" pos="0 0 0.01"/></body>"""
+LEVER = """<body name="lever" pos="0.3 0 0.1"><joint axis="0 0 1" stiffness="5" damping="0.1"/>
+<geom type="capsule" size="0.005" fromto="0 0 0 0.1 0 0" mass="0.05"/>
+<site name="end" pos="0.1 0 0"/></body>"""
+MOCAP = """<body name="finger" mocap="true" pos="0 0 0.02" euler="0 0 30">
+<geom name="finger" size="0.005"/></body>"""
+
+
+def held(scene: Any, place: tuple[float, ...], duration: float = 1.0) -> Any:
+    """The force on a hand that is taken from 0 m to a place within half of the time."""
+    ticks = round(duration * 1e3)
+    for i in range(ticks):
+        share = min(2.0 * i / ticks, 1.0)
+        force = scene.force("", tuple(share * x for x in place), (0.0,) * len(place), i * 1e-3)
+    return force
+
+
+@pytest.mark.parametrize("tool", ["weight", "top"])
+def test_hand_bears_the_weight_of_its_tool(tmp_path: Path, tool: str) -> None:
+    scene = opened(tmp_path, SLIDE, tool=tool, damping=20.0)
+    assert scene.force("", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0) == (0.0, 0.0, 0.0)
+    # The slide holds it in x and y, where the hand pulls on the coupling.
+    expected = (1000.0 * 0.002, 0.0, 0.2 * 9.81)
+    assert held(scene, (0.002, 0.0, 0.01)) == pytest.approx(expected, rel=1e-2, abs=1e-3)
+
+
+def test_a_lever_resists_with_its_spring_behind_the_coupling(tmp_path: Path) -> None:
+    force = held(opened(tmp_path, LEVER, tool="end"), (0.0, 0.001, 0.0), 2.0)
+    springs = 1.0 / (1.0 / 1000.0 + 0.1**2 / 5.0)  # coupling and lever in series
+    assert force[1] == pytest.approx(springs * 0.001, rel=1e-2)
+
+
+def test_a_mocap_body_is_a_tool_that_feels_the_floor(tmp_path: Path) -> None:
+    scene = opened(tmp_path, MOCAP, tool="finger", stiffness=800.0)
+    assert held(scene, (0.01, 0.0, -0.010)) == pytest.approx((0.0, 0.0, 0.0), abs=1e-3)
+    # Its ball of 5 mm meets the floor 15 mm below where the file has it.
+    force = held(opened(tmp_path, MOCAP, tool="finger"), (0.0, 0.0, -0.018))
+    assert force == pytest.approx((0.0, 0.0, -1000.0 * 0.003), rel=0.05, abs=1e-2)
+
+
+def test_a_mocap_body_takes_along_what_is_welded_to_it(tmp_path: Path) -> None:
+    file = tmp_path / "scene.xml"
+    gripper = (
+        '<body name="gripper" pos="0 0 0.02"><freejoint/><geom size="0.003" mass="0.1"/></body>'
+    )
+    text = FLOOR.format(
+        more=MOCAP.replace('"0.005"', '"0.005" contype="0" conaffinity="0"') + gripper
+    )
+    weld = '<equality><weld body1="finger" body2="gripper" solref="0.004 1"/></equality></mujoco>'
+    file.write_text(text.replace("</mujoco>", weld))
+    scene: Any = open_environment(Bodies(file, tool="finger"), 3)
+    force = held(scene, (0.02, 0.01, 0.03), 3.0)
+    assert force == pytest.approx((0.0, 0.0, 0.1 * 9.81), abs=1e-2)
+    [drawn] = [one for one in scene.scene() if one.name.startswith("gripper")]
+    assert drawn.position == pytest.approx((0.02, 0.01, 0.03), abs=2e-3)  # where the hand is
+
+
+def test_scene_and_contact_of_a_tool_are_in_the_coordinates_of_the_hand(tmp_path: Path) -> None:
+    table = (
+        '<geom name="table" type="box" pos="0.1 0.2 0.25" size="0.05 0.05 0.01" solref="0.002 1"/>'
+    )
+    scene = opened(tmp_path, table + SLIDE, tool="weight")
+    held(scene, (0.0, 0.0, -0.035))
+    [drawn] = [one for one in scene.scene() if one.name == "table"]
+    assert drawn.position == pytest.approx((0.0, 0.0, -0.05))
+    contact = scene.contact("")
+    assert contact.proxy == pytest.approx((0.0, 0.0, -0.03), abs=3e-4)  # the ball on the table
+    assert contact.normal == pytest.approx((0.0, 0.0, 1.0), abs=1e-3)
+
+
+@pytest.mark.parametrize("name", ["tup", "box", "world", "floor"])
+def test_a_tool_is_a_site_or_body_that_moves(tmp_path: Path, name: str) -> None:
+    still = '<body name="box"><geom size="0.01"/></body>'
+    with pytest.raises(ConfigError) as caught:
+        opened(tmp_path, still + SLIDE, tool=name)
+    assert caught.value.field == "tool"
+    assert repr(name) in str(caught.value)
+    assert str(caught.value).endswith("known: weight, top")
+
+
+def test_a_held_arm_keeps_the_contract_and_gives_no_energy() -> None:
+    config = load("hold_arm")
+    assert check(config.environment.model, (1, 3), None, 60).violations == ()
+    columns = run_virtual(replace(config, duration=2.0)).columns
+    assert columns.true_energy.min() >= -1e-9
+    # Hand of 300 N/m with its target at 30 mm, coupling, block against the wall at 18 mm.
+    assert columns.applied_force[-1, 0] == pytest.approx(0.012 / (1 / 300 + 1 / 1000), rel=0.02)
+
+
+def test_defaults_and_mocap_bodies_of_the_file_are_not_those_of_the_hand(tmp_path: Path) -> None:
+    text = FLOOR.format(more=MOCAP).replace('type="plane"', 'type="plane" contype="1"')
+    joint = '<joint armature="1" frictionloss="5" limited="true" range="-1e-3 1e-3"/>'
+    defaults = f'<default>{joint}<geom contype="0" conaffinity="0"/></default>'
+    file = written(tmp_path, text.replace("<worldbody>", defaults + "<worldbody>"), "scene.xml")
+    scene: Any = open_environment(Bodies(file, stiffness=800.0), 3)
+    force = held(scene, (0.0, 0.0, 0.002))
+    assert force == pytest.approx((0.0, 0.0, -800.0 * 0.003), rel=0.05, abs=1e-2)
+    [finger] = [one for one in scene.scene() if one.name == "finger"]
+    assert finger.position == pytest.approx((0.0, 0.0, 0.02))

@@ -149,7 +149,7 @@ def test_another_law_begins_a_new_ledger_and_keeps_what_the_last_one_has_met() -
     before = node.report()
     assert (before.overruns, before.refused_readings) == (9, 4)
     assert node.bounder.estimated_energy > 0.0
-    node.change_law("certified_memoryless")
+    node.change_law("certified_fading")
     device.position = (2e-3,)
     node.write(60 * MS, (0.0,), 1.0)
     assert node.bounder.estimated_energy == 0.0

@@ -224,7 +224,7 @@ def test_a_wrong_reading_that_agrees_with_a_refused_true_one_is_refused() -> Non
     assert bounder.refused_readings == 2
 
 
-def test_a_device_that_really_is_elsewhere_is_believed_without_credit() -> None:
+def test_a_device_that_really_is_elsewhere_counts_without_credit() -> None:
     device = replace(PHANTOM, largest_speed=1.0)
     bounder = ForceBounder("certified", device)
     for n in range(1, 120):

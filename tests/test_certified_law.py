@@ -294,13 +294,13 @@ def test_an_encoder_that_chatters_on_one_edge_earns_nothing(law: str) -> None:
     assert rows[-1].energy <= 0.0  # one move of the play operator pays the start, at most
 
 
-def test_the_memoryless_law_forgets_what_its_force_does_not_need() -> None:
+def test_the_fading_law_forgets_what_its_force_does_not_need() -> None:
     earned = 0.27 * 1e-3 + 0.12 * 1e-3  # J, by 1 mm in 1 ms
     kept = FORGETTING / (FORGETTING + 1e-3)
     needed = (0.5 - 0.12) ** 2 / (4 * 270.0)
-    (row,) = run("certified_memoryless", EXACT, steady([1e-3], [0.5]))
+    (row,) = run("certified_fading", EXACT, steady([1e-3], [0.5]))
     assert row.energy == pytest.approx(needed + kept * (earned - needed))
-    rest = run("certified_memoryless", EXACT, steady([1e-3] * 1001, [0.5] * 1001))
+    rest = run("certified_fading", EXACT, steady([1e-3] * 1001, [0.5] * 1001))
     assert rest[-1].energy == pytest.approx(needed)
     assert run("certified", EXACT, steady([1e-3] * 1001, [0.5] * 1001))[-1].energy == earned
 

@@ -126,7 +126,7 @@ def test_an_outage_that_is_set_later_is_not_in_the_past() -> None:
     for seq in range(100):
         if seq == 60:
             link.change(Impairment(delay=0.002, outages=(Outage(0.010, 0.005),)))
-        if seq == 65:  # another value does not begin them anew
+        if seq == 65:  # another value does not begin them again
             link.change(Impairment(delay=0.001, outages=(Outage(0.010, 0.005),)))
         link.accept(seq * MS, TimedPacket(seq, 0))
     arrived = [packet.seq for packet in link.due(10**15)]

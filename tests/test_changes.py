@@ -9,11 +9,11 @@ from unittest.mock import Mock
 import pytest
 
 from forcebound.errors import ConfigError
-from forcebound.graph.graph import GraphConfig
+from forcebound.graph.graph import GraphConfig, PartSpec
 from forcebound.graph.loader import change, from_document, load
 from forcebound.graph.names import LAW
 from forcebound.graph.parameters import describe, differences, parameters, processes_of
-from forcebound.graph.resolved import to_document
+from forcebound.graph.resolved import restore, to_document
 from forcebound.messages.control import Configure
 from forcebound.messages.packets import EnvironmentQuery, Event
 from forcebound.messages.topology import ONE_HAND
@@ -23,6 +23,8 @@ from forcebound.observe.formatting import as_written
 from forcebound.observe.tuning import find_parameters, read_settings
 from forcebound.run.application import Tuner
 from forcebound.run.build import build_device
+
+EXAMPLES = Path(__file__).parent.parent / "examples" / "python"
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +49,7 @@ def test_every_impairment_of_every_link_and_all_of_the_environment_can_be_change
     ("settings", "message"),
     [
         ({"environment.stifness": 1}, "did you mean 'environment.stiffness'"),
-        ({"device.law": "memoryless"}, "unknown law .* did you mean 'certified_memoryless'"),
+        ({"device.law": "fading"}, "unknown law .* did you mean 'certified_fading'"),
         ({"device.law": "my_law.py"}, "needs a launch of its own"),
         ({"device.law": None}, "unknown law 'None'"),
         ({"device.allowance": 1.0}, "device.allowance is fixed while a graph runs"),
@@ -99,6 +101,13 @@ def test_every_parameter_survives_the_way_to_the_reader_and_back(config: GraphCo
     assert change(config, read_settings([f"{k}:={text}" for k, text in shown.items()])) == change(
         config, parameters(config)
     )
+
+
+def test_a_parameter_of_a_users_file_that_is_not_read_keeps_its_unit() -> None:
+    config = restore(to_document(load(EXAMPLES / "my_environment.yaml")))
+    assert isinstance(config.environment.model, PartSpec)
+    shown = as_written(config, {"environment.stiffness": 1500.0, "environment.damping": 1.0})
+    assert shown == {"environment.stiffness": "1.5 N/mm", "environment.damping": "1 N s/m"}
 
 
 @pytest.mark.parametrize("text", ["/tmp/a b.csv", "a: b", "#1", "null", "12", "", "it's"])

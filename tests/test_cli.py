@@ -11,11 +11,11 @@ from pathlib import Path
 import pytest
 from invoking import invoke
 from launch_texts import written
-from waiting import PATIENCE, until
+from waiting import TIMEOUT, until
 
 from forcebound.cli import main
-from forcebound.cli.common import print_rows
 from forcebound.results.figures import FIGURES
+from forcebound.results.printing import print_rows
 from forcebound.run.results import RunResult
 
 QUICK = ("--duration", "200 ms")
@@ -112,7 +112,7 @@ def test_a_simulation_that_is_interrupted_gives_the_result_until_then(tmp_path: 
     ) as simulation:
         until(lambda: run.exists() and run.stat().st_size > 100_000, "some samples")
         simulation.send_signal(signal.SIGINT)
-        out, said = simulation.communicate(timeout=PATIENCE)
+        out, said = simulation.communicate(timeout=TIMEOUT)
     assert simulation.returncode == 0, said
     assert "interrupted; result up to here" in said
     summary = json.loads(out)

@@ -106,8 +106,8 @@ def computing(folder: Path, **settings: str) -> Path:
 
 def test_a_launch_file_takes_the_words_of_a_link(tmp_path: Path) -> None:
     config = load(computing(tmp_path, **SETTINGS))
-    wanted = Impairment(0.003, 0.001, distribution="pareto", correlation=0.25)
-    assert config.environment.computation == wanted
+    expected = Impairment(0.003, 0.001, distribution="pareto", correlation=0.25)
+    assert config.environment.computation == expected
     assert from_document(json.loads(json.dumps(to_document(config)))) == config
 
 

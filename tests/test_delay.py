@@ -11,7 +11,7 @@ from builders import MS, telemetry_packet
 from click.testing import CliRunner
 from launch_texts import GOOD, written
 from msgspec import structs
-from waiting import PATIENCE
+from waiting import TIMEOUT
 
 from forcebound.cli import main
 from forcebound.errors import ConfigError, RunError
@@ -246,7 +246,7 @@ def test_a_graph_that_runs_is_watched_until_it_ends(tmp_path: Path) -> None:
         thread = threading.Thread(target=publish)
         thread.start()
         try:
-            columns = watch(tmp_path, PATIENCE, EndOfTheGraph())
+            columns = watch(tmp_path, TIMEOUT, EndOfTheGraph())
         finally:
             is_over.set()
             thread.join()

@@ -25,7 +25,6 @@ from forcebound.observe.control import resume_device
 from forcebound.recordings.telemetry import TelemetryColumns
 from forcebound.roles import LOST
 from forcebound.run.actions import (
-    DEVICE_LOST,
     Announce,
     Ended,
     Engage,
@@ -41,11 +40,11 @@ from forcebound.run.lifecycle import ADVICE
 HOME = (0.0, -0.0693)  # m, of the tip
 NEAR = 2e-3  # m; friction keeps a hand from its aim
 
-ADVISED = Announce(DEVICE_LOST, "device", ADVICE, is_fault=True)
+ADVISED = Announce("device_lost", "device", ADVICE, is_fault=True)
 STARTED = Announce("process_started", "device", "device was restarted")
 
 
-def test_a_lost_device_waits_for_the_word_and_engages_anew() -> None:
+def test_a_lost_device_waits_for_the_word_and_engages_again() -> None:
     lifecycle = running()
     assert lifecycle.advance(499, ResumeDevice()) == []
     assert lifecycle.advance(500, Ended("device", LOST)) == [ADVISED]
@@ -146,7 +145,7 @@ def test_a_live_graph_goes_on_after_a_spoiled_reply_a_silence_and_a_pulled_plug(
             ended = graph.end()
             recorded = ended.recording.packets("telemetry")
     assert ended.exit_status == 0
-    assert ended.faults[DEVICE_LOST] == 3
+    assert ended.faults["device_lost"] == 3
     packets = [packet for packet in recorded if isinstance(packet, Telemetry)]
     begins = [after for before, after in pairwise(packets) if after.seq < before.seq]
     assert len(begins) == 2

@@ -60,7 +60,7 @@ def test_a_guarding_watchdog_leaves_the_force_on_up_to_its_limit() -> None:
     assert place_of_cut(pushed(coarse, hold_limit=2e-3), 20 * MS) == 0.0
 
 
-def test_a_guard_begins_anew_with_each_force() -> None:
+def test_a_guard_starts_again_with_each_force() -> None:
     device = SimulatedDevice(replace(FREE, write_delay=3e-4), None, hold_limit=1.5e-3)
     device.read(0)
     device.write(0, (-1.0,))

@@ -242,7 +242,7 @@ def test_each_reason_for_a_refusal_has_an_explanation_and_advice(reason: str) ->
     assert finding.advice
 
 
-def test_counts_of_a_process_that_was_started_anew_have_grown_from_zero() -> None:
+def test_counts_of_a_process_that_was_restarted_have_grown_from_zero() -> None:
     first, last = NodeStatus(received={"a": 900}), NodeStatus(received={"a": 50})
     seen = Seen(first=first, last=last, interval=2.0)
     assert seen.received("a") == 50

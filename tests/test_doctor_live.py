@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 from live_graph import PROCESSES_OF_THEIR_OWN, LiveGraph, live_graph
-from waiting import PATIENCE
+from waiting import TIMEOUT
 
 pytestmark = PROCESSES_OF_THEIR_OWN
 
@@ -91,7 +91,7 @@ def test_a_directory_of_no_graph_is_an_input_error(tmp_path: Path) -> None:
         [sys.executable, "-m", "forcebound", "doctor", "--run", str(tmp_path)],
         capture_output=True,
         text=True,
-        timeout=PATIENCE,
+        timeout=TIMEOUT,
         check=False,
     )
     assert done.returncode == 2

@@ -160,7 +160,7 @@ def test_ten_minutes_live_with_everything_at_once_lose_no_memory_and_no_descript
             for name in graph.status().nodes:
                 sizes.setdefault(name, []).append(resident(graph.pid(name)))
                 files.setdefault(name, []).append(descriptors(graph.pid(name)))
-        ended = graph.end(patience=600.0)  # there is much to read
+        ended = graph.end(timeout=600.0)  # there is much to read
     summary = ended.summary
     for name, size in sizes.items():
         half = len(size) // 2

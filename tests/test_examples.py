@@ -19,7 +19,7 @@ import msgpack
 import pytest
 import zmq
 from live_graph import STIFFNESS, SURFACE, Ended, live_graph
-from waiting import PATIENCE
+from waiting import TIMEOUT
 from walls import LANGUAGES, ROOT, FakeGraph, Wall, query, walls_started
 
 from forcebound.messages.codec import decode, encode
@@ -258,14 +258,14 @@ def test_wrong_arguments_are_said_on_one_line(
         ((*link, "1", "0", str(empty), key), f"{empty}"),
     ):
         wall = start(language, *words)
-        assert wall.process.wait(PATIENCE) == 2
+        assert wall.process.wait(TIMEOUT) == 2
         assert message in wall.log
         assert wall.log.count("\n") == 1
 
 
 @dataclass(frozen=True)
 class Run:
-    """A live graph that a wall has served, a second one has wanted to, and a stranger, too."""
+    """A live graph that a wall has served, which a second wall and a stranger tried to serve."""
 
     language: str
     ended: Ended
@@ -290,7 +290,7 @@ def run(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
             env={**os.environ, "FORCEBOUND_KEYS": str(folder)},
             check=True,
             capture_output=True,
-            timeout=PATIENCE,
+            timeout=TIMEOUT,
         )
     shutil.copy(server_lab / "server-lab.key", device_lab)
     public = {path.stem: public_key(path) for path in keys.glob("*/*.key")}

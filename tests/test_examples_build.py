@@ -6,7 +6,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from waiting import PATIENCE
+from waiting import TIMEOUT
 from walls import EXAMPLES
 
 REAL = ("dirname", "env", "ls", "sh")
@@ -46,7 +46,7 @@ def build(folder: Path, *path: Path) -> subprocess.CompletedProcess[str]:
         env={"PATH": os.pathsep.join(map(str, path))},
         capture_output=True,
         text=True,
-        timeout=PATIENCE,
+        timeout=TIMEOUT,
     )
 
 

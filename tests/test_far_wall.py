@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from live_graph import live_graph
 
-from experiments.far_wall import LAWS, Figures, case, error_on_sphere, figures, touching_hand
+from experiments.far_wall import LAWS, Figures, case, error_of, figures, scene, touching_hand
 from forcebound.errors import ConfigError
 from forcebound.graph.loader import load
 from forcebound.haptics.controllers.local_model import LocalModel
@@ -65,11 +65,26 @@ def test_an_environment_beyond_the_age_limit_is_refused_only_for_a_controller_th
 
 @pytest.mark.parametrize(("delay", "most"), [(20, 0.03), (50, 0.1)])
 def test_the_plane_turns_with_a_hand_that_strokes_over_a_sphere(delay: int, most: float) -> None:
-    assert error_on_sphere("local_model", delay) < most
+    assert error_of(scene("touch_sphere", "local_model", delay))[0] < most
 
 
 def test_without_it_the_force_on_the_sphere_is_another_one() -> None:
-    assert error_on_sphere("direct", 20) > 1.0
+    assert error_of(scene("touch_sphere", "direct", 20))[0] > 1.0
+
+
+def test_ridges_finer_than_the_way_of_a_round_trip_are_felt_in_the_wrong_place() -> None:
+    def correlation(pitch: int, delay: int) -> float:
+        return error_of(scene(f"ridges {pitch}", "local_model", delay))[1]
+
+    assert correlation(40, 20) > 0.9
+    assert correlation(2, 20) < 0.5
+    assert correlation(2, 0) > 0.9
+
+
+def test_a_moving_body_far_away_is_pushed_by_a_past_hand() -> None:
+    near, far = (error_of(scene("push_mass", "local_model", delay))[0] for delay in (0, 20))
+    assert near < 0.2
+    assert far > 1.0
 
 
 def test_jitter_and_loss_on_the_links_leave_the_wall_stiff() -> None:

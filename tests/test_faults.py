@@ -33,7 +33,7 @@ def check_survived(ended: Ended, harm_ns: int) -> int:
 
 
 @pytest.mark.parametrize("victim", ["environment", "controller"])
-def test_a_node_killed_in_contact_is_started_anew_and_the_force_returns(victim: str) -> None:
+def test_a_node_killed_in_contact_is_restarted_and_the_force_returns(victim: str) -> None:
     with live_graph("stiff_wall.yaml") as graph:
         graph.signal(victim, signal.SIGKILL)
         harm_ns = time.monotonic_ns()

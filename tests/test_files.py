@@ -19,7 +19,7 @@ from forcebound.network.keys import list_keys, new_key, public_key
 from forcebound.recordings.recording import read
 from forcebound.results.delay_traces import read_trace
 
-PATIENCE = 30  # s; on a machine under load, far more than a refusal needs
+TIMEOUT = 30  # s; on a machine under load, far more than a refusal needs
 
 
 @pytest.fixture(autouse=True)
@@ -30,7 +30,7 @@ def in_time() -> Iterator[None]:
         raise AssertionError("it waits")
 
     before = signal.signal(signal.SIGALRM, too_long)
-    signal.alarm(PATIENCE)
+    signal.alarm(TIMEOUT)
     yield
     signal.alarm(0)
     signal.signal(signal.SIGALRM, before)

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 from click.testing import CliRunner
-from waiting import PATIENCE
+from waiting import TIMEOUT
 
 from forcebound.cli import main
 from forcebound.errors import ConfigError, DeviceError
@@ -53,13 +53,13 @@ def soon_ns() -> int:
 
 
 def patiently_ns() -> int:
-    return time.monotonic_ns() + round(PATIENCE * 1e9)
+    return time.monotonic_ns() + round(TIMEOUT * 1e9)
 
 
 def sent_by_board(line: Line, data: bytes) -> None:
     """Write as the board does; wait for the kernel, which passes it on when it finds time."""
     os.write(line.board, data)
-    assert sockets.wait((line.port.descriptor,), round(PATIENCE * 1e9))
+    assert sockets.wait((line.port.descriptor,), round(TIMEOUT * 1e9))
 
 
 def test_any_bytes_pass_both_ways_unchanged(line: Line) -> None:

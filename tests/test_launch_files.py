@@ -311,10 +311,10 @@ def accepts(schema: dict[str, Any], value: Any) -> bool:
         "null": (type(None),),
     }
     if "type" in schema:
-        wanted = schema["type"] if isinstance(schema["type"], list) else [schema["type"]]
+        names = schema["type"] if isinstance(schema["type"], list) else [schema["type"]]
         if not any(
             isinstance(value, types[name]) and (name == "boolean" or not isinstance(value, bool))
-            for name in wanted
+            for name in names
         ):
             return False
     if "const" in schema and value != schema["const"]:

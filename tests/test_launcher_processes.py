@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from live_graph import PROCESSES_OF_THEIR_OWN, LiveGraph, is_alive, live_graph
-from waiting import PATIENCE, until
+from waiting import TIMEOUT, until
 
 from forcebound.lab.replay import device_of
 from forcebound.lab.verification import verify
@@ -57,7 +57,7 @@ def test_an_interrupt_ends_the_run_with_zero_force_and_a_result(
 ) -> None:
     pids = pids_of(graph)
     graph.process.send_signal(number)
-    out, _ = graph.process.communicate(timeout=PATIENCE)
+    out, _ = graph.process.communicate(timeout=TIMEOUT)
     assert graph.process.returncode == 0, graph.log
     assert json.loads(out)["samples"] > 0
     check_last_force(graph)
@@ -71,7 +71,7 @@ def test_a_device_or_recorder_that_dies_ends_the_run_and_is_named(
 ) -> None:
     pids = pids_of(graph)
     os.kill(pids[victim], signal.SIGKILL)
-    out, _ = graph.process.communicate(timeout=PATIENCE)
+    out, _ = graph.process.communicate(timeout=TIMEOUT)
     assert graph.process.returncode == 1
     assert f"{victim} ended unexpectedly, with signal SIGKILL" in graph.log
     assert "Traceback" not in graph.log

@@ -239,3 +239,13 @@ def test_what_is_missing_on_this_machine_is_not_waited_for_without_end() -> None
     lifecycle.advance(3, Reported("recorder", ()))
     assert lifecycle.advance(100, None) == [Terminate("device")]
     assert lifecycle.failure is not None
+
+
+@pytest.mark.parametrize("starved", ["controller", "recorder"])
+def test_the_rate_is_suspected_only_where_the_loop_is_starved(starved: str) -> None:
+    lifecycle = Lifecycle(NODES, 1000, 0, LIMITS)
+    for node in NODES:
+        lifecycle.advance(1, Reported(node, ("telemetry",) if node == starved else ()))
+    lifecycle.advance(100, None)
+    assert lifecycle.failure is not None
+    assert ("rate of the device" in lifecycle.failure.message) == (starved == "controller")

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import pytest
-from waiting import PATIENCE
+from waiting import TIMEOUT
 
 from forcebound.errors import DeviceError
 from forcebound.graph.servo import ServoSettings, dissipation_of
@@ -42,7 +42,7 @@ def heard_by(board: int, count: int) -> bytes:
     """What comes to a board, which the kernel may pass on in pieces: at least so many bytes."""
     heard = b""
     while len(heard) < count:
-        assert sockets.wait((board,), round(PATIENCE * 1e9)), heard
+        assert sockets.wait((board,), round(TIMEOUT * 1e9)), heard
         heard += os.read(board, 100)
     return heard
 
@@ -61,7 +61,7 @@ def test_a_line_that_failed_writes_zero_and_refuses_with_the_first_reason(ends: 
 def test_bytes_that_nobody_asked_for_are_shown_and_nothing_is_written(ends: Ends) -> None:
     board, line = ends
     os.write(board, b"\x07\x08")
-    assert line.port.read(1, time.monotonic_ns() + round(PATIENCE * 1e9)) == b"\x07"
+    assert line.port.read(1, time.monotonic_ns() + round(TIMEOUT * 1e9)) == b"\x07"
     with pytest.raises(DeviceError, match="unexpected bytes: 08"):
         line.send(FORCE, has_force=True)
     line.send(ZERO, has_force=False)

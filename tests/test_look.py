@@ -24,7 +24,7 @@ from click.testing import CliRunner, Result
 from live_graph import LiveGraph, live_graph
 from msgspec.structs import astuple
 from tornado.websocket import websocket_connect
-from waiting import PATIENCE, free_port, until
+from waiting import TIMEOUT, free_port, until
 
 from forcebound.cli import main
 from forcebound.errors import ConfigError, RunError
@@ -146,14 +146,14 @@ def check_bridge(run_dir: Path) -> None:
     bridge = Thread(target=serve, args=(plotjuggler, run_dir, ("telemetry",), port, 2.0))
     with zmq.Context() as context, context.socket(zmq.SUB) as subscriber:
         subscriber.set(zmq.SUBSCRIBE, b"")
-        subscriber.set(zmq.RCVTIMEO, round(1e3 * PATIENCE))
+        subscriber.set(zmq.RCVTIMEO, round(1e3 * TIMEOUT))
         subscriber.connect(f"tcp://localhost:{port}")
         bridge.start()
         first, second = (series_of(subscriber.recv_multipart()) for _ in range(2))
         bridge.join()
     assert second["telemetry/seq"][1] > first["telemetry/seq"][1]
     assert second["telemetry/position[0]"][0] > first["telemetry/position[0]"][0]
-    assert abs(first["telemetry/seq"][0] - time.time()) < PATIENCE
+    assert abs(first["telemetry/seq"][0] - time.time()) < TIMEOUT
 
 
 def is_open(port: int) -> bool:
@@ -162,19 +162,19 @@ def is_open(port: int) -> bool:
 
 
 def subscription_to(channel: dict[str, Any]) -> str:
-    wanted = {"id": 5, "channelId": channel["id"]}
-    return json.dumps({"op": "subscribe", "subscriptions": [wanted]})
+    subscription = {"id": 5, "channelId": channel["id"]}
+    return json.dumps({"op": "subscribe", "subscriptions": [subscription]})
 
 
 async def receive_as_foxglove(port: int) -> tuple[dict[str, Any], dict[str, Any], int, Any]:
     """Subscribe to telemetry; return server, channel, log time in ns, and a message."""
     client = await websocket_connect(
-        f"ws://127.0.0.1:{port}", subprotocols=["foxglove.sdk.v1"], connect_timeout=PATIENCE
+        f"ws://127.0.0.1:{port}", subprotocols=["foxglove.sdk.v1"], connect_timeout=TIMEOUT
     )
     server: dict[str, Any] = {}
     channel: dict[str, Any] = {}
     while True:
-        got = await wait_for(client.read_message(), PATIENCE)
+        got = await wait_for(client.read_message(), TIMEOUT)
         assert got is not None
         if isinstance(got, str):
             said = json.loads(got)
@@ -201,19 +201,19 @@ def check_foxglove(run_dir: Path) -> None:
         server, channel, log_time, message = asyncio.run(receive_as_foxglove(port))
     finally:
         bridge.send_signal(signal.SIGINT)
-        assert bridge.wait(PATIENCE) == 130
+        assert bridge.wait(TIMEOUT) == 130
     assert server["capabilities"] == []
     assert (channel["encoding"], channel["schemaName"]) == ("json", "forcebound.Telemetry")
     rules = json.loads(channel["schema"])
     assert set(rules["required"]) <= set(message) <= set(rules["properties"])
-    assert abs(log_time * 1e-9 - time.time()) < PATIENCE
+    assert abs(log_time * 1e-9 - time.time()) < TIMEOUT
 
 
 async def vanish_as_foxglove(port: int) -> None:
     """Subscribe to the only channel, take a message, and close as a window that is shut."""
     client = await websocket_connect(f"ws://127.0.0.1:{port}", subprotocols=["foxglove.sdk.v1"])
     while True:
-        got = await wait_for(client.read_message(), PATIENCE)
+        got = await wait_for(client.read_message(), TIMEOUT)
         if isinstance(got, bytes):
             assert client.protocol is not None
             assert client.protocol.stream is not None
@@ -240,19 +240,19 @@ def check_law(graph: LiveGraph, look: Callable[..., Result]) -> None:
     """Check that the law of a running graph is a parameter like others."""
     assert look("param", "get", "device.law").stdout == "device.law: certified\n"
     first = look("param", "list").stdout.splitlines()[0]
-    assert first.startswith("device.law: certified  # aol, certified, certified_memoryless, ")
-    done = look("param", "set", "device.law:=certified_memoryless")
-    assert done.stdout == "device.law: certified_memoryless\n"
+    assert first.startswith("device.law: certified  # aol, certified, certified_fading, ")
+    done = look("param", "set", "device.law:=certified_fading")
+    assert done.stdout == "device.law: certified_fading\n"
     assert "note: the law was taken without force" in done.stderr
-    graph.until(lambda: "law: certified_memoryless from now on" in graph.log, "the new law")
-    assert look("param", "list", "--changed").stdout == "device.law: certified_memoryless\n"
-    refused = CliRunner().invoke(main, ["param", "set", "device.law:=memoryless"])
+    graph.until(lambda: "law: certified_fading from now on" in graph.log, "the new law")
+    assert look("param", "list", "--changed").stdout == "device.law: certified_fading\n"
+    refused = CliRunner().invoke(main, ["param", "set", "device.law:=fading"])
     assert refused.exit_code == 2
-    assert "did you mean 'certified_memoryless'?" in refused.stderr
+    assert "did you mean 'certified_fading'?" in refused.stderr
     words = {"COMP_WORDS": "forcebound param set device.law:=cert", "COMP_CWORD": "3"}
     asking = {"_FORCEBOUND_COMPLETE": "bash_complete", **words}
     offered = CliRunner().invoke(main, [], env=asking, prog_name="forcebound")
-    laws = ["certified", "certified_memoryless"]
+    laws = ["certified", "certified_fading"]
     assert offered.stdout.split() == [f"plain,device.law:={law}" for law in laws]
 
 

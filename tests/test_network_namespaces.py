@@ -26,7 +26,7 @@ from live_graph import (
     live_graph,
 )
 from remote_environment import key_folders, serving, write_launch_file
-from waiting import PATIENCE
+from waiting import TIMEOUT
 
 pytestmark = PROCESSES_OF_THEIR_OWN
 
@@ -38,7 +38,7 @@ SAFE = "graph_key: device-lab, environment_keys: [server-lab]"
 def ip(*words: str) -> None:
     """Run ``ip`` of iproute2."""
     done = subprocess.run(
-        ["ip", *words], capture_output=True, text=True, timeout=PATIENCE, check=False
+        ["ip", *words], capture_output=True, text=True, timeout=TIMEOUT, check=False
     )
     if done.returncode != 0:
         raise OSError(f"ip {' '.join(words)}: {done.stderr.strip()}")
@@ -248,6 +248,6 @@ def test_insecure_runs_without_keys_beyond_this_machine(machines: Machines, tmp_
     ):
         ended = graph.end()
         environment.process.send_signal(signal.SIGINT)
-        assert environment.process.wait(PATIENCE) == 0
+        assert environment.process.wait(TIMEOUT) == 0
     assert ended.exit_status == 0, ended.log
     check_always(ended.columns)

@@ -151,7 +151,7 @@ def test_it_is_switched_on_by_its_first_writes_and_gives_no_torque_before() -> N
 
 
 class LatePort(FakePort):
-    """A port whose machine is busy: a silence, however long, tells nothing."""
+    """A port whose machine is busy: a silence, however long, means nothing."""
 
     def drain(self, quiet: float = 0.0) -> bytes:
         return b"" if quiet else super().drain()

@@ -7,6 +7,7 @@ import subprocess
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 import forcebound.observe.page
@@ -69,10 +70,11 @@ NODE = shutil.which("node")
 
 def run(tmp_path: Path, script: str) -> Any:
     """What an expression of JavaScript gives, which uses modules of the page without a page."""
-    for name in ("state.js", "scale.js"):
+    for name in ("state.js", "scale.js", "shapes.js"):
         (tmp_path / name).write_text(SCRIPTS[name])
     (tmp_path / "package.json").write_text('{"type": "module"}')
     head = "import { State } from './state.js'; import * as scale from './scale.js';"
+    head += "import { facesOf } from './shapes.js';"
     (tmp_path / "main.js").write_text(f"{head} console.log(JSON.stringify({script}));")
     words = [str(NODE), str(tmp_path / "main.js")]
     return json.loads(subprocess.run(words, capture_output=True, check=True, text=True).stdout)
@@ -88,7 +90,7 @@ def test_a_script_can_be_read(name: str) -> None:
 
 STATE = """(() => {
   const state = new State();
-  state.law = law;
+  Object.assign(state, { law, reason });
   for (let i = 0; i <= 60; i += 1) {
     const time = 1 + i / 30, x = 0.012 + swing * Math.sin(20 * time);
     state.take({ time: [time], position: [[x]], commanded: [[20]], applied: [[applied]],
@@ -96,13 +98,20 @@ STATE = """(() => {
       misses: Math.round(lost * 1e3 * time),
       delay: [delay], engagement, since: 1, limit: [8.5] });
   }
-  const { kind, head } = state.words("wall");
-  return [kind, /[\\d.]+ m?J/.exec(head)?.[0] ?? ""];
+  const { kind, head, more } = state.words("wall");
+  return [kind, /[\\d.]+ m?J/.exec(head)?.[0] ?? "", head, more];
 })()"""
 HEALTHY = {
     "law": "certified", "swing": 0.0, "applied": 20.0, "fall": 0.01, "lost": 0.0, "delay": 1e-3,
-    "engagement": 1.0, "isTrue": True,
+    "engagement": 1.0, "isTrue": True, "reason": "",
 }  # fmt: skip
+
+
+def state_of(tmp_path: Path, change: dict[str, Any]) -> list[str]:
+    """Kind, energy, head and explanation of the state after two seconds of frames."""
+    known = "".join(f"const {k} = {json.dumps(v)};" for k, v in (HEALTHY | change).items())
+    state: list[str] = run(tmp_path, f"(() => {{ {known} return {STATE}; }})()")
+    return state
 
 
 @pytest.mark.skipif(NODE is None, reason="needs node")
@@ -124,8 +133,32 @@ HEALTHY = {
     ],
 )
 def test_the_state_in_words(tmp_path: Path, change: dict[str, Any], kind: str, energy: str) -> None:
-    known = "".join(f"const {k} = {json.dumps(v)};" for k, v in (HEALTHY | change).items())
-    assert run(tmp_path, f"(() => {{ {known} return {STATE}; }})()") == [kind, energy]
+    assert state_of(tmp_path, change)[:2] == [kind, energy]
+
+
+@pytest.mark.skipif(NODE is None, reason="needs node")
+@pytest.mark.parametrize(
+    ("change", "words", "absent"),
+    [
+        ({}, "all 20 N", "ticks"),
+        ({"applied": 5.0}, "5 N of the 20 N", "ticks"),
+        ({"applied": 5.0, "reason": "too far: come nearer"}, "commands: too far.", "nearer"),
+        ({"applied": 5.0, "reason": "too far", "law": "none"}, "5 N of the 20 N", "too far"),
+        ({"lost": 0.015, "applied": 5.0}, "30 ticks were missed in this contact", "1 %"),
+        ({"lost": 0.005, "applied": 5.0}, "5 N of the 20 N", "press again"),  # too few to feel
+        ({"lost": 0.015}, "all 20 N", "press again"),
+        ({"lost": 0.1, "applied": 5.0}, "10 % of the ticks", "press again"),
+        ({"law": "none", "swing": 5e-3, "fall": -1.7}, "none", "ticks"),
+        ({"isTrue": False, "fall": -0.01}, "friction", "ticks"),
+    ],
+)
+def test_what_explains_the_state(
+    tmp_path: Path, change: dict[str, Any], words: str, absent: str
+) -> None:
+    *_, head, more = state_of(tmp_path, change)
+    assert words in more
+    assert absent not in more
+    assert ("Late ticks" in head) == (change.get("lost") == 0.1)
 
 
 @pytest.mark.skipif(NODE is None, reason="needs node")
@@ -137,3 +170,24 @@ def test_scales_are_round_and_those_of_the_law_in_use(tmp_path: Path) -> None:
     assert run(tmp_path, f"scale.rangeOf({columns}, 10, 1)") == pytest.approx([0.0, 21.6])
     assert run(tmp_path, f"scale.rangeOf({columns}, 0, 1)")[0] < -14e3
     assert run(tmp_path, "scale.rangeOf([], 0, 1)")[1] >= 1.0
+
+
+@pytest.mark.skipif(NODE is None, reason="needs node")
+def test_large_triangles_of_a_mesh_are_cut_into_the_same_area(tmp_path: Path) -> None:
+    small = [[[i, 0, 0], [i + 1, 0, 0], [i, 1, 0]] for i in range(40)]
+    file = json.dumps({"corners": [*small, [[0, 0, 5], [30, 0, 5], [0, 40, 5]]]})
+    faces = run(tmp_path, f"facesOf({{ shape: 'mesh' }}, {file}).map((face) => face.points)")
+    corners = np.array([points for points in faces if points[0][2] == 5])
+    edges = corners - np.roll(corners, 1, axis=1)
+    assert np.linalg.norm(edges, axis=2).max() < 10.0
+    areas = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1) / 2
+    assert areas.sum() == pytest.approx(600.0)
+    assert len(faces) == len(corners) + 40
+
+
+@pytest.mark.skipif(NODE is None, reason="needs node")
+def test_every_scale_has_at_least_two_ticks(tmp_path: Path) -> None:
+    ranges = "[0.1, 0.7, 1.61, 2.49, 4.02, 99].flatMap((high) => [[-high, high], [0, high]])"
+    for found in run(tmp_path, f"{ranges}.map(([low, high]) => scale.ticks(low, high, 3))"):
+        assert 2 <= len(found) <= 6
+        assert any(abs(tick) < 1e-9 for tick in found)

@@ -115,7 +115,7 @@ def test_names_of_users_are_drawn_as_they_are(tmp_path: Path) -> None:
     name = r"$\frac{$ [/bold] \$"
     log = EventLog("device")
     events = [
-        log.emit(1_000_000, "$a_$", "", is_fault=True),
+        log.publish(1_000_000, "$a_$", "", is_fault=True),
         log.emit(2_000_000, PHASE_BEGINS, "", {"name": "$\\sum\x1b"}),
     ]
     drawing = figure([run_of(telemetry(), label=name)], events=[events])
@@ -187,7 +187,7 @@ def test_faults_and_changes_are_lines_by_kind_and_phases_bands_with_their_names(
     (above,) = axes.child_axes
     assert [label.get_text() for label in above.get_xticklabels()] == ["quiet", "lossy"]
     assert len(axes.patches) == 1
-    many = [log.emit(n * 10_000, f"kind_{n % 12}", "", is_fault=True) for n in range(500)]
+    many = [log.publish(n * 10_000, f"kind_{n % 12}", "", is_fault=True) for n in range(500)]
     found = marks(panel(figure([run], events=[many]), 0))
     assert sum(count for name, count in found.items() if name.startswith(("kind", "other"))) == 200
 

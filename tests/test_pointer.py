@@ -15,6 +15,7 @@ from forcebound.haptics.hands.pointer import PointerHand
 from forcebound.messages.control import Point, Pointed, Refused
 from forcebound.network.sockets import Network
 from forcebound.nodes.device import DeviceNode
+from forcebound.results.cells import energy
 from forcebound.run.build import build_device
 from forcebound.run.process.runner import Runner
 
@@ -114,6 +115,6 @@ def test_law_changes_at_zero_force_and_begins_a_new_ledger() -> None:
     assert before[-1].estimated_energy != 0.0
     at = after.index(event)
     assert not any(after[at - 1].applied_force)
-    given = 1e3 * after[at - 1].true_energy
-    assert event.message.endswith(f"under certified the hand has put in {given:.1f} mJ")
+    given = after[at - 1].true_energy
+    assert event.message.endswith(f"under certified the hand has put in {energy(given)}")
     assert float(event.data["energy_before"]) == device.status().energy_before

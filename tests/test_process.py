@@ -11,7 +11,7 @@ import pytest
 from addresses import control_endpoint, topic_endpoint
 from builders import MS, query
 from fakes import Sender, device_node
-from waiting import PATIENCE, until
+from waiting import TIMEOUT, until
 
 from forcebound.haptics.controllers.direct import DirectController
 from forcebound.messages.codec import decode, encode
@@ -295,6 +295,6 @@ def test_a_signal_asks_for_the_end_and_wakes_whoever_sleeps(number: int) -> None
     with Stop() as stop:
         assert not stop.requested
         os.kill(os.getpid(), number)
-        assert sockets.wait((stop.descriptor,), round(PATIENCE * 1e9)) == [stop.descriptor]
+        assert sockets.wait((stop.descriptor,), round(TIMEOUT * 1e9)) == [stop.descriptor]
         assert stop.requested
     assert signal.getsignal(number) is before

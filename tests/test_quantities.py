@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from forcebound.errors import ConfigError
 from forcebound.quantities import POSITIVE, Range, Time
-from forcebound.units import parse_quantity, to_si
+from forcebound.units import in_unit, parse_quantity, to_si
 
 
 @pytest.mark.parametrize(
@@ -149,3 +149,26 @@ def test_an_editor_is_told_the_unit() -> None:
 
     schema = TypeAdapter(Sample).json_schema()["properties"]["period"]
     assert schema["description"] == "time in s; or with its unit, e.g. 5 ms; > 0 s"
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "digits", "text"),
+    [
+        (0.02, "ms", 15, "20 ms"),
+        (10_000.0, "N/mm", 15, "10 N/mm"),
+        (3e-5, "mm", 15, "0.03 mm"),
+        (0.4, "%", 15, "40 %"),
+        (1234.5678, "N/mm", 3, "1.23 N/mm"),
+        (-0.0, "mm", 15, "0 mm"),
+        (2.5, "", 15, "2.5"),
+        (2.5, "furlong", 15, "2.5"),  # there is no such unit: it is SI
+        (float("inf"), "s", 15, "inf s"),
+    ],
+)
+def test_a_quantity_is_written_in_a_unit(value: float, unit: str, digits: int, text: str) -> None:
+    assert in_unit(value, unit, digits) == text
+
+
+@given(st.floats(-1e12, 1e12), st.sampled_from(["ms", "s", "min"]))
+def test_a_quantity_that_is_written_in_full_reads_as_it_was(value: float, unit: str) -> None:
+    assert parse_quantity(in_unit(value, unit), "s") == pytest.approx(value, rel=1e-14)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from waiting import PATIENCE
+from waiting import TIMEOUT
 
 from forcebound import realtime
 from forcebound.errors import ConfigError
@@ -38,7 +38,7 @@ def enter(role: str, **settings: Any) -> dict[str, Any]:
     """Return what a process of its own became."""
     asked = json.dumps({"role": role, **settings})
     done = subprocess.run(
-        [sys.executable, "-c", PROGRAM, asked], capture_output=True, check=True, timeout=PATIENCE
+        [sys.executable, "-c", PROGRAM, asked], capture_output=True, check=True, timeout=TIMEOUT
     )
     return dict(json.loads(done.stdout))
 
@@ -48,7 +48,7 @@ GONE = max(CORES) + 1000
 
 
 @pytest.mark.parametrize(
-    ("wanted", "cores", "taken", "chosen"),
+    ("asked", "cores", "taken", "chosen"),
     [
         ("auto", (0, 1, 2), [], 2),  # the first takes the interrupts
         ("auto", (0, 1, 2), [2], 1),
@@ -58,10 +58,10 @@ GONE = max(CORES) + 1000
         ("none", (0, 1), [], None),
     ],
 )
-def test_a_core_is_the_highest_that_no_other_graph_has_or_the_wanted_one(
-    wanted: Any, cores: tuple[int, ...], taken: list[int | None], chosen: int | None
+def test_a_core_is_the_highest_that_no_other_graph_has_or_the_one_asked_for(
+    asked: Any, cores: tuple[int, ...], taken: list[int | None], chosen: int | None
 ) -> None:
-    assert realtime.choose_core(wanted, cores, taken=taken) == chosen
+    assert realtime.choose_core(asked, cores, taken=taken) == chosen
 
 
 def test_a_core_that_is_not_ours_is_refused_with_those_that_are() -> None:

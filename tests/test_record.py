@@ -12,7 +12,7 @@ import pytest
 from click.testing import CliRunner
 from launch_texts import written
 from live_graph import SURFACE, LiveGraph, live_graph
-from waiting import PATIENCE
+from waiting import TIMEOUT
 
 from forcebound.cli import main
 from forcebound.graph.loader import load
@@ -82,7 +82,7 @@ def interrupted(graph: LiveGraph, file: Path) -> tuple[int, str]:
         before = graph.log.count(change)
         graph.until(lambda: graph.log.count(change) > before + 2, "three changes by phases")
         process.send_signal(signal.SIGINT)
-        out, _ = process.communicate(timeout=PATIENCE)
+        out, _ = process.communicate(timeout=TIMEOUT)
     return process.returncode, begun + out
 
 
@@ -115,7 +115,7 @@ def check_full_disk(file: Path) -> None:
     """Check that a recording that cannot go on ends, says so, and keeps what came before."""
     limited = f"ulimit -f 64; exec {sys.executable} -m forcebound record phased -o {file}"
     done = subprocess.run(
-        ["bash", "-c", limited], capture_output=True, text=True, timeout=PATIENCE, check=False
+        ["bash", "-c", limited], capture_output=True, text=True, timeout=TIMEOUT, check=False
     )
     assert done.returncode == 1
     assert f"recording stopped: File too large; {file} has what came before" in done.stderr
@@ -172,7 +172,7 @@ def test_a_part_of_a_run_is_recorded_while_it_goes_on(
                 lambda: with_end.exists() and with_end.stat().st_size > 100_000, "some ticks"
             )
             graph.end()
-            out, _ = process.communicate(timeout=PATIENCE)
+            out, _ = process.communicate(timeout=TIMEOUT)
         assert process.returncode == 0
         assert json.loads(out)["ended"] == "graph ended"
         recording = read(with_end)

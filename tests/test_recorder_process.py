@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from builders import query
 from fakes import Sender
-from waiting import PATIENCE
+from waiting import TIMEOUT
 
 from forcebound import realtime
 from forcebound.messages.packets import EnvironmentQuery, Packet
@@ -43,7 +43,7 @@ def test_the_recorder_keeps_everything_and_counts_what_it_cannot_read(
     with Stop() as stop, Network() as network:
         sink = StoppingSink(stop)
         sender = Sender(network, run_dir, "environment_query")
-        end = time.monotonic() + PATIENCE
+        end = time.monotonic() + TIMEOUT
 
         def send_now(descriptors: Sequence[int], timeout_ns: int) -> list[int]:
             assert time.monotonic() < end, "the recorder heard nothing"
@@ -67,7 +67,7 @@ def test_a_recorder_that_is_to_end_with_the_device_has_what_the_device_sends_las
     run_dir: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(realtime, "enter", lambda settings, role: [])
-    monkeypatch.setattr("forcebound.run.process.recorder.DRAIN_LIMIT_NS", round(PATIENCE * 1e9))
+    monkeypatch.setattr("forcebound.run.process.recorder.DRAIN_LIMIT_NS", round(TIMEOUT * 1e9))
     device = run_dir / ONE_HAND.nodes["device"].socket
     device.touch()
     waits = count()

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from live_graph import PROCESSES_OF_THEIR_OWN, live_graph
 from remote_environment import serving, write_launch_file
-from waiting import PATIENCE, free_port, until
+from waiting import TIMEOUT, free_port, until
 
 from forcebound.network.keys import new_key
 
@@ -17,7 +17,7 @@ def test_an_interrupt_while_an_environment_is_awaited_ends_without_a_result() ->
     with live_graph("remote_wall", f"port:={free_port()}", is_alone=False) as graph:
         graph.until(lambda: "waiting for a remote environment" in graph.log, "it to wait")
         graph.process.send_signal(signal.SIGINT)
-        out, _ = graph.process.communicate(timeout=PATIENCE)
+        out, _ = graph.process.communicate(timeout=TIMEOUT)
         assert graph.process.returncode == 130
         assert out == b""
         assert graph.log.splitlines()[-1] == "forcebound: interrupted"
@@ -33,7 +33,7 @@ def test_an_environment_with_a_key_that_is_none_ends_at_once(tmp_path: Path) -> 
     remote = f"address: 127.0.0.1, port: {free_port()}, graph_key: there, environment_keys: [here]"
     file = write_launch_file(tmp_path, "a.yaml", remote)
     with serving(file, keys=keys) as environment:
-        assert environment.process.wait(PATIENCE) == 2
+        assert environment.process.wait(TIMEOUT) == 2
         assert f"{secret}: its public-key is not 40 characters of Z85" in environment.log
 
 

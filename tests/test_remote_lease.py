@@ -117,9 +117,9 @@ def test_a_second_admitted_peer_neither_displaces_nor_impersonates_the_one_that_
     assert graph.node.status().rejected["second_environment"] == 100
     assert len(graph.forwarded) == 101
     refused = [event.message for event in graph.events if event.event == "environment_refused"]
-    wanted = "in the name of wall-1" if name == "wall-1" else "rejected environment wall-2"
+    expected = "in the name of wall-1" if name == "wall-1" else "rejected environment wall-2"
     assert refused
-    assert all(wanted in message for message in refused)
+    assert all(expected in message for message in refused)
 
 
 def test_an_environment_with_a_key_keeps_the_lease_over_a_new_connection(

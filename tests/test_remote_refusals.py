@@ -10,7 +10,7 @@ from dataclasses import replace
 import pytest
 import zmq
 from remote_peers import GRAPH, SERVER, STRANGER, Peer, ends, meet, open_peers, run_for, run_until
-from waiting import PATIENCE, free_port
+from waiting import TIMEOUT, free_port
 
 from forcebound.errors import ConfigError
 from forcebound.network import limits
@@ -107,7 +107,7 @@ def test_silence_ends_with_the_handshake_time(start: Callable[..., Peer]) -> Non
     port = free_port()
     graph = start(ends(port)[0])
     with closing(socket.create_connection(("127.0.0.1", port))) as silent:
-        silent.settimeout(PATIENCE)
+        silent.settimeout(TIMEOUT)
         run_until(lambda: "handshake_failed" in graph.kinds(), "the time limit", graph)
         assert silent.recv(64)[:1] == b"\xff"  # the greeting, which is the same for everybody
         assert silent.recv(64) == b""
@@ -139,7 +139,7 @@ def test_hundreds_of_connections_are_cut_down_and_a_friend_still_comes(
     crowd: list[socket.socket] = []
     try:
         for _ in range(300):
-            crowd.append(socket.create_connection((host, graph_end.port), timeout=PATIENCE))
+            crowd.append(socket.create_connection((host, graph_end.port), timeout=TIMEOUT))
             graph.turn()
             friend.turn()
         run_until(
@@ -179,7 +179,7 @@ def test_a_monitor_that_nobody_reads_stops_nothing(start: Callable[..., Peer]) -
     graph, friend = start(graph_end), start(environment_end)
     meet(graph, friend)
     for _ in range(1500):  # three events each; ZeroMQ's queue holds 2000 by default
-        socket.create_connection(("127.0.0.1", graph_end.port), timeout=PATIENCE).close()
+        socket.create_connection(("127.0.0.1", graph_end.port), timeout=TIMEOUT).close()
     graph.got.clear()
 
     def heard() -> bool:

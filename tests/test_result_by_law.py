@@ -8,10 +8,10 @@ import pytest
 from click.testing import CliRunner
 
 from forcebound.cli import main
-from forcebound.cli.common import table_of
 from forcebound.graph.loader import load
 from forcebound.messages.events import LAW_CHANGED, EventLog
 from forcebound.results.summary import OF_ONE_LAW
+from forcebound.results.tables import summary_table
 from forcebound.run.results import RunResult
 from forcebound.run.virtual import run_virtual
 
@@ -43,7 +43,7 @@ def test_the_time_of_the_first_law_has_the_figures_of_a_run_that_ends_then(
     assert (first["law"], first["samples"]) == ("none", alone["samples"])
 
 
-def test_the_time_of_the_second_law_begins_anew(whole: RunResult, changed: RunResult) -> None:
+def test_the_time_of_the_second_law_starts_at_zero(whole: RunResult, changed: RunResult) -> None:
     _, second = changed.by_law
     assert second.columns.time[0] == 0.0
     later = whole.columns.time_ns > MOMENT_NS
@@ -64,7 +64,7 @@ def test_the_whole_run_has_no_figure_that_mixes_laws(whole: RunResult, changed: 
 
 
 def test_the_table_has_a_column_for_each_law(changed: RunResult) -> None:
-    head, rows = table_of([changed])
+    head, rows = summary_table([(changed.label, changed.summary)])
     assert len(head) == 4
     assert all(len(row) == 4 for row in rows)
     by_label = {row[0]: row[1:] for row in rows}

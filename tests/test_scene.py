@@ -1,4 +1,4 @@
-"""Contacts and scenes: what an environment tells beside its force, and how the node sends it."""
+"""Contacts and scenes: what an environment reports beside its force, and how the node sends it."""
 
 import math
 from dataclasses import dataclass

@@ -3,7 +3,7 @@
 import json
 import math
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ from forcebound.haptics.environments.membrane import Membrane
 from forcebound.haptics.environments.walls import Wall
 from forcebound.haptics.parts.signals import Signal
 from forcebound.messages.codec import encode
-from forcebound.messages.events import LAW_CHANGED, PUBLISHED, EventLog
+from forcebound.messages.events import PUBLISHED, EventLog, Kind
 from forcebound.messages.packets import EnvironmentReply, Event, ForceCommand, Vector
 from forcebound.network.impairment import Impairment
 from forcebound.nodes.controller import ControllerNode
@@ -33,7 +33,9 @@ from forcebound.nodes.publishing import Signals
 from forcebound.observe.page.feed import Feed
 from forcebound.recordings.recording import Recorder, read
 from forcebound.recordings.schema import declared_signals
+from forcebound.recordings.telemetry import TelemetryColumns
 from forcebound.results.signals import curves_of
+from forcebound.results.summary import summarize
 from forcebound.run.virtual import run_virtual
 
 SOURCE = """
@@ -227,6 +229,23 @@ def test_the_skin_breaks_once_and_gives_no_energy(tmp_path: Path) -> None:
     assert np.abs(result.columns.applied_force[at_rest]).max() < 1e-9  # N
 
 
+def test_the_skin_is_drawn_where_it_is_stretched_and_then_with_a_gap() -> None:
+    skin = Membrane(stiffness=500.0, strength=2.0, skin=0.010).open(1)
+
+    def drawn(position: float) -> tuple[float, float]:
+        """Place of the skin, and height of the gap in it, in m."""
+        skin.force("", (position,), (0.0,), 0.0)
+        above, below = skin.scene() or ()
+        return above.position[0], above.position[1] - below.position[1] - above.size[1]
+
+    rest, whole = drawn(0.0)
+    assert whole == pytest.approx(0.0)
+    assert drawn(0.013) == pytest.approx((rest + 0.003, 0.0))
+    at, gap = drawn(0.015)
+    assert at == rest
+    assert gap > 0.001
+
+
 # --- what does not fit ---------------------------------------------------------------------------
 
 
@@ -239,7 +258,7 @@ def test_a_name_is_a_letter_then_letters_digits_underscores(name: str) -> None:
 def test_two_signals_of_one_name_are_refused_with_the_line_of_the_class(gel: Path) -> None:
     text = SOURCE.replace('Signal("load")', 'Signal("depth")')
     (gel.parent / "gel.py").write_text(text)
-    with pytest.raises(ConfigError, match="different names") as caught:
+    with pytest.raises(ConfigError, match="two named depth") as caught:
         load(gel)
     assert "gel.py" in str(caught.value)
 
@@ -306,6 +325,9 @@ def test_in_the_loop_a_wrong_name_is_dropped_counted_and_reported_once() -> None
     [fault] = [packet for packet in sent if isinstance(packet, Event) and packet.is_fault]
     assert fault.event == "signal_refused"
     assert "three" in fault.message
+    columns = TelemetryColumns.from_packets([])
+    summary = summarize(columns, {}, [fault, *node.last_events(10_000_000)])
+    assert summary["faults"] == {"signal_refused": 4}
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf])
@@ -328,12 +350,18 @@ def as_fields(packet: EnvironmentReply) -> dict[str, Any]:
     return {name: getattr(packet, name) for name in packet.__struct_fields__}
 
 
-def test_events_are_limited_and_none_can_pose_as_one_of_the_graph() -> None:
-    node = talkative(happened=(LAW_CHANGED, "", "x\ny", *["seen"] * 20))
-
+def test_events_are_limited() -> None:
+    node = talkative(happened=("", "x\ny", *["seen"] * 20))
     events = [packet.event for packet in answers(node, 0.0) if isinstance(packet, Event)]
     assert events == ["seen"] * 10
-    assert node.rejected == {"event": 13}
+    assert node.rejected == {"event": 12}
+
+
+@pytest.mark.parametrize("kind", [*get_args(Kind), "remote_connected"])
+def test_no_event_of_a_part_can_pose_as_one_of_the_graph(kind: str) -> None:
+    node = talkative(happened=(kind,))
+    assert not [packet for packet in answers(node, 0.0) if isinstance(packet, Event)]
+    assert node.rejected == {"event": 1}
 
 
 # --- nothing without them ------------------------------------------------------------------------

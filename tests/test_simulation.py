@@ -72,7 +72,7 @@ def test_without_a_law_a_late_stiff_wall_throws_the_hand_about_and_gives_energy(
     assert np.std(columns.true_position[-500:, 0]) > 1e-4
 
 
-@pytest.mark.parametrize("law", ["certified", "certified_memoryless"])
+@pytest.mark.parametrize("law", ["certified", "certified_fading"])
 @pytest.mark.parametrize(("delay", "loss"), [(0.0, 0.0), (2e-3, 0.3), (10e-3, 0.0), (10e-3, 0.3)])
 def test_a_certified_law_never_gives_energy_and_the_hand_comes_to_rest(
     law: str, delay: float, loss: float

@@ -10,7 +10,7 @@ from typing import TypeAlias
 import msgpack
 import pytest
 import zmq
-from waiting import PATIENCE, until
+from waiting import TIMEOUT, until
 
 from forcebound.errors import ConfigError
 from forcebound.messages.control import Accepted, GetStatus, Refused, StopNode
@@ -116,7 +116,7 @@ def test_the_descriptor_speaks_for_every_packet(network: Network, run_dir: Path)
         publisher.send(b"%d" % number)
         got: list[bytes] = []
         while not got:
-            readable = sockets.wait([subscriber.descriptor], round(PATIENCE * 1e9))
+            readable = sockets.wait([subscriber.descriptor], round(TIMEOUT * 1e9))
             assert readable, f"packet {number} came without a word of the descriptor"
             got = subscriber.receive()
         assert got == [b"%d" % number]
@@ -300,7 +300,7 @@ def test_a_request_that_the_process_does_not_take_gets_an_error(
     request.send(junk)
     until(server.pending, "the request")
     server.serve(lambda request: pytest.fail("asked the node"))
-    assert request.poll(round(PATIENCE * 1000))
+    assert request.poll(round(TIMEOUT * 1000))
     answer = msgpack.unpackb(request.recv())
     assert answer["answer"] == "error"
     assert "status, stop_node" in answer["error"]
@@ -314,7 +314,7 @@ def test_an_answer_that_cannot_be_read_is_an_error(
     reply.bind(f"ipc://{run_dir}/control")
     client: ControlClient = network.control_client(f"ipc://{run_dir}/control")
     until(lambda: client.ask(GetStatus()), "a connection")
-    assert reply.poll(round(PATIENCE * 1000))
+    assert reply.poll(round(TIMEOUT * 1000))
     reply.recv()
     reply.send(b"\xc1")
     until(client.pending, "the answer")
@@ -332,7 +332,7 @@ def test_a_wait_ends_with_any_descriptor() -> None:
     reading, writing = os.pipe()
     try:
         os.write(writing, b"x")
-        assert sockets.wait((reading,), round(PATIENCE * 1e9)) == [reading]
+        assert sockets.wait((reading,), round(TIMEOUT * 1e9)) == [reading]
     finally:
         os.close(reading)
         os.close(writing)
@@ -364,5 +364,5 @@ def test_a_socket_that_fails_in_its_making_does_not_hang_the_end(key: str) -> No
 
     thread = threading.Thread(target=make_and_close, daemon=True)
     thread.start()
-    thread.join(PATIENCE)
+    thread.join(TIMEOUT)
     assert ended == ["closed"]

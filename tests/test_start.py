@@ -53,12 +53,12 @@ def offered(tmp_path: Path, line: str) -> list[str]:
 
 @pytest.mark.skipif(shutil.which("bash") is None, reason="needs bash")
 @pytest.mark.parametrize(
-    ("line", "wanted"),
+    ("line", "expected"),
     [
         ("forcebound sim", ["simulate"]),
         ("forcebound simulate stiff", ["stiff_wall"]),
         ("forcebound simulate stiff_wall la", ["law:="]),
-        ("forcebound simulate stiff_wall law:=cert", ["certified", "certified_memoryless"]),
+        ("forcebound simulate stiff_wall law:=cert", ["certified", "certified_fading"]),
         ("forcebound simulate no_such_file x", []),
         ("forcebound simulate sub/", ["sub/my_wall.yaml"]),
         ("forcebound plot r", ["run.mcap"]),
@@ -69,9 +69,9 @@ def offered(tmp_path: Path, line: str) -> list[str]:
     ],
 )
 def test_bash_completes_commands_files_arguments_laws_and_topics(
-    tmp_path: Path, line: str, wanted: list[str]
+    tmp_path: Path, line: str, expected: list[str]
 ) -> None:
-    assert offered(tmp_path, line) == wanted
+    assert offered(tmp_path, line) == expected
 
 
 @pytest.mark.parametrize(

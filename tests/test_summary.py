@@ -119,12 +119,12 @@ def test_ticks_without_a_force_after_a_fault_belong_to_the_run() -> None:
 def test_an_event_may_stand_for_several_faults() -> None:
     log = EventLog("controller")
     events = [
-        log.emit(1, "remote_refused_here", "", is_fault=True),
-        log.emit(2, "remote_refused_here", "", {"suppressed": "6"}, is_fault=True),
+        log.emit(1, "packets_refused", "", is_fault=True),
+        log.emit(2, "packets_refused", "", {"suppressed": "6"}, is_fault=True),
         log.emit(3, "environment_serves", ""),
     ]
     summary = summarize(TelemetryColumns.from_packets([]), {}, events)
-    assert summary["faults"] == {"remote_refused_here": 8}
+    assert summary["faults"] == {"packets_refused": 8}
 
 
 # --- Energy --------------------------------------------------------------------------------------

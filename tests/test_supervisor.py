@@ -15,7 +15,7 @@ from typing import Any
 
 import pytest
 from live_graph import children_of
-from waiting import PATIENCE, until
+from waiting import TIMEOUT, until
 
 from forcebound.errors import ConfigError, RunError
 from forcebound.graph.loader import load
@@ -63,7 +63,7 @@ with Network() as network:
             sys.exit(3)
 """
 
-PATIENT = Limits(*[round(PATIENCE * 1e9)] * 5)
+PATIENT = Limits(*[round(TIMEOUT * 1e9)] * 5)
 
 
 SILENT = """import sys
@@ -243,9 +243,9 @@ def test_a_process_whose_log_nobody_reads_goes_on_and_drops_lines() -> None:
     ) as process:
         os.close(theirs)
         try:
-            assert sockets.wait((ours,), round(PATIENCE * 1e9)) == [ours]
+            assert sockets.wait((ours,), round(TIMEOUT * 1e9)) == [ours]
             assert os.read(ours, 100) == b"survived"
-            assert process.wait(PATIENCE) == 0
+            assert process.wait(TIMEOUT) == 0
             assert process.stdout is not None
             lines = process.stdout.read().decode().splitlines()
         finally:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 from sweep_files import LONG, SMALL, written
-from waiting import PATIENCE, until
+from waiting import TIMEOUT, until
 
 from forcebound.lab.sweep.plan import load_sweep
 from forcebound.lab.sweep.runner import run_file, run_sweep
@@ -65,7 +65,7 @@ def test_an_interrupted_sweep_says_how_to_go_on(tmp_path: Path, number: signal.S
     file = written(tmp_path, LONG.replace("count: 320", "count: 3200"))
     with started(file, tmp_path / "cut.parquet", "--workers", "2") as process:
         process.send_signal(number)
-        _, errors = process.communicate(timeout=PATIENCE)
+        _, errors = process.communicate(timeout=TIMEOUT)
     assert process.returncode == 130
     assert "the same command continues" in errors.splitlines()[-2]
     assert "Traceback" not in errors
@@ -79,7 +79,7 @@ def test_a_worker_that_is_killed_ends_the_sweep_with_one_line(tmp_path: Path) ->
     with started(file, tmp_path / "cut.parquet", "--workers", "1") as process:
         for worker in workers_of(process.pid):
             os.kill(worker, signal.SIGKILL)
-        _, errors = process.communicate(timeout=PATIENCE)
+        _, errors = process.communicate(timeout=TIMEOUT)
     assert process.returncode == 1
     assert errors.splitlines()[-1].startswith("forcebound: a worker process ended")
     assert "Traceback" not in errors
@@ -138,7 +138,7 @@ def test_a_cluster_gives_the_same_file_and_its_end_ends_a_sweep_with_one_line(
         file = written(tmp_path, LONG.replace("count: 320", "count: 3200"))
         with started(file, tmp_path / "cut.parquet", "--cluster", address) as process:
             scheduler.kill()
-            _, errors = process.communicate(timeout=PATIENCE)
+            _, errors = process.communicate(timeout=TIMEOUT)
     assert process.returncode == 1
     assert errors.splitlines()[-1] == "forcebound: the cluster has ended, or has dropped the work"
     assert "Traceback" not in errors

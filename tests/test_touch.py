@@ -165,9 +165,9 @@ def test_behind_a_scale_the_surface_is_where_the_hand_feels_it() -> None:
     stiffness = STIFFNESS / (4.0 * 0.5)
     environment = SPHERE["environment"] | {"stiffness": stiffness}
     config = SPHERE | {"environment": environment, "controller": SCALED}
-    figures, wanted = summarize(columns, config), summary_of(felt)
+    figures, expected = summarize(columns, config), summary_of(felt)
     names = ("displayed_stiffness_n_per_m", "peak_penetration_m", "peak_proxy_distance_m")
-    assert [figures[name] for name in names] == pytest.approx([wanted[name] for name in names])
+    assert [figures[name] for name in names] == pytest.approx([expected[name] for name in names])
     assert figures["wall_error_rms_n"] == pytest.approx(0.0, abs=1e-9)
     _, proxy = figure([("a sphere", columns, config)], ["position"]).axes[0].lines[:2]
     np.testing.assert_allclose(np.asarray(proxy.get_ydata()), felt.proxy[:, 0] * 1e3)

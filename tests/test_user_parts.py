@@ -1,5 +1,6 @@
 """Laws, devices, operators and controllers of the user's own, as the pages show them."""
 
+import ast
 import dataclasses
 import json
 import os
@@ -150,11 +151,34 @@ def test_what_the_page_shows_passes_its_check(page: str, pages: Path) -> None:
 # Environments with state
 
 
-def sprung_mass(folder: Path) -> Path:
+def of_the_page(name: str) -> str:
+    """The program of the page on environments that has a class."""
     text = (DOCS / "write-your-own-environment.md").read_text(encoding="utf-8")
-    blocks = re.findall(r"^```python\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
-    (stateful,) = [block for block in blocks if "class SprungMass" in block]
-    (folder / "my_mass.py").write_text(stateful)
+    blocks: list[str] = re.findall(r"^```python\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+    (program,) = [block for block in blocks if f"class {name}" in block]
+    return program
+
+
+@pytest.mark.parametrize("name", ["Ball", "SprungMass", "Gel"])
+def test_an_environment_of_the_page_passes_its_check(name: str, tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text(of_the_page(name))
+    assert check_here("environment", str(tmp_path / "mine.py")).violations == []
+
+
+def test_the_ball_of_the_page_is_the_one_that_new_writes() -> None:
+    written = (DOCS.parent / "examples" / "python" / "my_environment.py").read_text()
+    code = ast.parse(written), ast.parse(of_the_page("Ball"))
+    for tree in code:
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and ast.get_docstring(
+                node
+            ):
+                del node.body[0]
+    assert ast.dump(code[0]) == ast.dump(code[1])
+
+
+def sprung_mass(folder: Path) -> Path:
+    (folder / "my_mass.py").write_text(of_the_page("SprungMass"))
     path = folder / "graph.yaml"
     launch = "forcebound: 1\ninclude: stiff_wall.yaml\nenvironment: {kind: my_mass.py}\n"
     path.write_text(launch)
@@ -176,7 +200,7 @@ def answer_of(node: EnvironmentNode, position: float, elapsed: float) -> float:
 
 
 @pytest.mark.parametrize("has_change", [True, False])
-def test_a_change_of_parameters_keeps_the_state_or_opens_anew(
+def test_a_change_of_parameters_keeps_the_state_or_opens_again(
     has_change: bool, tmp_path: Path
 ) -> None:
     path = sprung_mass(tmp_path)

@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 from invoking import invoke
 from launch_texts import GOOD, written
-from waiting import PATIENCE, until
+from waiting import TIMEOUT, until
 
 from forcebound.bounded_child import ChildError, in_bounded_child, tried
 from forcebound.errors import ConfigError
@@ -163,7 +163,7 @@ def test_ctrl_c_ends_command_and_child(tmp_path: Path) -> None:
     with subprocess.Popen(program, stderr=subprocess.PIPE, text=True) as command:
         until(lambda: begun.exists() and begun.read_text(), "the first question")
         command.send_signal(signal.SIGINT)
-        assert command.wait(PATIENCE) == 130
+        assert command.wait(TIMEOUT) == 130
         assert command.stderr is not None
         assert "interrupted" in command.stderr.read()
     with pytest.raises(ProcessLookupError):

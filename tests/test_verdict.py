@@ -109,13 +109,16 @@ def test_what_failed_is_named(tmp_path: Path) -> None:
     lossy = "links: {environment_reply: {loss: 30 %}}"
     summary = result_of(tmp_path, lossy, LATE).summary
     last = summary["verdict"][-1]
-    assert last.startswith("Failed:")
+    assert last.startswith("Faults:")
     assert "environment_reply" in last
     assert f"{summary['deadline_misses']} ticks missed" in last
     faults = {"faults": {"environment_lost": 2}, "rejected_packets": {"age": 5}}
-    last = verdict({**summary, **faults}, {})[-1]
-    assert "2 environment lost" in last
+    few = {"deadline_misses": 1, "samples": 1, "refused_readings": 1}
+    last = verdict({**summary, **faults, **few}, {})[-1]
+    assert "environment lost 2 times" in last
     assert "5 age" in last
+    assert "1 tick missed" in last
+    assert "1 reading refused" in last
 
 
 @pytest.mark.parametrize(
@@ -126,3 +129,12 @@ def test_with_several_axes_moving_bodies_or_no_wall_there_is_a_verdict(name: str
     assert 3 <= len(lines) <= 5
     assert lines[0].startswith("Passive")
     assert any(line.startswith("Stiffness felt") for line in lines)
+
+
+def test_a_recording_whose_law_is_no_longer_known_has_its_result(tmp_path: Path) -> None:
+    result = result_of(tmp_path, "")
+    device = {**result.document["device"], "law": "certified_memoryless"}
+    old = RunResult(result.columns, {**result.document, "device": device})
+    assert old.summary["law"] == "certified_memoryless"
+    assert verdict(old.summary, old.document)
+    assert old.summary["little_force"][0]["cause"] == "law_not_certified"

@@ -26,7 +26,7 @@ import tornado.websocket
 from addresses import LAUNCHERS
 from click.testing import CliRunner
 from live_graph import LiveGraph, live_graph
-from waiting import PATIENCE
+from waiting import TIMEOUT
 
 from forcebound.cli import main
 from forcebound.cli.view import opened_in_browser
@@ -98,16 +98,16 @@ class Page:
         self._earlier: deque[dict[str, Any]] = deque()  # that came before an answer
 
     async def _next(self) -> dict[str, Any]:
-        text = await asyncio.wait_for(self._socket.read_message(), PATIENCE)
+        text = await asyncio.wait_for(self._socket.read_message(), TIMEOUT)
         assert text is not None, "the server has closed the page"
         message: dict[str, Any] = json.loads(text)
         return message
 
-    async def until(self, kind: str, wanted: Any = lambda message: True) -> dict[str, Any]:
-        """The first message of a kind that is as wanted."""
+    async def until(self, kind: str, accepts: Any = lambda message: True) -> dict[str, Any]:
+        """The first message of a kind that is accepted."""
         while True:
             message = self._earlier.popleft() if self._earlier else await self._next()
-            if message["type"] == kind and wanted(message):
+            if message["type"] == kind and accepts(message):
                 return message
 
     async def send(self, **message: Any) -> None:
@@ -115,14 +115,14 @@ class Page:
 
     async def close(self) -> None:
         self._socket.close()
-        while await asyncio.wait_for(self._socket.read_message(), PATIENCE) is not None:
+        while await asyncio.wait_for(self._socket.read_message(), TIMEOUT) is not None:
             pass
 
     async def asks(self, **request: Any) -> str | None:
         """What the server says is wrong with a request."""
         await self.send(id=7, **request)
         while (message := await self._next())["type"] != "answer":
-            if message["type"] != "frame":  # of a request's effect no frame of before tells
+            if message["type"] != "frame":  # earlier frames show no effect of a request
                 self._earlier.append(message)
         error: str | None = message["error"]
         return error
@@ -203,8 +203,8 @@ def test_pages_see_the_graph_and_change_it_and_nobody_else_gets_in(
             assert "target" in str(await page.asks(do="point", target=target))
         await page.send(do="point", target=[2**70])  # the device's to refuse
         assert "UnicodeEncodeError" in str(await page.asks(do="stop", node="\ud800"))
-        wrong = await page.asks(do="set", settings={"device.law": "memoryless"})
-        assert "did you mean 'certified_memoryless'" in str(wrong)
+        wrong = await page.asks(do="set", settings={"device.law": "fading"})
+        assert "did you mean 'certified_fading'" in str(wrong)
         assert await page.asks(do="record") is None
         recording = await page.until("recording", lambda m: m["file"] is not None)
         assert "already recording to" in str(await page.asks(do="record"))
@@ -303,7 +303,7 @@ def test_a_body_is_refused_at_the_headers_and_connections_are_limited(
     async def said(server: Server, request: bytes) -> tuple[bytes, asyncio.StreamWriter]:
         reader, writer = await asyncio.open_connection("127.0.0.1", server.access.port)
         writer.write(request)
-        return await asyncio.wait_for(reader.read(100), PATIENCE), writer
+        return await asyncio.wait_for(reader.read(100), TIMEOUT), writer
 
     async def visit() -> None:
         server = Server()
@@ -359,7 +359,7 @@ def test_a_page_shows_one_graph_after_the_other_at_one_address_until_ctrl_c(tmp_
                     assert json.loads(answer.body) == content(mesh)
                 graph.process.send_signal(signal.SIGINT)
                 await page.until("over")
-        assert len(graphs) == 2  # a page begins anew
+        assert len(graphs) == 2  # a page begins again
         server.send_signal(signal.SIGINT)
         await page.until("closed")
         await page.close()
@@ -382,7 +382,7 @@ def test_a_page_shows_one_graph_after_the_other_at_one_address_until_ctrl_c(tmp_
         address, _, waiting = (server.stdout.readline().rstrip() for _ in range(3))
         assert waiting == "waiting for a graph; Ctrl-C ends the page"
         asyncio.run(visit(address.split()[-1]))
-        _, err = server.communicate(timeout=PATIENCE)
+        _, err = server.communicate(timeout=TIMEOUT)
     assert (server.returncode, err) == (130, "forcebound: interrupted\n")
 
 
@@ -396,7 +396,7 @@ def test_a_browser_that_is_started_stays_off_the_core_of_the_nodes(
     RunDocument(os.getpid(), core, "", []).write(tmp_path)
     for run, free in ((None, cores), (tmp_path, cores - {core} or cores)):
         with opened_in_browser("address", run):
-            assert opened.get(timeout=PATIENCE) == free
+            assert opened.get(timeout=TIMEOUT) == free
     assert os.sched_getaffinity(0) == cores
 
 
@@ -408,12 +408,12 @@ def test_a_browser_gets_a_private_file_in_place_of_the_address_and_is_not_waited
 
     def stay(url: str) -> None:
         opened.put(url)
-        ended.wait(PATIENCE)
+        ended.wait(TIMEOUT)
 
     monkeypatch.setattr(webbrowser, "open", stay)
     address = "http://127.0.0.1:8000/?token=secret"
     with opened_in_browser(address, None):
-        url = opened.get(timeout=PATIENCE)
+        url = opened.get(timeout=TIMEOUT)
         assert "secret" not in url
         file = Path(url.removeprefix("file://"))
         assert stat.S_IMODE(file.stat().st_mode) == 0o600

@@ -14,7 +14,7 @@ from live_page import pointed
 from selenium import webdriver
 from selenium.webdriver import Keys
 from selenium.webdriver.support import ui
-from waiting import PATIENCE
+from waiting import TIMEOUT
 
 CHROMIUM, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
 QUIET = (
@@ -109,7 +109,7 @@ class Visitor:
         drag.move_by_offset(pixels, 0).move_by_offset(pixels, 0).release().perform()
 
     def until(self, happened: Callable[[], object]) -> None:
-        ui.WebDriverWait(self.driver, PATIENCE, 0.1).until(lambda _: happened())
+        ui.WebDriverWait(self.driver, TIMEOUT, 0.1).until(lambda _: happened())
 
     def open(self, address: str) -> None:
         self.driver.get(address)
@@ -161,6 +161,7 @@ def test_one_drags_the_hand_into_the_wall_breaks_it_and_makes_it_safe() -> None:
             visitor.until(
                 lambda: visitor.figure("position") > 10.0 and visitor.figure("applied") > 0.5
             )
+            visitor.until(lambda: re.search(r"commands: \w", visitor.text("why")))  # the cause
 
             driver.find_element("id", "break").click()
             graph.until(lambda: "law: none from now on" in graph.log, "the law to go")

@@ -17,7 +17,7 @@ from tornado.websocket import WebSocketClientConnection, websocket_connect
 
 FIREFOX = shutil.which("firefox-esr") or shutil.which("firefox")
 LISTENING = "WebDriver BiDi listening on "
-PATIENCE = 240.0  # s for one answer; a browser that starts on a busy machine takes long
+TIMEOUT = 240.0  # s for one answer; a browser that starts on a busy machine takes long
 ARROW_LEFT = "\ue012"
 WINDOW = {"width": 1400, "height": 1000}
 
@@ -47,7 +47,7 @@ class Tab:
         order = {"id": number, "method": method, "params": parameters}
         await self._socket.write_message(json.dumps(order))
         while True:
-            text = await asyncio.wait_for(self._socket.read_message(), PATIENCE)
+            text = await asyncio.wait_for(self._socket.read_message(), TIMEOUT)
             assert text is not None, "the browser has ended"
             answer: dict[str, Any] = json.loads(text)
             if answer.get("method") == "log.entryAdded" and answer["params"]["level"] == "error":

@@ -78,3 +78,40 @@ def test_the_wheel_simulates_and_launches_outside_the_clone(installed: Path) -> 
         summary = json.loads(run(forcebound, command, *words, duration, cwd=installed, **runtime))
         assert summary["samples"] > 0
         assert summary["true_energy_min_j"] >= 0.0, command
+
+
+SAMPLE = """
+import forcebound as fb
+from numpy import float64
+from numpy.typing import NDArray
+
+run: fb.Run = fb.simulate("stiff_wall", law="certified", delay="2 ms", duration="1 s")
+stiffness: float = run.figures.displayed_stiffness
+unit: str = run.figures["peak_force"].unit
+runs: fb.Runs = fb.sweep("stiff_wall", law=["none", "certified"], duration="100 ms")
+applied: NDArray[float64] = fb.bound([0.0, 1e-4], [0.0, 1.0], "certified")
+print(len(runs), unit, float(applied[0]), stiffness > 0.0, list(fb.laws)[:1])
+
+
+def live() -> fb.Figures:
+    with fb.launch("stiff_wall") as graph:
+        graph.set("device.law", "none")
+        return graph.figures()
+"""
+
+
+@pytest.mark.live
+def test_the_wheel_has_the_python_interface(installed: Path) -> None:
+    (installed / "sample.py").write_text(SAMPLE)
+    shown = run(installed / "env" / "bin" / "python", "sample.py", cwd=installed)
+    assert shown == "2 N 0.0 True ['none']\n"
+
+
+@pytest.mark.slow
+@pytest.mark.live
+def test_its_types_are_complete_from_outside(installed: Path) -> None:
+    (installed / "sample.py").write_text(SAMPLE)
+    python = installed / "env" / "bin" / "python"
+    tools = ("-m", "mypy", "--strict", "--python-executable"), ("-m", "pyright", "--pythonpath")
+    for tool in tools:
+        run(sys.executable, *tool, python, "sample.py", cwd=installed)

@@ -10,14 +10,14 @@ import pytest
 
 from forcebound.network import sockets
 
-PATIENCE = 120.0  # s; a cold start on a busy machine takes its time; a test that waits longer fails
+TIMEOUT = 120.0  # s; a cold start on a busy machine takes its time; a test that waits longer fails
 
 
 def until(happened: Callable[[], object], what: str) -> None:
     """Wait for something, in bounded time."""
-    end = time.monotonic() + PATIENCE
+    end = time.monotonic() + TIMEOUT
     while not happened():
-        assert time.monotonic() < end, f"waited {PATIENCE} s for {what}"
+        assert time.monotonic() < end, f"waited {TIMEOUT} s for {what}"
         sockets.wait((), 1_000_000)
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 import zmq
-from waiting import PATIENCE, free_port
+from waiting import TIMEOUT, free_port
 
 from forcebound.messages.codec import decode, encode
 from forcebound.messages.packets import EnvironmentQuery, EnvironmentReply
@@ -71,18 +71,18 @@ class Wall:
     def end(self, number: int = signal.SIGTERM) -> tuple[int, int]:
         """Ask it to end; return how many queries it has answered and how many packets dropped."""
         self.process.send_signal(number)
-        assert self.process.wait(PATIENCE) == 0, self.log
+        assert self.process.wait(TIMEOUT) == 0, self.log
         counts = re.search(r"(\d+) answered, (\d+) dropped\n$", self.log)
         assert counts is not None, self.log
         return int(counts[1]), int(counts[2])
 
 
 def wait_until(happened: Callable[[], object], what: str, *walls: Wall) -> None:
-    end = time.monotonic() + PATIENCE
+    end = time.monotonic() + TIMEOUT
     while not happened():
         logs = "\n".join(wall.log for wall in walls)
         assert all(wall.process.poll() is None for wall in walls), f"it ended:\n{logs}"
-        assert time.monotonic() < end, f"waited {PATIENCE} s for: {what}\n{logs}"
+        assert time.monotonic() < end, f"waited {TIMEOUT} s for: {what}\n{logs}"
         sockets.wait((), 10_000_000)
 
 
@@ -119,7 +119,7 @@ class FakeGraph:
         for route in self._routes:
             self.socket.send_multipart([route, *frames])
 
-    def reply(self, timeout: float = PATIENCE) -> EnvironmentReply | None:
+    def reply(self, timeout: float = TIMEOUT) -> EnvironmentReply | None:
         """Return the next reply, or None if none comes in time."""
         end = time.monotonic() + timeout
         self._take()
@@ -142,21 +142,21 @@ class FakeGraph:
         """Send a query once and return what comes next."""
         self.send(encode(query))
         reply = self.reply()
-        assert reply is not None, f"no answer within {PATIENCE} s"
+        assert reply is not None, f"no answer within {TIMEOUT} s"
         return reply
 
     def meet(self) -> None:
         """Ask until answers come, and take them all."""
-        end = time.monotonic() + PATIENCE
+        end = time.monotonic() + TIMEOUT
         for seq in itertools.count():
             self.send(encode(query(seq)))
             if self.reply(0.05) is not None:
                 break
-            assert time.monotonic() < end, f"no answer within {PATIENCE} s"
+            assert time.monotonic() < end, f"no answer within {TIMEOUT} s"
         reply = self.ask(query(seq + 1))
         while reply.query_seq != seq + 1:
             late = self.reply()
-            assert late is not None, f"no answer within {PATIENCE} s"
+            assert late is not None, f"no answer within {TIMEOUT} s"
             reply = late
 
 

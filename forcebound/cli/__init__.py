@@ -13,16 +13,17 @@ from typing import Any
 
 import click
 
-from forcebound.cli import change, look, parts, recordings, run, start, study, topics, view
-from forcebound.cli.common import INTERRUPTED, LONGEST_CELL, Group, show
+from forcebound.cli import change, demo, look, parts, recordings, run, start, study, topics, view
+from forcebound.cli.common import INTERRUPTED, Group, show
 from forcebound.errors import ConfigError, ForceboundError
 from forcebound.files import printable
+from forcebound.results.printing import LONGEST_CELL
 
 __all__ = ["main"]
 
 #: Commands in the order of the help, under what they are for.
 COMMANDS: dict[str, tuple[click.Command, ...]] = {
-    "Run a graph": (run.launch_graph, run.simulate, run.node, start.new),
+    "Run a graph": (demo.demo, run.launch_graph, run.simulate, run.node, start.new),
     "Look at a running graph": (
         view.view,
         look.list_graphs,

@@ -105,7 +105,7 @@ def set_parameters(settings: tuple[str, ...], run: Path, as_json: bool) -> None:
     A new law begins without force and with a new ledger; the force returns over device.engage_time.
 
     \b
-    forcebound param set device.law:=certified_memoryless
+    forcebound param set device.law:=certified_fading
     forcebound param set links.environment_query.delay:="20 ms"
     forcebound param set environment.stiffness:="2 N/mm" --run stiff_wall
     """

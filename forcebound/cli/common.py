@@ -3,9 +3,8 @@
 import json
 import os
 import sys
-import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from functools import partial, reduce
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
@@ -15,6 +14,7 @@ import click
 from forcebound.cli.complete import graphs, topics
 from forcebound.errors import ConfigError, RunError
 from forcebound.files import RECORDING_SUFFIX, printable
+from forcebound.results.printing import print_rows
 
 if TYPE_CHECKING:
     from forcebound.graph.graph import GraphConfig
@@ -25,8 +25,6 @@ Command: TypeAlias = Callable[..., None]
 T = TypeVar("T")
 
 UNKNOWN = "–"  # in place of a figure
-LONGEST_CELL = 500  # characters
-WIDEST = 200  # characters; a table leaves a narrower terminal before it breaks a number in two
 SLOW = 1.0  # s, after which a command shows its progress
 INTERRUPTED = 130  # exit status after Ctrl-C, as shells have it
 
@@ -136,25 +134,14 @@ run_option = given_run_option(callback=_running(require_graph=False))
 graph_option = given_run_option(callback=_running(require_graph=True))
 
 
-@contextmanager
-def slow_bar(name: str, as_json: bool) -> Iterator[Callable[[int, int], None]]:
-    """Yield a function that shows progress, if it takes long and somebody looks.
+def slow_bar(name: str, as_json: bool) -> AbstractContextManager[Callable[[int, int], None]]:
+    """Give a function that shows progress, if it takes long and somebody looks.
 
     It takes what is done, and the total.
     """
-    if as_json or not sys.stderr.isatty():
-        yield lambda done, total: None
-        return
     from forcebound.lab.workers import progress_bar
 
-    began = time.monotonic()
-    with progress_bar(name) as show_bar:
-
-        def tell(done: int, total: int) -> None:
-            if time.monotonic() - began > SLOW:
-                show_bar(done, total)
-
-        yield tell
+    return progress_bar(name, after=SLOW, shown=sys.stderr.isatty() and not as_json)
 
 
 def show(text: str, err: bool = False) -> None:
@@ -231,7 +218,7 @@ def show_results(
     results: "list[RunResult]", labels: Sequence[str] = (), *, shows_all: bool
 ) -> None:
     """Print the verdict on each run, under its label, and all figures if they are asked for."""
-    from forcebound.results.tables import phase_rows
+    from forcebound.results.tables import phase_rows, summary_table
 
     for number, result in enumerate(results):
         if labels:
@@ -240,7 +227,8 @@ def show_results(
             show(f"  {line}" if labels else line)
     if shows_all:
         click.echo()
-        print_rows(*table_of(results, labels))
+        shown = zip(labels or [one.label for one in results], results, strict=True)
+        print_rows(*summary_table([(label, one.summary) for label, one in shown]))
         for cause in (cause for one in results for cause in one.summary["little_force"]):
             show(f"little force: {cause['advice']}")
     else:
@@ -249,45 +237,6 @@ def show_results(
         head, *rows = phase_rows(phases)
         click.echo()
         print_rows(head, rows)
-
-
-def table_of(
-    results: "list[RunResult]", labels: Sequence[str] = ()
-) -> tuple[Sequence[str], list[Sequence[str]]]:
-    """Return head and rows of the key figures of some runs, headed by labels or their laws."""
-    from forcebound.results.tables import summary_rows
-
-    shown = []  # a run that changed its law has a column for each of them, too
-    for label, result in zip(labels or [one.label for one in results], results, strict=True):
-        shown.append((label, result.summary))
-        for one in result.summary.get("laws", ()):
-            shown.append((f"{one['law']}, from {one['start_s']:.3g} s", one))
-    columns = [dict(summary_rows(summary)) for _, summary in shown]
-    labels_of_rows = dict.fromkeys(label for column in columns for label in column)
-    rows = [(label, *(column.get(label, "–") for column in columns)) for label in labels_of_rows]
-    return ("", *(label for label, _ in shown)), list(rows)
-
-
-def print_rows(
-    head: Sequence[str], rows: Iterable[Sequence[str]], title: str | None = None
-) -> None:
-    """Print a table whose first column is flush left."""
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
-
-    def cell(text: str) -> Text:  # no markup: a name may hold brackets
-        return Text(printable(text, LONGEST_CELL))
-
-    table = Table(title=title, title_justify="left", box=None, pad_edge=False)
-    table.add_column(cell(head[0]))
-    for name in head[1:]:
-        table.add_column(cell(name), justify="right", overflow="fold")
-    for row in rows:
-        table.add_row(*map(cell, row))
-    console = Console()
-    needed = console.measure(table, options=console.options.update(max_width=WIDEST)).maximum
-    Console(width=max(console.width, needed)).print(table)
 
 
 def print_json(document: Any) -> None:

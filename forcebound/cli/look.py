@@ -15,10 +15,10 @@ from forcebound.cli.common import (
     json_option,
     print_json,
     print_json_line,
-    print_rows,
     show,
 )
 from forcebound.files import printable
+from forcebound.results.printing import print_rows
 
 if TYPE_CHECKING:
     from forcebound.observe.listing import ListedGraph

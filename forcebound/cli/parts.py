@@ -18,10 +18,10 @@ from forcebound.cli.common import (
     output_option,
     print_document,
     print_json,
-    print_rows,
     show,
 )
 from forcebound.errors import ConfigError, RunError
+from forcebound.results.printing import print_rows
 
 #: Kinds of emulators, and the launch file of each: its hand holds an emulator started by hand.
 EMULATED = {"haply_2diy": "haply_2diy", "odrive": "odrive_knob"}

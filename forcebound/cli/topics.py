@@ -27,11 +27,11 @@ from forcebound.cli.common import (
     output_option,
     print_json,
     print_json_line,
-    print_rows,
     run_option,
     show,
     topics_argument,
 )
+from forcebound.results.printing import print_rows
 
 if TYPE_CHECKING:
     from forcebound.observe.delay import Bin, LinkDelays

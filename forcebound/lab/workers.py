@@ -8,7 +8,9 @@ processes instead.
 import logging
 import os
 import signal
+import sys
 import threading
+import time
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import (
     BrokenExecutor,
@@ -19,6 +21,7 @@ from concurrent.futures import (
 )
 from contextlib import ExitStack, contextmanager
 from multiprocessing import active_children, get_context
+from multiprocessing.context import SpawnContext, SpawnProcess
 from typing import Any, TypeVar
 
 from forcebound.errors import ConfigError, RunError
@@ -29,10 +32,16 @@ Result = TypeVar("Result")
 
 
 @contextmanager
-def local_executor(workers: int | None = None) -> Iterator[Executor | None]:
+def local_executor(
+    workers: int | None = None,
+    begin: Callable[[], None] | None = None,
+    imports_main: bool = True,
+) -> Iterator[Executor | None]:
     """Give ``workers`` processes, by default one per core; they end with this one in any case.
 
-    With 0 workers there is no executor, and the work is done in this process.
+    With 0 workers there is no executor, and the work is done in this process. Each process first
+    calls ``begin``; ``imports_main``: and imports the program's main module, as multiprocessing
+    does, whose tasks may be defined there.
 
     An exception, Ctrl-C included, ends them at once. SIGTERM acts as Ctrl-C: the default action
     would leave the pool's semaphores behind.
@@ -44,7 +53,12 @@ def local_executor(workers: int | None = None) -> Iterator[Executor | None]:
     # Spawned, not forked: the parent may have threads (progress bar, numba).
     with (
         _termination_interrupts(),
-        ProcessPoolExecutor(count, get_context("spawn"), _begin_worker) as executor,
+        ProcessPoolExecutor(
+            count,
+            get_context("spawn") if imports_main else _WithoutMain(),
+            _begin_worker,
+            (begin,),
+        ) as executor,
     ):
         try:
             yield executor
@@ -66,18 +80,50 @@ def _termination_interrupts() -> Iterator[None]:
         signal.signal(signal.SIGTERM, previous)
 
 
-def _begin_worker() -> None:
+class _Process(SpawnProcess):
+    """A spawned process that does not import the program's main module.
+
+    That may be a script without ``if __name__ == "__main__"``, which would start all over there.
+    """
+
+    @staticmethod
+    def _Popen(process: Any) -> Any:  # noqa: N802  # the hook of multiprocessing
+        main = sys.modules["__main__"]
+        kept: dict[str, Any] = {
+            name: vars(main).pop(name) for name in ("__file__", "__spec__") if name in vars(main)
+        }
+        main.__spec__ = None
+        try:
+            return SpawnProcess._Popen(process)
+        finally:
+            vars(main).update(kept)
+
+
+class _WithoutMain(SpawnContext):
+    Process = _Process
+
+
+def _begin_worker(begin: Callable[[], None] | None) -> None:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # each has a core; before numpy is loaded
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends it
     die_with_parent(signal.SIGKILL)
+    if begin is not None:
+        begin()
 
 
 @contextmanager
-def progress_bar(name: str) -> Iterator[Callable[[int, int], None]]:
+def progress_bar(
+    name: str, after: float = 0.0, shown: bool = True
+) -> Iterator[Callable[[int, int], None]]:
     """Yield a function that shows progress on standard error; it takes what is done, and the total.
 
-    The bar appears with the first call, so that errors in arguments are reported without it.
+    The bar appears with the first call ``after`` some seconds, so that errors in arguments are
+    reported without it; never, if it is not ``shown``.
     """
+    if not shown:
+        yield lambda done, total: None
+        return
+    began = time.monotonic()
     from rich import progress
     from rich.console import Console
 
@@ -94,6 +140,8 @@ def progress_bar(name: str) -> Iterator[Callable[[int, int], None]]:
     with ExitStack() as stack:
 
         def show(done: int, total: int) -> None:
+            if time.monotonic() - began < after:
+                return
             if not bar.live.is_started:
                 stack.enter_context(bar)
             bar.update(task, completed=done, total=total)

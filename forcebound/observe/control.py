@@ -55,9 +55,9 @@ def ask_all(
             sockets.wait([client.descriptor for client in waiting.values()], POLL_NS)
 
 
-def device_status(run_dir: Path) -> DeviceStatus | None:
+def device_status(run_dir: Path, timeout: float = ANSWER_TIMEOUT) -> DeviceStatus | None:
     """Return the status of the device of a running graph; None: it does not answer."""
-    answer = ask(run_dir, graph_in(run_dir).of_role(DEVICE), GetStatus())
+    answer = ask(run_dir, graph_in(run_dir).of_role(DEVICE), GetStatus(), timeout)
     return answer if isinstance(answer, DeviceStatus) else None
 
 

@@ -29,10 +29,13 @@ def as_written(
 ) -> dict[str, str]:
     """Return parameters of a graph as YAML, each fit for ``forcebound param set``.
 
-    In ``units``, by the name of the parameter, else in SI.
+    In ``units``, by the name of the parameter, else in SI. Of a part in a user's file that was not
+    read, no type is known: in the unit in which the parameter was written.
     """
-    units = units or {}
-    return {n: _text(value, _hint(config, n), units.get(n, "")) for n, value in values.items()}
+    hints, units = {name: _hint(config, name) for name in values}, units or {}
+    written = {name: config.units.get(name, "") for name, hint in hints.items() if hint is None}
+    units = {**written, **units}
+    return {n: _text(value, hints[n], units.get(n, "")) for n, value in values.items()}
 
 
 def ranges(config: GraphConfig, names: Iterable[str]) -> dict[str, str]:
@@ -111,7 +114,7 @@ def _text(value: Any, hint: Any, unit: str = "") -> str:
         return str(value).lower()
     if isinstance(value, int | float):
         symbols = [part.symbol for part in _parts(hint) if isinstance(part, Unit)]
-        return in_unit(value, unit if symbols and unit else "".join(symbols[:1]))
+        return in_unit(value, unit if unit and (symbols or hint is None) else "".join(symbols[:1]))
     if isinstance(value, list):
         inner = [part for part in _parts(hint) if get_origin(part) in (tuple, list)]
         entries = get_args(inner[0]) if inner else ()

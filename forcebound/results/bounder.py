@@ -99,7 +99,10 @@ class Limited:
 
 
 def causes_of_little_force(
-    columns: TelemetryColumns, device: Mapping[str, Any], report: BounderReport | None
+    columns: TelemetryColumns,
+    device: Mapping[str, Any],
+    report: BounderReport | None,
+    little: float = LITTLE_SHARE,
 ) -> list[Cause]:
     """Return why the law gives little force, the avoidable causes first; empty if it gives enough.
 
@@ -107,6 +110,7 @@ def causes_of_little_force(
         columns: Telemetry, since the force engaged.
         device: Section ``device`` of the resolved launch file, in SI numbers.
         report: What the device node reports of its bounder; None: not known.
+        little: Share of the saturated force that is little where nothing can be avoided.
     """
     law, force = device.get("law", "none"), Limited(columns, device)
     if law == "none" or not force:
@@ -118,7 +122,7 @@ def causes_of_little_force(
         why = f"law {law} limits it and does not say why; law certified would name the causes"
         causes.append(Cause("law_not_certified", why, data={"law": law}))
     wanted, applied = (one[force.limited].mean() for one in (force.wanted, force.applied))
-    if not causes and applied < LITTLE_SHARE * wanted:
+    if not causes and applied < little * wanted:
         advice = (
             "it is what the device's dissipation allows at this rate: more damping, a higher "
             "device.rate, or a softer environment"
@@ -183,7 +187,7 @@ def _of_the_ledger(
     costly = [f"device.{name}" for name in COSTLY if np.any(device.get(name) or 0.0)]
     if costly:
         names = ", ".join(costly)
-        advice = f"{names} cost force: docs/theory.md, section 3, has the price of each"
+        advice = f"{names} cost force: docs/prices.md has the price of each"
         yield Cause("imperfections", advice, data={"names": names})
     if "inertia" in device:
         return  # of joints: telemetry has no torques to judge their encoders by

@@ -22,7 +22,7 @@ LAW_COLOURS = {
     "aol": "#56B4E9",
     "more_conservative": "#E69F00",
     "certified": "#009E73",
-    "certified_memoryless": "#CC79A7",
+    "certified_fading": "#CC79A7",
     "tdpa": "#D55E00",
     "none": "#7F7F7F",
     "less_conservative_viscous": "#00395A",

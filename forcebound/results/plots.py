@@ -6,7 +6,7 @@ figure of the same data is the same file, byte by byte.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import chain, pairwise
 from os import PathLike
 from pathlib import Path
@@ -53,6 +53,7 @@ def figure(
     panels: Sequence[str] | None = None,
     events: Sequence[Sequence[Event]] = (),
     signals: Sequence[Sequence[Curve]] = (),
+    new: Callable[..., Figure] | None = None,
 ) -> Figure:
     """Return a figure with one column per run and one row per panel.
 
@@ -66,6 +67,7 @@ def figure(
         events: Events of each run: faults, changes and those of the parts' own code are drawn as
             vertical lines, phases as bands.
         signals: Of each run; each unit has a panel, below the others.
+        new: Makes the empty figure; None: without pyplot.
 
     Raises:
         ConfigError: If a launch file does not fit its run.
@@ -77,7 +79,7 @@ def figure(
         panels = (*DEFAULT_PANELS, *PATH_PANELS[: axes - 1])
     rows = {name: PANELS[name] for name in panels} | signal_panels(chain(*signals))
     size = (1.6 + 4.4 * len(runs), 0.9 + 1.75 * len(rows))
-    drawing = Figure(figsize=size, dpi=150, layout="constrained")
+    drawing = (new or Figure)(figsize=size, dpi=150, layout="constrained")
     grid = drawing.subplots(len(rows), len(runs), squeeze=False)
     known = zip(events or [()] * len(runs), signals or [()] * len(runs), strict=True)
     for column, run, (marked, curves) in zip(grid.T, runs, known, strict=True):

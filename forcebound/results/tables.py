@@ -1,6 +1,6 @@
 """Tables of summaries in everyday units (N/mm, mm, mJ, ms), and labels of maps."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from forcebound.results.cells import MJ, PERCENT, N, Unit, percentiles
@@ -15,6 +15,21 @@ def summary_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     """
     rows = [(figure.label, figure.cell(summary)) for figure in FIGURES if figure.label]
     return [(label, cell) for label, cell in rows if cell]
+
+
+def summary_table(
+    summaries: Iterable[tuple[str, Mapping[str, Any]]],
+) -> tuple[Sequence[str], list[Sequence[str]]]:
+    """Return head and rows of the figures of some runs, each with the label of its column."""
+    shown = []  # a run that changed its law has a column for each of them, too
+    for label, summary in summaries:
+        shown.append((label, summary))
+        for one in summary.get("laws", ()):
+            shown.append((f"{one['law']}, from {one['start_s']:.3g} s", one))
+    columns = [dict(summary_rows(summary)) for _, summary in shown]
+    labels_of_rows = dict.fromkeys(label for column in columns for label in column)
+    rows = [(label, *(column.get(label, "–") for column in columns)) for label in labels_of_rows]
+    return ("", *(label for label, _ in shown)), list(rows)
 
 
 def axis_labels() -> dict[str, tuple[str, float]]:

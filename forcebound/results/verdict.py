@@ -37,7 +37,7 @@ def verdict(summary: Summary, document: Mapping[str, Any]) -> list[str]:
     else:
         lines = ["No force: it never engaged."]
     failures = "; ".join(_failures(summary))
-    return [line for line in (*lines, failures and f"Failed: {failures}.") if line]
+    return [line for line in (*lines, failures and f"Faults: {failures}.") if line]
 
 
 def _passivity(s: Summary) -> str:
@@ -60,7 +60,8 @@ def _passivity_without_truth(s: Summary) -> str:
     if not (law is not None and LAWS.is_shipped(law) and LAWS[law].is_certified):
         return f"Unknown if passive: {motor}; the device's own friction may have taken that."
     if s["late_writes"]:
-        return f"Unknown if passive: {s['late_writes']} writes were later than the certificate has."
+        late = _counted(s["late_writes"], "write")
+        return f"Unknown if passive: {late} came later than the certificate has."
     covered = "which its friction and damping cover"
     return f"Passive by the certificate, if the device's numbers are right: {motor}, {covered}."
 
@@ -123,19 +124,23 @@ def _times(count: int) -> str:
     return "once" if count == 1 else f"{count} times"
 
 
+def _counted(count: int, noun: str) -> str:
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
+
+
 def _failures(s: Summary) -> Iterator[str]:
     for kind, count in s["faults"].items():
         if kind != "ticks_missed":  # they are counted below
-            yield f"{count} {kind.replace('_', ' ')}"
+            yield f"{kind.replace('_', ' ')} {_times(count)}"
     rejected = ", ".join(f"{count} {why}" for why, count in s["rejected_packets"].items() if count)
     if rejected:
         yield f"packets rejected: {rejected}"
     missed = s["deadline_misses"] or 0
     share = missed / (missed + s["samples"] or 1)
     if share > MISSED_SHARE:
-        yield f"{missed} ticks missed ({share:.1%})"
+        yield f"{_counted(missed, 'tick')} missed ({share:.1%})"
     if s["refused_readings"]:
-        yield f"{s['refused_readings']} readings refused"
+        yield f"{_counted(s['refused_readings'], 'reading')} refused"
     lost_packets = lost(s)
     if lost_packets != "0":
         yield f"lost or damaged, as the links are set: {lost_packets}"

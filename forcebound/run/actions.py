@@ -6,9 +6,8 @@ from enum import Enum, auto
 from typing import TypeAlias
 
 from forcebound.messages.control import ResumeDevice, StartNode, StopNode
+from forcebound.messages.events import Kind
 from forcebound.roles import LOST
-
-DEVICE_LOST = "device_lost"  # the event
 
 #: What a user may ask of a launcher during a run; it is an event, if nothing is against it.
 NodeRequest: TypeAlias = StopNode | StartNode | ResumeDevice
@@ -94,7 +93,7 @@ class Start(_OfNode):
 class Announce:
     """Publish an event of a process."""
 
-    event: str  # "process_ended", "process_started", "environment_awaited", DEVICE_LOST
+    event: Kind
     node: str
     message: str
     is_fault: bool = False

@@ -23,7 +23,6 @@ from forcebound.messages.control import ResumeDevice, StartNode, StopNode
 from forcebound.messages.topology import ONE_HAND, Graph
 from forcebound.roles import DEVICE, ENVIRONMENT, LOST, RECORDER, ROLES, STOP_GROUPS, Role
 from forcebound.run.actions import (
-    DEVICE_LOST,
     Action,
     Announce,
     Ended,
@@ -276,7 +275,7 @@ class Lifecycle:
         if self.phase is Phase.RUNNING and status == LOST:
             self.lost.add(node)
             self.returning.discard(node)
-            return [Announce(DEVICE_LOST, node, ADVICE, is_fault=True)]
+            return [Announce("device_lost", node, ADVICE, is_fault=True)]
         if node in self._leaving:
             pass  # the run ended first
         elif stopping and is_early and -status in (signal.SIGTERM, signal.SIGKILL):
@@ -301,7 +300,8 @@ class Lifecycle:
         limits = self._limits
         if self.phase is Phase.STARTING:
             reasons = "; ".join(self.missing(node) for node in self.not_ready)
-            if not self.silent:  # the device has the highest priority on the shared core
+            starved = set(self.not_ready) - set(self._of_role(RECORDER))
+            if starved and not self.silent:  # the device has priority on the core of the loop
                 reasons += "; is the rate of the device too high for this machine?"
             self._fail(f"not ready after {limits.start_ns * 1e-9:g} s: {reasons}")
             return self._stop(time_ns)

@@ -66,10 +66,11 @@ class RunResult:
     times_real_time: float = 1.0  # how fast the loop ran, without start and evaluation
 
     @classmethod
-    def from_recording(cls, path: Path) -> "RunResult":
+    def from_recording(cls, path: Path, is_growing: bool = False) -> "RunResult":
         """Return the result that a recording holds; ConfigError if it is none of a run.
 
-        True energy of one that begins later counts from when the law of then began.
+        True energy of one that begins later counts from when the law of then began. One that
+        ``is_growing`` is of a run that goes on.
         """
         from forcebound.recordings.recording import read  # slow to import; no node process needs it
 
@@ -79,9 +80,10 @@ class RunResult:
             document = recording.launch
             before = recording.energy_before
             columns = replace(columns, true_energy=columns.true_energy - before)
-        if not recording.complete:
+        if not recording.complete and not is_growing:
             _logger.warning("recording incomplete: using the readable part of %s", path)
-        return cls(columns, document, events, recording.complete, energy_before=before)
+        is_complete = recording.complete or is_growing
+        return cls(columns, document, events, is_complete, energy_before=before)
 
     @property
     def label(self) -> str:

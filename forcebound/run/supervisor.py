@@ -26,7 +26,7 @@ from forcebound.errors import RunError
 from forcebound.graph.phases import Part
 from forcebound.messages import control, packets
 from forcebound.messages.codec import encode
-from forcebound.messages.events import PARAMETERS_SET, PHASE_BEGINS, EventLog
+from forcebound.messages.events import PARAMETERS_SET, PHASE_BEGINS, EventLog, Kind
 from forcebound.messages.topology import ONE_HAND, Graph, endpoint
 from forcebound.network.control import ControlServer
 from forcebound.network.sockets import Network
@@ -292,7 +292,7 @@ class Supervisor:
             self._emit(PARAMETERS_SET, message, changed)
 
     def _emit(
-        self, event: str, message: str, data: Mapping[str, str], *, is_fault: bool = False
+        self, event: Kind, message: str, data: Mapping[str, str], *, is_fault: bool = False
     ) -> None:
         time_ns = time.monotonic_ns()
         self._publish(encode(self._events.emit(time_ns, event, message, data, is_fault=is_fault)))

@@ -1,7 +1,8 @@
 """Run of a launch file in virtual time: the nodes of a live run, in this process."""
 
 import time
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Collection
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -29,6 +30,67 @@ Progress = Callable[[int, int], None]  # takes what is done, and the total
 
 MS = 1_000_000  # ns
 PART_NS = 100 * MS  # of virtual time, between two looks at progress and stop requests
+
+
+class VirtualGraph:
+    """A graph in virtual time, open and engaged, whose time goes on by :meth:`run`.
+
+    ``observe`` is called with each packet of the classes ``observed`` at its sending, in order, and
+    with the events of the phases and of the end. ConfigError or DeviceError if a part cannot be
+    opened; :func:`check_has_virtual_time` comes first.
+    """
+
+    def __init__(
+        self,
+        config: GraphConfig,
+        observe: Callable[[Packet], None],
+        observed: Collection[type[Packet]],
+        late_ticks: LateTicks | None = None,
+    ) -> None:
+        lateness = None if late_ticks is None else late_ticks.of(config.device.servo)
+        self.device = build_device(config, lateness=lateness)
+        others = [build_node(name, config) for name in ONE_HAND.loop if name != DEVICE]
+        links = build_links(config)
+        self._simulation = Simulation([*others, self.device], links, observe, observed)
+        self._observe = observe
+        self._launcher = EventLog(LAUNCHER)
+        # A short run, or one of a sweep, needs no log.
+        for events in (self._launcher, *(node.events for node in self._simulation.nodes)):
+            events.is_logged = False
+        self._tuner = Tuner(config)
+        self._phases = deque(timetable(config))
+        self.device.engage()
+
+    @property
+    def time_ns(self) -> int:
+        """Virtual time, until which everything has happened, in ns."""
+        return self._simulation.time_ns
+
+    def run(self, until_ns: int) -> None:
+        """Let everything happen that is due before ``until_ns``; begin the phases that are due."""
+        while self._phases and self._phases[0].start_ns < until_ns:
+            part = self._phases.popleft()
+            self._simulation.run(part.start_ns)
+            self._tuner(self._simulation, Configure(part.start_ns, parameters(part.config)))
+            self._observe(self._launcher.emit(part.start_ns, PHASE_BEGINS, part.message, part.data))
+        self._simulation.run(until_ns)
+
+    def report_end(self) -> None:
+        """Let the nodes and links report what they report of the run at its end."""
+        simulation, now_ns = self._simulation, self.time_ns
+        for node in simulation.nodes:
+            for stream in simulation.graph.received(node.events.node):
+                link = simulation.link(stream.name)
+                if link is not None:
+                    self._observe(node.events.link_counts(now_ns, stream.name, link.counts))
+            for event in node.last_events(now_ns):
+                self._observe(event)
+
+    def close(self) -> None:
+        """Stop and close the nodes."""
+        for node in reversed(self._simulation.nodes):
+            node.stop(self.time_ns)
+            node.close()
 
 
 def run_virtual(
@@ -62,16 +124,16 @@ def run_virtual(
         recorder = None if record is None else Recorder(record, run_metadata(config))
         observer = _Observer(recorder, may_report_contacts(config.environment.model))
         stack.callback(observer.close)
-        simulation = _open(config, observer, late_ticks)
-        for node in simulation.nodes:
-            stack.callback(node.close)
-            stack.callback(node.stop, end_ns)
+        graph = VirtualGraph(config, observer.take, observer.packets, late_ticks)
+        stack.callback(graph.close)
         stop = stack.enter_context(Stop()) if may_end_early else None
         began = time.perf_counter()
         with without_garbage_collection():
-            _run(config, simulation, observer, end_ns, progress, stop)
+            while graph.time_ns < end_ns and not (stop is not None and stop.requested):
+                graph.run(min(graph.time_ns + PART_NS, end_ns))
+                progress(graph.time_ns // MS, end_ns // MS)
         took = time.perf_counter() - began
-        observer.take_last_events(simulation)
+        graph.report_end()
     interrupted = stop is not None and stop.requested
     if not observer.samples and interrupted:
         if record is not None:
@@ -84,7 +146,7 @@ def run_virtual(
         to_document(config),
         observer.events,
         interrupted=interrupted,
-        times_real_time=simulation.time_ns * 1e-9 / took,
+        times_real_time=graph.time_ns * 1e-9 / took,
     )
 
 
@@ -119,53 +181,6 @@ class _Observer:
         if self._recorder is not None:
             self._recorder.write(packet)
 
-    def take_last_events(self, simulation: Simulation) -> None:
-        now_ns = simulation.time_ns
-        for node in simulation.nodes:
-            for stream in simulation.graph.received(node.events.node):
-                link = simulation.link(stream.name)
-                if link is not None:
-                    self.take(node.events.link_counts(now_ns, stream.name, link.counts))
-            for event in node.last_events(now_ns):
-                self.take(event)
-
     def close(self) -> None:
         if self._recorder is not None:
             self._recorder.close()
-
-
-def _open(config: GraphConfig, observer: _Observer, late_ticks: LateTicks | None) -> Simulation:
-    """Return the graph, its force engaged."""
-    lateness = None if late_ticks is None else late_ticks.of(config.device.servo)
-    device = build_device(config, lateness=lateness)
-    others = [build_node(name, config) for name in ONE_HAND.loop if name != DEVICE]
-    links = build_links(config)
-    simulation = Simulation([*others, device], links, observer.take, observer.packets)
-    for node in simulation.nodes:
-        node.events.is_logged = False  # a short run, or one of a sweep, needs no log
-    device.engage()
-    return simulation
-
-
-def _run(
-    config: GraphConfig,
-    simulation: Simulation,
-    observer: _Observer,
-    end_ns: int,
-    progress: Progress,
-    stop: Stop | None,
-) -> None:
-    """Run the phases, until the end or a stop request."""
-    launcher = EventLog(LAUNCHER)
-    launcher.is_logged = False
-    tuner = Tuner(config)
-    parts = [part for part in timetable(config) if part.start_ns < end_ns]
-    for begin_ns, part in [*((part.start_ns, part) for part in parts), (end_ns, None)]:
-        while simulation.time_ns < begin_ns:
-            if stop is not None and stop.requested:
-                return
-            simulation.run(min(simulation.time_ns + PART_NS, begin_ns))
-            progress(simulation.time_ns // MS, end_ns // MS)
-        if part is not None:
-            tuner(simulation, Configure(begin_ns, parameters(part.config)))
-            observer.take(launcher.emit(begin_ns, PHASE_BEGINS, part.message, part.data))

@@ -1,7 +1,8 @@
 """Rigid bodies of a MuJoCo scene, which the hand pushes.
 
-The hand is a mocap body; a *probe*, a small ball that touches the bodies, hangs on it by a spring
-and a damper (a virtual coupling). What the coupling pulls is what the hand feels.
+A *probe*, a small ball that touches the bodies, hangs on the hand by a spring and a damper (a
+virtual coupling). Or the probe touches nothing and holds a *tool* of the scene, such as the tip of
+an arm. What the coupling pulls is what the hand feels.
 
 Source: E. Todorov, T. Erez, Y. Tassa, MuJoCo: a physics engine for model-based control, IROS 2012;
 the coupling: J. E. Colgate, M. C. Stanley, J. M. Brown, Issues in the haptic display of tool use,
@@ -10,6 +11,7 @@ IROS 1995.
 
 import logging
 import math
+import warnings
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib.util import find_spec
@@ -22,7 +24,7 @@ from forcebound.bounded_child import ChildError, in_bounded_child
 from forcebound.errors import ConfigError
 from forcebound.files import open_file, reason
 from forcebound.haptics.environments import Environment, EnvironmentModel, within_reach
-from forcebound.haptics.geometry.vectors import Vector3, along, cut, norm, pad3, scale, sub
+from forcebound.haptics.geometry.vectors import Vector3, add, along, cut, norm, pad3, scale, sub
 from forcebound.messages.packets import MAX_NAME, Contact, SceneObject, Shape, Vector
 from forcebound.quantities import (
     NOT_NEGATIVE,
@@ -30,16 +32,19 @@ from forcebound.quantities import (
     Damping,
     Length,
     Mass,
+    Range,
     Stiffness,
+    Time,
     check_ranges,
 )
 
 MOST_STEPS = 20  # for one answer; a scene that falls farther behind stands still
 TOUCH = 1e-6  # m, least way between hand and probe of a contact
-HARD = [0.99, 0.99, 0.001, 0.5, 2.0]  # of the probe's contacts: the coupling is the soft part
+HARD = [0.99, 0.99, 0.001, 0.5, 2.0]  # of what the probe touches or holds: the coupling is soft
 SECONDS, MEMORY = 30.0, 2_000_000_000  # s and bytes for the compilation and a first step
 STEPS = (1e-5, 0.1)  # s, range of the scene's timestep
-PROBE, HAND = "forcebound_probe", "forcebound_hand"
+PROBE, TOOL = "forcebound_probe", "forcebound_tool"
+MOST_NAMES = 30  # in an error
 
 _logger = logging.getLogger(__name__)
 
@@ -54,13 +59,18 @@ class Bodies(EnvironmentModel):
 
     Attributes:
         file: The scene, in MuJoCo's XML format. It may name other files, which MuJoCo reads itself.
+        tool: Name of a site or body of the scene, which the hand takes where it is; null: none.
+        timestep: Of the scene; null: that of the file.
         stiffness: Of the coupling between hand and probe.
         damping: Of the coupling.
-        probe_mass: Of the probe; the hand feels it in free motion, too.
+        probe_mass: Of the probe; the hand feels it in free motion, too. With a tool it is added to
+            the tool's, or is that of a mocap body.
         probe_radius: Of the probe.
     """
 
     file: Path
+    tool: str | None = None
+    timestep: Annotated[Time, Range(at_least=STEPS[0], at_most=STEPS[1])] | None = None
     stiffness: Annotated[Stiffness, NOT_NEGATIVE] = 1000.0
     damping: Annotated[Damping, NOT_NEGATIVE] = 2.0
     probe_mass: Annotated[Mass, POSITIVE] = 0.010
@@ -72,7 +82,7 @@ class Bodies(EnvironmentModel):
     def check_files(self) -> None:
         """Compile the scene, unless MuJoCo is only installed where the environment runs."""
         if find_spec("mujoco") is not None:
-            _compile(engine(), self)
+            _Scene(self, 3)
 
     def open(self, axes: int) -> "_Scene":
         return _Scene(self, axes)
@@ -92,10 +102,16 @@ class _Scene(Environment):
         self._scene = _compile(self._mujoco, model)
         self._data = self._mujoco.MjData(self._scene)
         self._mujoco.mj_forward(self._scene, self._data)
-        self._probe = self._scene.body(PROBE)
-        self._geom = int(self._scene.geom(PROBE).id)
+        self._probe = self._scene.body(int(self._scene.geom(PROBE).bodyid[0]))
         self._place = _three(self._scene.jnt_qposadr[self._probe.jntadr[0]])
         self._motion = _three(self._scene.jnt_dofadr[self._probe.jntadr[0]])
+        # Where the probe is before it has moved: in the scene, and in the hand's coordinates.
+        self._home: Vector3 = tuple(self._probe.pos.tolist())
+        self._origin: Vector3 = (0.0, 0.0, 0.0)
+        rigid = self._scene.body_weldid
+        body = self._probe.id if model.tool is None else _body_of(model.tool, self._scene)
+        # By number of a geom, with one more for -1, which is none.
+        self._touches = np.append(rigid[self._scene.geom_bodyid] == rigid[body], False)
         self._hand: Vector3 | None = None
         self._elapsed = 0.0  # s, until which the scene has gone
         self._resets = 0
@@ -105,7 +121,7 @@ class _Scene(Environment):
         speed = tuple(map(within_reach, pad3(velocity)))  # at most 10 m/s
         if self._hand is None:
             self._hand, self._elapsed = (x, y, z), elapsed
-            self._data.qpos[self._place] = self._hand
+            self._couple(self._hand)
         before, self._hand = self._hand, (x, y, z)
         self._advance(before, speed, elapsed)
         model, data = self._model, self._data
@@ -113,7 +129,7 @@ class _Scene(Environment):
             model.stiffness * (here - p) + model.damping * (v - v_p)
             for here, p, v, v_p in zip(
                 self._hand,
-                data.qpos[self._place].tolist(),
+                self._probed(),
                 speed,
                 data.qvel[self._motion].tolist(),
                 strict=True,
@@ -129,17 +145,29 @@ class _Scene(Environment):
         if due <= 0:
             return
         steps = min(due, MOST_STEPS)
-        data.mocap_pos[0] = hand
         data.qfrc_applied[self._motion] = [self._model.damping * v for v in speed]
         for i in range(steps):  # the spring ends where the hand was when the step began
-            scene.qpos_spring[self._place] = along(before, sub(hand, before), i / steps)
+            end = along(before, sub(hand, before), i / steps)
+            scene.qpos_spring[self._place] = sub(end, self._origin)
             self._mujoco.mj_step(scene, data)
         self._elapsed += due * scene.opt.timestep
         if _resets(data) != self._resets:
-            self._start_again()
+            self._start_again(hand)
 
-    def _start_again(self) -> None:
-        """Put the probe to the hand: MuJoCo has put everything where the file has it."""
+    def _couple(self, hand: Vector3) -> None:
+        """Bring the probe to the hand; or let the hand take a tool that has not moved yet."""
+        if self._model.tool is None:
+            self._data.qpos[self._place] = hand
+        else:
+            self._origin = hand
+
+    def _probed(self) -> Vector3:
+        """Where the probe is, in the coordinates of the hand."""
+        x, y, z = self._data.qpos[self._place].tolist()
+        return add(self._origin, (x, y, z))
+
+    def _start_again(self, hand: Vector3) -> None:
+        """Couple again with the hand: MuJoCo has put everything where the file has it."""
         if self._resets == 0:
             _logger.warning(
                 "%s: the bodies flew apart, and are where they began; use a shorter timestep in"
@@ -147,18 +175,18 @@ class _Scene(Environment):
                 self._model.file,
             )
         self._resets = _resets(self._data)
-        self._data.qpos[self._place] = self._hand
+        self._couple(hand)
 
     def contact(self, user: str) -> Contact | None:
-        if self._hand is None or not (self._data.contact.geom == self._geom).any():
+        if self._hand is None or not self._touches[self._data.contact.geom].any():
             return None
-        x, y, z = self._data.qpos[self._place].tolist()
-        way = sub((x, y, z), self._hand)
+        place = self._probed()
+        way = sub(place, self._hand)
         distance = norm(way)
         if distance < TOUCH:
             return None
         normal = scale(way, 1.0 / distance)
-        return Contact(cut((x, y, z), self._axes), cut(normal, self._axes))
+        return Contact(cut(place, self._axes), cut(normal, self._axes))
 
     def scene(self) -> tuple[SceneObject, ...]:
         """Return the bodies' shapes where they are; a mesh is drawn as its box."""
@@ -168,7 +196,7 @@ class _Scene(Environment):
     def _drawn(self, geom: int) -> SceneObject | None:
         scene, mujoco = self._scene, self._mujoco
         body = scene.geom_bodyid[geom]
-        if scene.body(body).name in (PROBE, HAND):
+        if scene.geom(geom).name == PROBE:
             return None
         half, box = scene.geom_size[geom].tolist(), scene.geom_aabb[geom][3:].tolist()
         shape, size = _shape(mujoco.mjtGeom(scene.geom_type[geom]).name, half, box)
@@ -180,7 +208,7 @@ class _Scene(Environment):
         return SceneObject(
             name[:MAX_NAME],
             shape,
-            position=(x, y, z),
+            position=add(sub((x, y, z), self._home), self._origin),
             orientation=(w, i, j, k),
             size=size,
             is_fixed=bool(scene.body_weldid[body] == 0),
@@ -213,7 +241,7 @@ def engine() -> Any:
 
 
 def _compile(mujoco: Any, model: Bodies) -> Any:
-    """Return the scene of the file with hand and probe in it, compiled in bounded time and memory.
+    """Return the scene of the file with the probe in it, compiled in bounded time and memory.
 
     A scene may name files that have no end, or things a million times over.
     """
@@ -237,12 +265,15 @@ def _compile(mujoco: Any, model: Bodies) -> Any:
 def _compiled(model: Bodies) -> bytes:
     """Do the work of :func:`_compile`, and a first step, in the child."""
     mujoco = engine()
+    warnings.simplefilter("ignore")  # Python's, about keys that are going out of use
     try:
         spec = mujoco.MjSpec.from_file(str(model.file))
+        if model.timestep is not None:
+            spec.option.timestep = model.timestep
         step = spec.option.timestep
         if not STEPS[0] <= step <= STEPS[1]:
             raise ConfigError(f"timestep: expected {STEPS[0]} to {STEPS[1]} s, got {step} s")
-        _add_hand(mujoco, spec, model)
+        _add_probe(mujoco, spec, model)
         scene = spec.compile()
         mujoco.mj_step(scene, mujoco.MjData(scene))
     except Exception as error:  # MuJoCo's own kinds
@@ -252,16 +283,52 @@ def _compiled(model: Bodies) -> bytes:
     return binary.tobytes()
 
 
-def _add_hand(mujoco: Any, spec: Any, model: Bodies) -> None:
-    hand = spec.worldbody.add_body(name=HAND, mocap=True)
-    ball, size = mujoco.mjtGeom.mjGEOM_SPHERE, [model.probe_radius, 0.0, 0.0]
-    hand.add_geom(name=HAND, type=ball, size=size, contype=0, conaffinity=0)
-    probe = spec.worldbody.add_body(name=PROBE, gravcomp=1.0)
-    for axis in ([1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]):
-        slide = mujoco.mjtJoint.mjJNT_SLIDE
-        probe.add_joint(type=slide, axis=axis, stiffness=model.stiffness, damping=model.damping)
-    touching = {"solref": [2.0 * spec.option.timestep, 1.0], "solimp": HARD, "priority": 1}
-    probe.add_geom(name=PROBE, type=ball, size=size, mass=model.probe_mass, **touching)
+def _add_probe(mujoco: Any, spec: Any, model: Bodies) -> None:
+    """Add the probe to a scene, and what ties a tool to it; a mocap body becomes the probe."""
+    site = None if model.tool is None else spec.site(model.tool)
+    held = site if model.tool is None or site is not None else spec.body(model.tool)
+    hard = {"solref": [2.0 * spec.option.timestep, 1.0], "solimp": HARD}
+    axes = np.eye(3)
+    if held is None:
+        probe = spec.worldbody.add_body(name=PROBE, gravcomp=1.0)
+        touching = {**hard, "priority": 1, "contype": 1, "conaffinity": 1}
+    else:
+        touching = {"contype": 0, "conaffinity": 0}
+        data = mujoco.MjData(spec.compile())
+        mujoco.mj_kinematics(data.model, data)
+        probe = held if site is None else site.parent
+        if probe.mocap:
+            probe.mocap, probe.gravcomp = False, 1.0
+            axes = data.xmat[probe.id].reshape(3, 3)  # rows: axes of the scene, seen from the body
+            for geom in probe.geoms:
+                geom.mass, geom.priority = 0.0, 1
+                geom.solref, geom.solimp = hard["solref"], HARD
+        else:
+            place = (data.xpos if site is None else data.site_xpos)[held.id]
+            held = probe.add_site(name=TOOL) if site is None else site
+            probe = spec.worldbody.add_body(name=PROBE, pos=place, gravcomp=1.0)
+            probe.add_site(name=PROBE)
+            tie, kind = mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtObj.mjOBJ_SITE
+            spec.add_equality(type=tie, objtype=kind, name1=PROBE, name2=held.name, **hard)
+    spring = {"stiffness": model.stiffness, "damping": model.damping}
+    free = {"limited": 0, "armature": 0.0, "frictionloss": 0.0}  # whatever the file's defaults
+    for axis in axes:
+        probe.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis, **spring, **free)
+    ball = {"type": mujoco.mjtGeom.mjGEOM_SPHERE, "size": [model.probe_radius, 0.0, 0.0]}
+    probe.add_geom(name=PROBE, mass=model.probe_mass, **ball, **touching)
+
+
+def _body_of(tool: str, scene: Any) -> int:
+    """Return the number of a body, or of that of a site; ConfigError if it is none that moves."""
+    bodies = {scene.body(i).name: i for i in range(scene.nbody)}
+    sites = {scene.site(i).name: int(scene.site_bodyid[i]) for i in range(scene.nsite)}
+    ours = ("", PROBE, TOOL)
+    found = {n: i for n, i in (bodies | sites).items() if scene.body_weldid[i] and n not in ours}
+    if tool in found:
+        return found[tool]
+    known = ", ".join(list(found)[:MOST_NAMES]) + ("" if len(found) <= MOST_NAMES else ", ...")
+    message = f"expected the name of a site or body that moves, got {tool!r}; known: {known}"
+    raise ConfigError(message, field="tool")
 
 
 def _check_coupling(model: Bodies, step: float) -> None:
@@ -271,7 +338,7 @@ def _check_coupling(model: Bodies, step: float) -> None:
         raise ConfigError(
             f"a stiffness of {model.stiffness:g} N/m is too much for a probe of"
             f" {model.probe_mass * 1e3:g} g and the scene's timestep of {step * 1e3:g} ms: at most"
-            f" {most:g} N/m; take a shorter timestep in the scene, or a heavier probe",
+            f" {most:g} N/m; take a shorter timestep, or a heavier probe",
             field="stiffness",
         )
 

@@ -6,7 +6,7 @@ from typing import Annotated
 from forcebound.haptics.environments import Environment, EnvironmentModel
 from forcebound.haptics.environments.walls import on_first_axis
 from forcebound.haptics.parts.signals import Signal
-from forcebound.messages.packets import Vector
+from forcebound.messages.packets import SceneObject, Vector
 from forcebound.quantities import (
     NOT_NEGATIVE,
     POSITIVE,
@@ -16,6 +16,8 @@ from forcebound.quantities import (
     Stiffness,
     check_ranges,
 )
+
+WIDTH, THICKNESS, GAP = 0.040, 0.001, 0.006  # m, as a display draws the skin; it breaks at the gap
 
 
 @dataclass(frozen=True)
@@ -55,10 +57,12 @@ class _Skin(Environment):
     def __init__(self, model: Membrane) -> None:
         self._model = model
         self._damage = 0.0  # the skin is broken at 1
+        self._stretch = 0.0  # m, of a skin that is whole
 
     def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
         model, depth = self._model, position[0] - self._model.skin
-        load = model.stiffness * max(depth, 0.0)
+        self._stretch = max(depth, 0.0)
+        load = model.stiffness * self._stretch
         if self._damage < 1.0 and load > 0.0:
             self._damage = min(max(self._damage, load / model.strength), 1.0)
             if self._damage == 1.0:
@@ -67,3 +71,10 @@ class _Skin(Environment):
         if self._damage == 1.0:
             load = model.damping * velocity[0] if depth > 0.0 else 0.0
         return on_first_axis(load, len(position))
+
+    def scene(self) -> tuple[SceneObject, ...]:
+        gap, stretch = (0.0, self._stretch) if self._damage < 1.0 else (GAP, 0.0)
+        x, y = self._model.skin + stretch + 0.5 * THICKNESS, 0.25 * (WIDTH + gap)
+        size = (THICKNESS, 0.5 * (WIDTH - gap), WIDTH)
+        halves = {"above": (x, y, 0.0), "below": (x, -y, 0.0)}
+        return tuple(SceneObject(n, "box", position=at, size=size) for n, at in halves.items())

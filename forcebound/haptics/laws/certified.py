@@ -15,7 +15,7 @@ import math
 from forcebound.haptics.laws.law import BoundingLaw, State
 from forcebound.haptics.laws.sample import DeviceConstants, Sample, Write
 
-FORGETTING = 0.020  # s, in which the memoryless law forgets 62 % of a surplus: the longest for
+FORGETTING = 0.020  # s, in which the fading law forgets 62 % of a surplus: the longest for
 #                     which contacts turn no oftener than with the paper's law (docs/theory.md, 3)
 
 
@@ -39,7 +39,7 @@ def limit(state: State, sample: Sample, device: DeviceConstants) -> tuple[State,
     return min(ledger, device.energy_cap + sample.held_price), math.inf, 0.0
 
 
-def settle_memoryless(state: State, write: Write, device: DeviceConstants) -> State:
+def settle_fading(state: State, write: Write, device: DeviceConstants) -> State:
     r"""Forget part of what this force does not need.
 
     .. math:: A \mathrel{-}= \frac{T}{\tau + T} (G - \mathrm{cost}(F(n), T_{max}))_+
@@ -66,12 +66,12 @@ CERTIFIED = BoundingLaw(
     is_certified=True,
 )
 
-CERTIFIED_MEMORYLESS = BoundingLaw(
+CERTIFIED_FADING = BoundingLaw(
     summary="certified for the physical energy, surplus forgotten within 20 ms",
     start=start,
     limit=limit,
     limits_holds=True,
-    settle=settle_memoryless,
+    settle=settle_fading,
     energy=energy,
     is_certified=True,
 )

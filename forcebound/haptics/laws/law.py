@@ -98,7 +98,7 @@ LAWS: Table[BoundingLaw] = Table(
         "aol": "forcebound.haptics.laws.aol:AOL",
         "tdpa": "forcebound.haptics.laws.tdpa:TDPA",
         "certified": "forcebound.haptics.laws.certified:CERTIFIED",
-        "certified_memoryless": "forcebound.haptics.laws.certified:CERTIFIED_MEMORYLESS",
+        "certified_fading": "forcebound.haptics.laws.certified:CERTIFIED_FADING",
     },
     Form("forcebound.haptics.laws.law:BoundingLaw", is_object=True),
 )

@@ -59,7 +59,9 @@ class Publishing:
         names = [each.name for each in cls.signals if isinstance(each, Signal)]
         if not len(set(names)) == len(cls.signals) <= MAX_SIGNALS:
             expected = f"at most {MAX_SIGNALS} Signal objects with different names"
-            raise ConfigError(f"class {cls.__name__}: signals: expected {expected}")
+            twice = ", ".join(sorted({name for name in names if names.count(name) > 1}))
+            got = f"two named {twice}" if twice else f"{len(cls.signals)} entries"
+            raise ConfigError(f"class {cls.__name__}: signals: expected {expected}, got {got}")
 
 
 class Published:

@@ -145,6 +145,11 @@ class Table(MutableMapping[str, Part], Generic[Part]):
                 return kind
         return user_module.kind_of(part)
 
+    @property
+    def added(self) -> dict[str, Part]:
+        """The parts that were made in Python, in this process."""
+        return {kind: self._loaded[kind] for kind in sorted(self._added)}
+
     def is_shipped(self, kind: str) -> bool:
         """Return whether the part of a kind ships with forcebound."""
         return kind in self._shipped and kind not in self._added

@@ -106,7 +106,7 @@ class StiffWall:
             paper=PAPER_SHOWS[self.law],
             finding=(
                 f"{TURNS.capitalize()}: {turns[self.law]}; with the certified law "
-                f"{turns['certified']}, memoryless {turns['certified_memoryless']}. The hand "
+                f"{turns['certified']}, fading {turns['certified_fading']}. The hand "
                 "trembles with every law."
             ),
             numbers=numbers,

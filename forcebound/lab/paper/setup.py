@@ -96,7 +96,7 @@ PAPER_LAWS = {  # in the order and words of the paper's Table 1
     "more_conservative_viscous": "more conservative, viscous damping",
     "more_conservative": "more conservative, viscous damping + Coulomb friction",
 }
-CERTIFIED = ("certified", "certified_memoryless")
+CERTIFIED = ("certified", "certified_fading")
 
 
 @dataclass(frozen=True)

@@ -276,10 +276,10 @@ def _range(
         shares = [draw[0].random() for _ in range(draw[1])]
     else:
         shares = [i / max(read["count"] - 1, 1) for i in range(read["count"])]
-    return [f"{_between(low, high, share, is_log)!r} {unit}".strip() for share in shares]
+    return [f"{between(low, high, share, is_log)!r} {unit}".strip() for share in shares]
 
 
-def _between(low: float, high: float, share: float, is_log: bool) -> float:
+def between(low: float, high: float, share: float, is_log: bool = False) -> float:
     """Interpolate: the ends exactly, other values rounded to 12 digits."""
     if share == 0.0:
         return low

@@ -1,22 +1,24 @@
 """What a page may do: change parameters, nodes, links; record; move the hand."""
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import msgspec
+from msgspec.structs import replace
 
 from forcebound.errors import ConfigError, ForceboundError
 from forcebound.graph.graph import GraphConfig
 from forcebound.graph.names import LAW
 from forcebound.graph.parameters import takeable_laws
+from forcebound.graph.resolved import to_document
 from forcebound.haptics.environments import StatelessEnvironment
 from forcebound.haptics.environments.fixtures import WithFixtures
 from forcebound.haptics.hands.pointer import PointerHand
 from forcebound.messages.control import Point, Pointed
-from forcebound.messages.packets import Vector
-from forcebound.messages.topology import LINKS, endpoint
+from forcebound.messages.packets import Telemetry, Vector
+from forcebound.messages.topology import endpoint
 from forcebound.network.sockets import Network
 from forcebound.observe.control import device_status, start_node, stop_node
 from forcebound.observe.formatting import as_written, meanings_of, ranges
@@ -30,12 +32,15 @@ from forcebound.observe.tuning import (
     read_settings,
     set_parameters,
 )
+from forcebound.recordings.telemetry import TelemetryColumns
+from forcebound.results.bounder import causes_of_little_force
 from forcebound.roles import DEVICE
 from forcebound.run.run_directory import RunDocument, graph_in
 
 DELAYED = ("links.environment_query.delay", "links.environment_reply.delay")
 BROKEN = {LAW: "none"} | dict.fromkeys(DELAYED, "5 ms")
 SAFE = {LAW: "certified"} | dict.fromkeys(DELAYED, "0 ms")
+STATUS_TIMEOUT = 0.3  # s for the device's answer of each second
 OVERDUE = 0.5  # s without an answer, after which a device is asked again: it has restarted
 
 
@@ -49,6 +54,7 @@ class Controls:
         self.period = self._config.device.servo.period_ns * 1e-9  # s
         status = device_status(run_dir)
         self.energy_before = 0.0 if status is None else status.energy_before
+        self._overruns = 0  # of hold limits, at the last look
         self._kernels = Kernels(run_dir, self._config.device.servo.law)
         self._kernels.begin((BROKEN[LAW], SAFE[LAW]))
         self._actions: dict[str, Callable[[Message], None]] = {
@@ -72,7 +78,6 @@ class Controls:
             "description": config.description,
             "axes": facts.axes,
             "laws": takeable_laws(),
-            "links": list(LINKS),
             "period": self.period,
             "hand": _hand(config),
             "workspace": facts.workspace,
@@ -89,6 +94,19 @@ class Controls:
             "help": meanings_of(config, found),
             "wall": _wall(config),
         }
+
+    def reason(self, samples: Sequence[Telemetry]) -> str:
+        """Return why the law gives little force in some samples; "": it does not, or none knows."""
+        status = device_status(self._run_dir, STATUS_TIMEOUT)
+        if status is None or not samples:
+            return ""
+        bounder = status.bounder
+        lately = replace(bounder, overruns=max(bounder.overruns - self._overruns, 0))
+        self._overruns = bounder.overruns
+        device = {**to_document(self._config)["device"], "law": status.law}
+        columns = TelemetryColumns.from_packets(samples)
+        causes = causes_of_little_force(columns, device, lately, little=1.0)
+        return causes[0].advice if causes else ""
 
     def act(self, request: Message) -> str | None:
         """Do what a page requests; return what is wrong, or None. It may take seconds."""

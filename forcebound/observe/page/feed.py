@@ -5,9 +5,9 @@ The graph is looked at some thirty times a second; each frame has all samples si
 
 import math
 import time
+from collections import deque
 from collections.abc import Sequence
 from contextlib import suppress
-from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
@@ -30,6 +30,7 @@ from forcebound.run.run_directory import RunDocument
 #: To or from the pages, as JSON.
 Message: TypeAlias = dict[str, Any]
 
+RECENT = 1000  # samples from which the cause of little force is judged
 SHOWN = ("telemetry", "environment_reply", "scene", "event")
 SAMPLES = {
     "position": "position",
@@ -65,7 +66,7 @@ class Feed:
         self._ahead_ns = time.time_ns() - time.monotonic_ns()
         self.scene: Message | None = None  # the newest
         self._law = _LawStart(0, energy_before, 0.0)
-        self._newest = 0  # ns, of the last sample
+        self.recent: deque[Telemetry] = deque(maxlen=RECENT)
 
     def look(self, keep: int = 1) -> list[Message]:
         """Return the messages to the pages about what has come since the last look.
@@ -87,16 +88,14 @@ class Feed:
                 messages.append(self.scene)
             elif isinstance(packet, Event):
                 messages.append(self._event(packet))
+        self.recent.extend(samples)
         if samples:
             energies = [self._energy_under_law(sample) for sample in samples]
             kept = slice((len(samples) - 1) % keep, None, keep)
             frame = _frame(samples[kept], contact) | {"true_energy": energies[kept]}
-            times = [self._newest or samples[0].time_ns, *(sample.time_ns for sample in samples)]
             signals = self._signals_at(samples)
             frame["signals"] = {name: curve[kept] for name, curve in signals.items()}
-            frame["longest"] = max(b - a for a, b in pairwise(times)) * 1e-9
             frame |= {"since": self._law.time_ns * 1e-9, "law": self._law.name}
-            self._newest = times[-1]
             messages.append(frame)
         return messages
 

@@ -21,6 +21,7 @@ import tornado.websocket
 
 from forcebound.errors import ConfigError, ForceboundError
 from forcebound.messages.events import LAW_CHANGED, PARAMETERS_SET
+from forcebound.messages.packets import Telemetry
 from forcebound.observe.listing import list_graphs
 from forcebound.observe.page.access import Access, hosts_of
 from forcebound.observe.page.controls import Controls, Pointer
@@ -121,7 +122,8 @@ class Server:
                 graph.pointer.send()
                 if self.pages and started >= next_nodes:
                     next_nodes = started + PROCESSES_PERIOD
-                    loop.run_in_executor(self.workers, self._look_at_nodes, graph)
+                    samples = tuple(graph.feed.recent)
+                    loop.run_in_executor(self.workers, self._look_at_nodes, graph, samples)
                 period = FRAME * graph.pace.slowness
                 await asyncio.sleep(max(0.0, period - (time.monotonic() - started)))
         finally:
@@ -154,16 +156,16 @@ class Server:
         page, own = stamp
         page.tell(json.dumps({"type": "taken", "stamp": own}))
 
-    def _look_at_nodes(self, graph: "_Graph") -> None:
-        """Tell the pages of the processes; in a thread, since it takes time."""
+    def _look_at_nodes(self, graph: "_Graph", samples: tuple[Telemetry, ...]) -> None:
+        """Tell the pages of processes and little force; in a thread, since it takes time."""
         looked = time.monotonic()
         try:
             (listed,) = list_graphs(0.3, graph.run_dir)
         except (ForceboundError, ValueError):
             return  # it ended just now
         processes = [asdict(process) for process in listed.processes]
-        message = {"type": "nodes", "time": looked, "phase": listed.phase, "processes": processes}
-        self.later(self.tell, message)
+        message = {"type": "nodes", "time": looked, "processes": processes}
+        self.later(self.tell, {**message, "reason": graph.controls.reason(samples)})
         self.later(self.tell, graph.controls.recording.describe())
 
     def later(self, call: Callable[..., object], *arguments: object) -> None:

@@ -25,6 +25,7 @@ import logging
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import cast
 
 from forcebound import realtime
 from forcebound.errors import ConfigError
@@ -42,7 +43,7 @@ from forcebound.messages.control import (
     Request,
     StopProcess,
 )
-from forcebound.messages.events import PARAMETERS_SET
+from forcebound.messages.events import PARAMETERS_SET, REMOTE, Kind
 from forcebound.messages.packets import (
     TOPIC_OF,
     TOPICS,
@@ -135,7 +136,7 @@ class Runner:
 
     def emit(
         self,
-        event: str,
+        event: Kind,
         message: str,
         data: Mapping[str, str] | None = None,
         *,
@@ -175,7 +176,7 @@ class Runner:
         remote = self._remote
         if remote is not None and (time_ns >= remote.due_ns or sockets.wait(remote.descriptors, 0)):
             for notice in remote.watch(time_ns):
-                event = f"remote_{notice.kind}"
+                event = cast(Kind, f"{REMOTE}{notice.kind}")
                 self.emit(event, notice.message, notice.data, is_fault=notice.is_problem)
 
     def answer(self, request: Request) -> Answer:

@@ -15,7 +15,7 @@ const shown = new Window(samples);
 
 const SILENT = 1000; // ms without a frame: the signal is lost
 const FRAME = 1000 / 30 - 4; // ms between two pictures, at least
-const READABLE = 250; // ms between two wordings of the state
+const READABLE = 250; // ms between two wordings of the state, and values of the figures
 const AGAIN = 1000; // ms until the next attempt to connect
 const MOST_EVENTS = 200;
 const SLOWED = 1 / 29; // s between two frames: from then on the server gives way
@@ -48,7 +48,6 @@ const takes = {
   hello(message) {
     mayChange = message.may_change;
     isOver = false;
-    figures.begin(message.period);
     state.begin(message);
     heard = performance.now();
     $("name").replaceChildren(Object.assign(document.createElement("span"), { textContent: "forcebound: " }), message.name);
@@ -73,7 +72,6 @@ const takes = {
       message.position[i].forEach((x, axis) => { values[`p${axis}`] = x; });
       samples.push(time, values);
     });
-    figures.take(message, heard);
     scene.follow(message.pointer);
     scene.state = { tip: message.tip, proxy: message.proxy, commanded: message.commanded.at(-1), applied: message.applied.at(-1) };
     state.take(message);
@@ -81,6 +79,7 @@ const takes = {
     pace = message.pace;
     if (heard - worded < READABLE) return;
     worded = heard;
+    figures.showAll(message);
     tell(state.words(scene.hasWall ? "wall" : "surface"));
   },
   scene(message) {
@@ -96,7 +95,11 @@ const takes = {
     while ($("events").children.length > MOST_EVENTS) $("events").lastChild.remove();
   },
   taken({ stamp }) { figures.show("pointer to device and back", `${text(performance.now() - stamp)} ms`); },
-  nodes(message) { controls.nodes(message); },
+  nodes(message) {
+    controls.nodes(message);
+    state.reason = message.reason;
+    $("why").title = message.reason;
+  },
   parameters(message) {
     scene.wall = message.wall;
     state.law = message.values["device.law"];
@@ -128,7 +131,9 @@ function tell(words) {
   say(words, true);
   $("force").textContent = `${text(state.force)} N`;
   $("energy").textContent = joule(state.past.at(-1).energy);
+  const { preparing, present } = controls;
   $("note").textContent = [
+    preparing && preparing !== present ? `Preparing law ${preparing}; until then, law ${present} goes on.` : "",
     scene.isLoading ? "The shape is still loading: the force is real, its picture comes." : "",
     pace > SLOWED ? `Ticks are missed, so this page gives way: ${Math.round(1 / pace)} pictures a second.` : "",
   ].join(" ");

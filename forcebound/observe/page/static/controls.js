@@ -1,5 +1,7 @@
 // The controls: fields for the parameters, the law, nodes that stop and start, two buttons for visitors.
 
+import { EVERYDAY } from "./scale.js";
+
 const make = (tag, properties = {}, ...children) => {
   const element = Object.assign(document.createElement(tag), properties);
   element.append(...children);
@@ -9,9 +11,8 @@ const make = (tag, properties = {}, ...children) => {
 /** The number of a quantity in SI units, of those that a slider has. */
 const siOf = (text) => parseFloat(text) * ({ "N/mm": 1e3, ms: 1e-3 }[text.split(" ")[1]] ?? 1);
 
-const SHOWN = { s: [1e3, "ms", 10], m: [1e3, "mm", 10], "m/s": [1e3, "mm/s", 10] }; // below so many, in the other unit
+const SMALL = 10; // of a unit; below, the everyday one is shown
 const RECORD = "Record";
-const OF_LINKS = ["delay", "jitter", "loss"];
 const LAW = "device.law";
 const STIFFNESS = "environment.stiffness";
 const DELAYS = ["links.environment_query.delay", "links.environment_reply.delay"];
@@ -22,8 +23,8 @@ const SLOWEST = 20; // ms, of the delay slider
 export function readable(text) {
   const [, number, unit] = /^(-?[\d.]+(?:e[+-]?\d+)?) (\S.*)$/.exec(text) ?? [];
   if (unit === "N/m" && Math.abs(number) >= 1000) return `${Number((number / 1e3).toPrecision(12))} N/mm`;
-  const [factor, shown, most] = SHOWN[unit] ?? [];
-  return factor && Math.abs(number) < most ? `${Number((number * factor).toPrecision(12))} ${shown}` : text;
+  const [factor, shown] = EVERYDAY[unit] ?? [];
+  return factor && Math.abs(number) < SMALL ? `${Number((number * factor).toPrecision(12))} ${shown}` : text;
 }
 
 export class Controls {
@@ -49,8 +50,10 @@ export class Controls {
   /** Ask the server for a change; `element` is busy until the answer is here. */
   ask(request, element, done = () => {}) {
     element.setAttribute("aria-busy", "true");
+    this.preparing = { break: "none", safe: "certified" }[request.do] ?? request.settings?.[LAW] ?? this.preparing;
     this.pending.set(this.send(request), (error) => {
       element.removeAttribute("aria-busy");
+      if (!this.pending.size) this.preparing = undefined;
       document.getElementById("error").textContent = done(error) ? "" : error ?? "";
       this.showLaw();
     });
@@ -67,7 +70,6 @@ export class Controls {
     for (const id of [...this.pending.keys()]) this.answer({ id, error: "no answer: the connection was lost" });
     if (hello.graph === this.graph) return; // connected again: what one has typed or opened stays
     this.graph = hello.graph;
-    this.links = hello.links;
     this.fields.clear();
     this.law.replaceChildren(...hello.laws.map((name) => new Option(name, name)));
     this.rows.clear();
@@ -88,8 +90,7 @@ export class Controls {
       ...this.sliders.map((slider) => slider.row),
       make("div", { className: "field" }, make("label", { htmlFor: "record", textContent: "recording" }), this.record, this.recorded),
     );
-    network.replaceChildren(this.buildLinks(),
-      make("div", { className: "field" }, make("label", { htmlFor: "outage", textContent: "outage" }), outage));
+    network.replaceChildren(make("div", { className: "field" }, make("label", { htmlFor: "outage", textContent: "outage" }), outage));
     environment.replaceChildren();
   }
 
@@ -120,21 +121,6 @@ export class Controls {
     return { row, take };
   }
 
-  buildLinks() {
-    const ranges = new Map(OF_LINKS.map((name) => [name, make("small", { id: `r-${name}` })]));
-    const head = make("tr", {}, make("th", { textContent: "link", scope: "col" }),
-      ...OF_LINKS.map((name) => make("th", { scope: "col" }, name, ranges.get(name))));
-    const cell = (link, name) => {
-      const input = this.input(`links.${link}.${name}`, ranges.get(name));
-      input.setAttribute("aria-label", input.name); // the others have a label
-      return make("td", {}, input);
-    };
-    const rows = this.links.map((link) => make("tr", {}, make("th", { textContent: link.replace("_", " "), scope: "row" }),
-      ...OF_LINKS.map((name) => cell(link, name))));
-    this.faults = make("div");
-    return make("div", { className: "links" }, make("table", {}, head, ...rows), this.faults);
-  }
-
   /** A field for a parameter, whose range `range` will tell. */
   input(name, range) {
     const input = make("input", { name, id: `p-${name}`, autocomplete: "off", spellcheck: false });
@@ -159,7 +145,6 @@ export class Controls {
   showFault({ input, fault }, error) {
     fault.textContent = error ? `${error} (Escape: as it is)` : "";
     input.setAttribute("aria-invalid", String(Boolean(error)));
-    if (!fault.parentNode) this.faults.append(fault);
   }
 
   parameters({ values, ranges, help }) {
@@ -170,8 +155,10 @@ export class Controls {
       if (name === LAW) continue; // it is chosen from a list
       if (!this.fields.has(name)) this.addField(name);
       const field = this.fields.get(name);
-      field.value = readable(value);
-      field.range.textContent = OF_LINKS.includes(name.split(".")[2]) ? ranges[name] : [help[name], ranges[name]].filter(Boolean).join(" ");
+      const shown = readable(value);
+      if (shown !== field.value && document.activeElement !== field.input) this.showFault(field, null); // changed elsewhere
+      field.value = shown;
+      field.range.textContent = [help[name], ranges[name]].filter(Boolean).join(" ");
       const isOwn = document.activeElement === field.input || field.input.getAttribute("aria-invalid") === "true";
       if (!isOwn) field.input.value = field.value;
     }
@@ -182,7 +169,7 @@ export class Controls {
   addField(name) {
     const path = name.split("."), part = path.slice(0, -1).join(".");
     if (!this.groups.has(part)) {
-      const words = (path[0] === "links" ? `link ${path[1]}: more` : path.slice(1, -1).join(" ")).replaceAll("_", " ");
+      const words = path.slice(1, -1).join(" ").replaceAll("_", " ");
       this.groups.set(part, make("details", {}, make("summary", { textContent: words })));
       this.groups.get(path[0]).append(this.groups.get(part));
     }

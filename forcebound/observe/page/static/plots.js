@@ -1,14 +1,16 @@
 // Plots of the last seconds, on canvases. All of them share one window of time.
 
 import { colour, fit } from "./canvas.js";
-import { rangeOf, text, ticks } from "./scale.js";
+import { EVERYDAY, rangeOf, text, ticks } from "./scale.js";
 
 const GAP = -1; // in place of a column of pixels
 const MARGIN = { left: 46, right: 10, top: 24, bottom: 18 };
+const MARKS = 14; // pixels for the names of laws, below the key
+const MANY = 1e3; // from so many of its unit on, a plot is in its larger one
 const AXES = [["x", "true"], ["y", "second"], ["z", "energy"]];
 
 /**
- * The plots. `scale` turns SI into `unit`; `least` is the smallest range, in `unit`; with `isOfLaw` the law in use sets
+ * The plots. `scale` turns SI into `unit`; `larger` is that of MANY; `least` is the smallest range, in `unit`; with `isOfLaw` the law in use sets
  * the range. A further curve is one more line {name, label, colour, isArea} here, or one more plot, and a value of that
  * name in the samples.
  */
@@ -19,7 +21,7 @@ export const PLOTS = {
     { name: "commanded", label: "commanded", colour: "commanded" },
     { name: "applied", label: "applied", colour: "true" },
   ] },
-  energy: { title: "Energy", unit: "mJ", scale: 1e3, least: 1, isOfLaw: true, lines: [
+  energy: { title: "Energy", unit: "mJ", larger: "J", scale: 1e3, least: 1, isOfLaw: true, lines: [
     { name: "energy", label: "estimated", colour: "energy" },
     { name: "true_energy", label: "true", colour: "true" },
   ] },
@@ -50,24 +52,26 @@ export class Plot {
     const { context, width, height } = fit(this.canvas);
     const { samples, from, to } = this.shown;
     const first = samples.first(from), last = samples.first(to + 1e-9);
-    const right = width - MARGIN.right, bottom = height - MARGIN.bottom;
+    const marks = this.shown.marks.filter(({ time }) => time > from && time <= to);
+    const right = width - MARGIN.right, bottom = height - MARGIN.bottom, top = MARGIN.top + (marks.length ? MARKS : 0);
     const x = (time) => MARGIN.left + ((time - from) / (to - from)) * (right - MARGIN.left);
     const drawn = this.lines.map((line) => this.columns(line, first, last, x));
     [this.low, this.high] = rangeOf(drawn.flat(), this.isOfLaw ? Math.ceil(x(this.shown.since)) : GAP, this.least);
     const { low, high } = this;
-    const y = (value) => bottom - ((value - low) / (high - low)) * (bottom - MARGIN.top);
-    this.drawAxes(context, { x, y, low, high, from, to, right, bottom });
+    this.isLarge = Boolean(this.larger) && Math.max(-low, high) >= MANY;
+    const y = (value) => bottom - ((value - low) / (high - low)) * (bottom - top);
+    this.drawAxes(context, { x, y, low, high, from, to, right, bottom, top });
     context.save();
     context.beginPath();
-    context.rect(MARGIN.left, MARGIN.top, right - MARGIN.left, bottom - MARGIN.top);
+    context.rect(MARGIN.left, top, right - MARGIN.left, bottom - top);
     context.clip();
     this.lines.forEach((line, i) => this.drawLine(context, line, drawn[i], y));
-    this.drawMarks(context, x, bottom);
     context.restore();
+    this.drawMarks(context, marks, x, right, bottom);
     this.drawKey(context, right);
   }
 
-  drawAxes(context, { x, y, low, high, from, to, right, bottom }) {
+  drawAxes(context, { x, y, low, high, from, to, right, bottom, top }) {
     context.strokeStyle = colour("line");
     context.fillStyle = colour("soft");
     context.lineWidth = 1;
@@ -78,7 +82,8 @@ export class Plot {
       context.moveTo(MARGIN.left, y(tick));
       context.lineTo(right, y(tick));
       context.stroke();
-      if (y(tick) < bottom - 5 && y(tick) > MARGIN.top + 5) context.fillText(text(tick), MARGIN.left - 5, y(tick)); // not over others
+      const level = Math.min(Math.max(y(tick), top + 5), bottom - 5); // not over others
+      context.fillText(text(this.shownAs(tick)), MARGIN.left - 5, level);
     }
     context.textAlign = "center";
     context.textBaseline = "top";
@@ -100,18 +105,20 @@ export class Plot {
     return found;
   }
 
-  /** Where another law began. */
-  drawMarks(context, x, bottom) {
+  /** Where another law began, with its name above the curves. */
+  drawMarks(context, marks, x, right, bottom) {
     context.strokeStyle = context.fillStyle = colour("soft");
     context.lineWidth = 1;
     context.setLineDash([3, 3]);
-    context.textAlign = "left";
-    for (const { time, words } of this.shown.marks) {
+    context.textBaseline = "top";
+    for (const { time, words } of marks) {
+      const isLeft = x(time) + 4 + context.measureText(words).width < right;
+      context.textAlign = isLeft ? "left" : "right";
       context.beginPath();
       context.moveTo(x(time), MARGIN.top);
       context.lineTo(x(time), bottom);
       context.stroke();
-      context.fillText(words, x(time) + 4, bottom - 14);
+      context.fillText(words, x(time) + (isLeft ? 4 : -4), MARGIN.top);
     }
     context.setLineDash([]);
   }
@@ -139,11 +146,14 @@ export class Plot {
     const { samples, cursor, to } = this.shown;
     const index = Math.min(samples.first(cursor ?? to), samples.count - 1);
     return this.lines.filter((line) => samples.values.has(line.name) && index >= 0).map((line) => (
-      { line, words: `${line.label} ${text(samples.values.get(line.name)[index % samples.capacity] * this.scale)}` }));
+      { line, words: `${line.label} ${text(this.shownAs(samples.values.get(line.name)[index % samples.capacity] * this.scale))}` }));
   }
 
+  /** A value in the plot's unit as it is shown: large ones in the larger unit. */
+  shownAs(value) { return this.isLarge ? value / MANY : value; }
+
   /** Title and unit. */
-  get name() { return this.unit ? `${this.title}, ${this.unit}` : this.title; }
+  get name() { return this.unit ? `${this.title}, ${this.isLarge ? this.larger : this.unit}` : this.title; }
 
   /** The same in words, for those who do not see it. */
   get said() { return `${this.name}: ${this.readings.map(({ words }) => words).join(", ")}`; }
@@ -154,13 +164,13 @@ export class Plot {
     context.textAlign = "left";
     context.fillStyle = colour("text");
     context.font = context.font.replace("12px", "600 12px");
-    context.fillText(`${this.name}${cursor === null ? "" : ` at ${text(cursor - to)} s`}`, 6, 5);
-    const begin = MARGIN.left + context.measureText(this.title).width;
+    const title = `${this.name}${cursor === null ? "" : ` at ${text(cursor - to)} s`}`, begin = context.measureText(title).width;
+    context.fillText(title, 6, 5);
     context.font = context.font.replace(/^\w+ /, "");
     context.textAlign = "right";
     let place = right;
     for (const { line, words } of this.readings.reverse()) {
-      const wide = (what) => context.measureText(what).width > place - begin - 14;
+      const wide = (what) => context.measureText(what).width > place - begin - 28;
       let fits = words;
       for (let n = line.label.length - 1; n > 2 && wide(fits); n -= 1) fits = words.replace(line.label, `${line.label.slice(0, n)}…`);
       if (wide(fits)) break; // no room
@@ -188,6 +198,7 @@ export function signalPlots(place, shown, signals) {
   return [...new Set(signals.map(({ unit }) => unit))].map((unit) => {
     const lines = signals.filter((each) => each.unit === unit)
       .map(({ name, label }, i) => ({ name, label, colour: COLOURS[i % COLOURS.length] }));
-    return new Plot(place, shown, { title: "Signals", unit: unit === "1" ? "" : unit, scale: 1, least: 1e-6, lines });
+    const [scale, name] = EVERYDAY[unit] ?? [1, unit === "1" ? "" : unit];
+    return new Plot(place, shown, { title: "Signals", unit: name, scale, least: 1e-6, lines });
   });
 }

@@ -1,6 +1,8 @@
 // Numbers as people read them: three digits, steps of 1, 2 and 5, ranges of plots. No element of the page is used here.
 
 const LEAST = 1e-9; // below, a number is a rounding error
+/** SI unit -> [how many, of which unit, people use for small values]. */
+export const EVERYDAY = { s: [1e3, "ms"], m: [1e3, "mm"], "m/s": [1e3, "mm/s"], J: [1e3, "mJ"] };
 
 /** A number with three digits. */
 export function text(value) {
@@ -16,11 +18,11 @@ const round = (rough, factors) => {
   return factors.map((f) => f * power);
 };
 
-/** Where a scale from `low` to `high` has its about `count` ticks. */
+/** Where a scale from `low` to `high` has its about `count` ticks, and at least two. */
 export function ticks(low, high, count) {
   const rough = (high - low) / count, step = round(rough, [1, 2, 5, 10]).find((s) => s >= rough), found = [];
   for (let tick = Math.ceil(low / step) * step; tick <= high + step * 1e-9; tick += step) found.push(tick);
-  return found;
+  return found.length > 1 ? found : ticks(low, high, 2 * count);
 }
 
 /** The scale bar of a scene: a round length that is at most `most` pixels long. */

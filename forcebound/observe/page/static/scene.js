@@ -280,8 +280,8 @@ export class Scene {
 
   drawObjects(context, solids) {
     const { forward } = this.view;
-    const faces = solids.flatMap((object) => this.facesOf(object).map((face) => (
-      { ...face, object, depth: dot(face.points[0], forward) + dot(face.points[2], forward) })));
+    const depth = (points) => points.reduce((sum, point) => sum + dot(point, forward), 0) / points.length;
+    const faces = solids.flatMap((object) => this.facesOf(object).map((face) => ({ ...face, object, depth: depth(face.points) })));
     faces.sort((a, b) => b.depth - a.depth);
     for (const face of faces) this.drawFace(context, face);
     for (const object of solids) {

@@ -50,8 +50,21 @@ const FACES = { // in the object's own axes
     }
     return faces;
   },
-  mesh: (_, file) => file?.corners ?? [],
+  mesh: (_, file) => divided(file?.corners ?? []),
 };
+
+/** Triangles without the large ones, which are cut: painters sort by depth, and need faces of like size. */
+function divided(triangles) {
+  const edges = ([a, b, c]) => [[b, c], [c, a], [a, b]].map(([p, q]) => Math.hypot(...sub(p, q)));
+  const limit = 2 * triangles.reduce((sum, each) => sum + Math.max(...edges(each)) / triangles.length, 0);
+  const cut = (each) => {
+    const lengths = edges(each), longest = Math.max(...lengths), i = lengths.indexOf(longest);
+    if (longest <= limit) return [each];
+    const [a, b, c] = [0, 1, 2].map((k) => each[(i + k) % 3]), middle = scaled(add(b, c), 0.5);
+    return [...cut([a, b, middle]), ...cut([a, middle, c])];
+  };
+  return triangles.flatMap(cut);
+}
 
 /** A face and how bright it is. */
 function lit(points) {

@@ -17,7 +17,7 @@ export class State {
   constructor() { this.begin({ period: 1e-3 }); }
 
   /** Begin with a graph whose ticks are `period` apart, in s. */
-  begin({ period }) { Object.assign(this, { period, law: "certified", since: NaN, past: [], missedBefore: null }); }
+  begin({ period }) { Object.assign(this, { period, law: "certified", reason: "", since: NaN, past: [], missedBefore: null }); }
 
   /** Take a frame in: the newest samples, all in SI units. */
   take(frame) {
@@ -75,7 +75,8 @@ export class State {
     const motion = this.moved <= REST ? "At rest." : isContact ? "In contact." : "Moving freely.";
     const ticks = this.frame.misses - this.missedBefore;
     const lasting = !late && this.law !== "none" && ticks * this.period > LASTING ? ` ${ticks} ticks were missed in this contact: let go, and press again.` : "";
-    const more = isShort ? `The hand gets ${share}.${lasting}` : isContact ? `The hand gets all ${text(this.asked)} N.` : "No contact.";
+    const why = this.reason && this.law !== "none" ? `: ${this.reason.split(": ")[0]}` : "";
+    const more = isShort ? `The hand gets ${share}${why}.${lasting}` : isContact ? `The hand gets all ${text(this.asked)} N.` : "No contact.";
     return { kind: this.law === "none" ? "off" : "passive", head: `${isPassive} ${motion}`, more: more + late };
   }
 }

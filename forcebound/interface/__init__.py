@@ -1,0 +1,1 @@
+"""The Python interface: what scientists call; re-exported lazily by forcebound."""

@@ -1,0 +1,120 @@
+"""The figures of a run as floats that know their unit."""
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from forcebound.results.figures import FIGURES
+from forcebound.results.printing import print_rows
+from forcebound.results.tables import summary_table
+
+#: SI unit by the end of a key of a summary, the longest first.
+UNITS = {
+    "_n_per_m": "N/m",
+    "_m_per_s": "m/s",
+    "_share": "",
+    "_hz": "Hz",
+    "_db": "dB",
+    "_n": "N",
+    "_m": "m",
+    "_j": "J",
+    "_s": "s",
+    "_w": "W",
+}
+
+
+def name_of(key: str) -> tuple[str, str]:
+    """Return name and SI unit of a figure by its key: ``peak_force_n`` is ``peak_force``, N."""
+    for end, unit in UNITS.items():
+        if key.endswith(end):
+            return (key if end == "_share" else key.removesuffix(end)), unit
+    return key, ""
+
+
+class Quantity(float):
+    """A float in SI units.
+
+    Attributes:
+        unit: SI unit, such as ``"N/m"``; empty for a count or a share.
+        label: A few words, as the table of all figures has them.
+        reason: Why the figure is missing, which is then NaN; else empty.
+    """
+
+    unit: str
+    label: str
+    reason: str
+
+    def __new__(cls, value: float, unit: str, label: str, reason: str = "") -> "Quantity":
+        """Return ``value`` with what is known of it."""
+        quantity = super().__new__(cls, value)
+        quantity.unit, quantity.label, quantity.reason = unit, label, reason
+        return quantity
+
+    def __repr__(self) -> str:
+        return f"{float(self):.6g} {self.reason or self.unit}".rstrip()
+
+    def __reduce__(self) -> Any:
+        return Quantity, (float(self), self.unit, self.label, self.reason)
+
+
+_LISTS = ("displayed_impedance", "vibration", "stiffness_n_per_m")  # several numbers each
+_LABELS = {
+    figure.key: figure.label or figure.key.replace("_", " ")
+    for figure in FIGURES
+    if figure.key not in _LISTS
+}
+
+
+class Figures(Mapping[str, Quantity]):
+    """The figures of a run by name, ``figures.peak_force`` or ``figures["peak_force"]``.
+
+    A figure that the run does not have is NaN, and its ``reason`` says why. ``docs/results.md`` has
+    the meaning of each; ``summary`` also has what is no number, under the keys of ``--json``.
+    """
+
+    def __init__(self, summary: Mapping[str, Any], head: str) -> None:
+        self.summary = dict(summary)
+        self._head = head
+        self._values: dict[str, Quantity] = {}
+        reasons = summary.get("undefined", {})
+        for key, label in _LABELS.items():
+            value = summary.get(key)
+            if value is None or isinstance(value, int | float):
+                name, unit = name_of(key)
+                number = math.nan if value is None else float(value)
+                self._values[name] = Quantity(number, unit, label, reasons.get(key, ""))
+
+    def __getattr__(self, name: str) -> Quantity:
+        values: dict[str, Quantity] = self.__dict__.get("_values", {})
+        if name in values:
+            return values[name]
+        raise AttributeError(_unknown(name, values))
+
+    def __getitem__(self, name: str) -> Quantity:
+        if name not in self._values:
+            raise KeyError(_unknown(name, self._values))
+        return self._values[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._values)
+
+    def __len__(self) -> int:
+        return len(self._values)
+
+    def __dir__(self) -> list[str]:
+        return [*super().__dir__(), *self._values]
+
+    def table(self) -> None:
+        """Print the table of all figures, as ``--all`` does."""
+        print_rows(*summary_table([(self._head, self.summary)]))
+
+    def __repr__(self) -> str:
+        known = {name: value for name, value in self._values.items() if not math.isnan(value)}
+        width = max(map(len, known), default=0)
+        return "\n".join(f"{name:{width}}  {value!r}" for name, value in known.items())
+
+
+def _unknown(name: str, values: Mapping[str, Quantity]) -> str:
+    from forcebound.graph.problems import unknown
+
+    return unknown("figure", name, values)

@@ -1,0 +1,186 @@
+"""A hand at a virtual world as an environment of gymnasium: the graph of a launch file, in steps.
+
+Importing this module registers ``forcebound/Hand-v0`` with gymnasium. It needs the extra
+``gymnasium``.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from forcebound.errors import ConfigError
+from forcebound.graph.loader import change
+from forcebound.haptics.devices.simulated import pad
+from forcebound.haptics.hands import Operator
+from forcebound.haptics.hands.hands import coordinates
+from forcebound.haptics.hands.pointer import PointerHand
+from forcebound.interface.runs import LaunchFile, configuration
+from forcebound.messages.control import Point
+from forcebound.messages.packets import DeviceState, Packet, Telemetry
+from forcebound.run.virtual import VirtualGraph, check_has_virtual_time
+
+try:
+    import gymnasium
+except ImportError:
+    raise ConfigError("this needs gymnasium: pip install 'forcebound[gymnasium]'") from None
+
+Numbers: TypeAlias = NDArray[np.float64]
+OBSERVED = ("position", "velocity", "applied_force", "commanded_force")
+
+
+class HapticEnv(gymnasium.Env[dict[str, Any], Numbers]):
+    """A simulated hand on its device at a world, in virtual time, ``frame_skip`` ticks a step.
+
+    The action is the target of the hand, in m, shape (axes,). The hand follows it as that of
+    ``operator: {kind: pointer}`` does: through a low-pass, no faster than its speed, and pulled by
+    the spring and the damper of the hand in the launch file. So no action gives a hand that a
+    person could not have, and the account of the energy stays exact.
+
+    The observation is that of the newest tick, each of shape (axes,): ``position`` (m, as the
+    device reads it), ``velocity`` (m/s), ``applied_force`` (N, by the motor) and
+    ``commanded_force`` (N, before the law and the motor's limit). A force is positive where it
+    resists motion in the positive direction. ``info`` has of the same tick its number ``tick``,
+    ``elapsed`` (s), ``engagement`` (0 to 1), ``energy`` (J, from the hand into the device so far;
+    below zero, the hand has received energy; None of a device without ground truth) and
+    ``force_limit`` (N); and ``law`` and ``seed``.
+
+    The reward is 0, and no episode ends by itself: override :meth:`reward` and :meth:`is_over`. One
+    is truncated after the duration of the launch file.
+
+    Attributes:
+        config: The graph.
+    """
+
+    metadata = {"render_modes": []}  # noqa: RUF012 (as gymnasium has it)
+
+    def __init__(
+        self, file: LaunchFile = "stiff_wall", *, frame_skip: int = 10, **arguments: object
+    ) -> None:
+        """Read a launch file.
+
+        Args:
+            file: A path, the name of one that comes with forcebound, or its content.
+            frame_skip: Ticks of the servo for each step.
+            arguments: As of :func:`forcebound.simulate`.
+
+        Raises:
+            ConfigError: With every problem of the file or an argument.
+        """
+        if frame_skip < 1:
+            raise ConfigError(f"frame_skip: expected at least 1 tick, got {frame_skip}")
+        config = configuration(file, arguments)
+        check_has_virtual_time(config)
+        hand, axes = _pointed(config.operator), config.device.axes
+        self.config = replace(config, operator=hand)
+        self._step_ns = frame_skip * config.device.servo.period_ns
+        self._seed = config.seed
+        self._graph: VirtualGraph | None = None
+        start = np.array(pad(coordinates(hand.start), axes))
+        self.action_space = gymnasium.spaces.Box(
+            start - hand.reach, start + hand.reach, dtype=np.float64
+        )
+        any_number = gymnasium.spaces.Box(-np.inf, np.inf, (axes,), np.float64)
+        self.observation_space = gymnasium.spaces.Dict(dict.fromkeys(OBSERVED, any_number))
+
+    def reset(
+        self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
+    ) -> tuple[dict[str, Numbers], dict[str, Any]]:
+        """Open the graph again, the hand at rest at its start, and let its first tick pass.
+
+        The force comes in over ``device.engage_time``.
+
+        Args:
+            seed: Of the graph, as ``forcebound simulate FILE --seed``; None: that of the launch
+                file, and one more for each further episode.
+            options: Other parameters for this episode, by the names that ``forcebound param list``
+                has, such as ``environment.stiffness``.
+
+        Raises:
+            ConfigError: If there is no such parameter, or it cannot have this value.
+        """
+        super().reset(seed=seed)
+        if seed is not None:
+            self._seed = seed
+        elif self._graph is not None:
+            self._seed += 1
+        config = replace(self.config, seed=self._seed)
+        config = change(config, dict(options)) if options else config
+        self.close()
+        self._ticks: list[Telemetry] = []
+        self._law = config.device.servo.law
+        self._graph = VirtualGraph(config, self._take, (DeviceState, Telemetry))
+        self._graph.run(config.device.servo.period_ns)
+        return self._observation(), self._info()
+
+    def step(self, action: Numbers) -> tuple[dict[str, Numbers], float, bool, bool, dict[str, Any]]:
+        """Move the target of the hand to ``action`` (m); let ``frame_skip`` ticks pass.
+
+        Raises:
+            ConfigError: If the action is no place.
+            gymnasium.error.ResetNeeded: Before the first :meth:`reset`.
+        """
+        graph = self._graph
+        if graph is None:
+            raise gymnasium.error.ResetNeeded("call reset() before step()")
+        target, shape = np.asarray(action, np.float64), self.action_space.shape
+        if target.shape != shape or not np.isfinite(target).all():
+            raise ConfigError(f"action: expected numbers in m, shape {shape}, got {action}")
+        graph.device.handle(Point(tuple(target.tolist())))
+        self._ticks = []
+        graph.run(graph.time_ns + self._step_ns)
+        reward, is_over = self.reward(self._ticks), self.is_over(self._ticks)
+        is_late = graph.time_ns >= round(self.config.duration * 1e9)
+        return self._observation(), reward, is_over, is_late, self._info()
+
+    def reward(self, telemetry: Sequence[Telemetry]) -> float:
+        """Return the reward of a step for its ticks, the newest last: 0; to be overridden."""
+        return 0.0
+
+    def is_over(self, telemetry: Sequence[Telemetry]) -> bool:
+        """Return whether the episode has ended, after these ticks: no; to be overridden."""
+        return False
+
+    def close(self) -> None:
+        """Close the graph."""
+        if self._graph is not None:
+            self._graph.close()
+            self._graph = None
+
+    def _take(self, packet: Packet) -> None:
+        if isinstance(packet, DeviceState):
+            self._velocity = packet.velocity
+        elif isinstance(packet, Telemetry):
+            self._ticks.append(packet)
+
+    def _observation(self) -> dict[str, Numbers]:
+        tick = self._ticks[-1]
+        seen = (tick.position, self._velocity, tick.applied_force, tick.commanded_force)
+        return {name: np.array(value) for name, value in zip(OBSERVED, seen, strict=True)}
+
+    def _info(self) -> dict[str, Any]:
+        tick = self._ticks[-1]
+        return {
+            "tick": tick.seq,
+            "elapsed": tick.elapsed,
+            "engagement": tick.engagement,
+            "energy": tick.true_energy,
+            "force_limit": tick.force_limit,
+            "law": self._law,
+            "seed": self._seed,
+        }
+
+
+def _pointed(hand: Operator | None) -> PointerHand:
+    """The hand of a launch file, with a target that moves as somebody points."""
+    if hand is None:
+        raise ConfigError("no hand holds the device: expected a section operator")
+    if isinstance(hand, PointerHand):
+        return hand
+    grip = {"mass": hand.mass, "stiffness": hand.stiffness, "damping": hand.damping}
+    return PointerHand(start=hand.target(0.0), **grip)
+
+
+gymnasium.register("forcebound/Hand-v0", "forcebound.interface.gym:HapticEnv")

@@ -1,0 +1,70 @@
+"""A bounding law alone, on arrays."""
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from forcebound.errors import ConfigError
+from forcebound.haptics.devices.phantom import PhantomPremium15
+from forcebound.haptics.laws import Dissipation, ForceBounder
+from forcebound.haptics.laws.bounder import shorten
+
+#: The paper's device, on whose numbers a law relies unless others are given.
+_DEVICE = PhantomPremium15()
+
+
+def bound(
+    position: ArrayLike,
+    force: ArrayLike,
+    law: str = "certified",
+    *,
+    period: float = 1e-3,
+    **numbers: Any,
+) -> NDArray[np.float64]:
+    """Return what a law leaves of a force, sample by sample, as the device node applies it.
+
+    The law begins with the first sample, of which it passes no force on.
+
+    Args:
+        position: Readings at a steady rate, in m; shape (n,) or (n, axes).
+        force: Commanded force at each of them, in N; same shape.
+        law: Name of the law.
+        period: Time between two readings, in s.
+        numbers: Of the device, in SI units: ``damping`` (N s/m), ``friction`` (N), ``resolution``
+            (m), ``saturation`` (N) and the others of
+            :class:`forcebound.haptics.laws.Dissipation`; default: the paper's device, with a force
+            that is held for one period.
+
+    Returns:
+        The applied force, in N; same shape.
+
+    Raises:
+        ConfigError: If a shape, the law or a number is wrong.
+    """
+    readings, forces = (np.asarray(one, dtype=float) for one in (position, force))
+    if readings.shape != forces.shape or readings.ndim not in (1, 2) or not readings.size:
+        raise ConfigError(
+            "position and force need one shape, (n,) or (n, axes); got "
+            f"{readings.shape} and {forces.shape}"
+        )
+    if not (np.isfinite(readings).all() and np.isfinite(forces).all()):
+        raise ConfigError("position and force must be finite numbers")
+    own = ("damping", "friction", "resolution", "saturation")
+    stated = {name: getattr(_DEVICE, name) for name in own} | {"hold_limit": period}
+    try:
+        relied_on = Dissipation(**{**stated, "period": period, **numbers})
+    except TypeError as error:
+        raise ConfigError(f"a number that devices do not have: {error}") from None
+    vectors = readings.reshape(len(readings), -1)
+    bounder = ForceBounder(law, relied_on, vectors.shape[1])
+    applied = np.zeros_like(vectors)
+    bounder.start(0, tuple(vectors[0]))
+    pairs = zip(vectors[1:], forces.reshape(vectors.shape)[1:], strict=True)
+    for n, (reading, commanded) in enumerate(pairs, 1):
+        bounded = bounder.bound(round(n * period * 1e9), tuple(reading), tuple(commanded))
+        shortened = shorten(bounded, math.hypot(*bounded), relied_on.saturation)  # as the device
+        bounder.settle(shortened)
+        applied[n] = shortened
+    return applied.reshape(forces.shape)

@@ -1,0 +1,223 @@
+"""A live graph: real processes in real time, started and ended from Python."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+import weakref
+from collections.abc import Mapping
+from contextlib import closing
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from forcebound.ending import end
+from forcebound.errors import ConfigError, RunError
+from forcebound.graph.resolved import to_document
+from forcebound.interface.figures import Figures
+from forcebound.interface.runs import LaunchFile, Run, configuration, split
+from forcebound.messages.control import GetStatus, LauncherStatus
+from forcebound.observe import tuning
+from forcebound.observe.control import ask
+from forcebound.observe.kernels import Kernels
+from forcebound.observe.runs import running
+from forcebound.quantities import Range
+from forcebound.roles import LAUNCHER
+from forcebound.run.results import RunResult
+from forcebound.units import parse_quantity
+
+UNTIL_ENDED = 86_400.0  # s; a graph without a duration runs until its block ends, at most a day
+END_TIMEOUT = 20.0  # s for zero force, the last packets and the result
+POLL = 0.02  # s
+RUNNING = "running"  # phase of a launcher whose force is engaged
+
+# The command, in a process that ends its graph when its standard input does: with the block, or
+# with the program, however that ends.
+_COMMAND = """
+import os, signal, threading
+from forcebound.__main__ import main
+
+def watch():
+    os.read(0, 1)
+    os.kill(os.getpid(), signal.SIGTERM)
+
+threading.Thread(target=watch, daemon=True).start()
+main()
+"""
+
+
+class Graph:
+    """A running graph; leaving its block ends it, with zero force in any case.
+
+    Attributes:
+        run_dir: Its run directory, for the commands' ``--run``.
+    """
+
+    def __init__(self, command: list[str], record: Path | None, folder: Path) -> None:
+        weakref.finalize(self, shutil.rmtree, folder, ignore_errors=True)
+        self._recording = folder / "run.mcap" if record is None else record
+        self._log = folder / "log"
+        self._result: Run | None = None
+        with self._log.open("wb") as log:
+            self._process = subprocess.Popen(
+                [sys.executable, "-c", _COMMAND, *command, "--record", str(self._recording)],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.DEVNULL,
+                stderr=log,
+                start_new_session=True,  # Ctrl-C is for this program, which then ends it
+            )
+        try:
+            self.run_dir = self._await_force()
+        except BaseException:
+            self.close()
+            raise
+
+    def __enter__(self) -> "Graph":
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+        if kind is None:
+            self._check()
+
+    @property
+    def is_running(self) -> bool:
+        """Whether the graph runs."""
+        return self._process.poll() is None
+
+    @property
+    def log(self) -> str:
+        """What its processes have reported so far."""
+        return self._log.read_text(errors="replace")
+
+    @property
+    def parameters(self) -> dict[str, Any]:
+        """What can be changed, by name, with its present value in SI units."""
+        return tuning.find_parameters(tuning.configuration(self.run_dir), ())
+
+    def set(self, name: str, value: Any) -> None:
+        """Change a parameter, as ``forcebound param set`` does; return when it has effect.
+
+        Args:
+            name: Such as ``"links.environment_query.delay"`` or ``"device.law"``.
+            value: A number in SI units, or text with its unit.
+
+        Raises:
+            ConfigError: If there is no such parameter, or it cannot have this value.
+            RunError: If the graph has ended, or a node does not answer.
+        """
+        self._check()
+        with closing(Kernels(self.run_dir)) as kernels:
+            tuning.set_parameters(self.run_dir, {name: value}, kernels)
+
+    def wait(self, seconds: float | str) -> None:
+        """Let time pass; return earlier if the graph ends by itself, RunError if it fails."""
+        until = time.monotonic() + parse_quantity(seconds, "s")
+        while self.is_running and (left := until - time.monotonic()) > 0.0:
+            time.sleep(min(left, POLL))
+        self._check()
+
+    def figures(self) -> Figures:
+        """Return the figures so far; the last quarter of a second may be missing."""
+        return self.run.figures
+
+    @property
+    def run(self) -> Run:
+        """The run: all of it once it has ended, until then what is recorded so far."""
+        if self._result is not None:
+            return self._result
+        has_ended = not self.is_running
+        result = RunResult.from_recording(self._recording, is_growing=not has_ended)
+        run = Run(result, self._recording)
+        if has_ended:
+            self._result = run
+        return run
+
+    def close(self) -> None:
+        """End the graph, with zero force first; no error if it has ended."""
+        assert self._process.stdin is not None
+        self._process.stdin.close()
+        try:
+            self._process.wait(END_TIMEOUT)
+        except subprocess.TimeoutExpired:
+            end(self._process, END_TIMEOUT)
+
+    def _check(self) -> None:
+        """Raise what the command says if it failed."""
+        status = self._process.poll()
+        if status not in (1, 2):  # 0, or ended here while it computed figures that nobody reads
+            return
+        lines = [line for line in self.log.splitlines() if line.startswith("forcebound: ")]
+        at = self.log.rfind(lines[-1]) if lines else 0
+        words = self.log[at:].removeprefix("forcebound: ").strip()
+        raise (ConfigError if status == 2 else RunError)(words or f"it ended with status {status}")
+
+    def _await_force(self) -> Path:
+        """Return the run directory once the force is engaged."""
+        while self.is_running:
+            for run_dir, document in running().items():
+                if document.launcher == self._process.pid:
+                    answer = ask(run_dir, LAUNCHER, GetStatus(), timeout=1.0)
+                    if isinstance(answer, LauncherStatus) and answer.phase == RUNNING:
+                        return run_dir
+            time.sleep(POLL)
+        self._check()
+        raise RunError("the graph has ended before its force engaged")
+
+
+def launch(
+    launch: LaunchFile,
+    *,
+    duration: float | str | None = None,
+    record: str | Path | None = None,
+    **arguments: Any,
+) -> Graph:
+    """Start a launch file in real time, as ``forcebound launch`` does; return when it has force.
+
+    ::
+
+        with forcebound.launch("stiff_wall") as graph:
+            graph.set("links.environment_query.delay", "20 ms")
+            graph.wait(2)
+            graph.figures()
+
+    The graph is processes of its own, so this works in a thread and in a notebook. It ends with
+    zero force when the block is left, and when this program ends in any other way.
+
+    Args:
+        launch: Launch file: a path, the name of one that comes with forcebound, or its content.
+        duration: After which it ends by itself, in s or with its unit; default: with the block.
+        record: Recording to keep, ``.mcap``.
+        arguments: Values for the file's arguments: text with its unit, or a number in SI units.
+
+    Raises:
+        ConfigError: If the launch file or an argument is wrong, or an argument is an object: the
+            processes of a live graph need a file or a package that has it.
+        RunError: If a process did not become ready.
+    """
+    parts, texts = split(arguments)
+    if parts:
+        raise ConfigError(
+            f"{', '.join(parts)}: a live graph consists of processes that cannot see an object of"
+            " this one; keep its class in a file and name that, 'my_file.py', or use a package"
+        )
+    if isinstance(launch, Path):
+        launch = str(launch)
+    seconds = UNTIL_ENDED
+    if duration is not None:
+        seconds = Range(above=0).check(parse_quantity(duration, "s"), "s")
+    folder = Path(tempfile.mkdtemp(prefix="forcebound-python-"))
+    if isinstance(launch, Mapping):
+        file = folder / "launch.yaml"
+        file.write_text(json.dumps(to_document(configuration(launch, arguments))))
+        launch, texts = os.fspath(file), []
+    command = ["launch", launch, *texts, "--duration", repr(seconds)]
+    return Graph(command, None if record is None else Path(record), folder)

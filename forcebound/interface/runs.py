@@ -1,0 +1,303 @@
+"""One run: simulated, or read from a recording."""
+
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from forcebound.errors import ConfigError, RunError
+from forcebound.graph import checks
+from forcebound.graph.graph import BESIDE_MODEL, KINDS, GraphConfig
+from forcebound.graph.loader import build, read_template
+from forcebound.graph.names import Document
+from forcebound.graph.resolved import check_plain, member_document
+from forcebound.graph.servo import ServoSettings
+from forcebound.graph.tree import Value, from_plain
+from forcebound.haptics.laws import LAWS, BoundingLaw
+from forcebound.interface.figures import Figures
+from forcebound.lab.workers import progress_bar
+from forcebound.messages.packets import Event
+from forcebound.quantities import Range
+from forcebound.recordings.telemetry import TelemetryColumns
+from forcebound.run.results import RunResult
+from forcebound.run.virtual import run_virtual
+from forcebound.units import parse_quantity
+
+#: A launch file: its path, the name of one that comes with forcebound, or its content.
+LaunchFile: TypeAlias = str | Path | Mapping[str, Any]
+
+#: Keys of a section that are not of its part.
+_BESIDE = {
+    "environment": BESIDE_MODEL,
+    "device": tuple(field.name for field in fields(ServoSettings)),
+}
+
+
+class Telemetry(Mapping[str, NDArray[Any]]):
+    """The telemetry of a run: one numpy array per column, oldest sample first, SI units.
+
+    ``position``, ``commanded_force``, ``applied_force``, ``true_position`` and ``hand_force`` have
+    one row per sample and one column per axis, ``(n, axes)``; all others are ``(n,)``.
+    """
+
+    def __init__(self, columns: TelemetryColumns) -> None:
+        self._columns = columns
+        found = ((field.name, getattr(columns, field.name)) for field in fields(columns))
+        self._names = [name for name, value in found if isinstance(value, np.ndarray)]
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        if name not in self._names:
+            raise KeyError(f"no column {name!r}; there are {', '.join(self._names)}")
+        column: NDArray[Any] = getattr(self._columns, name)
+        return column
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+    def __repr__(self) -> str:
+        return "\n".join(f"{name:18}{self[name].dtype} {self[name].shape}" for name in self)
+
+
+class Run:
+    """A run: its figures, telemetry, events and launch file.
+
+    Attributes:
+        label: Its law; of a run that changed it, all of them.
+        telemetry: Columns of the telemetry.
+        events: What the nodes reported, in order.
+        document: The launch file as resolved for the run, in SI units.
+        path: The recording, if there is one.
+    """
+
+    def __init__(self, result: RunResult, path: Path | None = None) -> None:
+        self._result = result
+        self.path = path
+        self.label = result.label
+        self.telemetry = Telemetry(result.columns)
+        self.events: Sequence[Event] = tuple(result.events)
+        self.document: Document = result.document
+
+    @property
+    def figures(self) -> Figures:
+        """The figures of the run."""
+        return Figures(self._result.summary, self.label)
+
+    @property
+    def verdict(self) -> list[str]:
+        """The verdict in words, as every command prints it: at most six lines."""
+        return [*self._result.summary["verdict"]]
+
+    @property
+    def hands(self) -> Mapping[str, "Run"]:
+        """The run of each hand by the hand's name; the only hand of a graph has the name ``""``."""
+        return {self._result.columns.hand: self}
+
+    def to_pandas(self) -> Any:
+        """Return the telemetry as a pandas.DataFrame, indexed by time in s; needs pandas.
+
+        A column of several axes becomes several: ``position_0``, ``position_1``.
+        """
+        found: dict[str, NDArray[Any]] = {}
+        for name, column in self.telemetry.items():
+            if column.ndim == 1 or column.shape[1] == 1:
+                found[name] = column.reshape(-1)
+            else:
+                found |= {f"{name}_{axis}": values for axis, values in enumerate(column.T)}
+        return needed("pandas").DataFrame(found).set_index("time")
+
+    def plot(self, *panels: str) -> "NDArray[Any]":
+        """Draw the run; see :func:`plot`. Returns the axes of its panels, from top to bottom."""
+        return plot(self, panels=panels)[:, 0]
+
+    def __repr__(self) -> str:
+        return "\n".join(self.verdict)
+
+
+def simulate(
+    launch: LaunchFile,
+    *,
+    duration: float | str | None = None,
+    seed: int | None = None,
+    record: str | Path | None = None,
+    **arguments: Any,
+) -> Run:
+    """Run a launch file in virtual time, as ``forcebound simulate`` does.
+
+    Args:
+        launch: Launch file: a path, the name of one that comes with forcebound, or its content.
+        duration: Of the run, in s or with its unit; default: that of the launch file.
+        seed: Of everything random; default: that of the launch file.
+        record: Recording to write, ``.mcap``.
+        arguments: Values for the file's arguments: text with its unit, or a number in SI units.
+            ``law``, ``device``, ``operator``, ``controller`` and ``environment`` also take a part
+            that was made in Python, for example in the cell of a notebook.
+
+    Raises:
+        ConfigError: If the launch file or an argument is wrong; all problems at once.
+        RunError: If the run is too short to have a sample, or nothing came of it.
+    """
+    config = configuration(launch, arguments, duration, seed)
+    path = None if record is None else Path(record)
+    with shown_progress("ms of virtual time") as progress:
+        result = run_virtual(config, record=path, progress=progress)
+    if result.failed:
+        raise RunError(result.failed)
+    return Run(result, path)
+
+
+def read(recording: str | Path) -> Run:
+    """Return the run of a recording, live or in virtual time; of a cut one what is readable.
+
+    Raises:
+        ConfigError: If it is no recording of a run.
+    """
+    path = Path(recording)
+    return Run(RunResult.from_recording(path), path)
+
+
+def plot(*runs: Run, panels: Sequence[str] = ()) -> "NDArray[Any]":
+    """Draw runs side by side, as ``forcebound plot`` does, in a figure of matplotlib's pyplot.
+
+    Args:
+        runs: One column each.
+        panels: Of ``position``, ``force``, ``energy``, ``loop_delay`` and the others of
+            :data:`forcebound.results.panels.PANELS`; default: those that suit the runs.
+
+    Returns:
+        The axes, shape (panels, runs), each a :class:`matplotlib.axes.Axes`.
+    """
+    from matplotlib import pyplot
+
+    from forcebound.graph.problems import unknown
+    from forcebound.recordings.recording import read as read_recording
+    from forcebound.results.panels import PANELS
+    from forcebound.results.plots import figure
+    from forcebound.results.signals import curves_of
+
+    for name in panels:
+        if name not in PANELS:
+            raise ConfigError(unknown("panel", name, PANELS))
+    results = [run._result for run in runs]
+    drawing = figure(
+        [(result.label, result.columns, result.document) for result in results],
+        panels or None,
+        events=[result.events for result in results],
+        signals=[[] if run.path is None else curves_of(read_recording(run.path)) for run in runs],
+        new=pyplot.figure,
+    )
+    axes: NDArray[Any] = np.array(drawing.axes, dtype=object).reshape(-1, len(runs))
+    return axes
+
+
+def configuration(
+    launch: LaunchFile,
+    arguments: Mapping[str, Any],
+    duration: float | str | None = None,
+    seed: int | None = None,
+) -> GraphConfig:
+    """Return the graph of a launch file with the values of its arguments."""
+    parts, texts = split(arguments)
+    config = build(with_parts(template_of(launch), parts), texts)
+    if duration is not None:
+        config = replace(config, duration=Range(above=0).check(parse_quantity(duration, "s"), "s"))
+    if seed is not None:
+        config = replace(config, seed=seed)
+    checks.warn(config)
+    return config
+
+
+def template_of(launch: LaunchFile) -> Value:
+    """Return a launch file with its arguments still open."""
+    if not isinstance(launch, Mapping):
+        return read_template(launch)
+    return from_plain(launch, "launch file")
+
+
+def split(arguments: Mapping[str, Any]) -> tuple[dict[str, Any], list[str]]:
+    """Return the parts among some arguments, and the others as ``name:=value``."""
+    parts = {name: value for name, value in arguments.items() if is_part(value)}
+    rest = {name: value for name, value in arguments.items() if name not in parts}
+    return parts, [f"{name}:={text_of(value)}" for name, value in rest.items()]
+
+
+def is_part(value: Any) -> bool:
+    """Whether the value of an argument is no text or number, so a part that was made in Python."""
+    return not isinstance(value, str | int | float | np.number | np.bool_ | Path)
+
+
+def text_of(value: Any) -> str:
+    """Return the value of an argument as a launch file has it."""
+    if isinstance(value, bool | np.bool_):
+        return str(value).lower()
+    if isinstance(value, int | float | np.number):
+        return repr(value.item() if isinstance(value, np.number) else value)
+    return str(value)
+
+
+def with_parts(template: Value, parts: Mapping[str, Any]) -> Value:
+    """Return a launch file with parts that were made in Python in place of those it names.
+
+    Raises:
+        ConfigError: If a part does not belong into its section, or its parameters are not plain.
+    """
+    entries = dict(template.entries)
+    for name, part in parts.items():
+        section = "device" if name == "law" else name
+        content = {"law": _known_law(part)} if name == "law" else _known_part(section, part)
+        kept = entries[section].entries if section in entries else {}
+        if name != "law":
+            kept = {key: kept[key] for key in kept if key in _BESIDE.get(section, ())}
+        entries[section] = replace(template, content={**kept, **from_plain(content, name).entries})
+    return template.with_entries(entries)
+
+
+def _known_law(law: Any) -> str:
+    if not isinstance(law, BoundingLaw):
+        raise ConfigError(f"law: expected a name or a BoundingLaw, got {law!r}")
+    known = LAWS.kind_of(law)
+    if known is None:
+        known = law.limit.__name__
+        LAWS[known] = law
+    return known
+
+
+def _known_part(section: str, part: Any) -> Document:
+    """Return the document of a part, whose class is known by its name from then on."""
+    if section not in KINDS:
+        sections = ", ".join(["law", *KINDS])
+        raise ConfigError(
+            f"{section}: expected one number or text, got {part!r}; objects are for {sections}"
+        )
+    if isinstance(part, type):
+        part = part()
+    kind = type(part)
+    if KINDS[section].kind_of(kind) is None:
+        KINDS[section][kind.__name__] = kind
+    check_plain(part)
+    return member_document(section, part)
+
+
+@contextmanager
+def shown_progress(name: str) -> Iterator[Callable[[int, int], None]]:
+    """Yield a function that shows progress once it takes long, in a terminal or a notebook."""
+    is_notebook = {"ipykernel", "ipywidgets"} <= sys.modules.keys()  # which draw it
+    with progress_bar(name, after=1.0, shown=sys.stderr.isatty() or is_notebook) as show:
+        yield show
+
+
+def needed(package: str) -> Any:
+    """Return an optional package; ConfigError that says how to install it if it is missing."""
+    from importlib import import_module
+
+    try:
+        return import_module(package)
+    except ImportError:
+        raise ConfigError(f"this needs {package}: pip install {package}") from None
