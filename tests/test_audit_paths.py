@@ -23,6 +23,7 @@ from forcebound.lab.paths.truth import (
     AXES,
     COPIES,
     Device,
+    set_force,
     strike,
     walk,
     work_along_path,
@@ -179,6 +180,42 @@ def test_a_late_hold_that_the_hardware_ended_counts_as_one_that_was_replaced(lat
     energy += damping * move**2 / held - force[0] * move
     bounder.settle(bounder.bound(time_ns + late_ns, (position - move,), (0.0,)))
     assert bounder.largest_allowance == pytest.approx(-energy)
+
+
+@pytest.mark.parametrize("gains", [(0.9, 1.1), (1.1, 0.9), (0.9, 0.9), (1.1, 1.1)])
+@pytest.mark.parametrize("law", CERTIFIED)
+def test_the_old_force_costs_what_the_strongest_motor_can_do(
+    law: str, gains: tuple[float, float]
+) -> None:
+    """One axis stores work; the other holds a force that acts on until the next takes effect.
+
+    The force moves from axis to axis in steps so small that friction pays for them.
+    """
+    delay, limit, push, ramp = 4e-4, 1e-3, 4.0, 0.2
+    stated = Dissipation(
+        damping=0.27, friction=(0.12, 0.12), resolution=0.0, saturation=8.5, period=1e-3,
+        hold_limit=limit, gain_error=0.1, write_delay=delay,
+    )  # fmt: skip
+    every, bounder = devices(2), ForceBounder(law, stated, 2)
+    device, energy, struck = every[0], 0.0, []
+    device.gain[:2] = gains
+    bounder.start(0, (0.0, 0.0))
+    force: tuple[float, ...] = (0.0, 0.0)
+    for index in range(300):
+        if index < 200:
+            asked, step = (push, 0.0), np.array([5e-5, 0.0, 0.0])
+        else:
+            asked = (force[0] - ramp, 0.0) if force[0] > ramp else (0.0, force[1] + ramp)
+            step = np.zeros(AXES)
+        read_ns = (index + 1) * 1_000_000
+        force = bounder.bound(read_ns, tuple(device.position[:2].tolist()), asked)
+        bounder.settle(force, read_ns + round(delay * 1e9))
+        struck.append(energy + strike(every, delay, math.inf, (*force, 0.0), limit))
+        energy += walk(device, delay, step * 0.4)
+        set_force(device, (*force, 0.0))
+        energy += walk(device, limit - delay, step * 0.6)
+    assert force[1] > 1.0 or law != "certified"
+    assert min(struck) >= -ENERGY_TOLERANCE
 
 
 def test_a_run_is_repeated_by_its_name_and_drawn(tmp_path: Path) -> None:

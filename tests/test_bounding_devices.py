@@ -205,14 +205,33 @@ def test_a_glitch_of_one_sample_is_refused_and_earns_nothing() -> None:
     assert ForceBounder("certified", PHANTOM).refused_readings == 0
 
 
+def test_a_wrong_reading_that_agrees_with_a_refused_true_one_is_refused() -> None:
+    """The hand is faster than stated: a true reading is refused, then a wrong one is near to it."""
+    device = replace(PHANTOM, largest_speed=5.0, hold_limit=1e-3)
+    bounder = ForceBounder("certified", device)
+    x, energy, force, before = 0.0, 0.0, 0.0, 0
+    errors = [0.0] * 30 + [0.0, 5.02e-3, 0.0, 0.0, 0.0]
+    moves = [1e-3] * 30 + [5.06e-3, 0.0, 0.0, 0.0, 0.0]
+    for n, (move, error) in enumerate(zip(moves, errors, strict=True), start=1):
+        x += move
+        energy += 0.27 * move**2 / 1e-3 + 0.12 * move + force * move
+        force = bounder.bound(n * MS, (x + error,), (0.0 if n < 30 else -8.5,))[0]
+        bounder.settle((force,))
+        if bounder.refused_readings == before:
+            assert bounder.estimated_energy <= energy
+        before = bounder.refused_readings
+        assert max(abs(force) - 0.12, 0.0) ** 2 * 1e-3 / (4 * 0.27) <= energy
+    assert bounder.refused_readings == 2
+
+
 def test_a_device_that_really_is_elsewhere_counts_without_credit() -> None:
     device = replace(PHANTOM, largest_speed=1.0)
     bounder = ForceBounder("certified", device)
-    for n in range(1, 20):
+    for n in range(1, 120):
         bounder.settle(bounder.bound(n * MS, (0.1 if n >= 10 else 0.0,), (9.0,)))
-    assert bounder.refused_readings == 1
+    assert bounder.refused_readings == 99  # until 1 m/s goes so far
     assert bounder.estimated_energy < 0.0
-    bounder.settle(bounder.bound(20 * MS, (0.1005,), (9.0,)))
+    bounder.settle(bounder.bound(120 * MS, (0.1005,), (9.0,)))
     assert bounder.estimated_energy > 0.0
 
 

@@ -6,10 +6,10 @@ several times more than compiled.
 
 A motor whose gain is uncertain has two ledgers, one for each end of the range. Loss and work are
 linear in the gain, penalties and costs of holds convex; so what both ledgers allow, every gain
-between allows. Several motors may have different gains. With P_i the work on axis i in the ledger,
-the worst of all their combinations has x (Σ|P_i| - |Σ P_i|) less than the worse of the two ledgers;
-that is then paid beforehand (:func:`spread_price`), and the hold's cost is that of the largest
-gain.
+between allows. Several motors may have different gains. With J_i the work on axis i in the ledger,
+the worst of all their combinations has x (Σ|J_i| - |Σ J_i|) less than the worse of the two ledgers;
+that is then paid beforehand (:func:`spread_price`), and what holds cost, also that of the old force
+until the new one takes effect, is that of the largest gain.
 """
 
 import math
@@ -114,7 +114,8 @@ def _limit(law: BoundingLaw) -> Limit:
                 held = Write(0.0, gain * ledger.held_price, 0.0)
                 available = energy(ledger.state[end], held, device) - ledger.spent
                 if plan > 0.0:
-                    available -= acting_cost(ledger, plan, gain)
+                    strongest = gain if ledger.axes == 1 else 1.0 + ledger.gain
+                    available -= acting_cost(ledger, plan, strongest)
                 ledger.available[end] = available
             if ledger.axes > 1 and ledger.gain > 0.0:
                 least = min(ledger.available[0], ledger.available[1]) - spread_price(ledger)

@@ -223,12 +223,12 @@ class ForceBounder:
     def _judge(self, read_ns: int, position: Vector) -> int:
         """Return whether the device can have moved to a reading."""
         candidate, self._candidate = self._candidate, None
+        if not self._is_credible((self._taken_ns, self._position), read_ns, position):
+            self._candidate = read_ns, position
+            return REFUSED
         if candidate is not None and self._is_credible(candidate, read_ns, position):
-            return RESTART  # it really is there: begin again, at the price of not knowing how
-        if self._is_credible((self._taken_ns, self._position), read_ns, position):
-            return TAKEN
-        self._candidate = read_ns, position
-        return REFUSED
+            return RESTART  # so both may be wrong: begin again, without credit for the way
+        return TAKEN
 
     def _is_credible(self, before: tuple[int, Vector], read_ns: int, position: Vector) -> bool:
         way = math.dist(before[1], position)

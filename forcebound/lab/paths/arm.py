@@ -152,7 +152,7 @@ def walk_at_tip(device: Device, duration: float, move: Floats) -> float:
             for axis in range(2):
                 target = device.target[axis]
                 torque[axis] = target + (device.output[axis] - target) * left
-                torque[axis] *= device.gain[axis]
+                torque[axis] = device.gain[axis] * torque[axis] + device.weight[axis]
             power = power_at_tip(angle_1, angle_2, speed_x, speed_y, device, torque)
             energy += _WEIGHTS[node] / 2.0 * part * power
         end = (number + 1) * part

@@ -15,7 +15,7 @@ import numpy as np
 from forcebound.compiled import record_type
 from forcebound.haptics.laws import Dissipation
 from forcebound.lab.cases import by_logarithm
-from forcebound.lab.paths.path import COMMANDS, READINGS, Manner
+from forcebound.lab.paths.path import COMMANDS, READINGS, SLOWLY, Manner
 from forcebound.lab.paths.run import AttackedDevice
 from forcebound.lab.paths.truth import COPIES, Device
 
@@ -122,6 +122,18 @@ def gain_of_axes(draft: Draft) -> None:
     draft.device.gain[:] = 1.0 + error * draft.random.choice([-1.0, 1.0], 3)
 
 
+def in_turn(draft: Draft) -> None:
+    """Late writes and motors with gains of their own, one of which stores work, another holds."""
+    stated = {"damping": 0.27, "friction": 0.12, "resolution": 0.0, "saturation": 8.5}
+    error, period = draft.random.uniform(0.05, 0.2), 1e-3
+    draft.fields |= stated | {"period": period, "hold_limit": period, "gain_error": error}
+    device, axes = draft.device, draft.axes
+    device.damping[:axes], device.friction[:axes], device.error[:] = 0.27, 0.12, 0.0
+    device.gain[:2] = 1.0 - error, 1.0 + error
+    draft.case["command"] = SLOWLY
+    draft.fields["write_delay"] = draft.case["write_delay"] = 0.4 * period
+
+
 def lag(draft: Draft) -> None:
     """The amplifier is of first order."""
     draft.fields["lag"] = draft.fields["period"] * _log(draft.random, 0.02, 1.0)
@@ -223,10 +235,9 @@ def refused(draft: Draft) -> None:
 
 
 def glitches(draft: Draft) -> None:
-    """Readings that imply more than the largest speed; the hand never exceeds it."""
+    """Readings that imply more than the largest speed; the hand may exceed it."""
     draft.case["refused"] = _log(draft.random, 0.02, 0.5)
     draft.fields["largest_speed"] = draft.case["glitch"] = _log(draft.random, 0.05, 5.0)
-    draft.device.fastest = 0.999 * draft.fields["largest_speed"]  # no true reading is refused
 
 
 def too_fast(draft: Draft) -> None:
@@ -315,6 +326,11 @@ CERTIFICATES = {
     "delay_and_speed": Certificate(
         "writes late, with a largest speed", (write_delay, glitches), "write_delay"
     ),
+    "delay_and_gains": Certificate(
+        "writes late, another gain error in each motor, one after the other",
+        (in_turn,),
+        axes=(2, 3),
+    ),
     "late_writes": Certificate(
         "writes late and a silent watchdog in a range", (write_delay, tolerance)
     ),
@@ -327,6 +343,9 @@ CERTIFICATES = {
         "gain error and compensated weight", (gain, weight), "gain_error"
     ),
     "all": Certificate("a random choice of all of these", ()),
+    "all_and_gains": Certificate(
+        "the same, another gain error in each motor", (gain_of_axes,), axes=(2, 3)
+    ),
 }
 
 
@@ -341,7 +360,9 @@ def draw(name: str, law: str, random: Random, left_out: bool = False) -> Attacke
     """
     certificate = CERTIFICATES[name]
     draft = _plain(random, int(random.choice(certificate.axes)))
-    effects = list(certificate.effects) if name != "all" else _some(random, draft.axes)
+    effects = list(certificate.effects)
+    if name.startswith("all"):
+        effects += [one for one in _some(random, draft.axes) if one is not gain or not effects]
     for effect in effects:
         effect(draft)
     if left_out and certificate.left_out:
@@ -377,6 +398,7 @@ def finished(law: str, draft: Draft, speed: float | None = None) -> AttackedDevi
     if draft.device.compensation.any() and draft.case.get("tolerance"):
         draft.case["ledger_only"] = True  # an early cut lets the weight fall
     reading, command = int(random.integers(len(READINGS))), int(random.integers(len(COMMANDS)))
+    command = draft.case.pop("command", command)
     drawn = min(_log(random, 1e-3, 1.0), stated.largest_speed)
     manner = Manner(
         reading=reading,

@@ -59,6 +59,7 @@ VECTORS = ("micro", "speed", "misread", "command")
 READINGS = ("genes", "stick", "lead", "trail", "push", "pull", "quantised", "edges")
 # What the environment commands.
 COMMANDS = ("genes", "along the motion", "against the motion", "alternating", "along the axis")
+SLOWLY = len(COMMANDS)  # in steps that friction pays for; only with a certificate that says so
 
 LARGE_PEAK = 1e-4  # J; what is left after such a peak says how tight a law is
 
@@ -171,7 +172,7 @@ def misread(account: Account, device: Device, axis: int, share: float) -> float:
 
 
 @outlined
-def command_of(account: Account, axis: int, index: int, command: float) -> float:
+def command_of(account: Account, device: Device, axis: int, index: int, command: float) -> float:
     """Return the command of an axis for the next reading, in N."""
     mode = account.command_mode
     if mode == 1:
@@ -182,6 +183,9 @@ def command_of(account: Account, axis: int, index: int, command: float) -> float
         return abs(command) * (1.0 - 2.0 * (index % 2))
     if mode == 4:
         return command if axis == 0 else 0.0
+    if mode == SLOWLY:
+        force, step = account.force[axis], 1.5 * device.friction[axis]
+        return min(max(command, force - step), force + step)
     return command
 
 
@@ -363,4 +367,4 @@ def tick(
     for axis in range(AXES):
         account.reading[axis] = misread(account, device, axis, plan[following].misread[axis])
         command = plan[following].command[axis]
-        account.commanded[axis] = command_of(account, axis, following, command)
+        account.commanded[axis] = command_of(account, device, axis, following, command)

@@ -15,6 +15,7 @@ from forcebound.lab.paths.truth import Floats
 
 Vector = tuple[float, ...]
 
+SHORTEST_NS = 1000  # a law takes no reading that comes sooner after the last
 WORST_STAMP_NS = 2_000_000  # error of a stamp that is wrong
 WRONG_BY = 0.01  # m, of a reading that is wrong
 
@@ -159,8 +160,11 @@ def _begin(case: AttackedDevice, device: Any, account: Any, start: Floats) -> No
         bent /= size
     device.bristle[:] = device.presliding * bent
     device.target[:] = device.output[:] = -device.compensation
-    widths = np.maximum(device.presliding, 1e-300)  # a hand may have the energy of the bristles
-    account.energy = float(np.sum(device.friction / widths * device.bristle**2) / 2.0)
+    # A hand may have what the bristles give until they carry the error of the weight.
+    widths, friction = np.maximum(device.presliding, 1e-300), np.maximum(device.friction, 1e-300)
+    error = device.weight - device.gain * device.compensation
+    away = device.bristle + error / friction * widths
+    account.energy = float(np.sum(device.friction / widths * away**2) / 2.0)
     account.share = account.left = account.cut_after = math.inf
     account.cut_time = -1.0
     account.hold, account.struck_hold = math.inf, case.stated.hold_limit
@@ -199,11 +203,15 @@ class _Calls:
         self.late_ns = late.astype(int).tolist()
         plan["write"][chances < case.lost_writes] = math.inf
         self.is_wrong = (chances < case.wrong_readings).tolist()
+        self.slack = 2.0 * float(np.linalg.norm(case.devices[0].error))
+        # With a delay, the law waits with readings of which it does not know what force acted.
+        is_unsure = case.watchdog == "reporting" or case.tolerance > 0.0
+        self.waits = case.write_delay > 0.0 and is_unsure
         self._take(0, reading)
 
     def _take(self, time_ns: int, reading: Vector) -> None:
         """Remember the last reading that the bounder can have taken in."""
-        self.good_ns, self.good, self.side = time_ns, reading, 1.0
+        self.good_ns, self.good = time_ns, reading
 
     def before(self, index: int, time_ns: int, account: Any) -> None:
         """Report a cut in the interval that has just ended; set the hold limit of the next."""
@@ -211,8 +219,10 @@ class _Calls:
         if case.watchdog in ("guarding", "reporting") and account.cut_time >= 0.0:
             error = case.devices[0].error * np.clip(self.cuts[index] * 2.0, -1.0, 1.0)
             at = tuple((account.at_cut + error)[: case.axes].tolist())
-            start_ns = time_ns - self.durations[index - 1]
-            self.bounder.report_cut(start_ns + round(account.cut_time * 1e9), at)
+            cut_ns = time_ns - self.durations[index - 1] + round(account.cut_time * 1e9)
+            self.bounder.report_cut(cut_ns, at)
+            if cut_ns - self.good_ns >= SHORTEST_NS and self._is_near(cut_ns, at):
+                self._take(cut_ns, at)
         if case.hold_limits:
             self.bounder.set_hold_limit(self.limits[index])
 
@@ -223,23 +233,26 @@ class _Calls:
             self.is_taken = False
             return (reading[0] + math.copysign(WRONG_BY, self.cuts[index]), *reading[1:])
         is_good = chance >= case.refused
-        # With a delay, the law waits with readings of which it does not know what force acted.
-        is_unsure = case.watchdog == "reporting" or case.tolerance > 0.0
-        self.is_taken = is_good and not (case.write_delay > 0.0 and is_unsure)
         # A hand faster than stated has true readings refused.
-        self.is_taken &= bool(case.devices[0].fastest <= case.stated.largest_speed)
+        is_near = self._is_near(time_ns, reading)
+        self.is_taken = is_good and is_near and not self.waits
         if is_good:
-            self._take(time_ns, reading)
+            if is_near:
+                self._take(time_ns, reading)
             return reading
         kind = int(chance / case.refused * 1e4) % 8
-        if case.glitch == 0.0 or kind == 0:
+        if case.glitch == 0.0 or kind == 0 or self.waits:
             value = (math.nan, math.inf, -math.inf, 1e200)[kind % 4]
             return (value, *reading[1:])
-        elapsed = (time_ns - self.good_ns) / 1e9
-        gate = case.glitch * elapsed + 2.0 * float(np.linalg.norm(case.devices[0].error))
+        gate = case.glitch * (time_ns - self.good_ns) / 1e9 + self.slack
         jump = gate * (1.0 + 1e-6 + (0.0, 0.0, 0.01, 0.1, 1.0, 10.0, 100.0, 1e3)[kind])
-        self.side = -self.side  # two glitches in a row that agree are taken in
-        return (self.good[0] + self.side * jump, *self.good[1:])
+        side = 1 - 2 * (int(chance / case.refused * 1e5) % 2)
+        return (self.good[0] + side * jump, *self.good[1:])
+
+    def _is_near(self, time_ns: int, reading: Vector) -> bool:
+        """Return whether a reading implies at most the largest speed that is stated."""
+        reach = self.case.stated.largest_speed * (time_ns - self.good_ns) / 1e9 + self.slack
+        return math.dist(reading, self.good) < reach * (1.0 - 1e-9)
 
     def settle(self, index: int, time_ns: int, force: Vector) -> None:
         """Settle, with the time of the write if it differs from that of the reading."""

@@ -14,7 +14,7 @@ import numpy as np
 
 from forcebound.haptics.laws import ENERGY_TOLERANCE, ForceBounder
 from forcebound.lab.cases import optimiser
-from forcebound.lab.paths.path import COLUMNS, LARGE_PEAK, PLACES, VECTORS
+from forcebound.lab.paths.path import COLUMNS, LARGE_PEAK, PLACES, SLOWLY, VECTORS
 from forcebound.lab.paths.run import AttackedDevice, PathResult, run
 from forcebound.lab.paths.truth import AXES, Floats
 
@@ -117,6 +117,8 @@ class Restart:
             warnings.simplefilter("ignore")
             to_zero = bool(random.random() < 0.5)
             first = first_guess(program, self.case.axes, random)
+            if self.case.manner.command == SLOWLY:
+                program, first = from_axis_to_axis(random)
             strategy = optimiser().CMAEvolutionStrategy(first, 0.4, options)
             while self.runs < end and not strategy.stop():
                 vectors = strategy.ask()[: end - self.runs]
@@ -140,6 +142,17 @@ def draw_program(random: np.random.Generator, axes: int, longest: int) -> Progra
     order += [prefix + row for row in range(cycle)] * repeats
     order.append(prefix + cycle)  # a last interval of its own
     return Program(prefix + cycle + 1, tuple(order), tuple(used))
+
+
+def from_axis_to_axis(random: np.random.Generator) -> tuple[Program, Floats]:
+    """Return a program, and genes, of a hand that works on one axis, then rests under another."""
+    program = Program(3, (0,) * 25 + (1,) * 15 + (2,) * 20, tuple(range(COLUMNS)))
+    rows = random.normal(size=(3, COLUMNS)) * 0.1
+    speed, command = PLACES["speed"], PLACES["command"]
+    rows[:, PLACES["write"]] += 1.0  # as late as stated
+    rows[0, [speed, command]] += 0.8
+    rows[2, command + 1] += 0.8
+    return program, np.concatenate([np.zeros(AXES), rows.ravel()])
 
 
 def first_guess(program: Program, axes: int, random: np.random.Generator) -> Floats:

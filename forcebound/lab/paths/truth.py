@@ -293,8 +293,8 @@ def strike(
             elif phase == 2:
                 set_force(device, force)
                 duration = hold
-            elif lag > 0.0:
-                cut(device)
+            elif lag > 0.0:  # dropped, or replaced by none: a weight stays compensated
+                set_force(device, np.zeros(AXES))
                 duration = 3.0 * lag
             if duration <= 0.0:
                 continue
