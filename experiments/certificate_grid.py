@@ -154,6 +154,11 @@ def motion_of(columns: TelemetryColumns, model: Any) -> Row:
     }
 
 
+def n_per_mm(stiffness: float | None) -> float:
+    """Return a stiffness in N/m in N/mm; without a contact NaN, which JSON refuses."""
+    return math.nan if stiffness is None else stiffness / 1e3
+
+
 def measure(cases: Sequence[Row]) -> list[Row]:
     """Run some cells and return a row for each."""
     rows, configs = [], list(map(config_of, cases))
@@ -164,8 +169,8 @@ def measure(cases: Sequence[Row]) -> list[Row]:
         rows.append(
             {
                 **case,
-                STIFFNESS: (summary["displayed_stiffness_n_per_m"] or math.nan) / 1e3,
-                HARDNESS: (summary["rate_hardness_n_per_m"] or math.nan) / 1e3,
+                STIFFNESS: n_per_mm(summary["displayed_stiffness_n_per_m"]),
+                HARDNESS: n_per_mm(summary["rate_hardness_n_per_m"]),
                 "contact_bounces": summary["contact_bounces"],
                 ENERGY: summary[ENERGY],
                 FALL: summary[FALL],
