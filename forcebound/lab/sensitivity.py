@@ -16,7 +16,8 @@ from forcebound.haptics.devices import DEVICES, DeviceModel
 from forcebound.haptics.laws import Dissipation
 from forcebound.lab.audit import Options
 from forcebound.lab.engine import Row
-from forcebound.lab.paths.certificates import Draft, finished
+from forcebound.lab.paths.certificates import finished
+from forcebound.lab.paths.draft import Draft
 from forcebound.lab.paths.run import AttackedDevice
 from forcebound.lab.paths.search import Restart
 from forcebound.lab.views import groups, least

@@ -7,19 +7,15 @@ have the effect.
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import Any, NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from forcebound.compiled import record_type
 from forcebound.haptics.laws import Dissipation
-from forcebound.lab.cases import by_logarithm
+from forcebound.lab.paths.draft import Draft, Random, log_between, plain
 from forcebound.lab.paths.path import COMMANDS, READINGS, SLOWLY, Manner
 from forcebound.lab.paths.run import AttackedDevice
-from forcebound.lab.paths.truth import COPIES, Device
 
-Random = np.random.Generator
 Effect: TypeAlias = Callable[["Draft"], None]
 
 
@@ -36,69 +32,16 @@ class Certificate(NamedTuple):
 LEFT_OUT = {"watchdog": "silent", "largest_speed": math.inf}
 
 
-def _log(random: Random, low: float, high: float) -> float:
-    return by_logarithm(low, high, random.random())
-
-
-@dataclass
-class Draft:
-    """A device while it is drawn: the truth, and the fields that state it."""
-
-    random: Random
-    axes: int
-    fields: dict[str, Any]  # of Dissipation
-    case: dict[str, Any] = field(default_factory=dict)  # further fields of AttackedDevice
-    devices: Any = None  # of ``truth``: the device and its copies
-
-    def __post_init__(self) -> None:
-        """Give the device what the fields state, alike on each axis, and nothing else."""
-        self.devices = np.zeros(1 + COPIES, record_type(Device))
-        device, axes = self.device, self.axes
-        device.gain[:], device.fastest = 1.0, math.inf
-        device.axes, device.is_along_path = axes, axes > 1
-        device.damping[:axes], device.friction[:axes] = (
-            self.fields[name] for name in ("damping", "friction")
-        )
-        device.error[:axes] = self.fields["resolution"] / 2.0
-
-    @property
-    def device(self) -> Any:
-        """The truth, a record."""
-        return self.devices[0]
-
-    def per_axis(self, name: str) -> tuple[float, ...]:
-        """Return a number for each axis, also where one was stated for all."""
-        value = self.fields[name]
-        return value if isinstance(value, tuple) else (value,) * self.axes
-
-
-def _plain(random: Random, axes: int) -> Draft:
-    period = float(random.choice([1e-3, 1e-3, 2.5e-4]))
-    ratio = float(random.choice([1.0, 1.02, 1.25, 2.5]))
-    fields: dict[str, Any] = {
-        "damping": _log(random, 0.02, 2.0),
-        "friction": _log(random, 0.003, 1.0),
-        "resolution": 0.0 if random.random() < 0.1 else _log(random, 1e-6, 2e-4),
-        "period": period,
-        "hold_limit": round(period * ratio * 1e9) / 1e9,
-        "saturation": _log(random, 1.0, 30.0),
-    }
-    draft = Draft(random, axes, fields)
-    if axes > 1 and random.random() < 0.3:  # the isotropic law allows this, too
-        draft.device.is_along_path = False
-    return draft
-
-
 def write_delay(draft: Draft) -> None:
     """Writes take effect up to 0.4 T after the reading."""
-    draft.fields["write_delay"] = draft.fields["period"] * _log(draft.random, 0.01, 0.4)
+    draft.fields["write_delay"] = draft.fields["period"] * log_between(draft.random, 0.01, 0.4)
     draft.case["write_delay"] = draft.fields["write_delay"]
 
 
 def presliding(draft: Draft) -> None:
     """Friction yields elastically."""
     axes = draft.axes
-    ways = tuple(_log(draft.random, 1e-6, 3e-4) for _ in range(axes))
+    ways = tuple(log_between(draft.random, 1e-6, 3e-4) for _ in range(axes))
     draft.fields["presliding"] = ways if axes > 1 else ways[0]
     if axes > 1:
         draft.fields["friction"] = draft.per_axis("friction")
@@ -108,7 +51,7 @@ def presliding(draft: Draft) -> None:
 
 def gain(draft: Draft) -> None:
     """Every motor gives a constant factor of its force, alike on each axis."""
-    error = _log(draft.random, 0.005, 0.2)
+    error = log_between(draft.random, 0.005, 0.2)
     draft.fields["gain_error"] = error
     draft.device.gain[:] = 1.0 + error * draft.random.choice(
         [-1.0, 1.0, draft.random.uniform(-1, 1)]
@@ -117,7 +60,7 @@ def gain(draft: Draft) -> None:
 
 def gain_of_axes(draft: Draft) -> None:
     """Every motor has a factor of its own."""
-    error = _log(draft.random, 0.005, 0.2)
+    error = log_between(draft.random, 0.005, 0.2)
     draft.fields["gain_error"] = error
     draft.device.gain[:] = 1.0 + error * draft.random.choice([-1.0, 1.0], 3)
 
@@ -136,7 +79,7 @@ def in_turn(draft: Draft) -> None:
 
 def lag(draft: Draft) -> None:
     """The amplifier is of first order."""
-    draft.fields["lag"] = draft.fields["period"] * _log(draft.random, 0.02, 1.0)
+    draft.fields["lag"] = draft.fields["period"] * log_between(draft.random, 0.02, 1.0)
     draft.device.lag = draft.fields["lag"]
 
 
@@ -156,21 +99,21 @@ def _of_axes(draft: Draft, draws: Callable[[str], float]) -> None:
 def pooled(draft: Draft) -> None:
     """Every axis has its own damping, friction and resolution."""
     means = dict(draft.fields)
-    _of_axes(draft, lambda name: float(means[name] * _log(draft.random, 0.2, 5.0)))
+    _of_axes(draft, lambda name: float(means[name] * log_between(draft.random, 0.2, 5.0)))
 
 
 def joints(draft: Draft) -> None:
     """Coordinates are the two joints of an arm; rad and N m."""
     ranges = {"damping": (5e-4, 0.02), "friction": (1e-3, 0.05), "resolution": (1e-5, 2e-3)}
-    _of_axes(draft, lambda name: _log(draft.random, *ranges[name]))
-    draft.fields["saturation"] = _log(draft.random, 0.1, 2.0)
+    _of_axes(draft, lambda name: log_between(draft.random, *ranges[name]))
+    draft.fields["saturation"] = log_between(draft.random, 0.1, 2.0)
     draft.device.is_at_tip = True
 
 
 def tolerance(draft: Draft) -> None:
     """A silent watchdog that is early or late."""
     draft.fields["watchdog"] = "silent"
-    draft.fields["watchdog_tolerance"] = _log(draft.random, 0.01, 0.3)
+    draft.fields["watchdog_tolerance"] = log_between(draft.random, 0.01, 0.3)
     draft.case["tolerance"] = draft.fields["watchdog_tolerance"]
 
 
@@ -182,7 +125,7 @@ def reporting(draft: Draft) -> None:
 def guarding(draft: Draft) -> None:
     """The watchdog guards a late force."""
     draft.fields["watchdog"] = draft.case["watchdog"] = "guarding"
-    draft.fields["guard_period"] = draft.fields["period"] * _log(draft.random, 0.01, 0.99)
+    draft.fields["guard_period"] = draft.fields["period"] * log_between(draft.random, 0.01, 0.99)
     draft.device.guard = draft.fields["guard_period"]
 
 
@@ -206,9 +149,9 @@ def none(draft: Draft) -> None:
     """No watchdog; late holds up to the hardware's limit may leak the allowance."""
     hold = draft.fields["hold_limit"]
     draft.fields["watchdog"] = draft.case["watchdog"] = "none"
-    draft.fields["watchdog_limit"] = round(hold * _log(draft.random, 1.5, 100.0) * 1e9) / 1e9
+    draft.fields["watchdog_limit"] = round(hold * log_between(draft.random, 1.5, 100.0) * 1e9) / 1e9
     strict = draft.random.random() < 0.2
-    draft.fields["allowance"] = 0.0 if strict else _log(draft.random, 1e-6, 0.1)
+    draft.fields["allowance"] = 0.0 if strict else log_between(draft.random, 1e-6, 0.1)
     draft.case["late"] = draft.fields["watchdog_limit"]
     draft.case["allowance"] = draft.fields["allowance"]
 
@@ -224,30 +167,30 @@ def changing(draft: Draft) -> None:
     """The hold limit changes from hold to hold."""
     hold = draft.fields["hold_limit"]
     draft.case["hold_limits"] = tuple(
-        round(hold * _log(draft.random, 1.0, 4.0) * 1e9) / 1e9 for _ in range(4)
+        round(hold * log_between(draft.random, 1.0, 4.0) * 1e9) / 1e9 for _ in range(4)
     )
 
 
 def refused(draft: Draft) -> None:
     """Readings that are not numbers, or out of this world, or too soon."""
-    draft.case["refused"] = _log(draft.random, 0.02, 0.5)
+    draft.case["refused"] = log_between(draft.random, 0.02, 0.5)
     draft.case["glitch"] = 0.0
 
 
 def glitches(draft: Draft) -> None:
     """Readings that imply more than the largest speed; the hand may exceed it."""
-    draft.case["refused"] = _log(draft.random, 0.02, 0.5)
-    draft.fields["largest_speed"] = draft.case["glitch"] = _log(draft.random, 0.05, 5.0)
+    draft.case["refused"] = log_between(draft.random, 0.02, 0.5)
+    draft.fields["largest_speed"] = draft.case["glitch"] = log_between(draft.random, 0.05, 5.0)
 
 
 def too_fast(draft: Draft) -> None:
     """A hand that exceeds the stated largest speed: readings that are true are refused."""
-    draft.fields["largest_speed"] = _log(draft.random, 0.001, 0.5)
+    draft.fields["largest_speed"] = log_between(draft.random, 0.001, 0.5)
 
 
 def cap(draft: Draft) -> None:
     """A cap on what the ledger keeps."""
-    draft.fields["energy_cap"] = _log(draft.random, 1e-5, 1e-2)
+    draft.fields["energy_cap"] = log_between(draft.random, 1e-5, 1e-2)
 
 
 def weight(draft: Draft) -> None:
@@ -255,7 +198,7 @@ def weight(draft: Draft) -> None:
     axes, random = draft.axes, draft.random
     heavy = random.normal(size=axes)
     # More than friction holds by itself would let the hand have gravity's energy.
-    error = min(draft.per_axis("friction")) * _log(random, 0.01, 0.95) / math.sqrt(axes)
+    error = min(draft.per_axis("friction")) * log_between(random, 0.01, 0.95) / math.sqrt(axes)
     uncertain = draft.fields.get("gain_error", 0.0)  # the motors carry the weight, too
     if uncertain > 0.0:
         heavy = np.clip(heavy, -0.5 * error / uncertain, 0.5 * error / uncertain)
@@ -359,7 +302,7 @@ def draw(name: str, law: str, random: Random, left_out: bool = False) -> Attacke
         left_out: State the certificate's own numbers as if the device did not have the effect.
     """
     certificate = CERTIFICATES[name]
-    draft = _plain(random, int(random.choice(certificate.axes)))
+    draft = plain(random, int(random.choice(certificate.axes)))
     effects = list(certificate.effects)
     if name.startswith("all"):
         effects += [one for one in _some(random, draft.axes) if one is not gain or not effects]
@@ -399,7 +342,7 @@ def finished(law: str, draft: Draft, speed: float | None = None) -> AttackedDevi
         draft.case["ledger_only"] = True  # an early cut lets the weight fall
     reading, command = int(random.integers(len(READINGS))), int(random.integers(len(COMMANDS)))
     command = draft.case.pop("command", command)
-    drawn = min(_log(random, 1e-3, 1.0), stated.largest_speed)
+    drawn = min(log_between(random, 1e-3, 1.0), stated.largest_speed)
     manner = Manner(
         reading=reading,
         command=command,
