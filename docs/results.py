@@ -18,7 +18,7 @@ Stiffness felt: 7.91 N/mm of 10 N/mm (79%, a mean, since the hand moved); the re
 ```
 
 * **Passive** of a simulated device is the ground truth: the energy that the hand has put in less what it got back never
-  falls below zero (by more than 1 nJ). What was left at the closest is its lowest value from first contact on; friction on
+  falls below zero (by more than 1 nJ). What was left is its lowest value from first contact on; friction on
   the way to the wall counts. Of a real device no true energy is known. There the line says what the motor alone gave, and
   whether a certificate covers it.
 * **At rest**: slower than 1 mm/s over the last 0.5 s.

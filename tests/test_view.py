@@ -34,7 +34,9 @@ from forcebound.errors import ConfigError
 from forcebound.haptics.hands.paths import TrajectoryHand
 from forcebound.lab.replay import device_of, duration_of, graph_of
 from forcebound.lab.verification import verify
+from forcebound.observe.kernels import Kernels
 from forcebound.observe.page.access import LOOPBACK, Access, hosts_of
+from forcebound.observe.page.controls import Controls
 from forcebound.observe.page.scene_files import content
 from forcebound.observe.page.server import SLOWEST, Pace, Server
 from forcebound.recordings.recording import Recording, read
@@ -431,3 +433,26 @@ def test_without_tornado_nothing_starts(monkeypatch: pytest.MonkeyPatch) -> None
         assert result.output == (
             "forcebound: the page needs tornado: pip install 'forcebound[view]'\n"
         )
+
+
+def test_a_newer_request_for_a_law_replaces_those_that_wait(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    waiting = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
+    monkeypatch.setattr("forcebound.observe.kernels.subprocess.Popen", lambda *_, **__: waiting)
+    kernels = Kernels(tmp_path, "certified")
+    controls = Controls.__new__(Controls)  # without a graph
+    done: list[str] = []
+    actions = {"break": lambda _: kernels.wait("none"), "safe": lambda _: done.append("safe")}
+    vars(controls).update(_newest_law=0, _kernels=kernels, _actions=actions)
+    counts = [controls.receive({"do": do}) for do in ("break", "safe")]
+    delays = controls.receive({"do": "set", "settings": {"links.environment_query.delay": "5 ms"}})
+    assert [count() for count in (*counts, delays)] == [False, True, True]
+    assert controls.act({"do": "break"}, counts[0]) is None  # not begun
+    is_newest = iter((True, True, False, False))  # it waits when the next request comes
+    assert controls.act({"do": "break"}, lambda: next(is_newest)) is None
+    controls.act({"do": "safe"}, counts[1])
+    assert done == ["safe"]
+    kernels.close()
+    assert waiting.stdin is not None
+    waiting.stdin.close()

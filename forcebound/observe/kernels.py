@@ -8,15 +8,17 @@ beforehand: ``python -m forcebound.observe.kernels RUN_DIR LAW...``.
 import signal
 import subprocess
 import sys
-from collections.abc import Iterable
-from contextlib import suppress
+import time
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from forcebound import realtime
+from forcebound.errors import ConfigError
 from forcebound.graph.resolved import restore
 from forcebound.haptics.laws import ForceBounder
 from forcebound.run.run_directory import RunDocument, read_launch_document
 
+POLL_S = 0.05  # between two looks at what compiles
 COMPILE_TIMEOUT_S = 60.0  # s, for a busy machine; then the device compiles itself what is missing
 
 
@@ -27,6 +29,7 @@ class Kernels:
         self._run_dir = run_dir
         self._processes: list[subprocess.Popen[bytes]] = []
         self._under_way = {loaded: 0.0}  # s that a law is to be waited for
+        self.is_wanted: Callable[[], bool] = lambda: True  # asked while :meth:`wait` waits
 
     def begin(self, laws: Iterable[str]) -> None:
         """Start to compile the kernels of some laws."""
@@ -39,11 +42,17 @@ class Kernels:
             self._under_way |= dict.fromkeys(new, COMPILE_TIMEOUT_S)
 
     def wait(self, law: str) -> None:
-        """Wait until the kernels of a law are in the cache, but not for ever."""
+        """Wait until the kernels of a law are in the cache, but not for ever.
+
+        Raises:
+            ConfigError: If another law is asked for now; see :attr:`is_wanted`.
+        """
         self.begin([law])
-        for process in self._processes:
-            with suppress(subprocess.TimeoutExpired):
-                process.wait(self._under_way[law])
+        end = time.monotonic() + self._under_way[law]
+        while time.monotonic() < end and any(one.poll() is None for one in self._processes):
+            if not self.is_wanted():
+                raise ConfigError(f"the law {law} is no longer asked for: a newer change came")
+            time.sleep(POLL_S)
         self._under_way[law] = 0.0
 
     def close(self) -> None:

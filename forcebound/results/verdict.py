@@ -46,7 +46,11 @@ def _passivity(s: Summary) -> str:
         return _passivity_without_truth(s)
     if lowest < -ENERGY_TOLERANCE:
         return f"Not passive: the hand received up to {energy(-lowest)} that it had not put in."
-    least = f"; at the closest, {energy(left)} were left" if left is not None and left > 0.0 else ""
+    least = (
+        f"; since contact, {energy(left)} or more were left"
+        if left is not None and left > 0.0
+        else ""
+    )
     return f"Passive: the hand never received energy that it had not put in{least}."
 
 

@@ -57,6 +57,7 @@ class Controls:
         self._overruns = 0  # of hold limits, at the last look
         self._kernels = Kernels(run_dir, self._config.device.servo.law)
         self._kernels.begin((BROKEN[LAW], SAFE[LAW]))
+        self._newest_law = 0  # number of the newest request for a law
         self._actions: dict[str, Callable[[Message], None]] = {
             "set": lambda request: self._set(request["settings"]),
             "stop": lambda request: stop_node(run_dir, str(request["node"])),
@@ -108,17 +109,34 @@ class Controls:
         causes = causes_of_little_force(columns, device, lately, little=1.0)
         return causes[0].advice if causes else ""
 
-    def act(self, request: Message) -> str | None:
+    def receive(self, request: Message) -> Callable[[], bool]:
+        """Take note of a request; return what says whether it still counts.
+
+        A request for a law replaces those that still wait: nobody who wants to be safe waits for a
+        law that is being prepared.
+        """
+        settings = request.get("settings")
+        has_law = isinstance(settings, Mapping) and LAW in settings
+        if not has_law and request.get("do") not in ("break", "safe"):
+            return lambda: True
+        self._newest_law += 1
+        number = self._newest_law
+        return lambda: number == self._newest_law
+
+    def act(self, request: Message, counts: Callable[[], bool] = lambda: True) -> str | None:
         """Do what a page requests; return what is wrong, or None. It may take seconds."""
         action = self._actions.get(str(request.get("do")))
         if action is None:
             return f"no such control: {request.get('do')!r}"
+        if not counts():
+            return None
+        self._kernels.is_wanted = counts
         try:
             action(request)
         except KeyError as error:
             return f"{request.get('do')} needs {error}"
         except ForceboundError as error:
-            return str(error)
+            return str(error) if counts() else None
         except Exception as error:  # a value that nobody thought of: the page's error, not ours
             return f"{request.get('do')}: {type(error).__name__}: {error}"
         return None

@@ -366,7 +366,8 @@ class _Page(_Handler, tornado.websocket.WebSocketHandler):
             if error is not None:
                 self._answer(request, error)
         else:
-            self.server.workers.submit(self._act, graph.controls, request)
+            counts = graph.controls.receive(request)
+            self.server.workers.submit(self._act, graph.controls, request, counts)
 
     def on_close(self) -> None:
         self.server.pages.discard(self)
@@ -385,10 +386,10 @@ class _Page(_Handler, tornado.websocket.WebSocketHandler):
         else:
             sent.add_done_callback(asyncio.Future.exception)  # it closed just now: no news
 
-    def _act(self, controls: Controls, request: Message) -> None:
+    def _act(self, controls: Controls, request: Message, counts: Callable[[], bool]) -> None:
         """Do what the page wants; in the thread of changes."""
         server = self.server
-        server.later(self._answer, request, controls.act(request))
+        server.later(self._answer, request, controls.act(request, counts))
         server.later(server.tell, controls.recording.describe())
         server.tell_parameters(controls)
 

@@ -50,7 +50,7 @@ const takes = {
     isOver = false;
     state.begin(message);
     heard = performance.now();
-    $("name").replaceChildren(Object.assign(document.createElement("span"), { textContent: "forcebound: " }), message.name);
+    $("name").replaceChildren(Object.assign(document.createElement("span"), { textContent: "forcebound: " }), message.name.replace(/\.yaml\b/, ""));
     document.title = message.name;
     samples.push(samples.newest, {}); // a gap: it may be another graph
     scene.describe(message);

@@ -199,7 +199,7 @@ export class Controls {
   nodes({ time, processes }) {
     const table = document.getElementById("nodes");
     if (!this.rows.size) {
-      const names = ["node", "state", "steps/s", "processor", "memory", "restarts", ""];
+      const names = ["node", "state", "steps/s", "processor", ""];
       table.replaceChildren(make("tr", {}, ...names.map((textContent) => make("th", { textContent, scope: "col" }))));
     }
     for (const one of processes) {
@@ -207,8 +207,7 @@ export class Controls {
       const row = this.rows.get(one.node), { cells, button } = row;
       const rate = (one.steps - row.steps) / (time - row.time);
       Object.assign(row, { steps: one.steps ?? NaN, time });
-      const texts = [one.node, one.state, rate >= 0 ? String(Math.round(rate)) : "–", one.processor === null ? "–" : `${Math.round(100 * one.processor)} %`,
-        one.memory === null ? "–" : `${Math.round(one.memory / 1e6)} MB`, one.restarts];
+      const texts = [one.node, one.state, rate >= 0 ? String(Math.round(rate)) : "–", one.processor === null ? "–" : `${Math.round(100 * one.processor)} %`];
       texts.forEach((text, i) => { cells[i].textContent = text; });
       if (!button) continue;
       button.textContent = one.state === "stopped" ? "start" : "stop";
@@ -217,7 +216,7 @@ export class Controls {
   }
 
   addRow({ node }) {
-    const cells = Array.from({ length: 6 }, () => make("td")), last = make("td");
+    const cells = Array.from({ length: 4 }, () => make("td")), last = make("td");
     let button = null;
     if (["environment", "controller"].includes(node)) {
       button = make("button", { type: "button", id: `node-${node}` });
