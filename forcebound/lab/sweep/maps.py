@@ -57,6 +57,7 @@ _SOFTER: dict[str, Any] = {  # a white line that is seen on any colour, also in 
 }
 _COLUMNS = 3
 MOST_TICKS = 6  # of an axis of a small panel
+WIDE = 300.0  # ratio of the ends of a logarithmic axis across, above which numbers would overlap
 _STYLES = {
     "colgate_schenkel": "-",
     "abbott_okamura": "--",
@@ -290,7 +291,9 @@ def _arrange(axes: Array, shown: _Map, panels: int, columns: int) -> None:
     for axis, values in ((axes[0].xaxis, xs), (axes[0].yaxis, ys)):
         if _is_log(values):
             (axes[0].set_xscale if axis is axes[0].xaxis else axes[0].set_yscale)("log")
-            axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=MOST_TICKS))
+            is_wide = axis is axes[0].xaxis and values[-1] > WIDE * values[0]
+            subs = (1.0,) if is_wide else (1.0, 2.0, 5.0)
+            axis.set_major_locator(LogLocator(subs=subs, numticks=MOST_TICKS))
             axis.set_major_formatter("{x:g}")
             axis.set_minor_formatter(NullFormatter())
         else:
