@@ -20,6 +20,7 @@ from typing import ClassVar, TypeAlias
 from msgspec import UnsetType
 
 from forcebound.haptics.environments import EnvironmentModel, change_environment, open_environment
+from forcebound.haptics.parts.user_module import describe_user_error
 from forcebound.messages.control import EnvironmentStatus
 from forcebound.messages.events import STATE_INTERVAL_NS, EventLog
 from forcebound.messages.packets import (
@@ -85,6 +86,7 @@ class EnvironmentNode(Node):
         self._proxies: dict[str, Vector] = {}  # of the last answer to each hand
         self.name = name
         self.faults = 0  # queries that the environment's code failed to answer
+        self._failure = ""  # the first of them
 
     @property
     def answered(self) -> int:
@@ -159,7 +161,7 @@ class EnvironmentNode(Node):
             answer = self._answer(query)
             if answer is None:
                 if self.faults == 1:
-                    message = "the environment's code failed: its log gives the reason"
+                    message = f"the environment's code failed: {self._failure}"
                     replies.append(
                         self.events.emit(time_ns, "environment_failed", message, is_fault=True)
                     )
@@ -219,9 +221,10 @@ class EnvironmentNode(Node):
                 return force, None, None, signals
             proxy, normal = contact
             return force, _vector(proxy, query), _vector(normal, query), signals
-        except Exception:
+        except Exception as error:
             self.faults += 1
             if self.faults == 1:
+                self._failure = describe_user_error(error)
                 _logger.exception("the environment's code failed; this query is not answered")
             return None
 
@@ -250,7 +253,10 @@ class EnvironmentNode(Node):
 
 
 def _vector(answer: Vector, query: EnvironmentQuery) -> Vector:
-    vector = tuple(map(float, answer))  # numbers of numpy cannot be sent
+    try:
+        vector = tuple(map(float, answer))  # numbers of numpy cannot be sent
+    except TypeError:
+        raise ValueError(f"expected one number per axis, such as (1.0,), got {answer!r}") from None
     if len(vector) != len(query.position):
         raise ValueError(f"expected {len(query.position)} entries, got {len(vector)}")
     return vector

@@ -3,7 +3,7 @@
 import subprocess
 import sys
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import matplotlib as mpl
@@ -77,6 +77,8 @@ def test_a_launch_file_may_be_a_mapping() -> None:
     document = fb.simulate("stiff_wall", duration="0.5 s").document
     again = fb.simulate(document, duration="0.5 s")
     assert again.document == document
+    with pytest.raises(fb.errors.ConfigError, match="include"):
+        fb.simulate({"forcebound": 1, "include": "stiff_wall.yaml"})
 
 
 def test_wrong_arguments_are_errors_with_the_nearest_name() -> None:
@@ -118,6 +120,8 @@ def test_a_sweep_has_the_runs_that_one_by_one_give() -> None:
         runs["dela"]
     with pytest.raises(KeyError, match="law"):
         runs.where(lav="none")
+    with pytest.raises(KeyError, match="certified"):
+        runs.where(law="certifed")
     with pytest.raises(fb.errors.ConfigError, match="delay"):
         fb.sweep("stiff_wall", dela=delays)
 
@@ -167,9 +171,12 @@ def test_bound_is_the_law_of_the_device_node() -> None:
     np.testing.assert_array_equal(applied[engaged], run.telemetry["applied_force"][engaged])
     shape = (len(position),)
     assert fb.bound(position[:, 0], force[:, 0]).shape == shape
-    for wrong in ((position, force[1:]), ([], []), ([0.0, np.nan], [0.0, 0.0])):
+    in_mm = (1e3 * position, force)
+    for wrong in ((position, force[1:]), ([], []), ([0.0, np.nan], [0.0, 0.0]), in_mm):
         with pytest.raises(fb.errors.ConfigError):
             fb.bound(*wrong)
+    half = fb.bound(position, force, BoundingLaw("0.25 N", weak_hand), period="1 ms")
+    assert np.abs(half).max() == 0.25
     with pytest.raises(fb.errors.ConfigError, match="dampin"):
         fb.bound(position, force, dampin=1.0)
 
@@ -220,3 +227,30 @@ def test_a_live_graph_ends_with_its_program(tmp_path: Path) -> None:
     while any(str(file) in str(one) for one in running().values()) and time.monotonic() < end:
         time.sleep(0.1)
     assert fb.read(file).telemetry["engagement"][-1] == 0.0
+
+
+@dataclass(frozen=True)
+class Wrong(StatelessEnvironment):
+    def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
+        return 1.0  # type: ignore[return-value]
+
+
+def test_a_world_whose_code_fails_says_so_in_a_run_and_in_a_sweep() -> None:
+    with pytest.raises(fb.errors.ForceboundError, match="one number per axis"):
+        fb.simulate("stiff_wall", environment=Wrong(), duration="0.2 s")
+    with pytest.raises(fb.errors.ForceboundError, match="one number per axis"):
+        fb.sweep("stiff_wall", environment=[Wrong()], duration="0.2 s")
+
+
+def test_the_end_of_a_run_has_figures_of_its_own() -> None:
+    run = fb.simulate("palpation", duration="4 s")
+    last = run.last("1 s")
+    assert last.figures.duration == pytest.approx(1.0, abs=2e-3)
+    assert last.telemetry["seq"][-1] == run.telemetry["seq"][-1]
+
+
+def test_a_recording_that_lacks_its_end_says_so() -> None:
+    result = fb.simulate("stiff_wall", duration="3 s")._result
+    early = result.columns.slice(result.columns.time < 1.0)
+    assert replace(result, columns=early).summary["faults"]["recording_incomplete"] == 1
+    assert "recording_incomplete" not in result.summary["faults"]

@@ -1,6 +1,7 @@
 """A bounding law alone, on arrays."""
 
 import math
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -8,9 +9,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from forcebound.errors import ConfigError
 from forcebound.haptics.devices.phantom import PhantomPremium15
-from forcebound.haptics.laws import Dissipation, ForceBounder
+from forcebound.haptics.laws import BoundingLaw, Dissipation, ForceBounder
 from forcebound.haptics.laws.bounder import shorten
+from forcebound.interface.runs import known_law
+from forcebound.units import parse_quantity
 
+FASTEST = 100.0  # m/s; no hand moves so
 #: The paper's device, on whose numbers a law relies unless others are given.
 _DEVICE = PhantomPremium15()
 
@@ -18,9 +22,9 @@ _DEVICE = PhantomPremium15()
 def bound(
     position: ArrayLike,
     force: ArrayLike,
-    law: str = "certified",
+    law: str | BoundingLaw = "certified",
     *,
-    period: float = 1e-3,
+    period: float | str = 1e-3,
     **numbers: Any,
 ) -> NDArray[np.float64]:
     """Return what a law leaves of a force, sample by sample, as the device node applies it.
@@ -29,9 +33,9 @@ def bound(
 
     Args:
         position: Readings at a steady rate, in m; shape (n,) or (n, axes).
-        force: Commanded force at each of them, in N; same shape.
-        law: Name of the law.
-        period: Time between two readings, in s.
+        force: Commanded force at each of them, in N, positive against positive motion; same shape.
+        law: Name of the law, or one that was made in Python.
+        period: Time between two readings, in s or with its unit.
         numbers: Of the device, in SI units: ``damping`` (N s/m), ``friction`` (N), ``resolution``
             (m), ``saturation`` (N) and the others of
             :class:`forcebound.haptics.laws.Dissipation`; default: the paper's device, with a force
@@ -51,12 +55,20 @@ def bound(
         )
     if not (np.isfinite(readings).all() and np.isfinite(forces).all()):
         raise ConfigError("position and force must be finite numbers")
+    period = parse_quantity(period, "s")
+    law = law if isinstance(law, str) else known_law(law)
+    fastest = np.abs(np.diff(readings, axis=0)).max(initial=0.0) / period
+    if fastest > FASTEST:
+        raise ConfigError(
+            f"position moves at up to {fastest:.3g} m/s: is it in m, and period in s?"
+        )
     own = ("damping", "friction", "resolution", "saturation")
     stated = {name: getattr(_DEVICE, name) for name in own} | {"hold_limit": period}
     try:
         relied_on = Dissipation(**{**stated, "period": period, **numbers})
     except TypeError as error:
-        raise ConfigError(f"a number that devices do not have: {error}") from None
+        names = ", ".join(field.name for field in fields(Dissipation))
+        raise ConfigError(f"numbers, in SI units, are {names}; got {error}") from None
     vectors = readings.reshape(len(readings), -1)
     bounder = ForceBounder(law, relied_on, vectors.shape[1])
     applied = np.zeros_like(vectors)

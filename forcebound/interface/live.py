@@ -32,6 +32,7 @@ from forcebound.units import parse_quantity
 UNTIL_ENDED = 86_400.0  # s; a graph without a duration runs until its block ends, at most a day
 END_TIMEOUT = 20.0  # s for zero force, the last packets and the result
 POLL = 0.02  # s
+FIRST_SAMPLES = 5.0  # s to wait for them
 RUNNING = "running"  # phase of a launcher whose force is engaged
 
 # The command, in a process that ends its graph when its standard input does: with the block, or
@@ -115,6 +116,8 @@ class Graph:
             RunError: If the graph has ended, or a node does not answer.
         """
         self._check()
+        if not self.is_running:
+            raise RunError("the graph has ended: its duration is over")
         with closing(Kernels(self.run_dir)) as kernels:
             tuning.set_parameters(self.run_dir, {name: value}, kernels)
 
@@ -125,9 +128,13 @@ class Graph:
             time.sleep(min(left, POLL))
         self._check()
 
-    def figures(self) -> Figures:
-        """Return the figures so far; the last quarter of a second may be missing."""
-        return self.run.figures
+    def figures(self, last: float | str | None = None) -> Figures:
+        """Return the figures so far, or those of the ``last`` seconds; of a change, what it did.
+
+        The last quarter of a second may be missing, on a busy machine more.
+        """
+        run = self.run
+        return run.figures if last is None else run.last(last).figures
 
     @property
     def run(self) -> Run:
@@ -135,7 +142,15 @@ class Graph:
         if self._result is not None:
             return self._result
         has_ended = not self.is_running
-        result = RunResult.from_recording(self._recording, is_growing=not has_ended)
+        end = time.monotonic() + FIRST_SAMPLES
+        while True:
+            try:
+                result = RunResult.from_recording(self._recording, is_growing=not has_ended)
+                break
+            except ConfigError:  # the recorder has not written its first samples yet
+                if has_ended or time.monotonic() > end:
+                    raise
+                time.sleep(POLL)
         run = Run(result, self._recording)
         if has_ended:
             self._result = run
@@ -195,7 +210,7 @@ def launch(
     Args:
         launch: Launch file: a path, the name of one that comes with forcebound, or its content.
         duration: After which it ends by itself, in s or with its unit; default: with the block.
-        record: Recording to keep, ``.mcap``.
+        record: Recording to keep, ``.mcap``; one that exists is replaced.
         arguments: Values for the file's arguments: text with its unit, or a number in SI units.
 
     Raises:
@@ -219,5 +234,5 @@ def launch(
         file = folder / "launch.yaml"
         file.write_text(json.dumps(to_document(configuration(launch, arguments))))
         launch, texts = os.fspath(file), []
-    command = ["launch", launch, *texts, "--duration", repr(seconds)]
+    command = ["launch", launch, *texts, "--duration", repr(seconds), "--overwrite"]
     return Graph(command, None if record is None else Path(record), folder)

@@ -24,6 +24,7 @@ from forcebound.lab.workers import progress_bar
 from forcebound.messages.packets import Event
 from forcebound.quantities import Range
 from forcebound.recordings.telemetry import TelemetryColumns
+from forcebound.results.contact import STEADY_WINDOW
 from forcebound.run.results import RunResult
 from forcebound.run.virtual import run_virtual
 from forcebound.units import parse_quantity
@@ -100,6 +101,15 @@ class Run:
         """The run of each hand by the hand's name; the only hand of a graph has the name ``""``."""
         return {self._result.columns.hand: self}
 
+    def last(self, seconds: float | str) -> "Run":
+        """Return the end of the run as a run: its figures are those of these seconds."""
+        columns = self._result.columns
+        time = columns.time
+        part = columns.slice(time > time[-1:] - parse_quantity(seconds, "s"))
+        moved = part.time - part.time[-1:] + STEADY_WINDOW[1]  # it ends with the steady window
+        result = replace(self._result, columns=replace(part, time=moved))
+        return Run(result, self.path)
+
     def to_pandas(self) -> Any:
         """Return the telemetry as a pandas.DataFrame, indexed by time in s; needs pandas.
 
@@ -135,7 +145,7 @@ def simulate(
         launch: Launch file: a path, the name of one that comes with forcebound, or its content.
         duration: Of the run, in s or with its unit; default: that of the launch file.
         seed: Of everything random; default: that of the launch file.
-        record: Recording to write, ``.mcap``.
+        record: Recording to write, ``.mcap``; one that exists is replaced.
         arguments: Values for the file's arguments: text with its unit, or a number in SI units.
             ``law``, ``device``, ``operator``, ``controller`` and ``environment`` also take a part
             that was made in Python, for example in the cell of a notebook.
@@ -218,6 +228,10 @@ def template_of(launch: LaunchFile) -> Value:
     """Return a launch file with its arguments still open."""
     if not isinstance(launch, Mapping):
         return read_template(launch)
+    if "include" in launch:
+        raise ConfigError(
+            "include: only a file includes others; name one, or write its content out"
+        )
     return from_plain(launch, "launch file")
 
 
@@ -251,7 +265,7 @@ def with_parts(template: Value, parts: Mapping[str, Any]) -> Value:
     entries = dict(template.entries)
     for name, part in parts.items():
         section = "device" if name == "law" else name
-        content = {"law": _known_law(part)} if name == "law" else _known_part(section, part)
+        content = {"law": known_law(part)} if name == "law" else _known_part(section, part)
         kept = entries[section].entries if section in entries else {}
         if name != "law":
             kept = {key: kept[key] for key in kept if key in _BESIDE.get(section, ())}
@@ -259,7 +273,8 @@ def with_parts(template: Value, parts: Mapping[str, Any]) -> Value:
     return template.with_entries(entries)
 
 
-def _known_law(law: Any) -> str:
+def known_law(law: Any) -> str:
+    """Return the name of a law, which is known by it from then on."""
     if not isinstance(law, BoundingLaw):
         raise ConfigError(f"law: expected a name or a BoundingLaw, got {law!r}")
     known = LAWS.kind_of(law)

@@ -6,7 +6,7 @@ import logging
 import math
 import os
 import pickle
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import groupby, product
@@ -74,6 +74,9 @@ class Runs:
     def __len__(self) -> int:
         return len(self.rows)
 
+    def __iter__(self) -> Iterator[Row]:
+        return iter(self.rows)
+
     def __getitem__(self, name: str) -> NDArray[Any]:
         """Return a column; KeyError if there is none of this name."""
         if name not in self._keys:
@@ -90,6 +93,10 @@ class Runs:
             if name not in self.varied:
                 raise KeyError(unknown("varied argument", name, self.varied))
             text = _shown(value)
+            known = dict.fromkeys(row[f"over.{name}"] for row in self.rows)
+            if text not in known:
+                values_known = ", ".join(map(_text, known))
+                raise KeyError(f"no run has {name} = {_text(text)}; there are {values_known}")
             chosen = [row for row in chosen if row[f"over.{name}"] == text]
         return Runs(chosen, self.varied)
 

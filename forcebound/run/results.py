@@ -24,6 +24,7 @@ from forcebound.recordings.telemetry import TelemetryColumns
 
 _logger = logging.getLogger(__name__)
 
+LATE_NS = 1_000_000_000  # between the last sample and the end of the device
 LEAST_ENGAGEMENT = 0.01  # at the end of a run; with less, its force was never felt
 OF_THE_RUN = ("rejected_packets", "links")  # counted over all laws
 _PACKAGES = ("forcebound", "numpy", "numba", "msgpack", "msgspec", "pyzmq", "mcap")
@@ -96,6 +97,13 @@ class RunResult:
         return [event for event in self.events if event.event == LAW_CHANGED]
 
     @property
+    def _lacks_its_end(self) -> bool:
+        times = {event.event: event.time_ns for event in self.events}
+        if "device_lost" in times or BOUNDER_REPORTED not in times or not self.columns.time.size:
+            return False
+        return times[BOUNDER_REPORTED] - int(self.columns.time_ns[-1]) > LATE_NS
+
+    @property
     def by_law(self) -> "Iterator[RunResult]":
         """The time of each law of a run that changed it, each with its own beginning.
 
@@ -128,6 +136,9 @@ class RunResult:
         """Why the run failed, or nothing came of it; empty: it did what it was to do."""
         if self.failure or self.interrupted:
             return self.failure
+        broken = [event.message for event in self.events if event.event == "environment_failed"]
+        if broken and not (self.columns.reply_age >= 0.0).any():
+            return broken[0]
         if not (self.columns.engagement >= LEAST_ENGAGEMENT).any():
             return (
                 "the force never engaged: no command younger than the age limit reached the device,"
@@ -140,7 +151,9 @@ class RunResult:
     def summary(self) -> dict[str, Any]:
         """The figures; see :func:`forcebound.results.summary.summarize`.
 
-        An incomplete recording is a further fault, ``recording_incomplete``.
+        An incomplete recording is a further fault, ``recording_incomplete``: it was cut, or the
+        recorder was so late on a busy machine that the device went on for more than a second after
+        the last sample.
         """
         from forcebound.results.summary import OF_ONE_LAW, summarize, summarize_phases
         from forcebound.results.verdict import verdict
@@ -152,7 +165,7 @@ class RunResult:
             "phases": summarize_phases(self.columns, self.events, self.document),
             "interrupted": self.interrupted,
         }
-        if not self.is_complete:
+        if not self.is_complete or self._lacks_its_end:
             summary["faults"]["recording_incomplete"] = 1
         if self._changes:
             reasons = dict.fromkeys(OF_ONE_LAW, "the run had several laws: see `laws`")

@@ -57,6 +57,8 @@ def run_cases(sweep: Sweep, cases: Sequence[tuple[int, tuple[str, ...]]]) -> lis
         rows[place]["engine"] = ran.engine
         if ran.result is None:
             rows[place]["error"] = f"{type(ran.error).__name__}: {ran.error}"
+        elif ran.result.failed:
+            rows[place]["error"] = f"RunError: {ran.result.failed}"
         else:
             document = ran.result.document
             used = {key: document[key] for key in document if key not in NO_PARAMETERS}
