@@ -3,6 +3,7 @@
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -25,6 +26,15 @@ class Block(StatelessEnvironment):
 
     def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
         return tuple(self.stiffness * max(x - 0.01, 0.0) for x in position)
+
+
+@pytest.fixture(autouse=True)
+def no_part_stays() -> Iterator[None]:
+    """The parts that a test makes are not known to other tests."""
+    yield
+    for table in (fb.laws, fb.environments):
+        for kind in table.added:
+            del table[kind]
 
 
 def weak_hand(state: float, sample: object, device: object) -> tuple[float, float, float]:

@@ -254,7 +254,8 @@ def check_part(recording: Recording) -> None:
     assert recording.launch["environment"]["stiffness"] == 3000.0
     assert recording.launch["device"]["law"] == "certified"
     found = verify(recording, device_of(recording))
-    assert found.is_same
+    assert not found.differing  # on a busy machine the recorder may lose commands, which it counts
+    assert found.verified + found.unknown == found.ticks
     assert found.unknown > 0
     assert found.verified > 100
     hand = graph_of(recording, feeds=("hand",)).operator
