@@ -2,8 +2,10 @@
 
 import math
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
+import numpy as np
 import pytest
 from bounding_traces import PHANTOM, forces, run, steady
 from builders import MS
@@ -167,6 +169,37 @@ def test_motors_with_different_gains_are_paid_for() -> None:
         for i, d in enumerate(moves):
             position[i] += d
             energy += 0.27 * d * d / 1e-3 + 0.12 * abs(d) + gains[i] * force[i] * d
+
+
+def test_strokes_around_a_ball_keep_their_force_with_gains_that_are_not_known() -> None:
+    """In along one axis, out along another: the work of the axes drifts apart without end."""
+    device = Dissipation(
+        damping=0.27,
+        friction=0.12,
+        resolution=0.0,
+        period=1e-3,
+        hold_limit=1e-3,
+        saturation=8.5,
+        gain_error=0.05,
+    )
+    bounder = ForceBounder("certified", device, 2)
+    bounder.start(0, (0.06, 0.0))
+    angles = np.linspace(0.0, np.pi / 2.0, 600)
+    surface = 0.037 * np.stack((np.cos(angles), np.sin(angles)), axis=1)
+    corners = ((0.06, 0.0), surface[0], surface[-1], (0.0, 0.06), (0.06, 0.06), (0.06, 0.0))
+    ways = [np.linspace(begin, end, 300)[1:] for begin, end in pairwise(corners)]
+    stroke = np.concatenate((ways[0], surface, *ways[2:]))
+    asked = got = 0.0
+    for n, position in enumerate(np.tile(stroke, (30, 1)).tolist(), 1):
+        distance = math.hypot(*position)
+        push = 1000.0 * max(0.04 - distance, 0.0)
+        force = bounder.bound(
+            n * MS, tuple(position), tuple(-push * x / distance for x in position)
+        )
+        bounder.settle(force)
+        if n > 29 * len(stroke):
+            asked, got = asked + push, got + math.hypot(*force)
+    assert got > 0.99 * asked
 
 
 # Readings that cannot be

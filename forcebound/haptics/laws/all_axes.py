@@ -100,8 +100,11 @@ def _limit(law: BoundingLaw) -> Limit:
             store_memory(ledger.memory, memory)
             # At least all of the drift in both ledgers, also in that whose gain is less than 1.
             ledger.held_price = sample.held_price + drift_price(ledger) / (1.0 - ledger.gain)
+            # The cap is on what is left after the spread, which may grow without end.
+            spread = spread_price(ledger) if ledger.axes > 1 and ledger.gain > 0.0 else 0.0
             for end in range(ledger.ends):
-                seen = scaled(sample, gain_at(ledger, end), ledger.held_price)
+                gain = gain_at(ledger, end)
+                seen = scaled(sample, gain, ledger.held_price + spread / gain)
                 state, largest, added_damping = limit_force(ledger.state[end], seen, device)
                 ledger.state[end] = state
         if closing != REFUSED:

@@ -218,15 +218,15 @@ class ForceBounder:
         )
         if closing != REFUSED:
             self._taken_ns, self._position = read_ns, position
+            self._candidate = None
         return limit, damping, dt
 
     def _judge(self, read_ns: int, position: Vector) -> int:
         """Return whether the device can have moved to a reading."""
-        candidate, self._candidate = self._candidate, None
         if not self._is_credible((self._taken_ns, self._position), read_ns, position):
             self._candidate = read_ns, position
             return REFUSED
-        if candidate is not None and self._is_credible(candidate, read_ns, position):
+        if self._candidate is not None and self._is_credible(self._candidate, read_ns, position):
             return RESTART  # so both may be wrong: begin again, without credit for the way
         return TAKEN
 
