@@ -82,10 +82,10 @@ MISTAKES: Mapping[str, TrueAxes | None] = {
     "friction: the device has 0.9 of it": TrueAxes(friction=0.9 * 0.12),
     "gain: the motor gives 1.05 times the force": TrueAxes(gain=1.05),
 }
-#: A hand that taps the wall once a second, and one that a wall takes in with all its force.
+#: A hand that taps the wall once a second, and one that a wall pulls in with all its force.
 TAPS = SinusoidalHand(centre=-0.010, amplitude=0.024, frequency=1.0)
-TAKEN = PressingHand(start=-0.200, end=1.500, approach_speed=0.5)
-TAKING = ActiveWall(stiffness=0.0, damping=-200.0, position=0.0)
+PULLED = PressingHand(start=-0.200, end=1.500, approach_speed=0.5)
+PULLING = ActiveWall(stiffness=0.0, damping=-200.0, position=0.0)
 MOTION_LAWS = ("none", "tdpa", *(law for law in LAWS if "viscous" not in law))
 
 STIFFNESS, HARDNESS = "displayed_stiffness_n_per_mm", "rate_hardness_n_per_mm"
@@ -130,8 +130,8 @@ def config_of(case: Row) -> GraphConfig:
         numbers["truth"] = MISTAKES.get(case["number"])
         device = replace(device, model=replace(model, **numbers))
     if case.get("hand") == "taken":
-        environment = replace(config.environment, model=TAKING)
-        config = replace(config, operator=TAKEN, environment=environment, duration=3.8)
+        environment = replace(config.environment, model=PULLING)
+        config = replace(config, operator=PULLED, environment=environment, duration=3.8)
     elif case.get("hand") == "taps":
         config = replace(config, operator=TAPS)
     return replace(config, device=device)

@@ -63,8 +63,8 @@ def no_law(runs: Runs) -> Outcome:
             f"Without a law the hand oscillates, {bounces['none']} bounces in "
             f"{contacts['none'].time[-1]:.0f} s, and receives "
             f"{-contacts['none'].lowest_energy:.1f} mJ from the wall; with the certified laws "
-            "it rests but for its tremor. The paper states neither speed nor depth: here the high "
-            "speed."
+            "it receives none, and trembles. The paper states neither speed nor depth: here the "
+            "high speed."
         ),
         numbers=[
             *minimum_energies(contacts),

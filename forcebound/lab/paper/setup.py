@@ -36,7 +36,9 @@ DURATION = 5.1  # s; the displayed stiffness is a mean over 2 to 5 s, paper 4.2
 class Trial:
     """What differs from trial to trial of one hand."""
 
-    offset: float = 0.0  # m, by which the wall is nearer; an encoder counts from where it wakes up
+    offset: float = (
+        0.0  # m, by which the wall is nearer; an encoder counts from where it is switched on
+    )
     lead: float = 0.0  # m, by which the hand starts further away
     phase: float = 0.0  # rad, of the tremor
 

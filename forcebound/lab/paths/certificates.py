@@ -232,18 +232,18 @@ CERTIFICATES = {
     "reporting": Certificate("reporting watchdog", (reporting,)),
     "guarding": Certificate("guarding watchdog", (guarding,)),
     "guarding_late": Certificate(
-        "guarding watchdog, first look early or late within a tolerance",
+        "guarding watchdog, first check early or late within a tolerance",
         (tolerance, guarding),
         "watchdog_tolerance",
     ),
     "guarding_phantom": Certificate(
-        "guarding watchdog, the simulated PHANToM, first look 5 us early or late",
+        "guarding watchdog, the simulated PHANToM, first check 5 us early or late",
         (phantom, guarding),
         "watchdog_tolerance",
         axes=(1,),
     ),
     "guarding_drop": Certificate(
-        "guarding watchdog, drop some time after the look, within a tolerance",
+        "guarding watchdog, drop some time after the check, within a tolerance",
         (guarding, drops_late),
         "watchdog_tolerance",
     ),
