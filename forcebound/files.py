@@ -38,6 +38,15 @@ def open_file(path: Path) -> BinaryIO:
     return open(descriptor, "rb")
 
 
+def recording_file(path: Path) -> Path:
+    """Return the path of a recording to write; ConfigError if its name says that it is none."""
+    if path.suffix not in ("", RECORDING_SUFFIX):
+        raise ConfigError(
+            f"a recording's name must end in {RECORDING_SUFFIX}, or have no ending, got {path}"
+        )
+    return path
+
+
 def version_of(path: Path) -> tuple[int, int]:
     """Return time of change and size of a file; of one that does not exist, zeros.
 

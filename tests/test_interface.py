@@ -6,15 +6,18 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import matplotlib as mpl
 import numpy as np
 import pytest
+from builders import MS
 
 import forcebound as fb
 from forcebound.haptics.environments import StatelessEnvironment
 from forcebound.haptics.laws import BoundingLaw
-from forcebound.messages.packets import Vector
+from forcebound.messages.events import LAW_CHANGED
+from forcebound.messages.packets import Event, Vector
 from forcebound.observe.runs import running
 
 
@@ -49,7 +52,7 @@ def test_importing_it_imports_neither_numba_nor_zmq() -> None:
 
 def test_all_public_names_are_there() -> None:
     assert [*dir(fb)] == fb.__all__
-    assert all(getattr(fb, name) is not None for name in fb.__all__)
+    assert len({id(getattr(fb, name)) for name in fb.__all__}) == len(fb.__all__)
     with pytest.raises(AttributeError):
         fb.nothing  # noqa: B018
 
@@ -110,10 +113,29 @@ def test_an_environment_and_a_law_of_a_cell_can_be_passed() -> None:
     )
     limited = fb.simulate("stiff_wall", law=BoundingLaw("0.25 N", weak_hand), duration="1 s")
     assert limited.figures.peak_force == 0.25
+    with pytest.raises(fb.errors.ConfigError, match=r"\.mcap"):
+        fb.simulate("stiff_wall", record="data.csv")
     with pytest.raises(fb.errors.ConfigError, match="BoundingLaw"):
         fb.simulate("stiff_wall", law=Block())
     with pytest.raises(fb.errors.ConfigError, match="frozen dataclass"):
         fb.simulate("stiff_wall", environment=object())
+
+
+def limit_of(force: float) -> BoundingLaw:
+    def certified(state: float, sample: object, device: object) -> tuple[float, float, float]:
+        return state, force, 0.0
+
+    return BoundingLaw(f"{force} N", certified)
+
+
+def test_a_law_of_a_cell_replaces_no_other_of_its_name() -> None:
+    laws = [limit_of(0.25), limit_of(0.125)]
+    runs = fb.sweep("stiff_wall", law=[*laws, "certified"], duration="0.5 s")
+    assert runs["peak_force"].tolist()[:2] == [0.25, 0.125]
+    assert runs["law"].tolist() == ["certified_2", "certified_3", "certified"]
+    shipped = fb.simulate("stiff_wall", law="certified", duration="0.5 s")
+    assert runs["peak_force"][2] == shipped.figures.peak_force > 1.0
+    assert len(runs.where(law=laws[1])) == 1
 
 
 def test_a_sweep_has_the_runs_that_one_by_one_give() -> None:
@@ -155,9 +177,16 @@ def test_a_failed_run_of_a_sweep_has_an_error(caplog: pytest.LogCaptureFixture) 
 def test_a_script_without_a_main_guard_can_sweep(tmp_path: Path) -> None:
     script = tmp_path / "script.py"
     script.write_text(
+        "from dataclasses import dataclass\n"
         "import forcebound as fb\n"
-        "delays = fb.linspace('0 ms', '1 ms', 8)\n"
-        "print(len(fb.sweep('stiff_wall', delay=delays, duration='20 ms', workers=2)))\n"
+        "from forcebound.haptics.environments import StatelessEnvironment\n"
+        "@dataclass(frozen=True)\n"
+        "class Own(StatelessEnvironment):\n"
+        "    stiffness: float\n"
+        "    def force(self, user, position, velocity, elapsed):\n"
+        "        return (self.stiffness * position[0],)\n"
+        "worlds = [Own(100.0 * n) for n in range(8)]\n"
+        "print(len(fb.sweep('stiff_wall', environment=worlds, duration='20 ms', workers=2)))\n"
     )
     done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True)
     assert (done.stdout, done.stderr) == ("8\n", "")
@@ -181,6 +210,8 @@ def test_bound_is_the_law_of_the_device_node() -> None:
     np.testing.assert_array_equal(applied[engaged], run.telemetry["applied_force"][engaged])
     shape = (len(position),)
     assert fb.bound(position[:, 0], force[:, 0]).shape == shape
+    with pytest.raises(fb.errors.ConfigError, match="period"):
+        fb.bound(position, force, period=0)
     in_mm = (1e3 * position, force)
     for wrong in ((position, force[1:]), ([], []), ([0.0, np.nan], [0.0, 0.0]), in_mm):
         with pytest.raises(fb.errors.ConfigError):
@@ -206,6 +237,16 @@ def test_a_recording_is_read_and_drawn(tmp_path: Path) -> None:
 
 @pytest.mark.live
 def test_a_live_graph_is_changed_and_ends_with_its_block() -> None:
+    mpl.use("Agg")
+
+    def live() -> fb.Run:
+        with fb.launch("stiff_wall", duration="1 s") as graph:
+            graph.wait("10 s")
+            with pytest.raises(fb.errors.RunError, match="ended"):
+                graph.set("links.environment_query.delay", 0)
+        return graph.run
+
+    assert live().plot("force").shape == (1,)  # its recording is still there
     with fb.launch("stiff_wall", law="certified") as graph:
         graph.set("links.environment_query.delay", "20 ms")
         graph.wait(1.0)
@@ -253,10 +294,31 @@ def test_a_world_whose_code_fails_says_so_in_a_run_and_in_a_sweep() -> None:
 
 
 def test_the_end_of_a_run_has_figures_of_its_own() -> None:
-    run = fb.simulate("palpation", duration="4 s")
-    last = run.last("1 s")
-    assert last.figures.duration == pytest.approx(1.0, abs=2e-3)
-    assert last.telemetry["seq"][-1] == run.telemetry["seq"][-1]
+    run = fb.simulate("stress", duration="10 s")
+    for seconds in (1.0, 8.0):
+        last = run.last(seconds)
+        assert last.figures.duration == pytest.approx(seconds, abs=2e-3)
+        assert last.telemetry["seq"][-1] == run.telemetry["seq"][-1]
+    with pytest.raises(fb.errors.ConfigError, match="last"):
+        run.last(0)
+    law_changed = Event(0, MS, "device", LAW_CHANGED, False, "", {"law": "none"})
+    changed = replace(run._result, events=[law_changed])
+    assert changed.last(1.0).label == "none"
+
+
+def test_a_table_of_pandas_has_a_column_per_axis(monkeypatch: pytest.MonkeyPatch) -> None:
+    class DataFrame(dict[str, np.ndarray]):
+        def set_index(self, name: str) -> "DataFrame":
+            assert name in self
+            return self
+
+    monkeypatch.setitem(sys.modules, "pandas", SimpleNamespace(DataFrame=DataFrame))
+    run = fb.simulate("touch_sphere", duration="50 ms")
+    table = run.to_pandas()
+    np.testing.assert_array_equal(table["position_2"], run.telemetry["position"][:, 2])
+    assert {"force_limit", "applied_force_0"} < table.keys()
+    runs = fb.sweep("stiff_wall", law=["none", "tdpa"], duration="50 ms").to_pandas()
+    assert {"law", "peak_force"} < runs.keys()
 
 
 def test_a_recording_that_lacks_its_end_says_so() -> None:

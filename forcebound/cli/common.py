@@ -13,7 +13,7 @@ import click
 
 from forcebound.cli.complete import graphs, topics
 from forcebound.errors import ConfigError, RunError
-from forcebound.files import RECORDING_SUFFIX, printable
+from forcebound.files import printable, recording_file
 from forcebound.results.printing import print_rows
 
 if TYPE_CHECKING:
@@ -84,10 +84,10 @@ def recording_option(*names: str, **settings: Any) -> Callable[[Command], Comman
     def check(context: click.Context, _: click.Parameter, path: Path | None) -> Path | None:
         if path is None:
             return None
-        if path.suffix not in ("", RECORDING_SUFFIX):
-            raise click.BadParameter(
-                f"a recording's name must end in {RECORDING_SUFFIX}, or have no ending, got {path}"
-            )
+        try:
+            recording_file(path)
+        except ConfigError as error:
+            raise click.BadParameter(str(error)) from None
         if path.exists() and path.stat().st_size > 0 and not context.meta[replaces]:
             raise click.BadParameter(f"{path} exists: choose another name, or add --overwrite")
         return path

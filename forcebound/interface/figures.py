@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from forcebound.graph.problems import unknown
 from forcebound.results.figures import FIGURES
 from forcebound.results.printing import print_rows
 from forcebound.results.tables import summary_table
@@ -12,7 +13,6 @@ from forcebound.results.tables import summary_table
 UNITS = {
     "_n_per_m": "N/m",
     "_m_per_s": "m/s",
-    "_share": "",
     "_hz": "Hz",
     "_db": "dB",
     "_n": "N",
@@ -27,7 +27,7 @@ def name_of(key: str) -> tuple[str, str]:
     """Return name and SI unit of a figure by its key: ``peak_force_n`` is ``peak_force``, N."""
     for end, unit in UNITS.items():
         if key.endswith(end):
-            return (key if end == "_share" else key.removesuffix(end)), unit
+            return key.removesuffix(end), unit
     return key, ""
 
 
@@ -61,7 +61,7 @@ _LISTS = ("displayed_impedance", "vibration", "stiffness_n_per_m")  # several nu
 _LABELS = {
     figure.key: figure.label or figure.key.replace("_", " ")
     for figure in FIGURES
-    if figure.key not in _LISTS
+    if figure.key not in _LISTS and not figure.key.endswith("_ms")
 }
 
 
@@ -88,11 +88,11 @@ class Figures(Mapping[str, Quantity]):
         values: dict[str, Quantity] = self.__dict__.get("_values", {})
         if name in values:
             return values[name]
-        raise AttributeError(_unknown(name, values))
+        raise AttributeError(unknown("figure", name, values))
 
     def __getitem__(self, name: str) -> Quantity:
         if name not in self._values:
-            raise KeyError(_unknown(name, self._values))
+            raise KeyError(unknown("figure", name, self._values))
         return self._values[name]
 
     def __iter__(self) -> Iterator[str]:
@@ -112,9 +112,3 @@ class Figures(Mapping[str, Quantity]):
         known = {name: value for name, value in self._values.items() if not math.isnan(value)}
         width = max(map(len, known), default=0)
         return "\n".join(f"{name:{width}}  {value!r}" for name, value in known.items())
-
-
-def _unknown(name: str, values: Mapping[str, Quantity]) -> str:
-    from forcebound.graph.problems import unknown
-
-    return unknown("figure", name, values)

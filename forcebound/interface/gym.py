@@ -69,8 +69,8 @@ class HapticEnv(gymnasium.Env[dict[str, Any], Numbers]):
         Raises:
             ConfigError: With every problem of the file or an argument.
         """
-        if frame_skip < 1:
-            raise ConfigError(f"frame_skip: expected at least 1 tick, got {frame_skip}")
+        if not isinstance(frame_skip, int) or frame_skip < 1:
+            raise ConfigError(f"frame_skip: expected a number of ticks >= 1, got {frame_skip}")
         config = configuration(file, arguments)
         check_has_virtual_time(config)
         hand, axes = _pointed(config.operator), config.device.axes

@@ -11,8 +11,7 @@ from forcebound.errors import ConfigError
 from forcebound.haptics.devices.phantom import PhantomPremium15
 from forcebound.haptics.laws import BoundingLaw, Dissipation, ForceBounder
 from forcebound.haptics.laws.bounder import shorten
-from forcebound.interface.runs import known_law
-from forcebound.units import parse_quantity
+from forcebound.interface.runs import known_law, time_of
 
 FASTEST = 100.0  # m/s; no hand moves so
 #: The paper's device, on whose numbers a law relies unless others are given.
@@ -29,7 +28,7 @@ def bound(
 ) -> NDArray[np.float64]:
     """Return what a law leaves of a force, sample by sample, as the device node applies it.
 
-    The law begins with the first sample, of which it passes no force on.
+    The law begins with the first sample, for which it passes on no force.
 
     Args:
         position: Readings at a steady rate, in m; shape (n,) or (n, axes).
@@ -55,7 +54,7 @@ def bound(
         )
     if not (np.isfinite(readings).all() and np.isfinite(forces).all()):
         raise ConfigError("position and force must be finite numbers")
-    period = parse_quantity(period, "s")
+    period = time_of("period", period)
     law = law if isinstance(law, str) else known_law(law)
     fastest = np.abs(np.diff(readings, axis=0)).max(initial=0.0) / period
     if fastest > FASTEST:

@@ -1,8 +1,8 @@
 """A live graph: real processes in real time, started and ended from Python."""
 
 import json
-import os
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -16,15 +16,15 @@ from typing import Any
 
 from forcebound.ending import end
 from forcebound.errors import ConfigError, RunError
+from forcebound.files import recording_file
 from forcebound.graph.resolved import to_document
 from forcebound.interface.figures import Figures
-from forcebound.interface.runs import LaunchFile, Run, configuration, split
+from forcebound.interface.runs import LaunchFile, Run, configuration, split, time_of
 from forcebound.messages.control import GetStatus, LauncherStatus
 from forcebound.observe import tuning
 from forcebound.observe.control import ask
 from forcebound.observe.kernels import Kernels
-from forcebound.observe.runs import running
-from forcebound.quantities import Range
+from forcebound.observe.runs import launched
 from forcebound.roles import LAUNCHER
 from forcebound.run.results import RunResult
 from forcebound.units import parse_quantity
@@ -102,6 +102,7 @@ class Graph:
     @property
     def parameters(self) -> dict[str, Any]:
         """What can be changed, by name, with its present value in SI units."""
+        self._check_runs()
         return tuning.find_parameters(tuning.configuration(self.run_dir), ())
 
     def set(self, name: str, value: Any) -> None:
@@ -115,9 +116,7 @@ class Graph:
             ConfigError: If there is no such parameter, or it cannot have this value.
             RunError: If the graph has ended, or a node does not answer.
         """
-        self._check()
-        if not self.is_running:
-            raise RunError("the graph has ended: its duration is over")
+        self._check_runs()
         with closing(Kernels(self.run_dir)) as kernels:
             tuning.set_parameters(self.run_dir, {name: value}, kernels)
 
@@ -129,7 +128,7 @@ class Graph:
         self._check()
 
     def figures(self, last: float | str | None = None) -> Figures:
-        """Return the figures so far, or those of the ``last`` seconds; of a change, what it did.
+        """Return the figures so far, or those of the ``last`` seconds, as :meth:`Run.last`.
 
         The last quarter of a second may be missing, on a busy machine more.
         """
@@ -151,7 +150,7 @@ class Graph:
                 if has_ended or time.monotonic() > end:
                     raise
                 time.sleep(POLL)
-        run = Run(result, self._recording)
+        run = Run(result, self._recording, self)
         if has_ended:
             self._result = run
         return run
@@ -165,10 +164,16 @@ class Graph:
         except subprocess.TimeoutExpired:
             end(self._process, END_TIMEOUT)
 
+    def _check_runs(self) -> None:
+        self._check()
+        if not self.is_running:
+            raise RunError("the graph has ended")
+
     def _check(self) -> None:
         """Raise what the command says if it failed."""
         status = self._process.poll()
-        if status not in (1, 2):  # 0, or ended here while it computed figures that nobody reads
+        # SIGTERM: ended here while it computed figures that nobody reads.
+        if status in (None, 0, -signal.SIGTERM):
             return
         lines = [line for line in self.log.splitlines() if line.startswith("forcebound: ")]
         at = self.log.rfind(lines[-1]) if lines else 0
@@ -178,11 +183,11 @@ class Graph:
     def _await_force(self) -> Path:
         """Return the run directory once the force is engaged."""
         while self.is_running:
-            for run_dir, document in running().items():
-                if document.launcher == self._process.pid:
-                    answer = ask(run_dir, LAUNCHER, GetStatus(), timeout=1.0)
-                    if isinstance(answer, LauncherStatus) and answer.phase == RUNNING:
-                        return run_dir
+            run_dir = launched(self._process.pid)
+            if run_dir is not None:
+                answer = ask(run_dir, LAUNCHER, GetStatus(), timeout=1.0)
+                if isinstance(answer, LauncherStatus) and answer.phase == RUNNING:
+                    return run_dir
             time.sleep(POLL)
         self._check()
         raise RunError("the graph has ended before its force engaged")
@@ -224,15 +229,13 @@ def launch(
             f"{', '.join(parts)}: a live graph consists of processes that cannot see an object of"
             " this one; keep its class in a file and name that, 'my_file.py', or use a package"
         )
-    if isinstance(launch, Path):
-        launch = str(launch)
     seconds = UNTIL_ENDED
     if duration is not None:
-        seconds = Range(above=0).check(parse_quantity(duration, "s"), "s")
+        seconds = time_of("duration", duration)
     folder = Path(tempfile.mkdtemp(prefix="forcebound-python-"))
     if isinstance(launch, Mapping):
         file = folder / "launch.yaml"
         file.write_text(json.dumps(to_document(configuration(launch, arguments))))
-        launch, texts = os.fspath(file), []
-    command = ["launch", launch, *texts, "--duration", repr(seconds), "--overwrite"]
-    return Graph(command, None if record is None else Path(record), folder)
+        launch, texts = file, []
+    command = ["launch", str(launch), *texts, "--duration", repr(seconds), "--overwrite"]
+    return Graph(command, None if record is None else recording_file(Path(record)), folder)

@@ -4,6 +4,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import fields, replace
+from itertools import count
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -11,20 +12,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forcebound.errors import ConfigError, RunError
+from forcebound.files import recording_file
 from forcebound.graph import checks
 from forcebound.graph.graph import BESIDE_MODEL, KINDS, GraphConfig
 from forcebound.graph.loader import build, read_template
 from forcebound.graph.names import Document
+from forcebound.graph.problems import unknown
 from forcebound.graph.resolved import check_plain, member_document
 from forcebound.graph.servo import ServoSettings
 from forcebound.graph.tree import Value, from_plain
 from forcebound.haptics.laws import LAWS, BoundingLaw
+from forcebound.haptics.parts import Table
 from forcebound.interface.figures import Figures
 from forcebound.lab.workers import progress_bar
 from forcebound.messages.packets import Event
-from forcebound.quantities import Range
+from forcebound.quantities import POSITIVE
 from forcebound.recordings.telemetry import TelemetryColumns
-from forcebound.results.contact import STEADY_WINDOW
 from forcebound.run.results import RunResult
 from forcebound.run.virtual import run_virtual
 from forcebound.units import parse_quantity
@@ -53,7 +56,7 @@ class Telemetry(Mapping[str, NDArray[Any]]):
 
     def __getitem__(self, name: str) -> NDArray[Any]:
         if name not in self._names:
-            raise KeyError(f"no column {name!r}; there are {', '.join(self._names)}")
+            raise KeyError(unknown("column", name, self._names))
         column: NDArray[Any] = getattr(self._columns, name)
         return column
 
@@ -78,8 +81,9 @@ class Run:
         path: The recording, if there is one.
     """
 
-    def __init__(self, result: RunResult, path: Path | None = None) -> None:
+    def __init__(self, result: RunResult, path: Path | None = None, keeps: object = None) -> None:
         self._result = result
+        self._keeps = keeps  # the graph whose end removes the recording
         self.path = path
         self.label = result.label
         self.telemetry = Telemetry(result.columns)
@@ -102,13 +106,17 @@ class Run:
         return {self._result.columns.hand: self}
 
     def last(self, seconds: float | str) -> "Run":
-        """Return the end of the run as a run: its figures are those of these seconds."""
-        columns = self._result.columns
-        time = columns.time
-        part = columns.slice(time > time[-1:] - parse_quantity(seconds, "s"))
-        moved = part.time - part.time[-1:] + STEADY_WINDOW[1]  # it ends with the steady window
-        result = replace(self._result, columns=replace(part, time=moved))
-        return Run(result, self.path)
+        """Return the end of the run as a run of its own, whose time begins at 0 s.
+
+        Its figures are those of this time, but true energy counts from the beginning of the run.
+
+        Args:
+            seconds: Its length, in s or with its unit.
+
+        Raises:
+            ConfigError: If that is not a time > 0 s.
+        """
+        return Run(self._result.last(time_of("last", seconds)), self.path, self)
 
     def to_pandas(self) -> Any:
         """Return the telemetry as a pandas.DataFrame, indexed by time in s; needs pandas.
@@ -152,10 +160,11 @@ def simulate(
 
     Raises:
         ConfigError: If the launch file or an argument is wrong; all problems at once.
+        DeviceError: If a device of the user's own failed.
         RunError: If the run is too short to have a sample, or nothing came of it.
     """
     config = configuration(launch, arguments, duration, seed)
-    path = None if record is None else Path(record)
+    path = None if record is None else recording_file(Path(record))
     with shown_progress("ms of virtual time") as progress:
         result = run_virtual(config, record=path, progress=progress)
     if result.failed:
@@ -186,7 +195,6 @@ def plot(*runs: Run, panels: Sequence[str] = ()) -> "NDArray[Any]":
     """
     from matplotlib import pyplot
 
-    from forcebound.graph.problems import unknown
     from forcebound.recordings.recording import read as read_recording
     from forcebound.results.panels import PANELS
     from forcebound.results.plots import figure
@@ -213,15 +221,27 @@ def configuration(
     duration: float | str | None = None,
     seed: int | None = None,
 ) -> GraphConfig:
-    """Return the graph of a launch file with the values of its arguments."""
+    """Return the graph of a launch file with the values of its arguments.
+
+    Raises:
+        ConfigError: If the launch file or an argument is wrong; all problems at once.
+    """
     parts, texts = split(arguments)
     config = build(with_parts(template_of(launch), parts), texts)
     if duration is not None:
-        config = replace(config, duration=Range(above=0).check(parse_quantity(duration, "s"), "s"))
+        config = replace(config, duration=time_of("duration", duration))
     if seed is not None:
         config = replace(config, seed=seed)
     checks.warn(config)
     return config
+
+
+def time_of(name: str, value: float | str) -> float:
+    """Return a time in s, as a number or with its unit; ConfigError with ``name`` unless > 0 s."""
+    try:
+        return POSITIVE.check(parse_quantity(value, "s"), "s")
+    except ConfigError as error:
+        raise ConfigError(f"{name}: {error}") from None
 
 
 def template_of(launch: LaunchFile) -> Value:
@@ -260,28 +280,35 @@ def with_parts(template: Value, parts: Mapping[str, Any]) -> Value:
     """Return a launch file with parts that were made in Python in place of those it names.
 
     Raises:
-        ConfigError: If a part does not belong into its section, or its parameters are not plain.
+        ConfigError: If a part does not belong in its section, or its parameters are not plain.
     """
     entries = dict(template.entries)
     for name, part in parts.items():
         section = "device" if name == "law" else name
-        content = {"law": known_law(part)} if name == "law" else _known_part(section, part)
         kept = entries[section].entries if section in entries else {}
-        if name != "law":
+        if name == "law":
+            content: Document = {"law": known_law(part)}
+        else:
+            content = _known_part(section, part)
             kept = {key: kept[key] for key in kept if key in _BESIDE.get(section, ())}
         entries[section] = replace(template, content={**kept, **from_plain(content, name).entries})
     return template.with_entries(entries)
 
 
 def known_law(law: Any) -> str:
-    """Return the name of a law, which is known by it from then on."""
+    """Return the name of a law, which is known by it from then on; ConfigError if it is none."""
     if not isinstance(law, BoundingLaw):
         raise ConfigError(f"law: expected a name or a BoundingLaw, got {law!r}")
-    known = LAWS.kind_of(law)
-    if known is None:
-        known = law.limit.__name__
-        LAWS[known] = law
-    return known
+    return _known(LAWS, law, law.limit.__name__)
+
+
+def _known(table: Table[Any], part: Any, name: str) -> str:
+    """Return the kind of a part, which is known by it from then on; it replaces no other part."""
+    kind = table.kind_of(part)
+    if kind is None:
+        kind = next(k for n in count(1) if (k := name if n == 1 else f"{name}_{n}") not in table)
+        table[kind] = part
+    return kind
 
 
 def _known_part(section: str, part: Any) -> Document:
@@ -293,9 +320,7 @@ def _known_part(section: str, part: Any) -> Document:
         )
     if isinstance(part, type):
         part = part()
-    kind = type(part)
-    if KINDS[section].kind_of(kind) is None:
-        KINDS[section][kind.__name__] = kind
+    _known(KINDS[section], type(part), type(part).__name__)
     check_plain(part)
     return member_document(section, part)
 

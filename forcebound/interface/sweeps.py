@@ -30,6 +30,7 @@ from forcebound.interface.runs import (
     shown_progress,
     template_of,
     text_of,
+    time_of,
     with_parts,
 )
 from forcebound.lab.engine import Campaign, Row, run
@@ -37,8 +38,7 @@ from forcebound.lab.sweep.plan import Sweep, between
 from forcebound.lab.sweep.runner import run_cases
 from forcebound.lab.views import table
 from forcebound.lab.workers import local_executor
-from forcebound.quantities import Range
-from forcebound.units import parse_quantity, split_quantity, to_si
+from forcebound.units import split_quantity, to_si
 
 FEW = 8  # runs, which are done before processes have started
 PARTS = 8  # of the work of each process, for the progress bar
@@ -138,14 +138,14 @@ def sweep(
         The runs; the last argument varies fastest. A run that fails has an error, and no figures.
 
     Raises:
-        ConfigError: If the launch file or a name is wrong, or a value of the first run.
+        ConfigError: If the launch file or a name is wrong, or if a value of the first run is.
         RunError: If every run fails, or the processes end before the work is done.
     """
     varied = {name: _values(name, value) for name, value in arguments.items() if _is_list(value)}
     fixed = {name: value for name, value in arguments.items() if name not in varied}
     seconds = None
     if duration is not None:
-        seconds = Range(above=0).check(parse_quantity(duration, "s"), "s")
+        seconds = time_of("duration", duration)
     template = template_of(launch)
     files: dict[tuple[int, ...], _File] = {}  # by the parts in them
     cases: list[_Case] = []
@@ -203,7 +203,7 @@ def _run(files: Sequence[_File], cases: Sequence[_Case], workers: int | None) ->
     count = 0 if len(cases) < FEW or cores == 1 else workers
     part = math.ceil(len(cases) / (PARTS * (workers or cores)))
     campaign = Campaign("runs", cases, partial(_run_part, files), part)
-    begin = partial(_add_parts, _own_parts())
+    begin = None if count == 0 else partial(_add_parts, _own_parts())
     with (
         shown_progress("runs") as progress,
         local_executor(count, begin, imports_main=False) as executor,
@@ -229,7 +229,11 @@ def _own_parts() -> bytes:
 
     # Fields of a class know by identity that they have no default.
     copyreg.pickle(type(dataclasses.MISSING), lambda one: (getattr, (dataclasses, "MISSING")))
-    pickled: bytes = cloudpickle.dumps(own)
+    try:
+        pickled: bytes = cloudpickle.dumps(own)
+    except (TypeError, pickle.PicklingError) as error:
+        message = f"a part cannot be sent to other processes: {error}; use workers=0"
+        raise ConfigError(message) from None
     return pickled
 
 

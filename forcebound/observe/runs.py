@@ -70,11 +70,17 @@ def find_launched(launcher: int) -> Path:
     """Return the run directory of a launcher's graph once it runs; RunError after a minute."""
     end = time.monotonic() + START_TIMEOUT
     while time.monotonic() < end:
-        for run_dir, document in running().items():
-            if document.launcher == launcher:
-                return run_dir
+        run_dir = launched(launcher)
+        if run_dir is not None:
+            return run_dir
         sockets.wait((), POLL_NS)
     raise RunError(f"process {launcher} has started no graph for {START_TIMEOUT:g} s")
+
+
+def launched(launcher: int) -> Path | None:
+    """Return the run directory of a launcher's graph; None before it runs."""
+    found = (run_dir for run_dir, document in running().items() if document.launcher == launcher)
+    return next(found, None)
 
 
 class Watch:

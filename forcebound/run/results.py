@@ -131,6 +131,29 @@ class RunResult:
             if since.size:
                 yield replace(self, columns=columns, document=document, events=events)
 
+    def last(self, seconds: float) -> "RunResult":
+        """Return the last seconds as the result of a run whose force engaged when they began.
+
+        True energy still counts from the beginning of the run.
+        """
+        time = self.columns.time
+        part = self.columns.slice(time > time[-1:] - seconds)
+        begin = int(part.time_ns[0])
+        before = [event.data["law"] for event in self._changes if event.time_ns <= begin]
+        device = self.document.get("device", {})
+        events = [
+            event
+            for event in self.events
+            if event.event != BOUNDER_REPORTED
+            if event.time_ns > begin or not (event.is_fault or event.event == LAW_CHANGED)
+        ]
+        document = {
+            **self.document,
+            "device": {**device, **({"law": before[-1]} if before else {})},
+        }
+        columns = replace(part, time=part.time - part.time[0])
+        return replace(self, columns=columns, document=document, events=events)
+
     @property
     def failed(self) -> str:
         """Why the run failed, or nothing came of it; empty: it did what it was to do."""

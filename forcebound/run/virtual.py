@@ -88,9 +88,10 @@ class VirtualGraph:
 
     def close(self) -> None:
         """Stop and close the nodes."""
-        for node in reversed(self._simulation.nodes):
-            node.stop(self.time_ns)
-            node.close()
+        with ExitStack() as stack:  # all of them, even if one fails
+            for node in self._simulation.nodes:
+                stack.callback(node.close)
+                stack.callback(node.stop, self.time_ns)
 
 
 def run_virtual(

@@ -297,6 +297,10 @@ def _add_probe(mujoco: Any, spec: Any, model: Bodies) -> None:
         data = mujoco.MjData(spec.compile())
         mujoco.mj_kinematics(data.model, data)
         probe = held if site is None else site.parent
+        carrier = probe  # a part that is fixed to a mocap body moves with it
+        while carrier.parent is not None and not (carrier.mocap or carrier.joints):
+            carrier = carrier.parent
+        probe = carrier if carrier.mocap else probe
         if probe.mocap:
             probe.mocap, probe.gravcomp = False, 1.0
             axes = data.xmat[probe.id].reshape(3, 3)  # rows: axes of the scene, seen from the body
@@ -326,7 +330,11 @@ def _body_of(tool: str, scene: Any) -> int:
     found = {n: i for n, i in (bodies | sites).items() if scene.body_weldid[i] and n not in ours}
     if tool in found:
         return found[tool]
-    known = ", ".join(list(found)[:MOST_NAMES]) + ("" if len(found) <= MOST_NAMES else ", ...")
+    known = (
+        "none"
+        if not found
+        else ", ".join(list(found)[:MOST_NAMES]) + ("" if len(found) <= MOST_NAMES else ", ...")
+    )
     message = f"expected the name of a site or body that moves, got {tool!r}; known: {known}"
     raise ConfigError(message, field="tool")
 
