@@ -155,7 +155,7 @@ def _run(
     )
     if role == CONTROLLER and config.remote is not None:
         remote_end = config.remote.end("graph")
-    node = build_node(name, config, environment_name(), time.monotonic_ns, run.graph)
+    node = build_node(name, config, environment_name(), time.monotonic_ns)
     if isinstance(node, EnvironmentNode):
         _logger.info("this environment is %s", node.name)
     links = build_links(config)  # a perfect link needs no model: its socket keeps the newest
