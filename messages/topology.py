@@ -92,6 +92,11 @@ class Graph(Struct, frozen=True):
         raise KeyError(role)
 
     @property
+    def hands(self) -> tuple[str, ...]:
+        """Names of its hands."""
+        return tuple(node.hand or HAND for node in self.nodes.values() if node.role == DEVICE)
+
+    @property
     def loop(self) -> tuple[str, ...]:
         """Names of the nodes, without recorder and launcher."""
         return tuple(name for name, node in self.nodes.items() if node.is_node)

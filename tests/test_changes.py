@@ -81,7 +81,7 @@ def test_values_are_shown_as_one_may_set_them(config: GraphConfig) -> None:
         "environment.stiffness": "2 N/mm",
     }
     new = change(config, settings)
-    assert new.with_hand(links=config.links, environment=config.environment) == config
+    assert replace(new, hands=config.hands, environment=config.environment) == config
     shown = as_written(new, {**differences(config, new), "links.force_command.trace": None})
     assert shown == {
         "links.device_state.gemodel": "{ p: 0.01, r: 0.2, h: 0, k: 1 }",

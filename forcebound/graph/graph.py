@@ -189,19 +189,21 @@ class HandConfig:
 
     Attributes:
         links: Impairments by topic; a topic that is not named has a perfect link.
+        remote: Where it meets its environment; None: on this machine.
     """
 
     device: DeviceConfig
     operator: Operator | None  # None: no hand holds the device
     controller: ControllerModel
     links: Mapping[str, Impairment] = field(default_factory=dict)
+    remote: RemoteConfig | None = None
 
 
 @dataclass(frozen=True)
 class GraphConfig:
     """Everything that a run is made of; each part an object, or the :class:`PartSpec` of one.
 
-    ``device``, ``operator``, ``controller`` and ``links`` are those of the only hand.
+    ``device``, ``operator``, ``controller``, ``links`` and ``remote`` are those of the only hand.
 
     Attributes:
         description: In a sentence.
@@ -218,7 +220,6 @@ class GraphConfig:
     environment: EnvironmentConfig
     description: str = ""
     realtime: RealtimeConfig = field(default_factory=RealtimeConfig)
-    remote: RemoteConfig | None = None
     phases: tuple[Phase, ...] = ()
     units: Mapping[str, str] = field(default_factory=dict, compare=False)
 
@@ -253,6 +254,11 @@ class GraphConfig:
     def links(self) -> Mapping[str, Impairment]:
         """Of the only hand."""
         return self.only.links
+
+    @property
+    def remote(self) -> RemoteConfig | None:
+        """Of the only hand."""
+        return self.only.remote
 
     def of(self, hand: str) -> "GraphConfig":
         """Return the configuration with this hand alone, without its name; KeyError if unknown."""

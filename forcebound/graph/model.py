@@ -6,7 +6,7 @@ from the file of a device.
 
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
-from functools import lru_cache, partial
+from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -66,12 +66,12 @@ _FILE_OF_PHASES = Form(_FILE.name, {n: f for n, f in _RUN.items() if n != "durat
 _LINK = {topic: Form(f"links.{topic}", fields_of(Impairment)) for topic in LINKS}
 #: Sections that are made of their values alone.
 SETTINGS: Mapping[str, type] = {"realtime": RealtimeConfig, "remote": RemoteConfig}
-_SETTINGS = {name: Form(name, fields_of(kind)) for name, kind in SETTINGS.items()}
+_SETTINGS = {name: (Form(name, fields_of(kind)), kind) for name, kind in SETTINGS.items()}
 PHASE = Form(PHASES, {**fields_of(Phase, PHASE_KEYS), "set": Field("set", dict[str, Any] | None)})
 MOST_HANDS = 8
 _NAME_OF_HAND = re.compile("[A-Za-z][A-Za-z0-9_]{0,31}")
 _UNREAD = ("arguments", "include", "identified")  # no run reads these
-_TAKEN = ("forcebound", *KINDS, "links", *RUN_KEYS, *SETTINGS, *_UNREAD, PHASES, HANDS, "units")
+_TAKEN = ("forcebound", *KINDS, "links", *SETTINGS, *RUN_KEYS, *_UNREAD, PHASES, HANDS, "units")
 
 
 def read_sections(root: Value, problems: Problems) -> Values:
@@ -81,18 +81,15 @@ def read_sections(root: Value, problems: Problems) -> Values:
     """
     has_phases = PHASES in root.entries
     of_hands = (HANDS,) if HANDS in root.entries else HAND_SECTIONS
-    others = ("environment", *of_hands, *SETTINGS, *_UNREAD, PHASES, *(["duration"] * has_phases))
+    others = ("environment", "realtime", *of_hands, *_UNREAD, PHASES, *(["duration"] * has_phases))
     made = (_FILE_OF_PHASES if has_phases else _FILE).read(root, problems, others) or {}
     made.pop("forcebound", None)
     environment = root.entries.get("environment", Value({}, root.place, root.key))
     if (section := _section("environment", environment, problems, is_whole=True)) is not None:
         made["environment"] = section
     made[HANDS] = _hands(root, problems)
-    for name in SETTINGS:
-        if name in root.entries:
-            made[name] = _made(
-                _SETTINGS[name], root.entries[name], problems, partial(_settings, name)
-            )
+    if "realtime" in root.entries:
+        made["realtime"] = _settings("realtime", root.entries["realtime"], problems)
     if has_phases:
         made[PHASES] = _phases(root.entries[PHASES], problems)
     return made
@@ -124,6 +121,8 @@ def _hand(root: Value, problems: Problems) -> Values:
         value = root.entries.get(name, empty)
         if name == "links":
             made[name] = _links(value, problems)
+        elif name in SETTINGS:
+            made[name] = _settings(name, value, problems) if name in root.entries else None
         elif not value.entries and value.content in (None, {}) and name in _WITHOUT:
             made[name] = _WITHOUT[name]()
         elif (section := _section(name, value, problems, is_whole=True)) is not None:
@@ -264,8 +263,9 @@ def _environment(kind: type, values: Values, written: Value) -> EnvironmentConfi
     return environment
 
 
-def _settings(name: str, values: Values, written: Value) -> Any:
-    return SETTINGS[name](**values)
+def _settings(name: str, value: Value, problems: Problems) -> Any:
+    form, kind = _SETTINGS[name]
+    return _made(form, value, problems, lambda values, written: kind(**values))
 
 
 def _link(values: Values, written: Value) -> Impairment:

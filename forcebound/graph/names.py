@@ -10,8 +10,14 @@ from typing import Any, TypeAlias
 from forcebound.errors import ConfigError
 from forcebound.messages.topology import HAND, HANDS
 
-HAND_SECTIONS = ("device", "operator", "controller", "links")  # of a launch file, for each hand
-OF_GRAPH = ("environment", "realtime", "remote", "phases")  # for all hands
+HAND_SECTIONS = (
+    "device",
+    "operator",
+    "controller",
+    "links",
+    "remote",
+)  # of a launch file, for each hand
+OF_GRAPH = ("environment", "realtime", "phases")  # for all hands
 
 Document: TypeAlias = dict[str, Any]  # a launch file, or a section of one, in plain JSON values
 

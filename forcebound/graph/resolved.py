@@ -55,8 +55,6 @@ def to_document(config: GraphConfig) -> Document:
     document |= hands.get(HAND, {HANDS: hands})
     if config.units:
         document["units"] = dict(config.units)
-    if config.remote is not None:
-        document["remote"] = plain(config.remote)
     if config.phases:
         document["phases"] = [
             {"name": phase.name, "duration": phase.duration, "set": dict(phase.settings)}
@@ -74,6 +72,8 @@ def _hand_document(hand: HandConfig) -> Document:
     }
     if operator is not None:
         document["operator"] = member_document("operator", operator)
+    if hand.remote is not None:
+        document["remote"] = plain(hand.remote)
     return document
 
 
@@ -184,11 +184,7 @@ def _refusing(words: str) -> Iterator[None]:
 
 
 def _graph(document: Document) -> GraphConfig:
-    remote, facts, environment = (
-        document.get("remote"),
-        document.get(FACTS),
-        document["environment"],
-    )
+    facts, environment = document.get(FACTS), document["environment"]
     return GraphConfig(
         description=document["description"],
         seed=document["seed"],
@@ -202,7 +198,6 @@ def _graph(document: Document) -> GraphConfig:
             **_values(EnvironmentConfig, environment, BESIDE_MODEL),
         ),
         realtime=_restored(RealtimeConfig, document["realtime"]),
-        remote=None if remote is None else _restored(RemoteConfig, remote),
         phases=tuple(
             Phase(phase["name"], float(phase["duration"]), phase["set"])
             for phase in document.get("phases", ())
@@ -212,13 +207,14 @@ def _graph(document: Document) -> GraphConfig:
 
 
 def _hand(document: Document, facts: Document | None) -> HandConfig:
-    device, operator = document["device"], document.get("operator")
+    device, operator, remote = document["device"], document.get("operator"), document.get("remote")
     stated = None if facts is None else _restored(DeviceFacts, facts)
     return HandConfig(
         DeviceConfig(_spec("device", device), _restored(ServoSettings, device), stated),
         None if operator is None else _spec("operator", operator),
         _spec("controller", document["controller"]),
         {topic: _restored(Impairment, link) for topic, link in document["links"].items()},
+        None if remote is None else _restored(RemoteConfig, remote),
     )
 
 

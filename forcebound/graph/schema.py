@@ -34,7 +34,7 @@ def json_schema() -> Schema:
     fixed = {name: _mapping(properties(fields_of(kind))) for name, kind in SETTINGS.items()}
     phases = {"type": "array", "items": _mapping(properties(PHASE.fields))}
     hand = {name: _kinds(name) for name in KINDS if name in HAND_SECTIONS}
-    hand["links"] = _mapping(links)
+    hand |= {"links": _mapping(links), "remote": fixed.pop("remote")}
     of_a_hand = {"include": {"type": "string", "description": "launch file of one hand"}, **hand}
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",

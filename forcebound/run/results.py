@@ -96,9 +96,10 @@ class RunResult:
 
     @property
     def label(self) -> str:
-        """The run's law, for titles; if it changed, the laws in their order."""
+        """The hand and the law of the run, for titles; if it changed, the laws in their order."""
         first = str(self.document.get("device", {}).get("law", "unknown law"))
-        return ", then ".join((first, *(event.data["law"] for event in self._changes)))
+        laws = ", then ".join((first, *(event.data["law"] for event in self._changes)))
+        return f"{self.columns.hand}: {laws}" if self.columns.hand else laws
 
     @property
     def _changes(self) -> list[Event]:
