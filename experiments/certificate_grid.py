@@ -28,6 +28,7 @@ from typing import Any
 
 import numpy as np
 
+from forcebound.errors import ConfigError
 from forcebound.graph.graph import GraphConfig
 from forcebound.graph.loader import load
 from forcebound.haptics.devices.true_values import TrueAxes
@@ -286,7 +287,10 @@ def main() -> int:
     parser.add_argument("--prices", action="store_true", help="print prices, power and drag")
     parser.add_argument("--page", type=Path, help="write all tables to this Markdown file")
     options = parser.parse_args()
-    check_page(options.page)
+    try:
+        check_page(options.page)
+    except ConfigError as error:
+        parser.error(f"--page: {error}")
     found: dict[str, list[Row]] = {} if options.prices else pressed(options)
     if options.prices or options.page:
         found |= priced(options)
