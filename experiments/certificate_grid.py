@@ -132,10 +132,10 @@ def config_of(case: Row) -> GraphConfig:
         device = replace(device, model=replace(model, **numbers))
     if case.get("hand") == "taken":
         environment = replace(config.environment, model=PULLING)
-        config = replace(config, operator=PULLED, environment=environment, duration=3.8)
+        config = config.with_hand(operator=PULLED, environment=environment, duration=3.8)
     elif case.get("hand") == "taps":
-        config = replace(config, operator=TAPS)
-    return replace(config, device=device)
+        config = config.with_hand(operator=TAPS)
+    return config.with_hand(device=device)
 
 
 def motion_of(columns: TelemetryColumns, model: Any) -> Row:

@@ -72,7 +72,7 @@ class DeviceNode(Node):
         hand: str = HAND,
         signals: Collection[Signal] = (),
     ) -> None:
-        self._hand = hand
+        self.hand = hand
         self._device = device
         self._servo = servo
         self._orientation, self._buttons = device.orientation, device.buttons
@@ -227,7 +227,7 @@ class DeviceNode(Node):
             self._orientation(),
             self._buttons(),
             self._signals.numbers(),
-            hand=self._hand,
+            hand=self.hand,
         )
         self._chain.remember(state)
         self._writes_next = True
@@ -275,7 +275,7 @@ class DeviceNode(Node):
             cut_position,
             written.ahead_ns,
             None if reply_ns is None else (time_ns - reply_ns) * 1e-9,
-            hand=self._hand,
+            hand=self.hand,
         )
         self._writes_next = False
         self._begin_next_tick(time_ns)

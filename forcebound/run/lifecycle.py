@@ -135,9 +135,15 @@ class Lifecycle:
     def refusal(self, request: NodeRequest) -> str | None:
         """Return why this request of a user cannot be fulfilled now; None if it can."""
         if isinstance(request, ResumeDevice):
-            device = self._graph.of_role(DEVICE)
-            state = self.state(device)
-            return None if device in self.lost else f"the {device} is not lost: it is {state}"
+            devices = self._of_role(DEVICE)
+            if request.node in self.lost or (not request.node and len(self.lost) == 1):
+                return None
+            if self.lost and not request.node:
+                return f"which device? {' and '.join(sorted(self.lost))} are lost"
+            device = request.node or devices[0]
+            if device not in devices:
+                return f"no device {device!r} in this graph; its devices are {', '.join(devices)}"
+            return f"the {device} is not lost: it is {self.state(device)}"
         node = request.node
         if node not in self._waiting:
             known = ", ".join(self._waiting)
@@ -173,8 +179,9 @@ class Lifecycle:
                 return self._on_stop_request(time_ns, node)
             case StartNode(node) if self.refusal(event) is None:
                 return self._on_start_request(node)
-            case ResumeDevice() if self.lost and self.phase is Phase.RUNNING:
-                device = self.lost.pop()
+            case ResumeDevice(node) if self.refusal(event) is None and self.phase is Phase.RUNNING:
+                device = node or next(iter(self.lost))
+                self.lost.discard(device)
                 self.returning.add(device)
                 self.restarts.counts[device] += 1
                 return self._start(device)
