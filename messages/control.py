@@ -72,6 +72,8 @@ class StartNode(Request, frozen=True, tag="start_node"):
 class ResumeDevice(Request, frozen=True, tag="resume_device"):
     """Open a lost device again."""
 
+    node: str = ""  # name of its process; empty: the one that is lost
+
 
 class ConfigureNode(Request, frozen=True, tag="configure_node"):
     """Pass :class:`Configure` to a node that does not answer now."""

@@ -11,6 +11,7 @@ To add a hand is to name it: its nodes and streams then carry the name, ``left/d
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from msgspec import Struct
 
@@ -28,6 +29,7 @@ from forcebound.messages.packets import (
 from forcebound.roles import CONTROLLER, DEVICE, ENVIRONMENT, LAUNCHER, RECORDER, ROLES
 
 HAND = ""  # name of the only hand of a graph
+HANDS = "hands"  # key of a document of several hands: what belongs to each, by its name
 
 # What each role sends, and which role needs it; None: only observers do. The first four are the
 # hops of the loop, in order; only these can be impaired.
@@ -88,6 +90,11 @@ class Graph(Struct, frozen=True):
             if node.role == role and node.hand in (hand, None):
                 return name
         raise KeyError(role)
+
+    @property
+    def hands(self) -> tuple[str, ...]:
+        """Names of its hands."""
+        return tuple(node.hand or HAND for node in self.nodes.values() if node.role == DEVICE)
 
     @property
     def loop(self) -> tuple[str, ...]:
@@ -164,6 +171,17 @@ def graph_of(hands: Sequence[str] = (HAND,)) -> Graph:
 
 
 ONE_HAND = graph_of()
+
+
+def hand_sections(document: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    """Return the mappings of a document that have the sections of a hand, by its name."""
+    return dict(document[HANDS]) if HANDS in document else {HAND: document}
+
+
+def hand_document(document: dict[str, Any], hand: str) -> dict[str, Any]:
+    """Return a document as if it had this hand alone; KeyError if there is no such hand."""
+    others = {name: value for name, value in document.items() if name != HANDS}
+    return {**others, **hand_sections(document)[hand]}
 
 
 def endpoint(run_dir: Path, of: NodeSpec | Stream) -> str:

@@ -77,7 +77,7 @@ class DeviceNode(Node):
         if servo.dead_man is not None and device.buttons() is None:
             device.close()
             raise ConfigError("dead_man: this device has no buttons", field="dead_man")
-        self._hand = hand
+        self.hand = hand
         self._device = device
         self._servo = servo
         self._orientation, self._buttons = device.orientation, device.buttons
@@ -241,7 +241,7 @@ class DeviceNode(Node):
             self._buttons(),
             self._signals.numbers(),
             UNSET if measured is None else measured,
-            hand=self._hand,
+            hand=self.hand,
         )
         self._chain.remember(state)
         self._writes_next = True
@@ -289,7 +289,7 @@ class DeviceNode(Node):
             cut_position,
             written.ahead_ns,
             None if reply_ns is None else (time_ns - reply_ns) * 1e-9,
-            hand=self._hand,
+            hand=self.hand,
         )
         self._writes_next = False
         self._begin_next_tick(time_ns)

@@ -79,7 +79,7 @@ def test_a_stopped_environment_is_no_problem_while_another_one_serves() -> None:
 def jittered() -> GraphConfig:
     config = graph()
     jitter = replace(config.links["environment_query"], jitter=1e-3)
-    return replace(config, links={**config.links, "environment_query": jitter})
+    return config.with_hand(links={**config.links, "environment_query": jitter})
 
 
 REPLIES = ("device_state", "environment_reply")

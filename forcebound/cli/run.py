@@ -29,7 +29,6 @@ from forcebound.cli.view import check_tornado
 from forcebound.ending import end
 from forcebound.errors import ConfigError
 from forcebound.files import check_writable
-from forcebound.messages.topology import ONE_HAND
 from forcebound.roles import ENVIRONMENT
 
 if TYPE_CHECKING:
@@ -146,11 +145,11 @@ def simulate(
 
 
 @click.command(short_help="Serve a graph on another machine.")
-@click.argument("kind", metavar="environment", type=click.Choice([*ONE_HAND.nodes]))
+@click.argument("name", metavar="environment")
 @click.argument("file", shell_complete=complete.launch_files)
 @arguments_argument(shell_complete=complete.settings)
 @click.option("--run-dir", type=click.Path(path_type=Path), hidden=True, help="Of a launcher.")
-def node(kind: str, file: str, arguments: tuple[str, ...], run_dir: Path | None) -> None:
+def node(name: str, file: str, arguments: tuple[str, ...], run_dir: Path | None) -> None:
     r"""Run the environment of FILE for a graph on another machine, as set in its section remote:.
 
     \b
@@ -159,9 +158,9 @@ def node(kind: str, file: str, arguments: tuple[str, ...], run_dir: Path | None)
     from forcebound.run.worker import run_node, serve_environment
 
     if run_dir is not None:  # a launcher starts its processes so
-        sys.exit(run_node(kind, run_dir))
-    if kind != ENVIRONMENT:
-        raise ConfigError(f"a {kind} runs in `forcebound launch`; by itself, only an environment")
+        sys.exit(run_node(name, run_dir))
+    if name != ENVIRONMENT:
+        raise ConfigError(f"only an environment runs by itself, got {name!r}: `forcebound launch`")
     serve_environment(Path(file), arguments)
 
 

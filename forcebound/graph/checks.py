@@ -5,10 +5,12 @@ Each raises ConfigError, with the key of the section that is wrong where it is o
 
 import logging
 from collections.abc import Callable, Mapping
+from functools import partial
 from importlib import import_module
 from typing import Any
 
 from forcebound.errors import ConfigError
+from forcebound.graph.document import hands_of
 from forcebound.graph.forms import Values, note_error
 from forcebound.graph.graph import KINDS, DeviceConfig, EnvironmentConfig, GraphConfig
 from forcebound.graph.problems import Problems
@@ -19,6 +21,7 @@ from forcebound.haptics.laws import LAWS, ForceBounder
 from forcebound.haptics.parts.contract import Findings
 from forcebound.haptics.parts.user_module import kind_of, user_code
 from forcebound.messages.packets import MAX_AXES
+from forcebound.messages.topology import HANDS
 from forcebound.network.impairment import Impairment
 from forcebound.results.delay_traces import shortest_of
 
@@ -31,19 +34,40 @@ _logger = logging.getLogger(__name__)
 
 def check_together(made: Values, root: Value, problems: Problems, asks: bool) -> None:
     """Check sections that could be made; ``asks``: whether to call a user's own parts once."""
-    device, environment = made.get("device"), made.get("environment")
-    controller, operator = made.get("controller"), made.get("operator")
+    environment, written = made.get("environment"), hands_of(root)
+    devices: dict[str, DeviceConfig] = {}
+    for name, sections in made[HANDS].items():
+        check = partial(_check, written[name], problems)
+        if _check_hand(sections, environment, asks, check):
+            devices[name] = sections["device"]
+            check("device", _check_beside, name, devices)
+    if environment is not None and len(devices) == len(made[HANDS]) > 0:
+        check = partial(_check, root, problems)
+        check("environment", environment.model.check_hands, tuple(devices))
+        if asks:
+            axes = next(iter(devices.values())).model.axes
+            check("environment", _ask, "environment", environment.model, axes)
 
-    def check(section: str, what: Callable[..., None], *arguments: Any) -> bool:
-        try:
-            what(*arguments)
-        except ConfigError as error:
-            note_error(error, section, root.entries[section], problems, is_named=True)
-            return False
-        return True
 
+def _check(
+    root: Value, problems: Problems, section: str, what: Callable[..., None], *arguments: Any
+) -> bool:
+    """Note the ConfigError of a check of a section; return whether there was none."""
+    try:
+        what(*arguments)
+    except ConfigError as error:
+        note_error(error, section, root.entries[section], problems, is_named=True)
+        return False
+    return True
+
+
+def _check_hand(
+    made: Values, environment: EnvironmentConfig | None, asks: bool, check: Callable[..., bool]
+) -> bool:
+    """Check the sections of one hand that could be made; return whether its device is sound."""
+    device, controller, operator = map(made.get, ("device", "controller", "operator"))
     if device is None or not check("device", _check_device, device):
-        return
+        return False
     axes = device.model.axes
     if operator is not None:
         check("operator", _check_path, operator, axes)
@@ -52,10 +76,25 @@ def check_together(made: Values, root: Value, problems: Problems, asks: bool) ->
         check("device", _check_delays, device.servo, environment, made["links"])
     if asks:
         check("device", _ask_law, device)
-        if environment is not None:
-            check("environment", _ask, "environment", environment.model, axes)
         if controller is not None:
             check("controller", _ask, "controller", controller, axes)
+    return True
+
+
+def _check_beside(hand: str, devices: Mapping[str, DeviceConfig]) -> None:
+    """Check the device of a hand beside those before it."""
+    model = devices[hand].model
+    for name, other in devices.items():
+        if name == hand:
+            return
+        if other.model.axes != model.axes:
+            raise ConfigError(
+                f"{hand} has {model.axes} axes, {name} {other.model.axes}: one environment answers"
+                " both, so they need the same number",
+                field="kind",
+            )
+        if model.port and model.port == other.model.port:
+            raise ConfigError(f"{hand} and {name} are both at the port {model.port}", field="port")
 
 
 def _check_device(device: DeviceConfig) -> None:
@@ -121,6 +160,11 @@ def _ask(section: str, model: Any, axes: int) -> None:
 
 def warn(config: GraphConfig) -> None:
     """Log what is not wrong but worth knowing before a run."""
+    for name in config.hands:
+        _warn_hand(config.of(name))
+
+
+def _warn_hand(config: GraphConfig) -> None:
     _warn_uncertified(config)
     kind = KINDS["operator"].kind_of(type(config.operator))
     if config.operator is not None and kind is not None and KINDS["operator"].is_shipped(kind):

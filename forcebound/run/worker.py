@@ -23,7 +23,7 @@ from forcebound.graph.document import folder_of
 from forcebound.graph.graph import GraphConfig
 from forcebound.graph.resolved import made, restore
 from forcebound.messages.control import ProcessStatus, RecorderStatus
-from forcebound.messages.topology import ONE_HAND
+from forcebound.messages.topology import HAND
 from forcebound.network.ends import RemoteEnd
 from forcebound.nodes.environment import EnvironmentNode
 from forcebound.roles import CONTROLLER, DEVICE, ENVIRONMENT, LOST, RECORDER, ROLES
@@ -93,11 +93,12 @@ def serve_environment(file: Path, arguments: Sequence[str] = ()) -> None:
                 os.getpid(),
                 core,
                 str(run_dir / RECORDING),
-                list(ONE_HAND.names),
+                list(config.graph.names),
                 run_metadata(config),
                 description,
                 str(folder_of(file)),
                 is_graph=False,
+                graph=config.graph,
             )
             write_launch_document(run_dir, config)  # for `forcebound param`
             run.write(run_dir)
@@ -111,7 +112,8 @@ def _run_or_lose(
     try:
         _run(name, config, run, run_dir, stop)
     except DeviceError as failure:
-        on_loss = made(DEVICE, config.device.model).on_loss
+        hand = config.hands[run.graph.nodes[name].hand or HAND]
+        on_loss = made(DEVICE, hand.device.model).on_loss
         if on_loss != "wait" and not isinstance(failure, GuardianError):
             raise
         _logger.error("%s", failure)
@@ -153,9 +155,10 @@ def _run(
         deep_sleep=config.realtime.deep_sleep,
         spin_ns=round(config.realtime.spin * 1e9),
     )
-    if role == CONTROLLER and config.remote is not None:
-        remote_end = config.remote.end("graph")
-    node = build_node(name, config, environment_name(), time.monotonic_ns, run.graph)
+    if role == CONTROLLER:
+        remote = config.hands[run.graph.nodes[name].hand or HAND].remote
+        remote_end = None if remote is None else remote.end("graph")
+    node = build_node(name, config, environment_name(), time.monotonic_ns)
     if isinstance(node, EnvironmentNode):
         _logger.info("this environment is %s", node.name)
     links = build_links(config)  # a perfect link needs no model: its socket keeps the newest

@@ -127,6 +127,9 @@ class EnvironmentModel(Publishing, ABC):
     def open(self, axes: int) -> Environment:
         """Return a new instance in its initial state, for vectors of this many entries."""
 
+    def check_hands(self, hands: tuple[str, ...]) -> None:
+        """Check that it can serve hands of these names; ConfigError if not."""
+
     def check_files(self) -> None:
         """Read the files that the parameters name; ConfigError if one cannot be used."""
 

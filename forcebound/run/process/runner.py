@@ -52,7 +52,7 @@ from forcebound.messages.packets import (
     Event,
     Packet,
 )
-from forcebound.messages.topology import ONE_HAND, Graph, endpoint
+from forcebound.messages.topology import HAND, ONE_HAND, Graph, endpoint
 from forcebound.network import sockets
 from forcebound.network.ends import RemoteEnd
 from forcebound.network.link import Link
@@ -99,11 +99,11 @@ class Runner:
         self._remote = remote
         self._run_dir = run_dir
         self.graph = graph
-        self._publish = {
-            TOPICS[stream.topic]: network.publisher(endpoint(run_dir, stream)).send
-            for stream in graph.streams
-            if stream.sender == name and not stream.is_forwarded
-        }
+        self._publish: dict[type[Packet], dict[str, Callable[[bytes], object]]] = {}  # by hand
+        for stream in graph.streams:
+            if stream.sender == name and not stream.is_forwarded:
+                send = network.publisher(endpoint(run_dir, stream)).send
+                self._publish.setdefault(TOPICS[stream.topic], {})[stream.hand or HAND] = send
         self._inbox = Inbox(graph.received(name), links, self._reject, node.admit)
         self.link, self.set_link = self._inbox.link, self._inbox.set_link
         if remote is None or remote.end.role == "graph":
@@ -145,7 +145,7 @@ class Runner:
         """Publish an event, and log it; see :meth:`forcebound.messages.events.EventLog.emit`."""
         time_ns = time.monotonic_ns()
         emitted = self._node.events.emit(time_ns, event, message, data, is_fault=is_fault)
-        self._publish[Event](encode(emitted))
+        self._publish[Event][HAND](encode(emitted))
 
     def wait(self, stop_descriptor: int) -> None:
         """Sleep until a node that wakes on arrival is due, or a descriptor is readable; step it."""
@@ -162,7 +162,7 @@ class Runner:
         if received or (wake_ns is not None and wake_ns <= time_ns):
             publish = self._publish
             for packet in self._node.step(time_ns, received):
-                publish[type(packet)](encode(packet))
+                publish[type(packet)][packet.hand](encode(packet))
             self.steps += 1
         if time_ns >= self._look_ns:
             self.look(time_ns)
@@ -207,13 +207,14 @@ class Runner:
         came: type[Packet] = EnvironmentReply
         if remote.end.role == "environment":
             sent, came = came, sent
-        here, there = self._publish[sent], remote.send
+        hand = next(iter(self._publish[sent]))
+        here, there = self._publish[sent][hand], remote.send
 
         def both(data: bytes) -> None:
             there(data)
             here(data)
 
-        self._publish[sent] = both
+        self._publish[sent][hand] = both
         forwarded = self.graph.forwarded(TOPIC_OF[came])
         forward = self._network.publisher(endpoint(self._run_dir, forwarded)).send
         self._inbox.listen_remotely(came, remote.channel, forward)
@@ -246,7 +247,7 @@ class Runner:
         counted = self._inbox.link_counts().items()
         events = [self._node.events.link_counts(now_ns, *link) for link in counted]
         for event in (*events, *self._node.last_events(now_ns)):
-            self._publish[Event](encode(event))
+            self._publish[Event][HAND](encode(event))
 
     def _reject(self, reason: str, why: str) -> None:
         self._node.reject(reason)
