@@ -131,9 +131,7 @@ def in_hand(hand: str | None, name: str) -> str:
     return f"{hand}/{name}" if hand else name
 
 
-def graph_of(
-    hands: Sequence[str] = (HAND,), exchanges: Iterable[tuple[str, str]] = ()
-) -> Graph:
+def graph_of(hands: Sequence[str] = (HAND,), exchanges: Iterable[tuple[str, str]] = ()) -> Graph:
     """Return the graph of some hands in one environment.
 
     ``exchanges``: pairs of hands whose bounders exchange energy, each once.

@@ -200,7 +200,9 @@ class BoundedDevice:
             limit *= math.hypot(*commanded) / (math.hypot(*asked) or math.inf)
         ahead_ns = None if jitter_ns is None else self._ahead_ns
         read_ns, write_ns = read_ns - self._ahead_ns, write_ns - self._ahead_ns
-        return Written(position, tip, limit, read_ns, write_ns, joints, torques, cut, ahead_ns, given)
+        return Written(
+            position, tip, limit, read_ns, write_ns, joints, torques, cut, ahead_ns, given
+        )
 
     def describe(self) -> str:
         """Return how long a force is held, and what ends it, in words."""
