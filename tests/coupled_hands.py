@@ -1,6 +1,6 @@
 """Two hands in virtual time, coupled by a spring, whose ledgers exchange energy or do not."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import ClassVar
 
 from msgspec.structs import replace
@@ -79,6 +79,7 @@ def run_coupled(
     damping: float = 0.0,
     impairment: Impairment | None = None,
     devices: Mapping[str, PhantomPremium15] | None = None,
+    observe: Callable[[Packet], None] = lambda packet: None,
 ) -> dict[str, list[Telemetry]]:
     """Return the telemetry of both hands; ``impairment``: of the energy alone."""
     nodes: list[Node] = [Coupling(stiffness, damping, round(delay * 1e9))]
@@ -89,13 +90,14 @@ def run_coupled(
         nodes.append(DeviceNode(device, dissipation_of(model, servo), servo, hand=hand))
     found: dict[str, list[Telemetry]] = {hand: [] for hand in HANDS}
 
-    def observe(packet: Packet) -> None:
+    def take(packet: Packet) -> None:
+        observe(packet)
         if isinstance(packet, Telemetry):
             found[packet.hand].append(packet)
 
     bad = impairment or Impairment(delay=delay)
     links = {f"{hand}/energy_transfer": Link[Packet](bad, link_seed(1, hand)) for hand in HANDS}
-    simulation = Simulation(nodes, links if exchanges else {}, observe, graph=_graph())
+    simulation = Simulation(nodes, links if exchanges else {}, take, graph=_graph())
     for node in nodes[1:]:
         assert isinstance(node, DeviceNode)
         node.engage()
