@@ -69,7 +69,7 @@ def test_no_more_is_given_than_there_is_and_nothing_without() -> None:
 def test_to_spare_is_what_the_commanded_force_does_not_need() -> None:
     bounder, time_ns = pushed()
     bounder.bound(time_ns, (2e-3,), (0.5,))
-    cost = (0.5 - DISSIPATION.friction) ** 2 * DISSIPATION.hold_limit / (4 * 0.27)
+    cost = (0.5 - DISSIPATION.least_friction) ** 2 * DISSIPATION.hold_limit / (4 * 0.27)
     assert bounder.spare((0.0,)) - bounder.spare((0.5,)) == pytest.approx(cost)
     assert bounder.spare((8.5,)) < 0.0
     bounder.debit(bounder.spare((0.5,)))
