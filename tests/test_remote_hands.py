@@ -15,7 +15,7 @@ from forcebound.graph.graph import GraphConfig
 from forcebound.graph.loader import from_document, load
 from forcebound.graph.resolved import restore, to_document
 from forcebound.messages.codec import decode, encode
-from forcebound.messages.packets import EnvironmentReply
+from forcebound.messages.packets import EnvironmentReply, Packet
 from forcebound.network.ends import RemoteEnd
 from forcebound.network.keys import key_pair
 
@@ -96,7 +96,7 @@ def test_a_peer_with_the_key_of_one_hand_cannot_speak_for_another(
     own = key_pair("right-lab", keys["right-lab"])
     world = key_pair("world-lab", keys["world-lab"]).public
     end = RemoteEnd("graph", False, "127.0.0.1", ports[1], own, {world: "world-lab"})
-    replies = []
+    replies: list[Packet] = []
     seq = 0
     with serving(file, keys=keys["world-lab"]) as environment:
         peer = Peer(end)

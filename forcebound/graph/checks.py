@@ -54,7 +54,7 @@ def check_together(made: Values, root: Value, problems: Problems, asks: bool) ->
             check("remote", _check_meeting, name, remotes)
     if environment is not None and len(devices) == len(made[HANDS]) > 0:
         check = partial(_check, root, problems)
-        check("environment", environment.model.check_hands, tuple(devices))
+        check("environment", environment.served.check_hands, tuple(devices))
         if asks:
             axes = next(iter(devices.values())).model.axes
             check("environment", _ask, "environment", environment.model, axes)
