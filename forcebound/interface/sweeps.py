@@ -108,8 +108,8 @@ class Runs:
 
     def to_pandas(self) -> Any:
         """Return a pandas.DataFrame of the varied arguments and all figures; needs pandas."""
-        own = ("case", "engine", "error")
-        own += tuple(key for key in self._keys if "." in key and not is_figure(self._keys[key]))
+        parameters = (key for key in self._keys if not is_figure(self._keys[key]))
+        own = ("case", "engine", "error", *parameters)
         names = [name for name in self._keys if name not in own and name_of(name)[0] == name]
         return needed("pandas").DataFrame({name: self[name] for name in names})
 
