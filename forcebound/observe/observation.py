@@ -17,7 +17,7 @@ from forcebound import realtime
 from forcebound.errors import ConfigError
 from forcebound.graph.graph import GraphConfig
 from forcebound.messages.control import ProcessStatus
-from forcebound.messages.topology import Graph
+from forcebound.messages.topology import HAND, Graph, in_hand
 from forcebound.observe.delay import watch
 from forcebound.observe.runs import running, while_running
 from forcebound.observe.snapshot import UNKNOWN, Process, snapshot
@@ -88,16 +88,12 @@ class Observations:
     core: int | None = None  # that the chain of nodes shares; None: any
     cores: int = 1  # how many may be used
     load: float = 0.0  # mean number of processes that were ready to run in the last minute
+    hand: str = HAND  # its name
     neighbours: tuple[str, ...] = ()  # this user's other graphs under SCHED_FIFO on the same core
 
-    @property
-    def hand(self) -> str:
-        """The name of the hand; "" for the only one."""
-        return self.graph.hands[0]
-
     def name(self, role: str) -> str:
-        """Return the name of the process with a role."""
-        return self.graph.of_role(role, self.hand)
+        """Return the name of the hand's process with a role, also of one on another machine."""
+        return in_hand(self.hand, role)
 
     def process(self, name: str) -> Seen[Any]:
         """Return a process of this machine; one that is not here answers nothing."""
@@ -139,7 +135,8 @@ def _look(run_dir: Path, duration: float) -> Iterator[Observations]:
     launcher = None if last.launcher is None else seen(last.launcher, nobody)
     rate, free = max(0, _size(run.record) - size) / interval, _free(run.record)
     load, neighbours = os.getloadavg()[0], _neighbours(run_dir, run.core)
-    for hand in run.graph.hands:
+    none = TelemetryColumns.from_packets([])
+    for hand in run.graph.hands or config.hands:  # an environment alone serves hands elsewhere
         graph = run.graph.of(hand)
         yield Observations(
             config=config.of(hand),
@@ -150,11 +147,12 @@ def _look(run_dir: Path, duration: float) -> Iterator[Observations]:
                 for name, process in last.processes.items()
                 if name in graph.nodes
             },
-            telemetry=telemetry[hand],
+            telemetry=telemetry.get(hand, none),
             phase=last.phase,
             recording=RecordingSeen(run.record, rate, free),
             core=run.core,
             load=load,
+            hand=hand,
             neighbours=neighbours,
         )
 

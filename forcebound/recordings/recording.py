@@ -24,7 +24,7 @@ from functools import cache, cached_property, partial
 from operator import attrgetter
 from os import PathLike
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import msgspec
 from mcap.records import Metadata
@@ -52,14 +52,13 @@ from forcebound.messages.topology import (
     Graph,
     Stream,
     hand_document,
-    hand_sections,
+    hands_here,
     in_hand,
 )
 from forcebound.recordings.schema import (
     ABSENT,
     Signals,
     declared_signals,
-    is_optional,
     schema,
 )
 from forcebound.recordings.telemetry import TelemetryCollector, TelemetryColumns
@@ -165,7 +164,7 @@ class Recording:
     Attributes:
         path: Its file.
         metadata: Texts by key, as given to the :class:`Recorder`.
-        hands: Names of its hands; the only one may have none: "".
+        hands: Names of the hands that it records; the only one may have none: "".
     """
 
     def __init__(
@@ -178,7 +177,7 @@ class Recording:
         self.path = path
         self.metadata = metadata
         self._topics = topics
-        self.hands = tuple(hand_sections(self._document))
+        self.hands = hands_here(self._document)
         if hand is not None and hand not in self.hands:
             known = ", ".join(filter(None, self.hands)) or "one without a name"
             raise ConfigError(f"{path} has no hand {hand!r}; it has {known}")
@@ -345,6 +344,7 @@ class _RecordedLaunch(_RecordedHand):
     """The types of what is read of a recorded launch file."""
 
     hands: dict[str, _RecordedHand] = {}
+    here: list[str] | None = None
     environment: dict[str, Any] = {}
     phases: list[dict[str, Any]] = []
 
@@ -375,8 +375,8 @@ def read(
 def _decoder(packet: type[Packet]) -> Callable[[bytes], Packet]:
     """Return a function from a recorded message to the packet; raises as msgspec does."""
     hints = field_types(packet)
-    absent = {name: None for name, hint in hints.items() if is_optional(hint)} | ABSENT
-    absent.pop("signals", None)  # which has no null
+    may_be_null = [name for name, hint in hints.items() if type(None) in get_args(hint)]
+    absent = dict.fromkeys(may_be_null) | ABSENT
 
     def read_message(data: bytes) -> Packet:
         document: dict[str, Any] = _decode(data)
