@@ -56,6 +56,7 @@ const takes = {
     states.clear();
     for (const hand of hands) states.set(hand.name, Object.assign(new State(), hand));
     document.body.classList.toggle("several", hands.length > 1);
+    document.body.style.setProperty("--count", hands.length);
     $("name").replaceChildren(Object.assign(document.createElement("span"), { textContent: "forcebound: " }), message.name.replace(/\.yaml\b/, ""));
     document.title = message.name;
     shown.begin([...states.keys()]);

@@ -1,7 +1,7 @@
 // The hands of a graph: their colours, and which of them this page moves and shows in detail.
 
-// Of the hands, one after the other, in every part of the page; a graph of one hand needs none.
-const COLOURS = ["true", "commanded", "violet", "energy", "second", "sky", "olive", "soft"];
+// Of the hands, one after the other, in every part of the page: the first four are as different to colour-blind eyes.
+const COLOURS = ["true", "commanded", "text", "pink", "energy", "second", "sky", "olive"];
 
 /** The name of a parameter that belongs to a hand. */
 export const ofHand = (hand, name) => (hand ? `${hand}.${name}` : name);

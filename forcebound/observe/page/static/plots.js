@@ -5,6 +5,7 @@ import { EVERYDAY, rangeOf, text, ticks } from "./scale.js";
 
 const GAP = -1; // in place of a column of pixels
 const MARGIN = { left: 46, right: 10, top: 24, bottom: 18 };
+const TOGETHER = 1; // s between hands that take a law in one change, and share one mark
 const MARKS = 14; // pixels for the names of laws, below the key
 const MANY = 1e3; // from so many of its unit on, a plot is in its larger one
 const AXES = [["x", "true"], ["y", "second"], ["z", "energy"]];
@@ -59,7 +60,7 @@ export class Plot {
   draw() {
     const { context, width, height } = fit(this.canvas);
     const { from, to } = this.shown;
-    const marks = this.shown.marks.filter(({ time, hand }) => time > from && time <= to && this.lines.some((line) => line.hand === hand));
+    const marks = this.shownMarks.filter(({ time }) => time > from && time <= to);
     const right = width - MARGIN.right, bottom = height - MARGIN.bottom, top = MARGIN.top + (marks.length ? MARKS : 0);
     const x = (time) => MARGIN.left + ((time - from) / (to - from)) * (right - MARGIN.left);
     const drawn = this.lines.map((line) => this.columns(line, x));
@@ -117,7 +118,18 @@ export class Plot {
     return found;
   }
 
-  /** Where another law began, with its name above the curves. */
+  /** Where another law began: {time, words}; of several hands with their names, unless they took one law together. */
+  get shownMarks() {
+    const hands = [...new Set(this.lines.map(({ hand }) => hand))], found = [];
+    for (const { time, law, hand } of this.shown.marks.filter((one) => hands.includes(one.hand))) {
+      const near = found.find((one) => Math.abs(one.time - time) < TOGETHER && !one.all.some((own) => own.hand === hand));
+      if (near) near.all.push({ law, hand }); else found.push({ time, all: [{ law, hand }] });
+    }
+    return found.map(({ time, all }) => ({ time, words: all.length === hands.length && all.every(({ law }) => law === all[0].law) ? all[0].law
+      : all.map(({ law, hand }) => `${hand}: ${law}`).join(", ") }));
+  }
+
+  /** Draw where another law began, with its name above the curves. */
   drawMarks(context, marks, x, right, bottom) {
     context.strokeStyle = context.fillStyle = colour("soft");
     context.lineWidth = 1;

@@ -1,7 +1,6 @@
 // Samples of the last seconds, and the window of time that all plots show.
 
 const SECONDS = 10; // that plots show at first
-const TOGETHER = 1; // s between two hands that take one law in one change
 const SHORTEST = 0.05, LONGEST = 60; // s that plots can show
 
 /** A ring of times and of named values. */
@@ -59,7 +58,7 @@ export class Window {
     this.seconds = SECONDS;
     this.end = null; // null: now
     this.age = null; // s before the right end, of the cursor; null: there is none
-    this.marks = []; // {time, words, hand}: where another law began
+    this.marks = []; // {time, law, hand}: where another law began
   }
 
   /** Have samples of these hands, whose names those of before may be. */
@@ -74,13 +73,10 @@ export class Window {
   /** When the law of a hand at the window's end began, in s. */
   since(hand) { return this.marks.findLast((one) => one.hand === hand && one.time <= this.to)?.time ?? 0; }
 
-  /** Mark that another law of a hand begins; of hands that take the same one together, the first has its name. */
+  /** Mark that another law of a hand begins. */
   mark(time, law, hand) {
     if (time === this.marks.findLast((one) => one.hand === hand)?.time) return;
-    const first = this.marks.findLast((one) => one.hand !== hand && one.law === law && Math.abs(one.time - time) < TOGETHER);
-    if (first?.words) first.words = law;
-    this.marks.push({ time, law, hand, words: first ? "" : [hand, law].filter(Boolean).join(": ") });
-    this.marks = this.marks.filter((one) => one.hand !== hand || one.time > time - LONGEST);
+    this.marks = [...this.marks, { time, law, hand }].filter((one) => one.hand !== hand || one.time > time - LONGEST);
   }
 
   get isPaused() { return this.end !== null; }

@@ -123,7 +123,7 @@ export class Scene {
   /** Do something where a hand is drawn: on one axis each has a lane of its own. */
   inLane(hand, act) {
     const { length } = this.hands;
-    if (this.axes < 2) this.lane = (this.hands.indexOf(hand) - (length - 1) / 2) * Math.min(LANE, this.canvas.clientHeight / (length + 1));
+    if (this.axes < 2) this.lane = (this.hands.indexOf(hand) - (length - 1) / 2) * Math.min(LANE, this.canvas.clientHeight / (length + 0.5));
     const result = act();
     this.lane = 0;
     return result;
@@ -206,14 +206,15 @@ export class Scene {
     this.drawForces(context, tip, hand);
     this.dot(context, tip, 10, colour("ground"));
     this.dot(context, tip, 8, colour(hand.colour ?? "text"));
-    if (this.isSeveral) this.drawName(context, tip, hand);
-    if (this.axes < 2 && this.hasWall && tip[0] > this.wall) this.drawDepth(context, tip);
+    const isDeep = this.axes < 2 && this.hasWall && tip[0] > this.wall, deep = `${text(1e3 * (tip[0] - this.wall))} mm deep`;
+    if (this.isSeveral) this.drawName(context, tip, isDeep ? `${hand.name}, ${deep}` : hand.name, colour(hand.colour));
+    else if (isDeep) this.drawDepth(context, tip, deep);
   }
 
-  /** The name of a hand, above its tip on the right. */
-  drawName(context, tip, { name, colour: own }) {
+  /** The name of one of several hands, above its tip on the right. */
+  drawName(context, tip, words, fill) {
     const [x, y] = this.project(tip);
-    this.label(context, name, x + 14 + context.measureText(name).width / 2, y - 22, colour(own));
+    this.label(context, words, x + 14 + 0.6 * context.measureText(words).width, y - 22, fill);
   }
 
   /** The arrows of the applied and the commanded force, as the hand feels them, with their names. */
@@ -244,12 +245,12 @@ export class Scene {
   }
 
   /** How deep the tip is in the wall. */
-  drawDepth(context, tip) {
+  drawDepth(context, tip, words) {
     const [x0, y] = this.project([this.wall, 0, 0]), [x1] = this.project(tip), level = y + 2 * SIDE;
     context.lineWidth = 1;
     for (const x of [x0, x1]) this.segment(context, [x, level - 6], [x, level + 6], colour("soft"));
     this.segment(context, [x0, level], [x1, level], colour("soft"));
-    this.label(context, `${text(1e3 * (tip[0] - this.wall))} mm deep`, (x0 + x1) / 2, level + 18, colour("soft"));
+    this.label(context, words, (x0 + x1) / 2, level + 18, colour("soft"));
   }
 
   /** Words with a rim, so that they can be read on whatever is behind; they stay in the scene. */
