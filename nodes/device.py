@@ -19,6 +19,8 @@ from collections.abc import Callable, Collection, Sequence
 from math import isfinite
 from typing import ClassVar
 
+from msgspec import UNSET
+
 from forcebound.errors import ConfigError, DeviceError
 from forcebound.graph.servo import ServoSettings
 from forcebound.haptics.devices import Device
@@ -72,10 +74,14 @@ class DeviceNode(Node):
         hand: str = HAND,
         signals: Collection[Signal] = (),
     ) -> None:
+        if servo.dead_man is not None and device.buttons() is None:
+            device.close()
+            raise ConfigError("dead_man: this device has no buttons", field="dead_man")
         self.hand = hand
         self._device = device
         self._servo = servo
         self._orientation, self._buttons = device.orientation, device.buttons
+        self._measured_force = device.measured_force
         self._is_dragged = False
         self._period_ns = servo.period_ns
         self._reply_wait_ns = servo.reply_wait_ns
@@ -96,6 +102,7 @@ class DeviceNode(Node):
         self._engage_requested = False
         self._engaged_ns: int | None = None
         self._stopped = False
+        self._is_answered = False  # at the last write with the dead-man button held
         self._applied = self._zero
         self._position = self._zero
         self._velocity = self._zero
@@ -194,9 +201,14 @@ class DeviceNode(Node):
         if self._writes_next:
             packets: list[Packet] = [self._write(time_ns)]
             if self.is_engaged:
-                is_answered = self._chain.command is not None
-                refused = self._bounded.refused_readings
-                packets += self._reports.look(time_ns, is_answered, refused, self.deadline_misses)
+                if self._chain.is_held:
+                    self._is_answered = self._chain.command is not None
+                packets += self._reports.look(
+                    time_ns,
+                    self._is_answered,
+                    self._bounded.refused_readings,
+                    self.deadline_misses,
+                )
             if self._next_law is not None and not self._bounded.holds_force:
                 packets.append(self._change_law(self._next_law, time_ns))
             packets += self._signals.events(time_ns)
@@ -217,6 +229,7 @@ class DeviceNode(Node):
             self._device.engage(time_ns)
         position = self._bounded.read(time_ns)
         self._estimate_velocity(position, time_ns)
+        measured = self._measured_force()
         state = DeviceState(
             self._tick,
             time_ns,
@@ -227,6 +240,7 @@ class DeviceNode(Node):
             self._orientation(),
             self._buttons(),
             self._signals.numbers(),
+            UNSET if measured is None else measured,
             hand=self.hand,
         )
         self._chain.remember(state)
@@ -240,7 +254,7 @@ class DeviceNode(Node):
 
     def _write(self, time_ns: int) -> Telemetry:
         chain = self._chain
-        gives = self.is_engaged and self._next_law is None
+        gives = self.is_engaged and self._next_law is None and chain.is_held
         demand = chain.demand(time_ns) if gives else chain.no_force
         command = chain.command if gives else None
         written = self._bounded.write(time_ns, demand.force, demand.engagement)

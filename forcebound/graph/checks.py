@@ -43,7 +43,7 @@ def check_together(made: Values, root: Value, problems: Problems, asks: bool) ->
             check("device", _check_beside, name, devices)
     if environment is not None and len(devices) == len(made[HANDS]) > 0:
         check = partial(_check, root, problems)
-        check("environment", environment.model.check_hands, tuple(devices))
+        check("environment", environment.served.check_hands, tuple(devices))
         if asks:
             axes = next(iter(devices.values())).model.axes
             check("environment", _ask, "environment", environment.model, axes)
