@@ -38,8 +38,8 @@ from forcebound.lab.verification import verify
 from forcebound.observe.kernels import Kernels
 from forcebound.observe.page.access import LOOPBACK, Access, hosts_of
 from forcebound.observe.page.controls import Controls
-from forcebound.observe.page.scene_files import content
 from forcebound.observe.page.pace import SLOWEST, Pace
+from forcebound.observe.page.scene_files import content
 from forcebound.observe.page.server import Server
 from forcebound.recordings.recording import Recording, read
 from forcebound.run.run_directory import RunDocument
