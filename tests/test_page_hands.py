@@ -9,6 +9,7 @@ from unittest.mock import Mock
 import pytest
 from golden_packets import EVENT, REPLY, TELEMETRY
 from live_graph import live_graph
+from live_page import TWO_HANDS
 from msgspec.structs import replace
 from test_view import opened
 
@@ -20,16 +21,6 @@ from forcebound.observe.page.server import Server
 from forcebound.run.process.reader import Received
 
 HANDS = ("left", "right")
-FILE = """
-forcebound: 1
-description: Two hands that follow pointers, in front of one wall.
-duration: 3600 s
-seed: 1
-hands:
-  left: { include: pointer_wall.yaml }
-  right: { include: pointer_wall.yaml }
-environment: { kind: wall, stiffness: 10 N/mm, position: 10 mm }
-"""
 
 
 @pytest.fixture
@@ -144,7 +135,7 @@ def test_each_page_moves_its_hand_and_both_break(
         await closing
 
     file = tmp_path / "two.yaml"
-    file.write_text(FILE)
+    file.write_text(TWO_HANDS)
     with live_graph(str(file), is_alone=False) as graph:
         graph.wait_until_engaged()
         monkeypatch.setenv("XDG_RUNTIME_DIR", str(graph.runtime))
