@@ -12,7 +12,13 @@ from typing import Any
 from forcebound.errors import ConfigError
 from forcebound.graph.document import hands_of
 from forcebound.graph.forms import Values, note_error
-from forcebound.graph.graph import KINDS, DeviceConfig, EnvironmentConfig, GraphConfig
+from forcebound.graph.graph import (
+    KINDS,
+    DeviceConfig,
+    EnvironmentConfig,
+    GraphConfig,
+    RemoteConfig,
+)
 from forcebound.graph.problems import Problems
 from forcebound.graph.servo import ServoSettings, dissipation_of
 from forcebound.graph.tree import Value
@@ -22,6 +28,7 @@ from forcebound.haptics.parts.contract import Findings
 from forcebound.haptics.parts.user_module import kind_of, user_code
 from forcebound.messages.packets import MAX_AXES
 from forcebound.messages.topology import HANDS
+from forcebound.network.addresses import numeric_address
 from forcebound.network.impairment import Impairment
 from forcebound.results.delay_traces import shortest_of
 
@@ -36,11 +43,19 @@ def check_together(made: Values, root: Value, problems: Problems, asks: bool) ->
     """Check sections that could be made; ``asks``: whether to call a user's own parts once."""
     environment, written = made.get("environment"), hands_of(root)
     devices: dict[str, DeviceConfig] = {}
+    remotes: dict[str, RemoteConfig] = {}
     for name, sections in made[HANDS].items():
         check = partial(_check, written[name], problems)
         if _check_hand(sections, environment, asks, check):
             devices[name] = sections["device"]
             check("device", _check_beside, name, devices)
+        if sections.get("remote") is not None:
+            remotes[name] = sections["remote"]
+            check("remote", _check_meeting, name, remotes)
+    servos = {name: device.servo for name, device in devices.items()}
+    for name in servos if len(devices) == len(made[HANDS]) else ():
+        check = partial(_check, written[name], problems)
+        check("device", check_energy_partner, name, servos)
     if environment is not None and len(devices) == len(made[HANDS]) > 0:
         check = partial(_check, root, problems)
         check("environment", environment.served.check_hands, tuple(devices))
@@ -97,6 +112,24 @@ def _check_beside(hand: str, devices: Mapping[str, DeviceConfig]) -> None:
             raise ConfigError(f"{hand} and {name} are both at the port {model.port}", field="port")
 
 
+def _check_meeting(hand: str, remotes: Mapping[str, RemoteConfig]) -> None:
+    """Check that no hand before this one meets its environment at the same address and port."""
+    own = remotes[hand]
+    for name, other in remotes.items():
+        if name == hand:
+            return
+        if (_host(own), own.port) == (_host(other), other.port):
+            raise ConfigError(
+                f"{hand} and {name} both meet the environment at {own.address} port {own.port}:"
+                " each hand needs a port of its own",
+                field="address",
+            )
+
+
+def _host(remote: RemoteConfig) -> object:
+    return numeric_address(remote.address) or remote.address
+
+
 def _check_device(device: DeviceConfig) -> None:
     """Check the number of axes, and that laws have what they rely on."""
     axes = device.model.axes
@@ -135,23 +168,22 @@ def _check_delays(
     )
 
 
-def check_energy_partners(hands: Mapping[str, ServoSettings]) -> None:
-    """Raise ConfigError for a hand whose ``energy_partner`` cannot exchange energy with it."""
-    for hand, servo in hands.items():
-        partner = servo.energy_partner
-        if not partner:
-            continue
-        others = [name for name in hands if name != hand]
-        if partner not in others:
-            problem = f"expected another hand ({', '.join(others) or 'there is none'})"
-        elif hands[partner].energy_partner != hand:
-            problem = f"expected energy_partner: {hand} of {partner}, too: energy goes both ways"
-        elif not LAWS[servo.law].exchanges:
-            able = ", ".join(name for name in LAWS if LAWS[name].exchanges)
-            problem = f"law {servo.law} cannot exchange energy: expected law: one of {able}"
-        else:
-            continue
-        raise ConfigError(f"hand {hand}: {problem}, got {partner!r}", field="energy_partner")
+def check_energy_partner(hand: str, hands: Mapping[str, ServoSettings]) -> None:
+    """Raise ConfigError if the ``energy_partner`` of a hand cannot exchange energy with it."""
+    servo = hands[hand]
+    partner, others = servo.energy_partner, [name for name in hands if name != hand]
+    if not partner:
+        return
+    if partner not in others:
+        problem = f"expected another hand ({', '.join(others) or 'there is none'})"
+    elif hands[partner].energy_partner != hand:
+        problem = f"expected energy_partner: {hand} of {partner}, too: energy goes both ways"
+    elif not LAWS[servo.law].exchanges:
+        able = ", ".join(name for name in LAWS if LAWS[name].exchanges)
+        problem = f"law {servo.law} cannot exchange energy: expected law: one of {able}"
+    else:
+        return
+    raise ConfigError(f"energy_partner: {problem}, got {partner!r}", field="energy_partner")
 
 
 def _ask_law(device: DeviceConfig) -> None:

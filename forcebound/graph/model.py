@@ -34,7 +34,7 @@ from forcebound.graph.servo import ServoSettings
 from forcebound.graph.tree import Value, scalar
 from forcebound.haptics.laws import LAWS
 from forcebound.haptics.parts.user_module import describe_user_error, user_code
-from forcebound.messages.topology import HANDS, LINKS
+from forcebound.messages.topology import HANDS, IMPAIRABLE
 from forcebound.network.impairment import Impairment
 from forcebound.quantities import CheckedText
 from forcebound.results.delay_traces import trace_of
@@ -63,7 +63,7 @@ _RUN = {
 }
 _FILE = Form("the launch file", _RUN)
 _FILE_OF_PHASES = Form(_FILE.name, {n: f for n, f in _RUN.items() if n != "duration"})
-_LINK = {topic: Form(f"links.{topic}", fields_of(Impairment)) for topic in LINKS}
+_LINK = {topic: Form(f"links.{topic}", fields_of(Impairment)) for topic in IMPAIRABLE}
 #: Sections that are made of their values alone.
 SETTINGS: Mapping[str, type] = {"realtime": RealtimeConfig, "remote": RemoteConfig}
 _SETTINGS = {name: (Form(name, fields_of(kind)), kind) for name, kind in SETTINGS.items()}
@@ -131,11 +131,11 @@ def _hand(root: Value, problems: Problems) -> Values:
 
 
 def _links(value: Value, problems: Problems) -> dict[str, Impairment]:
-    Form("links", {}).read(value, problems, LINKS)
+    Form("links", {}).read(value, problems, IMPAIRABLE)
     links = {
         topic: _made(_LINK[topic], link, problems, _link)
         for topic, link in value.entries.items()
-        if topic in LINKS
+        if topic in IMPAIRABLE
     }
     return {topic: link for topic, link in links.items() if link is not None}
 
