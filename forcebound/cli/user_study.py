@@ -83,9 +83,19 @@ def check(file: str) -> None:
 @_folder_option
 @_number_option("--seed", default=1, help="Seed of the simulated observers.")
 @click.option(
-    "--weber", type=click.FloatRange(min=0.0, min_open=True), help="Their Weber fraction."
+    "--weber",
+    type=click.FloatRange(0.0, min_open=True),
+    default=0.23,
+    show_default=True,
+    help="Their Weber fraction of stiffness, at 84 % right answers.",
 )
-@click.option("--lapse", type=click.FloatRange(0.0, 1.0), help="Their lapse rate.")
+@click.option(
+    "--lapse",
+    type=click.FloatRange(0.0, 1.0),
+    default=0.02,
+    show_default=True,
+    help="Share of their answers that are guesses.",
+)
 @click.option("--record", "records", is_flag=True, help="Record each simulated touch; slow.")
 @workers_option
 def run(

@@ -29,8 +29,9 @@ WEBER = 0.23
 LAPSE = 0.02  # of the answers are guesses
 SCATTER = 0.15  # of the speed from touch to touch, standard deviation of its logarithm; assumed
 RUN_UP = 0.030  # m before the starting line, from where the hand begins
+LAG = 0.5  # s by which the handle may be late at the wall
 PHASES = 8
-TRIED = [0.3 + 0.05 * i for i in range(27)]  # speeds of the target, over the asked speed
+TRIED = [0.3 + 0.1 * i for i in range(14)]  # speeds of the target, over the asked speed
 
 
 @dataclass(frozen=True)
@@ -114,7 +115,7 @@ def _approaching(
     if hasattr(operator, "tremor_phase"):
         settings["tremor_phase"] = phase
     slowest = block.band[0] if block.band else operator.approach_speed
-    duration = 1.25 * (wall - start) / max(slowest, 0.01) + study.touch_time  # one for all touches
+    duration = (wall - start) / max(slowest, 0.01) + LAG + study.touch_time  # for all touches
     return replace(config, operator=replace(operator, **settings), duration=duration)
 
 

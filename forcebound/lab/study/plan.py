@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
@@ -18,8 +17,10 @@ from forcebound.graph.fields import fields_of
 from forcebound.graph.forms import Form
 from forcebound.graph.graph import GraphConfig
 from forcebound.graph.loader import arguments_of, build, read_template
-from forcebound.graph.problems import Problems, nearest_file, unknown
+from forcebound.graph.problems import Problems, unknown
+from forcebound.graph.resolved import kind_of
 from forcebound.graph.tree import Value, parse
+from forcebound.lab.sweep.plan import find_file
 from forcebound.quantities import (
     NOT_NEGATIVE,
     POSITIVE,
@@ -33,6 +34,8 @@ from forcebound.quantities import (
 )
 from forcebound.units import split_quantity
 
+#: Environments that are one flat wall, across the first axis.
+WALLS = ("wall", "damped_wall", "power_law_wall", "time_varying_wall")
 SHIPPED = Path(__file__).parents[2] / "study_files"
 _Count: TypeAlias = Annotated[int, Range(at_least=1, at_most=1000)]
 _Whole: TypeAlias = Annotated[int, Range(at_least=0, at_most=1_000_000)]
@@ -234,19 +237,6 @@ def shipped() -> list[str]:
     return sorted(path.name for path in SHIPPED.glob("*.yaml"))
 
 
-def find_study(path: Path) -> Path:
-    """Return the study file meant by ``path``, on disk or shipped; ConfigError without one."""
-    if path.is_file() or (os.path.lexists(path) and path.suffix):
-        return path
-    for name in (path.name, f"{path.name}.yaml"):
-        if path.parent in (Path(), Path("study")) and name in shipped():
-            return SHIPPED / name
-    raise ConfigError(
-        f"there is no study file {str(path)!r}; {nearest_file(path.name, shipped())}"
-        f"those that come with forcebound: {', '.join(shipped())}"
-    )
-
-
 def read_study(file: Path, problems: Problems) -> tuple[StudyFile, Value, str]:
     """Return a study file, its tree and its text; ConfigError with every problem and its place."""
     text = read_text(file, "the study file", MAX_BYTES)
@@ -260,7 +250,7 @@ def read_study(file: Path, problems: Problems) -> tuple[StudyFile, Value, str]:
 
 def load_study(path: str | Path) -> Study:
     """Return the study of a file; ConfigError with every problem in it and its place."""
-    file, problems = find_study(Path(path)), Problems()
+    file, problems = find_file(Path(path), SHIPPED, "study file"), Problems()
     written, root, text = read_study(file, problems)
     graphs = _graphs(written, root, file.parent, problems)
     problems.raise_if_any()
@@ -333,5 +323,6 @@ def _check(study: Study, root: Value, problems: Problems) -> None:
 
 def wall_of(config: GraphConfig) -> float | None:
     """Return the place of the flat wall of a graph across its first axis, in m; None without."""
-    position = getattr(config.environment.model, "position", None)
-    return position if isinstance(position, float) else None
+    model = config.environment.model
+    is_wall = kind_of("environment", model) in WALLS
+    return float(getattr(model, "position", 0.0)) if is_wall else None

@@ -12,6 +12,7 @@ is opened again goes on with the trial after the last answer: all that it needs 
 """
 
 import csv
+import errno
 import fcntl
 import io
 import json
@@ -20,6 +21,7 @@ import platform
 import re
 import shutil
 from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -99,14 +101,17 @@ class Session:
         self.study, self.kind, self.folder, self._mark = study, kind, folder / participant, mark
         try:
             (self.folder / RECORDINGS).mkdir(parents=True, exist_ok=True)
-            self._lock = os.open(self.folder / LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
-            if not try_lock(self._lock):
-                raise ConfigError(f"{participant} takes part in another session just now")
-            self.number = self._registered(participant)
-            self.rows = self._answered()
+            lock = os.open(self.folder / LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+            with ExitStack() as stack:
+                stack.callback(os.close, lock)
+                if not try_lock(lock):
+                    raise ConfigError(f"{participant} takes part in another session just now")
+                self.number = self._registered(participant)
+                self.rows = self._answered()
+                self._check_room(records)
+                self._close = stack.pop_all().close  # frees the lock
         except OSError as error:
             raise ConfigError(f"cannot write into {self.folder}: {reason(error)}") from error
-        self._check_room(records)
         self._instructed = ""  # block
         self._rested = len(self.rows)  # rows at the last break, or the beginning
         self._feedback: Step | None = None
@@ -116,7 +121,7 @@ class Session:
         return self
 
     def __exit__(self, *error: object) -> None:
-        os.close(self._lock)  # frees it
+        self._close()
 
     def _registered(self, participant: str) -> int:
         """Return the participant's number; write what is known before the first trial."""
@@ -162,14 +167,15 @@ class Session:
         """Write a row so that it survives whatever comes; leave no part of it on a full disk."""
         text = io.StringIO()
         csv.DictWriter(text, COLUMNS, lineterminator="\n").writerow(row)
-        with (self.folder / TRIALS).open("ab") as file:
+        data = text.getvalue().encode()
+        with (self.folder / TRIALS).open("ab", buffering=0) as file:
             size = file.tell()
             try:
-                file.write(text.getvalue().encode())
-                file.flush()
+                if file.write(data) < len(data):
+                    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
                 os.fsync(file.fileno())
             except OSError:
-                os.truncate(file.fileno(), size)
+                file.truncate(size)
                 raise
 
     def _check_room(self, records: bool) -> None:
