@@ -412,36 +412,40 @@ def test_the_measures_of_a_touch_are_those_of_physics() -> None:
 
 
 @pytest.fixture(scope="module")
-def simulated(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def simulated_study(tmp_path_factory: pytest.TempPathFactory) -> Study:
+    text = SHORT.replace("repetitions: 2", "repetitions: 4")
+    return study_of(text, tmp_path_factory.mktemp("study"))
+
+
+@pytest.fixture(scope="module")
+def simulated(simulated_study: Study, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("simulated")
-    study = study_of(SHORT.replace("repetitions: 2", "repetitions: 10"), folder)
     for name in ("a", "b"):
-        Observer(1).take_part(study, folder / "data", name)
+        Observer(1).take_part(simulated_study, folder / "data", name)
     return folder
 
 
 def test_simulated_observers_keep_to_the_band_and_say_that_they_are_simulated(
-    simulated: Path,
+    simulated_study: Study, simulated: Path
 ) -> None:
-    study = load_study(simulated / "own.yaml")
     rows = rows_in(simulated / "data/a")
     assert {row["kind"] for row in rows} == {"simulated"}
     for row in rows:
         for place in (1, 2):
-            assert study.blocks[row["block"]].holds(float(row[f"speed_{place}"]))
+            assert simulated_study.blocks[row["block"]].holds(float(row[f"speed_{place}"]))
     viscous = analysis.touches(rows, "viscous", "stiffness")
     assert viscous == pytest.approx([540.0] * len(viscous), rel=0.03)  # 2B, whatever the hand
 
 
-def test_a_simulated_study_is_repeated_to_the_bit_also_after_a_break(simulated: Path) -> None:
-    study, again = load_study(simulated / "own.yaml"), simulated / "again"
-    ignored = ("started", "answered")
+def test_a_simulated_study_is_repeated_to_the_bit_also_after_a_break(
+    simulated_study: Study, simulated: Path
+) -> None:
+    ignored, again = ("started", "answered"), simulated / "again"
     whole = [[row[k] for k in COLUMNS if k not in ignored] for row in rows_in(simulated / "data/a")]
-    Observer(1).take_part(study, again, "a")
-    file = again / "a/trials.csv"
-    lines = file.read_text().splitlines(keepends=True)
-    file.write_text("".join(lines[:12]))
-    Observer(1).take_part(study, again, "a")
+    again.joinpath("a").mkdir(parents=True)
+    lines = (simulated / "data/a/trials.csv").read_text().splitlines(keepends=True)
+    (again / "a/trials.csv").write_text("".join(lines[:7]))  # header, and 6 of 10 trials
+    Observer(1).take_part(simulated_study, again, "a")
     assert [[row[k] for k in COLUMNS if k not in ignored] for row in rows_in(again / "a")] == whole
 
 
@@ -458,7 +462,7 @@ def test_an_observer_without_noise_chooses_the_stiffer_and_a_lapsing_one_guesses
 def test_the_report_has_the_published_beside_ours(simulated: Path) -> None:
     text = write_report(simulated / "data").read_text()
     assert "83.67 (13.56)" in text
-    assert "2 participants (**simulated**), 40 answered trials" in text
+    assert "2 participants (**simulated**), 16 answered trials" in text
     assert (simulated / "data/report.png").stat().st_size > 10_000
 
 
