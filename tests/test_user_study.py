@@ -433,6 +433,10 @@ def test_simulated_observers_keep_to_the_band_and_say_that_they_are_simulated(
     for row in rows:
         for place in (1, 2):
             assert simulated_study.blocks[row["block"]].holds(float(row[f"speed_{place}"]))
+    seeds = [
+        row[f"seed_{n}"] for one in "ab" for row in rows_in(simulated / "data" / one) for n in "12"
+    ]
+    assert len(set(seeds)) == len(seeds) == 40
     viscous = analysis.touches(rows, "viscous", "stiffness")
     assert viscous == pytest.approx([540.0] * len(viscous), rel=0.03)  # 2B, whatever the hand
 
@@ -535,6 +539,7 @@ def test_the_mixed_model_finds_a_known_effect() -> None:
     assert mean == pytest.approx(1.0, abs=0.4)
     assert 0.0 < sd < 0.4
     assert analysis.mixed_model(data_of({"a": [1, 0]})) == []
+    assert analysis.mixed_model(data_of({"a": [1, 1], "b": [1]})) == []
 
 
 def test_a_fit_recovers_a_known_psychometric_function(tmp_path: Path) -> None:

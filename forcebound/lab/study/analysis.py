@@ -121,9 +121,10 @@ def mixed_model(data: Data) -> list[tuple[str, float, float]]:
     """Return the terms of a logistic mixed model: name, posterior mean and SD, in log odds.
 
     One fixed effect for each comparison, a random intercept for each participant; variational
-    Bayes of statsmodels, with its priors. Empty with a single participant.
+    Bayes of statsmodels, with its priors. Empty with a single participant, or if all answers are
+    the same.
     """
-    if len(by_participant(data.rows)) < 2:
+    if len(by_participant(data.rows)) < 2 or len(set(_chosen(data.rows))) < 2:
         return []
     from statsmodels.genmod.bayes_mixed_glm import BinomialBayesMixedGLM
 

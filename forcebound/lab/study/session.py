@@ -25,6 +25,7 @@ from contextlib import ExitStack
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
+from random import Random
 from typing import Any, Literal, TypeAlias
 
 from forcebound.errors import ConfigError
@@ -214,7 +215,8 @@ class Session:
             return Step("question", self.study.question, trial=trial)
         interval = len(self._touches) + 1
         config = self.study.config(trial.stimuli[interval - 1])
-        config = replace(config, seed=trial.seed + 1000 * interval + self._attempt)
+        chance = Random(f"{trial.seed}/{interval}/{self._attempt}")  # no two touches share it
+        config = replace(config, seed=chance.randrange(2**31))
         file = self.folder / RECORDINGS / f"{trial.number:04d}-{interval}.mcap"
         return Step("touch", trial=trial, interval=interval, config=config, recording=file)
 
