@@ -466,7 +466,7 @@ def test_an_observer_without_noise_chooses_the_stiffer_and_a_lapsing_one_guesses
 def test_the_report_has_the_published_beside_ours(simulated: Path) -> None:
     text = write_report(simulated / "data").read_text()
     assert "83.67 (13.56)" in text
-    assert "2 participants (**simulated**), 16 answered trials" in text
+    assert "Participants: 2 (**simulated**). Answered trials: 16" in text
     assert (simulated / "data/report.png").stat().st_size > 10_000
 
 

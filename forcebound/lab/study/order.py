@@ -31,8 +31,8 @@ class Trial:
     @property
     def stimuli(self) -> tuple[Stimulus, Stimulus]:
         """Both, in the order in which they are presented."""
-        pair = (self.counted, self.other)
-        return pair if self.counted_first else pair[::-1]
+        one, other = self.counted, self.other
+        return (one, other) if self.counted_first else (other, one)
 
 
 def blocks_of(study: Study, number: int) -> list[str]:

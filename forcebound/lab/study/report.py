@@ -48,7 +48,7 @@ def _head(data: Data) -> Iterator[str]:
     yield ""
     yield data.study.description
     yield ""
-    yield f"{people} participants (**{data.kind}**), {len(data.rows)} answered trials."
+    yield f"Participants: {people} (**{data.kind}**). Answered trials: {len(data.rows)}."
     yield ""
 
 
@@ -65,9 +65,9 @@ def _percentages(data: Data, found: dict[analysis.Group, Shares]) -> Iterator[st
         rows.append(
             [
                 *(block, f"{counted} against {other}"),
-                f"{100 * one.mean:.2f} ({100 * one.sd:.2f})",
-                f"{100 * one.standard_error:.2f}",
-                f"{100 * theirs.chosen:.2f} ({100 * theirs.sd:.2f})" if theirs else "",
+                f"{_percent(one.mean)} ({_percent(one.sd)})",
+                _percent(one.standard_error),
+                f"{_percent(theirs.chosen)} ({_percent(theirs.sd)})" if theirs else "",
                 *(f"{one.chosen} of {one.trials}", f"{one.p:.2g}", f"{one.sensitivity:.2f}"),
                 f"{terms[number][1]:.2f} ({terms[number][2]:.2f})" if terms else "",
             ]
@@ -76,6 +76,10 @@ def _percentages(data: Data, found: dict[analysis.Group, Shares]) -> Iterator[st
     yield ""
     yield "The exact test takes all trials as if of one person; the mixed model does not."
     yield ""
+
+
+def _percent(share: float) -> str:
+    return "–" if np.isnan(share) else f"{100 * share:.2f}"
 
 
 def _touches(data: Data) -> Iterator[str]:
