@@ -32,7 +32,7 @@ def run(duration: float, rate: float) -> Result:
 def _graph(name: str, rate: float) -> GraphConfig:
     config = load(name)
     servo = replace(config.device.servo, rate=rate)
-    return replace(config, device=replace(config.device, servo=servo))
+    return config.with_hand(device=replace(config.device, servo=servo))
 
 
 def _ticks(config: GraphConfig, timing: Timing) -> Round:

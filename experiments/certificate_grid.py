@@ -28,6 +28,7 @@ from typing import Any
 
 import numpy as np
 
+from forcebound.errors import ConfigError
 from forcebound.graph.graph import GraphConfig
 from forcebound.graph.loader import load
 from forcebound.haptics.devices.true_values import TrueAxes
@@ -131,10 +132,10 @@ def config_of(case: Row) -> GraphConfig:
         device = replace(device, model=replace(model, **numbers))
     if case.get("hand") == "taken":
         environment = replace(config.environment, model=PULLING)
-        config = replace(config, operator=PULLED, environment=environment, duration=3.8)
+        config = config.with_hand(operator=PULLED, environment=environment, duration=3.8)
     elif case.get("hand") == "taps":
-        config = replace(config, operator=TAPS)
-    return replace(config, device=device)
+        config = config.with_hand(operator=TAPS)
+    return config.with_hand(device=device)
 
 
 def motion_of(columns: TelemetryColumns, model: Any) -> Row:
@@ -286,7 +287,10 @@ def main() -> int:
     parser.add_argument("--prices", action="store_true", help="print prices, power and drag")
     parser.add_argument("--page", type=Path, help="write all tables to this Markdown file")
     options = parser.parse_args()
-    check_page(options.page)
+    try:
+        check_page(options.page)
+    except ConfigError as error:
+        parser.error(f"--page: {error}")
     found: dict[str, list[Row]] = {} if options.prices else pressed(options)
     if options.prices or options.page:
         found |= priced(options)

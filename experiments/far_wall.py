@@ -75,8 +75,8 @@ def case(law: str, delay: int, controller: LocalModel | None, hand: Any = None) 
     arguments = [f"law:={law}", f"delay:={delay} ms", "controller:=direct"]
     config = load("far_wall", arguments)
     if controller is not None:
-        config = replace(config, controller=controller)
-    return config if hand is None else replace(config, operator=hand)
+        config = config.with_hand(controller=controller)
+    return config if hand is None else config.with_hand(operator=hand)
 
 
 def touching_hand(folder: Path) -> TrajectoryHand:
@@ -139,7 +139,7 @@ def scene(name: str, controller: str, delay: int) -> GraphConfig:
     arguments = [f"controller:={controller}", f"delay:={delay} ms", "age_limit:=300 ms"]
     if name == "touch_sphere":
         hand = StrokingHand(start=(-0.01, 0.0, 0.0), end=(0.014, 0.0, 0.0), stroke=(0, 0, 0.012))
-        return replace(load(name, [*arguments, "stiffness:=2 N/mm"]), operator=hand)
+        return load(name, [*arguments, "stiffness:=2 N/mm"]).with_hand(operator=hand)
     if not name.startswith("ridges"):
         return load(name, arguments)
     pitch = 1e-3 * float(name.split()[1])

@@ -39,7 +39,7 @@ def case(law: str, watchdog: str, hold_limit: float | str) -> GraphConfig:
     servo = replace(config.device.servo, allowance=allowance)
     model: Any = config.device.model
     model = replace(model, watchdog=watchdog, **WATCHDOGS[watchdog])
-    return replace(config, device=replace(config.device, model=model, servo=servo))
+    return config.with_hand(device=replace(config.device, model=model, servo=servo))
 
 
 def cell(values: list[float]) -> str:

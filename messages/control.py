@@ -72,6 +72,8 @@ class StartNode(Request, frozen=True, tag="start_node"):
 class ResumeDevice(Request, frozen=True, tag="resume_device"):
     """Open a lost device again."""
 
+    node: str = ""  # name of its process; empty: the one that is lost
+
 
 class ConfigureNode(Request, frozen=True, tag="configure_node"):
     """Pass :class:`Configure` to a node that does not answer now."""
@@ -171,7 +173,7 @@ class NodeStatus(ProcessStatus, kw_only=True, tag="node"):
 
     steps: int = 0
     links: dict[str, dict[str, int]] = {}  # packets on impaired links, by topic and fate
-    remote: RemoteStatus | None = None
+    remotes: dict[str, RemoteStatus] = {}  # links to other machines, by hand
     realtime: list[Fact] = []  # what makes the process punctual, or could not be had
 
 

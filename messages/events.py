@@ -75,6 +75,14 @@ class EventLog:
         return self.emit(time_ns, LINK_COUNTED, f"{topic}: {fates or 'nothing'}", data)
 
 
+def is_of(event: Event, hand: str) -> bool:
+    """Return whether an event concerns a hand: of its nodes, its links, or of all hands."""
+    if event.data.get("hand", hand) != hand:
+        return False
+    name = event.data.get("link", event.node)
+    return "/" not in name or name.startswith(f"{hand}/")
+
+
 def _bounded(data: Mapping[str, str]) -> dict[str, str]:
     """Return the data that fits into a packet, and the number of entries left out."""
     kept: dict[str, str] = {}

@@ -38,7 +38,7 @@ def test_the_applied_force_is_that_of_the_torques(name: str, law: str, tmp_path:
     config = load(name, [f"law:={law}"])
     given: Any = config.device.model
     model = replace(given, saturation=WEAKER * given.saturation)
-    config = replace(config, device=replace(config.device, model=model))
+    config = config.with_hand(device=replace(config.device, model=model))
     run_virtual(config, 1.0, path)
     kinematics = model.kinematics()
     saturated = 0

@@ -81,7 +81,7 @@ def test_values_are_shown_as_one_may_set_them(config: GraphConfig) -> None:
         "environment.stiffness": "2 N/mm",
     }
     new = change(config, settings)
-    assert replace(new, links=config.links, environment=config.environment) == config
+    assert replace(new, hands=config.hands, environment=config.environment) == config
     shown = as_written(new, {**differences(config, new), "links.force_command.trace": None})
     assert shown == {
         "links.device_state.gemodel": "{ p: 0.01, r: 0.2, h: 0, k: 1 }",
@@ -171,7 +171,7 @@ def with_law(config: GraphConfig, law: object) -> Configure:
 
 
 def test_a_device_takes_a_law_and_no_other_process_does(config: GraphConfig) -> None:
-    device = build_device(config)
+    device = build_device(config.only)
     settings = with_law(config, "none")
     other = process([EnvironmentNode(config.environment.model)])
     assert processes_of([LAW]) == {"device"}

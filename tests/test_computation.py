@@ -157,7 +157,7 @@ def test_traces_are_taken_and_left_while_the_graph_runs(tmp_path: Path) -> None:
     away = written(tmp_path, "time_s,delay_s\n0,0.003\n", "away.csv")
     config = load(computing(tmp_path))
     delays: list[float | None] = []
-    device = build_device(config)
+    device = build_device(config.only)
     device.engage()
     graph = Simulation(
         [build_node("environment", config), build_node("controller", config), device],

@@ -100,7 +100,7 @@ def everything(tmp_path: Path) -> Path:
 def an_hour(file: str | Path, report: Callable[[str], None]) -> None:
     config = load(file)
     watch = Watch()
-    device = build_device(config)
+    device = build_device(config.only)
     others = [build_node(kind, config) for kind in ONE_HAND.loop if kind != "device"]
     simulation = Simulation([*others, device], build_links(config), watch)
     for node in simulation.nodes:

@@ -93,7 +93,7 @@ def test_jitter_and_loss_on_the_links_leave_the_wall_stiff() -> None:
     found = []
     for law in LAWS:
         near = press(law, NEAR, None, False)
-        far, _ = figures(replace(case(law, 20, LocalModel()), links=links))
+        far, _ = figures(case(law, 20, LocalModel()).with_hand(links=links))
         assert far.energy >= -ENERGY_TOLERANCE
         found.append(far.stiffness / near.stiffness)
     assert min(found) >= 0.8

@@ -10,6 +10,7 @@ import pytest
 
 from forcebound.graph.graph import GraphConfig
 from forcebound.graph.loader import load
+from forcebound.graph.names import HAND_SECTIONS
 from forcebound.haptics.environments import ENVIRONMENTS
 from forcebound.haptics.hands.hands import SinusoidalHand
 from forcebound.haptics.hands.paths import TrajectoryHand
@@ -31,17 +32,17 @@ def pressed(*arguments: str, seconds: float = 0.25) -> GraphConfig:
 
 def with_servo(config: GraphConfig, **changed: Any) -> GraphConfig:
     servo = replace(config.device.servo, **changed)
-    return replace(config, device=replace(config.device, servo=servo))
+    return config.with_hand(device=replace(config.device, servo=servo))
 
 
 def with_model(config: GraphConfig, **changed: Any) -> GraphConfig:
     model = replace(config.device.model, **changed)
-    return replace(config, device=replace(config.device, model=model))
+    return config.with_hand(device=replace(config.device, model=model))
 
 
 def with_links(config: GraphConfig, impairment: Impairment) -> GraphConfig:
-    return replace(
-        config, links=dict.fromkeys(("environment_query", "environment_reply"), impairment)
+    return config.with_hand(
+        links=dict.fromkeys(("environment_query", "environment_reply"), impairment)
     )
 
 
@@ -103,7 +104,7 @@ def test_recorded_delays_and_paths_are_read_again(tmp_path: Path) -> None:
         path.write_text(f"time,x\n0,0\n0.1,0.012\n0.2,{end}\n")
         delays.write_text(f"time_s,delay_s\n0,{delay}\n")
         config = with_links(pressed(), Impairment(trace=delays))
-        assert_same_bits(replace(config, operator=TrajectoryHand(path)))
+        assert_same_bits(config.with_hand(operator=TrajectoryHand(path)))
 
 
 @pytest.mark.parametrize(
@@ -126,6 +127,8 @@ def test_other_settings_give_the_bits_of_the_graph(changed: dict[str, Any]) -> N
     config = with_servo(config, **changed.pop("servo", {}))
     config = with_model(config, **changed.pop("model", {}))
     environment = replace(config.environment, **changed.pop("environment", {}))
+    parts = {name: changed.pop(name) for name in HAND_SECTIONS if name in changed}
+    config = config.with_hand(**parts)
     assert_same_bits(replace(config, environment=environment, **changed))
 
 
@@ -163,7 +166,7 @@ def test_a_run_with_a_reading_that_the_bounder_refuses_goes_through_the_graph() 
 )
 def test_what_is_not_served_is_named(changed: dict[str, Any], reason: str) -> None:
     config = with_model(pressed(), **changed.pop("model", {}))
-    (found,) = unserved(replace(config, **changed))
+    (found,) = unserved(config.with_hand(**changed))
     assert reason in found
 
 

@@ -92,8 +92,9 @@ STATE = """(() => {
   const state = new State();
   Object.assign(state, { law, reason });
   for (let i = 0; i <= 60; i += 1) {
-    const time = 1 + i / 30, x = 0.012 + swing * Math.sin(20 * time);
-    state.take({ time: [time], position: [[x]], commanded: [[20]], applied: [[applied]],
+    const time = 1 + i / 30, x = 0.012 + swing * Math.sin(20 * time), isIn = time <= 3 - away;
+    state.take({ time: [time], position: [[x]], commanded: [[isIn ? 20 : 0]],
+      applied: [[isIn ? applied : 0]],
       energy: [fall * (time - 1)], true_energy: [isTrue ? fall * (time - 1) : null],
       misses: Math.round(lost * 1e3 * time),
       delay: [delay], engagement, since: 1, limit: [8.5] });
@@ -103,7 +104,7 @@ STATE = """(() => {
 })()"""
 HEALTHY = {
     "law": "certified", "swing": 0.0, "applied": 20.0, "fall": 0.01, "lost": 0.0, "delay": 1e-3,
-    "engagement": 1.0, "isTrue": True, "reason": "",
+    "engagement": 1.0, "isTrue": True, "reason": "", "away": 0.0,
 }  # fmt: skip
 
 
@@ -144,12 +145,14 @@ def test_the_state_in_words(tmp_path: Path, change: dict[str, Any], kind: str, e
         ({"applied": 5.0}, "5 N of the 20 N", "ticks"),
         ({"applied": 5.0, "reason": "too far: come nearer"}, "commands: too far.", "nearer"),
         ({"applied": 5.0, "reason": "too far", "law": "none"}, "5 N of the 20 N", "too far"),
-        ({"lost": 0.015, "applied": 5.0}, "30 ticks were missed in this contact", "1 %"),
+        ({"lost": 0.015, "applied": 5.0}, "30 ticks were missed in this contact", "% of the ticks"),
         ({"lost": 0.005, "applied": 5.0}, "5 N of the 20 N", "press again"),  # too few to feel
         ({"lost": 0.015}, "all 20 N", "press again"),
         ({"lost": 0.1, "applied": 5.0}, "10 % of the ticks", "press again"),
         ({"law": "none", "swing": 5e-3, "fall": -1.7}, "none", "ticks"),
         ({"isTrue": False, "fall": -0.01}, "friction", "ticks"),
+        ({"away": 0.2}, "all 20 N", "No contact"),  # a bounce
+        ({"away": 0.3}, "No contact", "20 N"),
     ],
 )
 def test_what_explains_the_state(

@@ -43,7 +43,7 @@ def test_target_is_no_faster_than_its_speed_and_stays_within_reach() -> None:
 
 
 def node(*words: str) -> DeviceNode:
-    made = build_device(load("pointer_wall", words))
+    made = build_device(load("pointer_wall", words).only)
     made.engage()
     return made
 
@@ -98,7 +98,7 @@ def test_a_pointer_that_is_no_place_is_refused(target: tuple[float, ...]) -> Non
 
 
 def test_a_hand_that_follows_no_pointer_says_so() -> None:
-    device = build_device(load("stiff_wall"))
+    device = build_device(load("stiff_wall").only)
     answer = device.handle(Point((0.0,)))
     assert isinstance(answer, Refused)
     assert "operator" in answer.error

@@ -100,7 +100,7 @@ def test_late_ticks_and_a_watchdog_s_cuts_are_heard_again(tmp_path: Path, watchd
     model: Any = config.device.model
     limit = 5e-3 if watchdog == "none" else "auto"
     model = with_fields(model, watchdog=watchdog, watchdog_limit=limit)
-    config = with_fields(config, device=DeviceConfig(model, config.device.servo))
+    config = config.with_hand(device=DeviceConfig(model, config.device.servo))
     run_virtual(config, 0.6, path, late_ticks=LateTicks(rate=40.0))
     assert verified(path).is_same
     cuts = [p for p in read(path).packets("telemetry") if getattr(p, "cut_ns", None) is not None]
@@ -146,7 +146,7 @@ def test_a_recording_without_its_first_ticks_is_verified_in_full(
     tmp_path: Path,
 ) -> None:
     path, config = tmp_path / "run.mcap", load("stiff_wall")
-    device = build_device(config)
+    device = build_device(config.only)
     others = [build_node(kind, config) for kind in ONE_HAND.loop if kind != "device"]
     with Recorder(path, run_metadata(config)) as recorder:
         simulation = Simulation([*others, device], {}, recorder.write)

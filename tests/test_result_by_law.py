@@ -87,7 +87,7 @@ def test_a_run_without_an_answer_is_idle(controller: str) -> None:
     config = load("stiff_wall", [f"controller:={controller}"])
     deaf = replace(config.links["environment_reply"], loss=1.0)
     links = {**config.links, "environment_reply": deaf}
-    assert run_virtual(replace(config, links=links), 0.3).failed
+    assert run_virtual(config.with_hand(links=links), 0.3).failed
     assert not run_virtual(config, 0.3).failed
 
 

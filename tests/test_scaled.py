@@ -1,7 +1,6 @@
 """Scaling of way and force, the clutch, and the border of the workspace."""
 
 import math
-from dataclasses import replace
 from itertools import pairwise
 
 import pytest
@@ -43,7 +42,7 @@ def test_the_power_at_the_hand_is_that_in_the_environment(scale: float) -> None:
 def test_a_wall_feels_as_stiff_as_both_scales_say() -> None:
     config = load("stiff_wall", ["law:=none", "stiffness:=1 N/mm"])
     controller = Scaled(motion_scale=2.0, force_scale=0.25)
-    columns = run_virtual(replace(config, controller=controller), 2.0).columns
+    columns = run_virtual(config.with_hand(controller=controller), 2.0).columns
     depth = columns.position[-1, 0] - 0.005  # the surface at 10 mm is 5 mm away
     assert columns.applied_force[-1, 0] == pytest.approx(2.0 * 0.25 * 1000.0 * depth, rel=0.01)
 
@@ -120,7 +119,7 @@ def test_a_hand_that_holds_the_clutch_feels_nothing_until_it_lets_go() -> None:
     config = load("stiff_wall", ["law:=none", "stiffness:=1 N/mm"])
     presses = (Press(start=0.0, end=0.01), Press(start=0.5, end=1.0))
     hand = StrokingHand(stroke=0.0, presses=presses)
-    coupled = replace(config, operator=hand, controller=Scaled(clutch_button=0))
+    coupled = config.with_hand(operator=hand, controller=Scaled(clutch_button=0))
     result = run_virtual(coupled, 1.5)
     columns, force = result.columns, result.columns.applied_force[:, 0]
     assert set(force[(columns.elapsed > 0.51) & (columns.elapsed < 1.0)]) == {0.0}

@@ -39,8 +39,7 @@ def test_every_page_is_built(site: Path) -> None:
 def test_the_reference_has_every_public_name(site: Path) -> None:
     page = (site / "docs/api.html").read_text(encoding="utf-8")
     places = set(re.findall(r'id="(forcebound[\w.]*)"', page))
-    public = getattr(forcebound, "__all__", [])
-    made = {name for name in public if callable(getattr(forcebound, name))}
+    made = {name for name in forcebound.__all__ if callable(getattr(forcebound, name))}
     assert {f"forcebound.{name}" for name in made} - places == set()
     assert "forcebound.haptics.environments.Environment.force" in places
     assert "forcebound.haptics.laws.law.BoundingLaw" in places

@@ -29,6 +29,12 @@ def test_a_study_explains_its_options(name: str) -> None:
     assert "usage" in done.stdout
 
 
+def test_a_page_that_cannot_be_written_is_refused_before_the_work() -> None:
+    done = study("certificate_grid.py", "--page", "page.txt")
+    assert done.returncode == 2
+    assert "'page.txt'" in done.stderr
+
+
 def test_a_short_fit_of_table_1_prints_a_hand_and_what_it_predicts() -> None:
     pytest.importorskip("cma", reason="cma is not installed (extra: lab)")
     done = study("fit_table1.py", "--generations", "1", "--without", "aol")

@@ -1,6 +1,7 @@
 """The page's server: who gets in, what pages are told, and what they may change."""
 
 import asyncio
+import itertools
 import json
 import os
 import signal
@@ -298,6 +299,38 @@ def test_a_graph_that_ends_while_its_controls_are_made_leaves_nothing(
     controls.close.assert_called_once_with()
 
 
+def test_looks_at_the_nodes_do_not_queue_up_behind_other_work(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("forcebound.observe.page.server.PROCESSES_PERIOD", 0.0)
+    turns, looks, is_free = itertools.count(), itertools.count(), Event()
+
+    async def visit(descriptor: int) -> None:
+        server = Server()
+
+        def look(_: float) -> list[Any]:
+            if next(turns) == 20:
+                server.stop()
+            return []
+
+        graph = Mock(look=look)
+        graph.feed.recent, graph.pace.slowness, graph.pointer.descriptor = (), 0.0, descriptor
+        graph.watch.is_over = False
+        monkeypatch.setattr(server, "_look_at_nodes", lambda *_: next(looks))
+        server.pages.add(Mock())
+        server.workers.submit(is_free.wait, TIMEOUT)  # a law that is being compiled
+        await server._follow(graph)
+        is_free.set()
+        server.workers.shutdown()  # when all that waits is done
+        server.pages.clear()
+        await server.close()
+
+    ours, theirs = socket.socketpair()
+    with ours, theirs:
+        asyncio.run(visit(ours.fileno()))
+    assert next(looks) == 1
+
+
 def test_a_body_is_refused_at_the_headers_and_connections_are_limited(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -450,8 +483,8 @@ def test_a_newer_request_for_a_law_replaces_those_that_wait(
     delays = controls.receive({"do": "set", "settings": {"links.environment_query.delay": "5 ms"}})
     assert [count() for count in (*counts, delays)] == [False, True, True]
     assert controls.act({"do": "break"}, counts[0]) is None  # not begun
-    is_newest = iter((True, True, False, False))  # it waits when the next request comes
-    assert controls.act({"do": "break"}, lambda: next(is_newest)) is None
+    looks = itertools.count()
+    assert controls.act({"do": "break"}, lambda: next(looks) < 2) is None  # a newer one comes
     controls.act({"do": "safe"}, counts[1])
     assert done == ["safe"]
     kernels.close()

@@ -1,7 +1,6 @@
 """The virtual coupling: what its proxy does, and when it is passive by itself."""
 
 import logging
-from dataclasses import replace
 
 import pytest
 from builders import MS, reply, state
@@ -90,7 +89,7 @@ def test_without_a_law_a_soft_coupling_tames_a_wall_with_which_the_hand_gets_ene
     controller: ControllerModel, least: float, most: float
 ) -> None:
     config = load("released_hand", ["law:=none", "stiffness:=20 N/mm"])
-    result = run_virtual(replace(config, controller=controller), 2.0)
+    result = run_virtual(config.with_hand(controller=controller), 2.0)
     assert least < summarize(result.columns, result.document)["true_energy_min_j"] <= most
 
 

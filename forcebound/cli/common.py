@@ -3,7 +3,7 @@
 import json
 import os
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from functools import partial, reduce
 from pathlib import Path
@@ -14,6 +14,7 @@ import click
 from forcebound.cli.complete import graphs, topics
 from forcebound.errors import ConfigError, RunError
 from forcebound.files import printable, recording_file
+from forcebound.messages.topology import HAND
 from forcebound.results.printing import print_rows
 
 if TYPE_CHECKING:
@@ -178,10 +179,11 @@ def show_live_run(
     from forcebound.run.live import run_live
 
     with status_line(as_json) as screen:
-        result = run_live(config, duration, record, None, file, screen, folder)
+        results = run_live(config, duration, record, None, file, screen, folder)
         screen.status("computing the figures")
-        _ = result.summary
-    report(result, record, as_json, shows_all)
+        for result in results.values():
+            _ = result.summary
+    report(results, record, as_json, shows_all)
 
 
 def show_virtual_run(
@@ -192,26 +194,32 @@ def show_virtual_run(
     shows_all: bool,
 ) -> None:
     """Run a graph in virtual time, and show the result; see :func:`report`."""
-    from forcebound.run.virtual import run_virtual
+    from forcebound.run.virtual import run_virtual_hands
 
     with slow_bar("ms of virtual time", as_json) as tell:
-        result = run_virtual(config, duration, record, may_end_early=True, progress=tell)
-    show(f"virtual time: {result.times_real_time:.0f} times real time", err=True)
-    report(result, record, as_json, shows_all)
+        results = run_virtual_hands(config, duration, record, may_end_early=True, progress=tell)
+    speed = next(iter(results.values())).times_real_time
+    show(f"virtual time: {speed:.0f} times real time", err=True)
+    report(results, record, as_json, shows_all)
 
 
-def report(result: "RunResult", record: Path | None, as_json: bool, shows_all: bool) -> None:
-    """Show the result of a run; RunError, once it is shown, if the run failed."""
-    if result.interrupted:
+def report(
+    results: "Mapping[str, RunResult]", record: Path | None, as_json: bool, shows_all: bool
+) -> None:
+    """Show the results of a run, by hand; RunError, once they are shown, if the run failed."""
+    if any(result.interrupted for result in results.values()):
         show("forcebound: interrupted; result up to here", err=True)
+    summaries = {hand: result.summary for hand, result in results.items()}
     if as_json:
-        print_json(result.summary)
+        print_json(summaries.get(HAND, {"hands": summaries}))
     else:
-        show_results([result], shows_all=shows_all)
+        labels = [hand for hand in results if hand]
+        show_results(list(results.values()), labels, shows_all=shows_all)
         if record is not None:
             show(f"recording: {record}")
-    if result.failed:
-        raise RunError(result.failed)
+    for hand, result in results.items():
+        if result.failed:
+            raise RunError(f"{hand}: {result.failed}" if hand else result.failed)
 
 
 def show_results(

@@ -52,9 +52,10 @@ def demo(folder: Path) -> None:
     from forcebound.results.plots import figure, save
     from forcebound.results.tables import summary_table
     from forcebound.run.live import run_live
+    from forcebound.run.results import RunResult
 
     folder.mkdir(parents=True, exist_ok=True)
-    results = []
+    results: list[RunResult] = []
     for law in ("none", "certified"):
         show(
             f"live run, law {law}: device, controller and environment as processes; a simulated "
@@ -62,7 +63,7 @@ def demo(folder: Path) -> None:
         )
         config = load("delayed_wall.yaml", [f"law:={law}"])
         with status_line(as_json=False) as screen:
-            results.append(run_live(config, record=folder / f"{law}.mcap", screen=screen))
+            results += run_live(config, record=folder / f"{law}.mcap", screen=screen).values()
         if results[-1].interrupted:
             raise KeyboardInterrupt
     save(figure([(r.label, r.columns, r.document) for r in results]), folder / "demo.png")

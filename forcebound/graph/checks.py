@@ -5,12 +5,20 @@ Each raises ConfigError, with the key of the section that is wrong where it is o
 
 import logging
 from collections.abc import Callable, Mapping
+from functools import partial
 from importlib import import_module
 from typing import Any
 
 from forcebound.errors import ConfigError
+from forcebound.graph.document import hands_of
 from forcebound.graph.forms import Values, note_error
-from forcebound.graph.graph import KINDS, DeviceConfig, EnvironmentConfig, GraphConfig
+from forcebound.graph.graph import (
+    KINDS,
+    DeviceConfig,
+    EnvironmentConfig,
+    GraphConfig,
+    RemoteConfig,
+)
 from forcebound.graph.problems import Problems
 from forcebound.graph.servo import ServoSettings, dissipation_of
 from forcebound.graph.tree import Value
@@ -19,6 +27,8 @@ from forcebound.haptics.laws import LAWS, ForceBounder
 from forcebound.haptics.parts.contract import Findings
 from forcebound.haptics.parts.user_module import kind_of, user_code
 from forcebound.messages.packets import MAX_AXES
+from forcebound.messages.topology import HANDS
+from forcebound.network.addresses import numeric_address
 from forcebound.network.impairment import Impairment
 from forcebound.results.delay_traces import shortest_of
 
@@ -31,19 +41,48 @@ _logger = logging.getLogger(__name__)
 
 def check_together(made: Values, root: Value, problems: Problems, asks: bool) -> None:
     """Check sections that could be made; ``asks``: whether to call a user's own parts once."""
-    device, environment = made.get("device"), made.get("environment")
-    controller, operator = made.get("controller"), made.get("operator")
+    environment, written = made.get("environment"), hands_of(root)
+    devices: dict[str, DeviceConfig] = {}
+    remotes: dict[str, RemoteConfig] = {}
+    for name, sections in made[HANDS].items():
+        check = partial(_check, written[name], problems)
+        if _check_hand(sections, environment, asks, check):
+            devices[name] = sections["device"]
+            check("device", _check_beside, name, devices)
+        if sections.get("remote") is not None:
+            remotes[name] = sections["remote"]
+            check("remote", _check_meeting, name, remotes)
+    servos = {name: device.servo for name, device in devices.items()}
+    for name in servos if len(devices) == len(made[HANDS]) else ():
+        check = partial(_check, written[name], problems)
+        check("device", check_energy_partner, name, servos)
+    if environment is not None and len(devices) == len(made[HANDS]) > 0:
+        check = partial(_check, root, problems)
+        check("environment", environment.served.check_hands, tuple(devices))
+        if asks:
+            axes = next(iter(devices.values())).model.axes
+            check("environment", _ask, "environment", environment.model, axes)
 
-    def check(section: str, what: Callable[..., None], *arguments: Any) -> bool:
-        try:
-            what(*arguments)
-        except ConfigError as error:
-            note_error(error, section, root.entries[section], problems, is_named=True)
-            return False
-        return True
 
+def _check(
+    root: Value, problems: Problems, section: str, what: Callable[..., None], *arguments: Any
+) -> bool:
+    """Note the ConfigError of a check of a section; return whether there was none."""
+    try:
+        what(*arguments)
+    except ConfigError as error:
+        note_error(error, section, root.entries[section], problems, is_named=True)
+        return False
+    return True
+
+
+def _check_hand(
+    made: Values, environment: EnvironmentConfig | None, asks: bool, check: Callable[..., bool]
+) -> bool:
+    """Check the sections of one hand that could be made; return whether its device is sound."""
+    device, controller, operator = map(made.get, ("device", "controller", "operator"))
     if device is None or not check("device", _check_device, device):
-        return
+        return False
     axes = device.model.axes
     if operator is not None:
         check("operator", _check_path, operator, axes)
@@ -52,10 +91,43 @@ def check_together(made: Values, root: Value, problems: Problems, asks: bool) ->
         check("device", _check_delays, device.servo, environment, made["links"])
     if asks:
         check("device", _ask_law, device)
-        if environment is not None:
-            check("environment", _ask, "environment", environment.model, axes)
         if controller is not None:
             check("controller", _ask, "controller", controller, axes)
+    return True
+
+
+def _check_beside(hand: str, devices: Mapping[str, DeviceConfig]) -> None:
+    """Check the device of a hand beside those before it."""
+    model = devices[hand].model
+    for name, other in devices.items():
+        if name == hand:
+            return
+        if other.model.axes != model.axes:
+            raise ConfigError(
+                f"{hand} has {model.axes} axes, {name} {other.model.axes}: one environment answers"
+                " both, so they need the same number",
+                field="kind",
+            )
+        if model.port and model.port == other.model.port:
+            raise ConfigError(f"{hand} and {name} are both at the port {model.port}", field="port")
+
+
+def _check_meeting(hand: str, remotes: Mapping[str, RemoteConfig]) -> None:
+    """Check that no hand before this one meets its environment at the same address and port."""
+    own = remotes[hand]
+    for name, other in remotes.items():
+        if name == hand:
+            return
+        if (_host(own), own.port) == (_host(other), other.port):
+            raise ConfigError(
+                f"{hand} and {name} both meet the environment at {own.address} port {own.port}:"
+                " each hand needs a port of its own",
+                field="address",
+            )
+
+
+def _host(remote: RemoteConfig) -> object:
+    return numeric_address(remote.address) or remote.address
 
 
 def _check_device(device: DeviceConfig) -> None:
@@ -96,6 +168,24 @@ def _check_delays(
     )
 
 
+def check_energy_partner(hand: str, hands: Mapping[str, ServoSettings]) -> None:
+    """Raise ConfigError if the ``energy_partner`` of a hand cannot exchange energy with it."""
+    servo = hands[hand]
+    partner, others = servo.energy_partner, [name for name in hands if name != hand]
+    if not partner:
+        return
+    if partner not in others:
+        problem = f"expected another hand ({', '.join(others) or 'there is none'})"
+    elif hands[partner].energy_partner != hand:
+        problem = f"expected energy_partner: {hand} of {partner}, too: energy goes both ways"
+    elif not LAWS[servo.law].exchanges:
+        able = ", ".join(name for name in LAWS if LAWS[name].exchanges)
+        problem = f"law {servo.law} cannot exchange energy: expected law: one of {able}"
+    else:
+        return
+    raise ConfigError(f"energy_partner: {problem}, got {partner!r}", field="energy_partner")
+
+
 def _ask_law(device: DeviceConfig) -> None:
     """Call a user's law once."""
     law, model = device.servo.law, device.model
@@ -121,6 +211,11 @@ def _ask(section: str, model: Any, axes: int) -> None:
 
 def warn(config: GraphConfig) -> None:
     """Log what is not wrong but worth knowing before a run."""
+    for name in config.hands:
+        _warn_hand(config.of(name))
+
+
+def _warn_hand(config: GraphConfig) -> None:
     _warn_uncertified(config)
     kind = KINDS["operator"].kind_of(type(config.operator))
     if config.operator is not None and kind is not None and KINDS["operator"].is_shipped(kind):

@@ -10,14 +10,16 @@ identify``. A file of another kind of device is refused: its numbers would promi
 does not keep.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from forcebound.errors import ConfigError
 from forcebound.files import read_text
 from forcebound.graph.arguments import Substitution
+from forcebound.graph.names import HAND_SECTIONS
 from forcebound.graph.problems import Place, Problems, nearest_file
 from forcebound.graph.tree import Value, parse
+from forcebound.messages.topology import HAND, HANDS
 
 MAX_BYTES = 256_000  # a launch file is a page or two; more is a mistake, and slow to read
 DEVICE_FILE = "the file of the device"
@@ -75,9 +77,17 @@ def read(path: Path, problems: Problems, including: tuple[Path, ...] = ()) -> Va
         problems.add(str(error), Place(""))
         return None
     root = parse(text, str(path), problems)
-    if root is None or "include" not in root.entries:
-        return root
-    named = Substitution(None, problems).apply(root.entries["include"])
+    if root is not None and "include" in root.entries:
+        base = _included(root.entries["include"], path, problems, including)
+        root = None if base is None else merge(base, root.without("include"))
+    return None if root is None else _with_included_hands(root, path, problems, including)
+
+
+def _included(
+    value: Value, path: Path, problems: Problems, including: tuple[Path, ...]
+) -> Value | None:
+    """The tree of the file that an entry ``include`` of a file names; None with a problem noted."""
+    named = Substitution(None, problems).apply(value)
     if named.is_broken:
         return None
     found = None
@@ -90,8 +100,45 @@ def read(path: Path, problems: Problems, including: tuple[Path, ...] = ()) -> Va
         chain = " includes ".join(str(file.name) for file in files)
         problems.add(f"files include each other: {chain}", named.place)
         found = None
-    base = None if found is None else read(found, problems, (*including, path.resolve()))
-    return None if base is None else merge(base, root.without("include"))
+    return None if found is None else read(found, problems, (*including, path.resolve()))
+
+
+def _with_included_hands(
+    root: Value, path: Path, problems: Problems, including: tuple[Path, ...]
+) -> Value | None:
+    """A file with the files of one hand that its hands include: their sections and arguments."""
+    if HANDS not in root.entries or not root.entries[HANDS].entries:
+        return root
+    hands, arguments = dict(root.entries[HANDS].entries), root.entries.get("arguments")
+    for name, hand in hands.items():
+        if "include" not in hand.entries:
+            continue
+        base = _included(hand.entries["include"], path, problems, including)
+        if base is None:
+            return None
+        sections = {n: value for n, value in base.entries.items() if n in HAND_SECTIONS}
+        hands[name] = merge(base.with_entries(sections), hand.without("include"))
+        if "arguments" in base.entries:
+            given = base.entries["arguments"]
+            own = arguments or given.with_entries({})
+            arguments = merge(_in_full(given), _in_full(own))
+    entries = {**root.entries, HANDS: root.entries[HANDS].with_entries(hands)}
+    if arguments is not None:
+        entries["arguments"] = arguments
+    return root.with_entries(entries)
+
+
+def hands_of(root: Value) -> Mapping[str, Value]:
+    """Return the mappings that have the sections of a hand, by its name."""
+    return root.entries[HANDS].entries if HANDS in root.entries else {HAND: root}
+
+
+def with_hands(root: Value, change: Callable[[Value], Value]) -> Value:
+    """Return a launch file with these mappings changed."""
+    if HANDS not in root.entries:
+        return change(root)
+    hands = {name: change(value) for name, value in hands_of(root).items()}
+    return root.with_entries({**root.entries, HANDS: root.entries[HANDS].with_entries(hands)})
 
 
 def merge(base: Value, above: Value) -> Value:
@@ -122,7 +169,7 @@ def _in_full(arguments: Value) -> Value:
 
 
 def with_device_file(root: Value, problems: Problems) -> Value:
-    """Return a launch file with the file that its device includes under that section."""
+    """Return the sections of a hand with the file that its device includes under that section."""
     section = root.entries.get("device")
     if section is None or "include" not in section.entries:
         return root

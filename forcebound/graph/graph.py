@@ -7,6 +7,7 @@ it as plain JSON and reads that back.
 import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -21,6 +22,7 @@ from forcebound.haptics.hands import OPERATORS, Operator
 from forcebound.haptics.laws import Dissipation
 from forcebound.haptics.parts import Table
 from forcebound.messages.control import Parameters
+from forcebound.messages.topology import HAND, HERE, Graph, graph_of
 from forcebound.network.ends import RemoteSection
 from forcebound.network.impairment import Impairment
 from forcebound.quantities import NOT_NEGATIVE, POSITIVE, PROBABILITY, Ratio, Time, check_ranges
@@ -35,7 +37,7 @@ KINDS: Mapping[str, Table[Any]] = {
     "environment": ENVIRONMENTS,
 }
 
-RUN_KEYS = ("description", "seed", "duration")  # fields of GraphConfig that are no sections
+RUN_KEYS = ("description", "seed", "duration", HERE)  # fields of GraphConfig that are no sections
 
 
 @dataclass(frozen=True)
@@ -182,27 +184,134 @@ PHASE_KEYS = ("name", "duration")  # fields of Phase that a launch file gives as
 
 
 @dataclass(frozen=True)
+class HandConfig:
+    """One hand's loop: what it holds, who holds it, what answers it, and the links in between.
+
+    Attributes:
+        links: Impairments by topic; a topic that is not named has a perfect link.
+        remote: Where it meets its environment; None: on this machine.
+    """
+
+    device: DeviceConfig
+    operator: Operator | None  # None: no hand holds the device
+    controller: ControllerModel
+    links: Mapping[str, Impairment] = field(default_factory=dict)
+    remote: RemoteConfig | None = None
+
+
+@dataclass(frozen=True)
 class GraphConfig:
     """Everything that a run is made of; each part an object, or the :class:`PartSpec` of one.
+
+    ``device``, ``operator``, ``controller``, ``links`` and ``remote`` are those of the only hand.
 
     Attributes:
         description: In a sentence.
         seed: Of everything random.
         duration: From the moment when the force engages; with phases, theirs together.
-        links: Impairments by topic; a topic that is not named has a perfect link.
+        hands: By name; the only hand of a file without a section ``hands`` has none: "".
         phases: One after the other, from the moment when the force engages.
+        here: Names of the hands on this machine, as `launch --hand` sets it; null: all.
         units: In which quantities were written, by the name of the parameter; for people.
+
+    Raises:
+        ConfigError: If there is no such hand.
     """
 
     seed: Annotated[int, NOT_NEGATIVE]
     duration: Annotated[Time, POSITIVE]
-    device: DeviceConfig
-    operator: Operator | None  # None: no hand holds the device
+    hands: Mapping[str, HandConfig]
     environment: EnvironmentConfig
-    controller: ControllerModel
     description: str = ""
-    links: Mapping[str, Impairment] = field(default_factory=dict)
     realtime: RealtimeConfig = field(default_factory=RealtimeConfig)
-    remote: RemoteConfig | None = None
     phases: tuple[Phase, ...] = ()
+    here: tuple[str, ...] | None = None
     units: Mapping[str, str] = field(default_factory=dict, compare=False)
+
+    def __post_init__(self) -> None:
+        for name in self.here or ():
+            if name not in self.hands:
+                known = ", ".join(filter(None, self.hands)) or "one without a name"
+                raise ConfigError(f"no hand {name!r}; the hands are: {known}", field=HERE)
+        for name, hand in self.hands_here.items():
+            partner = hand.device.servo.energy_partner
+            if partner in self.hands and partner not in self.hands_here:
+                message = f"{name} exchanges energy with {partner}: they need one machine"
+                raise ConfigError(message, field=HERE)
+
+    @cached_property
+    def graph(self) -> Graph:
+        """Its nodes and streams, as far as they are on this machine."""
+        hands = self.hands_here
+        partners = ((name, hand.device.servo.energy_partner) for name, hand in hands.items())
+        pairs = dict.fromkeys(tuple(sorted(pair)) for pair in partners if pair[1] in hands)
+        return graph_of(tuple(self.hands), self.here, self.has_environment, pairs)
+
+    @property
+    def hands_here(self) -> Mapping[str, HandConfig]:
+        """The hands on this machine."""
+        here = self.hands if self.here is None else self.here
+        return {name: hand for name, hand in self.hands.items() if name in here}
+
+    @property
+    def has_environment(self) -> bool:
+        """Whether a launcher starts the environment on this machine."""
+        remotes = [hand.remote for hand in self.hands_here.values()]
+        return any(remote is None or remote.local for remote in remotes)
+
+    @property
+    def served_elsewhere(self) -> Mapping[str, RemoteConfig]:
+        """Where the environment on this machine meets the hands of other machines, by hand."""
+        if not self.has_environment:
+            return {}
+        return {
+            name: hand.remote
+            for name, hand in self.hands.items()
+            if name not in self.hands_here and hand.remote is not None
+        }
+
+    @property
+    def only(self) -> HandConfig:
+        """The only hand; ConfigError if there are several."""
+        if len(self.hands) > 1:
+            raise ConfigError(f"which hand? This graph has {', '.join(self.hands)}")
+        return next(iter(self.hands.values()))
+
+    @property
+    def device(self) -> DeviceConfig:
+        """Of the only hand."""
+        return self.only.device
+
+    @property
+    def operator(self) -> Operator | None:
+        """Of the only hand."""
+        return self.only.operator
+
+    @property
+    def controller(self) -> ControllerModel:
+        """Of the only hand."""
+        return self.only.controller
+
+    @property
+    def links(self) -> Mapping[str, Impairment]:
+        """Of the only hand."""
+        return self.only.links
+
+    @property
+    def remote(self) -> RemoteConfig | None:
+        """Of the only hand."""
+        return self.only.remote
+
+    def on_one_machine(self) -> "GraphConfig":
+        """Return the configuration with all hands on this machine, as in virtual time."""
+        return self if self.here is None else dataclasses.replace(self, here=None)
+
+    def of(self, hand: str) -> "GraphConfig":
+        """Return the configuration with this hand alone, without its name; KeyError if unknown."""
+        return dataclasses.replace(self, hands={HAND: self.hands[hand]}, here=None)
+
+    def with_hand(self, **parts: Any) -> "GraphConfig":
+        """Return the configuration with other parts of the only hand."""
+        return dataclasses.replace(
+            self, hands=dict.fromkeys(self.hands, dataclasses.replace(self.only, **parts))
+        )

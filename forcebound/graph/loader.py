@@ -20,10 +20,17 @@ from forcebound.bounded_child import tried
 from forcebound.errors import ConfigError, ForceboundError
 from forcebound.graph import checks
 from forcebound.graph.arguments import Argument, Arguments, Substitution
-from forcebound.graph.document import find, missing, read, with_device_file
-from forcebound.graph.graph import KINDS, GraphConfig
+from forcebound.graph.document import (
+    find,
+    hands_of,
+    missing,
+    read,
+    with_device_file,
+    with_hands,
+)
+from forcebound.graph.graph import KINDS, GraphConfig, HandConfig
 from forcebound.graph.model import PHASES, read_sections
-from forcebound.graph.names import LAW, Document, ParameterName
+from forcebound.graph.names import Document, ParameterName
 from forcebound.graph.parameters import parameters, takeable_laws, unknown_parameter
 from forcebound.graph.phases import read_phases
 from forcebound.graph.problems import Problems, unknown
@@ -31,6 +38,7 @@ from forcebound.graph.resolved import to_document
 from forcebound.graph.tree import Value, from_plain, units_of
 from forcebound.haptics.parts.user_module import file_of, names_file
 from forcebound.messages.control import Parameters
+from forcebound.messages.topology import HANDS
 
 
 def load(path: str | Path, overrides: Sequence[str] = ()) -> GraphConfig:
@@ -105,7 +113,7 @@ def _filled(template: Value, overrides: Sequence[str], problems: Problems) -> Va
     substitution = Substitution(arguments.values(overrides), problems)
     filled = substitution.apply(template.without("arguments"))
     arguments.note_unused(overrides, substitution.used)
-    return with_device_file(filled, problems)
+    return with_hands(filled, partial(with_device_file, problems=problems))
 
 
 def arguments_of(path: str | Path) -> list[Argument]:
@@ -131,10 +139,11 @@ def change(config: GraphConfig, settings: Parameters) -> GraphConfig:
     parameter, or it cannot have this value.
     """
     known = parameters(config)
-    for name in settings:
+    for name, value in settings.items():
         if name not in known:
             raise ConfigError(unknown_parameter(name, config))
-    _check_law(settings.get(LAW, known[LAW]), known[LAW])
+        if ParameterName.parse(name).is_law:
+            _check_law(name, value, known[name])
     document = to_document(config)
     for name, value in settings.items():
         ParameterName.parse(name).put(document, value)
@@ -144,14 +153,14 @@ def change(config: GraphConfig, settings: Parameters) -> GraphConfig:
         raise ConfigError(re.sub(r"^document: ", "", str(error), flags=re.MULTILINE)) from None
 
 
-def _check_law(law: Any, present: str) -> None:
+def _check_law(name: str, law: Any, present: str) -> None:
     """Refuse a law that a running device cannot take."""
     if law == present or law in takeable_laws():
         return
     message = unknown("law", str(law), takeable_laws())
     if names_file(str(law)):
         message = "a law of your own needs a launch of its own: law:=FILE.py"
-    raise ConfigError(f"{LAW}: {message}")
+    raise ConfigError(f"{name}: {message}")
 
 
 @contextmanager
@@ -177,9 +186,12 @@ def _read(path: str | Path, problems: Problems) -> Value:
 
 def user_files(root: Value) -> list[Path]:
     """Return the files of the user's own that a launch file names."""
-    kinds = [root.entries[name].entries.get("kind") for name in KINDS if name in root.entries]
-    if "device" in root.entries:
-        kinds.append(root.entries["device"].entries.get("law"))
+    kinds = []
+    for part in (root, *hands_of(root).values()):
+        sections = part.entries
+        kinds += [sections[name].entries.get("kind") for name in KINDS if name in sections]
+        if "device" in sections:
+            kinds.append(sections["device"].entries.get("law"))
     named = [kind for kind in kinds if kind is not None and names_file(kind.text)]
     return list(dict.fromkeys(file_of(kind.text, kind.folder) for kind in named))
 
@@ -189,12 +201,13 @@ def _build(root: Value, problems: Problems, asks: bool = True) -> GraphConfig:
     written = root.entries.get("units", Value(None, root.place)).entries  # of a resolved document
     units = {name: unit.text for name, unit in written.items()}
     root = root.without("units") if units else root
-    units |= units_of(root)
+    units |= {name.removeprefix(f"{HANDS}."): unit for name, unit in units_of(root)}
     made = read_sections(root, problems)
     checks.check_together(made, root, problems, asks)
     problems.raise_if_any()
     phases = made.pop(PHASES, ())
-    config = GraphConfig(**{"duration": 1.0, **made}, units=units)
+    hands = {name: HandConfig(**sections) for name, sections in made.pop(HANDS).items()}
+    config = GraphConfig(**{"duration": 1.0, **made}, hands=hands, units=units)
     if not phases:
         return config
     phases = read_phases(root, phases, config, partial(_build, asks=asks), problems)

@@ -4,13 +4,14 @@ A part is made by itself, too: :func:`member_of` from words of the command line,
 from the file of a device.
 """
 
+import re
 from collections.abc import Callable, Collection, Mapping, Sequence
-from functools import lru_cache, partial
+from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any
 
 from forcebound.errors import ConfigError
-from forcebound.graph.document import device_section
+from forcebound.graph.document import device_section, hands_of
 from forcebound.graph.fields import Field, fields_of
 from forcebound.graph.forms import Form, Values, note_error
 from forcebound.graph.graph import (
@@ -26,14 +27,14 @@ from forcebound.graph.graph import (
     RealtimeConfig,
     RemoteConfig,
 )
-from forcebound.graph.names import split_setting
+from forcebound.graph.names import HAND_SECTIONS, split_setting
 from forcebound.graph.problems import Place, Problems, unknown
 from forcebound.graph.resolved import check_plain
 from forcebound.graph.servo import ServoSettings
 from forcebound.graph.tree import Value, scalar
 from forcebound.haptics.laws import LAWS
 from forcebound.haptics.parts.user_module import describe_user_error, user_code
-from forcebound.messages.topology import LINKS
+from forcebound.messages.topology import HANDS, IMPAIRABLE
 from forcebound.network.impairment import Impairment
 from forcebound.quantities import CheckedText
 from forcebound.results.delay_traces import trace_of
@@ -62,46 +63,81 @@ _RUN = {
 }
 _FILE = Form("the launch file", _RUN)
 _FILE_OF_PHASES = Form(_FILE.name, {n: f for n, f in _RUN.items() if n != "duration"})
-_LINK = {topic: Form(f"links.{topic}", fields_of(Impairment)) for topic in LINKS}
+_LINK = {topic: Form(f"links.{topic}", fields_of(Impairment)) for topic in IMPAIRABLE}
 #: Sections that are made of their values alone.
 SETTINGS: Mapping[str, type] = {"realtime": RealtimeConfig, "remote": RemoteConfig}
-_SETTINGS = {name: Form(name, fields_of(kind)) for name, kind in SETTINGS.items()}
+_SETTINGS = {name: (Form(name, fields_of(kind)), kind) for name, kind in SETTINGS.items()}
 PHASE = Form(PHASES, {**fields_of(Phase, PHASE_KEYS), "set": Field("set", dict[str, Any] | None)})
+MOST_HANDS = 8
+_NAME_OF_HAND = re.compile("[A-Za-z][A-Za-z0-9_]{0,31}")
 _UNREAD = ("arguments", "include", "identified")  # no run reads these
+_TAKEN = ("forcebound", *KINDS, "links", *SETTINGS, *RUN_KEYS, *_UNREAD, PHASES, HANDS, "units")
 
 
 def read_sections(root: Value, problems: Problems) -> Values:
     """Return what could be made of a launch file: its sections by name, and the keys of the run.
 
-    The phases have no settings yet.
+    The phases have no settings yet; ``hands`` has the sections of each hand.
     """
     has_phases = PHASES in root.entries
-    others = (*KINDS, "links", *SETTINGS, *_UNREAD, PHASES, *(["duration"] * has_phases))
+    of_hands = (HANDS,) if HANDS in root.entries else HAND_SECTIONS
+    others = ("environment", "realtime", *of_hands, *_UNREAD, PHASES, *(["duration"] * has_phases))
     made = (_FILE_OF_PHASES if has_phases else _FILE).read(root, problems, others) or {}
     made.pop("forcebound", None)
-    empty = Value({}, root.place, root.key)
-    for name in KINDS:
-        value = root.entries.get(name, empty)
-        if not value.entries and value.content in (None, {}) and name in _WITHOUT:
-            made[name] = _WITHOUT[name]()
-        elif (section := _section(name, value, problems, is_whole=True)) is not None:
-            made[name] = section
-    links = root.entries.get("links", empty)
-    Form("links", {}).read(links, problems, LINKS)
-    impairments = {
-        topic: _made(_LINK[topic], value, problems, _link)
-        for topic, value in links.entries.items()
-        if topic in LINKS
-    }
-    made["links"] = {topic: link for topic, link in impairments.items() if link is not None}
-    for name in SETTINGS:
-        if name in root.entries:
-            made[name] = _made(
-                _SETTINGS[name], root.entries[name], problems, partial(_settings, name)
-            )
+    environment = root.entries.get("environment", Value({}, root.place, root.key))
+    if (section := _section("environment", environment, problems, is_whole=True)) is not None:
+        made["environment"] = section
+    made[HANDS] = _hands(root, problems)
+    if "realtime" in root.entries:
+        made["realtime"] = _settings("realtime", root.entries["realtime"], problems)
     if has_phases:
         made[PHASES] = _phases(root.entries[PHASES], problems)
     return made
+
+
+def _hands(root: Value, problems: Problems) -> dict[str, Values]:
+    """What could be made of the sections of each hand, by its name."""
+    named = root.entries.get(HANDS)
+    if named is not None:
+        if not named.entries and not named.is_broken:
+            problems.add(
+                f"{HANDS}: expected a mapping from names to hands, got {named}", named.place
+            )
+        if len(named.entries) > MOST_HANDS:
+            words = f"{HANDS}: expected at most {MOST_HANDS}, got {len(named.entries)}"
+            problems.add(words, named.key or named.place)
+        for name, value in named.entries.items():
+            if not _NAME_OF_HAND.fullmatch(name) or name in _TAKEN:
+                words = "expected a word of letters, digits and _ that is no section of a file"
+                problems.add(f"{HANDS}: {words}, got {name!r}", value.key or value.place)
+            Form(f"{HANDS}.{name}", {}).read(value, problems, HAND_SECTIONS)
+    return {name: _hand(value, problems) for name, value in hands_of(root).items()}
+
+
+def _hand(root: Value, problems: Problems) -> Values:
+    made: Values = {}
+    empty = Value({}, root.place, root.key)
+    for name in HAND_SECTIONS:
+        value = root.entries.get(name, empty)
+        if name == "links":
+            made[name] = _links(value, problems)
+        elif name in SETTINGS:
+            made[name] = _settings(name, value, problems) if name in root.entries else None
+        elif not value.entries and value.content in (None, {}) and name in _WITHOUT:
+            made[name] = _WITHOUT[name]()
+        elif (section := _section(name, value, problems, is_whole=True)) is not None:
+            made[name] = section
+    return made
+
+
+def _links(value: Value, problems: Problems) -> dict[str, Impairment]:
+    Form("links", {}).read(value, problems, IMPAIRABLE)
+    links = {
+        topic: _made(_LINK[topic], link, problems, _link)
+        for topic, link in value.entries.items()
+        if topic in IMPAIRABLE
+    }
+    return {topic: link for topic, link in links.items() if link is not None}
 
 
 #: Sections that a launch file need not have -> what then holds.
@@ -227,8 +263,9 @@ def _environment(kind: type, values: Values, written: Value) -> EnvironmentConfi
     return environment
 
 
-def _settings(name: str, values: Values, written: Value) -> Any:
-    return SETTINGS[name](**values)
+def _settings(name: str, value: Value, problems: Problems) -> Any:
+    form, kind = _SETTINGS[name]
+    return _made(form, value, problems, lambda values, written: kind(**values))
 
 
 def _link(values: Values, written: Value) -> Impairment:

@@ -1,12 +1,23 @@
 """Names of parameters: the place of a value in a launch file.
 
-``device.law``, ``links.environment_query.delay``, ``environment.surface.friction``.
+``device.law``, ``links.environment_query.delay``, ``environment.surface.friction``. With several
+hands, what belongs to one begins with its name: ``left.device.law``.
 """
 
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 from forcebound.errors import ConfigError
+from forcebound.messages.topology import HAND, HANDS
+
+HAND_SECTIONS = (
+    "device",
+    "operator",
+    "controller",
+    "links",
+    "remote",
+)  # of a launch file, for each hand
+OF_GRAPH = ("environment", "realtime", "phases")  # for all hands
 
 Document: TypeAlias = dict[str, Any]  # a launch file, or a section of one, in plain JSON values
 
@@ -23,9 +34,20 @@ class ParameterName:
         return cls(tuple(filter(None, text.split("."))) or ("",))
 
     @property
+    def hand(self) -> str:
+        """The hand that it belongs to; "" for the only one, and for what belongs to all."""
+        is_named = len(self.steps) > 1 and self.steps[0] not in (*HAND_SECTIONS, *OF_GRAPH)
+        return self.steps[0] if is_named else HAND
+
+    @property
     def section(self) -> str:
         """The section of the launch file."""
-        return self.steps[0]
+        return self.steps[1] if self.hand else self.steps[0]
+
+    @property
+    def path(self) -> tuple[str, ...]:
+        """The keys from the top of the launch file."""
+        return (HANDS, *self.steps) if self.hand else self.steps
 
     @property
     def last(self) -> str:
@@ -33,13 +55,19 @@ class ParameterName:
         return self.steps[-1]
 
     @property
+    def is_law(self) -> bool:
+        """Whether it is the law of a device."""
+        return self.section == "device" and self.last == "law"
+
+    @property
     def topic(self) -> str | None:
         """The topic of a link's parameter; None for others."""
-        return self.steps[1] if self.section == "links" and len(self.steps) > 2 else None
+        steps = self.steps[1:] if self.hand else self.steps
+        return steps[1] if self.section == "links" and len(steps) > 2 else None
 
     def put(self, document: Document, value: Any) -> None:
         """Set the value in a document of plain values, in mappings of its own."""
-        *before, last = self.steps
+        *before, last = self.path
         for step in before:
             document[step] = dict(document.get(step) or {})
             document = document[step]
@@ -56,6 +84,11 @@ def split_setting(text: str) -> tuple[str, str]:
     if equals:
         hint = f"; did you mean '{name.rstrip(':')}:={value}'?"
     raise ConfigError(f"expected name:=value, got {text!r}{hint}")
+
+
+def of_hand(hand: str, name: str) -> str:
+    """Return the name of a parameter that belongs to a hand."""
+    return f"{hand}.{name}" if hand else name
 
 
 LAW = "device.law"  # the one parameter of a device that can change while a graph runs

@@ -1,7 +1,8 @@
 """Parameters: the law, and values of links and environment, which can change while a graph runs.
 
 A parameter is named by its place in a launch file: ``device.law``,
-``links.environment_query.delay``, ``environment.compute_delay``, ``environment.stiffness``.
+``links.environment_query.delay``, ``environment.compute_delay``, ``environment.stiffness``; with
+several hands ``left.device.law``.
 """
 
 import difflib
@@ -9,14 +10,22 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from forcebound.graph.graph import GraphConfig
-from forcebound.graph.names import LAW, Document, ParameterName
+from forcebound.graph.names import LAW, Document, ParameterName, of_hand
 from forcebound.graph.problems import shortened
 from forcebound.graph.resolved import to_document
 from forcebound.haptics.laws import LAWS
 from forcebound.haptics.parts.plain import plain
 from forcebound.messages.control import Parameters
-from forcebound.messages.topology import LINKS, ONE_HAND
+from forcebound.messages.topology import (
+    IMPAIRABLE,
+    LINKS,
+    ONE_HAND,
+    TRANSFER,
+    hand_sections,
+    in_hand,
+)
 from forcebound.network.impairment import Impairment
+from forcebound.roles import DEVICE, ENVIRONMENT
 from forcebound.units import in_unit
 
 SECTIONS = ("links", "environment")  # of a launch file, whose entries are parameters
@@ -25,13 +34,12 @@ SECTIONS = ("links", "environment")  # of a launch file, whose entries are param
 def parameters(config: GraphConfig | Document) -> Parameters:
     """Return all that can be changed, by name, as plain JSON in SI units; of a document, too."""
     document = config if isinstance(config, Mapping) else to_document(config)
-    links = {topic: plain(Impairment()) | document["links"].get(topic, {}) for topic in LINKS}
-    found = {LAW: document["device"]["law"]}
-    found |= {
-        f"links.{topic}.{name}": value
-        for topic, link in links.items()
-        for name, value in link.items()
-    }
+    found: Parameters = {}
+    for hand, sections in hand_sections(document).items():
+        found[of_hand(hand, LAW)] = sections["device"]["law"]
+        for topic in IMPAIRABLE if sections["device"].get("energy_partner") else LINKS:
+            link = plain(Impairment()) | sections["links"].get(topic, {})
+            found |= {of_hand(hand, f"links.{topic}.{name}"): v for name, v in link.items()}
     environment = {n: v for n, v in document["environment"].items() if n != "kind"}
     return found | dict(_leaves("environment", environment))
 
@@ -56,7 +64,11 @@ def differences(old: GraphConfig | Document, new: GraphConfig | Document) -> Par
 
 def unknown_parameter(name: str, config: GraphConfig) -> str:
     """Return the message for a name that is no parameter: the nearest ones, or why it is none."""
-    known = parameters(config)
+    known, hands = parameters(config), [hand for hand in config.hands if hand]
+    if hands and ParameterName.parse(name).hand not in hands:
+        near = [of_hand(hand, name) for hand in hands if of_hand(hand, name) in known]
+        if near:
+            return f"whose {name}? It belongs to a hand: {' or '.join(near)}"
     if name not in SECTIONS and _is_fixed(name, config):
         return (
             f"{name} is fixed while a graph runs: change it in the launch file and start again;"
@@ -78,7 +90,7 @@ def _is_fixed(name: str, config: GraphConfig) -> bool:
     if place.section in ("operator", "remote", "phases"):  # which a graph need not have
         return True
     found: Any = to_document(config)
-    for step in place.steps:
+    for step in place.path:
         if not isinstance(found, Mapping) or step not in found:
             return False
         found = found[step]
@@ -89,13 +101,16 @@ def _sections() -> str:
     return f"{', '.join((LAW, *(f'links.{topic}' for topic in LINKS)))} and environment"
 
 
-def processes_of(names: Iterable[str]) -> set[str]:
+def processes_of(names: Iterable[str], config: GraphConfig) -> set[str]:
     """Return the processes that parameters belong to: of a link, the one that receives."""
-    receivers = {stream.name: str(stream.receiver) for stream in ONE_HAND.links}
-    return {
-        name.section if name.topic is None else receivers[name.topic]
-        for name in map(ParameterName.parse, names)
-    }
+    receivers = {stream.topic: str(stream.receiver) for stream in ONE_HAND.links}
+    found = set()
+    for name in map(ParameterName.parse, names):
+        role, hand = receivers.get(name.topic or "", name.section), name.hand
+        if name.topic == TRANSFER:
+            role, hand = DEVICE, config.hands[hand].device.servo.energy_partner
+        found.add(role if role == ENVIRONMENT else in_hand(hand, role))
+    return found
 
 
 def describe(settings: Parameters, units: Mapping[str, str]) -> str:

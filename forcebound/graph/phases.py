@@ -64,12 +64,14 @@ def _overlaid(
     known = parameters(config)
     is_known = True
     for name, value in ({} if settings is None else settings.entries).items():
-        if name == LAW or name not in known:
-            message = _KEEPS_LAW if name == LAW else unknown_parameter(name, config)
+        if ParameterName.parse(name).is_law or name not in known:
+            message = (
+                _KEEPS_LAW if ParameterName.parse(name).is_law else unknown_parameter(name, config)
+            )
             problems.add(message, value.key or value.place)
             is_known = False
         else:
-            root = _placed(root, ParameterName.parse(name).steps, value)
+            root = _placed(root, ParameterName.parse(name).path, value)
     return root if is_known else None
 
 

@@ -23,6 +23,7 @@ from forcebound.graph.graph import (
     DeviceFacts,
     EnvironmentConfig,
     GraphConfig,
+    HandConfig,
     PartSpec,
     Phase,
     RealtimeConfig,
@@ -32,32 +33,30 @@ from forcebound.graph.names import Document, ParameterName
 from forcebound.graph.servo import ServoSettings
 from forcebound.haptics.parts.plain import plain, plain_value
 from forcebound.messages.control import Parameters
+from forcebound.messages.topology import HAND, HANDS, HERE, hand_sections
 from forcebound.network.impairment import Impairment
 
-FACTS = "facts"  # key of a run's document beside those of a launch file: numbers of the device
+FACTS = "facts"  # key of a run's document beside those of a launch file: numbers of the devices
 
 
 def to_document(config: GraphConfig) -> Document:
     """Return the configuration as plain JSON in SI units, for :func:`restore`."""
-    device, environment = config.device, config.environment
+    environment = config.environment
     beside = {name: plain_value(getattr(environment, name)) for name in BESIDE_MODEL}
     document: Document = {
         "forcebound": FORMAT,
         "description": config.description,
         "seed": config.seed,
         "duration": config.duration,
-        "device": {**member_document("device", device.model), **plain(device.servo)},
-        "controller": member_document("controller", config.controller),
         "environment": {**member_document("environment", environment.model), **beside},
-        "links": {topic: plain(impairment) for topic, impairment in config.links.items()},
         "realtime": plain(config.realtime),
     }
+    hands = {name: _hand_document(hand) for name, hand in config.hands.items()}
+    document |= hands.get(HAND, {HANDS: hands})
+    if config.here is not None:
+        document[HERE] = list(config.here)
     if config.units:
         document["units"] = dict(config.units)
-    if config.operator is not None:
-        document["operator"] = member_document("operator", config.operator)
-    if config.remote is not None:
-        document["remote"] = plain(config.remote)
     if config.phases:
         document["phases"] = [
             {"name": phase.name, "duration": phase.duration, "set": dict(phase.settings)}
@@ -66,9 +65,24 @@ def to_document(config: GraphConfig) -> Document:
     return document
 
 
+def _hand_document(hand: HandConfig) -> Document:
+    device, operator = hand.device, hand.operator
+    document: Document = {
+        "device": {**member_document("device", device.model), **plain(device.servo)},
+        "controller": member_document("controller", hand.controller),
+        "links": {topic: plain(impairment) for topic, impairment in hand.links.items()},
+    }
+    if operator is not None:
+        document["operator"] = member_document("operator", operator)
+    if hand.remote is not None:
+        document["remote"] = plain(hand.remote)
+    return document
+
+
 def run_document(config: GraphConfig) -> Document:
-    """Return the document for the processes of a run: with facts of the device."""
-    return {**to_document(config), FACTS: plain(config.device.facts)}
+    """Return the document for the processes of a run: with facts of the devices."""
+    facts = {name: plain(hand.device.facts) for name, hand in config.hands.items()}
+    return {**to_document(config), FACTS: facts}
 
 
 def kind_of(section: str, member: object) -> str:
@@ -125,15 +139,17 @@ def with_parts(config: GraphConfig, of_users: bool = True) -> GraphConfig:
         is_foreign = isinstance(one, PartSpec) and not KINDS[section].is_shipped(one.kind)
         return one if is_foreign and not of_users else made(section, one)
 
-    return replace(
-        config,
-        device=replace(config.device, model=part("device", config.device.model)),
-        operator=part("operator", config.operator),
-        controller=part("controller", config.controller),
-        environment=replace(
-            config.environment, model=part("environment", config.environment.model)
-        ),
-    )
+    hands = {
+        name: replace(
+            hand,
+            device=replace(hand.device, model=part("device", hand.device.model)),
+            operator=part("operator", hand.operator),
+            controller=part("controller", hand.controller),
+        )
+        for name, hand in config.hands.items()
+    }
+    model = part("environment", config.environment.model)
+    return replace(config, hands=hands, environment=replace(config.environment, model=model))
 
 
 def with_parameters(config: GraphConfig, settings: Parameters) -> GraphConfig:
@@ -148,10 +164,14 @@ def with_parameters(config: GraphConfig, settings: Parameters) -> GraphConfig:
             name.put(document, value)
         changed = _graph(document)
     has_environment = any(name.section == "environment" for name in names)
+    hands = {}
+    for each, hand in config.hands.items():
+        new = changed.hands[each]
+        device = replace(hand.device, servo=new.device.servo)
+        hands[each] = replace(hand, device=device, links=new.links)
     return replace(
         config,
-        device=replace(config.device, servo=changed.device.servo),
-        links=changed.links,
+        hands=hands,
         environment=changed.environment if has_environment else config.environment,
     )
 
@@ -166,28 +186,38 @@ def _refusing(words: str) -> Iterator[None]:
 
 
 def _graph(document: Document) -> GraphConfig:
-    remote, operator, facts = (document.get(name) for name in ("remote", "operator", FACTS))
-    device, environment = document["device"], document["environment"]
-    stated = None if facts is None else _restored(DeviceFacts, facts)
+    facts, environment = document.get(FACTS), document["environment"]
     return GraphConfig(
         description=document["description"],
         seed=document["seed"],
         duration=float(document["duration"]),
-        device=DeviceConfig(_spec("device", device), _restored(ServoSettings, device), stated),
-        operator=None if operator is None else _spec("operator", operator),
-        controller=_spec("controller", document["controller"]),
+        hands={
+            name: _hand(hand, facts and facts[name])
+            for name, hand in hand_sections(document).items()
+        },
         environment=EnvironmentConfig(
             _spec("environment", environment),
             **_values(EnvironmentConfig, environment, BESIDE_MODEL),
         ),
-        links={t: _restored(Impairment, link) for t, link in document["links"].items()},
         realtime=_restored(RealtimeConfig, document["realtime"]),
-        remote=None if remote is None else _restored(RemoteConfig, remote),
         phases=tuple(
             Phase(phase["name"], float(phase["duration"]), phase["set"])
             for phase in document.get("phases", ())
         ),
+        here=tuple(document[HERE]) if HERE in document else None,
         units=document.get("units", {}),
+    )
+
+
+def _hand(document: Document, facts: Document | None) -> HandConfig:
+    device, operator, remote = document["device"], document.get("operator"), document.get("remote")
+    stated = None if facts is None else _restored(DeviceFacts, facts)
+    return HandConfig(
+        DeviceConfig(_spec("device", device), _restored(ServoSettings, device), stated),
+        None if operator is None else _spec("operator", operator),
+        _spec("controller", document["controller"]),
+        {topic: _restored(Impairment, link) for topic, link in document["links"].items()},
+        None if remote is None else _restored(RemoteConfig, remote),
     )
 
 

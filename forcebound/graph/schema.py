@@ -11,8 +11,9 @@ from forcebound.graph.fields import Field, fields_of
 from forcebound.graph.forms import Form
 from forcebound.graph.graph import FORMAT, KINDS, RUN_KEYS, GraphConfig
 from forcebound.graph.model import BESIDE, PHASE, PHASES, SETTINGS
+from forcebound.graph.names import HAND_SECTIONS
 from forcebound.haptics.laws import LAWS
-from forcebound.messages.topology import LINKS
+from forcebound.messages.topology import HANDS, IMPAIRABLE
 from forcebound.network.impairment import Impairment
 
 Schema: TypeAlias = dict[str, Any]
@@ -29,9 +30,12 @@ def json_schema() -> Schema:
         "help": {"type": "string"},
         "choices": {"type": "array", "items": _SCALAR},
     }
-    links = {topic: _mapping(properties(fields_of(Impairment))) for topic in LINKS}
+    links = {topic: _mapping(properties(fields_of(Impairment))) for topic in IMPAIRABLE}
     fixed = {name: _mapping(properties(fields_of(kind))) for name, kind in SETTINGS.items()}
     phases = {"type": "array", "items": _mapping(properties(PHASE.fields))}
+    hand = {name: _kinds(name) for name in KINDS if name in HAND_SECTIONS}
+    hand |= {"links": _mapping(links), "remote": fixed.pop("remote")}
+    of_a_hand = {"include": {"type": "string", "description": "launch file of one hand"}, **hand}
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "forcebound launch file",
@@ -46,8 +50,9 @@ def json_schema() -> Schema:
                     "additionalProperties": {"anyOf": [_SCALAR, _mapping(argument)]},
                 },
                 **properties(fields_of(GraphConfig, RUN_KEYS)),
-                **{name: _kinds(name) for name in KINDS},
-                "links": _mapping(links),
+                "environment": _kinds("environment"),
+                **hand,
+                HANDS: {"type": "object", "additionalProperties": _mapping(of_a_hand)},
                 **fixed,
                 PHASES: phases,
             }

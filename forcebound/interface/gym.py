@@ -20,6 +20,7 @@ from forcebound.haptics.hands.pointer import PointerHand
 from forcebound.interface.runs import LaunchFile, configuration
 from forcebound.messages.control import Point
 from forcebound.messages.packets import DeviceState, Packet, Telemetry
+from forcebound.messages.topology import HAND
 from forcebound.run.virtual import VirtualGraph, check_has_virtual_time
 
 try:
@@ -74,7 +75,7 @@ class HapticEnv(gymnasium.Env[dict[str, Any], Numbers]):
         config = configuration(file, arguments)
         check_has_virtual_time(config)
         hand, axes = _pointed(config.operator), config.device.axes
-        self.config = replace(config, operator=hand)
+        self.config = config.with_hand(operator=hand)
         self._step_ns = frame_skip * config.device.servo.period_ns
         self._seed = config.seed
         self._graph: VirtualGraph | None = None
@@ -128,7 +129,7 @@ class HapticEnv(gymnasium.Env[dict[str, Any], Numbers]):
         target, shape = np.asarray(action, np.float64), self.action_space.shape
         if target.shape != shape or not np.isfinite(target).all():
             raise ConfigError(f"action: expected numbers in m, shape {shape}, got {action}")
-        graph.device.handle(Point(tuple(target.tolist())))
+        graph.devices[HAND].handle(Point(tuple(target.tolist())))
         self._ticks = []
         graph.run(graph.time_ns + self._step_ns)
         reward, is_over = self.reward(self._ticks), self.is_over(self._ticks)

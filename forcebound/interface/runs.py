@@ -97,7 +97,7 @@ class Run:
 
     @property
     def verdict(self) -> list[str]:
-        """The verdict in words, as every command prints it: at most six lines."""
+        """The verdict in words, as every command prints it: at most five lines."""
         return [*self._result.summary["verdict"]]
 
     @property

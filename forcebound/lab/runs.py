@@ -18,7 +18,7 @@ import numpy as np
 
 from forcebound.errors import RunError
 from forcebound.graph.document import shipped
-from forcebound.graph.graph import DeviceConfig, EnvironmentConfig, GraphConfig
+from forcebound.graph.graph import DeviceConfig, EnvironmentConfig, GraphConfig, HandConfig
 from forcebound.graph.loader import load
 from forcebound.graph.resolved import kind_of, to_document
 from forcebound.graph.servo import ServoSettings, dissipation_of
@@ -32,6 +32,7 @@ from forcebound.haptics.hands.pointer import PointerHand
 from forcebound.haptics.laws import LAWS
 from forcebound.haptics.laws.dissipation import PER_AXIS
 from forcebound.lab.one_axis import ENVIRONMENTS, NO_MOTION, TRACE, Course, Floats, System, loop
+from forcebound.messages.topology import HAND
 from forcebound.network.impairment import Impairment
 from forcebound.nodes import safety
 from forcebound.recordings.telemetry import TelemetryColumns
@@ -105,6 +106,7 @@ def unserved(config: GraphConfig) -> Iterator[str]:
         yield "a link with a rate"  # the size of a packet matters
     if safety.stages_of(servo) != STAGES:
         yield "a stage of the safety chain"
+    yield from ["a dead-man button"] if servo.dead_man is not None else []
     if servo.period_ns / 1e9 > servo.longest_hold:
         yield "a hold limit of one period that is rounded down"
 
@@ -205,8 +207,8 @@ def _timing(
     links: tuple[tuple[str, Impairment], ...],
 ) -> TelemetryColumns:
     device = DeviceConfig(PhantomPremium15(watchdog="silent"), servo)
-    parts = (device, None, environment, DirectController())
-    return run_virtual(GraphConfig(seed, duration, *parts, links=dict(links))).columns
+    hand = HandConfig(device, None, DirectController(), dict(links))
+    return run_virtual(GraphConfig(seed, duration, {HAND: hand}, environment)).columns
 
 
 def coverage() -> Iterator[tuple[str, str]]:

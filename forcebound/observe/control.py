@@ -55,6 +55,17 @@ def ask_all(
             sockets.wait([client.descriptor for client in waiting.values()], POLL_NS)
 
 
+def chosen_hand(run_dir: Path, hand: str | None) -> str:
+    """Return the name of a hand of a graph; None: the only one. ConfigError if it is not there."""
+    known = graph_in(run_dir).hands
+    if hand is None and len(known) == 1:
+        return known[0]
+    if hand in known:
+        return hand
+    got = "" if hand is None else f"; there is no hand {hand!r}"
+    raise ConfigError(f"which hand? This graph has {', '.join(known)}{got}")
+
+
 def device_status(run_dir: Path, timeout: float = ANSWER_TIMEOUT) -> DeviceStatus | None:
     """Return the status of the device of a running graph; None: it does not answer."""
     answer = ask(run_dir, graph_in(run_dir).of_role(DEVICE), GetStatus(), timeout)
@@ -99,10 +110,13 @@ def start_node(run_dir: Path, node: str) -> None:
     _change_state(run_dir, StartNode(node), node, "running", START_TIMEOUT)
 
 
-def resume_device(run_dir: Path) -> None:
-    """Open a lost device again; return when it answers. Errors are as of :func:`stop_node`."""
-    device = graph_in(run_dir).of_role(DEVICE)
-    _change_state(run_dir, ResumeDevice(), device, "running", START_TIMEOUT)
+def resume_device(run_dir: Path, hand: str | None = None) -> None:
+    """Open a lost device again; return when it answers. Errors are as of :func:`stop_node`.
+
+    ``hand`` is the one that it belongs to; None: the only one.
+    """
+    device = graph_in(run_dir).of_role(DEVICE, chosen_hand(run_dir, hand))
+    _change_state(run_dir, ResumeDevice(device), device, "running", START_TIMEOUT)
 
 
 def await_law(run_dir: Path, law: str) -> None:

@@ -151,7 +151,7 @@ def set_parameters(run_dir: Path, settings: Parameters, kernels: Kernels | None 
             command does not end its change.
     """
     now, graph = configuration(run_dir), snapshot(run_dir)
-    concerned = sorted(processes_of(settings))
+    concerned = sorted(processes_of(settings, now))
     _check_files(graph.run, settings, now)
     other = other_environment(graph) if ENVIRONMENT in concerned else None
     if LAW in settings:
@@ -245,7 +245,9 @@ def _configure(graph: GraphStatus, nodes: Collection[str], request: Configure) -
 def _elsewhere(names: Iterable[str], graph: GraphStatus, config: GraphConfig) -> dict[str, str]:
     """Return the parameters that belong to nodes on another machine, with those."""
     here = graph.nodes_here(config)
-    return {name: node for name in names for node in processes_of([name]) if node not in here}
+    return {
+        name: node for name in names for node in processes_of([name], config) if node not in here
+    }
 
 
 def _check_reach(elsewhere: Mapping[str, str]) -> None:

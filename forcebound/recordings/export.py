@@ -19,7 +19,6 @@ from forcebound.errors import ConfigError
 from forcebound.files import content_of, reason
 from forcebound.messages.packets import TOPIC_OF, TOPICS, Packet, field_types, meanings
 from forcebound.recordings.recording import Recording
-from forcebound.recordings.schema import declared_signals
 
 COLUMNS = "columns.csv"  # what each column means
 
@@ -60,7 +59,7 @@ def export(recording: Recording, folder: Path, overwrite: bool = False) -> list[
             for packet in recording.stream(*TOPICS):
                 tables[TOPIC_OF[type(packet)]].writerow(_row_of(packet))
             described = table(folder / COLUMNS, ["table", "column", "unit", "meaning"])
-            signals = declared_signals(recording.metadata)
+            signals = recording.signals
             for topic, names in columns.items():
                 own = {f"signals.{name}": one for name, one in signals.get(topic, {}).items()}
                 known = meanings(TOPICS[topic]) | own

@@ -24,7 +24,7 @@ from functools import cache, cached_property
 from operator import attrgetter
 from os import PathLike
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import msgspec
 from mcap.records import Metadata
@@ -35,18 +35,35 @@ from forcebound import mcap_file
 from forcebound.errors import ConfigError
 from forcebound.mcap_file import METADATA_NAME
 from forcebound.messages.codec import plain
+from forcebound.messages.events import is_of
 from forcebound.messages.packets import (
     TOPIC_OF,
     TOPICS,
     EnvironmentReply,
     Event,
     Packet,
+    Scene,
     Telemetry,
     field_types,
 )
-from forcebound.messages.topology import HAND, ONE_HAND, Graph, Stream
-from forcebound.recordings.schema import ABSENT, declared_signals, is_optional, schema
+from forcebound.messages.topology import (
+    HAND,
+    ONE_HAND,
+    Graph,
+    Stream,
+    hand_document,
+    hands_here,
+    in_hand,
+)
+from forcebound.recordings.schema import (
+    ABSENT,
+    Signals,
+    declared_signals,
+    schema,
+)
 from forcebound.recordings.telemetry import TelemetryCollector, TelemetryColumns
+
+OF_ALL = (TOPIC_OF[Scene], TOPIC_OF[Event])  # topics that belong to no hand
 
 ENERGY_BEFORE = "energy_before"  # key of the metadata, and of the status of a device
 
@@ -96,7 +113,7 @@ class Recorder(AbstractContextManager["Recorder"]):
         self, stream: Stream
     ) -> tuple[int, tuple[str, ...], Callable[[Packet], tuple[Any, ...]]]:
         packet = TOPICS[stream.topic]
-        described = schema(packet, self._signals.get(stream.topic))
+        described = schema(packet, self._signals.get(stream.name))
         schema_id = self._writer.register_schema(
             f"forcebound.{packet.__name__}", "jsonschema", json.dumps(described).encode()
         )
@@ -142,17 +159,29 @@ class Recorder(AbstractContextManager["Recorder"]):
 class Recording:
     """A recording, which is read from its file as it is asked for; the file stays as it is.
 
+    It gives one hand's packets, beside what belongs to all.
+
     Attributes:
         path: Its file.
         metadata: Texts by key, as given to the :class:`Recorder`.
+        hands: Names of the hands that it records; the only one may have none: "".
     """
 
     def __init__(
-        self, path: Path, metadata: dict[str, str], topics: Collection[str] = tuple(TOPICS)
+        self,
+        path: Path,
+        metadata: dict[str, str],
+        topics: Collection[str] = tuple(TOPICS),
+        hand: str | None = None,
     ) -> None:
         self.path = path
         self.metadata = metadata
         self._topics = topics
+        self.hands = hands_here(self._document)
+        if hand is not None and hand not in self.hands:
+            known = ", ".join(filter(None, self.hands)) or "one without a name"
+            raise ConfigError(f"{path} has no hand {hand!r}; it has {known}")
+        self._hand = self.hands[0] if hand is None and len(self.hands) == 1 else hand
         self._complete: bool | None = None  # known when it was read to its end
 
     @property
@@ -196,10 +225,15 @@ class Recording:
         """
         collector = TelemetryCollector()
         events: list[Event] = []
+
+        def take_event(event: Event) -> None:
+            if is_of(event, self.hand):
+                events.append(event)
+
         takers: dict[str, Callable[[Any], None]] = {
             TOPIC_OF[Telemetry]: collector.take,
             TOPIC_OF[EnvironmentReply]: collector.take_reply,
-            TOPIC_OF[Event]: events.append,
+            TOPIC_OF[Event]: take_event,
         }
         for topic, packet in self._decoded(takers):
             takers[topic](packet)
@@ -220,7 +254,9 @@ class Recording:
 
     def _decoded(self, topics: Collection[str]) -> Iterator[tuple[str, Packet]]:
         """Yield topic and packet, of those of these topics that were asked for."""
-        for topic, data in self._messages([t for t in topics if t in self._topics]):
+        names = {self._stream(topic): topic for topic in topics if topic in self._topics}
+        for name, data in self._messages(names):
+            topic = names[name]
             try:
                 packet = _decoder(TOPICS[topic])(data)
             except (msgspec.MsgspecError, ValueError, RecursionError) as error:
@@ -230,8 +266,12 @@ class Recording:
                 ) from error
             yield topic, packet
 
+    def _stream(self, topic: str) -> str:
+        """The name of the stream with this hand's packets of a topic."""
+        return topic if topic in OF_ALL else in_hand(self.hand, topic)
+
     def _messages(self, topics: Collection[str]) -> Iterator[tuple[str, bytes]]:
-        """Yield topic and data of the messages until the end, or the damage; notes which it was."""
+        """Yield stream and data of each message until the end, or the damage; note which it was."""
         try:
             for content in mcap_file.contents(self.path, topics):
                 if isinstance(content, tuple):
@@ -241,17 +281,31 @@ class Recording:
             self._complete = False  # what came before the damage is good
 
     @property
+    def hand(self) -> str:
+        """The hand whose packets it gives; ConfigError if it has several and none was chosen."""
+        if self._hand is None:
+            names = " or ".join(f"--hand {hand}" for hand in self.hands)
+            raise ConfigError(f"{self.path} has several hands: choose one, {names}")
+        return self._hand
+
+    @property
+    def signals(self) -> Signals:
+        """The meaning of each signal that was declared, by topic and name."""
+        declared = declared_signals(self.metadata)
+        return {topic: declared.get(self._stream(topic), {}) for topic in TOPICS}
+
+    @property
     def energy_before(self) -> float:
         """True energy when the law began with which the recording begins, in J; 0: with the run."""
-        return float(self.metadata.get(ENERGY_BEFORE, 0.0))
+        return float(self.metadata.get(in_hand(self.hand, ENERGY_BEFORE), 0.0))
 
     @cached_property
     def launch(self) -> dict[str, Any]:
-        """The launch file as resolved for the run; empty if none was recorded.
+        """The launch file as resolved for the run, of this hand; empty if none was recorded."""
+        return hand_document(self._document, self.hand)
 
-        Raises:
-            ConfigError: If it is damaged.
-        """
+    @cached_property
+    def _document(self) -> dict[str, Any]:
         text = self.metadata.get("launch", "{}")
         try:
             msgspec.json.decode(text, type=_RecordedLaunch)
@@ -270,31 +324,39 @@ class _RecordedDevice(msgspec.Struct):
     hold_limit: float | Literal["auto"] = "auto"  # periods
 
 
-class _RecordedLaunch(msgspec.Struct):
+class _RecordedHand(msgspec.Struct):
+    device: _RecordedDevice = msgspec.field(default_factory=_RecordedDevice)
+    controller: dict[str, Any] = {}
+
+
+class _RecordedLaunch(_RecordedHand):
     """The types of what is read of a recorded launch file."""
 
-    device: _RecordedDevice = msgspec.field(default_factory=_RecordedDevice)
+    hands: dict[str, _RecordedHand] = {}
+    here: list[str] | None = None
     environment: dict[str, Any] = {}
-    controller: dict[str, Any] = {}
     phases: list[dict[str, Any]] = []
 
 
-def read(path: str | PathLike[str], topics: Collection[str] = tuple(TOPICS)) -> Recording:
+def read(
+    path: str | PathLike[str], topics: Collection[str] = tuple(TOPICS), hand: str | None = None
+) -> Recording:
     """Return a recording, complete or not.
 
     Args:
         path: The file.
         topics: Of the packets to read; of others it gives none.
+        hand: The name of the hand whose packets it gives; None: the only one.
 
     Raises:
-        ConfigError: If the file is missing, is no regular file, is not MCAP, was not written by
-            forcebound, or unpacks to more than a recording does. The last is seen when that part
-            of the file is read.
+        ConfigError: If there is no such hand, or the file is missing, is no regular file, is not
+            MCAP, was not written by forcebound, or unpacks to more than a recording does. The last
+            is seen when that part of the file is read.
     """
     path = Path(path)
     for content in mcap_file.readable(path, ()):
         if isinstance(content, Metadata) and content.name == METADATA_NAME:
-            return Recording(path, content.metadata, topics)
+            return Recording(path, content.metadata, topics, hand)
     raise ConfigError(f"{path} is not a recording of forcebound (or it was cut at its start)")
 
 
@@ -302,8 +364,8 @@ def read(path: str | PathLike[str], topics: Collection[str] = tuple(TOPICS)) -> 
 def _decoder(packet: type[Packet]) -> Callable[[bytes], Packet]:
     """Return a function from a recorded message to the packet; raises as msgspec does."""
     hints = field_types(packet)
-    absent = {name: None for name, hint in hints.items() if is_optional(hint)} | ABSENT
-    absent.pop("signals", None)  # which has no null
+    may_be_null = [name for name, hint in hints.items() if type(None) in get_args(hint)]
+    absent = dict.fromkeys(may_be_null) | ABSENT
 
     def read_message(data: bytes) -> Packet:
         document: dict[str, Any] = _decode(data)

@@ -16,7 +16,6 @@ from forcebound.messages.packets import (
     ForceCommand,
     Meaning,
 )
-from forcebound.recordings.schema import declared_signals
 
 if TYPE_CHECKING:
     from forcebound.recordings.recording import Recording
@@ -32,9 +31,9 @@ class Curve(NamedTuple):
 
 def curves_of(recording: Recording) -> list[Curve]:
     """Return the signals of a recording; of one without any, the packets are not read."""
-    declared = declared_signals(recording.metadata)
+    declared = recording.signals
     kinds = (DeviceState, EnvironmentReply, ForceCommand)
-    if not declared and "remote" not in recording.launch:
+    if not any(declared.values()) and "remote" not in recording.launch:
         return []
     topics = [TOPIC_OF[kind] for kind in kinds]
     times = {topic: array("q") for topic in topics}

@@ -119,7 +119,7 @@ def _reason(s: Summary) -> str:
     if not s["little_force"]:
         return ""
     cause, more = s["little_force"][0], len(s["little_force"]) - 1
-    partly = "" if cause["cause"] in WHOLE else ", in part (a recording cannot tell how much)"
+    partly = "" if cause["cause"] in WHOLE else ", among other causes"
     others = f" ({more} more: --all)" if more else ""
     return f"Why the law gave little{partly}: {cause['advice']}.{others}"
 

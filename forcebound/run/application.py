@@ -6,10 +6,11 @@
 from collections.abc import Iterator
 
 from forcebound.graph.graph import GraphConfig
-from forcebound.graph.names import LAW, ParameterName
+from forcebound.graph.names import LAW, ParameterName, of_hand
 from forcebound.graph.parameters import parameters
 from forcebound.graph.resolved import with_parameters
 from forcebound.messages.control import Configure, Parameters
+from forcebound.messages.topology import HAND, in_hand
 from forcebound.network.impairment import Impairment
 from forcebound.nodes.device import DeviceNode
 from forcebound.nodes.environment import EnvironmentNode
@@ -48,17 +49,18 @@ class Tuner:
         self._config = config
         self._known |= changed
         self._time_ns = request.time_ns
-        return {name: value for name, value in changed.items() if name != LAW}
+        return {n: value for n, value in changed.items() if not ParameterName.parse(n).is_law}
 
 
 def _prefixes(graph: Runner | Simulation) -> Iterator[str]:
     """Prefixes of the parameters that belong to the nodes of a graph or process."""
     for node in graph.nodes:
-        yield from (f"links.{each.name}." for each in graph.graph.received(node.events.node))
+        for stream in graph.graph.received(node.events.node):
+            yield of_hand(stream.hand or HAND, f"links.{stream.topic}.")
         if isinstance(node, EnvironmentNode):
             yield "environment."
         if isinstance(node, DeviceNode):
-            yield LAW
+            yield of_hand(node.hand, LAW)
 
 
 def _apply(changed: Parameters, new: GraphConfig, graph: Runner | Simulation) -> None:
@@ -68,12 +70,15 @@ def _apply(changed: Parameters, new: GraphConfig, graph: Runner | Simulation) ->
             if isinstance(node, EnvironmentNode):
                 computation = new.environment.computation
                 node.change(served(new.environment), computation, trace_of(computation))
-    for topic in sorted({name.topic for name in names if name.topic is not None}):
-        impairment, link = new.links.get(topic, Impairment()), graph.link(topic)
+    for hand, topic in sorted(
+        {(name.hand, name.topic) for name in names if name.topic is not None}
+    ):
+        stream = in_hand(hand, topic)
+        impairment, link = new.hands[hand].links.get(topic, Impairment()), graph.link(stream)
         if link is not None:
             link.change(impairment, trace_of(impairment))
         elif impairment != Impairment():
-            graph.set_link(topic, build_link(topic, impairment, new.seed))
+            graph.set_link(stream, build_link(stream, impairment, new.seed))
     for node in graph.nodes:
-        if LAW in changed and isinstance(node, DeviceNode):
-            node.take_law(new.device.servo.law)
+        if isinstance(node, DeviceNode) and of_hand(node.hand, LAW) in changed:
+            node.take_law(new.hands[node.hand].device.servo.law)

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from forcebound.errors import ConfigError, DeviceError
-from forcebound.graph.graph import EnvironmentConfig, GraphConfig
+from forcebound.graph.graph import EnvironmentConfig, GraphConfig, HandConfig
 from forcebound.graph.resolved import made
 from forcebound.graph.servo import dissipation_of
 from forcebound.haptics.devices import Device
@@ -13,7 +13,7 @@ from forcebound.haptics.devices.simulated import SimulatedDevice
 from forcebound.haptics.environments import EnvironmentModel
 from forcebound.haptics.parts.user_module import describe_user_error
 from forcebound.messages.packets import Packet
-from forcebound.messages.topology import ONE_HAND, Graph
+from forcebound.messages.topology import HAND, in_hand
 from forcebound.network.chances import ComputationTime
 from forcebound.network.impairment import Impairment
 from forcebound.network.link import Link, link_seed
@@ -31,7 +31,6 @@ def build_node(
     config: GraphConfig,
     environment_name: str = ENVIRONMENT,
     clock: Callable[[], int] | None = None,
-    graph: Graph = ONE_HAND,
 ) -> Node:
     """Return a node of a graph with its parts, which are made if need be.
 
@@ -39,47 +38,51 @@ def build_node(
     time, in ns, of a device without stamps; None: virtual time. ConfigError or DeviceError if a
     part cannot be opened.
     """
-    role = graph.nodes[name].role
-    if role == DEVICE:
-        return build_device(config, clock)
-    if role == CONTROLLER:
-        try:
-            model = made(CONTROLLER, config.controller)
-            controller = model.open(config.device.axes)
-        except Exception as error:
-            raise ConfigError(f"controller: open: {describe_user_error(error)}") from error
-        leases = lease_ns(config), dead_lease_ns(config)
-        return ControllerNode(controller, *leases, signals=model.signals)
-    if role == ENVIRONMENT:
+    node = config.graph.nodes[name]
+    if node.role == ENVIRONMENT:
         model, computation = served(config.environment), config.environment.computation
         seed = link_seed(config.seed, "computation")
         times = ComputationTime(computation, seed, trace_of(computation))
-        return EnvironmentNode(model, times, environment_name, config.device.axes)
+        axes = next(iter(config.hands.values())).device.axes  # all have as many
+        return EnvironmentNode(model, times, environment_name, axes)
+    name = node.hand or HAND
+    hand = config.hands[name]
+    if node.role == DEVICE:
+        return build_device(hand, clock, name=name)
+    if node.role == CONTROLLER:
+        try:
+            model = made(CONTROLLER, hand.controller)
+            controller = model.open(hand.device.axes)
+        except Exception as error:
+            raise ConfigError(f"controller: open: {describe_user_error(error)}") from error
+        leases = lease_ns(hand), dead_lease_ns(hand)
+        return ControllerNode(controller, *leases, name, model.signals)
     raise KeyError(name)
 
 
-def lease_ns(config: GraphConfig) -> int:
+def lease_ns(hand: HandConfig) -> int:
     """Return the silence after which another environment may serve, in ns."""
-    return max(LEASE_NS, dead_lease_ns(config))
+    return max(LEASE_NS, dead_lease_ns(hand))
 
 
-def dead_lease_ns(config: GraphConfig) -> int:
+def dead_lease_ns(hand: HandConfig) -> int:
     """Return the same for an environment whose process has ended, in ns.
 
     The force of its last answer is at zero after the age limit.
     """
-    return round(2e9 * config.device.servo.age_limit)
+    return round(2e9 * hand.device.servo.age_limit)
 
 
 def build_device(
-    config: GraphConfig,
+    hand: HandConfig,
     clock: Callable[[], int] | None = None,
     lateness: Callable[[], int] | None = None,
+    name: str = HAND,
 ) -> DeviceNode:
-    """Return the device node with its device, opened; DeviceError if that fails."""
-    model, servo = made(DEVICE, config.device.model), config.device.servo
+    """Return the device node of a hand with its device, opened; DeviceError if that fails."""
+    model, servo = made(DEVICE, hand.device.model), hand.device.servo
     try:
-        device = model.open(made("operator", config.operator), servo.opening_hold)
+        device = model.open(made("operator", hand.operator), servo.opening_hold)
     except Exception as error:
         words = str(error) if isinstance(error, DeviceError) else describe_user_error(error)
         raise DeviceError(f"the device cannot be opened: {words}") from error
@@ -88,21 +91,23 @@ def build_device(
     if not isinstance(device, SimulatedDevice):  # which cannot fail, and runs in sweeps
         device = guarded(device)
     signals = model.signals
-    return DeviceNode(device, dissipation_of(model, servo), servo, clock, lateness, signals=signals)
+    dissipation = dissipation_of(model, servo)
+    return DeviceNode(device, dissipation, servo, clock, lateness, name, signals)
 
 
 def build_links(config: GraphConfig) -> dict[str, Link[Packet]]:
-    """Return the impaired links by topic; the others are perfect."""
+    """Return the impaired links by stream; the others are perfect."""
     return {
-        topic: build_link(topic, impairment, config.seed)
-        for topic, impairment in config.links.items()
+        in_hand(name, topic): build_link(in_hand(name, topic), impairment, config.seed)
+        for name, hand in config.hands.items()
+        for topic, impairment in hand.links.items()
         if impairment != Impairment()
     }
 
 
-def build_link(topic: str, impairment: Impairment, seed: int) -> Link[Packet]:
-    """Return the link of a topic in a graph with this seed."""
-    return Link(impairment, link_seed(seed, topic), trace_of(impairment))
+def build_link(stream: str, impairment: Impairment, seed: int) -> Link[Packet]:
+    """Return the link of a stream in a graph with this seed."""
+    return Link(impairment, link_seed(seed, stream), trace_of(impairment))
 
 
 def served(environment: EnvironmentConfig) -> EnvironmentModel:

@@ -13,7 +13,8 @@ that is lost and may wait (exit status ``LOST``) is started again when the user 
 order, and only then; its force engages again. None of this delays the end of the run.
 
 Stopping goes group by group (:mod:`forcebound.roles`): the device first, the recorder last. A
-process that does not stop in time is killed. Only the first failure is reported.
+process that does not stop in time is killed; a recorder that answers has more time. Only the first
+failure is reported.
 """
 
 import signal
@@ -113,6 +114,12 @@ class Lifecycle:
         """Running nodes that have not answered since their start."""
         return [node for node in sorted(self._alive) if self._waiting[node] is None]
 
+    @property
+    def finishing(self) -> list[str]:
+        """Recorders that still write what has come; each answer gives them more time."""
+        stopping = self._stopping[0] if self._stopping else []
+        return [node for node in self._of_role(RECORDER) if node in self._alive & {*stopping}]
+
     def state(self, node: str) -> str:
         """Return the state of a node, in one word."""
         if node in self._alive:
@@ -128,9 +135,15 @@ class Lifecycle:
     def refusal(self, request: NodeRequest) -> str | None:
         """Return why this request of a user cannot be fulfilled now; None if it can."""
         if isinstance(request, ResumeDevice):
-            device = self._graph.of_role(DEVICE)
-            state = self.state(device)
-            return None if device in self.lost else f"the {device} is not lost: it is {state}"
+            devices = self._of_role(DEVICE)
+            if request.node in self.lost or (not request.node and len(self.lost) == 1):
+                return None
+            if self.lost and not request.node:
+                return f"which device? {' and '.join(sorted(self.lost))} are lost"
+            device = request.node or devices[0]
+            if device not in devices:
+                return f"no device {device!r} in this graph; its devices are {', '.join(devices)}"
+            return f"the {device} is not lost: it is {self.state(device)}"
         node = request.node
         if node not in self._waiting:
             known = ", ".join(self._waiting)
@@ -156,6 +169,8 @@ class Lifecycle:
         match event:
             case Reported(node, waiting_for):
                 self._waiting[node] = waiting_for
+                if node in self.finishing and node not in self._killed:
+                    self._phase_end_ns = time_ns + self._limits.recorder_stop_ns
             case Ended(node, status):
                 return self._on_end(time_ns, node, status)
             case Interrupted():
@@ -164,8 +179,9 @@ class Lifecycle:
                 return self._on_stop_request(time_ns, node)
             case StartNode(node) if self.refusal(event) is None:
                 return self._on_start_request(node)
-            case ResumeDevice() if self.lost and self.phase is Phase.RUNNING:
-                device = self.lost.pop()
+            case ResumeDevice(node) if self.refusal(event) is None and self.phase is Phase.RUNNING:
+                device = node or next(iter(self.lost))
+                self.lost.discard(device)
                 self.returning.add(device)
                 self.restarts.counts[device] += 1
                 return self._start(device)

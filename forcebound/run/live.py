@@ -2,7 +2,7 @@
 
 import os
 import sys
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -12,11 +12,11 @@ from typing import cast
 from forcebound import realtime
 from forcebound.errors import ConfigError, DeviceError, RunError
 from forcebound.files import check_writable
-from forcebound.graph.graph import GraphConfig
-from forcebound.graph.names import LAW
+from forcebound.graph.graph import GraphConfig, HandConfig
+from forcebound.graph.names import LAW, of_hand
 from forcebound.graph.parameters import differences, processes_of
 from forcebound.graph.phases import Part, timetable
-from forcebound.graph.resolved import to_document, with_parameters
+from forcebound.graph.resolved import restore, to_document, with_parameters
 from forcebound.haptics.environments import may_report_contacts
 from forcebound.messages.control import Configure, Parameters
 from forcebound.messages.packets import (
@@ -25,7 +25,8 @@ from forcebound.messages.packets import (
     ForceCommand,
     Telemetry,
 )
-from forcebound.messages.topology import ONE_HAND, Graph
+from forcebound.messages.topology import hand_sections, in_hand
+from forcebound.network.ends import check_ends
 from forcebound.roles import ENVIRONMENT, LAUNCHER
 from forcebound.run.actions import Limits
 from forcebound.run.results import RunResult, run_metadata
@@ -66,8 +67,8 @@ def run_live(
     file: str = "",
     screen: Screen | None = None,
     folder: Path = Path(),
-) -> RunResult:
-    """Run a graph as processes, one per node and one that records.
+) -> dict[str, RunResult]:
+    """Run a graph as processes, one per node and one that records; return the result by hand.
 
     An interrupt (Ctrl-C, SIGTERM) ends the run early and is no error. Call it from the main thread,
     because it catches signals.
@@ -93,16 +94,18 @@ def run_live(
     with run_directory() as run_dir:
         recording = run_dir / RECORDING if record is None else record.absolute()
         write_launch_document(run_dir, config)
-        recorded = list(ONE_HAND.names)
+        recorded = list(config.graph.names)
         if record is None:  # a summary needs few
             contacts = [REPLY] if may_report_contacts(config.environment.model) else []
-            recorded = [TELEMETRY, *contacts, EVENT]
+            topics = [TELEMETRY, *contacts, EVENT]
+            recorded = [s.name for s in config.graph.streams if s.topic in topics]
         about = run_metadata(config), file, str(folder.resolve())
-        run = RunDocument(os.getpid(), core, str(recording), recorded, *about)
+        owner = os.getpid(), core, str(recording)
+        run = RunDocument(*owner, recorded, *about, graph=config.graph)
         run.write(run_dir)
         cores = realtime.leave_core(core)
         try:
-            supervisor = _supervisor(config, run_dir, run.graph, duration, limits, screen, cores)
+            supervisor = _supervisor(config, run_dir, duration, limits, screen, cores)
             interrupted, failure = supervisor.run(), ""
         except RunError as error:
             if _discard_if_empty(recording):
@@ -111,21 +114,27 @@ def run_live(
         finally:
             os.sched_setaffinity(0, cores)
         screen.status("reading the recording for the result")
-        return replace(_result(recording, interrupted), failure=failure)
+        results = _results(recording, config.hands_here, interrupted)
+        return {hand: replace(result, failure=failure) for hand, result in results.items()}
 
 
 def _supervisor(
     config: GraphConfig,
     run_dir: Path,
-    graph: Graph,
     duration: float | None,
     limits: Limits | None,
     screen: Screen,
     start_cores: Collection[int],
 ) -> Supervisor:
-    is_here = config.remote is None or config.remote.local
-    elsewhere = {LAUNCHER} if is_here else {LAUNCHER, ENVIRONMENT}
+    graph = config.graph
+    elsewhere = {LAUNCHER} if config.has_environment else {LAUNCHER, ENVIRONMENT}
     commands = {name: node_command(name, run_dir) for name in graph.nodes if name not in elsewhere}
+    awaited = {
+        in_hand(hand, topic)
+        for hand, section in config.hands_here.items()
+        for topic in REMOTE_TOPICS
+        if section.remote is not None
+    }
     return Supervisor(
         commands,
         run_dir,
@@ -134,18 +143,19 @@ def _supervisor(
         screen,
         phases=timetable(config),
         begin=partial(_begin, run_dir),
-        remote_topics=() if config.remote is None else REMOTE_TOPICS,
+        remote_topics=awaited,
         changes=partial(_changes, to_document(config), run_dir),
         start_cores=start_cores,
         graph=graph,
     )
 
 
-def _result(recording: Path, interrupted: bool) -> RunResult:
+def _results(recording: Path, hands: Iterable[str], interrupted: bool) -> dict[str, RunResult]:
     if interrupted and _discard_if_empty(recording):
         raise KeyboardInterrupt
     try:
-        return replace(RunResult.from_recording(recording), interrupted=interrupted)
+        results = {hand: RunResult.from_recording(recording, hand=hand) for hand in hands}
+        return {hand: replace(one, interrupted=interrupted) for hand, one in results.items()}
     except ConfigError as error:
         raise RunError(str(error)) from error
 
@@ -155,9 +165,10 @@ def _discard_if_empty(recording: Path) -> bool:
     from forcebound.recordings.recording import read  # slow, and rarely needed here
 
     with suppress(ConfigError):
-        samples = cast("Iterator[Telemetry]", read(recording).stream(TELEMETRY))
-        if any(sample.engagement > 0.0 for sample in samples):
-            return False
+        for hand in read(recording).hands:
+            samples = cast("Iterator[Telemetry]", read(recording, hand=hand).stream(TELEMETRY))
+            if any(sample.engagement > 0.0 for sample in samples):
+                return False
     recording.unlink(missing_ok=True)
     return True
 
@@ -171,21 +182,19 @@ def check_here(config: GraphConfig, record: Path | None = None) -> None:
             be in use, or the device's port not be opened; the message names all that is wrong.
     """
     problems = []
-    rate = config.device.servo.rate
-    if not SLOWEST <= rate <= FASTEST:
-        problems.append(
-            f"device.rate: a live run keeps {SLOWEST:g} Hz to {FASTEST:g} Hz, got {rate:g} Hz;"
-            " virtual time keeps any: `forcebound simulate`"
-        )
     checks: list[Callable[[], object]] = [
         partial(realtime.choose_core, config.realtime.cores),
-        partial(_check_links, config),
+    ]
+    for name, hand in config.hands_here.items():
+        checks += [partial(_check_rate, name, hand), partial(_check_links, name, hand)]
+        checks.append(hand.device.model.check_here)
+    meetings = {name: hand.remote for name, hand in config.hands_here.items() if hand.remote}
+    checks += [
+        partial(check_ends, meetings, "graph"),
+        partial(check_ends, config.served_elsewhere, ENVIRONMENT),
     ]
     if record is not None:
         checks.append(partial(check_writable, record, "the recording"))
-    if config.remote is not None:
-        checks.append(partial(config.remote.check_here, "graph"))
-    checks.append(config.device.model.check_here)
     for check in checks:
         try:
             check()
@@ -197,14 +206,24 @@ def check_here(config: GraphConfig, record: Path | None = None) -> None:
         raise ConfigError("\n".join(problems))
 
 
-def _check_links(config: GraphConfig) -> None:
+def _check_rate(name: str, hand: HandConfig) -> None:
+    rate = hand.device.servo.rate
+    if not SLOWEST <= rate <= FASTEST:
+        raise ConfigError(
+            f"{of_hand(name, 'device.rate')}: a live run keeps {SLOWEST:g} Hz to {FASTEST:g} Hz,"
+            f" got {rate:g} Hz; virtual time keeps any: `forcebound simulate`"
+        )
+
+
+def _check_links(name: str, hand: HandConfig) -> None:
     """Raise ConfigError if no packet gets through a link while a live run waits for it."""
     end = Limits().start_ns * 1e-9
-    for topic, impairment in config.links.items():
+    for topic, impairment in hand.links.items():
         if max(impairment.loss, impairment.corrupt) == 1.0 or impairment.delay >= end:
             raise ConfigError(
-                f"links.{topic}: no packet gets through in the first {end:g} s, so a live run does"
-                " not start; lose them later, with phases: or `forcebound param set`"
+                f"{of_hand(name, f'links.{topic}')}: no packet gets through in the first {end:g} s,"
+                " so a live run does not start; lose them later, with phases: or"
+                " `forcebound param set`"
             )
 
 
@@ -212,10 +231,12 @@ def _begin(run_dir: Path, part: Part) -> Mapping[str, Configure]:
     """Write what holds in a phase; return the request for each process that it concerns."""
     with updating(run_dir, PHASE_TIMEOUT):  # a suspended command must not block the launcher
         before = read_launch_document(run_dir)
-        config = with_parameters(part.config, {LAW: before["device"]["law"]})  # it stays
+        sections = hand_sections(before).items()
+        laws = {of_hand(hand, LAW): section["device"]["law"] for hand, section in sections}
+        config = with_parameters(part.config, laws)  # they stay
         request = write_launch_document(run_dir, config)
     # Unaffected processes are not disturbed, least of all the servo.
-    return dict.fromkeys(sorted(processes_of(differences(before, config))), request)
+    return dict.fromkeys(sorted(processes_of(differences(before, config), config)), request)
 
 
 def _changes(started: Parameters, run_dir: Path, node: str) -> Parameters:
@@ -224,8 +245,8 @@ def _changes(started: Parameters, run_dir: Path, node: str) -> Parameters:
         document = read_launch_document(run_dir)
     except ConfigError:
         return {}  # the node has reported that it cannot read it
-    changed = differences(started, document)
-    return {name: value for name, value in changed.items() if node in processes_of([name])}
+    changed, config = differences(started, document), restore(document)
+    return {n: value for n, value in changed.items() if node in processes_of([n], config)}
 
 
 def node_command(name: str, run_dir: Path) -> list[str]:

@@ -19,7 +19,7 @@ from forcebound.graph.resolved import to_document
 from forcebound.haptics.parts.user_module import source_of
 from forcebound.messages.events import BOUNDER_REPORTED, LAW_CHANGED
 from forcebound.messages.packets import TOPIC_OF, EnvironmentReply, Event, Meaning, Telemetry
-from forcebound.messages.topology import SIGNAL_TOPICS
+from forcebound.messages.topology import SIGNAL_TOPICS, hand_sections, in_hand
 from forcebound.recordings.telemetry import TelemetryColumns
 
 _logger = logging.getLogger(__name__)
@@ -40,16 +40,21 @@ def run_metadata(config: GraphConfig) -> dict[str, str]:
         "versions": json.dumps(versions),
         "seed": str(config.seed),
     }
-    kinds = {section: document[section]["kind"] for section in KINDS if section in document}
-    for section, kind in {**kinds, "law": config.device.servo.law}.items():
-        source = source_of(kind)
-        if source is not None:  # the file may change before the recording is read
-            metadata[f"{section}_source"] = source
-    signals = {
-        topic: {each.name: Meaning(each.label or each.name, each.unit) for each in declared}
-        for section, topic in SIGNAL_TOPICS.items()
-        if (declared := KINDS[section][kinds[section]].signals)
-    }
+    signals: dict[str, dict[str, Meaning]] = {}
+    for hand, sections in hand_sections(document).items():
+        parts = {"environment": document["environment"], **sections}
+        kinds = {section: parts[section]["kind"] for section in KINDS if section in parts}
+        for section, kind in {**kinds, "law": parts["device"]["law"]}.items():
+            source = source_of(kind)
+            if source is not None:  # the file may change before the recording is read
+                metadata[in_hand(hand, f"{section}_source")] = source
+        signals |= {
+            in_hand(hand, topic): {
+                each.name: Meaning(each.label or each.name, each.unit) for each in declared
+            }
+            for section, topic in SIGNAL_TOPICS.items()
+            if (declared := KINDS[section][kinds[section]].signals)
+        }
     return {**metadata, "signals": json.dumps(signals)} if signals else metadata
 
 
@@ -67,15 +72,18 @@ class RunResult:
     times_real_time: float = 1.0  # how fast the loop ran, without start and evaluation
 
     @classmethod
-    def from_recording(cls, path: Path, is_growing: bool = False) -> "RunResult":
-        """Return the result that a recording holds; ConfigError if it is none of a run.
+    def from_recording(
+        cls, path: Path, is_growing: bool = False, hand: str | None = None
+    ) -> "RunResult":
+        """Return the result of a hand that a recording holds; ConfigError if it is none of a run.
 
         True energy of one that begins later counts from when the law of then began. One that
         ``is_growing`` is of a run that goes on.
         """
         from forcebound.recordings.recording import read  # slow to import; no node process needs it
 
-        recording = read(path, [TOPIC_OF[kind] for kind in (Telemetry, EnvironmentReply, Event)])
+        topics = [TOPIC_OF[kind] for kind in (Telemetry, EnvironmentReply, Event)]
+        recording = read(path, topics, hand)
         with content_of(path):
             columns, events = recording.run
             document = recording.launch
@@ -88,9 +96,10 @@ class RunResult:
 
     @property
     def label(self) -> str:
-        """The run's law, for titles; if it changed, the laws in their order."""
+        """The hand and the law of the run, for titles; if it changed, the laws in their order."""
         first = str(self.document.get("device", {}).get("law", "unknown law"))
-        return ", then ".join((first, *(event.data["law"] for event in self._changes)))
+        laws = ", then ".join((first, *(event.data["law"] for event in self._changes)))
+        return f"{self.columns.hand}: {laws}" if self.columns.hand else laws
 
     @property
     def _changes(self) -> list[Event]:

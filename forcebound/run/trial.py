@@ -9,7 +9,8 @@ from forcebound.errors import ConfigError, DeviceError, ForceboundError, RunErro
 from forcebound.graph.graph import KINDS, GraphConfig
 from forcebound.graph.resolved import kind_of
 from forcebound.haptics.parts.user_module import describe_user_error
-from forcebound.run.virtual import run_virtual
+from forcebound.run.results import RunResult
+from forcebound.run.virtual import run_virtual_hands
 
 TICKS = 20
 FAILURES = ("environment_failed", "controller_failed", "signal_refused")  # of the user's code
@@ -20,20 +21,27 @@ def try_start(config: GraphConfig) -> None:
 
     A graph with a device of the user's own, which may be hardware, or at a port is passed over.
     """
-    device = config.device.model
-    is_at_port = device.simulated_in is not None
-    if is_at_port or not KINDS["device"].is_shipped(kind_of("device", device)):
-        return
-    some_ticks = (TICKS + 1.0) / config.device.servo.rate
+    devices = [hand.device for hand in config.hands.values()]
+    for model in (device.model for device in devices):
+        is_shipped = KINDS["device"].is_shipped(kind_of("device", model))
+        if model.simulated_in is not None or not is_shipped:
+            return
+    some_ticks = max((TICKS + 1.0) / device.servo.rate for device in devices)
+    duration = min(config.duration, some_ticks)
     try:
         with np.errstate(all="ignore"):
-            result = run_virtual(replace(config, phases=()), min(config.duration, some_ticks))
+            results = run_virtual_hands(replace(config, phases=()), duration)
     except (RunError, DeviceError, ArithmeticError) as error:
         raise ConfigError(f"the graph does not start: {error}") from error
     except ForceboundError:
         raise
     except Exception as error:
         raise ConfigError(f"the graph does not start: {describe_user_error(error)}") from error
+    for result in results.values():
+        _check_result(result)
+
+
+def _check_result(result: RunResult) -> None:
     for event in result.events:
         if event.event in FAILURES:
             raise ConfigError(f"in a trial of {TICKS} ticks {event.message}")

@@ -2,7 +2,7 @@
 
 import time
 from collections import deque
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterable
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -13,9 +13,9 @@ from forcebound.graph.phases import timetable
 from forcebound.graph.resolved import kind_of, to_document
 from forcebound.haptics.environments import may_report_contacts
 from forcebound.messages.control import Configure
-from forcebound.messages.events import PHASE_BEGINS, EventLog
+from forcebound.messages.events import PHASE_BEGINS, EventLog, is_of
 from forcebound.messages.packets import TOPIC_OF, EnvironmentReply, Event, Packet, Telemetry
-from forcebound.messages.topology import ONE_HAND
+from forcebound.messages.topology import hand_document
 from forcebound.realtime import without_garbage_collection
 from forcebound.recordings.recording import Recorder
 from forcebound.recordings.telemetry import TelemetryCollector
@@ -47,11 +47,15 @@ class VirtualGraph:
         observed: Collection[type[Packet]],
         late_ticks: LateTicks | None = None,
     ) -> None:
-        lateness = None if late_ticks is None else late_ticks.of(config.device.servo)
-        self.device = build_device(config, lateness=lateness)
-        others = [build_node(name, config) for name in ONE_HAND.loop if name != DEVICE]
-        links = build_links(config)
-        self._simulation = Simulation([*others, self.device], links, observe, observed)
+        config = config.on_one_machine()
+        self.devices = {}
+        for name, hand in config.hands.items():
+            lateness = None if late_ticks is None else late_ticks.of(hand.device.servo)
+            self.devices[name] = build_device(hand, lateness=lateness, name=name)
+        graph, links = config.graph, build_links(config)
+        others = [build_node(n, config) for n in graph.loop if graph.nodes[n].role != DEVICE]
+        nodes = [*others, *self.devices.values()]
+        self._simulation = Simulation(nodes, links, observe, observed, graph)
         self._observe = observe
         self._launcher = EventLog(LAUNCHER)
         # A short run, or one of a sweep, needs no log.
@@ -59,7 +63,8 @@ class VirtualGraph:
             events.is_logged = False
         self._tuner = Tuner(config)
         self._phases = deque(timetable(config))
-        self.device.engage()
+        for device in self.devices.values():
+            device.engage()
 
     @property
     def time_ns(self) -> int:
@@ -103,7 +108,29 @@ def run_virtual(
     progress: Progress = lambda done, total: None,
     late_ticks: LateTicks | None = None,
 ) -> RunResult:
-    """Run a graph in virtual time.
+    """Run a graph of one hand in virtual time; see :func:`run_virtual_hands`."""
+    _ = config.only  # of several, none is meant
+    (result,) = run_virtual_hands(
+        config,
+        duration,
+        record,
+        may_end_early=may_end_early,
+        progress=progress,
+        late_ticks=late_ticks,
+    ).values()
+    return result
+
+
+def run_virtual_hands(
+    config: GraphConfig,
+    duration: float | None = None,
+    record: Path | None = None,
+    *,
+    may_end_early: bool = False,
+    progress: Progress = lambda done, total: None,
+    late_ticks: LateTicks | None = None,
+) -> dict[str, RunResult]:
+    """Run a graph in virtual time; return the result of each hand by its name.
 
     Args:
         config: What to run.
@@ -120,10 +147,14 @@ def run_virtual(
         KeyboardInterrupt: If the run was interrupted, and may not end early or had no sample yet.
     """
     check_has_virtual_time(config)
+    config = config.on_one_machine()
     end_ns = round((duration or config.duration) * 1e9)
     with ExitStack() as stack:
-        recorder = None if record is None else Recorder(record, run_metadata(config))
-        observer = _Observer(recorder, may_report_contacts(config.environment.model))
+        recorder = None
+        if record is not None:
+            recorder = Recorder(record, run_metadata(config), graph=config.graph)
+        wants_replies = may_report_contacts(config.environment.model)
+        observer = _Observer(recorder, config.hands, wants_replies)
         stack.callback(observer.close)
         graph = VirtualGraph(config, observer.take, observer.packets, late_ticks)
         stack.callback(graph.close)
@@ -136,26 +167,32 @@ def run_virtual(
         took = time.perf_counter() - began
         graph.report_end()
     interrupted = stop is not None and stop.requested
-    if not observer.samples and interrupted:
+    if not observer.has_samples and interrupted:
         if record is not None:
             record.unlink(missing_ok=True)
         raise KeyboardInterrupt
-    if not observer.samples:
+    if not observer.has_samples:
         raise RunError("the run ended before its first sample; use a longer --duration")
-    return RunResult(
-        observer.samples.columns(),
-        to_document(config),
-        observer.events,
-        interrupted=interrupted,
-        times_real_time=graph.time_ns * 1e-9 / took,
-    )
+    document = to_document(config)
+    return {
+        hand: RunResult(
+            samples.columns(),
+            hand_document(document, hand),
+            [event for event in observer.events if is_of(event, hand)],
+            interrupted=interrupted,
+            times_real_time=graph.time_ns * 1e-9 / took,
+        )
+        for hand, samples in observer.samples.items()
+    }
 
 
 def check_has_virtual_time(config: GraphConfig) -> None:
     """Raise ConfigError if the device is at a port, where time is real; it names what to use."""
-    instead = config.device.model.simulated_in
-    if instead is not None:
-        kind = kind_of("device", config.device.model)
+    for hand in config.hands.values():
+        instead = hand.device.model.simulated_in
+        if instead is None:
+            continue
+        kind = kind_of("device", hand.device.model)
         raise ConfigError(
             f"the device {kind} is at a serial port, emulated or not, and has no virtual time:"
             f" use `forcebound launch`, or `forcebound simulate {instead}`"
@@ -165,18 +202,24 @@ def check_has_virtual_time(config: GraphConfig) -> None:
 class _Observer:
     """Collects the packets that a result needs; records all packets if there is a recorder."""
 
-    def __init__(self, recorder: Recorder | None, wants_replies: bool) -> None:
+    def __init__(
+        self, recorder: Recorder | None, hands: Iterable[str], wants_replies: bool
+    ) -> None:
         self._recorder = recorder
-        self.samples = TelemetryCollector()
+        self.samples = {hand: TelemetryCollector() for hand in hands}
         self.events: list[Event] = []
         needed = (Telemetry, Event, *((EnvironmentReply,) if wants_replies else ()))
         self.packets = needed if recorder is None else tuple(TOPIC_OF)
 
+    @property
+    def has_samples(self) -> bool:
+        return all(self.samples.values())
+
     def take(self, packet: Packet) -> None:
         if type(packet) is Telemetry:
-            self.samples.take(packet)
+            self.samples[packet.hand].take(packet)
         elif type(packet) is EnvironmentReply:
-            self.samples.take_reply(packet)
+            self.samples[packet.hand].take_reply(packet)
         elif type(packet) is Event:
             self.events.append(packet)
         if self._recorder is not None:

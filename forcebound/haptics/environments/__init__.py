@@ -16,6 +16,7 @@ pushes into answers a positive force.
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -26,6 +27,14 @@ from forcebound.haptics.parts import Form, Table, overridden
 from forcebound.haptics.parts.signals import Publisher, Publishing
 from forcebound.haptics.parts.user_module import describe_user_error
 from forcebound.messages.packets import Contact, SceneObject, Vector
+
+
+def check_hand(name: str, hands: tuple[str, ...], field: str) -> None:
+    """Raise ConfigError, about a field, if there is no hand of this name."""
+    if name not in hands:
+        known = ", ".join(filter(None, hands)) or "one, without a name"
+        raise ConfigError(f"there is no hand {name!r}; the graph has {known}", field=field)
+
 
 FAR = 10.0  # m: a hand that is farther away is taken to be there
 
@@ -53,6 +62,22 @@ class Environment(Publisher, ABC):
             elapsed: Time since the force engaged, in s; 0 before.
         """
 
+    def take_readings(self, user: str, buttons: int | None, measured_force: Vector | None) -> None:
+        """Take what else a hand's device reads, right before each :meth:`force` of this hand.
+
+        Args:
+            user: Name of the hand.
+            buttons: Bit i is 1 while button i is down; None: the device has none.
+            measured_force: Of the hand on the tip, by a force sensor, in N, one entry per axis;
+                positive into the environment. None: it has no sensor.
+        """
+
+    def leave(self, user: str) -> None:
+        """Let the contact of a hand give no force to others: its queries have ended.
+
+        If they return, the hand takes part again. It is noticed at a query of another hand.
+        """
+
     def contact(self, user: str) -> Contact | None:
         """Return the contact of a hand at its last query; None: free motion, or unknown."""
         return None
@@ -75,12 +100,43 @@ class Environment(Publisher, ABC):
         """Release what ``open`` took; called once."""
 
 
+class SharedClock:
+    """The time of a world that hands share: that of the hand whose time goes fastest.
+
+    Each hand counts from when its own force engaged, so a hand that comes later, comes back or
+    begins again joins the time of the world as it is.
+    """
+
+    def __init__(self) -> None:
+        self.time: float | None = None  # s; None: nobody has asked
+        self._users: dict[str, tuple[float, float]] = {}  # their time, and that of the world ahead
+
+    def at(self, user: str, elapsed: float) -> float:
+        """Return the time of the world at a query, in s; it never goes back."""
+        if self.time is None:
+            self.time = elapsed
+            self._users[user] = (elapsed, 0.0)
+        before, ahead = self._users.get(user, (math.inf, 0.0))
+        if elapsed < before:
+            ahead = self.time - elapsed
+        self._users[user] = (elapsed, ahead)
+        self.time = max(self.time, elapsed + ahead)
+        return self.time
+
+    def leave(self, user: str) -> None:
+        """Let a hand join again at its next query."""
+        self._users.pop(user, None)
+
+
 class EnvironmentModel(Publishing, ABC):
     """Parameters of a kind of environment: a frozen dataclass."""
 
     @abstractmethod
     def open(self, axes: int) -> Environment:
         """Return a new instance in its initial state, for vectors of this many entries."""
+
+    def check_hands(self, hands: tuple[str, ...]) -> None:
+        """Check that it can serve hands of these names; ConfigError if not."""
 
     def check_files(self) -> None:
         """Read the files that the parameters name; ConfigError if one cannot be used."""
@@ -144,6 +200,7 @@ ENVIRONMENTS: Table[type[EnvironmentModel]] = Table(
         "distance_field": "forcebound.haptics.environments.solids_of_files:DistanceField",
         "point_cloud": "forcebound.haptics.environments.solids_of_files:PointCloud",
         "mass_spring": "forcebound.haptics.environments.mass_spring:MassSpring",
+        "coupling": "forcebound.haptics.environments.coupling:Coupling",
         "bodies": "forcebound.haptics.environments.bodies:Bodies",
         "recorded": "forcebound.haptics.environments.recorded:RecordedEnvironment",
         "membrane": "forcebound.haptics.environments.membrane:Membrane",

@@ -116,7 +116,7 @@ def _approaching(
         settings["tremor_phase"] = phase
     slowest = block.band[0] if block.band else operator.approach_speed
     duration = (wall - start) / max(slowest, 0.01) + LAG + study.touch_time  # for all touches
-    return replace(config, operator=replace(operator, **settings), duration=duration)
+    return replace(config.with_hand(operator=replace(operator, **settings)), duration=duration)
 
 
 @cache

@@ -308,12 +308,12 @@ def _check(study: Study, root: Value, problems: Problems) -> None:
         place = root.entries["conditions"].entries[stimulus.condition].place
         try:
             config = study.config(stimulus)
+            fastest = getattr(config.device.model, "largest_speed", None)
         except ConfigError as error:
             problems.add(f"{stimulus.condition} {stimulus.level}: {error}", place)
             continue
         if wall_of(config) is None:
             problems.add(f"{stimulus.condition}: a study needs a flat wall", place)
-        fastest = getattr(config.device.model, "largest_speed", None)
         for name, block in study.blocks.items():
             if block.band and fastest is not None and block.band[0] >= fastest:
                 at = root.entries["blocks"].entries[name].entries["band"]

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -113,6 +114,7 @@ class Server:
         for page in tuple(self.pages):
             page.greet()
         next_nodes = 0.0
+        looking: asyncio.Future[None] | None = None  # may wait for a law that is being compiled
         try:
             while not (graph.watch.is_over or self.is_stopped):
                 started = time.monotonic()
@@ -120,10 +122,11 @@ class Server:
                     self._note(message)
                     self.tell(message)
                 graph.pointer.send()
-                if self.pages and started >= next_nodes:
+                is_free = looking is None or looking.done()
+                if self.pages and is_free and started >= next_nodes:
                     next_nodes = started + PROCESSES_PERIOD
-                    samples = tuple(graph.feed.recent)
-                    loop.run_in_executor(self.workers, self._look_at_nodes, graph, samples)
+                    look = partial(self._look_at_nodes, graph, tuple(graph.feed.recent))
+                    looking = loop.run_in_executor(self.workers, look)
                 period = FRAME * graph.pace.slowness
                 await asyncio.sleep(max(0.0, period - (time.monotonic() - started)))
         finally:

@@ -7,6 +7,7 @@ const STILL = 0.5; // s for which a hand at rest has not moved
 const REST = 3e-4; // m that a hand at rest may move in that time
 const LEAST_ENERGY = 1e-4; // J; less is the resolution of the account
 const LEAST_FORCE = 0.02; // N; less is no contact
+const BOUNCE = 0.25; // s without a force that a hand which bounces may be in the air
 const WHOLE = 0.95; // share of the commanded force from which on nothing is missing
 const LATE = 0.02; // share of missed ticks that a hand can feel
 const LASTING = 0.02; // s of missed ticks in one contact that a hand can feel
@@ -17,7 +18,7 @@ export class State {
   constructor() { this.begin({ period: 1e-3 }); }
 
   /** Begin with a graph whose ticks are `period` apart, in s. */
-  begin({ period }) { Object.assign(this, { period, law: "certified", reason: "", since: NaN, past: [], missedBefore: null }); }
+  begin({ period }) { Object.assign(this, { period, law: "certified", reason: "", since: NaN, past: [], missedBefore: null, contact: null }); }
 
   /** Take a frame in: the newest samples, all in SI units. */
   take(frame) {
@@ -29,9 +30,11 @@ export class State {
       low: axes.map((all) => Math.min(...all)), high: axes.map((all) => Math.max(...all)) });
     this.past = this.past.filter((one) => one.time > time - MEMORY && one.time <= time);
     this.force = Math.hypot(...frame.applied.at(-1));
-    this.asked = Math.hypot(...frame.commanded.at(-1));
-    if (this.asked < LEAST_FORCE) this.missedBefore = null; // no contact
-    else this.missedBefore ??= frame.misses;
+    const asked = frame.commanded.map((force) => Math.hypot(...force)), newest = asked.findLastIndex((force) => force >= LEAST_FORCE);
+    if (newest >= 0) this.contact = { time: frame.time[newest], asked: asked[newest], given: Math.hypot(...frame.applied[newest]) };
+    else if (this.contact && time - this.contact.time > BOUNCE) this.contact = null;
+    if (this.contact) this.missedBefore ??= frame.misses;
+    else this.missedBefore = null;
   }
 
   /** What was before `age` seconds, or the earliest that is known of this law. */
@@ -54,9 +57,9 @@ export class State {
     const { delay, engagement } = this.frame, lost = Math.round(100 * this.missed);
     if (delay.at(-1) === null) return { kind: "off", head: "No force.", more: "Controller or environment does not answer." };
     if (engagement < 1) return { kind: "off", head: `The force engages: ${Math.round(100 * engagement)} %.`, more: "" };
-    const energy = this.past.at(-1).energy, isContact = this.asked >= LEAST_FORCE;
-    const isShort = isContact && this.force < WHOLE * this.asked;
-    const share = `${text(this.force)} N of the ${text(this.asked)} N that the ${surface} commands`;
+    const energy = this.past.at(-1).energy, isContact = this.contact !== null, { asked, given } = this.contact ?? { asked: 0, given: 0 };
+    const isShort = given < WHOLE * asked;
+    const share = `${text(given)} N of the ${text(asked)} N that the ${surface} commands`;
     const late = this.missed >= LATE ? ` ${lost} % of the ticks are missed.` : "";
     const isTrue = this.frame.true_energy.at(-1) !== null; // a real device has no ground truth: only its motor is known
     if (energy < -LEAST_ENERGY && !isTrue) {
@@ -76,7 +79,7 @@ export class State {
     const ticks = this.frame.misses - this.missedBefore;
     const lasting = !late && this.law !== "none" && ticks * this.period > LASTING ? ` ${ticks} ticks were missed in this contact: let go, and press again.` : "";
     const why = this.reason && this.law !== "none" ? `: ${this.reason.split(": ")[0]}` : "";
-    const more = isShort ? `The hand gets ${share}${why}.${lasting}` : isContact ? `The hand gets all ${text(this.asked)} N.` : "No contact.";
+    const more = isShort ? `The hand gets ${share}${why}.${lasting}` : isContact ? `The hand gets all ${text(asked)} N.` : "No contact.";
     return { kind: this.law === "none" ? "off" : "passive", head: `${isPassive} ${motion}`, more: more + late };
   }
 }
