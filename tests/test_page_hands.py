@@ -74,7 +74,7 @@ def test_a_law_begins_the_energy_of_its_own_hand_again(feed: Feed) -> None:
 
 
 def test_a_law_of_one_hand_does_not_replace_that_of_another() -> None:
-    controls = Mock(_config=Mock(hands=HANDS), _law_requests=0, _newest={})
+    controls = Mock(_config=Mock(hands_here=HANDS), _law_requests=0, _newest={})
 
     def received(**request: object) -> bool:
         waiting.append(Controls.receive(controls, request))
