@@ -106,6 +106,11 @@ class Graph(Struct, frozen=True):
         """Names of its hands."""
         return tuple(node.hand or HAND for node in self.nodes.values() if node.role == DEVICE)
 
+    def of(self, hand: str) -> "Graph":
+        """Return the nodes and streams that belong to a hand or to all."""
+        nodes = {name: node for name, node in self.nodes.items() if node.hand in (hand, None)}
+        return Graph(nodes, tuple(one for one in self.streams if one.hand in (hand, None)))
+
     @property
     def elsewhere(self) -> frozenset[str]:
         """Names of the streams of hands on other machines, which may come and go at any time."""
@@ -223,7 +228,20 @@ def hands_here(document: dict[str, Any]) -> tuple[str, ...]:
 def hand_document(document: dict[str, Any], hand: str) -> dict[str, Any]:
     """Return a document as if it had this hand alone; KeyError if there is no such hand."""
     others = {name: value for name, value in document.items() if name not in (HANDS, HERE)}
-    return {**others, **hand_sections(document)[hand]}
+    flat = {**others, **hand_sections(document)[hand]}
+    if HANDS in document and "phases" in flat:  # whose settings name the hands
+        flat["phases"] = [{**one, "set": _of_hand(one["set"], hand)} for one in flat["phases"]]
+    return flat
+
+
+def _of_hand(settings: dict[str, Any], hand: str) -> dict[str, Any]:
+    own = {name: name.removeprefix(f"{hand}.") for name in settings}
+    of_all = ("environment", "realtime")
+    return {
+        short: settings[name]
+        for name, short in own.items()
+        if short != name or name.partition(".")[0] in of_all
+    }
 
 
 def endpoint(run_dir: Path, of: NodeSpec | Stream) -> str:

@@ -106,7 +106,7 @@ def _check_beside(hand: str, devices: Mapping[str, DeviceConfig]) -> None:
             raise ConfigError(
                 f"{hand} has {model.axes} axes, {name} {other.model.axes}: one environment answers"
                 " both, so they need the same number",
-                field="kind",
+                field="axes",
             )
         if model.port and model.port == other.model.port:
             raise ConfigError(f"{hand} and {name} are both at the port {model.port}", field="port")

@@ -80,7 +80,7 @@ def read_sections(root: Value, problems: Problems) -> Values:
     The phases have no settings yet; ``hands`` has the sections of each hand.
     """
     has_phases = PHASES in root.entries
-    of_hands = (HANDS,) if HANDS in root.entries else HAND_SECTIONS
+    of_hands = (HANDS, *HAND_SECTIONS) if HANDS in root.entries else HAND_SECTIONS
     others = ("environment", "realtime", *of_hands, *_UNREAD, PHASES, *(["duration"] * has_phases))
     made = (_FILE_OF_PHASES if has_phases else _FILE).read(root, problems, others) or {}
     made.pop("forcebound", None)
@@ -99,10 +99,13 @@ def _hands(root: Value, problems: Problems) -> dict[str, Values]:
     """What could be made of the sections of each hand, by its name."""
     named = root.entries.get(HANDS)
     if named is not None:
+        for section in HAND_SECTIONS:
+            if section in root.entries:
+                value = root.entries[section]
+                words = f"{section} belongs to a hand: move it below {HANDS}: and a name"
+                problems.add(words, value.key or value.place)
         if not named.entries and not named.is_broken:
-            problems.add(
-                f"{HANDS}: expected a mapping from names to hands, got {named}", named.place
-            )
+            problems.add(f"{HANDS}: expected the name of a hand and its sections", named.place)
         if len(named.entries) > MOST_HANDS:
             words = f"{HANDS}: expected at most {MOST_HANDS}, got {len(named.entries)}"
             problems.add(words, named.key or named.place)
