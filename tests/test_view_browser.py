@@ -6,6 +6,7 @@ import shutil
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -204,6 +205,10 @@ def test_one_drags_the_hand_into_the_wall_breaks_it_and_makes_it_safe() -> None:
     assert swing(safe.time_ns + second, safe.time_ns + 2 * second) < 2e-4  # it rests
 
 
+def is_at_start(visitor: Visitor) -> bool:
+    return abs(visitor.figure("position") + 5.0) < 0.2  # mm
+
+
 def test_two_people_drag_two_hands_at_once(tmp_path: Path) -> None:
     file = tmp_path / "two.yaml"
     file.write_text(TWO_HANDS)
@@ -211,15 +216,15 @@ def test_two_people_drag_two_hands_at_once(tmp_path: Path) -> None:
         left, right = Visitor(one), Visitor(other)
         for visitor, hand in ((left, "left"), (right, "right")):
             visitor.open(f"{address}&hand={hand}")
-            visitor.until(lambda visitor=visitor: abs(visitor.figure("position") + 5.0) < 0.2)
+            visitor.until(partial(is_at_start, visitor))
             visitor.hold()
         left.pull(-0.2)
         left.until(lambda: left.figure("position") < -10.0)
-        assert abs(right.figure("position") + 5.0) < 0.2  # as it was
+        assert is_at_start(right)
         right.pull(0.2)
         right.until(lambda: right.figure("position") > 5.0)
         assert left.figure("position") < -10.0
-        left.pull(0.1)
+        left.pull(0.2)
         right.pull(-0.3)
         left.until(lambda: left.figure("position") > -10.0)
         right.until(lambda: right.figure("position") < -5.0)
