@@ -32,7 +32,7 @@ QUALITY = 75  # of its compression
 LARGEST = 2_000_000  # B
 IS_TOUCHING = "parseFloat(document.getElementById('force').textContent) > 0.1"
 BOTH_TOUCH = (
-    "[...document.querySelectorAll('#each small')].every((one) => /N/.test(one.textContent))"
+    "[...document.querySelectorAll('#each small')].every((one) => / N/.test(one.textContent))"
 )
 
 QUIET = (
