@@ -9,7 +9,8 @@ from itertools import count
 
 from benchmarks.harness import Result, alternate, at, compare, timed
 from forcebound.graph.loader import load
-from forcebound.haptics.environments.bodies import Bodies, engine
+from forcebound.haptics.environments.bodies import Bodies
+from forcebound.haptics.environments.mujoco_scene import engine
 from forcebound.observe.measure import Round, Timing, pace
 from forcebound.realtime import Settings
 

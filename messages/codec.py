@@ -32,7 +32,7 @@ from math import isfinite
 from operator import attrgetter
 from typing import Any, NamedTuple
 
-from msgspec import MsgspecError, Struct, ValidationError
+from msgspec import MsgspecError, Struct, UnsetType, ValidationError
 from msgspec.msgpack import Decoder, Encoder
 
 from forcebound.errors import PacketError
@@ -93,7 +93,8 @@ _CHECKS: dict[type[Packet], Callable[[Any], None]] = {
 
 def _form(kind: type[Packet]) -> _Form:
     types = field_types(kind)
-    vectors = tuple(name for name, hint in types.items() if hint in (Vector, Vector | None))
+    hints = (Vector, Vector | None, Vector | UnsetType)
+    vectors = tuple(name for name, hint in types.items() if hint in hints)
     vectors_of = attrgetter(*vectors) if len(vectors) > 1 else None
     names = tuple(name for name in types if name in NAMES)
     return _Form(vectors, vectors_of, names, _CHECKS.get(kind))
@@ -150,7 +151,7 @@ def decode(data: bytes, expected: type[Packet] | None = None) -> Packet:
         first, *others = form.vectors_of(packet)
         axes = len(first)
         for vector in others:
-            if vector is not None and len(vector) != axes:
+            if vector and len(vector) != axes:
                 raise _axes_error(packet, form)
     for name in form.names:
         text = getattr(packet, name)

@@ -55,8 +55,11 @@ _Vectors: TypeAlias = Annotated[Mapping[str, _Vector], Meta(max_length=MAX_LENGT
 _Counts: TypeAlias = Annotated[Mapping[str, _Count], Meta(max_length=MAX_LENGTH)]
 _SignalName: TypeAlias = Annotated[str, Meta(pattern=SIGNAL_NAME)]
 _Numbers: TypeAlias = Annotated[Mapping[_SignalName, float], Meta(max_length=MAX_SIGNALS)]
-# Without signals the key is not sent.
+# Without signals, or without a sensor, the key is not sent.
 _Signals: TypeAlias = Annotated[_Numbers | UnsetType, _means("published by the sender, by name")]
+_Measured: TypeAlias = Annotated[
+    _Vector | UnsetType, _means("of the hand on the tip, by a sensor; signs of hand_force", "N")
+]
 
 
 class Contact(NamedTuple):
@@ -117,6 +120,7 @@ class DeviceState(_Wire, frozen=True, tag="device_state"):
     orientation: Annotated[Quaternion | None, _means("unit quaternion w x y z of the tip")] = None
     buttons: Annotated[_Count | None, _means("bit i: button i of the device is down")] = None
     signals: _Signals = UNSET
+    measured_force: _Measured = UNSET
 
 
 class EnvironmentQuery(_Wire, frozen=True, tag="environment_query"):
@@ -132,6 +136,7 @@ class EnvironmentQuery(_Wire, frozen=True, tag="environment_query"):
     environment: Annotated[_Name | None, _means("that serves; none: the first to reply does")]
     orientation: Annotated[Quaternion | None, _means("unit quaternion w x y z of the tip")] = None
     buttons: Annotated[_Count | None, _means("bit i: button i of the device is down")] = None
+    measured_force: _Measured = UNSET
 
 
 class EnvironmentReply(_Wire, frozen=True, tag="environment_reply"):

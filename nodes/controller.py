@@ -130,6 +130,7 @@ class ControllerNode(Node):
                 self._lease.holder,
                 state.orientation,
                 state.buttons,
+                state.measured_force,
                 hand=self._hand,
             )
         )

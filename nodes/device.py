@@ -19,6 +19,8 @@ from collections.abc import Callable, Collection, Sequence
 from math import isfinite
 from typing import ClassVar
 
+from msgspec import UNSET
+
 from forcebound.errors import ConfigError, DeviceError
 from forcebound.graph.servo import ServoSettings
 from forcebound.haptics.devices import Device
@@ -72,10 +74,14 @@ class DeviceNode(Node):
         hand: str = HAND,
         signals: Collection[Signal] = (),
     ) -> None:
+        if servo.dead_man is not None and device.buttons() is None:
+            device.close()
+            raise ConfigError("dead_man: this device has no buttons", field="dead_man")
         self.hand = hand
         self._device = device
         self._servo = servo
         self._orientation, self._buttons = device.orientation, device.buttons
+        self._measured_force = device.measured_force
         self._is_dragged = False
         self._period_ns = servo.period_ns
         self._reply_wait_ns = servo.reply_wait_ns
@@ -194,7 +200,7 @@ class DeviceNode(Node):
         if self._writes_next:
             packets: list[Packet] = [self._write(time_ns)]
             if self.is_engaged:
-                is_answered = self._chain.command is not None
+                is_answered = self._chain.command is not None or not self._chain.is_held
                 refused = self._bounded.refused_readings
                 packets += self._reports.look(time_ns, is_answered, refused, self.deadline_misses)
             if self._next_law is not None and not self._bounded.holds_force:
@@ -217,6 +223,7 @@ class DeviceNode(Node):
             self._device.engage(time_ns)
         position = self._bounded.read(time_ns)
         self._estimate_velocity(position, time_ns)
+        measured = self._measured_force()
         state = DeviceState(
             self._tick,
             time_ns,
@@ -227,6 +234,7 @@ class DeviceNode(Node):
             self._orientation(),
             self._buttons(),
             self._signals.numbers(),
+            UNSET if measured is None else measured,
             hand=self.hand,
         )
         self._chain.remember(state)

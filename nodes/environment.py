@@ -4,9 +4,11 @@ While an answer is computed no other query is answered, as in a real computation
 a hand that arrive during that time only the newest waits. The injected computation time is added to
 that of the environment's own code.
 
-A query names the environment whose answers the graph accepts. If it names another one, this one is
-rejected: it emits an event and waits. It still answers once a second, so that the
-graph knows of it.
+A query names the environment whose answers its hand accepts. If it names another one, this one is
+rejected: it emits an event and waits. It still answers that hand once a second, so that the hand's
+controller knows of it.
+
+One process answers all hands. When a hand's queries end, its contact gives no more force to others.
 
 An answer carries the contact that the environment reports; its scene is sent in steps of its own
 (:mod:`forcebound.nodes.scene`).
@@ -14,12 +16,19 @@ An answer carries the contact that the environment reports; its scene is sent in
 
 import logging
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from math import isfinite
 from typing import ClassVar, TypeAlias
 
 from msgspec import UnsetType
 
-from forcebound.haptics.environments import EnvironmentModel, change_environment, open_environment
+from forcebound.haptics.environments import (
+    Environment,
+    EnvironmentModel,
+    change_environment,
+    open_environment,
+)
+from forcebound.haptics.parts import overridden
 from forcebound.haptics.parts.user_module import describe_user_error
 from forcebound.messages.control import EnvironmentStatus
 from forcebound.messages.events import STATE_INTERVAL_NS, EventLog
@@ -39,12 +48,26 @@ from forcebound.nodes.scene import SceneSource
 from forcebound.roles import ENVIRONMENT
 
 PROBE_INTERVAL_NS = 1_000_000_000  # between two answers of an environment that is rejected
+ABSENT_NS = 100_000_000  # without a query, after which a hand has left the world
 
 _logger = logging.getLogger(__name__)
 
 
 # Answer of the environment's code to a query: force, in N, proxy, in m, normal, and signals.
 _Answer: TypeAlias = tuple[Vector, Vector | None, Vector | None, Mapping[str, float] | UnsetType]
+
+
+@dataclass
+class _User:
+    """A hand that has asked."""
+
+    heard_ns: int = 0  # last query that was taken
+    is_present: bool = False
+    is_serving: bool = False
+    refused_for: str | None = None  # the environment that serves it instead
+    probed_ns: int = 0
+    emitted: tuple[bool, str | None] = (False, None)
+    emit_ns: int = 0
 
 
 class EnvironmentNode(Node):
@@ -75,18 +98,15 @@ class EnvironmentNode(Node):
         self._done_ns = 0
         self._step_ns = 0  # the last step
         self._seq = 0
-        self._is_serving = False
-        self._emitted: tuple[bool, str | None] = (False, None)
-        self._emit_ns = 0
-        self._refused_for: str | None = None  # the environment that serves instead
-        self._probed_ns = 0
+        self._users: dict[str, _User] = {}  # by hand
         self.events = EventLog(ENVIRONMENT)
         self._signals = Signals(self._environment, model.signals, self.events, self.reject)
         self._scene = SceneSource(self._environment, self.events)
         self._proxies: dict[str, Vector] = {}  # of the last answer to each hand
+        self._watch()
         self.name = name
         self.faults = 0  # queries that the environment's code failed to answer
-        self._failure = ""  # the first of them
+        self._failure = ""  # the first of them, until it is reported
 
     @property
     def answered(self) -> int:
@@ -113,7 +133,13 @@ class EnvironmentNode(Node):
             self._model = model
             self._signals.watch(self._environment)
             self._scene.watch(self._environment)
+            self._watch()
         self._computation.change(computation, trace)
+
+    def _watch(self) -> None:
+        own = overridden(self._environment, Environment)
+        self._takes_readings = "take_readings" in own
+        self._notices_leaving = "leave" in own
 
     def close(self) -> None:
         close_part(self._environment.close, ENVIRONMENT)
@@ -123,6 +149,8 @@ class EnvironmentNode(Node):
         for packet in received:
             if type(packet) is EnvironmentQuery:
                 self._take(packet, time_ns)
+        if len(self._users) > 1:
+            self._part(time_ns)
         was_due, answered = self._scene.is_due, self._seq
         packets = self._answers(time_ns)
         packets += self._signals.events(time_ns)
@@ -134,25 +162,44 @@ class EnvironmentNode(Node):
 
     def _take(self, query: EnvironmentQuery, time_ns: int) -> None:
         """Let a query wait for its answer if it is sound and this environment may serve it."""
+        felt = query.measured_force or ()
         numbers = (*query.position, *query.velocity, query.elapsed, *(query.orientation or ()))
-        if not all(map(isfinite, numbers)):
+        if not all(map(isfinite, (*numbers, *felt))):
             self.reject("not_finite")
             return
-        self._is_serving = query.environment == self.name
-        if self._is_serving or query.environment is None:
-            self._refused_for = None
-        elif not self._may_probe(query.environment, time_ns):
+        user = self._users.get(query.hand)
+        if user is None:
+            user = self._users[query.hand] = _User()
+        user.is_serving = query.environment == self.name
+        if user.is_serving or query.environment is None:
+            user.refused_for = None
+        elif not self._may_probe(user, query.environment, time_ns):
             return
+        user.heard_ns, user.is_present = time_ns, True
         self._waiting[query.hand] = query
+
+    def _part(self, time_ns: int) -> None:
+        """Let the hands leave whose queries have ended."""
+        for hand, user in self._users.items():
+            if user.is_present and time_ns - user.heard_ns > ABSENT_NS:
+                user.is_present = False
+                self._waiting.pop(hand, None)
+                self._proxies.pop(hand, None)
+                if self._notices_leaving:
+                    try:
+                        self._environment.leave(hand)
+                    except Exception as error:
+                        self._count_failure(error)
 
     def _answers(self, time_ns: int) -> list[Packet]:
         """Return the answers that are ready, and events about them."""
         replies: list[Packet] = []
-        state = (self._is_serving, self._refused_for)
-        if state != self._emitted and time_ns >= self._emit_ns:
-            self._emitted = state
-            if state != (False, None):
-                replies.append(self._emit_state(time_ns))
+        for hand, user in self._users.items():
+            state = (user.is_serving, user.refused_for)
+            if state != user.emitted and time_ns >= user.emit_ns:
+                user.emitted = state
+                if state != (False, None):
+                    replies.append(self._emit_state(hand, user, time_ns))
         if self._answering is not None and time_ns >= self._done_ns:
             replies.append(self._reply(*self._answering, time_ns))
             self._answering = None
@@ -160,18 +207,16 @@ class EnvironmentNode(Node):
             query = self._waiting.pop(next(iter(self._waiting)))
             answer = self._answer(query)
             if answer is None:
-                if self.faults == 1:
-                    message = f"the environment's code failed: {self._failure}"
-                    replies.append(
-                        self.events.emit(time_ns, "environment_failed", message, is_fault=True)
-                    )
-                return replies
+                continue
             delay_ns = self._computation.next_ns(time_ns)
             if delay_ns == 0:
                 replies.append(self._reply(query, answer, time_ns))
             elif delay_ns is not None:
                 self._answering = (query, answer)
                 self._done_ns = time_ns + delay_ns
+        if self._failure:
+            message, self._failure = f"the environment's code failed: {self._failure}", ""
+            replies.append(self.events.emit(time_ns, "environment_failed", message, is_fault=True))
         return replies
 
     def last_events(self, time_ns: int) -> Sequence[Event]:
@@ -181,31 +226,32 @@ class EnvironmentNode(Node):
         return EnvironmentStatus(
             rejected=dict(self.rejected),
             name=self.name,
-            refused_for=self._refused_for,
+            refused_for=next(filter(None, (u.refused_for for u in self._users.values())), None),
             failures=self.faults,
         )
 
-    def _emit_state(self, time_ns: int) -> Event:
-        """Return an event if this environment begins or ceases to serve, else None."""
-        self._emit_ns = time_ns + STATE_INTERVAL_NS
-        data = {"environment": self.name}
-        if self._refused_for is None:
-            message = f"serving this graph now, as {self.name}"
+    def _emit_state(self, hand: str, user: _User, time_ns: int) -> Event:
+        """Return the event that this environment begins or ceases to serve a hand."""
+        user.emit_ns = time_ns + STATE_INTERVAL_NS
+        data = {"environment": self.name} | ({"hand": hand} if hand else {})
+        served = f"the hand {hand}" if hand else "this graph"
+        if user.refused_for is None:
+            message = f"serving {served} now, as {self.name}"
             return self.events.emit(time_ns, "serving", message, data)
         message = (
-            f"not serving: {self._refused_for} serves this graph; "
+            f"not serving: {user.refused_for} serves {served}; "
             f"{self.name} is waiting until it leaves"
         )
         return self.events.emit(time_ns, "environment_refused", message, data, is_fault=True)
 
-    def _may_probe(self, serving: str, time_ns: int) -> bool:
+    def _may_probe(self, user: _User, serving: str, time_ns: int) -> bool:
         """Whether to answer a query that is meant for another environment."""
-        if self._refused_for is None:
-            self._probed_ns = time_ns - PROBE_INTERVAL_NS
-        self._refused_for = serving
-        if time_ns - self._probed_ns < PROBE_INTERVAL_NS:
+        if user.refused_for is None:
+            user.probed_ns = time_ns - PROBE_INTERVAL_NS
+        user.refused_for = serving
+        if time_ns - user.probed_ns < PROBE_INTERVAL_NS:
             return False
-        self._probed_ns = time_ns
+        user.probed_ns = time_ns
         return True
 
     def _answer(self, query: EnvironmentQuery) -> _Answer | None:
@@ -213,6 +259,9 @@ class EnvironmentNode(Node):
         # with zero force, not in the end of the node.
         try:
             environment = self._environment
+            if self._takes_readings:
+                felt = query.measured_force or None
+                environment.take_readings(query.hand, query.buttons, felt)
             answer = environment.force(query.hand, query.position, query.velocity, query.elapsed)
             force = _vector(answer, query)
             contact = environment.contact(query.hand)
@@ -222,11 +271,14 @@ class EnvironmentNode(Node):
             proxy, normal = contact
             return force, _vector(proxy, query), _vector(normal, query), signals
         except Exception as error:
-            self.faults += 1
-            if self.faults == 1:
-                self._failure = describe_user_error(error)
-                _logger.exception("the environment's code failed; this query is not answered")
+            self._count_failure(error)
             return None
+
+    def _count_failure(self, error: Exception) -> None:
+        self.faults += 1
+        if self.faults == 1:
+            self._failure = describe_user_error(error)
+            _logger.error("the environment's code failed", exc_info=error)
 
     def _reply(self, query: EnvironmentQuery, answer: _Answer, time_ns: int) -> EnvironmentReply:
         seq = self._seq

@@ -11,6 +11,8 @@ the command::
     fresh                 ends a command that answers a state older than the age limit
     ramp                  from 0 to 1 after the start, a fault, a silence
 
+While the dead-man button is released, each command ends at the write.
+
 Saturation and bounder follow in :mod:`forcebound.nodes.bounded_device`; nothing follows the
 bounder. The saturation grows with the ramp, too: otherwise an absurdly large command would reach
 full force in its first tick.
@@ -91,6 +93,7 @@ class SafetyChain:
         self.rejected: dict[str, int] = {}  # by reason; replaced, never mutated
         self.no_force = self._demand = Demand((0.0,) * axes, 0, 0.0)
         self.states: list[Any] = []  # of the stages, after the write before
+        self.is_held = True  # the dead-man button at the last reading, or there is none
         self.disengage()
 
     def reject(self, reason: str) -> None:
@@ -98,9 +101,12 @@ class SafetyChain:
         self.rejected = {**self.rejected, reason: self.rejected.get(reason, 0) + 1}
 
     def remember(self, state: DeviceState) -> None:
-        """Note when a tick was measured."""
+        """Note when a tick was measured, and whether the dead-man button is held."""
         self._newest_tick = state.seq
         self._tick_times[state.seq % REMEMBERED] = state.time_ns
+        button = self._servo.dead_man
+        if button is not None:
+            self.is_held = bool((state.buttons or 0) >> button & 1)
 
     def accept(self, packet: Packet, time_ns: int) -> None:
         """Use a packet, or reject it and count the reason."""
@@ -120,7 +126,7 @@ class SafetyChain:
 
     def demand(self, time_ns: int) -> Demand:
         """Return the force that the command in use gives at ``time_ns``."""
-        if self.command is not None:
+        if self.command is not None and self.is_held:
             demand, states, servo = self._demand, self.states, self._servo
             for k, stage in enumerate(self._stages):
                 states[k], given = stage(states[k], demand, time_ns, servo)
@@ -129,7 +135,7 @@ class SafetyChain:
                 demand = given
             else:
                 return demand
-            self.command = None
+        self.command = None
         self.disengage()
         return self.no_force
 

@@ -57,6 +57,7 @@ QUERY = EnvironmentQuery(
     environment=None,
     orientation=(0.5, -0.5, 0.5, 0.5),
     buttons=5,
+    measured_force=(-0.5, 0.0),
     hand="left",
 )
 REPLY = EnvironmentReply(
@@ -173,6 +174,7 @@ def packets(draw: st.DrawFn, kind: type[Packet] | None = None) -> Packet:
         int | None: st.none() | counts,
         float | None: st.none() | numbers,
         Vector | None: st.none() | vectors,
+        Vector | UnsetType: st.just(UNSET) | vectors,
         str: names,
         bool: st.booleans(),
         str | None: st.none() | names,

@@ -12,7 +12,7 @@ from launch_texts import problems_of, written
 
 from forcebound.errors import ConfigError
 from forcebound.graph.loader import load
-from forcebound.haptics.environments import bodies, open_environment
+from forcebound.haptics.environments import mujoco_scene, open_environment
 from forcebound.haptics.environments.bodies import Bodies
 from forcebound.haptics.environments.contract import check
 from forcebound.run.virtual import run_virtual
@@ -134,7 +134,7 @@ NESTED = "<replicate count='1000' offset='1 0 0'>"
 def test_a_scene_without_end_is_refused_in_bounded_time(
     tmp_path: Path, text: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(bodies, "SECONDS", 2.0)
+    monkeypatch.setattr(mujoco_scene, "SECONDS", 2.0)
     os.mkfifo(tmp_path / "pipe.stl")
     with pytest.raises(ConfigError, match="took too long"):
         open_environment(Bodies(written(tmp_path, text, "scene.xml")), 3)

@@ -41,6 +41,8 @@ class ServoSettings:
         age_limit: An answer to an older state gives no force.
         engage_time: From no force to full force.
         velocity_cutoff: Of the low-pass on the backward difference.
+        dead_man: Bit of a button that must be held: released, there is zero force, and it comes
+            back over the ramp; null: none.
     """
 
     law: str = "certified"
@@ -52,6 +54,7 @@ class ServoSettings:
     age_limit: Annotated[Time, POSITIVE] = 0.1
     engage_time: Annotated[Time, NOT_NEGATIVE] = 0.1
     velocity_cutoff: Annotated[Frequency, POSITIVE] = 100.0
+    dead_man: Annotated[int, Range(at_least=0, below=63)] | None = None
 
     def __post_init__(self) -> None:
         check_ranges(self)

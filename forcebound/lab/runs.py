@@ -106,6 +106,7 @@ def unserved(config: GraphConfig) -> Iterator[str]:
         yield "a link with a rate"  # the size of a packet matters
     if safety.stages_of(servo) != STAGES:
         yield "a stage of the safety chain"
+    yield from ["a dead-man button"] if servo.dead_man is not None else []
     if servo.period_ns / 1e9 > servo.longest_hold:
         yield "a hold limit of one period that is rounded down"
 

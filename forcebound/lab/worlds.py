@@ -7,7 +7,7 @@ from zlib import crc32
 import numpy as np
 
 from forcebound.haptics.controllers import CONTROLLERS
-from forcebound.haptics.environments.bodies import engine
+from forcebound.haptics.environments.mujoco_scene import engine
 from forcebound.haptics.laws import ENERGY_TOLERANCE, LAWS, check_law
 from forcebound.lab.audit import Options
 from forcebound.lab.cases import objective, search

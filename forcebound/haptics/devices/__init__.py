@@ -142,6 +142,13 @@ class Device(Publisher, ABC):
         """Return which buttons were down at the last reading, bit i of button i; None: has none."""
         return None
 
+    def measured_force(self) -> Vector | None:
+        """Return the hand's force on the tip at the last reading, by a force sensor, in N.
+
+        One entry per axis, positive into the environment. None: it has no sensor.
+        """
+        return None
+
     def truth(self) -> Truth | None:
         """Return the ground truth at the last read or write; None for hardware."""
         return None

@@ -106,12 +106,17 @@ class StatedJoints(DeviceModel):
 
 @dataclass(frozen=True, kw_only=True)
 class SimulatedArm(StatedJoints):
-    """Parameters of a simulated arm."""
+    """Parameters of a simulated arm.
+
+    Attributes:
+        force_sensor: Whether it measures the force of the simulated hand, of its spring and damper.
+    """
 
     sources: Mapping[str, Source] = field(default_factory=lambda: ASSUMED, hash=False)
     watchdog: Watchdog = "guarding"
     watchdog_tolerance: Annotated[Ratio, Range(at_least=0, below=1)] = 0.0
     guard_period: Annotated[Time, POSITIVE] = 50e-6
+    force_sensor: bool = False
 
     def __post_init__(self) -> None:
         super().__post_init__()

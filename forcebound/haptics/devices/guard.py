@@ -41,6 +41,7 @@ def guarded(device: Device) -> Device:
         "set_hold_limit": _seconds,
         "orientation": _orientation,
         "buttons": _buttons,
+        "measured_force": lambda answer: _vector(answer, None, "N"),
     }
     methods = {name: _guarded(device, name, checks.get(name)) for name in _METHODS}
     if kinematics is not None:

@@ -29,6 +29,7 @@ class PhantomPremium15(DeviceModel):
     simulated device has exactly these, so a law that relies on them has no hidden reserve.
 
     Attributes:
+        force_sensor: Whether it measures the force of the simulated hand, of its spring and damper.
         truth: What the simulated device really has, where that differs from what is stated.
     """
 
@@ -46,6 +47,7 @@ class PhantomPremium15(DeviceModel):
     watchdog: Watchdog = "guarding"
     watchdog_tolerance: Annotated[Ratio, Range(at_least=0, below=1)] = 0.0
     guard_period: Annotated[Time, POSITIVE] = 50e-6
+    force_sensor: bool = False
     truth: TrueAxes | None = None
     sources: Mapping[str, Source] = field(
         default_factory=lambda: {

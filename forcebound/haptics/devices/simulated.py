@@ -64,6 +64,7 @@ class SimulatedDevice(Device):
         self._motor = SimulatedMotor(
             model, truth, hold_limit, self._motor_force((0.0,) * self.axes)
         )
+        self._has_sensor = model.force_sensor
         self._reports_cuts = model.watchdog in ("guarding", "reporting")
         self._reading_at_cut = self._body.reading()
         self._time_ns: int | None = None
@@ -104,6 +105,9 @@ class SimulatedDevice(Device):
 
     def truth(self) -> Truth:
         return self._body.truth()
+
+    def measured_force(self) -> Vector | None:
+        return self._body.truth().hand_force if self._has_sensor else None
 
     def kinetic_energy(self) -> float:
         return self._body.kinetic_energy()

@@ -16,6 +16,7 @@ pushes into answers a positive force.
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -53,6 +54,22 @@ class Environment(Publisher, ABC):
             elapsed: Time since the force engaged, in s; 0 before.
         """
 
+    def take_readings(self, user: str, buttons: int | None, measured_force: Vector | None) -> None:
+        """Take what else a hand's device reads, right before each :meth:`force` of this hand.
+
+        Args:
+            user: Name of the hand.
+            buttons: Bit i is 1 while button i is down; None: the device has none.
+            measured_force: Of the hand on the tip, by a force sensor, in N, one entry per axis;
+                positive into the environment. None: it has no sensor.
+        """
+
+    def leave(self, user: str) -> None:
+        """Let the contact of a hand give no force to others: its queries have ended.
+
+        If they return, the hand takes part again. It is noticed at a query of another hand.
+        """
+
     def contact(self, user: str) -> Contact | None:
         """Return the contact of a hand at its last query; None: free motion, or unknown."""
         return None
@@ -73,6 +90,34 @@ class Environment(Publisher, ABC):
 
     def close(self) -> None:
         """Release what ``open`` took; called once."""
+
+
+class SharedClock:
+    """The time of a world that hands share: that of the hand whose time goes fastest.
+
+    Each hand counts from when its own force engaged, so a hand that comes later, comes back or
+    begins again joins the time of the world as it is.
+    """
+
+    def __init__(self) -> None:
+        self.time: float | None = None  # s; None: nobody has asked
+        self._users: dict[str, tuple[float, float]] = {}  # their time, and that of the world ahead
+
+    def at(self, user: str, elapsed: float) -> float:
+        """Return the time of the world at a query, in s; it never goes back."""
+        if self.time is None:
+            self.time = elapsed
+            self._users[user] = (elapsed, 0.0)
+        before, ahead = self._users.get(user, (math.inf, 0.0))
+        if elapsed < before:
+            ahead = self.time - elapsed
+        self._users[user] = (elapsed, ahead)
+        self.time = max(self.time, elapsed + ahead)
+        return self.time
+
+    def leave(self, user: str) -> None:
+        """Let a hand join again at its next query."""
+        self._users.pop(user, None)
 
 
 class EnvironmentModel(Publishing, ABC):
@@ -147,6 +192,7 @@ ENVIRONMENTS: Table[type[EnvironmentModel]] = Table(
         "distance_field": "forcebound.haptics.environments.solids_of_files:DistanceField",
         "point_cloud": "forcebound.haptics.environments.solids_of_files:PointCloud",
         "mass_spring": "forcebound.haptics.environments.mass_spring:MassSpring",
+        "coupling": "forcebound.haptics.environments.coupling:Coupling",
         "bodies": "forcebound.haptics.environments.bodies:Bodies",
         "recorded": "forcebound.haptics.environments.recorded:RecordedEnvironment",
         "membrane": "forcebound.haptics.environments.membrane:Membrane",

@@ -2,7 +2,8 @@
 
 A *probe*, a small ball that touches the bodies, hangs on the hand by a spring and a damper (a
 virtual coupling). Or the probe touches nothing and holds a *tool* of the scene, such as the tip of
-an arm. What the coupling pulls is what the hand feels.
+an arm. What the coupling pulls is what the hand feels. Each hand has a probe of its own, which
+appears when it first asks; all of them push the same bodies, and each other.
 
 Source: E. Todorov, T. Erez, Y. Tassa, MuJoCo: a physics engine for model-based control, IROS 2012;
 the coupling: J. E. Colgate, M. C. Stanley, J. M. Brown, Issues in the haptic display of tool use,
@@ -11,21 +12,42 @@ IROS 1995.
 
 import logging
 import math
-import warnings
 from dataclasses import dataclass, replace
-from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 
-from forcebound.bounded_child import ChildError, in_bounded_child
 from forcebound.errors import ConfigError
-from forcebound.files import open_file, reason
-from forcebound.haptics.environments import Environment, EnvironmentModel, within_reach
-from forcebound.haptics.geometry.vectors import Vector3, add, along, cut, norm, pad3, scale, sub
-from forcebound.messages.packets import MAX_NAME, Contact, SceneObject, Shape, Vector
+from forcebound.haptics.environments import (
+    Environment,
+    EnvironmentModel,
+    SharedClock,
+    within_reach,
+)
+from forcebound.haptics.environments.mujoco_scene import (
+    PROBE,
+    STEPS,
+    body_of,
+    check_coupling,
+    compile_scene,
+    engine,
+    probe_name,
+    shape_of,
+)
+from forcebound.haptics.geometry.vectors import (
+    ZERO,
+    Vector3,
+    add,
+    along,
+    cut,
+    norm,
+    pad3,
+    scale,
+    sub,
+)
+from forcebound.messages.packets import MAX_NAME, Contact, SceneObject, Vector
 from forcebound.quantities import (
     NOT_NEGATIVE,
     POSITIVE,
@@ -40,11 +62,7 @@ from forcebound.quantities import (
 
 MOST_STEPS = 20  # for one answer; a scene that falls farther behind stands still
 TOUCH = 1e-6  # m, least way between hand and probe of a contact
-HARD = [0.99, 0.99, 0.001, 0.5, 2.0]  # of what the probe touches or holds: the coupling is soft
-SECONDS, MEMORY = 30.0, 2_000_000_000  # s and bytes for the compilation and a first step
-STEPS = (1e-5, 0.1)  # s, range of the scene's timestep
-PROBE, TOOL = "forcebound_probe", "forcebound_tool"
-MOST_NAMES = 30  # in an error
+STATE = ("qpos", "qvel", "act", "ctrl", "mocap_pos", "mocap_quat", "qacc_warmstart")
 
 _logger = logging.getLogger(__name__)
 
@@ -55,7 +73,8 @@ class Bodies(EnvironmentModel):
 
     ``F = k (x - p) + b (v - v_p)``, of the probe's position ``p`` and velocity ``v_p``; the probe
     feels ``F``. The scene advances by its own time step, as far as the time since the last question
-    goes.
+    goes. A scene is compiled again for a second hand, which takes a moment without force; one with
+    a tool serves one hand.
 
     Attributes:
         file: The scene, in MuJoCo's XML format. It may name other files, which MuJoCo reads itself.
@@ -88,6 +107,33 @@ class Bodies(EnvironmentModel):
         return _Scene(self, axes)
 
 
+class _Probe:
+    """The probe of a hand, in a scene."""
+
+    def __init__(self, scene: Any, number: int, tool: int | None) -> None:
+        geom = scene.geom(probe_name(number))
+        self.geom: int = geom.id
+        self.body = scene.body(int(geom.bodyid[0]))
+        self.joints = _three(self.body.jntadr[0])
+        self.place = _three(scene.jnt_qposadr[self.body.jntadr[0]])
+        self.motion = _three(scene.jnt_dofadr[self.body.jntadr[0]])
+        rigid = scene.body_weldid
+        # By number of a geom, with one more for -1, which is none.
+        touched = rigid[scene.geom_bodyid] == rigid[self.body.id if tool is None else tool]
+        self.touches = np.append(touched, False)
+
+
+@dataclass
+class _Hand:
+    """A hand at its probe."""
+
+    number: int  # of the probe
+    before: Vector3  # m, until where the scene has followed it
+    place: Vector3  # m, as asked last
+    speed: Vector = ZERO  # m/s
+    is_away: bool = False
+
+
 class _Scene(Environment):
     """An open scene."""
 
@@ -99,75 +145,120 @@ class _Scene(Environment):
     def _begin(self, model: Bodies) -> None:
         """Begin where the file has everything."""
         self._model = model
-        self._scene = _compile(self._mujoco, model)
-        self._data = self._mujoco.MjData(self._scene)
-        self._mujoco.mj_forward(self._scene, self._data)
-        self._probe = self._scene.body(int(self._scene.geom(PROBE).bodyid[0]))
-        self._place = _three(self._scene.jnt_qposadr[self._probe.jntadr[0]])
-        self._motion = _three(self._scene.jnt_dofadr[self._probe.jntadr[0]])
+        self._compile(1)
         # Where the probe is before it has moved: in the scene, and in the hand's coordinates.
-        self._home: Vector3 = tuple(self._probe.pos.tolist())
-        self._origin: Vector3 = (0.0, 0.0, 0.0)
-        rigid = self._scene.body_weldid
-        body = self._probe.id if model.tool is None else _body_of(model.tool, self._scene)
-        # By number of a geom, with one more for -1, which is none.
-        self._touches = np.append(rigid[self._scene.geom_bodyid] == rigid[body], False)
-        self._hand: Vector3 | None = None
+        self._home: Vector3 = tuple(self._probes[0].body.pos.tolist())
+        self._origin: Vector3 = ZERO
+        self._hands: dict[str, _Hand] = {}
+        self._clock = SharedClock()
         self._elapsed = 0.0  # s, until which the scene has gone
         self._resets = 0
 
+    def compile_scene(self, probes: int) -> None:
+        model = self._model
+        self._scene = compile_scene(self._mujoco, model, probes)
+        self._data = self._mujoco.MjData(self._scene)
+        self._mujoco.mj_forward(self._scene, self._data)
+        tool = None if model.tool is None else body_of(model.tool, self._scene)
+        self._probes = [_Probe(self._scene, number, tool) for number in range(probes)]
+
+    def _join(self, user: str, place: Vector3, now: float) -> _Hand:
+        """Give a hand a probe; the bodies stay as they are."""
+        number = len(self._hands)
+        if number == 0:
+            self._elapsed = now
+        elif self._model.tool is not None:
+            message = f"tool: the hand {next(iter(self._hands))!r} has it: a tool is for one hand"
+            raise ConfigError(message, field="tool")
+        else:
+            before = self._data
+            self._compile(number + 1)
+            self._data.time = before.time
+            self._resets = 0  # as the new data count them
+            for name in STATE:  # what the new probe adds comes last
+                old, new = getattr(before, name), getattr(self._data, name)
+                new[: len(old)] = old
+            for hand in self._hands.values():
+                self._set_contacts(hand, not hand.is_away)
+        hand = self._hands[user] = _Hand(number, place, place)
+        self._couple(hand)
+        return hand
+
+    def leave(self, user: str) -> None:
+        hand = self._hands.get(user)
+        if hand is not None and self._model.tool is None:
+            hand.is_away, hand.speed, hand.before = True, ZERO, hand.place
+            self._set_contacts(hand, False)
+        self._clock.leave(user)
+
+    def _set_contacts(self, hand: _Hand, do_act: bool) -> None:
+        """Let a probe, not one with a tool, touch things or pass through them."""
+        if self._model.tool is None:
+            geom = self._probes[hand.number].geom
+            self._scene.geom_contype[geom] = self._scene.geom_conaffinity[geom] = int(do_act)
+
     def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
         x, y, z = map(within_reach, pad3(position))
-        speed = tuple(map(within_reach, pad3(velocity)))  # at most 10 m/s
-        if self._hand is None:
-            self._hand, self._elapsed = (x, y, z), elapsed
-            self._couple(self._hand)
-        before, self._hand = self._hand, (x, y, z)
-        self._advance(before, speed, elapsed)
+        now, hand = self._clock.at(user, elapsed), self._hands.get(user)
+        if hand is None:
+            hand = self._join(user, (x, y, z), now)
+        hand.before, hand.place = hand.place, (x, y, z)
+        hand.speed = tuple(map(within_reach, pad3(velocity)))  # at most 10 m/s
+        if hand.is_away:
+            hand.is_away, hand.before = False, hand.place
+            self._set_contacts(hand, True)
+            self._couple(hand)
+        self._advance(now)
         model, data = self._model, self._data
         force = [
             model.stiffness * (here - p) + model.damping * (v - v_p)
             for here, p, v, v_p in zip(
-                self._hand,
-                self._probed(),
-                speed,
-                data.qvel[self._motion].tolist(),
+                hand.place,
+                self._probed(hand),
+                hand.speed,
+                data.qvel[self._probes[hand.number].motion].tolist(),
                 strict=True,
             )
         ]
         return cut((force[0], force[1], force[2]), self._axes)
 
-    def _advance(self, before: Vector3, speed: Vector, elapsed: float) -> None:
-        """Let the scene go on while the hand comes from ``before``."""
-        scene, data, hand = self._scene, self._data, self._hand
-        assert hand is not None  # force() has set it
-        due = math.floor((elapsed - self._elapsed) / scene.opt.timestep + 1e-9)
+    def _advance(self, now: float) -> None:
+        """Let the scene go on while each hand comes from where it was."""
+        scene, data = self._scene, self._data
+        due = math.floor((now - self._elapsed) / scene.opt.timestep + 1e-9)
         if due <= 0:
             return
         steps = min(due, MOST_STEPS)
-        data.qfrc_applied[self._motion] = [self._model.damping * v for v in speed]
+        hands = [(hand, self._probes[hand.number]) for hand in self._hands.values()]
+        for hand, probe in hands:
+            data.qfrc_applied[probe.motion] = [self._model.damping * v for v in hand.speed]
         for i in range(steps):  # the spring ends where the hand was when the step began
-            end = along(before, sub(hand, before), i / steps)
-            scene.qpos_spring[self._place] = sub(end, self._origin)
+            for hand, probe in hands:
+                end = along(hand.before, sub(hand.place, hand.before), i / steps)
+                scene.qpos_spring[probe.place] = sub(end, self._origin)
             self._mujoco.mj_step(scene, data)
+        for hand, _ in hands:
+            hand.before = hand.place
         self._elapsed += due * scene.opt.timestep
         if _resets(data) != self._resets:
-            self._start_again(hand)
+            self._start_again()
 
-    def _couple(self, hand: Vector3) -> None:
+    def _couple(self, hand: _Hand) -> None:
         """Bring the probe to the hand; or let the hand take a tool that has not moved yet."""
+        probe = self._probes[hand.number]
         if self._model.tool is None:
-            self._data.qpos[self._place] = hand
+            self._data.qpos[probe.place] = hand.place
+            self._data.qvel[probe.motion] = 0.0
         else:
-            self._origin = hand
+            self._origin = hand.place
 
-    def _probed(self) -> Vector3:
+    def _probed(self, hand: _Hand) -> Vector3:
         """Where the probe is, in the coordinates of the hand."""
-        x, y, z = self._data.qpos[self._place].tolist()
+        x, y, z = self._data.qpos[self._probes[hand.number].place].tolist()
         return add(self._origin, (x, y, z))
 
-    def _start_again(self, hand: Vector3) -> None:
-        """Couple again with the hand: MuJoCo has put everything where the file has it."""
+    def _start_again(self) -> None:
+        """Couple again with the hands: MuJoCo has put everything where the file has it."""
         if self._resets == 0:
             _logger.warning(
                 "%s: the bodies flew apart, and are where they began; use a shorter timestep in"
@@ -175,13 +266,16 @@ class _Scene(Environment):
                 self._model.file,
             )
         self._resets = _resets(self._data)
-        self._couple(hand)
+        for hand in self._hands.values():
+            self._couple(hand)
 
     def contact(self, user: str) -> Contact | None:
-        if self._hand is None or not self._touches[self._data.contact.geom].any():
+        hand = self._hands.get(user)
+        touching = self._data.contact.geom
+        if hand is None or not self._probes[hand.number].touches[touching].any():
             return None
-        place = self._probed()
-        way = sub(place, self._hand)
+        place = self._probed(hand)
+        way = sub(place, hand.place)
         distance = norm(way)
         if distance < TOUCH:
             return None
@@ -196,10 +290,10 @@ class _Scene(Environment):
     def _drawn(self, geom: int) -> SceneObject | None:
         scene, mujoco = self._scene, self._mujoco
         body = scene.geom_bodyid[geom]
-        if scene.geom(geom).name == PROBE:
+        if scene.geom(geom).name.startswith(PROBE):
             return None
         half, box = scene.geom_size[geom].tolist(), scene.geom_aabb[geom][3:].tolist()
-        shape, size = _shape(mujoco.mjtGeom(scene.geom_type[geom]).name, half, box)
+        shape, size = shape_of(mujoco.mjtGeom(scene.geom_type[geom]).name, half, box)
         turned = np.empty(4)
         mujoco.mju_mat2Quat(turned, self._data.geom_xmat[geom])
         w, i, j, k = turned.tolist()
@@ -220,151 +314,17 @@ class _Scene(Environment):
         if kept != self._model:
             self._begin(model)
             return True
-        _check_coupling(model, self._scene.opt.timestep)
-        joints = _three(self._probe.jntadr[0])
-        self._scene.jnt_stiffness[joints] = model.stiffness
-        self._scene.dof_damping[self._motion] = model.damping
+        check_coupling(model, self._scene.opt.timestep)
+        for probe in self._probes:
+            self._scene.jnt_stiffness[probe.joints] = model.stiffness
+            self._scene.dof_damping[probe.motion] = model.damping
         self._model = model
         return True
-
-
-def engine() -> Any:
-    """Return the module ``mujoco``, whose warnings go to our log."""
-    try:
-        import mujoco
-    except ImportError:
-        words = "environment bodies needs MuJoCo: pip install 'forcebound[mujoco]'"
-        raise ConfigError(words) from None
-    # It would write its warnings into a file of the current folder.
-    mujoco.set_mju_user_warning(lambda words: _logger.debug("MuJoCo: %s", words))
-    return mujoco
-
-
-def _compile(mujoco: Any, model: Bodies) -> Any:
-    """Return the scene of the file with the probe in it, compiled in bounded time and memory.
-
-    A scene may name files that have no end, or things a million times over.
-    """
-    try:
-        open_file(model.file).close()
-        binary = in_bounded_child(partial(_compiled, model), SECONDS, MEMORY)
-    except ConfigError as error:
-        raise ConfigError(str(error), field="file") from None
-    except (OSError, ChildError) as error:
-        words = reason(error) if isinstance(error, OSError) else error
-        raise ConfigError(
-            f"{model.file}: {words}; expected a scene in MJCF that compiles within {SECONDS:g} s"
-            f" and {MEMORY / 1e9:g} GB, from regular files",
-            field="file",
-        ) from None
-    scene = mujoco.MjModel.from_binary_path("scene.mjb", {"scene.mjb": binary})
-    _check_coupling(model, scene.opt.timestep)
-    return scene
-
-
-def _compiled(model: Bodies) -> bytes:
-    """Do the work of :func:`_compile`, and a first step, in the child."""
-    mujoco = engine()
-    warnings.simplefilter("ignore")  # Python's, about keys that are going out of use
-    try:
-        spec = mujoco.MjSpec.from_file(str(model.file))
-        if model.timestep is not None:
-            spec.option.timestep = model.timestep
-        step = spec.option.timestep
-        if not STEPS[0] <= step <= STEPS[1]:
-            raise ConfigError(f"timestep: expected {STEPS[0]} to {STEPS[1]} s, got {step} s")
-        _add_probe(mujoco, spec, model)
-        scene = spec.compile()
-        mujoco.mj_step(scene, mujoco.MjData(scene))
-    except Exception as error:  # MuJoCo's own kinds
-        raise ConfigError(f"{model.file}: {' '.join(str(error).split())}") from error
-    binary = np.empty(mujoco.mj_sizeModel(scene), np.uint8)
-    mujoco.mj_saveModel(scene, None, binary)
-    return binary.tobytes()
-
-
-def _add_probe(mujoco: Any, spec: Any, model: Bodies) -> None:
-    """Add the probe to a scene, and what ties a tool to it; a mocap body becomes the probe."""
-    site = None if model.tool is None else spec.site(model.tool)
-    held = site if model.tool is None or site is not None else spec.body(model.tool)
-    hard = {"solref": [2.0 * spec.option.timestep, 1.0], "solimp": HARD}
-    axes = np.eye(3)
-    if held is None:
-        probe = spec.worldbody.add_body(name=PROBE, gravcomp=1.0)
-        touching = {**hard, "priority": 1, "contype": 1, "conaffinity": 1}
-    else:
-        touching = {"contype": 0, "conaffinity": 0}
-        data = mujoco.MjData(spec.compile())
-        mujoco.mj_kinematics(data.model, data)
-        probe = held if site is None else site.parent
-        carrier = probe  # a part that is fixed to a mocap body moves with it
-        while carrier.parent is not None and not (carrier.mocap or carrier.joints):
-            carrier = carrier.parent
-        probe = carrier if carrier.mocap else probe
-        if probe.mocap:
-            probe.mocap, probe.gravcomp = False, 1.0
-            axes = data.xmat[probe.id].reshape(3, 3)  # rows: axes of the scene, seen from the body
-            for geom in probe.geoms:
-                geom.mass, geom.priority = 0.0, 1
-                geom.solref, geom.solimp = hard["solref"], HARD
-        else:
-            place = (data.xpos if site is None else data.site_xpos)[held.id]
-            held = probe.add_site(name=TOOL) if site is None else site
-            probe = spec.worldbody.add_body(name=PROBE, pos=place, gravcomp=1.0)
-            probe.add_site(name=PROBE)
-            tie, kind = mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtObj.mjOBJ_SITE
-            spec.add_equality(type=tie, objtype=kind, name1=PROBE, name2=held.name, **hard)
-    spring = {"stiffness": model.stiffness, "damping": model.damping}
-    free = {"limited": 0, "armature": 0.0, "frictionloss": 0.0}  # whatever the file's defaults
-    for axis in axes:
-        probe.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis, **spring, **free)
-    ball = {"type": mujoco.mjtGeom.mjGEOM_SPHERE, "size": [model.probe_radius, 0.0, 0.0]}
-    probe.add_geom(name=PROBE, mass=model.probe_mass, **ball, **touching)
-
-
-def _body_of(tool: str, scene: Any) -> int:
-    """Return the number of a body, or of that of a site; ConfigError if it is none that moves."""
-    bodies = {scene.body(i).name: i for i in range(scene.nbody)}
-    sites = {scene.site(i).name: int(scene.site_bodyid[i]) for i in range(scene.nsite)}
-    ours = ("", PROBE, TOOL)
-    found = {n: i for n, i in (bodies | sites).items() if scene.body_weldid[i] and n not in ours}
-    if tool in found:
-        return found[tool]
-    known = (
-        "none"
-        if not found
-        else ", ".join(list(found)[:MOST_NAMES]) + ("" if len(found) <= MOST_NAMES else ", ...")
-    )
-    message = f"expected the name of a site or body that moves, got {tool!r}; known: {known}"
-    raise ConfigError(message, field="tool")
-
-
-def _check_coupling(model: Bodies, step: float) -> None:
-    """Refuse a spring that the scene's time step cannot integrate."""
-    most = model.probe_mass / step**2
-    if model.stiffness > most:
-        raise ConfigError(
-            f"a stiffness of {model.stiffness:g} N/m is too much for a probe of"
-            f" {model.probe_mass * 1e3:g} g and the scene's timestep of {step * 1e3:g} ms: at most"
-            f" {most:g} N/m; take a shorter timestep, or a heavier probe",
-            field="stiffness",
-        )
 
 
 def _resets(data: Any) -> int:
     """How often MuJoCo found numbers that cannot be and put everything back."""
     return sum(data.warning[kind].number for kind in range(len(data.warning)))
-
-
-def _shape(kind: str, half: list[float], box: list[float]) -> tuple[Shape, tuple[float, ...]]:
-    """The shape of a geom by the name of its type, and its size as scenes have it."""
-    if kind == "mjGEOM_PLANE":
-        return "plane", ()
-    if kind == "mjGEOM_SPHERE":
-        return "sphere", (half[0],)
-    if kind in ("mjGEOM_CYLINDER", "mjGEOM_CAPSULE"):
-        return "cylinder", (half[0], 2.0 * half[1])
-    return "box", (2.0 * box[0], 2.0 * box[1], 2.0 * box[2])
 
 
 def _three(start: Any) -> slice:

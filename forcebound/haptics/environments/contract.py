@@ -13,6 +13,7 @@ from contextlib import closing, suppress
 from dataclasses import fields, is_dataclass
 from random import Random
 
+from forcebound.errors import ConfigError
 from forcebound.haptics.environments import (
     FAR,
     Environment,
@@ -47,6 +48,7 @@ PROMISES: dict[str, str] = {
     "contact": "reports a finite proxy and a unit normal, one entry per axis, or None",
     "scene": f"shows at most {MAX_LENGTH} objects with different names, all of them drawable",
     "pure": "the same questions, in the same order from open on, have the same answers",
+    "users": "answers a second hand, takes readings, and lets a hand leave",
     **SIGNALS,
     **VALUE,
     "rest": "shows at rest the force that was stated",
@@ -142,6 +144,7 @@ def _answers(
                 _check_contact(environment, question, found)
         if members is not None:
             _check_scene(environment, f"scene() after the last query, {axes} axes", found)
+            _check_users(environment, axes, found)
         found.check_signals(environment, model.signals)
         environment.close()
     return answers
@@ -174,6 +177,17 @@ def _check_contact(environment: Environment, question: Question, found: Findings
         # Of fewer axes than three, it is the part of a unit normal along them.
         elif not is_unit(normal) and not (axes < 3 and math.hypot(*normal) <= 1.0):
             found.add("contact", "a normal of length 1", repr(normal), where)
+
+
+def _check_users(environment: Environment, axes: int, found: Findings) -> None:
+    question = Question((0.0,) * axes, (0.0,) * axes, LONG)
+    where = f"{question} of a second hand"
+    with found.noting("users", "an answer to a second hand", where):
+        environment.take_readings("second", 1, question.velocity)
+        with suppress(ConfigError):  # a world may refuse a second hand
+            found.check_vector(environment.force("second", *question), axes, "N", where)
+        environment.leave("second")
+        environment.scene()
 
 
 def _check_scene(environment: Environment, where: str, found: Findings) -> None:

@@ -11,8 +11,9 @@ Okamura, Haptic virtual fixtures for robot-assisted manipulation, ISRR 2005.
 
 import math
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
-from itertools import pairwise
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from itertools import chain, pairwise
 from typing import Annotated, ClassVar, TypeAlias
 
 from forcebound.errors import ConfigError
@@ -253,8 +254,8 @@ class WorkspaceLimit(_Fixture):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Fixtures:
-    """Virtual fixtures beside an environment; what is null is not there.
+class HandFixtures:
+    """Virtual fixtures of a hand; what is null is not there.
 
     Attributes:
         plane: The hand is drawn to it.
@@ -275,9 +276,10 @@ class Fixtures:
             total = add(total, fixture.force(position, velocity))
         return total
 
-    def scene(self) -> tuple[SceneObject, ...]:
-        """Return what there is to draw."""
-        return tuple(fixture.drawn(name) for name, fixture in self._named().items())
+    def scene(self, hand: str = "") -> tuple[SceneObject, ...]:
+        """Return what there is to draw, under names that begin with that of a hand."""
+        names = self._named().items()
+        return tuple(fixture.drawn(f"{hand} {name}".strip()) for name, fixture in names)
 
     def _named(self) -> dict[str, _Fixture]:
         named = {
@@ -287,6 +289,27 @@ class Fixtures:
             **{f"forbidden {i}": region for i, region in enumerate(self.forbidden, 1)},
         }
         return {name: fixture for name, fixture in named.items() if fixture is not None}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fixtures(HandFixtures):
+    """Virtual fixtures beside an environment, for all hands alike; what is null is not there.
+
+    Attributes:
+        hands: More of them for some hands alone, by their names.
+    """
+
+    hands: Mapping[str, HandFixtures] = field(default_factory=dict, hash=False)
+
+    def on(self, hand: str, position: Vector3, velocity: Vector3) -> Vector3:
+        """Return the force on a hand, in N, at a position (m) and velocity (m/s)."""
+        force, own = self.force(position, velocity), self.hands.get(hand)
+        return force if own is None else add(force, own.force(position, velocity))
+
+    def drawn(self) -> tuple[SceneObject, ...]:
+        """Return what there is to draw of all hands."""
+        own = [each.scene(hand) for hand, each in self.hands.items()]
+        return (*self.scene(), *chain.from_iterable(own))
 
 
 @dataclass(frozen=True)
@@ -313,14 +336,20 @@ class _Guided(Environment):
 
     def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
         force = self._opened.force(user, position, velocity, elapsed)
-        more = cut(self._model.fixtures.force(pad3(position), pad3(velocity)), self._axes)
+        more = cut(self._model.fixtures.on(user, pad3(position), pad3(velocity)), self._axes)
         return tuple([one + other for one, other in zip(force, more, strict=True)])
+
+    def take_readings(self, user: str, buttons: int | None, measured_force: Vector | None) -> None:
+        self._opened.take_readings(user, buttons, measured_force)
+
+    def leave(self, user: str) -> None:
+        self._opened.leave(user)
 
     def contact(self, user: str) -> Contact | None:
         return self._opened.contact(user)
 
     def scene(self) -> tuple[SceneObject, ...]:
-        return (*(self._opened.scene() or ()), *self._model.fixtures.scene())
+        return (*(self._opened.scene() or ()), *self._model.fixtures.drawn())
 
     def change(self, model: WithFixtures) -> bool:
         """Take over other parameters; the environment keeps its state if it can."""

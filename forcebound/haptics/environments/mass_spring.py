@@ -1,14 +1,20 @@
-"""A mass on a spring, which the hand pushes."""
+"""A mass on a spring, which hands push; a box between two of them."""
 
 import math
 from dataclasses import dataclass
 from typing import Annotated
 
-from forcebound.haptics.environments import Environment, EnvironmentModel, within_reach
+from forcebound.haptics.environments import (
+    Environment,
+    EnvironmentModel,
+    SharedClock,
+    within_reach,
+)
 from forcebound.haptics.environments.walls import on_first_axis
 from forcebound.messages.packets import Contact, SceneObject, Vector
 from forcebound.quantities import (
     NOT_NEGATIVE,
+    POSITIVE,
     Damping,
     Length,
     Mass,
@@ -20,8 +26,7 @@ from forcebound.quantities import (
 STEP = 1e-4  # s, longest step of the integration
 ANGLE = 0.2  # rad, of the fastest oscillation that a step may be
 LONGEST = 0.1  # s: a slab that is not asked for longer stands still
-THICKNESS = 0.010  # m, as drawn
-WIDTH = 0.060  # m, as drawn
+THICKNESS, WIDTH = 0.010, 0.060  # m, as drawn; a thickness that is stated is that of the box
 
 
 @dataclass(frozen=True)
@@ -29,36 +34,52 @@ class MassSpring(EnvironmentModel):
     """A slab on a spring and a damper across the first axis; free motion before it.
 
     The hand touches its face with an elastic contact and can only push. With the deflection ``q``
-    of the slab and the depth ``d = max(x - x_0 - q, 0)`` of the hand in its face,
+    of the slab, the depth ``d = max(x - x_0 - q, 0)`` of the hand in its face and the force
+    ``F = max(k_c d + b_c d', 0)`` that the hand feels,
 
-    ``m q'' = k_c d - k q - b q'``, and the hand feels ``F = k_c d``.
+    ``m q'' = F - k q - b q'``.
+
+    All hands push the same slab, each with an ``F`` of its own. With a ``thickness`` it has a back,
+    too, so that two hands can push it from both sides: a box on a floor, if ``spring`` is 0.
 
     Attributes:
         mass: Of the slab.
         spring: Stiffness between slab and ground.
         damping: Between slab and ground.
-        stiffness: Of the contact.
+        stiffness: Of a contact.
+        contact_damping: Of a contact, which does not pull.
         position: Of the face at rest.
+        thickness: From the face to the back; null: it has no back.
     """
 
     mass: Annotated[Mass, Range(at_least=1e-3)] = 0.2
     spring: Annotated[Stiffness, NOT_NEGATIVE] = 200.0
     damping: Annotated[Damping, NOT_NEGATIVE] = 1.0
     stiffness: Annotated[Stiffness, NOT_NEGATIVE] = 2000.0
+    contact_damping: Annotated[Damping, NOT_NEGATIVE] = 0.0
     position: Length = 0.010
+    thickness: Annotated[Length, POSITIVE] | None = None
 
     def __post_init__(self) -> None:
         check_ranges(self)
 
-    @property
-    def step(self) -> float:
-        """The longest step of the integration, in s."""
-        fastest = math.sqrt((self.spring + self.stiffness) / self.mass)
-        decay = self.mass / self.damping if self.damping > 0.0 else math.inf
+    def step(self, hands: int = 1) -> float:
+        """Return the longest step of the integration with so many hands at the slab, in s."""
+        fastest = math.sqrt((self.spring + hands * self.stiffness) / self.mass)
+        damping = self.damping + hands * self.contact_damping
+        decay = self.mass / damping if damping > 0.0 else math.inf
         return min(STEP, ANGLE / fastest if fastest > 0.0 else STEP, 0.2 * decay)
 
     def open(self, axes: int) -> "_Slab":
         return _Slab(self, axes)
+
+
+@dataclass
+class _Hand:
+    before: float  # m, on the first axis
+    place: Vector  # m, as asked last
+    speed: float = 0.0  # m/s, on the first axis
+    side: float = 1.0  # 1: at the face; -1: at the back
 
 
 class _Slab(Environment):
@@ -66,43 +87,78 @@ class _Slab(Environment):
 
     def __init__(self, model: MassSpring, axes: int) -> None:
         self._model, self._axes = model, axes
-        self._deflection = self._speed = self._depth = 0.0
-        self._hand: Vector | None = None  # m, as asked last
-        self._elapsed = 0.0
+        self._deflection = self._speed = 0.0
+        self._hands: dict[str, _Hand] = {}
+        self._clock, self._time = SharedClock(), 0.0
 
     def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
-        hand = within_reach(position[0])  # or one absurd reading would throw the slab for ever
-        before = hand if self._hand is None else self._hand[0]
-        self._advance(before, hand, min(max(elapsed - self._elapsed, 0.0), LONGEST))
-        self._hand, self._elapsed = (hand, *position[1:]), elapsed
-        self._depth = max(hand - self._face, 0.0)
-        return on_first_axis(self._model.stiffness * self._depth, self._axes)
+        x = within_reach(position[0])  # or one absurd reading would throw the slab for ever
+        hand = self._hands.setdefault(user, _Hand(x, (x, *position[1:])))
+        hand.before, hand.place = hand.place[0], (x, *position[1:])
+        hand.speed = within_reach(velocity[0])
+        now = self._clock.at(user, elapsed)
+        self._advance(min(now - self._time, LONGEST))
+        self._time = now
+        thickness = self._model.thickness
+        if thickness is None:
+            hand.side = 1.0
+        elif self._depth(hand, x) <= 0.0:  # what has come in goes out where it came from
+            hand.side = 1.0 if x < self._face + 0.5 * thickness else -1.0
+        return on_first_axis(self._push(hand, x), self._axes)
 
     @property
     def _face(self) -> float:
         return self._model.position + self._deflection
 
-    def _advance(self, start: float, end: float, duration: float) -> None:
-        """Move the slab while the hand goes evenly from ``start`` to ``end``."""
+    def _surface(self, hand: _Hand) -> float:
+        return self._face if hand.side > 0.0 else self._face + (self._model.thickness or 0.0)
+
+    def _depth(self, hand: _Hand, x: float) -> float:
+        return max(hand.side * (x - self._surface(hand)), 0.0)
+
+    def _push(self, hand: _Hand, x: float) -> float:
+        """Return what a hand at ``x``, in m, pushes, in N; negative: back."""
+        depth = self._depth(hand, x)
+        if depth == 0.0:
+            return 0.0
+        rate = hand.side * (hand.speed - self._speed)
         model = self._model
-        steps = math.ceil(duration / model.step)
+        return hand.side * max(model.stiffness * depth + model.contact_damping * rate, 0.0)
+
+    def _advance(self, duration: float) -> None:
+        """Move the slab while each hand goes evenly from where it was to where it is."""
+        model, hands = self._model, self._hands.values()
+        steps = math.ceil(duration / model.step(len(hands)))
+        ways = [(hand, hand.place[0] - hand.before) for hand in hands]
         for i in range(steps):
             h = duration / steps
-            hand = start + (end - start) * (i + 0.5) / steps
-            push = model.stiffness * max(hand - self._face, 0.0)
+            push = sum([self._push(hand, hand.before + w * (i + 0.5) / steps) for hand, w in ways])
             pull = model.spring * self._deflection + model.damping * self._speed
             self._speed += h * (push - pull) / model.mass
             self._deflection += h * self._speed
+        if steps:
+            for hand in hands:
+                hand.before = hand.place[0]
+
+    def leave(self, user: str) -> None:
+        self._hands.pop(user, None)
+        self._clock.leave(user)
 
     def contact(self, user: str) -> Contact | None:
-        if self._hand is None or self._depth <= 0.0:
+        hand = self._hands.get(user)
+        if hand is None or self._depth(hand, hand.place[0]) <= 0.0:
             return None
-        return Contact((self._face, *self._hand[1:]), on_first_axis(-1.0, self._axes))
+        place = (self._surface(hand), *hand.place[1:])
+        return Contact(place, on_first_axis(-hand.side, self._axes))
 
     def scene(self) -> tuple[SceneObject, ...]:
-        centre = (self._face + 0.5 * THICKNESS, 0.0, 0.0)
-        size = (THICKNESS, WIDTH, WIDTH)
-        return (SceneObject("slab", "box", position=centre, size=size, is_fixed=False),)
+        thickness = self._model.thickness
+        size = (thickness or THICKNESS, WIDTH, WIDTH)
+        centre = (self._face + 0.5 * size[0], 0.0, 0.0)
+        slab = SceneObject("slab", "box", position=centre, size=size, is_fixed=False)
+        if thickness is None:
+            return (slab,)
+        return slab, SceneObject("floor", "plane", position=(0.0, 0.0, -0.5 * WIDTH))
 
     def change(self, model: MassSpring) -> bool:
         self._model = model

@@ -25,7 +25,8 @@ class Membrane(EnvironmentModel):
     """A skin across the first axis, a spring until it breaks, and viscous tissue behind it.
 
     ``F = k (x - x_0)`` until that is ``strength``; from then on ``F = b v`` behind ``x_0``.
-    What the spring held at the break is lost, so the membrane never gives more than it took.
+    What the spring held at the break is lost, so the membrane never gives more than it took. Hands
+    stretch it at places of their own, each with the full stiffness; it breaks for all.
 
     Source: A. M. Okamura, C. Simone, M. D. O'Leary, Force modeling for needle insertion into soft
     tissue, IEEE Transactions on Biomedical Engineering 51(10), 2004: stiffness before the puncture,
@@ -57,12 +58,12 @@ class _Skin(Environment):
     def __init__(self, model: Membrane) -> None:
         self._model = model
         self._damage = 0.0  # the skin is broken at 1
-        self._stretch = 0.0  # m, of a skin that is whole
+        self._stretches: dict[str, float] = {}  # m, by each hand, of a skin that is whole
 
     def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
         model, depth = self._model, position[0] - self._model.skin
-        self._stretch = max(depth, 0.0)
-        load = model.stiffness * self._stretch
+        stretch = self._stretches[user] = max(depth, 0.0)
+        load = model.stiffness * stretch
         if self._damage < 1.0 and load > 0.0:
             self._damage = min(max(self._damage, load / model.strength), 1.0)
             if self._damage == 1.0:
@@ -72,8 +73,12 @@ class _Skin(Environment):
             load = model.damping * velocity[0] if depth > 0.0 else 0.0
         return on_first_axis(load, len(position))
 
+    def leave(self, user: str) -> None:
+        self._stretches.pop(user, None)
+
     def scene(self) -> tuple[SceneObject, ...]:
-        gap, stretch = (0.0, self._stretch) if self._damage < 1.0 else (GAP, 0.0)
+        furthest = max(self._stretches.values(), default=0.0)
+        gap, stretch = (0.0, furthest) if self._damage < 1.0 else (GAP, 0.0)
         x, y = self._model.skin + stretch + 0.5 * THICKNESS, 0.25 * (WIDTH + gap)
         size = (THICKNESS, 0.5 * (WIDTH - gap), WIDTH)
         halves = {"above": (x, y, 0.0), "below": (x, -y, 0.0)}

@@ -63,19 +63,20 @@ class _OpenRecorded(Environment):
     def __init__(self, answers: _Answers, axes: int) -> None:
         self._times, self._answers = list(answers), list(answers.values())
         self._axes = axes
-        self._reply: _Reply | None = None
+        self._replies: dict[str, _Reply] = {}  # to the last query of each hand
 
     def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
-        times, self._reply = self._times, None
+        times = self._times
+        self._replies.pop(user, None)
         if not times[0] <= elapsed <= times[-1]:
             return (0.0,) * self._axes
         after = bisect_left(times, elapsed)
         is_before_nearer = after > 0 and elapsed - times[after - 1] < times[after] - elapsed
-        self._reply = self._answers[after - is_before_nearer]
-        return self._fitted(self._reply.force)
+        reply = self._replies[user] = self._answers[after - is_before_nearer]
+        return self._fitted(reply.force)
 
     def contact(self, user: str) -> Contact | None:
-        reply = self._reply
+        reply = self._replies.get(user)
         if reply is None or reply.proxy is None or reply.normal is None:
             return None
         if len(reply.force) > self._axes:

@@ -1,6 +1,7 @@
 """Worlds with a surface: a solid, its proxy and the force between."""
 
 from abc import ABC, abstractmethod
+from copy import copy
 from dataclasses import dataclass, field
 from typing import Annotated
 
@@ -53,14 +54,19 @@ class OpenTouchable(Environment):
 
     def __init__(self, model: Touchable, axes: int) -> None:
         self._axes, self._model = axes, model
-        self._surface = HapticSurface(*_what(model))
+        self._untouched = HapticSurface(*_what(model))
+        self._surfaces: dict[str, HapticSurface] = {}  # each hand has its own proxy
 
     def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
         x, y, z = map(within_reach, pad3(position))
-        return cut(self._surface.touch((x, y, z), pad3(velocity)), self._axes)
+        surface = self._surfaces.get(user)
+        if surface is None:
+            surface = self._surfaces[user] = copy(self._untouched)
+        return cut(surface.touch((x, y, z), pad3(velocity)), self._axes)
 
     def contact(self, user: str) -> Contact | None:
-        touched = self._surface.touched
+        surface = self._surfaces.get(user)
+        touched = None if surface is None else surface.touched
         if touched is None:
             return None
         return Contact(cut(touched.proxy, self._axes), cut(touched.normal, self._axes))
@@ -69,8 +75,10 @@ class OpenTouchable(Environment):
         return self._model.scene()
 
     def change(self, model: Touchable) -> bool:
-        """Take over other parameters; the proxy stays where it is, unless it is inside now."""
-        self._surface.change(*_what(model))
+        """Take over other parameters; a proxy stays where it is, unless it is inside now."""
+        what = _what(model)
+        for surface in (self._untouched, *self._surfaces.values()):
+            surface.change(*what)
         self._model = model
         return True
 

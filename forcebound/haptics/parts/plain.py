@@ -1,6 +1,7 @@
 """Parts as plain JSON types."""
 
 import dataclasses
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,8 @@ def plain_value(value: Any) -> Any:
     """Return the value of such a field as plain JSON types."""
     if isinstance(value, tuple):
         return [plain_value(entry) for entry in value]
+    if isinstance(value, Mapping):
+        return {name: plain_value(entry) for name, entry in value.items()}
     if dataclasses.is_dataclass(value):
         return plain(value)
     return str(value) if isinstance(value, Path) else value

@@ -1,0 +1,236 @@
+r"""Leader and follower: two hands that a teleoperator couples.
+
+With the positions :math:`x_l, x_f` of both, the follower shall be at :math:`s x_l + o`, of the
+scale :math:`s` and the offset :math:`o`. Forces are positive towards positive x: :math:`f_h` of the
+hand on the leader, measured; :math:`f_e` of the follower on what it touches, minus the force
+measured at the follower; :math:`u_l, u_f` of the motors, with the force scale :math:`r`:
+
+.. math::
+
+    u_f &= c + C_3 f_h / r - C_5 f_e , \qquad c = k (s x_l + o - x_f) + b (s v_l - v_f) , \\
+    u_l &= - r (C_4 c + C_2 f_e) + C_6 f_h .
+
+The answers are :math:`-u_l` and :math:`-u_f`, since an answer is positive when it resists. Names of
+the gains as in Hashtrudi-Zaad and Salcudean; their :math:`C_1` is the spring and damper of c:
+
+================= ============== ============ ============== ================
+architecture      C_4            C_2          C_3            C_5, C_6
+================= ============== ============ ============== ================
+position_position 1              0            0              0, 0
+position_force    0              1            0              0, 0
+four_channel      position_share leader_force follower_force C_3 - 1, C_2 - 1
+================= ============== ============ ============== ================
+
+The last row is their condition of transparency, without the terms of acceleration: where positions
+agree and all is at rest, :math:`f_h = r f_e`. Without the force sensors that an architecture needs,
+it is that of the positions.
+
+Sources: D. A. Lawrence, Stability and transparency in bilateral teleoperation, IEEE Trans. Robotics
+and Automation 9(5), 1993; K. Hashtrudi-Zaad, S. E. Salcudean, Analysis of control architectures for
+teleoperation systems with impedance/admittance master and slave manipulators, Int. J. Robotics
+Research 20(6), 2001.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Annotated, Literal, TypeAlias
+
+from forcebound.errors import ConfigError
+from forcebound.haptics.environments import Environment, EnvironmentModel, within_reach
+from forcebound.haptics.geometry.vectors import pad3
+from forcebound.haptics.parts.signals import Signal
+from forcebound.messages.packets import SceneObject, Vector
+from forcebound.quantities import (
+    NOT_NEGATIVE,
+    Damping,
+    Length,
+    Range,
+    Ratio,
+    Stiffness,
+    check_ranges,
+)
+
+Share: TypeAlias = Annotated[Ratio, NOT_NEGATIVE]
+AnyRatio: TypeAlias = Annotated[Ratio, Range()]  # finite
+POSITIONS = (1.0, 0.0, 0.0, 0.0, 0.0)  # the gains of position_position
+
+
+@dataclass(frozen=True, kw_only=True)
+class Coupling(EnvironmentModel):
+    """A leader and a follower, coupled by spring and damper, or by measured forces, too.
+
+    While one of them is not there, there is no force on the other. Other hands feel nothing.
+
+    Attributes:
+        leader: Name of the hand that leads.
+        follower: Name of the hand that follows.
+        architecture: position_position: spring and damper between both; position_force: the leader
+            feels the force that is measured at the follower; four_channel: positions and measured
+            forces both ways.
+        stiffness: Between the follower and where it shall be.
+        damping: Likewise.
+        scale: Way of the follower for the leader's; negative: mirrored.
+        force_scale: Force on the leader for the follower's, of the sign of scale; null: scale, so
+            that the coupling makes no power.
+        offset: Added to the follower's place, for each axis; 0 where there is none.
+        clutch: Bit of the leader's button that releases the coupling while it is down; when it is
+            let go, they are coupled where they are then. null: none.
+        position_share: Of the spring and damper, that the leader feels; of four_channel.
+        leader_force: Share of the follower's measured force, for the leader; of four_channel.
+        follower_force: Share of the leader's measured force, for the follower; of four_channel.
+    """
+
+    signals = (
+        Signal("position_error", "m", "follower, from where it shall be"),
+        Signal("force_error", "N", "hand's force on the leader, less that of the follower"),
+    )
+
+    leader: str = "leader"
+    follower: str = "follower"
+    architecture: Literal["position_position", "position_force", "four_channel"] = (
+        "position_position"
+    )
+    stiffness: Annotated[Stiffness, NOT_NEGATIVE] = 300.0
+    damping: Annotated[Damping, NOT_NEGATIVE] = 2.0
+    scale: AnyRatio = 1.0
+    force_scale: AnyRatio | None = None
+    offset: tuple[Length, ...] = ()
+    clutch: Annotated[int, Range(at_least=0, below=63)] | None = None
+    position_share: Share = 1.0
+    leader_force: Share = 1.0
+    follower_force: Share = 1.0
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+        if self.leader == self.follower:
+            message = f"follower must be another hand than the leader, {self.leader!r}"
+            raise ConfigError(message, field="follower")
+        if self.scale == 0.0:
+            raise ConfigError("scale must not be 0: the follower would not follow", field="scale")
+        if self.ratio * self.scale <= 0.0:
+            message = f"force_scale must have the sign of scale, {self.scale:g}, got {self.ratio:g}"
+            raise ConfigError(f"{message}: the coupling would give energy", field="force_scale")
+
+    @property
+    def ratio(self) -> float:
+        """The force scale."""
+        return self.scale if self.force_scale is None else self.force_scale
+
+    @property
+    def gains(self) -> tuple[float, float, float, float, float]:
+        """``C_4``, ``C_2``, ``C_3``, ``C_5`` and ``C_6`` of the module's table."""
+        if self.architecture == "position_position":
+            return POSITIONS
+        if self.architecture == "position_force":
+            return 0.0, 1.0, 0.0, 0.0, 0.0
+        to_leader, to_follower = self.leader_force, self.follower_force
+        return self.position_share, to_leader, to_follower, to_follower - 1.0, to_leader - 1.0
+
+    def open(self, axes: int) -> "_Coupled":
+        if len(self.offset) > axes:
+            message = f"offset: expected at most {axes} entries, got {len(self.offset)}"
+            raise ConfigError(message, field="offset")
+        return _Coupled(self)
+
+
+class _Hand:
+    """Leader or follower, at its last query."""
+
+    position: Vector = ()  # m; empty: it is not there
+    velocity: Vector = ()  # m/s
+    felt: Vector | None = None  # N, by its force sensor
+
+
+class _Coupled(Environment):
+    """An open coupling."""
+
+    def __init__(self, model: Coupling) -> None:
+        self._model, self._offset = model, model.offset
+        self._hands = {model.leader: _Hand(), model.follower: _Hand()}
+        self._is_released = False  # by the clutch
+        self._reindexes = False  # as soon as both are there and the clutch is up
+        self._has_warned = False
+
+    def take_readings(self, user: str, buttons: int | None, measured_force: Vector | None) -> None:
+        if user in self._hands:
+            self._hands[user].felt = measured_force
+        if user == self._model.leader and self._model.clutch is not None:
+            self._is_released = bool((buttons or 0) >> self._model.clutch & 1)
+            self._reindexes = self._reindexes or self._is_released
+
+    def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
+        model, hand = self._model, self._hands.get(user)
+        zero = (0.0,) * len(position)
+        if hand is None:
+            return zero
+        hand.position = tuple(map(within_reach, position))
+        hand.velocity = tuple(map(within_reach, velocity))
+        leader, follower = self._hands[model.leader], self._hands[model.follower]
+        if self._is_released or not (leader.position and follower.position):
+            self.signal("position_error", math.nan)
+            self.signal("force_error", math.nan)
+            return zero
+        if self._reindexes:
+            both = zip(leader.position, follower.position, strict=False)
+            self._offset, self._reindexes = tuple([f - model.scale * at for at, f in both]), False
+        motors = self._motors(leader, follower)
+        answer = tuple([-forces[hand is follower] for forces in motors])
+        return (answer + zero)[: len(zero)]
+
+    def _motors(self, leader: _Hand, follower: _Hand) -> list[tuple[float, float]]:
+        """Return the forces of leader and follower, in N, on each axis that both have."""
+        model, s, r = self._model, self._model.scale, self._model.ratio
+        count = min(len(leader.position), len(follower.position))
+        on_leader, on_follower = _padded(leader.felt, count), _padded(follower.felt, count)
+        is_sensed = self._is_sensed(leader, follower)
+        c_4, c_2, c_3, c_5, c_6 = model.gains if is_sensed else POSITIONS
+        forces, errors, differences = [], [], []
+        for i, offset in enumerate(_padded(self._offset, count)):
+            error = s * leader.position[i] + offset - follower.position[i]
+            c = model.stiffness * error
+            c += model.damping * (s * leader.velocity[i] - follower.velocity[i])
+            f_h, f_e = on_leader[i], -on_follower[i]
+            forces.append((c_6 * f_h - r * (c_4 * c + c_2 * f_e), c + c_3 * f_h / r - c_5 * f_e))
+            errors.append(error)
+            differences.append(f_h - r * f_e)
+        is_known = leader.felt is not None and follower.felt is not None
+        self.signal("position_error", math.hypot(*errors))
+        self.signal("force_error", math.hypot(*differences) if is_known else math.nan)
+        return forces
+
+    def _is_sensed(self, leader: _Hand, follower: _Hand) -> bool:
+        """Whether there are the sensors that the architecture needs; an event if not."""
+        _, c_2, c_3, c_5, c_6 = self._model.gains
+        lacks_leader = leader.felt is None and any((c_3, c_6))
+        lacks = lacks_leader or (follower.felt is None and any((c_2, c_5)))
+        if lacks and not self._has_warned:
+            self._has_warned = True
+            hand = self._model.leader if lacks_leader else self._model.follower
+            words = f"{hand} has no force sensor: position_position takes the place of"
+            self.event("no_force_sensor", f"{words} {self._model.architecture}", is_fault=True)
+        return not lacks
+
+    def leave(self, user: str) -> None:
+        if user in self._hands:
+            self._hands[user] = _Hand()
+
+    def scene(self) -> tuple[SceneObject, ...]:
+        tips = [hand.position for hand in self._hands.values()]
+        if not all(tips):
+            return ()
+        return (SceneObject("coupling", "path", is_fixed=False, points=tuple(map(pad3, tips))),)
+
+    def change(self, model: Coupling) -> bool:
+        """Take over other parameters; with another scale the hands are coupled where they are."""
+        before = self._model
+        if {model.leader, model.follower} != self._hands.keys():
+            return False
+        self._model = model
+        self._reindexes = self._reindexes or model.scale != before.scale
+        if model.offset != before.offset:
+            self._offset, self._reindexes = model.offset, False
+        return True
+
+
+def _padded(vector: Vector | None, count: int) -> Vector:
+    return ((vector or ()) + (0.0,) * count)[:count]
