@@ -102,6 +102,7 @@ class DeviceNode(Node):
         self._engage_requested = False
         self._engaged_ns: int | None = None
         self._stopped = False
+        self._is_answered = False  # at the last write with the dead-man button held
         self._applied = self._zero
         self._position = self._zero
         self._velocity = self._zero
@@ -200,9 +201,14 @@ class DeviceNode(Node):
         if self._writes_next:
             packets: list[Packet] = [self._write(time_ns)]
             if self.is_engaged:
-                is_answered = self._chain.command is not None or not self._chain.is_held
-                refused = self._bounded.refused_readings
-                packets += self._reports.look(time_ns, is_answered, refused, self.deadline_misses)
+                if self._chain.is_held:
+                    self._is_answered = self._chain.command is not None
+                packets += self._reports.look(
+                    time_ns,
+                    self._is_answered,
+                    self._bounded.refused_readings,
+                    self.deadline_misses,
+                )
             if self._next_law is not None and not self._bounded.holds_force:
                 packets.append(self._change_law(self._next_law, time_ns))
             packets += self._signals.events(time_ns)
@@ -248,7 +254,7 @@ class DeviceNode(Node):
 
     def _write(self, time_ns: int) -> Telemetry:
         chain = self._chain
-        gives = self.is_engaged and self._next_law is None
+        gives = self.is_engaged and self._next_law is None and chain.is_held
         demand = chain.demand(time_ns) if gives else chain.no_force
         command = chain.command if gives else None
         written = self._bounded.write(time_ns, demand.force, demand.engagement)

@@ -11,7 +11,7 @@ the command::
     fresh                 ends a command that answers a state older than the age limit
     ramp                  from 0 to 1 after the start, a fault, a silence
 
-While the dead-man button is released, each command ends at the write.
+While the dead-man button is released, there is no demand, and the stages begin again.
 
 Saturation and bounder follow in :mod:`forcebound.nodes.bounded_device`; nothing follows the
 bounder. The saturation grows with the ramp, too: otherwise an absurdly large command would reach
@@ -107,6 +107,8 @@ class SafetyChain:
         button = self._servo.dead_man
         if button is not None:
             self.is_held = bool((state.buttons or 0) >> button & 1)
+            if not self.is_held:
+                self.disengage()
 
     def accept(self, packet: Packet, time_ns: int) -> None:
         """Use a packet, or reject it and count the reason."""
@@ -126,7 +128,7 @@ class SafetyChain:
 
     def demand(self, time_ns: int) -> Demand:
         """Return the force that the command in use gives at ``time_ns``."""
-        if self.command is not None and self.is_held:
+        if self.command is not None:
             demand, states, servo = self._demand, self.states, self._servo
             for k, stage in enumerate(self._stages):
                 states[k], given = stage(states[k], demand, time_ns, servo)
@@ -135,7 +137,7 @@ class SafetyChain:
                 demand = given
             else:
                 return demand
-        self.command = None
+            self.command = None
         self.disengage()
         return self.no_force
 

@@ -154,7 +154,7 @@ class _Scene(Environment):
         self._elapsed = 0.0  # s, until which the scene has gone
         self._resets = 0
 
-    def compile_scene(self, probes: int) -> None:
+    def _compile(self, probes: int) -> None:
         model = self._model
         self._scene = compile_scene(self._mujoco, model, probes)
         self._data = self._mujoco.MjData(self._scene)
@@ -182,6 +182,8 @@ class _Scene(Environment):
                 self._set_contacts(hand, not hand.is_away)
         hand = self._hands[user] = _Hand(number, place, place)
         self._couple(hand)
+        if number > 0:
+            self._mujoco.mj_forward(self._scene, self._data)
         return hand
 
     def leave(self, user: str) -> None:

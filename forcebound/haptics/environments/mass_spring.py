@@ -93,17 +93,18 @@ class _Slab(Environment):
 
     def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
         x = within_reach(position[0])  # or one absurd reading would throw the slab for ever
+        is_new = user not in self._hands
         hand = self._hands.setdefault(user, _Hand(x, (x, *position[1:])))
         hand.before, hand.place = hand.place[0], (x, *position[1:])
         hand.speed = within_reach(velocity[0])
-        now = self._clock.at(user, elapsed)
-        self._advance(min(now - self._time, LONGEST))
-        self._time = now
         thickness = self._model.thickness
         if thickness is None:
             hand.side = 1.0
-        elif self._depth(hand, x) <= 0.0:  # what has come in goes out where it came from
-            hand.side = 1.0 if x < self._face + 0.5 * thickness else -1.0
+        elif is_new or self._depth(hand, hand.before) <= 0.0:  # it goes out where it came in
+            hand.side = 1.0 if hand.before < self._face + 0.5 * thickness else -1.0
+        now = self._clock.at(user, elapsed)
+        self._advance(min(now - self._time, LONGEST))
+        self._time = now
         return on_first_axis(self._push(hand, x), self._axes)
 
     @property
