@@ -27,6 +27,7 @@ VERSION: Final = 4  # of the wire format; every packet carries it
 
 MAX_AXES = 6
 MAX_COUNT = 2**63 - 1  # the largest 64-bit integer that every language has
+MAX_ENERGY = 1e5  # J, that a ledger gives in its life
 MAX_LENGTH = 64  # of any array or map on the wire
 MAX_NAME = 64  # characters of a name
 NAMES = ("hand", "environment", "node", "event")  # keys whose text is printable, on one line
@@ -46,6 +47,7 @@ def _means(meaning: str, unit: str = "") -> Meta:
 
 # The same types with the limits that the decoder checks.
 _Count: TypeAlias = Annotated[int, Meta(ge=0, le=MAX_COUNT)]
+_Energy: TypeAlias = Annotated[float, Meta(ge=0.0, le=MAX_ENERGY)]
 _Vector: TypeAlias = Annotated[Vector, Meta(min_length=1, max_length=MAX_AXES)]
 _Name: TypeAlias = Annotated[str, Meta(min_length=1, max_length=MAX_NAME)]
 _Text: TypeAlias = Annotated[str, Meta(max_length=MAX_TEXT)]
@@ -220,6 +222,25 @@ class Telemetry(_Wire, frozen=True, tag="telemetry"):
     reply_age: Annotated[
         float | None, _means("from the state that the reply in use answers to this write", "s")
     ] = None
+    given_energy: Annotated[
+        float | None, _means("to the energy_partner since the force engaged", "J")
+    ] = None
+    received_energy: Annotated[float | None, _means("likewise from it", "J")] = None
+
+
+class EnergyTransfer(_Wire, frozen=True, tag="energy_transfer"):
+    """Energy that the bounder of a hand has given to that of its energy_partner.
+
+    Totals, not amounts: so a packet that is lost, late, doubled or overtaken changes nothing.
+    """
+
+    seq: Annotated[_Count, _means("count of this packet at its sender, from 0")]
+    time_ns: Annotated[_Count, _means("sender's monotonic clock", "ns")]
+    ledger: Annotated[_Count, _means("number of the sender's ledger, which grows; 0: none yet")]
+    given: Annotated[_Energy, _means("by this ledger since it began", "J")]
+    spare: Annotated[float, _means("in it beyond the need of the commanded force", "J")]
+    seen_ledger: Annotated[_Count, _means("receiver's ledger of which seen is known; 0: none")]
+    seen: Annotated[_Energy, _means("given of that ledger that the sender has seen", "J")]
 
 
 class Scene(_Wire, frozen=True, tag="scene"):
@@ -248,7 +269,14 @@ class Event(_Wire, frozen=True, tag="event"):
 
 
 Packet: TypeAlias = (
-    DeviceState | EnvironmentQuery | EnvironmentReply | ForceCommand | Telemetry | Scene | Event
+    DeviceState
+    | EnvironmentQuery
+    | EnvironmentReply
+    | ForceCommand
+    | Telemetry
+    | EnergyTransfer
+    | Scene
+    | Event
 )
 
 
@@ -259,6 +287,7 @@ TOPICS: dict[str, type[Packet]] = {
     "environment_reply": EnvironmentReply,
     "force_command": ForceCommand,
     "telemetry": Telemetry,
+    "energy_transfer": EnergyTransfer,
     "scene": Scene,
     "event": Event,
 }

@@ -9,7 +9,7 @@ To add a hand is to name it: its nodes and streams then carry the name, ``left/d
 ``left/device_state``. The only hand of a graph has no name.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from msgspec import Struct
 from forcebound.messages.packets import (
     TOPIC_OF,
     DeviceState,
+    EnergyTransfer,
     EnvironmentQuery,
     EnvironmentReply,
     Event,
@@ -137,8 +138,11 @@ def in_hand(hand: str | None, name: str) -> str:
     return f"{hand}/{name}" if hand else name
 
 
-def graph_of(hands: Sequence[str] = (HAND,)) -> Graph:
-    """Return the graph of some hands in one environment."""
+def graph_of(hands: Sequence[str] = (HAND,), exchanges: Iterable[tuple[str, str]] = ()) -> Graph:
+    """Return the graph of some hands in one environment.
+
+    ``exchanges``: pairs of hands whose bounders exchange energy, each once.
+    """
     nodes: dict[str, NodeSpec] = {}
     for role in (*ROLES, LAUNCHER):
         for hand in (None,) if role in (ENVIRONMENT, RECORDER, LAUNCHER) else hands:
@@ -167,6 +171,9 @@ def graph_of(hands: Sequence[str] = (HAND,)) -> Graph:
         add(EnvironmentQuery, hand, name_of(ENVIRONMENT, hand), is_forwarded=True)
     for name in nodes:
         add(Event, None, name)
+    for pair in exchanges:
+        for giver, receiver in (pair, pair[::-1]):
+            add(EnergyTransfer, giver, in_hand(giver, DEVICE), in_hand(receiver, DEVICE))
     return Graph(nodes, tuple(streams))
 
 

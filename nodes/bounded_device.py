@@ -25,6 +25,7 @@ from typing import NamedTuple
 from forcebound.haptics.devices import Device
 from forcebound.haptics.devices.kinematics import tip_force
 from forcebound.haptics.laws import Dissipation, ForceBounder
+from forcebound.haptics.laws.bounder import shorten
 from forcebound.haptics.laws.hold_limit import FIXED, HoldLimit
 from forcebound.messages.control import BounderReport
 from forcebound.messages.packets import Vector
@@ -42,13 +43,15 @@ class Written(NamedTuple):
     torques: Vector | None  # N m, that were applied by an arm
     cut: tuple[int, Vector] | None  # of the force before: when, in ns, and the reading then
     ahead_ns: int | None  # by how much the bounder's clock is ahead; None: its device is certain
+    given: float  # J, to the ledger of another hand
 
 
 class BoundedDevice:
     """A device, open, whose every force is bounded, and zero before :meth:`begin`.
 
     The hold limit ``learns`` the lateness of the ticks, if that is possible. ``clock`` returns the
-    time, in ns; None: everything in a tick happens at the time of the tick.
+    time, in ns; None: everything in a tick happens at the time of the tick. ``exchanges``: energy
+    with the ledger of another hand.
     """
 
     def __init__(
@@ -58,8 +61,10 @@ class BoundedDevice:
         dissipation: Dissipation,
         learns: bool,
         clock: Callable[[], int] | None = None,
+        exchanges: bool = False,
     ) -> None:
         self._device = device
+        self._exchanges = exchanges
         self._clock = clock
         self._kinematics = device.kinematics
         self._stamps, self._jitter = device.stamps, device.latch_jitter
@@ -103,7 +108,7 @@ class BoundedDevice:
 
     def _begin_ledger(self, law: str) -> None:
         self.law = law
-        self.bounder = ForceBounder(law, self._dissipation, len(self._zero))
+        self.bounder = ForceBounder(law, self._dissipation, len(self._zero), self._exchanges)
         self._write_ns = None
         self._restart_learning()
 
@@ -128,11 +133,20 @@ class BoundedDevice:
             reading = self._device.read(time_ns)
         return reading if self._kinematics is None else self._kinematics.position(reading)
 
-    def write(self, time_ns: int, commanded: Vector, engagement: float) -> Written:
+    def write(
+        self,
+        time_ns: int,
+        commanded: Vector,
+        engagement: float,
+        credit: float = 0.0,
+        offer: Callable[[float], float] | None = None,
+    ) -> Written:
         """Read, bound, write.
 
         ``commanded`` is the force at the tip, in N, before saturation; ``engagement`` the factor of
-        the engage ramp that it contains, 0 to 1.
+        the engage ramp that it contains, 0 to 1. ``credit`` has come from another hand, in J;
+        ``offer`` returns how much may be given to it, of what there is to spare (or, if negative,
+        is missing) beyond the need of the commanded force, in J.
         """
         device, bounder, kinematics = self._device, self.bounder, self._kinematics
         read_ns = time_ns if self._clock is None else self._clock()
@@ -144,7 +158,7 @@ class BoundedDevice:
         if jitter_ns is not None:
             self._ahead_ns += jitter_ns
         read_ns += self._ahead_ns
-        position, asked, cut = reading, commanded, None
+        position, asked, cut, given = reading, commanded, None, 0.0
         if kinematics is not None:
             position = kinematics.position(reading)
             asked = kinematics.torque(reading, commanded)
@@ -156,7 +170,13 @@ class BoundedDevice:
                 cut = device.cut()
             if cut is not None:
                 bounder.report_cut(cut[0] + before_ns, cut[1])
-            bounded = bounder.bound(read_ns, reading, self._saturated(asked, engagement))
+            if credit:
+                bounder.credit(credit)
+            saturated = self._saturated(asked, engagement)
+            bounded = bounder.bound(read_ns, reading, saturated)
+            if offer is not None:
+                given = bounder.debit(offer(bounder.spare(saturated)))
+                bounded = shorten(bounded, math.hypot(*bounded), bounder.limit)
         self._applied = applied = device.write(time_ns, bounded)
         write_ns = time_ns if self._clock is None else self._clock()
         stamps = self._stamps()
@@ -180,7 +200,9 @@ class BoundedDevice:
             limit *= math.hypot(*commanded) / (math.hypot(*asked) or math.inf)
         ahead_ns = None if jitter_ns is None else self._ahead_ns
         read_ns, write_ns = read_ns - self._ahead_ns, write_ns - self._ahead_ns
-        return Written(position, tip, limit, read_ns, write_ns, joints, torques, cut, ahead_ns)
+        return Written(
+            position, tip, limit, read_ns, write_ns, joints, torques, cut, ahead_ns, given
+        )
 
     def describe(self) -> str:
         """Return how long a force is held, and what ends it, in words."""

@@ -37,11 +37,19 @@ from forcebound.messages.control import (
     Request,
 )
 from forcebound.messages.events import TAKES_HOLD_LIMIT, EventLog
-from forcebound.messages.packets import DeviceState, Event, Packet, Telemetry, Vector
+from forcebound.messages.packets import (
+    DeviceState,
+    EnergyTransfer,
+    Event,
+    Packet,
+    Telemetry,
+    Vector,
+)
 from forcebound.messages.topology import HAND, in_hand
 from forcebound.nodes import Node, close_part
 from forcebound.nodes.bounded_device import BoundedDevice
 from forcebound.nodes.device_events import DeviceEvents
+from forcebound.nodes.energy_exchange import EnergyExchange
 from forcebound.nodes.publishing import Signals
 from forcebound.nodes.safety import SafetyChain
 from forcebound.nodes.velocity import low_pass, low_pass_gain
@@ -88,7 +96,9 @@ class DeviceNode(Node):
         least_ns = round(LEAST_WAIT * servo.period_ns) if device.is_exchange else 0
         self._least_wait_ns = min(least_ns, self._reply_wait_ns)
         learns = servo.hold_limit == "auto"
-        self._bounded = BoundedDevice(device, servo.law, dissipation, learns, clock)
+        self._exchange = EnergyExchange(hand) if servo.energy_partner else None
+        exchanges = self._exchange is not None
+        self._bounded = BoundedDevice(device, servo.law, dissipation, learns, clock, exchanges)
         self._next_law: str | None = None  # to be taken as soon as no force is held
         self._energy_before = 0.0  # J, ground truth when the law of now began, without its motion
         if clock is not None:  # live: a short run in virtual time, or one of a sweep, needs no log
@@ -165,6 +175,9 @@ class DeviceNode(Node):
         """
         if not LAWS.is_shipped(law):
             raise ConfigError(f"a running device takes no law of one's own, got {law!r}")
+        if self._exchange is not None and not LAWS[law].exchanges:
+            partner = self._servo.energy_partner
+            raise ConfigError(f"law {law} cannot exchange energy with energy_partner {partner}")
         self._next_law = law
         self._chain.disengage()
 
@@ -195,7 +208,10 @@ class DeviceNode(Node):
 
     def step(self, time_ns: int, received: Sequence[Packet]) -> list[Packet]:
         for packet in received:
-            self._chain.accept(packet, time_ns)
+            if self._exchange is not None and type(packet) is EnergyTransfer:
+                self._exchange.take(packet)
+            else:
+                self._chain.accept(packet, time_ns)
         if time_ns < self._wake_ns:
             return []
         if self._writes_next:
@@ -211,6 +227,8 @@ class DeviceNode(Node):
                 )
             if self._next_law is not None and not self._bounded.holds_force:
                 packets.append(self._change_law(self._next_law, time_ns))
+            if self._exchange is not None:
+                packets.append(self._exchange.packet(time_ns))
             packets += self._signals.events(time_ns)
             return packets
         return [self._sample(time_ns)]
@@ -226,6 +244,8 @@ class DeviceNode(Node):
         if self._engage_requested and self._engaged_ns is None:
             self._engaged_ns = time_ns
             self._bounded.begin()
+            if self._exchange is not None:
+                self._exchange.begin(time_ns)
             self._device.engage(time_ns)
         position = self._bounded.read(time_ns)
         self._estimate_velocity(position, time_ns)
@@ -253,11 +273,20 @@ class DeviceNode(Node):
         return state
 
     def _write(self, time_ns: int) -> Telemetry:
-        chain = self._chain
+        chain, exchange = self._chain, self._exchange
         gives = self.is_engaged and self._next_law is None and chain.is_held
         demand = chain.demand(time_ns) if gives else chain.no_force
         command = chain.command if gives else None
-        written = self._bounded.write(time_ns, demand.force, demand.engagement)
+        given = received = None
+        if exchange is None:
+            written = self._bounded.write(time_ns, demand.force, demand.engagement)
+        else:
+            credit = exchange.credit()
+            written = self._bounded.write(
+                time_ns, demand.force, demand.engagement, credit, exchange.offer
+            )
+            exchange.give(written.given)
+            given, received = exchange.given, exchange.received
         self._applied = written.applied
         cut_ns, cut_position = written.cut or (None, None)
         reply_ns = None if command is None else command.reply_time_ns
@@ -289,6 +318,8 @@ class DeviceNode(Node):
             cut_position,
             written.ahead_ns,
             None if reply_ns is None else (time_ns - reply_ns) * 1e-9,
+            given,
+            received,
             hand=self.hand,
         )
         self._writes_next = False
@@ -299,6 +330,8 @@ class DeviceNode(Node):
         """Begin a new ledger under another law; no force is held."""
         self._next_law, former = None, self._bounded.law
         self._bounded.change_law(law)
+        if self._exchange is not None:
+            self._exchange.begin(time_ns)
         truth = self._device.truth()
         if truth is None:
             return self._reports.law_changed(time_ns, law)

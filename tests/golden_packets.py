@@ -16,10 +16,12 @@ from forcebound.messages.codec import decode, encode
 from forcebound.messages.packets import (
     MAX_AXES,
     MAX_COUNT,
+    MAX_ENERGY,
     MAX_NAME,
     SIGNAL_NAME,
     TOPIC_OF,
     DeviceState,
+    EnergyTransfer,
     EnvironmentQuery,
     EnvironmentReply,
     Event,
@@ -102,6 +104,17 @@ TELEMETRY = Telemetry(
     write_ns=123456789412345,
     ahead_ns=250,
     reply_age=0.0404,
+    given_energy=0.25,
+)
+TRANSFER = EnergyTransfer(
+    seq=7,
+    time_ns=123456789412345,
+    ledger=123456000000001,
+    given=0.25,
+    spare=-0.0625,
+    seen_ledger=123455000000001,
+    seen=0.5,
+    hand="left",
 )
 SCENE = Scene(
     seq=12,
@@ -136,6 +149,7 @@ GOLDEN: dict[str, Packet] = {
     "environment_reply": REPLY,
     "force_command": COMMAND,
     "telemetry": TELEMETRY,
+    "energy_transfer": TRANSFER,
     "scene": SCENE,
     "event": EVENT,
 }
@@ -186,6 +200,8 @@ def packets(draw: st.DrawFn, kind: type[Packet] | None = None) -> Packet:
         Mapping[str, float] | UnsetType: st.just(UNSET) | signals,
     }
     values = {name: draw(strategies[hint]) for name, hint in field_types(chosen).items()}
+    if chosen is EnergyTransfer:
+        values |= {name: draw(st.floats(0.0, MAX_ENERGY)) for name in ("given", "seen")}
     if chosen is EnvironmentReply and values["normal"] is None:
         values["proxy"] = None
     elif chosen is EnvironmentReply and values["proxy"] is None:

@@ -16,8 +16,16 @@ from forcebound.errors import ConfigError
 from forcebound.haptics.laws import ENERGY_TOLERANCE, Dissipation, ForceBounder
 from forcebound.lab.engine import rows_of_each
 from forcebound.lab.paths.arm import walk_at_tip
-from forcebound.lab.paths.campaign import LOWEST, PathCase, cases, replay, section, summary
-from forcebound.lab.paths.certificates import CERTIFICATES, draw
+from forcebound.lab.paths.campaign import (
+    LOWEST,
+    PathCase,
+    cases,
+    drawn,
+    replay,
+    section,
+    summary,
+)
+from forcebound.lab.paths.certificates import CERTIFICATES
 from forcebound.lab.paths.search import Restart
 from forcebound.lab.paths.truth import (
     AXES,
@@ -128,7 +136,7 @@ def attack(certificate: str, law: str, left_out: bool = False, restarts: int = 1
     found = []
     for seed in range(restarts):
         random = np.random.default_rng(seed)
-        one = Restart(draw(certificate, law, random, left_out))
+        one = drawn(certificate, law, random, left_out)
         one.search(random, 150)
         one.at_random(random, 30)
         found.append(one)

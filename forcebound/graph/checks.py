@@ -135,6 +135,25 @@ def _check_delays(
     )
 
 
+def check_energy_partners(hands: Mapping[str, ServoSettings]) -> None:
+    """Raise ConfigError for a hand whose ``energy_partner`` cannot exchange energy with it."""
+    for hand, servo in hands.items():
+        partner = servo.energy_partner
+        if not partner:
+            continue
+        others = [name for name in hands if name != hand]
+        if partner not in others:
+            problem = f"expected another hand ({', '.join(others) or 'there is none'})"
+        elif hands[partner].energy_partner != hand:
+            problem = f"expected energy_partner: {hand} of {partner}, too: energy goes both ways"
+        elif not LAWS[servo.law].exchanges:
+            able = ", ".join(name for name in LAWS if LAWS[name].exchanges)
+            problem = f"law {servo.law} cannot exchange energy: expected law: one of {able}"
+        else:
+            continue
+        raise ConfigError(f"hand {hand}: {problem}, got {partner!r}", field="energy_partner")
+
+
 def _ask_law(device: DeviceConfig) -> None:
     """Call a user's law once."""
     law, model = device.servo.law, device.model

@@ -43,6 +43,8 @@ class ServoSettings:
         velocity_cutoff: Of the low-pass on the backward difference.
         dead_man: Bit of a button that must be held: released, there is zero force, and it comes
             back over the ramp; null: none.
+        energy_partner: Hand with which the bounder exchanges energy: it gives what it can spare,
+            and gets what that hand can spare; empty: none.
     """
 
     law: str = "certified"
@@ -55,6 +57,7 @@ class ServoSettings:
     engage_time: Annotated[Time, NOT_NEGATIVE] = 0.1
     velocity_cutoff: Annotated[Frequency, POSITIVE] = 100.0
     dead_man: Annotated[int, Range(at_least=0, below=63)] | None = None
+    energy_partner: str = ""
 
     def __post_init__(self) -> None:
         check_ranges(self)

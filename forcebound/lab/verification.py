@@ -9,6 +9,8 @@ compared to the bit: position, limit force, applied force, the ledger.
   command in the recording that answers the tick that the telemetry names.
 * *Motors with steps.* Hardware may apply less than the law let through. The recorded force then
   goes on into the ledger; more than the law let through is a difference.
+* *Energy of another hand.* What has come and gone in each tick, from the recorded totals, comes and
+  goes again; a debit of more than the law lets go is a difference.
 * *The beginning.* The recorder of a live run may miss the first ticks, which have no force. If it
   begins after the force engaged, verification begins where another ledger does: at a new law.
 """
@@ -150,7 +152,10 @@ class _Rerun:
         dissipation = dissipation_of(self._config.model, servo)
         self._chain = SafetyChain(self._device.axes, servo)
         learns = servo.hold_limit == "auto"
-        self._bounded = BoundedDevice(self._device, self._law, dissipation, learns)
+        self._exchanges = bool(servo.energy_partner)
+        self._bounded = BoundedDevice(
+            self._device, self._law, dissipation, learns, exchanges=self._exchanges
+        )
 
     def _live(self, life: Sequence[Telemetry]) -> bool:
         """Run through a life; return whether no tick of it is missing."""
@@ -174,17 +179,29 @@ class _Rerun:
                     return False
             if k == engaged:
                 self._bounded.begin()
-            self._tick(packet)
+            self._tick(packet, life[k - 1] if k else None)
             if packet.time_ns in self._laws:
                 self._law = self._laws[packet.time_ns]
                 self._bounded.change_law(self._law)
         return True
 
-    def _tick(self, packet: Telemetry) -> None:
+    def _tick(self, packet: Telemetry, before: Telemetry | None) -> None:
         found, bounded, self._device.packet = self._found, self._bounded, packet
         self._follow(packet)
-        written = bounded.write(packet.time_ns, packet.commanded_force, packet.engagement)
+        totals = [
+            ((one and one.received_energy) or 0.0, (one and one.given_energy) or 0.0)
+            for one in (before, packet)
+        ]
+        credit, given = (after - then for then, after in zip(*totals, strict=True))
+        written = bounded.write(
+            packet.time_ns,
+            packet.commanded_force,
+            packet.engagement,
+            credit,
+            (lambda spare: given) if self._exchanges else None,
+        )
         pairs = {
+            "given_energy": ((written.given,), (given,)),
             "position": (written.position, packet.position),
             "force_limit": ((written.limit,), (packet.force_limit,)),
             "torques": (written.torques or (), packet.torques or ()),

@@ -146,7 +146,7 @@ def _settle(law: BoundingLaw) -> Settle:
         least = math.inf
         for end in range(ledger.ends):
             price = gain_at(ledger, end) * ledger.held_price
-            left = surplus(ledger, end) if limits_holds else 0.0
+            left = surplus(ledger, end, 1.0) if limits_holds else 0.0
             write = Write(square, price, left)
             ledger.state[end] = settle_law(ledger.state[end], write, ledger.constants)
             ledger.pending_budget = min(ledger.pending_budget, ledger.available[end])

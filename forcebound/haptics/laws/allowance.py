@@ -47,12 +47,12 @@ def largest_force(ledger: Ledger) -> float:
     return low
 
 
-def surplus(ledger: Ledger, end: int) -> float:
-    """Return what the force ``trial`` leaves of the energy available, in J."""
-    gain, left = gain_at(ledger, end), math.inf
+def surplus(ledger: Ledger, end: int, size: float) -> float:
+    """Return what ``size`` times the force ``trial`` leaves of the energy available, in J."""
+    scale, left = size * gain_at(ledger, end), math.inf
     for level in range(_levels(ledger)):
         most = _most(ledger, end, level)
-        left = min(left, most - cost(ledger, gain, _duration(ledger, level)))
+        left = min(left, most - cost(ledger, scale, _duration(ledger, level)))
     return left
 
 

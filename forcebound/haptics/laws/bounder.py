@@ -10,6 +10,7 @@ from forcebound.errors import ConfigError
 from forcebound.haptics.laws.all_axes import REFUSED, RESTART, TAKEN, compiled, cut
 from forcebound.haptics.laws.constants import acts_along_path, axis_constants, energy_cap
 from forcebound.haptics.laws.dissipation import WATCHDOGS, Dissipation
+from forcebound.haptics.laws.exchange import compiled_exchange
 from forcebound.haptics.laws.law import LAWS, BoundingLaw, check_law
 from forcebound.haptics.laws.ledger import Ledger
 from forcebound.messages.packets import MAX_AXES
@@ -38,15 +39,21 @@ class ForceBounder:
             faster than the device's largest speed.
         late_writes: Forces that took effect later after their reading than the device states.
 
+    With ``exchanges`` the ledger can :meth:`debit`, for another one to :meth:`credit`.
+
     Raises:
         ConfigError: If the law is not known, or the description does not fit this number of axes.
     """
 
-    def __init__(self, law: str, dissipation: Dissipation, axes: int = 1) -> None:
+    def __init__(
+        self, law: str, dissipation: Dissipation, axes: int = 1, exchanges: bool = False
+    ) -> None:
         check_law(law)
         if not 1 <= axes <= MAX_AXES:
             raise ConfigError(f"axes must be 1 to {MAX_AXES}, got {axes}")
         self._start_law, self._limit_force, self._settle_force = compiled(LAWS[law])
+        if exchanges:
+            self._spare, self._debit = compiled_exchange(LAWS[law])
         self._cut = jit(cut)
         self._axes = axes
         self._dissipation = dissipation
@@ -64,7 +71,10 @@ class ForceBounder:
         # Compile, or load from the cache, before time matters.
         rest = (0.0,) * axes
         self.start(0, rest)
-        self.settle(self.bound(1_000_000, rest, rest))
+        self.bound(1_000_000, rest, rest)
+        if exchanges:
+            self.debit(self.spare(rest))
+        self.settle(rest)
         self.report_cut(2_000_000, rest)
         self.start(0, rest)
 
@@ -143,6 +153,27 @@ class ForceBounder:
             magnitude = math.hypot(*force)
         self.limit = limit
         return shorten(force, magnitude, limit)
+
+    def credit(self, amount: float) -> None:
+        """Add energy, in J, that another ledger has given; before :meth:`bound`."""
+        self._ledger.state[0] += amount
+        self._ledger.state[1] += amount
+
+    def spare(self, commanded: Vector) -> float:
+        """Return what there is, in J, beyond the need of the force that :meth:`bound` just got.
+
+        Negative: what is missing for it.
+        """
+        return float(self._spare(self._ledgers, math.hypot(*commanded)))
+
+    def debit(self, most: float) -> float:
+        """Take at most so much, in J, for another ledger, and return what was taken.
+
+        Between :meth:`bound` and :meth:`settle`; the force to write is at most the new ``limit``.
+        """
+        taken, limit = self._debit(self._ledgers, most)
+        self.limit = min(self.limit, limit)
+        return float(taken)
 
     def settle(self, applied: Vector, write_ns: int | None = None) -> None:
         """Close the sample with the force that was written, in N: what :meth:`bound` gave, or less.

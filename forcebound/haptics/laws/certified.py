@@ -64,6 +64,7 @@ CERTIFIED = BoundingLaw(
     limits_holds=True,
     energy=energy,
     is_certified=True,
+    exchanges=True,
 )
 
 CERTIFIED_FADING = BoundingLaw(
@@ -74,4 +75,5 @@ CERTIFIED_FADING = BoundingLaw(
     settle=settle_fading,
     energy=energy,
     is_certified=True,
+    exchanges=True,
 )

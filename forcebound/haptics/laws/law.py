@@ -51,6 +51,7 @@ class BoundingLaw:
         uses_friction: False: the law counts viscous damping alone, f_c = 0.
         is_certified: The bound holds for the physical energy (``docs/theory.md``).
         adds_damping: The law may add a force of its own, so it may exceed the commanded force.
+        exchanges: A ledger may give energy to another one, or get some; the state is an energy.
     """
 
     summary: str
@@ -62,6 +63,7 @@ class BoundingLaw:
     uses_friction: bool = True
     is_certified: bool = False
     adds_damping: bool = False
+    exchanges: bool = False
 
     def device(self, dissipation: Dissipation, axes: int = 1) -> DeviceConstants:
         """Return the constants that the functions of this law take."""

@@ -47,4 +47,5 @@ TDPA = BoundingLaw(
     summary="time-domain passivity observer and controller",
     limit=limit,
     adds_damping=True,
+    exchanges=True,
 )

@@ -17,8 +17,10 @@ from forcebound.errors import ConfigError
 from forcebound.haptics.laws import ENERGY_TOLERANCE, LAWS
 from forcebound.lab.engine import Row
 from forcebound.lab.paths.certificates import CERTIFICATES, draw
-from forcebound.lab.paths.run import Vector, run
+from forcebound.lab.paths.draft import Random
+from forcebound.lab.paths.run import Vector
 from forcebound.lab.paths.search import Restart
+from forcebound.lab.paths.transfer import TRANSFER, two_hands
 from forcebound.lab.views import energy, groups, least, table, verdict
 
 OF_RESTART = {"r": 100, "s": 500}  # runs
@@ -41,7 +43,7 @@ class PathCase(NamedTuple):
         """Run it."""
         words = [ord(letter) for letter in self.kind + self.certificate]
         random = np.random.default_rng([self.seed, int(self.left_out), *words])
-        found = Restart(draw(self.certificate, self.law, random, self.left_out))
+        found = drawn(self.certificate, self.law, random, self.left_out)
         (found.at_random if self.kind == "r" else found.search)(random, self.runs)
         return found
 
@@ -60,6 +62,13 @@ class PathCase(NamedTuple):
                 "is_tight": found.is_tight,
             }
         ]
+
+
+def drawn(certificate: str, law: str, random: Random, left_out: bool = False) -> Restart:
+    """Return a restart on a random device, or on two, that has not begun."""
+    if certificate == TRANSFER:
+        return two_hands(law, random, left_out)
+    return Restart(draw(certificate, law, random, left_out))
 
 
 def cases(
@@ -118,7 +127,7 @@ def replay(law: str, name: str) -> tuple[Row, list[Vector]]:
     found = PathCase(title, law, left_out, kind, seed, number + 1).restart()
     assert found.last is not None
     trace: list[Vector] = []
-    result = run(found.case, found.last.genes, found.bounder, found.last.start, trace)
+    result = found.run(found.last.program, found.last.vector, trace)
     stated = {key: one for key, one in asdict(found.case.stated).items() if one}
     case = {"name": name, "summary": CERTIFICATES[title].summary, **stated}
     return {"law": law, "case": case, LOWEST: result.worst, **result._asdict()}, trace

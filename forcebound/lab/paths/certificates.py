@@ -24,7 +24,7 @@ class Certificate(NamedTuple):
 
     summary: str  # one line for the report
     effects: tuple[Effect, ...]  # that give a device its imperfections, in this order
-    left_out: str = ""  # field whose truth is left out in the run that must break the law
+    left_out: str = ""  # what is left out in the run that must break the law: a field, mostly
     axes: tuple[int, ...] = (1, 1, 2, 3)  # numbers of axes to draw from
 
 
@@ -284,6 +284,9 @@ CERTIFICATES = {
     "weight_cut": Certificate("compensated weight, cuts: the ledger alone", (weight_cut,)),
     "gain_and_weight": Certificate(
         "gain error and compensated weight", (gain, weight), "gain_error"
+    ),
+    "energy_transfer": Certificate(
+        "two hands that exchange energy over a bad link", (), "the largest total seen"
     ),
     "all": Certificate("a random choice of all of these", ()),
     "all_and_gains": Certificate(

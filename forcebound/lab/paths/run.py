@@ -3,12 +3,13 @@
 import math
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
 from forcebound.compiled import jit, new_records
 from forcebound.haptics.laws import Dissipation, ForceBounder
+from forcebound.haptics.laws.bounder import shorten
 from forcebound.lab.paths import path
 from forcebound.lab.paths.path import Account, Manner, plan_of
 from forcebound.lab.paths.truth import Floats
@@ -72,6 +73,26 @@ class PathResult(NamedTuple):
         return min(self.lowest_j, self.late_margin_j, -self.excess_j)
 
 
+class Transfers(Protocol):
+    """What goes on between the ledgers of two hands, as one of them sees it."""
+
+    def begins(self, index: int, time_ns: int) -> bool:
+        """Return whether another ledger begins at a sample; no force has been held before it."""
+        ...
+
+    def ends(self, index: int) -> bool:
+        """Return whether the ledger ends with the interval, which then has no force."""
+        ...
+
+    def credit(self, bounder: ForceBounder, time_ns: int) -> float:
+        """Credit to a ledger what has come for it, in J; return it."""
+        ...
+
+    def debit(self, bounder: ForceBounder, time_ns: int, commanded: Vector) -> float:
+        """Let a ledger give energy, in J; return it."""
+        ...
+
+
 @cache
 def _tick() -> Any:
     return jit(path.tick)
@@ -93,45 +114,91 @@ def run(
         start: Bristle at the start, shares of the presliding, shape ``(3,)``.
         trace: Gets a row of ``TRACE_COLUMNS`` for each sample.
     """
-    stated, axes, tick, devices = case.stated, case.axes, _tick(), case.devices.copy()
-    device, accounts = devices[0], new_records(Account)
-    account = accounts[0]
-    way = np.maximum(device.error + device.presliding, 1e-7)
-    limits = _hold_limits(case, genes)
-    plan = plan_of(genes, case.manner, stated.period, limits, case.write_delay, way)
-    _begin(case, device, account, start)
-    account.reading[:] = device.error * plan["misread"][0]
-    reading: Vector = tuple(account.reading[:axes].tolist())
-    bounder.start(0, reading)
-    calls = _Calls(case, plan, limits, bounder, reading)
-    force = (0.0,) * axes
-    time_ns, excess, hidden, before = 0, -math.inf, 0.0, 0.0
-    for index in range(len(plan)):
+    walk = Walk(case, genes, bounder, start, trace)
+    for index in range(len(walk.plan)):
+        walk.step(index)
+    return walk.result()
+
+
+class Walk:
+    """One attack, interval by interval.
+
+    With ``transfers`` the energies here are those of the hand and of what was credited to it, less
+    what its ledger has given: what the law keeps above zero.
+    """
+
+    def __init__(
+        self,
+        case: AttackedDevice,
+        genes: Floats,
+        bounder: ForceBounder,
+        start: Floats,
+        trace: list[Vector] | None = None,
+        transfers: "Transfers | None" = None,
+    ) -> None:
+        stated, device = case.stated, case.devices[0]
+        self.case, self.bounder, self._trace, self._transfers = case, bounder, trace, transfers
+        self._devices, self._accounts = case.devices.copy(), new_records(Account)
+        self.account: Any = self._accounts[0]
+        way = np.maximum(device.error + device.presliding, 1e-7)
+        limits = _hold_limits(case, genes)
+        self.plan = plan_of(genes, case.manner, stated.period, limits, case.write_delay, way)
+        _begin(case, self._devices[0], self.account, start)
+        self.account.reading[:] = device.error * self.plan["misread"][0]
+        reading = self._vector(self.account.reading)
+        bounder.start(0, reading)
+        self._calls = _Calls(case, self.plan, limits, bounder, reading)
+        self._zero = self._force = (0.0,) * case.axes
+        self.time_ns, self._excess, self._hidden, self._before = 0, -math.inf, 0.0, 0.0
+
+    def _vector(self, vector: Floats) -> Vector:
+        return tuple(vector[: self.case.axes].tolist())
+
+    def step(self, index: int) -> None:
+        """Go through the sample at the beginning of an interval, then through the interval."""
         if index > 0:
-            reading, command = (
-                tuple(one[:axes].tolist()) for one in (account.reading, account.commanded)
-            )
-            calls.before(index, time_ns, account)
+            self._sample(index)
+        self.account.force[: self.case.axes] = self._force
+        _tick()(self._devices, self._accounts, self.plan, index)
+        self.time_ns += self._calls.durations[index]
+
+    def _sample(self, index: int) -> None:
+        case, bounder, calls, account = self.case, self.bounder, self._calls, self.account
+        time_ns, transfers = self.time_ns, self._transfers
+        reading, command = self._vector(account.reading), self._vector(account.commanded)
+        calls.before(index, time_ns, account)
+        if transfers is not None and transfers.begins(index, time_ns):
+            calls.begin(time_ns, reading)
+            shown, force = reading, self._zero
+        else:
             shown = calls.shown(index, time_ns, reading)
+            if transfers is not None:
+                account.energy += transfers.credit(bounder, time_ns)
             force = bounder.bound(time_ns + calls.late_ns[index], shown, command)
-            if calls.applied[index] < 1.0:
-                force = tuple([calls.applied[index] * f for f in force])
-            calls.settle(index, time_ns, force)
-            if case.late > 0.0:
-                # Known once the late force is replaced, which may be after the next reading.
-                hidden = min(hidden, before + bounder.largest_allowance)
-                before = float(account.lowest)
-            if calls.is_taken:
-                excess = max(excess, bounder.estimated_energy - float(account.energy))
-            calls.set_holds(index, account)
-            if trace is not None:
-                energies = float(account.energy), float(min(account.struck, account.lowest))
-                place = float(device.position[0])
-                trace.append((time_ns / 1e9, place, shown[0], command[0], force[0], *energies))
-        account.force[:axes] = force
-        tick(devices, accounts, plan, index)
-        time_ns += calls.durations[index]
-    return _result(case, account, hidden, excess, len(plan))
+            if transfers is not None:
+                account.energy -= transfers.debit(bounder, time_ns, command)
+                force = shorten(force, math.hypot(*force), bounder.limit)
+                force = self._zero if transfers.ends(index) else force
+        if calls.applied[index] < 1.0:
+            force = tuple([calls.applied[index] * f for f in force])
+        calls.settle(index, time_ns, force)
+        if case.late > 0.0:
+            # Known once the late force is replaced, which may be after the next reading.
+            self._hidden = min(self._hidden, self._before + bounder.largest_allowance)
+            self._before = float(account.lowest)
+        if calls.is_taken:
+            self._excess = max(self._excess, bounder.estimated_energy - float(account.energy))
+        calls.set_holds(index, account)
+        if self._trace is not None:
+            energies = float(account.energy), float(min(account.struck, account.lowest))
+            place = float(self._devices[0].position[0])
+            row = (time_ns / 1e9, place, shown[0], command[0], force[0], *energies)
+            self._trace.append(row)
+        self._force = force
+
+    def result(self) -> PathResult:
+        """Return what the attack has found."""
+        return _result(self.case, self.account, self._hidden, self._excess, len(self.plan))
 
 
 def _result(
@@ -212,6 +279,12 @@ class _Calls:
     def _take(self, time_ns: int, reading: Vector) -> None:
         """Remember the last reading that the bounder can have taken in."""
         self.good_ns, self.good = time_ns, reading
+
+    def begin(self, time_ns: int, reading: Vector) -> None:
+        """Begin another ledger, with no force held."""
+        self.bounder.start(time_ns, reading)
+        self._take(time_ns, reading)
+        self.is_taken = True
 
     def before(self, index: int, time_ns: int, account: Any) -> None:
         """Report a cut in the interval that has just ended; set the hold limit of the next."""

@@ -8,14 +8,14 @@ energy, and a cycle that is repeated. So a leak of a nanojoule a cycle adds up, 
 import math
 import warnings
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
 from forcebound.haptics.laws import ENERGY_TOLERANCE, ForceBounder
 from forcebound.lab.cases import optimiser
 from forcebound.lab.paths.path import COLUMNS, LARGE_PEAK, PLACES, SLOWLY, VECTORS
-from forcebound.lab.paths.run import AttackedDevice, PathResult, run
+from forcebound.lab.paths.run import AttackedDevice, PathResult, Vector, run
 from forcebound.lab.paths.truth import AXES, Floats
 
 NEAR = 1e-6  # J; a restart that ends nearer to zero than this is tight
@@ -30,11 +30,12 @@ class Program(NamedTuple):
 
     @property
     def size(self) -> int:
-        """Number of genes: of the rows, and three for the bristles at the start."""
+        """Number of genes of a hand: of the rows, and three for the bristles at the start."""
         return self.rows * len(self.columns) + AXES
 
-    def genes(self, vector: Floats) -> tuple[Floats, Floats]:
-        """Return the genes of each interval, and the bristles at the start."""
+    def genes(self, vector: Floats, hand: int = 0) -> tuple[Floats, Floats]:
+        """Return the genes of each interval of a hand, and its bristles at the start."""
+        vector = vector[hand * self.size : (hand + 1) * self.size]
         rows = np.zeros((self.rows, COLUMNS))
         rows[:, self.columns] = vector[AXES:].reshape(self.rows, len(self.columns))
         return rows[list(self.order)], vector[:AXES]
@@ -44,8 +45,8 @@ class Attack(NamedTuple):
     """A run of a restart, to be repeated; its number counts from 0."""
 
     number: int
-    genes: Floats
-    start: Floats
+    program: "Program"
+    vector: Floats
     result: PathResult
 
 
@@ -53,6 +54,7 @@ class Attack(NamedTuple):
 class Restart:
     """What one restart has found: a device and a series of attacks on it."""
 
+    hands: ClassVar[int] = 1  # that a run moves
     case: AttackedDevice
     longest: int = 60  # samples of a run, at most
     runs: int = 0
@@ -71,15 +73,21 @@ class Restart:
         """Whether a run came back to zero, or nearly, after the energy was at least 0.1 mJ."""
         return self.left < NEAR
 
+    def run(
+        self, program: Program, vector: Floats, trace: list[Vector] | None = None
+    ) -> PathResult:
+        """Run once; ``trace`` as of :func:`forcebound.lab.paths.run.run`."""
+        genes, start = program.genes(vector)
+        return run(self.case, genes, self.bounder, start, trace)
+
     def attack(self, program: Program, vector: Floats, to_zero: bool = False) -> float:
         """Run once; return what the search minimises.
 
         Without a leak that is the share of the peak that was left or, ``to_zero``, the energy that
         was left after a peak of 0.1 mJ.
         """
-        genes, start = program.genes(vector)
-        result = run(self.case, genes, self.bounder, start)
-        self.last = Attack(self.runs, genes, start, result)
+        self.last = Attack(self.runs, program, vector, self.run(program, vector))
+        result = self.last.result
         if self.worst is None or result.worst < self.worst.result.worst:
             self.worst = self.last
         self.runs += 1
@@ -96,7 +104,8 @@ class Restart:
         """Attack with random programs."""
         for _ in range(runs):
             program = draw_program(random, self.case.axes, self.longest)
-            self.attack(program, random.normal(size=program.size) * 10 ** random.uniform(-1, 0.3))
+            vector = random.normal(size=self.hands * program.size)
+            self.attack(program, vector * 10 ** random.uniform(-1, 0.3))
 
     def search(self, random: np.random.Generator, runs: int) -> None:
         """Attack with programs that CMA-ES (N. Hansen) improves, one after the other."""
@@ -116,7 +125,8 @@ class Restart:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             to_zero = bool(random.random() < 0.5)
-            first = first_guess(program, self.case.axes, random)
+            every = [first_guess(program, self.case.axes, random) for _ in range(self.hands)]
+            first = np.concatenate(every)
             if self.case.manner.command == SLOWLY:
                 program, first = from_axis_to_axis(random)
             strategy = optimiser().CMAEvolutionStrategy(first, 0.4, options)

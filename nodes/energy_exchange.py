@@ -1,0 +1,86 @@
+"""Exchange of energy between the ledgers of two hands: the protocol, and how much is given.
+
+Each device says once a tick, straight to the other one, how much its ledger has given in all. The
+other one credits what this total has grown by since the largest that it has seen. So nothing is
+credited twice, whatever the network does; ``docs/theory.md``, section 3.7, has the proof.
+
+A ledger has a number, which grows: it begins again when the force engages, when the law changes,
+when its process starts again. The first total that is seen of a ledger is credited to nobody, since
+who was here before may have had it. So a ledger gives nothing until the other side has shown that
+it knows its number.
+
+How much is given is no part of the proof. Half of the difference makes both sides even at once;
+what is still on its way counts as the receiver's, so that a delay makes nothing overshoot, and
+energy that is not needed does not travel.
+"""
+
+from forcebound.messages.packets import EnergyTransfer
+
+
+class EnergyExchange:
+    """One hand's side of an exchange.
+
+    Attributes:
+        given: J, that left the ledgers of this hand, in all.
+        received: J, that was credited to them, in all.
+    """
+
+    def __init__(self, hand: str) -> None:
+        self._hand = hand
+        self._seq = 0
+        self._ledger = 0  # number; 0: none has begun
+        self._given_before = 0.0  # J, by earlier ledgers
+        self._spare = 0.0  # J
+        self._seen_ledger, self._seen, self._waiting = 0, 0.0, 0.0  # J, J to be credited
+        self._newest: EnergyTransfer | None = None  # packet of the other side
+        self.given = self.received = 0.0
+
+    def begin(self, time_ns: int) -> None:
+        """Let a new ledger begin."""
+        self._ledger = time_ns + 1
+        self._given_before, self._spare = self.given, 0.0
+
+    def take(self, packet: EnergyTransfer) -> None:
+        """Take in a packet of the other side, however late, or once more."""
+        if self._newest is None or packet.time_ns > self._newest.time_ns:
+            self._newest = packet
+        if self._ledger == 0:
+            return  # whoever is here later shall begin with what is said then
+        if packet.ledger > self._seen_ledger:
+            self._seen_ledger, self._seen = packet.ledger, packet.given
+        elif packet.ledger == self._seen_ledger and packet.given > self._seen:
+            self._waiting += packet.given - self._seen
+            self._seen = packet.given
+
+    def credit(self) -> float:
+        """Return what has come and was not credited yet, in J; it counts as credited."""
+        credit, self._waiting = self._waiting, 0.0
+        self.received += credit
+        return credit
+
+    def offer(self, spare: float) -> float:
+        """Return how much to give, in J, if this ledger has so much to ``spare``."""
+        self._spare, newest = spare, self._newest
+        if newest is None or newest.seen_ledger != self._ledger:
+            return 0.0
+        on_its_way = self.given - self._given_before - newest.seen
+        return 0.5 * (spare - newest.spare - on_its_way)
+
+    def give(self, amount: float) -> None:
+        """Count what has left the ledger, in J."""
+        self.given += amount
+        self._spare -= amount
+
+    def packet(self, time_ns: int) -> EnergyTransfer:
+        """Return the packet of this tick."""
+        self._seq += 1
+        return EnergyTransfer(
+            self._seq - 1,
+            time_ns,
+            self._ledger,
+            self.given - self._given_before,
+            self._spare,
+            self._seen_ledger,
+            self._seen,
+            hand=self._hand,
+        )
