@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 from builders import MS
 from fakes import DISSIPATION, FakeDevice
+from msgspec import UNSET
 
 from forcebound.errors import DeviceError
 from forcebound.graph.servo import ServoSettings
@@ -16,6 +17,8 @@ from forcebound.haptics.devices.guard import guarded
 from forcebound.haptics.devices.phantom import PhantomPremium15
 from forcebound.haptics.devices.simulated import SimulatedDevice
 from forcebound.haptics.hands import Operator
+from forcebound.haptics.hands.hands import PressingHand
+from forcebound.messages.codec import encode
 from forcebound.messages.packets import DeviceState, EnvironmentQuery
 from forcebound.nodes.controller import ControllerNode
 from forcebound.nodes.device import DeviceNode
@@ -50,6 +53,31 @@ def test_a_state_tells_what_the_device_senses_and_the_query_passes_it_on() -> No
     (query,) = ControllerNode(DirectController()).step(MS, [state])
     assert isinstance(query, EnvironmentQuery)
     assert (query.orientation, query.buttons) == (TURNED, 0b101)
+
+
+def test_a_force_sensor_is_read_with_the_position_and_the_query_passes_it_on() -> None:
+    grip = PressingHand(mass=0.2, stiffness=300.0, damping=5.0, start=0.01, end=0.02)
+    device = PhantomPremium15(force_sensor=True).open(grip, 1e-3)
+    device.read(0)
+    device.engage(0)
+    device.read(30 * MS)
+    (felt,) = device.measured_force() or ()
+    assert felt == device.truth().hand_force[0]
+    assert felt > 0.1  # it pushes on, into the environment
+    node = DeviceNode(device, DISSIPATION, ServoSettings(law="none", engage_time=0.0))
+    (state,) = node.step(30 * MS, [])
+    assert isinstance(state, DeviceState)
+    (query,) = ControllerNode(DirectController()).step(31 * MS, [state])
+    assert isinstance(query, EnvironmentQuery)
+    assert query.measured_force == state.measured_force == (felt,)
+
+
+def test_without_a_force_sensor_packets_are_as_long_as_without_the_field() -> None:
+    device = PhantomPremium15().open(None, 1e-3)
+    assert device.measured_force() is None
+    state = first_state(device)
+    assert state.measured_force is UNSET
+    assert b"measured_force" not in encode(state)
 
 
 def test_a_guarded_device_tells_them_as_plain_numbers() -> None:

@@ -24,7 +24,7 @@ from functools import cache, cached_property
 from operator import attrgetter
 from os import PathLike
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import msgspec
 from mcap.records import Metadata
@@ -55,13 +55,7 @@ from forcebound.messages.topology import (
     hand_sections,
     in_hand,
 )
-from forcebound.recordings.schema import (
-    ABSENT,
-    Signals,
-    declared_signals,
-    is_optional,
-    schema,
-)
+from forcebound.recordings.schema import ABSENT, Signals, declared_signals, schema
 from forcebound.recordings.telemetry import TelemetryCollector, TelemetryColumns
 
 OF_ALL = (TOPIC_OF[Scene], TOPIC_OF[Event])  # topics that belong to no hand
@@ -364,8 +358,8 @@ def read(
 def _decoder(packet: type[Packet]) -> Callable[[bytes], Packet]:
     """Return a function from a recorded message to the packet; raises as msgspec does."""
     hints = field_types(packet)
-    absent = {name: None for name, hint in hints.items() if is_optional(hint)} | ABSENT
-    absent.pop("signals", None)  # which has no null
+    may_be_null = [name for name, hint in hints.items() if type(None) in get_args(hint)]
+    absent = dict.fromkeys(may_be_null) | ABSENT
 
     def read_message(data: bytes) -> Packet:
         document: dict[str, Any] = _decode(data)
