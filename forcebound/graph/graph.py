@@ -226,7 +226,12 @@ class GraphConfig:
     @cached_property
     def graph(self) -> Graph:
         """Its nodes and streams."""
-        return graph_of(tuple(self.hands))
+        partners = {
+            tuple(sorted((name, hand.device.servo.energy_partner)))
+            for name, hand in self.hands.items()
+            if hand.device.servo.energy_partner
+        }
+        return graph_of(tuple(self.hands), sorted(partners))
 
     @property
     def only(self) -> HandConfig:
