@@ -239,8 +239,10 @@ class EnergyTransfer(_Wire, frozen=True, tag="energy_transfer"):
     ledger: Annotated[_Count, _means("number of the sender's ledger, which grows; 0: none yet")]
     given: Annotated[_Energy, _means("by this ledger since it began", "J")]
     spare: Annotated[float, _means("in it beyond the need of the commanded force", "J")]
-    seen_ledger: Annotated[_Count, _means("receiver's ledger of which seen is known; 0: none")]
-    seen: Annotated[_Energy, _means("given of that ledger that the sender has seen", "J")]
+    seen_ledger: Annotated[_Count, _means("newest ledger of the receiver that is known; 0: none")]
+    seen: Annotated[
+        _Energy | None, _means("largest given of that ledger that counts; none: no total yet", "J")
+    ]
 
 
 class Scene(_Wire, frozen=True, tag="scene"):

@@ -5,9 +5,10 @@ other one credits what this total has grown by since the largest that it has see
 credited twice, whatever the network does; ``docs/theory.md``, section 3.7, has the proof.
 
 A ledger has a number, which grows: it begins again when the force engages, when the law changes,
-when its process starts again. The first total that is seen of a ledger is credited to nobody, since
-who was here before may have had it. So a ledger gives nothing until the other side has shown that
-it knows its number.
+when its process starts again. The first total that is seen of a ledger is credited to nobody: what
+was given before may have been credited by a process that is gone. So may what a late packet says;
+a packet counts only if its sender has heard of this process before. And a ledger gives nothing
+until the other side has such a first total of it.
 
 How much is given is no part of the proof. Half of the difference makes both sides even at once;
 what is still on its way counts as the receiver's, so that a delay makes nothing overshoot, and
@@ -28,16 +29,19 @@ class EnergyExchange:
     def __init__(self, hand: str) -> None:
         self._hand = hand
         self._seq = 0
-        self._ledger = 0  # number; 0: none has begun
+        self._ledger = self._first_ledger = 0  # numbers; 0: none has begun
         self._given_before = 0.0  # J, by earlier ledgers
         self._spare = 0.0  # J
-        self._seen_ledger, self._seen, self._waiting = 0, 0.0, 0.0  # J, J to be credited
+        self._seen_ledger = 0  # of the other side
+        self._seen: float | None = None  # J, largest total of it
+        self._waiting = 0.0  # J, to be credited
         self._newest: EnergyTransfer | None = None  # packet of the other side
         self.given = self.received = 0.0
 
     def begin(self, time_ns: int) -> None:
         """Let a new ledger begin."""
         self._ledger = time_ns + 1
+        self._first_ledger = self._first_ledger or self._ledger
         self._given_before, self._spare = self.given, 0.0
 
     def take(self, packet: EnergyTransfer) -> None:
@@ -47,8 +51,12 @@ class EnergyExchange:
         if self._ledger == 0:
             return  # whoever is here later shall begin with what is said then
         if packet.ledger > self._seen_ledger:
-            self._seen_ledger, self._seen = packet.ledger, packet.given
-        elif packet.ledger == self._seen_ledger and packet.given > self._seen:
+            self._seen_ledger, self._seen = packet.ledger, None
+        if packet.ledger < self._seen_ledger or packet.seen_ledger < self._first_ledger:
+            return
+        if self._seen is None:
+            self._seen = packet.given
+        elif packet.given > self._seen:
             self._waiting += packet.given - self._seen
             self._seen = packet.given
 
@@ -61,7 +69,7 @@ class EnergyExchange:
     def offer(self, spare: float) -> float:
         """Return how much to give, in J, if this ledger has so much to ``spare``."""
         self._spare, newest = spare, self._newest
-        if newest is None or newest.seen_ledger != self._ledger:
+        if newest is None or newest.seen is None or newest.seen_ledger != self._ledger:
             return 0.0
         on_its_way = self.given - self._given_before - newest.seen
         return 0.5 * (spare - newest.spare - on_its_way)

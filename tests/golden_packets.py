@@ -201,7 +201,8 @@ def packets(draw: st.DrawFn, kind: type[Packet] | None = None) -> Packet:
     }
     values = {name: draw(strategies[hint]) for name, hint in field_types(chosen).items()}
     if chosen is EnergyTransfer:
-        values |= {name: draw(st.floats(0.0, MAX_ENERGY)) for name in ("given", "seen")}
+        values["given"] = draw(st.floats(0.0, MAX_ENERGY))
+        values["seen"] = draw(st.none() | st.floats(0.0, MAX_ENERGY))
     if chosen is EnvironmentReply and values["normal"] is None:
         values["proxy"] = None
     elif chosen is EnvironmentReply and values["proxy"] is None:
