@@ -82,7 +82,7 @@ def _shared(runs: Mapping[str, TelemetryColumns]) -> dict[str, dict[str, Floats]
         }
         found[hand] = {"time": (times - (times[0] if times.size else 0)) * 1e-9}
         for name, value in (vectors | totals).items():
-            rows = np.reshape(value, (len(run.time_ns), -1)).T
+            rows = value.T if name in vectors else [value]
             columns = [np.interp(times, run.time_ns, row) if times.size else row for row in rows]
             found[hand][name] = np.stack(columns, axis=1) if name in vectors else columns[0]
     return found
