@@ -29,6 +29,7 @@ myst_heading_anchors = 4  # named as repository browsers do; links to them are c
 add_module_names = False
 autodoc_member_order = "bysource"
 autodoc_typehints = "description"
+autodoc_type_aliases = {"ArrayLike": "ArrayLike"}  # numpy expands it to a long union
 autodoc_typehints_description_target = "documented"  # a type where its argument is explained
 napoleon_use_ivar = True  # attributes as a list, beside those that the class documents itself
 copybutton_prompt_text = "$ "

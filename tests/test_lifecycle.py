@@ -114,6 +114,18 @@ HISTORIES: dict[str, tuple[list[Step], str | None]] = {
         ],
         "device cannot be killed",
     ),
+    "a recorder that answers still writes what came": (
+        [
+            *RUNNING,
+            (1003, None, [Terminate("device")]),
+            *STOPPED[:-1],
+            (1060, READY[-1], []),
+            (1109, None, []),
+            (1110, None, [Kill("recorder")]),
+            (1113, Ended("recorder", -9), []),
+        ],
+        "recorder did not stop in time and was killed",
+    ),
     "the recorder has more time than the others": (
         [
             *RUNNING,

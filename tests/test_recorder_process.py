@@ -4,6 +4,7 @@ import time
 from collections.abc import Sequence
 from itertools import count
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 from builders import query
@@ -16,7 +17,7 @@ from forcebound.messages.topology import ONE_HAND
 from forcebound.network import sockets
 from forcebound.network.sockets import Network
 from forcebound.recordings.recording import Recorder
-from forcebound.run.process.recorder import record
+from forcebound.run.process.recorder import BACKLOG_LIMIT_NS, _drain, record
 from forcebound.stop import Stop
 
 
@@ -61,6 +62,20 @@ def test_the_recorder_keeps_everything_and_counts_what_it_cannot_read(
     assert status.waiting_for == ("telemetry",)
     assert status.rejected["malformed"] >= 1
     assert sink.flushes >= 1
+
+
+def test_a_recorder_that_got_no_processor_writes_its_backlog(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    looks, answers, clock = count(), count(), count(0, 50_000_000)  # 50 ms each
+    monkeypatch.setattr("time.monotonic_ns", lambda: next(clock))
+    sink = Mock(take=lambda _: next(looks) < 100)
+    _drain(Mock(), sink, lambda: False, lambda: next(answers))
+    assert next(looks) == 105  # and a silence
+    assert next(answers) == 105
+    sink = Mock(take=lambda _: next(looks) > 0)  # for ever
+    _drain(Mock(), sink, lambda: False, lambda: None)
+    assert next(clock) > BACKLOG_LIMIT_NS
 
 
 def test_a_recorder_that_is_to_end_with_the_device_has_what_the_device_sends_last(

@@ -263,7 +263,7 @@ def test_the_check_prints_one_document(tmp_path: Path) -> None:
     assert document["part"]["stiffness"] == 1000.0
     assert document["at_rest"][0] == {"position_m": -0.01, "force_n": -10.0}
     assert document["seconds_per_answer"]["median"] > 0
-    kept = {"opens", "answers", "shape", "finite", "pure", "signals", "value"}
+    kept = {"opens", "answers", "shape", "finite", "pure", "signals", "users", "value"}
     assert set(document["promises"]) == kept
 
 

@@ -1,5 +1,7 @@
 """A bounding law alone, on arrays."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import fields
 from typing import Any

@@ -29,6 +29,7 @@ from forcebound.stop import Stop
 if TYPE_CHECKING:
     from forcebound.recordings.recording import Recorder
 
+BACKLOG_TIMEOUT = 10.0  # s to write what has come by the end
 CONNECTED_NS = 100_000_000  # after which the sockets of a recorder receive all that is sent
 
 
@@ -78,7 +79,9 @@ def record_running(
                 sink.take(reader)
                 if sink.state != COMPLETE:
                     break
-            sink.take(reader)  # what came during the last look, which is long on a busy machine
+            limit = time.monotonic() + BACKLOG_TIMEOUT
+            while sink.take(reader) and time.monotonic() < limit:  # much on a busy machine
+                pass
             sink.flush()
         finally:
             with suppress(OSError):  # a full disk, which is reported; the file stays readable

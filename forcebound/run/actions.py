@@ -20,7 +20,7 @@ class Limits:
     start_ns: int = 180_000_000_000  # a first start compiles for 10 s of processor time
     engage_ns: int = 2_000_000_000
     stop_ns: int = 2_000_000_000
-    recorder_stop_ns: int = 10_000_000_000  # there may be much to write to a slow disk
+    recorder_stop_ns: int = 30_000_000_000  # without an answer: the disk or the machine is slow
     kill_ns: int = 2_000_000_000  # from SIGKILL to the end of the process
 
 

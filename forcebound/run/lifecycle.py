@@ -13,7 +13,8 @@ that is lost and may wait (exit status ``LOST``) is started again when the user 
 order, and only then; its force engages again. None of this delays the end of the run.
 
 Stopping goes group by group (:mod:`forcebound.roles`): the device first, the recorder last. A
-process that does not stop in time is killed. Only the first failure is reported.
+process that does not stop in time is killed; a recorder that answers has more time. Only the first
+failure is reported.
 """
 
 import signal
@@ -113,6 +114,12 @@ class Lifecycle:
         """Running nodes that have not answered since their start."""
         return [node for node in sorted(self._alive) if self._waiting[node] is None]
 
+    @property
+    def finishing(self) -> list[str]:
+        """Recorders that still write what has come; each answer gives them more time."""
+        stopping = self._stopping[0] if self._stopping else []
+        return [node for node in self._of_role(RECORDER) if node in self._alive & {*stopping}]
+
     def state(self, node: str) -> str:
         """Return the state of a node, in one word."""
         if node in self._alive:
@@ -162,6 +169,8 @@ class Lifecycle:
         match event:
             case Reported(node, waiting_for):
                 self._waiting[node] = waiting_for
+                if node in self.finishing and node not in self._killed:
+                    self._phase_end_ns = time_ns + self._limits.recorder_stop_ns
             case Ended(node, status):
                 return self._on_end(time_ns, node, status)
             case Interrupted():

@@ -189,7 +189,7 @@ class Supervisor:
         if self._not_started or self._has_requests:
             return 0.0
         is_starting = lifecycle.phase in (Phase.STARTING, Phase.ENGAGING)
-        if is_starting or lifecycle.returning or self._awaited(lifecycle):
+        if is_starting or lifecycle.returning or lifecycle.finishing or self._awaited(lifecycle):
             return REQUEST_INTERVAL_NS * 1e-9
         ends_ns = [] if lifecycle.deadline_ns is None else [lifecycle.deadline_ns]
         if self._coming and lifecycle.phase is Phase.RUNNING and self._began_ns is not None:
@@ -200,7 +200,8 @@ class Supervisor:
         names = lifecycle.not_ready if lifecycle.phase is Phase.STARTING else []
         engaging = lifecycle.engaging
         returning = lifecycle.returning.difference(engaging)
-        for name in dict.fromkeys([*names, *returning, *self._awaited(lifecycle)]):
+        names = [*names, *returning, *lifecycle.finishing, *self._awaited(lifecycle)]
+        for name in dict.fromkeys(names):
             self._clients[name].poll(control.GetStatus())
         for name in engaging:
             self._clients[name].poll(control.Engage())

@@ -11,19 +11,10 @@ measured at the follower; :math:`u_l, u_f` of the motors, with the force scale :
     u_l &= - r (C_4 c + C_2 f_e) + C_6 f_h .
 
 The answers are :math:`-u_l` and :math:`-u_f`, since an answer is positive when it resists. Names of
-the gains as in Hashtrudi-Zaad and Salcudean; their :math:`C_1` is the spring and damper of c:
-
-================= ============== ============ ============== ================
-architecture      C_4            C_2          C_3            C_5, C_6
-================= ============== ============ ============== ================
-position_position 1              0            0              0, 0
-position_force    0              1            0              0, 0
-four_channel      position_share leader_force follower_force C_3 - 1, C_2 - 1
-================= ============== ============ ============== ================
-
-The last row is their condition of transparency, without the terms of acceleration: where positions
-agree and all is at rest, :math:`f_h = r f_e`. Without the force sensors that an architecture needs,
-it is that of the positions.
+the gains as in Hashtrudi-Zaad and Salcudean; their :math:`C_1` is the spring and damper of c. Which
+architecture has which gains: docs/worlds.md. Those of four_channel fulfil their condition of
+transparency, without the terms of acceleration. Without the force sensors that an architecture
+needs, it is position_position.
 
 Sources: D. A. Lawrence, Stability and transparency in bilateral teleoperation, IEEE Trans. Robotics
 and Automation 9(5), 1993; K. Hashtrudi-Zaad, S. E. Salcudean, Analysis of control architectures for
@@ -118,7 +109,7 @@ class Coupling(EnvironmentModel):
 
     @property
     def gains(self) -> tuple[float, float, float, float, float]:
-        """``C_4``, ``C_2``, ``C_3``, ``C_5`` and ``C_6`` of the module's table."""
+        """``C_4``, ``C_2``, ``C_3``, ``C_5`` and ``C_6`` of the module."""
         if self.architecture == "position_position":
             return POSITIONS
         if self.architecture == "position_force":

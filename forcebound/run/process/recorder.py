@@ -3,6 +3,7 @@
 import logging
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,7 +20,8 @@ if TYPE_CHECKING:
 COMPLETE = "complete"  # a complete recording
 FLUSH_PERIOD_NS = 250_000_000  # a killed recorder loses at most this
 DRAIN_NS = 50_000_000  # silence after a stop request that ends the recording
-DRAIN_LIMIT_NS = 1_000_000_000  # longest wait for that silence, and for the device's end
+DRAIN_LIMIT_NS = 1_000_000_000  # longest wait for the device's end while nothing comes
+BACKLOG_LIMIT_NS = 60_000_000_000  # to write what waits, on a machine that gives little time
 _logger = logging.getLogger(__name__)
 
 
@@ -89,20 +91,29 @@ def record(
             control.serve(answer)
             safe.take(reader)
         devices = [node for node in graph.nodes.values() if node.role == DEVICE]
-        _drain(reader, safe, lambda: any(is_bound(run_dir, device) for device in devices))
+        answers = partial(control.serve, answer)  # so that the launcher waits
+        _drain(reader, safe, lambda: any(is_bound(run_dir, one) for one in devices), answers)
         safe.flush()
     return status()
 
 
-def _drain(reader: Reader, safe: FailSafeSink, has_device: Callable[[], bool]) -> None:
+def _drain(
+    reader: Reader,
+    safe: FailSafeSink,
+    has_device: Callable[[], bool],
+    answer: Callable[[], object],
+) -> None:
     """Record what is still on its way, until nothing comes and there is no device.
 
     A launcher ends the device first. When it is killed, all are to end at once, and a device that
-    gets no processor has its zero force still to write.
+    gets no processor has its zero force still to write. A recorder that got none has a backlog: it
+    goes on as long as packets come.
     """
-    limit_ns = time.monotonic_ns() + DRAIN_LIMIT_NS
-    silent_ns = 0
-    while silent_ns < DRAIN_NS and time.monotonic_ns() < limit_ns:
-        is_silent = not safe.take(reader) and not has_device()
-        silent_ns = silent_ns + PERIOD_NS if is_silent else 0
+    end_ns = time.monotonic_ns() + BACKLOG_LIMIT_NS
+    idle_ns = silent_ns = 0  # idle: nothing came; silent: and there is no device
+    while silent_ns < DRAIN_NS and idle_ns < DRAIN_LIMIT_NS and time.monotonic_ns() < end_ns:
+        answer()
+        any_came = safe.take(reader)
+        idle_ns = 0 if any_came else idle_ns + PERIOD_NS
+        silent_ns = 0 if any_came or has_device() else silent_ns + PERIOD_NS
         reader.wait()
