@@ -173,7 +173,7 @@ class NodeStatus(ProcessStatus, kw_only=True, tag="node"):
 
     steps: int = 0
     links: dict[str, dict[str, int]] = {}  # packets on impaired links, by topic and fate
-    remote: RemoteStatus | None = None
+    remotes: dict[str, RemoteStatus] = {}  # links to other machines, by hand
     realtime: list[Fact] = []  # what makes the process punctual, or could not be had
 
 

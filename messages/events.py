@@ -76,6 +76,8 @@ class EventLog:
 
 def is_of(event: Event, hand: str) -> bool:
     """Return whether an event concerns a hand: of its nodes, its links, or of all hands."""
+    if event.data.get("hand", hand) != hand:
+        return False
     name = event.data.get("link", event.node)
     return "/" not in name or name.startswith(f"{hand}/")
 

@@ -7,6 +7,10 @@ of ``run.json``.
 
 To add a hand is to name it: its nodes and streams then carry the name, ``left/device`` and
 ``left/device_state``. The only hand of a graph has no name.
+
+The hands of a graph may be on several machines (docs/remote.md). The graph of a machine has the
+nodes of the hands there; and where the environment serves hands of other machines, the streams
+between it and these.
 """
 
 from collections.abc import Iterable, Sequence
@@ -31,6 +35,7 @@ from forcebound.roles import CONTROLLER, DEVICE, ENVIRONMENT, LAUNCHER, RECORDER
 
 HAND = ""  # name of the only hand of a graph
 HANDS = "hands"  # key of a document of several hands: what belongs to each, by its name
+HERE = "here"  # key of a document: names of the hands on this machine; without it, all
 
 # What each role sends, and which role needs it; None: only observers do. The first four are the
 # hops of the loop, in order; only these can be impaired.
@@ -98,6 +103,12 @@ class Graph(Struct, frozen=True):
         return tuple(node.hand or HAND for node in self.nodes.values() if node.role == DEVICE)
 
     @property
+    def elsewhere(self) -> frozenset[str]:
+        """Names of the streams of hands on other machines, which may come and go at any time."""
+        here = (None, *self.hands)
+        return frozenset(stream.name for stream in self.streams if stream.hand not in here)
+
+    @property
     def loop(self) -> tuple[str, ...]:
         """Names of the nodes, without recorder and launcher."""
         return tuple(name for name, node in self.nodes.items() if node.is_node)
@@ -115,9 +126,10 @@ class Graph(Struct, frozen=True):
                 return stream
         raise KeyError(topic)
 
-    def forwarded(self, topic: str) -> Stream:
-        """Return the stream with the packets of a topic that come from another machine."""
-        return next(s for s in self.streams if s.topic == topic and s.is_forwarded)
+    def forwarded(self, topic: str, hand: str = HAND) -> Stream:
+        """Return the stream with a hand's packets of a topic that come from another machine."""
+        streams = (s for s in self.streams if s.topic == topic and s.hand == hand)
+        return next(stream for stream in streams if stream.is_forwarded)
 
     def received(self, receiver: str) -> tuple[Stream, ...]:
         """Return the streams that a process needs."""
@@ -138,14 +150,24 @@ def in_hand(hand: str | None, name: str) -> str:
     return f"{hand}/{name}" if hand else name
 
 
-def graph_of(hands: Sequence[str] = (HAND,), exchanges: Iterable[tuple[str, str]] = ()) -> Graph:
-    """Return the graph of some hands in one environment.
+def graph_of(
+    hands: Sequence[str] = (HAND,),
+    exchanges: Iterable[tuple[str, str]] = (),
+    here: Sequence[str] | None = None,
+    serves: bool = True,
+) -> Graph:
+    """Return the graph of some hands in one environment, as far as it is on this machine.
 
-    ``exchanges``: pairs of hands whose bounders exchange energy, each once.
+    Args:
+        hands: Names of all hands.
+        exchanges: Pairs of hands whose bounders exchange energy, each once.
+        here: Names of those on this machine; None: all.
+        serves: Whether the environment on this machine also serves the other hands.
     """
+    here = hands if here is None else here
     nodes: dict[str, NodeSpec] = {}
     for role in (*ROLES, LAUNCHER):
-        for hand in (None,) if role in (ENVIRONMENT, RECORDER, LAUNCHER) else hands:
+        for hand in (None,) if role in (ENVIRONMENT, RECORDER, LAUNCHER) else here:
             nodes[in_hand(hand, role)] = NodeSpec(role, hand, f"c{len(nodes)}")
     streams: list[Stream] = []
 
@@ -156,6 +178,9 @@ def graph_of(hands: Sequence[str] = (HAND,), exchanges: Iterable[tuple[str, str]
         receiver: str | None = None,
         is_forwarded: bool = False,
     ) -> None:
+        is_here = hand in (None, *here)
+        if not (is_here or (serves and ENVIRONMENT in (sender, receiver))):
+            return
         topic, socket = TOPIC_OF[packet], f"s{len(streams)}"
         name = in_hand(hand, topic)
         streams.append(Stream(name, topic, hand, sender, receiver, socket, is_forwarded))
@@ -185,9 +210,15 @@ def hand_sections(document: dict[str, Any]) -> dict[str, dict[str, Any]]:
     return dict(document[HANDS]) if HANDS in document else {HAND: document}
 
 
+def hands_here(document: dict[str, Any]) -> tuple[str, ...]:
+    """Return the names of the hands of a document that are on its machine."""
+    hands = tuple(hand_sections(document))
+    return tuple(hand for hand in hands if hand in document.get(HERE, hands))
+
+
 def hand_document(document: dict[str, Any], hand: str) -> dict[str, Any]:
     """Return a document as if it had this hand alone; KeyError if there is no such hand."""
-    others = {name: value for name, value in document.items() if name != HANDS}
+    others = {name: value for name, value in document.items() if name not in (HANDS, HERE)}
     return {**others, **hand_sections(document)[hand]}
 
 

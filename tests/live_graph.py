@@ -19,18 +19,20 @@ from typing import Any
 
 import numpy as np
 import pytest
-from addresses import LAUNCHERS, topic_endpoint
+from addresses import LAUNCHERS
 from numpy.typing import NDArray
 from waiting import TIMEOUT
 
 from forcebound.messages.codec import decode
 from forcebound.messages.control import GetStatus, LauncherStatus, ProcessState
 from forcebound.messages.packets import Event, Telemetry
+from forcebound.messages.topology import endpoint
 from forcebound.network import sockets
 from forcebound.network.sockets import Network
 from forcebound.observe.control import ask_launcher
 from forcebound.recordings.recording import Recording, read
 from forcebound.recordings.telemetry import TelemetryColumns
+from forcebound.run.run_directory import TELEMETRY, graph_in
 
 AGE_LIMIT = 0.1  # s, of the shipped launch files
 ENGAGE_TIME = 0.1  # s
@@ -154,8 +156,8 @@ class LiveGraph:
     def wait_for_telemetry(self, accepts: Callable[[Telemetry], bool], what: str) -> None:
         """Wait for telemetry of a certain kind."""
         with Network() as network:
-            endpoint = topic_endpoint(self.run_dir, "telemetry")
-            subscriber = network.subscriber(endpoint)
+            [stream] = (s for s in graph_in(self.run_dir).streams if s.topic == TELEMETRY)
+            subscriber = network.subscriber(endpoint(self.run_dir, stream))
 
             def came() -> bool:
                 packets = [decode(data) for data in subscriber.receive()]

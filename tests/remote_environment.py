@@ -7,6 +7,7 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from textwrap import indent
 
 from waiting import TIMEOUT
 
@@ -121,5 +122,25 @@ def write_launch_file(
     file.write_text(
         f"forcebound: 1\ndescription: A hand and a wall.\ninclude: {base}\n"
         f"realtime: {{ policy: other }}\n{section}{HAND}{more}"
+    )
+    return file
+
+
+def write_hands(folder: Path, **remotes: str) -> Path:
+    """Write a launch file of several such hands in one wall.
+
+    Args:
+        folder: Where.
+        remotes: Entries of the section ``remote`` of each hand, by its name; empty: none.
+    """
+    hands = []
+    for hand, remote in remotes.items():
+        section = f"remote: {{ {remote} }}\n" if remote else ""
+        hands.append(f"{hand}:\n{indent(f'include: stiff_wall.yaml{HAND}{section}', '  ')}")
+    file = folder / "hands.yaml"
+    file.write_text(
+        "forcebound: 1\nseed: 1\nduration: 10\nrealtime: { policy: other }\n"
+        "environment: { kind: wall, stiffness: 10 N/mm, position: 10 mm }\n"
+        f"hands:\n{indent(''.join(hands), '  ')}"
     )
     return file

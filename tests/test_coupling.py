@@ -2,12 +2,14 @@
 
 import math
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from forcebound.errors import ConfigError
+from forcebound.graph.loader import load
 from forcebound.graph.servo import ServoSettings, dissipation_of
 from forcebound.haptics.controllers.direct import DirectController
 from forcebound.haptics.devices.phantom import PhantomPremium15
@@ -266,3 +268,21 @@ def test_the_clutch_ends_the_force_on_both_and_then_they_are_coupled_again() -> 
         assert all(p.commanded_force == (0.0,) for p in released)
         for coupled in ([p for p in pushes if p.elapsed <= 1.0], pushes[-400:]):
             assert max(abs(p.applied_force[0]) for p in coupled) > 0.5
+
+
+@pytest.mark.parametrize(
+    ("world", "line"),
+    [
+        ("{kind: coupling, leader: lft, follower: right}", "no hand 'lft'"),
+        ("{kind: wall, fixtures: {hands: {midle: {}}}}", "no hand 'midle'"),
+    ],
+)
+def test_a_hand_that_is_not_there_is_an_error_at_its_place(
+    tmp_path: Path, world: str, line: str
+) -> None:
+    hands = "{left: {include: stiff_wall.yaml}, right: {include: stiff_wall.yaml}}"
+    file = tmp_path / "two.yaml"
+    text = f"forcebound: 1\nseed: 1\nduration: 1 s\nhands: {hands}\nenvironment: {world}\n"
+    file.write_text(text)
+    with pytest.raises(ConfigError, match=rf"two.yaml:5:\d+.*{line}"):
+        load(file)

@@ -25,7 +25,7 @@ from observed_graph import (
 
 from forcebound.graph.graph import GraphConfig
 from forcebound.messages.control import BounderReport, NodeStatus, RemoteStatus
-from forcebound.messages.topology import LINKS, ONE_HAND
+from forcebound.messages.topology import HAND, LINKS, ONE_HAND
 from forcebound.observe.doctor import REASONS, examine
 from forcebound.observe.observation import Observations, RecordingSeen, Seen
 from forcebound.roles import Fact
@@ -225,7 +225,7 @@ def test_on_its_own_machine_an_environment_says_who_serves(
     refused_for: str | None, serving: str, waiting: str | None
 ) -> None:
     link = remote(connected=True)
-    environment = process("environment_query", refused_for=refused_for, remote=link)
+    environment = process("environment_query", refused_for=refused_for, remotes={HAND: link})
     seen = replace(healthy(), processes={"environment": environment}, telemetry=telemetry(0))
     finding = only(seen)
     assert (finding.severity, finding.kind) == ("note", "remote_connected")
@@ -257,7 +257,7 @@ def remote(connected: bool, **notices: int) -> RemoteStatus:
 
 def with_remote(state: RemoteStatus, grown: int) -> Observations:
     seen = healthy(
-        controller=process("device_state", environment=SERVING, remote=state),
+        controller=process("device_state", environment=SERVING, remotes={HAND: state}),
         device=process("force_command", grown=grown),
     )
     processes = {name: p for name, p in seen.processes.items() if name != "environment"}

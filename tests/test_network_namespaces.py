@@ -25,7 +25,7 @@ from live_graph import (
     check_silence,
     live_graph,
 )
-from remote_environment import key_folders, serving, write_launch_file
+from remote_environment import key_folders, serving, write_hands, write_launch_file
 from waiting import TIMEOUT
 
 pytestmark = PROCESSES_OF_THEIR_OWN
@@ -251,3 +251,32 @@ def test_insecure_runs_without_keys_beyond_this_machine(machines: Machines, tmp_
         assert environment.process.wait(TIMEOUT) == 0
     assert ended.exit_status == 0, ended.log
     check_always(ended.columns)
+
+
+def test_a_hand_on_another_machine_shares_the_environment_of_this_one(
+    machines: Machines, tmp_path: Path
+) -> None:
+    keys = key_folders(tmp_path, "right-lab", "world-lab")
+    remote = f"address: {ENVIRONMENT_IPV4}, graph_key: right-lab, environment_keys: [world-lab]"
+    file = write_hands(tmp_path, left="", right=remote)
+    here, there = machines.at(machines.graph), machines.at(machines.environment)
+    left_keys = {"FORCEBOUND_KEYS": str(keys["world-lab"])}
+    right_keys = {"FORCEBOUND_KEYS": str(keys["right-lab"])}
+    words = str(file), "--hand"
+    with live_graph(*words, "left", prefix=here, variables=left_keys) as left:
+        assert "environment" in left.status().nodes  # it serves before the other hand is there
+        with live_graph(*words, "right", prefix=there, variables=right_keys) as right:
+            assert set(right.status().nodes) == {"right/controller", "right/device", "recorder"}
+        left.until(lambda: "right: right-lab" in left.log and " has gone" in left.log, "its end")
+        left.wait_until_in_contact()
+        with live_graph(*words, "right", prefix=there, variables=right_keys) as again:
+            left.wait_until_in_contact()
+            ended_again = again.end()
+        ended = left.end()
+    for one in (ended, ended_again):
+        assert one.exit_status == 0, one.log
+        check_always(one.columns)
+        assert len(one.served) == 1
+    assert ended.served == ended_again.served
+    assert not ended.events("process_ended")
+    assert ended.recording.hands == ("left",)

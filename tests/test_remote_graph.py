@@ -24,6 +24,7 @@ from forcebound.messages.control import (
     Refused,
 )
 from forcebound.messages.packets import EnvironmentReply, Event, ForceCommand, Packet
+from forcebound.messages.topology import HAND
 from forcebound.network.ends import RemoteEnd
 from forcebound.network.impairment import Impairment
 from forcebound.network.link import Link
@@ -50,9 +51,11 @@ class Pair:
         )
         self.far = environment
         node, folder = ControllerNode(DirectController()), self.folders["here"]
-        self.controller = Runner(node, "controller", folder, {}, self.here, remote=graph)
+        self.controller = Runner(node, "controller", folder, {}, self.here, remotes={HAND: graph})
         far, folder = EnvironmentNode(Membrane(stiffness=1000.0), name="far"), self.folders["there"]
-        self.environment = Runner(far, "environment", folder, {}, self.there, remote=environment)
+        self.environment = Runner(
+            far, "environment", folder, {}, self.there, remotes={HAND: environment}
+        )
         self.device = self.here.publisher(topic_endpoint(self.folders["here"], "device_state"))
         self._at_once, other = socket.socketpair()  # readable: it ends a wait at once
         other.close()
@@ -109,9 +112,9 @@ def test_an_environment_on_another_machine_answers_whoever_listens(pair: Pair) -
         pair.turn()
         packets = [decode(data, Event) for data in events.receive()]
         told.update(packet.event for packet in packets if isinstance(packet, Event))
-        remote = pair.controller.status().remote
+        remote = pair.controller.status().remotes[HAND]
         is_told = told >= {"environment_serves", "remote_connected"}
-        return is_told and remote is not None and remote.connected
+        return is_told and remote.connected
 
     until(is_connected, "the state of the link")
     assert pair.controller.status().received["environment_reply"] >= 1

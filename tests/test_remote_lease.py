@@ -13,7 +13,7 @@ from waiting import free_port
 from forcebound.haptics.controllers.direct import DirectController
 from forcebound.messages.codec import encode
 from forcebound.messages.packets import EnvironmentReply, Event, ForceCommand, Packet
-from forcebound.messages.topology import ONE_HAND
+from forcebound.messages.topology import HAND, ONE_HAND
 from forcebound.network.impairment import Impairment
 from forcebound.network.link import Link
 from forcebound.nodes.controller import ControllerNode
@@ -41,7 +41,7 @@ class Graph:
         self.node.events.is_logged = False
         self.inbox = Inbox(ONE_HAND.received("controller"), links, self._reject, self.node.admit)
         self.forwarded: list[bytes] = []
-        self.inbox.listen_remotely(EnvironmentReply, peer.link.channel, self.forwarded.append)
+        self.inbox.listen_remotely(EnvironmentReply, HAND, peer.link.channel, self.forwarded.append)
         self.peer = peer
         self.time_ns = 0
         self.forces: list[float] = []

@@ -70,6 +70,9 @@ _graph_options = all_of(
 
 @click.command("launch", short_help="Run a launch file in real time, as processes.")
 @_graph_options
+@click.option(
+    "--hand", "hands", multiple=True, help="Only this hand runs here; others on other machines."
+)
 @click.option("--view", "has_view", is_flag=True, help="Open its live page in a browser.")
 def launch_graph(
     file: str,
@@ -80,6 +83,7 @@ def launch_graph(
     show_args: bool,
     shows_all: bool,
     as_json: bool,
+    hands: tuple[str, ...],
     has_view: bool,
 ) -> None:
     r"""Run the graph of a launch file in real time, until its end or Ctrl-C.
@@ -88,6 +92,7 @@ def launch_graph(
     forcebound launch stiff_wall law:=none delay:="2 ms"
     forcebound launch pointer_wall --view
     forcebound launch my_wall.yaml --duration 60s --record run.mcap
+    forcebound launch two_machines.yaml --hand left
     """
     from forcebound.graph.document import folder_of
     from forcebound.run.live import check_here
@@ -95,9 +100,9 @@ def launch_graph(
     if has_view:
         check_tornado()
     here = partial(check_here, record=record)
-    config = _configuration(file, arguments, check, show_args, as_json, also=here)
+    config = _configuration(file, arguments, check, show_args, as_json, also=here, hands=hands)
     if config is not None:
-        words = " ".join((file, *arguments))
+        words = " ".join((file, *arguments, *(f"--hand {hand}" for hand in hands)))
         with _page() if has_view else nullcontext():
             folder = folder_of(Path(file))
             show_live_run(config, duration, record, as_json, shows_all, words, folder)
@@ -150,7 +155,7 @@ def simulate(
 @arguments_argument(shell_complete=complete.settings)
 @click.option("--run-dir", type=click.Path(path_type=Path), hidden=True, help="Of a launcher.")
 def node(name: str, file: str, arguments: tuple[str, ...], run_dir: Path | None) -> None:
-    r"""Run the environment of FILE for a graph on another machine, as set in its section remote:.
+    r"""Run the environment of FILE for hands on other machines, as set in their sections remote:.
 
     \b
     forcebound node environment remote_wall
@@ -172,6 +177,7 @@ def _configuration(
     as_json: bool,
     seed: int | None = None,
     also: "Callable[[GraphConfig], None]" = lambda config: None,
+    hands: tuple[str, ...] = (),
 ) -> "GraphConfig | None":
     """Return the configuration of a launch file; None if it was only checked or shown."""
     from forcebound.graph.loader import load_tried
@@ -183,6 +189,8 @@ def _configuration(
     config = load_tried(file, arguments, _try_start if check else None)
     if seed is not None:
         config = replace(config, seed=seed)
+    if hands:
+        config = replace(config, here=hands)
     if not check:
         return config
     also(config)

@@ -12,7 +12,13 @@ from typing import Any
 from forcebound.errors import ConfigError
 from forcebound.graph.document import hands_of
 from forcebound.graph.forms import Values, note_error
-from forcebound.graph.graph import KINDS, DeviceConfig, EnvironmentConfig, GraphConfig
+from forcebound.graph.graph import (
+    KINDS,
+    DeviceConfig,
+    EnvironmentConfig,
+    GraphConfig,
+    RemoteConfig,
+)
 from forcebound.graph.problems import Problems
 from forcebound.graph.servo import ServoSettings, dissipation_of
 from forcebound.graph.tree import Value
@@ -22,6 +28,7 @@ from forcebound.haptics.parts.contract import Findings
 from forcebound.haptics.parts.user_module import kind_of, user_code
 from forcebound.messages.packets import MAX_AXES
 from forcebound.messages.topology import HANDS
+from forcebound.network.addresses import numeric_address
 from forcebound.network.impairment import Impairment
 from forcebound.results.delay_traces import shortest_of
 
@@ -36,14 +43,18 @@ def check_together(made: Values, root: Value, problems: Problems, asks: bool) ->
     """Check sections that could be made; ``asks``: whether to call a user's own parts once."""
     environment, written = made.get("environment"), hands_of(root)
     devices: dict[str, DeviceConfig] = {}
+    remotes: dict[str, RemoteConfig] = {}
     for name, sections in made[HANDS].items():
         check = partial(_check, written[name], problems)
         if _check_hand(sections, environment, asks, check):
             devices[name] = sections["device"]
             check("device", _check_beside, name, devices)
+        if sections.get("remote") is not None:
+            remotes[name] = sections["remote"]
+            check("remote", _check_meeting, name, remotes)
     if environment is not None and len(devices) == len(made[HANDS]) > 0:
         check = partial(_check, root, problems)
-        check("environment", environment.model.check_hands, tuple(devices))
+        check("environment", environment.served.check_hands, tuple(devices))
         if asks:
             axes = next(iter(devices.values())).model.axes
             check("environment", _ask, "environment", environment.model, axes)
@@ -95,6 +106,24 @@ def _check_beside(hand: str, devices: Mapping[str, DeviceConfig]) -> None:
             )
         if model.port and model.port == other.model.port:
             raise ConfigError(f"{hand} and {name} are both at the port {model.port}", field="port")
+
+
+def _check_meeting(hand: str, remotes: Mapping[str, RemoteConfig]) -> None:
+    """Check that no hand before this one meets its environment at the same address and port."""
+    own = remotes[hand]
+    for name, other in remotes.items():
+        if name == hand:
+            return
+        if (_host(own), own.port) == (_host(other), other.port):
+            raise ConfigError(
+                f"{hand} and {name} both meet the environment at {own.address} port {own.port}:"
+                " each hand needs a port of its own",
+                field="address",
+            )
+
+
+def _host(remote: RemoteConfig) -> object:
+    return numeric_address(remote.address) or remote.address
 
 
 def _check_device(device: DeviceConfig) -> None:

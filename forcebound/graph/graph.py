@@ -22,7 +22,7 @@ from forcebound.haptics.hands import OPERATORS, Operator
 from forcebound.haptics.laws import Dissipation
 from forcebound.haptics.parts import Table
 from forcebound.messages.control import Parameters
-from forcebound.messages.topology import HAND, Graph, graph_of
+from forcebound.messages.topology import HAND, HERE, Graph, graph_of
 from forcebound.network.ends import RemoteSection
 from forcebound.network.impairment import Impairment
 from forcebound.quantities import NOT_NEGATIVE, POSITIVE, PROBABILITY, Ratio, Time, check_ranges
@@ -37,7 +37,7 @@ KINDS: Mapping[str, Table[Any]] = {
     "environment": ENVIRONMENTS,
 }
 
-RUN_KEYS = ("description", "seed", "duration")  # fields of GraphConfig that are no sections
+RUN_KEYS = ("description", "seed", "duration", HERE)  # fields of GraphConfig that are no sections
 
 
 @dataclass(frozen=True)
@@ -211,7 +211,11 @@ class GraphConfig:
         duration: From the moment when the force engages; with phases, theirs together.
         hands: By name; the only hand of a file without a section ``hands`` has none: "".
         phases: One after the other, from the moment when the force engages.
+        here: Names of the hands on this machine, as `launch --hand` sets it; null: all.
         units: In which quantities were written, by the name of the parameter; for people.
+
+    Raises:
+        ConfigError: If there is no such hand.
     """
 
     seed: Annotated[int, NOT_NEGATIVE]
@@ -221,17 +225,48 @@ class GraphConfig:
     description: str = ""
     realtime: RealtimeConfig = field(default_factory=RealtimeConfig)
     phases: tuple[Phase, ...] = ()
+    here: tuple[str, ...] | None = None
     units: Mapping[str, str] = field(default_factory=dict, compare=False)
+
+    def __post_init__(self) -> None:
+        for name in self.here or ():
+            if name not in self.hands:
+                known = ", ".join(filter(None, self.hands)) or "one without a name"
+                raise ConfigError(f"no hand {name!r}; the hands are: {known}", field=HERE)
 
     @cached_property
     def graph(self) -> Graph:
-        """Its nodes and streams."""
-        partners = {
-            tuple(sorted((name, hand.device.servo.energy_partner)))
-            for name, hand in self.hands.items()
-            if hand.device.servo.energy_partner
+        """Its nodes and streams, as far as they are on this machine."""
+        servos = {name: hand.device.servo for name, hand in self.hands_here.items()}
+        pairs = {
+            (min(name, servo.energy_partner), max(name, servo.energy_partner))
+            for name, servo in servos.items()
+            if servo.energy_partner in servos
         }
-        return graph_of(tuple(self.hands), sorted(partners))
+        return graph_of(tuple(self.hands), sorted(pairs), self.here, self.has_environment)
+
+    @property
+    def hands_here(self) -> Mapping[str, HandConfig]:
+        """The hands on this machine."""
+        here = self.hands if self.here is None else self.here
+        return {name: hand for name, hand in self.hands.items() if name in here}
+
+    @property
+    def has_environment(self) -> bool:
+        """Whether a launcher starts the environment on this machine."""
+        remotes = [hand.remote for hand in self.hands_here.values()]
+        return any(remote is None or remote.local for remote in remotes)
+
+    @property
+    def served_elsewhere(self) -> Mapping[str, RemoteConfig]:
+        """Where the environment on this machine meets the hands of other machines, by hand."""
+        if not self.has_environment:
+            return {}
+        return {
+            name: hand.remote
+            for name, hand in self.hands.items()
+            if name not in self.hands_here and hand.remote is not None
+        }
 
     @property
     def only(self) -> HandConfig:
@@ -265,9 +300,13 @@ class GraphConfig:
         """Of the only hand."""
         return self.only.remote
 
+    def on_one_machine(self) -> "GraphConfig":
+        """Return the configuration with all hands on this machine, as in virtual time."""
+        return self if self.here is None else dataclasses.replace(self, here=None)
+
     def of(self, hand: str) -> "GraphConfig":
         """Return the configuration with this hand alone, without its name; KeyError if unknown."""
-        return dataclasses.replace(self, hands={HAND: self.hands[hand]})
+        return dataclasses.replace(self, hands={HAND: self.hands[hand]}, here=None)
 
     def with_hand(self, **parts: Any) -> "GraphConfig":
         """Return the configuration with other parts of the only hand."""

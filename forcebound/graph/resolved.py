@@ -33,7 +33,7 @@ from forcebound.graph.names import Document, ParameterName
 from forcebound.graph.servo import ServoSettings
 from forcebound.haptics.parts.plain import plain, plain_value
 from forcebound.messages.control import Parameters
-from forcebound.messages.topology import HAND, HANDS, hand_sections
+from forcebound.messages.topology import HAND, HANDS, HERE, hand_sections
 from forcebound.network.impairment import Impairment
 
 FACTS = "facts"  # key of a run's document beside those of a launch file: numbers of the devices
@@ -53,6 +53,8 @@ def to_document(config: GraphConfig) -> Document:
     }
     hands = {name: _hand_document(hand) for name, hand in config.hands.items()}
     document |= hands.get(HAND, {HANDS: hands})
+    if config.here is not None:
+        document[HERE] = list(config.here)
     if config.units:
         document["units"] = dict(config.units)
     if config.phases:
@@ -202,6 +204,7 @@ def _graph(document: Document) -> GraphConfig:
             Phase(phase["name"], float(phase["duration"]), phase["set"])
             for phase in document.get("phases", ())
         ),
+        here=tuple(document[HERE]) if HERE in document else None,
         units=document.get("units", {}),
     )
 

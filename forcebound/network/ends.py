@@ -147,6 +147,18 @@ class RemoteSection:
         return self.graph_key is None and not self.insecure
 
 
+def check_ends(sections: Mapping[str, RemoteSection], role: Role) -> None:
+    """Check what the ends of several hands need, as :meth:`RemoteSection.check_here` does."""
+    problems = []
+    for hand, section in sections.items():
+        try:
+            section.check_here(role)
+        except ConfigError as error:
+            problems += [f"{hand}.{line}" if hand else line for line in str(error).splitlines()]
+    if problems:
+        raise ConfigError("\n".join(problems))
+
+
 def loopback_keys() -> Path:
     """Return the folder with the keys for links on loopback, of this user and this session.
 

@@ -16,6 +16,7 @@ from forcebound.messages.control import (
     EnvironmentStatus,
     NodeStatus,
     ProcessStatus,
+    RemoteStatus,
 )
 from forcebound.network.notices import KINDS
 from forcebound.observe.doctor_loop import LESS_DELAY, LOOP_RULES
@@ -127,8 +128,8 @@ def _chain(seen: Observations) -> Iterator[Finding]:
             continue  # on another machine
         if receiving.last is None:
             return
-        remote = receiving.last.remote
-        if sender not in seen.processes and remote is not None and not remote.connected:
+        remotes = receiving.last.remotes.values()
+        if sender not in seen.processes and not all(remote.connected for remote in remotes):
             return  # has a finding of its own
         if not receiving.received(topic):
             yield _nothing_arrives(seen, topic, sender, receiver)
@@ -223,7 +224,7 @@ def _serves_elsewhere(
 ) -> Iterator[Finding]:
     """Report an environment whose graph is on another machine."""
     queries = environment.rate_of("environment_query")
-    if status.remote is None or not status.remote.connected or not queries:
+    if not any(remote.connected for remote in status.remotes.values()) or not queries:
         return  # has a finding of its own
     other = status.refused_for
     words = f"connected with the graph, {queries:.3g} queries/s; {other or status.name} serves"
@@ -233,30 +234,37 @@ def _serves_elsewhere(
 
 def _remote(seen: Observations) -> Iterator[Finding]:
     for name, process in seen.processes.items():
-        if not isinstance(process.last, NodeStatus) or process.last.remote is None:
-            continue
-        remote = process.last.remote
-        where = f"remote link of the {name}"
-        if not remote.connected:
-            is_served = name == CONTROLLER and _delivered(seen, "force_command") > 0
-            verb = "listens at" if remote.listens else "connects to"
-            words = f"nobody is there; it {verb} {remote.address} port {remote.port}"
-            command = "forcebound node environment FILE"
-            if name == ENVIRONMENT:
-                command = "forcebound launch FILE"
-            report = note if is_served else problem
-            yield report("remote_not_connected", where, words, "start the other end", command)
-        for code, kind in KINDS.items():
-            count = remote.counts.get(code, 0)
-            if kind.is_problem and count:
-                recent = process.growth(partial(_notices, kind=code))
-                words = f"{kind.meaning} ({code}: {count} times, {recent} just now)"
-                report = problem if recent or not remote.connected else note
-                yield report(f"remote_{code}", where, words, kind.action, kind.command)
+        remotes = process.last.remotes if isinstance(process.last, NodeStatus) else {}
+        for hand, remote in remotes.items():
+            yield from _remote_link(seen, name, hand, remote)
 
 
-def _notices(status: NodeStatus, kind: str) -> int:
-    return 0 if status.remote is None else status.remote.counts.get(kind, 0)
+def _remote_link(
+    seen: Observations, name: str, hand: str, remote: RemoteStatus
+) -> Iterator[Finding]:
+    where = f"remote link of the {name}"
+    if hand and name == ENVIRONMENT:
+        where += f" to {hand}"
+    if not remote.connected:
+        is_served = _delivered(seen, "force_command") > 0  # then others may come later
+        verb = "listens at" if remote.listens else "connects to"
+        words = f"nobody is there; it {verb} {remote.address} port {remote.port}"
+        command = "forcebound node environment FILE"
+        if name == ENVIRONMENT:
+            command = "forcebound launch FILE"
+        report = note if is_served else problem
+        yield report("remote_not_connected", where, words, "start the other end", command)
+    for code, kind in KINDS.items():
+        count = remote.counts.get(code, 0)
+        if kind.is_problem and count:
+            recent = seen.processes[name].growth(partial(_notices, hand=hand, kind=code))
+            words = f"{kind.meaning} ({code}: {count} times, {recent} just now)"
+            report = problem if recent or not remote.connected else note
+            yield report(f"remote_{code}", where, words, kind.action, kind.command)
+
+
+def _notices(status: NodeStatus, hand: str, kind: str) -> int:
+    return status.remotes[hand].counts.get(kind, 0) if hand in status.remotes else 0
 
 
 def _rejected(seen: Observations) -> Iterator[Finding]:

@@ -52,7 +52,7 @@ from forcebound.messages.topology import (
     Graph,
     Stream,
     hand_document,
-    hand_sections,
+    hands_here,
     in_hand,
 )
 from forcebound.recordings.schema import ABSENT, Signals, declared_signals, schema
@@ -159,7 +159,7 @@ class Recording:
     Attributes:
         path: Its file.
         metadata: Texts by key, as given to the :class:`Recorder`.
-        hands: Names of its hands; the only one may have none: "".
+        hands: Names of the hands that it records; the only one may have none: "".
     """
 
     def __init__(
@@ -172,7 +172,7 @@ class Recording:
         self.path = path
         self.metadata = metadata
         self._topics = topics
-        self.hands = tuple(hand_sections(self._document))
+        self.hands = hands_here(self._document)
         if hand is not None and hand not in self.hands:
             known = ", ".join(filter(None, self.hands)) or "one without a name"
             raise ConfigError(f"{path} has no hand {hand!r}; it has {known}")
@@ -328,6 +328,7 @@ class _RecordedLaunch(_RecordedHand):
     """The types of what is read of a recorded launch file."""
 
     hands: dict[str, _RecordedHand] = {}
+    here: list[str] | None = None
     environment: dict[str, Any] = {}
     phases: list[dict[str, Any]] = []
 

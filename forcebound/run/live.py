@@ -26,6 +26,7 @@ from forcebound.messages.packets import (
     Telemetry,
 )
 from forcebound.messages.topology import hand_sections, in_hand
+from forcebound.network.ends import check_ends
 from forcebound.roles import ENVIRONMENT, LAUNCHER
 from forcebound.run.actions import Limits
 from forcebound.run.results import RunResult, run_metadata
@@ -113,7 +114,7 @@ def run_live(
         finally:
             os.sched_setaffinity(0, cores)
         screen.status("reading the recording for the result")
-        results = _results(recording, config.hands, interrupted)
+        results = _results(recording, config.hands_here, interrupted)
         return {hand: replace(result, failure=failure) for hand, result in results.items()}
 
 
@@ -125,15 +126,14 @@ def _supervisor(
     screen: Screen,
     start_cores: Collection[int],
 ) -> Supervisor:
-    graph, remotes = config.graph, {name: hand.remote for name, hand in config.hands.items()}
-    is_here = any(remote is None or remote.local for remote in remotes.values())
-    elsewhere = {LAUNCHER} if is_here else {LAUNCHER, ENVIRONMENT}
+    graph = config.graph
+    elsewhere = {LAUNCHER} if config.has_environment else {LAUNCHER, ENVIRONMENT}
     commands = {name: node_command(name, run_dir) for name in graph.nodes if name not in elsewhere}
     awaited = {
         in_hand(hand, topic)
-        for hand, remote in remotes.items()
+        for hand, section in config.hands_here.items()
         for topic in REMOTE_TOPICS
-        if remote is not None
+        if section.remote is not None
     }
     return Supervisor(
         commands,
@@ -185,11 +185,14 @@ def check_here(config: GraphConfig, record: Path | None = None) -> None:
     checks: list[Callable[[], object]] = [
         partial(realtime.choose_core, config.realtime.cores),
     ]
-    for name, hand in config.hands.items():
+    for name, hand in config.hands_here.items():
         checks += [partial(_check_rate, name, hand), partial(_check_links, name, hand)]
-        if hand.remote is not None:
-            checks.append(partial(hand.remote.check_here, "graph"))
         checks.append(hand.device.model.check_here)
+    meetings = {name: hand.remote for name, hand in config.hands_here.items() if hand.remote}
+    checks += [
+        partial(check_ends, meetings, "graph"),
+        partial(check_ends, config.served_elsewhere, ENVIRONMENT),
+    ]
     if record is not None:
         checks.append(partial(check_writable, record, "the recording"))
     for check in checks:

@@ -47,6 +47,7 @@ class VirtualGraph:
         observed: Collection[type[Packet]],
         late_ticks: LateTicks | None = None,
     ) -> None:
+        config = config.on_one_machine()
         self.devices = {}
         for name, hand in config.hands.items():
             lateness = None if late_ticks is None else late_ticks.of(hand.device.servo)
@@ -146,6 +147,7 @@ def run_virtual_hands(
         KeyboardInterrupt: If the run was interrupted, and may not end early or had no sample yet.
     """
     check_has_virtual_time(config)
+    config = config.on_one_machine()
     end_ns = round((duration or config.duration) * 1e9)
     with ExitStack() as stack:
         recorder = None

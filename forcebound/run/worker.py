@@ -13,7 +13,7 @@ import os
 import shutil
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -24,7 +24,7 @@ from forcebound.graph.graph import GraphConfig
 from forcebound.graph.resolved import made, restore
 from forcebound.messages.control import ProcessStatus, RecorderStatus
 from forcebound.messages.topology import HAND
-from forcebound.network.ends import RemoteEnd
+from forcebound.network.ends import RemoteEnd, check_ends
 from forcebound.nodes.environment import EnvironmentNode
 from forcebound.roles import CONTROLLER, DEVICE, ENVIRONMENT, LOST, RECORDER, ROLES
 from forcebound.run.application import Tuner
@@ -72,20 +72,22 @@ def run_node(name: str, run_dir: Path) -> int:
 
 
 def serve_environment(file: Path, arguments: Sequence[str] = ()) -> None:
-    """Run the environment of a launch file for a graph on another machine, until a stop request.
+    """Run the environment of a launch file for hands on other machines, until a stop request.
 
-    ConfigError if the file is wrong or has no section ``remote``, or a key is missing.
+    It serves those with a section ``remote``. ConfigError if the file is wrong or no hand has one,
+    or a key is missing.
     """
     from forcebound.graph.loader import load_tried  # a process of a launcher reads no launch file
 
     with Stop() as stop:
         config = load_tried(file, arguments)
-        if config.remote is None:
+        remotes = {name: hand.remote for name, hand in config.hands.items() if hand.remote}
+        if not remotes:
             raise ConfigError(
                 "the launch file has no section remote: with the address of the graph"
             )
-        config.remote.check_here(ENVIRONMENT)
-        end = config.remote.end(ENVIRONMENT)
+        check_ends(remotes, ENVIRONMENT)
+        ends = {name: remote.end(ENVIRONMENT) for name, remote in remotes.items()}
         with run_directory() as run_dir:
             core = realtime.choose_core(config.realtime.cores)
             description = " ".join((str(file), *arguments))
@@ -102,7 +104,7 @@ def serve_environment(file: Path, arguments: Sequence[str] = ()) -> None:
             )
             write_launch_document(run_dir, config)  # for `forcebound param`
             run.write(run_dir)
-            _run(ENVIRONMENT, config, run, run_dir, stop, end)
+            _run(ENVIRONMENT, config, run, run_dir, stop, ends)
 
 
 def _run_or_lose(
@@ -139,7 +141,7 @@ def _run(
     run: RunDocument,
     run_dir: Path,
     stop: Stop,
-    remote_end: RemoteEnd | None = None,
+    remote_ends: Mapping[str, RemoteEnd] | None = None,
 ) -> None:
     role = run.graph.nodes[name].role
     if role == RECORDER:
@@ -155,18 +157,26 @@ def _run(
         deep_sleep=config.realtime.deep_sleep,
         spin_ns=round(config.realtime.spin * 1e9),
     )
-    if role == CONTROLLER:
-        remote = config.hands[run.graph.nodes[name].hand or HAND].remote
-        remote_end = None if remote is None else remote.end("graph")
+    ends = _remote_ends(name, config) if remote_ends is None else remote_ends
     node = build_node(name, config, environment_name(), time.monotonic_ns)
     if isinstance(node, EnvironmentNode):
         _logger.info("this environment is %s", node.name)
     links = build_links(config)  # a perfect link needs no model: its socket keeps the newest
     tuner = Tuner(config)
-    status = run_process(node, name, run_dir, links, settings, stop, tuner, remote_end, run.graph)
+    status = run_process(node, name, run_dir, links, settings, stop, tuner, ends, run.graph)
     if isinstance(node, EnvironmentNode):
         _logger.info("queries answered by %s: %d", node.name, node.answered)
     _log_rejected(status)
+
+
+def _remote_ends(name: str, config: GraphConfig) -> dict[str, RemoteEnd]:
+    """Return the ends here of the links of a launcher's node to other machines, by hand."""
+    node = config.graph.nodes[name]
+    if node.role == ENVIRONMENT:
+        return {hand: one.end(ENVIRONMENT) for hand, one in config.served_elsewhere.items()}
+    hand = node.hand or HAND
+    remote = config.hands[hand].remote if node.role == CONTROLLER else None
+    return {} if remote is None else {hand: remote.end("graph")}
 
 
 def _record(run: RunDocument, run_dir: Path, stop: Stop) -> RecorderStatus:

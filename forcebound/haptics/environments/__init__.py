@@ -28,6 +28,14 @@ from forcebound.haptics.parts.signals import Publisher, Publishing
 from forcebound.haptics.parts.user_module import describe_user_error
 from forcebound.messages.packets import Contact, SceneObject, Vector
 
+
+def check_hand(name: str, hands: tuple[str, ...], field: str) -> None:
+    """Raise ConfigError, about a field, if there is no hand of this name."""
+    if name not in hands:
+        known = ", ".join(filter(None, hands)) or "one, without a name"
+        raise ConfigError(f"there is no hand {name!r}; the graph has {known}", field=field)
+
+
 FAR = 10.0  # m: a hand that is farther away is taken to be there
 
 

@@ -103,6 +103,11 @@ class Bodies(EnvironmentModel):
         if find_spec("mujoco") is not None:
             _Scene(self, 3)
 
+    def check_hands(self, hands: tuple[str, ...]) -> None:
+        if self.tool is not None and len(hands) > 1:
+            message = f"a tool is for one hand, and the graph has {', '.join(hands)}"
+            raise ConfigError(message, field="tool")
+
     def open(self, axes: int) -> "_Scene":
         return _Scene(self, axes)
 

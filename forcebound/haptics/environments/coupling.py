@@ -27,7 +27,12 @@ from dataclasses import dataclass
 from typing import Annotated, Literal, TypeAlias
 
 from forcebound.errors import ConfigError
-from forcebound.haptics.environments import Environment, EnvironmentModel, within_reach
+from forcebound.haptics.environments import (
+    Environment,
+    EnvironmentModel,
+    check_hand,
+    within_reach,
+)
 from forcebound.haptics.geometry.vectors import pad3
 from forcebound.haptics.parts.signals import Signal
 from forcebound.messages.packets import SceneObject, Vector
@@ -116,6 +121,10 @@ class Coupling(EnvironmentModel):
             return 0.0, 1.0, 0.0, 0.0, 0.0
         to_leader, to_follower = self.leader_force, self.follower_force
         return self.position_share, to_leader, to_follower, to_follower - 1.0, to_leader - 1.0
+
+    def check_hands(self, hands: tuple[str, ...]) -> None:
+        for field in ("leader", "follower"):
+            check_hand(getattr(self, field), hands, field)
 
     def open(self, axes: int) -> "_Coupled":
         if len(self.offset) > axes:

@@ -21,6 +21,7 @@ from forcebound.haptics.environments import (
     Environment,
     EnvironmentModel,
     change_environment,
+    check_hand,
     open_environment,
 )
 from forcebound.haptics.geometry.triangles import closest_on_segment
@@ -321,6 +322,11 @@ class WithFixtures(EnvironmentModel):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "signals", self.model.signals)
+
+    def check_hands(self, hands: tuple[str, ...]) -> None:
+        self.model.check_hands(hands)
+        for name in self.fixtures.hands:
+            check_hand(name, hands, "fixtures.hands")
 
     def open(self, axes: int) -> Environment:
         return _Guided(self, axes)

@@ -12,9 +12,9 @@ Strategy:
 """
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from forcebound.errors import PacketError
 from forcebound.messages.codec import decode
@@ -33,12 +33,22 @@ HERE = ""  # source of packets of this machine
 _clock = time.monotonic_ns
 
 
+class _Remote(NamedTuple):
+    """The link to another machine, over which packets of one class and hand come."""
+
+    expected: type[Packet]
+    hand: str
+    channel: Channel
+    forward: Callable[[bytes], Any]
+
+
 class Inbox:
     """Receives the packets of one node, on streams of which some have impaired ``links``.
 
     ``reject`` is called for each packet that is rejected, with the reason, and what was expected
     and what came; ``admit`` (:meth:`forcebound.nodes.Node.admit`) before a link or a newer packet
-    decides.
+    decides. ``received`` has the number of packets by stream; of a stream ``elsewhere``, once one
+    has come.
     """
 
     def __init__(
@@ -47,33 +57,35 @@ class Inbox:
         links: Mapping[str, Link[Packet]],
         reject: Callable[[str, str], None],
         admit: Callable[[Packet, str, int], bool],
+        elsewhere: Collection[str] = (),
     ) -> None:
         self._streams = streams
-        self.received = {stream.name: 0 for stream in streams}
+        self.received = {stream.name: 0 for stream in streams if stream.name not in elsewhere}
         self._names: dict[type[Packet], dict[str, str]] = {}  # of the streams, by class and hand
         for stream in streams:
             self._names.setdefault(TOPICS[stream.topic], {})[stream.hand or HAND] = stream.name
         self._expected = next(iter(self._names)) if len(self._names) == 1 else None
-        self.links = {name: link for name, link in links.items() if name in self.received}
+        names = {stream.name for stream in streams}
+        self.links = {name: link for name, link in links.items() if name in names}
         self._reject = reject
         self._admit = admit
         self._local: Subscriber | None = None
-        self._remote: Channel | None = None
-        self._remote_expected: type[Packet] | None = None
-        self._forward: Callable[[bytes], Any] | None = None
+        self._remotes: list[_Remote] = []
 
-    def listen(self, network: Network, run_dir: Path) -> None:
-        """Receive from the processes of this machine."""
-        if self._streams:
-            self._local = network.subscriber(*(endpoint(run_dir, s) for s in self._streams))
+    def listen(self, network: Network, run_dir: Path, without: Collection[str] = ()) -> None:
+        """Receive from the processes of this machine, but for the streams of some hands."""
+        streams = [stream for stream in self._streams if stream.hand not in without]
+        if streams:
+            self._local = network.subscriber(*(endpoint(run_dir, s) for s in streams))
 
     def listen_remotely(
-        self, expected: type[Packet], channel: Channel, forward: Callable[[bytes], Any]
+        self, expected: type[Packet], hand: str, channel: Channel, forward: Callable[[bytes], Any]
     ) -> None:
-        """Receive a class of packet from another machine, too; ``forward`` gets each."""
-        self._remote_expected = expected
-        self._remote = channel
-        self._forward = forward
+        """Receive a hand's packets of a class from another machine, too; ``forward`` gets each.
+
+        Packets of other hands are rejected: a peer may not speak for another hand.
+        """
+        self._remotes.append(_Remote(expected, hand, channel, forward))
 
     def link(self, stream: str) -> Link[Packet] | None:
         """Return the model of the link of a stream; None if it is perfect."""
@@ -94,7 +106,7 @@ class Inbox:
         Returns the time, in ns, and the packets that are through their links.
         """
         local = self._local
-        if self.links or self._remote is not None or wake_ns is not None or local is None:
+        if self.links or self._remotes or wake_ns is not None or local is None:
             self._sleep(wake_ns, stop_descriptor)
             time_ns = _clock()
             return time_ns, self.take(time_ns)
@@ -115,7 +127,9 @@ class Inbox:
         """Wait for descriptors until the next time of the node or of a link."""
         times_ns = [link.next_due_ns for link in self.links.values()]
         due_ns = min((t for t in (wake_ns, *times_ns) if t is not None), default=None)
-        subscribers = [each for each in (self._local, self._remote) if each is not None]
+        subscribers: list[Subscriber | Channel] = [each.channel for each in self._remotes]
+        if self._local is not None:
+            subscribers.append(self._local)
         if not any(each.pending() for each in subscribers):
             sleep_ns = LONGEST_WAIT_NS if due_ns is None else due_ns - _clock()
             waited = [each.descriptor for each in subscribers]
@@ -127,11 +141,10 @@ class Inbox:
         if self._local is not None:
             for data in self._local.receive():
                 self._accept(data, self._expected, HERE, time_ns, newest)
-        if self._remote is not None:
-            assert self._forward is not None
-            for source, data in self._remote.receive():
-                if self._accept(data, self._remote_expected, source, time_ns, newest):
-                    self._forward(data)
+        for expected, hand, channel, forward in self._remotes:
+            for source, data in channel.receive():
+                if self._accept(data, expected, source, time_ns, newest, hand):
+                    forward(data)
         received = list(newest.values())
         for link in self.links.values():
             received += link.due(time_ns)
@@ -144,9 +157,10 @@ class Inbox:
         source: str,
         time_ns: int,
         newest: dict[str, Packet],
+        hand: str | None = None,
     ) -> bool:
         """Decode a frame, and give its packet to its link or, where that is perfect, to newest."""
-        packet = self._decoded(data, expected, source, time_ns)
+        packet = self._decoded(data, expected, source, time_ns, hand)
         if packet is None:
             return False
         name = self._names[type(packet)][packet.hand]
@@ -158,17 +172,27 @@ class Inbox:
         return True
 
     def _decoded(
-        self, data: bytes, expected: type[Packet] | None, source: str, time_ns: int
+        self,
+        data: bytes,
+        expected: type[Packet] | None,
+        source: str,
+        time_ns: int,
+        hand: str | None = None,
     ) -> Packet | None:
-        """Return the packet in a frame; None, and counted, if it is rejected."""
+        """Return the packet in a frame; None, and counted, if it is rejected.
+
+        ``hand`` is the only one that may come this way; None: any.
+        """
         try:
             packet = decode(data, expected)
-            self.received[self._names[type(packet)][packet.hand]] += 1
         except PacketError as error:
             self._reject(error.reason, str(error))
             return None
-        except KeyError:
+        name = self._names.get(type(packet), {}).get(packet.hand)
+        if name is None or (hand is not None and packet.hand != hand):
+            names = [s.name for s in self._streams if hand in (None, s.hand)]
             got = f"{TOPIC_OF[type(packet)]} of hand {packet.hand!r}"
-            self._reject("unexpected", f"expected {', '.join(self.received)}, got {got}")
+            self._reject("unexpected", f"expected {', '.join(names)}, got {got}")
             return None
+        self.received[name] = self.received.get(name, 0) + 1
         return packet if self._admit(packet, source, time_ns) else None

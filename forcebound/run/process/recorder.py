@@ -77,9 +77,9 @@ def record(
         control = reader.network.control_server(endpoint(run_dir, graph.nodes[RECORDER]), requests)
 
         def status() -> RecorderStatus:
-            return RecorderStatus(
-                received=reader.received, rejected=reader.rejected, recording=safe.state
-            )
+            counts = reader.received.items()
+            received = {name: n for name, n in counts if n or name not in graph.elsewhere}
+            return RecorderStatus(received=received, rejected=reader.rejected, recording=safe.state)
 
         def answer(request: GetStatus | StopProcess) -> RecorderStatus:
             if isinstance(request, StopProcess):

@@ -11,7 +11,7 @@ Strategy:
 
 1. Between receiving and sending, only necessary work is done: no exception, no logging, no
    allocation of objects that the garbage collector tracks.
-2. The control socket and the remote link's connections are polled every 10 ms, between steps; the
+2. The control socket and the connections of remote links are polled every 10 ms, between steps; the
    control socket of a device whose hand was dragged, after each tick.
 3. Rejected packets are counted by reason in the node, so that a device's telemetry shows them.
 4. When the loop ends, the servo first writes zero force, whether the cause is a stop request, a
@@ -24,7 +24,9 @@ faults and changes as events.
 import logging
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
+from types import MappingProxyType
 from typing import cast
 
 from forcebound import realtime
@@ -73,8 +75,9 @@ class Runner:
     """Drives one node, the process ``name`` of a graph; :func:`run` is the loop around it.
 
     A stream that is not in ``links`` has a perfect link. ``configure`` brings node and links to the
-    parameters of a request; it returns those that it has changed. A controller uses the link to
-    another machine, ``remote``, in addition to its own sockets, an environment instead of them.
+    parameters of a request; it returns those that it has changed. ``remotes`` are the links to
+    other machines, by hand: a controller uses its own in addition to its sockets, an environment
+    serves the hand over it instead of them.
 
     Raises:
         ConfigError: If an endpoint is in use or not permitted.
@@ -89,14 +92,14 @@ class Runner:
         network: Network,
         spin_ns: int = 0,
         configure: "Callable[[Runner, Configure], Parameters] | None" = None,
-        remote: RemoteLink | None = None,
+        remotes: Mapping[str, RemoteLink] = MappingProxyType({}),
         graph: Graph = ONE_HAND,
     ) -> None:
         self._node = node
         self._network = network
         self._configure = configure
         self._spin_ns = spin_ns
-        self._remote = remote
+        self._remotes = remotes
         self._run_dir = run_dir
         self.graph = graph
         self._publish: dict[type[Packet], dict[str, Callable[[bytes], object]]] = {}  # by hand
@@ -104,15 +107,16 @@ class Runner:
             if stream.sender == name and not stream.is_forwarded:
                 send = network.publisher(endpoint(run_dir, stream)).send
                 self._publish.setdefault(TOPICS[stream.topic], {})[stream.hand or HAND] = send
-        self._inbox = Inbox(graph.received(name), links, self._reject, node.admit)
+        received = graph.received(name)
+        self._inbox = Inbox(received, links, self._reject, node.admit, graph.elsewhere)
         self.link, self.set_link = self._inbox.link, self._inbox.set_link
-        if remote is None or remote.end.role == "graph":
-            self._inbox.listen(network, run_dir)
-        if remote is not None:
-            self._connect_remote(remote)
+        served = [hand for hand, remote in remotes.items() if remote.end.role == "environment"]
+        self._inbox.listen(network, run_dir, without=served)
+        for hand, remote in remotes.items():
+            self._connect_remote(hand, remote)
         requests = (*OF_NODES, *node.requests)
         self._control = network.control_server(endpoint(run_dir, graph.nodes[name]), requests)
-        self._look_ns = 0  # next poll of the control socket and of the remote link
+        self._look_ns = 0  # next poll of the control socket and of remote links
         self._stop_requested = False
         self._facts: Sequence[Fact] = ()
         self.steps = 0
@@ -170,14 +174,18 @@ class Runner:
             self._control.serve(self.answer, 1)
 
     def look(self, time_ns: int) -> None:
-        """Serve the control socket and the remote link."""
+        """Serve the control socket and the remote links."""
         self._look_ns = time_ns + LONGEST_WAIT_NS
         self._control.serve(self.answer)
-        remote = self._remote
-        if remote is not None and (time_ns >= remote.due_ns or sockets.wait(remote.descriptors, 0)):
+        for hand, remote in self._remotes.items():
+            if time_ns < remote.due_ns and not sockets.wait(remote.descriptors, 0):
+                continue
             for notice in remote.watch(time_ns):
                 event = cast(Kind, f"{REMOTE}{notice.kind}")
-                self.emit(event, notice.message, notice.data, is_fault=notice.is_problem)
+                message, data = notice.message, notice.data
+                if hand and remote.end.role == "environment":  # a controller has one hand
+                    message, data = f"{hand}: {message}", {**data, "hand": hand}
+                self.emit(event, message, data, is_fault=notice.is_problem)
 
     def answer(self, request: Request) -> Answer:
         """Return the answer to a request of the control socket."""
@@ -197,8 +205,8 @@ class Runner:
         """The node that it drives; as of a simulation, which drives several."""
         return (self._node,)
 
-    def _connect_remote(self, remote: RemoteLink) -> None:
-        """Let packets of the environment's two topics go to, and come from, another machine.
+    def _connect_remote(self, hand: str, remote: RemoteLink) -> None:
+        """Let a hand's queries and replies go to, and come from, another machine.
 
         Sent packets also go to this machine's sockets; received packets are passed on to them, on
         an address of its own: so a recorder here sees both.
@@ -207,7 +215,6 @@ class Runner:
         came: type[Packet] = EnvironmentReply
         if remote.end.role == "environment":
             sent, came = came, sent
-        hand = next(iter(self._publish[sent]))
         here, there = self._publish[sent][hand], remote.send
 
         def both(data: bytes) -> None:
@@ -215,9 +222,9 @@ class Runner:
             here(data)
 
         self._publish[sent][hand] = both
-        forwarded = self.graph.forwarded(TOPIC_OF[came])
+        forwarded = self.graph.forwarded(TOPIC_OF[came], hand)
         forward = self._network.publisher(endpoint(self._run_dir, forwarded)).send
-        self._inbox.listen_remotely(came, remote.channel, forward)
+        self._inbox.listen_remotely(came, hand, remote.channel, forward)
 
     def _change(self, request: Configure) -> Answer:
         try:
@@ -236,8 +243,7 @@ class Runner:
         status.received = dict(self._inbox.received)
         status.steps = self.steps
         status.links = self._inbox.link_counts()
-        if self._remote is not None:
-            status.remote = self._remote.status()
+        status.remotes = {hand: remote.status() for hand, remote in self._remotes.items()}
         status.realtime = list(self._facts)
         return status
 
@@ -269,7 +275,7 @@ def run(
     settings: realtime.Settings,
     stop: Stop,
     configure: Callable[[Runner, Configure], Parameters] | None = None,
-    remote_end: RemoteEnd | None = None,
+    remote_ends: Mapping[str, RemoteEnd] = MappingProxyType({}),
     graph: Graph = ONE_HAND,
 ) -> NodeStatus:
     """Run a node until a stop request, and close it; return its last status.
@@ -279,10 +285,14 @@ def run(
     facts = realtime.enter(settings, graph.nodes[name].role)
     _logger.info("; ".join(fact.sentence for fact in facts))
     try:
-        with Network() as network:
-            end = None if remote_end is None else RemoteLink(network, remote_end)
+        with ExitStack() as stack:
+            network = stack.enter_context(Network())
+            remotes: dict[str, RemoteLink] = {}
+            for hand, end in remote_ends.items():  # a network has one authenticator
+                own = stack.enter_context(Network()) if remotes else network
+                remotes[hand] = RemoteLink(own, end)
             spin_ns = settings.spin_ns
-            runner = Runner(node, name, run_dir, links, network, spin_ns, configure, end, graph)
+            runner = Runner(node, name, run_dir, links, network, spin_ns, configure, remotes, graph)
             realtime.freeze_garbage()
             runner.run(stop, facts)
             return runner.status()
