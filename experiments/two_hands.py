@@ -1,18 +1,22 @@
-"""Leader and follower, measured: transparency by frequency, and the stiffest coupling that is stable.
+"""Two hands, measured: a box between them; leader and follower: transparency and stability.
 
 Usage: python -m experiments.two_hands transparency [--out docs/transparency_two_hands.png]
        python -m experiments.two_hands stability [--out docs/stability_two_hands.png]
+       python -m experiments.two_hands box [--out docs/gallery/two_hands.png]
 
-Both use the launch files ``leader_follower`` and ``leader_follower_transfer`` in virtual time, with
-a wall of 1 N/mm at the follower; the same command gives the same figures. *Transparency*: a shaker
-in place of the leader's hand moves it from 1 to 30 Hz while the follower stays in its wall, and the
-force of the leader's motor over its way is the stiffness that is felt. *Stability*: a hand pushes
-the follower into its wall; stable means that both are at rest at the end. The largest stiffness of
-the coupling is searched for by bisection, so that instability between stable ones is not seen.
+*Box*: ``two_hands`` behind 10 ms each way, without a law and with one. The others use the launch
+files ``leader_follower`` and ``leader_follower_transfer``. *Transparency*: a shaker in place of the
+leader's hand moves it from 1 to 30 Hz, the follower holds a spring of 1 N/mm and a damper of 2
+N s/m, and the force of the leader's motor over its way is the dynamic stiffness that is felt, with
+its phase. *Stability*: a hand pushes the follower into its wall of 1 N/mm; stable means that both
+are at rest at the end. The largest stiffness of the coupling is searched for by bisection, so that
+instability between stable ones is not seen. All runs are in virtual time: the same command gives
+the same figures.
 """
 
 import argparse
-from collections.abc import Sequence
+import sys
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -22,7 +26,7 @@ from matplotlib.figure import Figure
 
 from forcebound.graph.graph import GraphConfig
 from forcebound.graph.loader import load
-from forcebound.haptics.hands.hands import ChirpHand
+from forcebound.haptics.hands.hands import ChirpHand, PressingHand
 from forcebound.lab.views import table
 from forcebound.lab.workers import completed, local_executor, progress_bar
 from forcebound.results.contact import REST_SPEED, final_speed
@@ -42,8 +46,11 @@ LAWS = {  # of a panel or curve: launch file and law
 SHAKEN = ("none", "certified", "certified, transfer")
 DELAYS = (0, 1, 2, 5, 10)  # ms, each way
 LATE = (0, 2, 5, 10, 20)  # ms, each way
-CENTRE, AMPLITUDE = 0.006, 0.0015  # m, of the shaker
+AMPLITUDE = 0.003  # m, of the shaker
+HELD = PressingHand(mass=0.0, stiffness=1000.0, damping=2.0, start=0.0, end=0.0)  # by the follower
+SHOWN = (2.0, 5.0, 10.0, 20.0)  # Hz, in the table
 SWEEP_TIME = 12.0  # s
+SHAKES = 2.0  # s, of the box's run
 SECONDS = 4.0  # s, of a run that shall come to rest
 SOFTEST, STIFFEST = 0.05, 20.0  # N/mm, of the coupling
 STEPS = 6  # of the bisection: 10 %
@@ -61,19 +68,18 @@ class Task(NamedTuple):
         return load(file, [f"law:={law}", f"delay:={self.delay} ms", *arguments])
 
 
-def shake(task: Task) -> tuple[list[float], list[float]]:
-    """Return frequencies, in Hz, and the size of the dynamic stiffness felt there, in N/m."""
-    config = task.config("gap:=0 mm")
-    shaker = ChirpHand(centre=CENTRE, amplitude=AMPLITUDE, highest=30.0, sweep_time=SWEEP_TIME)
+def shake(task: Task) -> tuple[Any, Any]:
+    """Return frequencies, in Hz, and the complex dynamic stiffness felt there, in N/m."""
+    config = task.config()
+    shaker = ChirpHand(centre=0.0, amplitude=AMPLITUDE, highest=30.0, sweep_time=SWEEP_TIME)
     leader = replace(config.hands["leader"], operator=shaker)
-    config = replace(config, hands={**config.hands, "leader": leader})
+    follower = replace(config.hands["follower"], operator=HELD)
+    config = replace(config, hands={"leader": leader, "follower": follower})
     run = run_virtual_hands(config, SWEEP_TIME)["leader"].columns
-    late = run.time > 1.0  # after the follower has gone to where it belongs
-    felt = displayed_impedance(run.applied_force[late, 0], run.true_position[late, 0], 1000.0)
+    felt = displayed_impedance(run.applied_force[:, 0], run.true_position[:, 0], 1000.0)
     if felt is None:
-        return [], []
-    size = np.hypot(felt.stiffness, 2.0 * np.pi * felt.frequency * felt.damping)
-    return felt.frequency.tolist(), size.tolist()
+        return np.array([]), np.array([])
+    return felt.frequency, felt.stiffness + 2j * np.pi * felt.frequency * felt.damping
 
 
 def push(task: Task, stiffness: float) -> tuple[bool, dict[str, Any]]:
@@ -123,30 +129,51 @@ def do_all(work: Any, tasks: Sequence[Task], workers: int | None) -> dict[Task, 
     return {task: found[task] for task in tasks}
 
 
+def show(lines: Iterable[str]) -> None:
+    """Print lines."""
+    sys.stdout.write("\n".join(lines) + "\n")
+
+
+def ideal(frequency: Any) -> Any:
+    """Return the dynamic stiffness of coupling and held spring in series, in N/m."""
+    omega = 2j * np.pi * frequency
+    coupled, held = 1000.0 + 4.0 * omega, HELD.stiffness + HELD.damping * omega
+    return coupled * (held - 0.075 * abs(omega) ** 2) / (coupled + held - 0.075 * abs(omega) ** 2)
+
+
 def transparency(workers: int | None) -> Figure:
     """Draw and print the stiffness that is felt by frequency, over delay, for each law."""
     tasks = [Task(label, delay) for label in SHAKEN for delay in DELAYS]
     found = do_all(shake, tasks, workers)
-    figure = Figure(figsize=(11.0, 3.8), layout="constrained")
-    panels = figure.subplots(1, len(SHAKEN), sharex=True, sharey=True)
-    for panel, label in zip(panels, SHAKEN, strict=True):
+    figure = Figure(figsize=(11.0, 5.6), layout="constrained")
+    panels = figure.subplots(2, len(SHAKEN), sharex=True, sharey="row")
+    hz = np.geomspace(1.0, 30.0, 100)
+    for (upper, lower), label in zip(panels.T, SHAKEN, strict=True):
         for delay in DELAYS:
-            frequency, size = found[Task(label, delay)]
-            panel.loglog(frequency, np.array(size) * 1e-3, marker=".", label=f"{delay} ms")
-        panel.axhline(1.0, color="0.5", linewidth=0.8)
-        panel.axhline(0.5, color="0.5", linewidth=0.8, linestyle="--")
-        panel.set(title=label, xlabel="frequency (Hz)")
-        panel.grid(alpha=0.3, which="both")
-    panels[0].set_ylabel("stiffness felt (N/mm)")
-    panels[0].legend(title="delay, each way", fontsize="small")
+            frequency, felt = found[Task(label, delay)]
+            upper.loglog(frequency, abs(felt) * 1e-3, marker=".", label=f"{delay} ms")
+            lower.semilogx(frequency, np.angle(felt, deg=True), marker=".")
+        upper.loglog(hz, abs(ideal(hz)) * 1e-3, "k:", label="linear, no delay")
+        lower.semilogx(hz, np.angle(ideal(hz), deg=True), "k:")
+        lower.axhspan(-180.0, 0.0, color="tab:red", alpha=0.08)
+        upper.set(title=label)
+        lower.set(xlabel="frequency (Hz)", ylim=(-180.0, 180.0))
+        for panel in (upper, lower):
+            panel.grid(alpha=0.3, which="both")
+    panels[0, 0].set_ylabel("stiffness felt (N/mm)")
+    panels[1, 0].set_ylabel("its phase (degrees)")
+    panels[0, 0].legend(title="delay, each way", fontsize="small")
     rows = []
-    for task, (frequency, size) in found.items():
-        near = [
-            f"{np.interp(hz, frequency, size) * 1e-3:.2f}" if frequency else "-"
-            for hz in (2.0, 5.0, 10.0, 20.0)
+    for task, (frequency, felt) in found.items():
+        near = [int(np.argmin(abs(frequency - at))) for at in SHOWN] if len(frequency) else []
+        cells = [
+            f"{abs(felt[i]) * 1e-3:.2f}, {np.angle(felt[i], deg=True):.0f}°"
+            if abs(frequency[i] - at) < 0.1 * at
+            else "–"
+            for i, at in zip(near, SHOWN, strict=True)
         ]
-        rows.append((task.label, f"{task.delay} ms", *near))
-    print(*table(("law", "delay", "2 Hz", "5 Hz", "10 Hz", "20 Hz"), rows), sep="\n")
+        rows.append((task.label, f"{task.delay} ms", *(cells or ["–"] * len(SHOWN))))
+    show(table(("law", "delay", *(f"{at:g} Hz" for at in SHOWN)), rows))
     return figure
 
 
@@ -182,11 +209,33 @@ def stability(workers: int | None) -> Figure:
         cells = (limit, felt_there, felt_usual, f"{error * 1e3:.1f}", lowest)
         rows.append((task.label, f"{task.delay} ms", *cells))
     head = ("law", "delay", "stable, N/mm", "felt there, N/mm", "felt at 1 N/mm, N/mm")
-    print(*table((*head, "error at 1 N/mm, mm RMS", "least energy there, mJ"), rows), sep="\n")
+    show(table((*head, "error at 1 N/mm, mm RMS", "least energy there, mJ"), rows))
     return figure
 
 
-FIGURES = {"transparency": transparency, "stability": stability}
+def box(_: int | None) -> Figure:
+    """Draw two hands at a box that is 10 ms away, without a law and with the certified one."""
+    figure = Figure(figsize=(11.0, 5.6), layout="constrained")
+    panels = figure.subplots(2, 2, sharex=True, sharey="row")
+    for (upper, lower), law in zip(panels.T, ("none", "certified"), strict=True):
+        results = run_virtual_hands(load("two_hands", [f"law:={law}", "delay:=10 ms"]), SHAKES)
+        for hand, colour in (("left", "tab:blue"), ("right", "tab:orange")):
+            run = results[hand].columns
+            upper.plot(run.time, run.true_position[:, 0] * 1e3, colour, label=f"{hand} hand")
+            side = f"{hand} side of the box"
+            upper.plot(run.time, run.proxy[:, 0] * 1e3, colour, alpha=0.4, lw=3.0, label=side)
+            lower.plot(run.time, run.applied_force[:, 0], colour, label=hand)
+        upper.set(title=law)
+        lower.set(xlabel="time (s)")
+        for panel in (upper, lower):
+            panel.grid(alpha=0.3)
+    panels[0, 0].set_ylabel("position (mm)")
+    panels[1, 0].set_ylabel("force of the motor (N)")
+    panels[0, 1].legend(fontsize="small")
+    return figure
+
+
+FIGURES = {"transparency": transparency, "stability": stability, "box": box}
 
 
 def main() -> None:
