@@ -38,7 +38,7 @@ HANDS = "hands"  # key of a document of several hands: what belongs to each, by 
 HERE = "here"  # key of a document: names of the hands on this machine; without it, all
 
 # What each role sends, and which role needs it; None: only observers do. The first four are the
-# hops of the loop, in order; only these can be impaired.
+# hops of the loop, in order.
 _SENT: dict[type[Packet], tuple[str, str | None]] = {
     DeviceState: (DEVICE, CONTROLLER),
     EnvironmentQuery: (CONTROLLER, ENVIRONMENT),
@@ -50,6 +50,10 @@ _SENT: dict[type[Packet], tuple[str, str | None]] = {
 
 #: Topics of the four hops of the loop, in order.
 LINKS = tuple(TOPIC_OF[packet] for packet, (_, receiver) in _SENT.items() if receiver is not None)
+
+#: Topics of the links that can be impaired.
+TRANSFER = TOPIC_OF[EnergyTransfer]
+IMPAIRABLE = (*LINKS, TRANSFER)
 
 #: Topics whose packets carry the signals of a part, by the role of its node.
 SIGNAL_TOPICS = {
@@ -102,6 +106,11 @@ class Graph(Struct, frozen=True):
         """Names of its hands."""
         return tuple(node.hand or HAND for node in self.nodes.values() if node.role == DEVICE)
 
+    def of(self, hand: str) -> "Graph":
+        """Return the nodes and streams that belong to a hand or to all."""
+        nodes = {name: node for name, node in self.nodes.items() if node.hand in (hand, None)}
+        return Graph(nodes, tuple(one for one in self.streams if one.hand in (hand, None)))
+
     @property
     def elsewhere(self) -> frozenset[str]:
         """Names of the streams of hands on other machines, which may come and go at any time."""
@@ -152,17 +161,17 @@ def in_hand(hand: str | None, name: str) -> str:
 
 def graph_of(
     hands: Sequence[str] = (HAND,),
-    exchanges: Iterable[tuple[str, str]] = (),
     here: Sequence[str] | None = None,
     serves: bool = True,
+    exchanges: Iterable[tuple[str, str]] = (),
 ) -> Graph:
     """Return the graph of some hands in one environment, as far as it is on this machine.
 
     Args:
         hands: Names of all hands.
-        exchanges: Pairs of hands whose bounders exchange energy, each once.
         here: Names of those on this machine; None: all.
         serves: Whether the environment on this machine also serves the other hands.
+        exchanges: Pairs of hands here whose bounders exchange energy, each once.
     """
     here = hands if here is None else here
     nodes: dict[str, NodeSpec] = {}
@@ -219,7 +228,20 @@ def hands_here(document: dict[str, Any]) -> tuple[str, ...]:
 def hand_document(document: dict[str, Any], hand: str) -> dict[str, Any]:
     """Return a document as if it had this hand alone; KeyError if there is no such hand."""
     others = {name: value for name, value in document.items() if name not in (HANDS, HERE)}
-    return {**others, **hand_sections(document)[hand]}
+    flat = {**others, **hand_sections(document)[hand]}
+    if HANDS in document and "phases" in flat:  # whose settings name the hands
+        flat["phases"] = [{**one, "set": _of_hand(one["set"], hand)} for one in flat["phases"]]
+    return flat
+
+
+def _of_hand(settings: dict[str, Any], hand: str) -> dict[str, Any]:
+    own = {name: name.removeprefix(f"{hand}.") for name in settings}
+    of_all = ("environment", "realtime")
+    return {
+        short: settings[name]
+        for name, short in own.items()
+        if short != name or name.partition(".")[0] in of_all
+    }
 
 
 def endpoint(run_dir: Path, of: NodeSpec | Stream) -> str:

@@ -12,7 +12,7 @@ from fakes import DISSIPATION, device_node
 from msgspec.structs import replace
 
 from forcebound.errors import ConfigError
-from forcebound.graph.checks import check_energy_partners
+from forcebound.graph.checks import check_energy_partner
 from forcebound.graph.graph import DeviceConfig
 from forcebound.graph.servo import ServoSettings
 from forcebound.haptics.devices.phantom import PhantomPremium15
@@ -69,7 +69,7 @@ def test_no_more_is_given_than_there_is_and_nothing_without() -> None:
 def test_to_spare_is_what_the_commanded_force_does_not_need() -> None:
     bounder, time_ns = pushed()
     bounder.bound(time_ns, (2e-3,), (0.5,))
-    cost = (0.5 - DISSIPATION.friction) ** 2 * DISSIPATION.hold_limit / (4 * 0.27)
+    cost = (0.5 - DISSIPATION.least_friction) ** 2 * DISSIPATION.hold_limit / (4 * 0.27)
     assert bounder.spare((0.0,)) - bounder.spare((0.5,)) == pytest.approx(cost)
     assert bounder.spare((8.5,)) < 0.0
     bounder.debit(bounder.spare((0.5,)))
@@ -348,18 +348,21 @@ def test_a_recording_is_verified_with_the_energy_that_came_and_went(
 
 def test_partners_are_mutual_and_their_laws_can_exchange() -> None:
     left, right = (ServoSettings(energy_partner=one) for one in HANDS[::-1])
-    check_energy_partners({"left": left, "right": right, "third": ServoSettings()})
+    sound = {"left": left, "right": right, "third": ServoSettings()}
+    for name in sound:
+        check_energy_partner(name, sound)
     none = ServoSettings(law="none", energy_partner="left")
     unanswered = {"left": left, "right": ServoSettings()}
     itself = {"right": right, "left": right}
     for wrong in ({"left": left}, unanswered, itself, {"left": left, "right": none}):
         with pytest.raises(ConfigError) as caught:
-            check_energy_partners(wrong)
+            for name in wrong:
+                check_energy_partner(name, wrong)
         assert caught.value.field == "energy_partner"
 
 
 def test_streams_of_energy_go_from_device_to_device() -> None:
-    graph = graph_of((*HANDS, "third"), [HANDS])
+    graph = graph_of((*HANDS, "third"), exchanges=[HANDS])
     ways = {
         one.name: (one.sender, one.receiver)
         for one in graph.links

@@ -15,6 +15,7 @@ from forcebound.graph.graph import GraphConfig
 from forcebound.graph.loader import from_document, load
 from forcebound.graph.resolved import restore, to_document
 from forcebound.messages.codec import decode, encode
+from forcebound.messages.events import EventLog, is_of
 from forcebound.messages.packets import EnvironmentReply, Packet
 from forcebound.network.ends import RemoteEnd
 from forcebound.network.keys import key_pair
@@ -73,6 +74,12 @@ def test_two_hands_cannot_meet_the_environment_at_one_port(tmp_path: Path) -> No
     file = write_hands(tmp_path, left=same, right=f"{same}, listens: environment")
     with pytest.raises(ConfigError, match=r"right and left .* localhost port 7500"):
         load(file)
+
+
+def test_what_happens_at_the_link_of_a_hand_is_of_this_hand_alone() -> None:
+    event = EventLog("environment").emit(0, "serving", "", {"hand": "right"})
+    assert is_of(event, "right")
+    assert not is_of(event, "left")
 
 
 LABS = ("left-lab", "right-lab", "world-lab")

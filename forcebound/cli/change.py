@@ -23,6 +23,7 @@ def stop(node: str, run: Path) -> None:
 
     \b
     forcebound stop environment
+    forcebound stop left/controller
     """
     from forcebound.observe.control import stop_node
     from forcebound.observe.snapshot import other_environment, snapshot
@@ -108,6 +109,7 @@ def set_parameters(settings: tuple[str, ...], run: Path, as_json: bool) -> None:
     forcebound param set device.law:=certified_fading
     forcebound param set links.environment_query.delay:="20 ms"
     forcebound param set environment.stiffness:="2 N/mm" --run stiff_wall
+    forcebound param set left.device.law:=certified
     """
     from contextlib import closing
 
@@ -146,9 +148,12 @@ def _print(run: Path, values: "Parameters", as_json: bool, *, with_ranges: bool 
 def outage(time: str, links: tuple[str, ...], run: Path, as_json: bool) -> None:
     r"""Lose every packet of LINK for TIME. Default: environment_query, environment_reply.
 
+    With several hands, a link has the name of its hand; the default is both links of each.
+
     \b
     forcebound outage 500ms
     forcebound outage 2s force_command
+    forcebound outage 2s left/force_command
     """
     from forcebound.observe.tuning import cut_links
 

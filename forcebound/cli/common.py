@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 import click
 
-from forcebound.cli.complete import graphs, topics
+from forcebound.cli.complete import graphs, hands, topics
 from forcebound.errors import ConfigError, RunError
 from forcebound.files import printable, recording_file
 from forcebound.messages.topology import HAND
@@ -105,6 +105,9 @@ def recording_option(*names: str, **settings: Any) -> Callable[[Command], Comman
     return all_of(option, overwrite)
 
 
+hand_option = click.option(
+    "--hand", metavar="NAME", shell_complete=hands, help="Only this hand, if there are several."
+)
 record_option = recording_option("--record", help="Record the run in this file.")
 arguments_argument = partial(click.argument, "arguments", nargs=-1, metavar="[NAME:=VALUE]...")
 topics_argument = click.argument("topics", nargs=-1, metavar="[TOPIC]...", shell_complete=topics)

@@ -7,12 +7,16 @@ import functools
 from collections.abc import Callable, Iterable
 from importlib import import_module
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 from click.shell_completion import CompletionItem
 
 from forcebound.files import RECORDING_SUFFIX
 from forcebound.roles import CONTROLLER, ENVIRONMENT
+
+if TYPE_CHECKING:
+    from forcebound.messages.topology import Graph
 
 Offer = Callable[[click.Context, click.Parameter, str], list[CompletionItem]]
 
@@ -69,9 +73,40 @@ launch_files = _files("graph.document", ".yaml", ".yml")
 sweeps = _files("lab.sweep.plan", ".yaml", ".yml")
 parts = _files("", ".py")
 recordings = _files("", RECORDING_SUFFIX)
-topics, links = _of("messages.packets", "TOPICS"), _of("messages.topology", "LINKS")
 laws = _of("haptics.laws", "LAWS")
-nodes = offering(lambda *_: (ENVIRONMENT, CONTROLLER))  # that can be stopped
+
+
+def _graph(context: click.Context) -> "Graph":
+    """The running graph that is meant; one of one hand if it is not known."""
+    from forcebound.messages.topology import ONE_HAND
+    from forcebound.run.run_directory import graph_in
+
+    run = context.params.get("run")
+    return ONE_HAND if run is None else graph_in(run)
+
+
+topics = offering(lambda context, _: _graph(context).names)
+links = offering(lambda context, _: (stream.name for stream in _graph(context).links))
+
+
+@offering
+def nodes(context: click.Context, begun: str) -> Iterable[str]:
+    """Nodes of the running graph that can be stopped."""
+    graph = _graph(context)
+    return (name for name in graph.loop if graph.nodes[name].role in (ENVIRONMENT, CONTROLLER))
+
+
+@offering
+def hands(context: click.Context, begun: str) -> Iterable[str]:
+    """Hands of the recording that is already there, or of the running graph."""
+    from forcebound.observe.runs import find
+    from forcebound.recordings.recording import read
+    from forcebound.run.run_directory import graph_in
+
+    run = context.params.get("run") or next(iter(context.params.get("runs", context.args)), None)
+    if run is not None and Path(run).is_file():
+        return read(run).hands
+    return graph_in(find(run)).hands
 
 
 def runs(context: click.Context, parameter: click.Parameter, begun: str) -> list[CompletionItem]:
@@ -107,7 +142,7 @@ def fields(context: click.Context, begun: str) -> Iterable[str]:
 
     # An option without its value ends the parsing, before arguments have their names.
     topic = context.params.get("topic") or context.args[0]
-    return field_types(TOPICS[topic])
+    return field_types(TOPICS[topic.rpartition("/")[2]])
 
 
 @offering
@@ -121,7 +156,7 @@ def parameters(context: click.Context, begun: str) -> Iterable[str]:
 @offering
 def changes(context: click.Context, begun: str) -> Iterable[str]:
     """Parameters of the running graph, each ``name:=``, and its value; for the law all choices."""
-    from forcebound.graph.names import LAW
+    from forcebound.graph.names import ParameterName
     from forcebound.graph.parameters import takeable_laws
     from forcebound.observe.formatting import as_written
     from forcebound.observe.tuning import configuration, find_parameters
@@ -131,6 +166,6 @@ def changes(context: click.Context, begun: str) -> Iterable[str]:
     name, sign, _ = begun.partition(":=")
     if not sign:
         return [f"{one}:=" for one in known]
-    if name == LAW:
+    if ParameterName.parse(name).is_law:
         return [f"{name}:={law}" for law in takeable_laws()]
     return [f"{name}:={_one_word(as_written(config, {name: known[name]})[name])}"]

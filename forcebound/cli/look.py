@@ -102,7 +102,7 @@ def doctor(measure: bool, run: Path | None, as_json: bool) -> None:
 
     times = machine.processor_times()
     graph = None if run is None and not runs.running() else runs.find(run)
-    findings = machine.examine() if graph is None else doctor.examine(observe(graph))
+    findings = machine.examine() if graph is None else doctor.examine(*observe(graph))
     is_well = all(finding.severity != "problem" for finding in findings)
     measured = _measured() if measure else {}
     time.sleep(machine.STEAL_S)

@@ -67,18 +67,20 @@ def list_devices(as_json: bool) -> None:
 
 
 @device.command(short_help="Let a graph go on with a device that was lost.")
+@click.argument("hand", required=False, shell_complete=complete.hands)
 @graph_option
-def resume(run: Path) -> None:
-    r"""Let a running graph open its lost device again (on_loss: wait).
+def resume(run: Path, hand: str | None) -> None:
+    r"""Let a running graph open its lost device again (on_loss: wait), of HAND if it has several.
 
     First plug it in, switch it on, and hold it in its home pose.
 
     \b
     forcebound device resume --run haply_2diy
+    forcebound device resume left
     """
     from forcebound.observe.control import resume_device
 
-    resume_device(run)
+    resume_device(run, hand)
     show("the device is back; its force engages")
 
 

@@ -1,7 +1,7 @@
 """Commands that make a recording of a running graph, or something of one."""
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
@@ -16,6 +16,7 @@ from forcebound.cli.common import (
     all_option,
     arguments_argument,
     duration_option,
+    hand_option,
     json_option,
     output_option,
     print_json,
@@ -28,8 +29,10 @@ from forcebound.cli.common import (
     show_virtual_run,
 )
 from forcebound.files import content_of
+from forcebound.messages.topology import HAND
 
 if TYPE_CHECKING:
+    from forcebound.lab.verification import Verified
     from forcebound.recordings.recording import Recording
 
 _run_argument = click.argument(
@@ -75,52 +78,63 @@ def record(graph: Path | None, output: Path | None, duration: float | None, as_j
     "runs", nargs=-1, required=True, metavar="RUN.mcap...", shell_complete=complete.recordings
 )
 @output_option(help="Picture file, .png or .svg. Default: name of the first recording, .png.")
+@hand_option
 @all_option
 @json_option
-def plot(runs: tuple[str, ...], output: Path | None, shows_all: bool, as_json: bool) -> None:
+def plot(
+    runs: tuple[str, ...],
+    output: Path | None,
+    hand: str | None,
+    shows_all: bool,
+    as_json: bool,
+) -> None:
     r"""Draw recordings side by side: position, forces, energy, loop delay.
 
     Prints the verdict on each, and if a hand feels the difference between the first and each other.
+    Several hands of a recording are drawn side by side, too.
 
     \b
     forcebound plot run.mcap
     forcebound plot none.mcap certified.mcap -o both.svg
+    forcebound plot two.mcap --hand left
     """
     from forcebound.recordings.recording import read
     from forcebound.results.perception import differences
     from forcebound.results.plots import check_picture, figure, save
     from forcebound.results.signals import curves_of
     from forcebound.results.tables import difference_text
-    from forcebound.run.results import RunResult
+    from forcebound.run.results import results_of
 
     output = Path(runs[0]).with_suffix(".png") if output is None else output
     check_picture(output)
-    results = [RunResult.from_recording(Path(run)) for run in runs]
+    found = [(run, one) for run in runs for one in results_of(Path(run), hand).items()]
+    results = [result for _, (_, result) in found]
     labels = [result.label for result in results]
     if len(set(labels)) < len(labels):  # same law: distinguished by file
-        labels = [f"{run}: {label}" for run, label in zip(runs, labels, strict=True)]
+        labels = [f"{run}: {result.label}" for run, (_, result) in found]
     with content_of(" and ".join(runs)):
         summaries = [result.summary for result in results]
         compared = [differences(summaries[0], other) for other in summaries[1:]]
         drawn = [(label, r.columns, r.document) for label, r in zip(labels, results, strict=True)]
-        signals = [curves_of(read(run)) for run in runs]
+        signals = [curves_of(read(run, hand=one)) for run, (one, _) in found]
         save(figure(drawn, events=[r.events for r in results], signals=signals), output)
         document = {"picture": str(output), "runs": summaries, "differences": compared}
     if as_json:
         print_json(document)
         return
-    show_results(results, labels if len(runs) > 1 else (), shows_all=shows_all)
-    for label, found in zip(labels[1:], compared, strict=True):
-        for difference in found:
+    show_results(results, labels if len(results) > 1 else (), shows_all=shows_all)
+    for label, felt in zip(labels[1:], compared, strict=True):
+        for difference in felt:
             show(f"{label} against {labels[0]}: {difference_text(difference)}")
     show(f"picture: {output}")
 
 
-def _read(run: Path, topics: Sequence[str] | None = None) -> "Recording":
+def _read(run: Path, hand: str | None, topics: Sequence[str] | None = None) -> "Recording":
     """Return a recording, with these topics or all, and say if it is incomplete."""
+    from forcebound.messages.packets import TOPICS
     from forcebound.recordings.recording import read
 
-    recording = read(run) if topics is None else read(run, topics)
+    recording = read(run, tuple(TOPICS) if topics is None else topics, hand)
     if not recording.complete:
         show(f"forcebound: recording incomplete: using the readable part of {run}", err=True)
     return recording
@@ -130,8 +144,11 @@ def _read(run: Path, topics: Sequence[str] | None = None) -> "Recording":
 @_run_argument
 @click.option("--csv", type=FOLDER, metavar="DIR", required=True, help="Into this folder, as CSV.")
 @click.option("--overwrite", is_flag=True, help="Replace existing files.")
-def export(run: Path, csv: Path, overwrite: bool) -> None:
+@hand_option
+def export(run: Path, csv: Path, overwrite: bool, hand: str | None) -> None:
     r"""Write each topic of a recording as a table; columns.csv has their units and meanings.
+
+    The tables of several hands are in folders of their names in DIR.
 
     \b
     forcebound export run.mcap --csv tables
@@ -139,8 +156,9 @@ def export(run: Path, csv: Path, overwrite: bool) -> None:
     """
     from forcebound.recordings.export import export as write_tables
 
-    for file in write_tables(_read(run), csv, overwrite):
-        show(str(file))
+    for name, recording in _read(run, hand).by_hand.items():
+        for file in write_tables(recording, csv / name, overwrite):
+            show(str(file))
 
 
 @click.command(short_help="Make a complete recording of a cut one.")
@@ -175,6 +193,7 @@ def recover(run: Path, output: Path, as_json: bool) -> None:
     "--environment", is_flag=True, help="Use the recorded replies; they do not react to the hand."
 )
 @click.option("--live", is_flag=True, help="In real time. Default: in virtual time.")
+@hand_option
 @run_duration_option
 @record_option
 @all_option
@@ -186,6 +205,7 @@ def replay(
     network: bool,
     environment: bool,
     live: bool,
+    hand: str | None,
     duration: float | None,
     record: Path | None,
     shows_all: bool,
@@ -200,22 +220,27 @@ def replay(
     the bit. Exit status 1: a force differs, a command or a tick is missing. If the recording begins
     after the force engaged, verification begins at a new law.
 
+    Several hands run together, and each is verified. One of them alone (--hand) needs
+    --environment: what the others did to their world is in the recorded replies only.
+
     \b
     forcebound replay run.mcap law:=none
     forcebound replay run.mcap --network --live --record again.mcap controller:=local_model
     forcebound replay run.mcap --environment law:=tdpa
     forcebound replay run.mcap --verify
+    forcebound replay two.mcap left.law:=none
+    forcebound replay two.mcap --hand left --environment law:=none
     """
     if verify:
         if live or network or environment or duration or record:
             raise click.UsageError("--verify runs no graph: give it alone, or with NAME:=VALUE")
-        _verify(run, arguments, as_json)
+        _verify(run, hand, arguments, as_json)
     from forcebound.lab.replay import duration_of, graph_of
     from forcebound.messages.packets import TOPIC_OF, Telemetry
 
     if record is not None and record.exists() and record.samefile(run):
         raise click.UsageError(f"--record: {record} is the recording itself")
-    recording = _read(run, (TOPIC_OF[Telemetry],))
+    recording = _read(run, hand, (TOPIC_OF[Telemetry],))
     fed = {"hand": True, "network": network, "environment": environment}
     config = graph_of(recording, arguments, [feed for feed, is_fed in fed.items() if is_fed])
     seconds = duration_of(recording, config) if duration is None else duration
@@ -226,27 +251,33 @@ def replay(
         show_virtual_run(config, seconds, record, as_json, shows_all)
 
 
-def _verify(run: Path, settings: Sequence[str], as_json: bool) -> NoReturn:
+def _verify(run: Path, hand: str | None, settings: Sequence[str], as_json: bool) -> NoReturn:
     from forcebound.lab.replay import device_of
-    from forcebound.lab.verification import TOPICS
-    from forcebound.lab.verification import verify as verify_recording
+    from forcebound.lab.verification import TOPICS, verify
 
-    recording = _read(run, TOPICS)
-    device = device_of(recording, settings)
-    with content_of(run):
-        found = verify_recording(recording, device)
+    found = {}
+    for name, recording in _read(run, hand, TOPICS).by_hand.items():
+        device = device_of(recording, settings)
+        with content_of(run):
+            found[name] = verify(recording, device)
     if as_json:
-        print_json(asdict(found) | {"is_same": found.is_same})
-        sys.exit(0 if found.is_same else 1)
-    show(f"verified: {found.verified} of {found.ticks} ticks, {found.differing} differ")
+        documents = {name: asdict(one) | {"is_same": one.is_same} for name, one in found.items()}
+        print_json(documents.get(HAND, {"hands": documents}))
+    else:
+        for name, one in found.items():
+            show("\n".join([*([f"{name}:"] if name else []), *_lines(one)]))
+    sys.exit(0 if all(one.is_same for one in found.values()) else 1)
+
+
+def _lines(found: "Verified") -> Iterator[str]:
+    yield f"verified: {found.verified} of {found.ticks} ticks, {found.differing} differ"
     if found.difference:
-        show(f"first difference: {found.difference}")
+        yield f"first difference: {found.difference}"
     if found.unknown:
-        show(f"not verified: {found.unknown} ticks of an earlier ledger, see --help")
+        yield f"not verified: {found.unknown} ticks of an earlier ledger, see --help"
     if found.verified + found.unknown < found.ticks:
-        show("a tick is missing from the recording; what follows it cannot be verified")
-    show(
+        yield "a tick is missing from the recording; what follows it cannot be verified"
+    yield (
         f"commands: {found.commands} forces follow from a recorded one,"
         f" {found.unknown_commands} from none"
     )
-    sys.exit(0 if found.is_same else 1)

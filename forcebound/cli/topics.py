@@ -22,6 +22,7 @@ from forcebound.cli.common import (
     Group,
     all_of,
     duration_option,
+    hand_option,
     json_lines_option,
     json_option,
     output_option,
@@ -75,6 +76,7 @@ def echo(
     forcebound echo telemetry --field position --field applied_force --line
     forcebound echo event --json
     forcebound echo telemetry --csv --duration 5s > telemetry.csv
+    forcebound echo left/telemetry
     """
     from forcebound.observe.streams import check_fields, fields_of_packet, packets_of, streams_of
 
@@ -226,9 +228,15 @@ def log(quiet: bool, verbose: bool, run: Path, duration: float | None, as_json: 
 @output_option(metavar="TRACE.csv", help="Write the delays as a trace for a link.")
 @duration_option(help="Measuring time of a running graph. Default: 5s.")
 @click.option("--links", is_flag=True, help="Also of each link.")
+@hand_option
 @json_option
 def delay(
-    run: Path | None, output: Path | None, duration: float | None, links: bool, as_json: bool
+    run: Path | None,
+    output: Path | None,
+    duration: float | None,
+    links: bool,
+    hand: str | None,
+    as_json: bool,
 ) -> None:
     r"""Show the loop delay of RUN, a recording or a running graph. Default: the running graph.
 
@@ -246,7 +254,7 @@ def delay(
 
     if output is not None:
         check_output(output)
-    measured = measure(run, duration, links)
+    measured = measure(run, duration, links, hand)
     if not measured.is_complete:
         show(f"{run} is incomplete: these are the delays up to its end", err=True)
     if output is not None:
@@ -315,7 +323,9 @@ def plotjuggler(topics: tuple[str, ...], **options: Any) -> None:
     forcebound bridge plotjuggler
     forcebound bridge plotjuggler telemetry device_state --run stiff_wall
     """
-    _serve("plotjuggler", topics or ("telemetry",), **options)
+    from forcebound.observe.bridges import telemetry_of
+
+    _serve("plotjuggler", topics or telemetry_of(options["run"]), **options)
 
 
 @bridge.command(short_help="Serve topics to Foxglove.")

@@ -52,6 +52,10 @@ def check_together(made: Values, root: Value, problems: Problems, asks: bool) ->
         if sections.get("remote") is not None:
             remotes[name] = sections["remote"]
             check("remote", _check_meeting, name, remotes)
+    servos = {name: device.servo for name, device in devices.items()}
+    for name in servos if len(devices) == len(made[HANDS]) else ():
+        check = partial(_check, written[name], problems)
+        check("device", check_energy_partner, name, servos)
     if environment is not None and len(devices) == len(made[HANDS]) > 0:
         check = partial(_check, root, problems)
         check("environment", environment.served.check_hands, tuple(devices))
@@ -102,7 +106,7 @@ def _check_beside(hand: str, devices: Mapping[str, DeviceConfig]) -> None:
             raise ConfigError(
                 f"{hand} has {model.axes} axes, {name} {other.model.axes}: one environment answers"
                 " both, so they need the same number",
-                field="kind",
+                field="axes",
             )
         if model.port and model.port == other.model.port:
             raise ConfigError(f"{hand} and {name} are both at the port {model.port}", field="port")
@@ -164,23 +168,22 @@ def _check_delays(
     )
 
 
-def check_energy_partners(hands: Mapping[str, ServoSettings]) -> None:
-    """Raise ConfigError for a hand whose ``energy_partner`` cannot exchange energy with it."""
-    for hand, servo in hands.items():
-        partner = servo.energy_partner
-        if not partner:
-            continue
-        others = [name for name in hands if name != hand]
-        if partner not in others:
-            problem = f"expected another hand ({', '.join(others) or 'there is none'})"
-        elif hands[partner].energy_partner != hand:
-            problem = f"expected energy_partner: {hand} of {partner}, too: energy goes both ways"
-        elif not LAWS[servo.law].exchanges:
-            able = ", ".join(name for name in LAWS if LAWS[name].exchanges)
-            problem = f"law {servo.law} cannot exchange energy: expected law: one of {able}"
-        else:
-            continue
-        raise ConfigError(f"hand {hand}: {problem}, got {partner!r}", field="energy_partner")
+def check_energy_partner(hand: str, hands: Mapping[str, ServoSettings]) -> None:
+    """Raise ConfigError if the ``energy_partner`` of a hand cannot exchange energy with it."""
+    servo = hands[hand]
+    partner, others = servo.energy_partner, [name for name in hands if name != hand]
+    if not partner:
+        return
+    if partner not in others:
+        problem = f"expected another hand ({', '.join(others) or 'there is none'})"
+    elif hands[partner].energy_partner != hand:
+        problem = f"expected energy_partner: {hand} of {partner}, too: energy goes both ways"
+    elif not LAWS[servo.law].exchanges:
+        able = ", ".join(name for name in LAWS if LAWS[name].exchanges)
+        problem = f"law {servo.law} cannot exchange energy: expected law: one of {able}"
+    else:
+        return
+    raise ConfigError(f"energy_partner: {problem}, got {partner!r}", field="energy_partner")
 
 
 def _ask_law(device: DeviceConfig) -> None:

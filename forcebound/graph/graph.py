@@ -233,17 +233,19 @@ class GraphConfig:
             if name not in self.hands:
                 known = ", ".join(filter(None, self.hands)) or "one without a name"
                 raise ConfigError(f"no hand {name!r}; the hands are: {known}", field=HERE)
+        for name, hand in self.hands_here.items():
+            partner = hand.device.servo.energy_partner
+            if partner in self.hands and partner not in self.hands_here:
+                message = f"{name} exchanges energy with {partner}: they need one machine"
+                raise ConfigError(message, field=HERE)
 
     @cached_property
     def graph(self) -> Graph:
         """Its nodes and streams, as far as they are on this machine."""
-        servos = {name: hand.device.servo for name, hand in self.hands_here.items()}
-        pairs = {
-            (min(name, servo.energy_partner), max(name, servo.energy_partner))
-            for name, servo in servos.items()
-            if servo.energy_partner in servos
-        }
-        return graph_of(tuple(self.hands), sorted(pairs), self.here, self.has_environment)
+        hands = self.hands_here
+        partners = ((name, hand.device.servo.energy_partner) for name, hand in hands.items())
+        pairs = dict.fromkeys(tuple(sorted(pair)) for pair in partners if pair[1] in hands)
+        return graph_of(tuple(self.hands), self.here, self.has_environment, pairs)
 
     @property
     def hands_here(self) -> Mapping[str, HandConfig]:

@@ -34,7 +34,7 @@ from forcebound.graph.servo import ServoSettings
 from forcebound.graph.tree import Value, scalar
 from forcebound.haptics.laws import LAWS
 from forcebound.haptics.parts.user_module import describe_user_error, user_code
-from forcebound.messages.topology import HANDS, LINKS
+from forcebound.messages.topology import HANDS, IMPAIRABLE
 from forcebound.network.impairment import Impairment
 from forcebound.quantities import CheckedText
 from forcebound.results.delay_traces import trace_of
@@ -63,7 +63,7 @@ _RUN = {
 }
 _FILE = Form("the launch file", _RUN)
 _FILE_OF_PHASES = Form(_FILE.name, {n: f for n, f in _RUN.items() if n != "duration"})
-_LINK = {topic: Form(f"links.{topic}", fields_of(Impairment)) for topic in LINKS}
+_LINK = {topic: Form(f"links.{topic}", fields_of(Impairment)) for topic in IMPAIRABLE}
 #: Sections that are made of their values alone.
 SETTINGS: Mapping[str, type] = {"realtime": RealtimeConfig, "remote": RemoteConfig}
 _SETTINGS = {name: (Form(name, fields_of(kind)), kind) for name, kind in SETTINGS.items()}
@@ -80,7 +80,7 @@ def read_sections(root: Value, problems: Problems) -> Values:
     The phases have no settings yet; ``hands`` has the sections of each hand.
     """
     has_phases = PHASES in root.entries
-    of_hands = (HANDS,) if HANDS in root.entries else HAND_SECTIONS
+    of_hands = (HANDS, *HAND_SECTIONS) if HANDS in root.entries else HAND_SECTIONS
     others = ("environment", "realtime", *of_hands, *_UNREAD, PHASES, *(["duration"] * has_phases))
     made = (_FILE_OF_PHASES if has_phases else _FILE).read(root, problems, others) or {}
     made.pop("forcebound", None)
@@ -99,10 +99,13 @@ def _hands(root: Value, problems: Problems) -> dict[str, Values]:
     """What could be made of the sections of each hand, by its name."""
     named = root.entries.get(HANDS)
     if named is not None:
+        for section in HAND_SECTIONS:
+            if section in root.entries:
+                value = root.entries[section]
+                words = f"{section} belongs to a hand: move it below {HANDS}: and a name"
+                problems.add(words, value.key or value.place)
         if not named.entries and not named.is_broken:
-            problems.add(
-                f"{HANDS}: expected a mapping from names to hands, got {named}", named.place
-            )
+            problems.add(f"{HANDS}: expected the name of a hand and its sections", named.place)
         if len(named.entries) > MOST_HANDS:
             words = f"{HANDS}: expected at most {MOST_HANDS}, got {len(named.entries)}"
             problems.add(words, named.key or named.place)
@@ -131,11 +134,11 @@ def _hand(root: Value, problems: Problems) -> Values:
 
 
 def _links(value: Value, problems: Problems) -> dict[str, Impairment]:
-    Form("links", {}).read(value, problems, LINKS)
+    Form("links", {}).read(value, problems, IMPAIRABLE)
     links = {
         topic: _made(_LINK[topic], link, problems, _link)
         for topic, link in value.entries.items()
-        if topic in LINKS
+        if topic in IMPAIRABLE
     }
     return {topic: link for topic, link in links.items() if link is not None}
 

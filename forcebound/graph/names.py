@@ -40,9 +40,14 @@ class ParameterName:
         return self.steps[0] if is_named else HAND
 
     @property
+    def own(self) -> tuple[str, ...]:
+        """The keys from the section of the launch file."""
+        return self.steps[1:] if self.hand else self.steps
+
+    @property
     def section(self) -> str:
         """The section of the launch file."""
-        return self.steps[1] if self.hand else self.steps[0]
+        return self.own[0]
 
     @property
     def path(self) -> tuple[str, ...]:
@@ -62,8 +67,7 @@ class ParameterName:
     @property
     def topic(self) -> str | None:
         """The topic of a link's parameter; None for others."""
-        steps = self.steps[1:] if self.hand else self.steps
-        return steps[1] if self.section == "links" and len(steps) > 2 else None
+        return self.own[1] if self.section == "links" and len(self.own) > 2 else None
 
     def put(self, document: Document, value: Any) -> None:
         """Set the value in a document of plain values, in mappings of its own."""

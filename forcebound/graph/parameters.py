@@ -16,9 +16,16 @@ from forcebound.graph.resolved import to_document
 from forcebound.haptics.laws import LAWS
 from forcebound.haptics.parts.plain import plain
 from forcebound.messages.control import Parameters
-from forcebound.messages.topology import LINKS, ONE_HAND, hand_sections, in_hand
+from forcebound.messages.topology import (
+    IMPAIRABLE,
+    LINKS,
+    ONE_HAND,
+    TRANSFER,
+    hand_sections,
+    in_hand,
+)
 from forcebound.network.impairment import Impairment
-from forcebound.roles import ENVIRONMENT
+from forcebound.roles import DEVICE, ENVIRONMENT
 from forcebound.units import in_unit
 
 SECTIONS = ("links", "environment")  # of a launch file, whose entries are parameters
@@ -30,7 +37,7 @@ def parameters(config: GraphConfig | Document) -> Parameters:
     found: Parameters = {}
     for hand, sections in hand_sections(document).items():
         found[of_hand(hand, LAW)] = sections["device"]["law"]
-        for topic in LINKS:
+        for topic in IMPAIRABLE if sections["device"].get("energy_partner") else LINKS:
             link = plain(Impairment()) | sections["links"].get(topic, {})
             found |= {of_hand(hand, f"links.{topic}.{name}"): v for name, v in link.items()}
     environment = {n: v for n, v in document["environment"].items() if n != "kind"}
@@ -94,13 +101,15 @@ def _sections() -> str:
     return f"{', '.join((LAW, *(f'links.{topic}' for topic in LINKS)))} and environment"
 
 
-def processes_of(names: Iterable[str]) -> set[str]:
+def processes_of(names: Iterable[str], config: GraphConfig) -> set[str]:
     """Return the processes that parameters belong to: of a link, the one that receives."""
     receivers = {stream.topic: str(stream.receiver) for stream in ONE_HAND.links}
     found = set()
     for name in map(ParameterName.parse, names):
-        role = name.section if name.topic is None else receivers[name.topic]
-        found.add(role if role == ENVIRONMENT else in_hand(name.hand, role))
+        role, hand = receivers.get(name.topic or "", name.section), name.hand
+        if name.topic == TRANSFER:
+            role, hand = DEVICE, config.hands[hand].device.servo.energy_partner
+        found.add(role if role == ENVIRONMENT else in_hand(hand, role))
     return found
 
 

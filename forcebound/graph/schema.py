@@ -13,7 +13,7 @@ from forcebound.graph.graph import FORMAT, KINDS, RUN_KEYS, GraphConfig
 from forcebound.graph.model import BESIDE, PHASE, PHASES, SETTINGS
 from forcebound.graph.names import HAND_SECTIONS
 from forcebound.haptics.laws import LAWS
-from forcebound.messages.topology import HANDS, LINKS
+from forcebound.messages.topology import HANDS, IMPAIRABLE
 from forcebound.network.impairment import Impairment
 
 Schema: TypeAlias = dict[str, Any]
@@ -30,7 +30,7 @@ def json_schema() -> Schema:
         "help": {"type": "string"},
         "choices": {"type": "array", "items": _SCALAR},
     }
-    links = {topic: _mapping(properties(fields_of(Impairment))) for topic in LINKS}
+    links = {topic: _mapping(properties(fields_of(Impairment))) for topic in IMPAIRABLE}
     fixed = {name: _mapping(properties(fields_of(kind))) for name, kind in SETTINGS.items()}
     phases = {"type": "array", "items": _mapping(properties(PHASE.fields))}
     hand = {name: _kinds(name) for name in KINDS if name in HAND_SECTIONS}

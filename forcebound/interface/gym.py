@@ -74,6 +74,8 @@ class HapticEnv(gymnasium.Env[dict[str, Any], Numbers]):
             raise ConfigError(f"frame_skip: expected a number of ticks >= 1, got {frame_skip}")
         config = configuration(file, arguments)
         check_has_virtual_time(config)
+        if len(config.hands) > 1:
+            raise ConfigError(f"HapticEnv has one hand; this graph has {', '.join(config.hands)}")
         hand, axes = _pointed(config.operator), config.device.axes
         self.config = config.with_hand(operator=hand)
         self._step_ns = frame_skip * config.device.servo.period_ns

@@ -26,7 +26,7 @@ from forcebound.observe.control import ask
 from forcebound.observe.kernels import Kernels
 from forcebound.observe.runs import launched
 from forcebound.roles import LAUNCHER
-from forcebound.run.results import RunResult
+from forcebound.run.results import results_of
 from forcebound.units import parse_quantity
 
 UNTIL_ENDED = 86_400.0  # s; a graph without a duration runs until its block ends, at most a day
@@ -130,6 +130,8 @@ class Graph:
     def figures(self, last: float | str | None = None) -> Figures:
         """Return the figures so far, or those of the ``last`` seconds, as :meth:`Run.last`.
 
+        Of several hands, ``graph.run.hands["left"].figures`` are those of one.
+
         The last quarter of a second may be missing, on a busy machine more.
         """
         run = self.run
@@ -144,13 +146,13 @@ class Graph:
         end = time.monotonic() + FIRST_SAMPLES
         while True:
             try:
-                result = RunResult.from_recording(self._recording, is_growing=not has_ended)
+                results = results_of(self._recording, is_growing=not has_ended)
                 break
             except ConfigError:  # the recorder has not written its first samples yet
                 if has_ended or time.monotonic() > end:
                     raise
                 time.sleep(POLL)
-        run = Run(result, self._recording, self)
+        run = Run(results, self._recording, self)
         if has_ended:
             self._result = run
         return run

@@ -4,6 +4,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import fields, replace
+from functools import cached_property
 from itertools import count
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -28,8 +29,8 @@ from forcebound.lab.workers import progress_bar
 from forcebound.messages.packets import Event
 from forcebound.quantities import POSITIVE
 from forcebound.recordings.telemetry import TelemetryColumns
-from forcebound.run.results import RunResult
-from forcebound.run.virtual import run_virtual
+from forcebound.run.results import RunResult, results_of
+from forcebound.run.virtual import run_virtual_hands
 from forcebound.units import parse_quantity
 
 #: A launch file: its path, the name of one that comes with forcebound, or its content.
@@ -73,22 +74,46 @@ class Telemetry(Mapping[str, NDArray[Any]]):
 class Run:
     """A run: its figures, telemetry, events and launch file.
 
+    Of a run of several hands, :attr:`hands` has that of each, with its figures; only what says so
+    is of all of them. What else is asked of it is a ConfigError.
+
     Attributes:
-        label: Its law; of a run that changed it, all of them.
-        telemetry: Columns of the telemetry.
-        events: What the nodes reported, in order.
-        document: The launch file as resolved for the run, in SI units.
         path: The recording, if there is one.
     """
 
-    def __init__(self, result: RunResult, path: Path | None = None, keeps: object = None) -> None:
-        self._result = result
+    def __init__(
+        self, results: Mapping[str, RunResult], path: Path | None = None, keeps: object = None
+    ) -> None:
+        self._results = dict(results)  # by hand
         self._keeps = keeps  # the graph whose end removes the recording
         self.path = path
-        self.label = result.label
-        self.telemetry = Telemetry(result.columns)
-        self.events: Sequence[Event] = tuple(result.events)
-        self.document: Document = result.document
+
+    @property
+    def _result(self) -> RunResult:
+        if len(self._results) > 1:
+            known = " or ".join(f'run.hands["{hand}"]' for hand in self._results)
+            raise ConfigError(f"which hand? This run has several: {known}")
+        return next(iter(self._results.values()))
+
+    @property
+    def label(self) -> str:
+        """Its law; of a run that changed it, all of them."""
+        return self._result.label
+
+    @cached_property
+    def telemetry(self) -> Telemetry:
+        """Columns of the telemetry."""
+        return Telemetry(self._result.columns)
+
+    @property
+    def events(self) -> Sequence[Event]:
+        """What the nodes reported, in order."""
+        return tuple(self._result.events)
+
+    @property
+    def document(self) -> Document:
+        """The launch file as resolved for the run, in SI units."""
+        return self._result.document
 
     @property
     def figures(self) -> Figures:
@@ -103,10 +128,12 @@ class Run:
     @property
     def hands(self) -> Mapping[str, "Run"]:
         """The run of each hand by the hand's name; the only hand of a graph has the name ``""``."""
-        return {self._result.columns.hand: self}
+        return {
+            hand: Run({hand: result}, self.path, self) for hand, result in self._results.items()
+        }
 
     def last(self, seconds: float | str) -> "Run":
-        """Return the end of the run as a run of its own, whose time begins at 0 s.
+        """Return the end of the run, of all hands, as a run of its own, whose time begins at 0 s.
 
         Its figures are those of this time, but true energy counts from the beginning of the run.
 
@@ -116,7 +143,9 @@ class Run:
         Raises:
             ConfigError: If that is not a time > 0 s.
         """
-        return Run(self._result.last(time_of("last", seconds)), self.path, self)
+        length = time_of("last", seconds)
+        ends = {hand: result.last(length) for hand, result in self._results.items()}
+        return Run(ends, self.path, self)
 
     def to_pandas(self) -> Any:
         """Return the telemetry as a pandas.DataFrame, indexed by time in s; needs pandas.
@@ -132,11 +161,15 @@ class Run:
         return needed("pandas").DataFrame(found).set_index("time")
 
     def plot(self, *panels: str) -> "NDArray[Any]":
-        """Draw the run; see :func:`plot`. Returns the axes of its panels, from top to bottom."""
+        """Draw the run of one hand; see :func:`plot`. Returns the axes, from top to bottom."""
+        _ = self._result
         return plot(self, panels=panels)[:, 0]
 
     def __repr__(self) -> str:
-        return "\n".join(self.verdict)
+        lines: list[str] = []
+        for hand, result in self._results.items():
+            lines += [*([f"{hand}:"] if hand else []), *result.summary["verdict"]]
+        return "\n".join(lines)
 
 
 def simulate(
@@ -166,10 +199,11 @@ def simulate(
     config = configuration(launch, arguments, duration, seed)
     path = None if record is None else recording_file(Path(record))
     with shown_progress("ms of virtual time") as progress:
-        result = run_virtual(config, record=path, progress=progress)
-    if result.failed:
-        raise RunError(result.failed)
-    return Run(result, path)
+        results = run_virtual_hands(config, record=path, progress=progress)
+    for hand, result in results.items():
+        if result.failed:
+            raise RunError(f"{hand}: {result.failed}" if hand else result.failed)
+    return Run(results, path)
 
 
 def read(recording: str | Path) -> Run:
@@ -179,19 +213,19 @@ def read(recording: str | Path) -> Run:
         ConfigError: If it is no recording of a run.
     """
     path = Path(recording)
-    return Run(RunResult.from_recording(path), path)
+    return Run(results_of(path), path)
 
 
 def plot(*runs: Run, panels: Sequence[str] = ()) -> "NDArray[Any]":
     """Draw runs side by side, as ``forcebound plot`` does, in a figure of matplotlib's pyplot.
 
     Args:
-        runs: One column each.
+        runs: One column each; of several hands, one for each hand.
         panels: Of ``position``, ``force``, ``energy``, ``loop_delay`` and the others of
             :data:`forcebound.results.panels.PANELS`; default: those that suit the runs.
 
     Returns:
-        The axes, shape (panels, runs), each a :class:`matplotlib.axes.Axes`.
+        The axes, shape (panels, columns), each a :class:`matplotlib.axes.Axes`.
     """
     from matplotlib import pyplot
 
@@ -203,15 +237,19 @@ def plot(*runs: Run, panels: Sequence[str] = ()) -> "NDArray[Any]":
     for name in panels:
         if name not in PANELS:
             raise ConfigError(unknown("panel", name, PANELS))
-    results = [run._result for run in runs]
+    columns = [(run.path, *one) for run in runs for one in run._results.items()]
+    results = [result for _, _, result in columns]
     drawing = figure(
         [(result.label, result.columns, result.document) for result in results],
         panels or None,
         events=[result.events for result in results],
-        signals=[[] if run.path is None else curves_of(read_recording(run.path)) for run in runs],
+        signals=[
+            [] if path is None else curves_of(read_recording(path, hand=hand))
+            for path, hand, _ in columns
+        ],
         new=pyplot.figure,
     )
-    axes: NDArray[Any] = np.array(drawing.axes, dtype=object).reshape(-1, len(runs))
+    axes: NDArray[Any] = np.array(drawing.axes, dtype=object).reshape(-1, len(columns))
     return axes
 
 

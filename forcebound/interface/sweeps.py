@@ -22,7 +22,7 @@ from forcebound.graph.loader import build
 from forcebound.graph.problems import unknown
 from forcebound.haptics.laws import LAWS, BoundingLaw
 from forcebound.haptics.parts import Table
-from forcebound.interface.figures import name_of
+from forcebound.interface.figures import is_figure, name_of
 from forcebound.interface.runs import (
     LaunchFile,
     is_part,
@@ -56,7 +56,8 @@ class Runs:
 
     A column has an entry per run, in SI units, NaN where a run does not have the figure. Names are
     those of the arguments that vary, of :class:`~forcebound.interface.figures.Figures`, and of
-    the launch file's keys: ``"device.damping"``.
+    the launch file's keys: ``"device.damping"``. With several hands, ``"left.peak_force"`` and
+    ``"left.device.damping"``.
 
     Attributes:
         rows: A mapping for each run, under the keys of a sweep's Parquet file (docs/sweeps.md).
@@ -67,7 +68,7 @@ class Runs:
         self.rows = rows
         self.varied = tuple(varied)
         keys = dict.fromkeys(key for row in rows for key in row)
-        figures = {name_of(key)[0]: key for key in keys if "." not in key}
+        figures = {name_of(key)[0]: key for key in keys if is_figure(key)}
         self._keys = {key: key for key in keys} | figures
         self._keys |= {name: f"over.{name}" for name in varied}
 
@@ -107,7 +108,8 @@ class Runs:
 
     def to_pandas(self) -> Any:
         """Return a pandas.DataFrame of the varied arguments and all figures; needs pandas."""
-        own = ("case", "engine", "error", *(key for key in self._keys if "." in key))
+        parameters = (key for key in self._keys if not is_figure(self._keys[key]))
+        own = ("case", "engine", "error", *parameters)
         names = [name for name in self._keys if name not in own and name_of(name)[0] == name]
         return needed("pandas").DataFrame({name: self[name] for name in names})
 

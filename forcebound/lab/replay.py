@@ -9,6 +9,9 @@ What can be fed from the recording in place of the graph's own:
   environment; see :func:`forcebound.results.delay_traces.hop_delays`.
 * ``environment``: the recorded replies, whatever the hand does; see
   :mod:`forcebound.haptics.environments.recorded`.
+
+Several hands run together in their world. One of them alone needs the recorded replies: what the
+others did to the world is nowhere else.
 """
 
 import dataclasses
@@ -20,10 +23,10 @@ from typing import Any, TypeAlias, cast
 
 from forcebound.errors import ConfigError
 from forcebound.files import content_of
-from forcebound.graph.graph import BESIDE_MODEL, KINDS, DeviceConfig, GraphConfig
+from forcebound.graph.graph import BESIDE_MODEL, KINDS, DeviceConfig, GraphConfig, HandConfig
 from forcebound.graph.loader import from_document
 from forcebound.graph.model import law_of, make_part
-from forcebound.graph.names import ParameterName, split_setting
+from forcebound.graph.names import ParameterName, of_hand, split_setting
 from forcebound.graph.problems import Problems, unknown
 from forcebound.graph.servo import ServoSettings
 from forcebound.graph.tree import from_plain, scalar
@@ -31,7 +34,7 @@ from forcebound.haptics.hands.hands import SoftGrip
 from forcebound.haptics.hands.paths import began
 from forcebound.haptics.laws import LAWS
 from forcebound.messages.packets import TOPIC_OF, Telemetry
-from forcebound.messages.topology import LINKS
+from forcebound.messages.topology import HANDS, LINKS, hand_document, hand_sections
 from forcebound.recordings.recording import Recording
 
 Document: TypeAlias = dict[str, Any]  # of a launch file
@@ -51,27 +54,38 @@ def graph_of(
         recording: With its launch file.
         settings: Other values, each ``name:=value``: ``law``; ``device``, ``operator``,
             ``controller`` or ``environment`` for another kind with its defaults; or a key of the
-            launch file, ``environment.stiffness``.
+            launch file, ``environment.stiffness``. With several hands, ``left.law``.
         feeds: Some of ``hand``, ``network``, ``environment``.
 
     Raises:
-        ConfigError: If the recording holds none, a setting is wrong, or the recording names code or
-            a serial port of its own, which only the user may.
+        ConfigError: If the recording holds none, a setting is wrong, the recording names code or a
+            serial port of its own, which only the user may, or its hands need what is not fed.
     """
     document = _document(recording)
-    document.pop("remote", None)  # the environment runs here
+    several = len(recording.hands) > 1
+    if several and HANDS not in document and "environment" not in feeds:
+        raise ConfigError(
+            "one of several hands alone needs --environment: what the others did to their world is"
+            " in the recorded replies only; or leave out --hand, and all of them run"
+        )
+    if several and "network" in feeds:
+        raise ConfigError(f"--network: {recording.path} has several hands; expected one")
     with content_of(recording.path):
         _feed(document, recording, feeds)
     named = {_set(document, setting) for setting in settings}
     if "environment" in feeds and "environment" in named:
         raise ConfigError("environment:=KIND and --environment exclude each other: give one")
-    _check_code(recording, document, named, KINDS)
+    for hand in hand_sections(document):
+        own = {name.removeprefix(of_hand(hand, "")) if hand else name for name in named}
+        _check_code(recording, hand_document(document, hand), own, KINDS)
     config = from_document(document)
-    if "device" not in named and config.device.model.simulated_in is not None:
-        raise ConfigError(
-            f"{recording.path} was recorded on a device at a serial port; name a simulated one,"
-            " such as device:=five_bar, or this one: device:=KIND device.port:=PORT"
-        )
+    for hand, parts in config.hands.items():
+        if of_hand(hand, "device") not in named and parts.device.model.simulated_in is not None:
+            device = of_hand(hand, "device")
+            raise ConfigError(
+                f"{recording.path} was recorded on a device at a serial port; name a simulated one,"
+                f" such as {device}:=five_bar, or this one: {device}:=KIND {device}.port:=PORT"
+            )
     return config
 
 
@@ -99,9 +113,13 @@ def device_of(recording: Recording, settings: Sequence[str] = ()) -> DeviceConfi
 
 def duration_of(recording: Recording, config: GraphConfig) -> float:
     """Return for how long the force was engaged in a recording, in s."""
+    return max(map(_duration, recording.by_hand.values(), config.hands.values()))
+
+
+def _duration(recording: Recording, hand: HandConfig) -> float:
     longest = max((tick.elapsed for tick in _ticks(recording)), default=0.0)
     longest -= began(_ticks(recording))
-    period = config.device.servo.period_ns * 1e-9
+    period = hand.device.servo.period_ns * 1e-9
     return (longest // period + 1.0) * period
 
 
@@ -112,9 +130,10 @@ def _ticks(recording: Recording) -> Iterator[Telemetry]:
 def _document(recording: Recording) -> Document:
     """The launch file of a recording, to be changed."""
     document: Document = json.loads(json.dumps(recording.launch))
-    if "device" not in document:
-        raise ConfigError(f"{recording.path} holds no launch file")
-    document["device"].pop("late_ticks", None)  # of recordings before format 4
+    for sections in hand_sections(document).values():
+        if "device" not in sections:
+            raise ConfigError(f"{recording.path} holds no launch file")
+        sections["device"].pop("late_ticks", None)  # of recordings before format 4
     return document
 
 
@@ -126,16 +145,19 @@ def _feed(document: Document, recording: Recording, feeds: Collection[str]) -> N
         for name in _COMPUTATION:
             document["environment"].pop(name, None)
         fed += [r"links\.", r"environment\.compute_"]
+    recordings = recording.by_hand
     if "environment" in feeds:
         kept = _kept(document, "environment", _COMPUTATION)
-        document["environment"] = {"kind": "recorded", "file": file, **kept}
+        whose = {} if HANDS in document else {"hand": recording.hand}
+        document["environment"] = {"kind": "recorded", "file": file, **whose, **kept}
         fed.append(r"environment\.(?!compute_)")
-    hand = document.get("operator", {})
-    if "hand" in feeds and (
-        not hand or hand["kind"] == "pointer" or began(_ticks(recording)) > 0.0
-    ):
-        kept = _kept(document, "operator", _GRIP)
-        document["operator"] = {"kind": "trajectory", "file": file, **kept}
+    for name, sections in hand_sections(document).items():
+        sections.pop("remote", None)  # the environment runs here
+        one, hand = recordings[name or recording.hand], sections.get("operator", {})
+        if "hand" in feeds and (not hand or hand["kind"] == "pointer" or began(_ticks(one)) > 0.0):
+            kept = _kept(sections, "operator", _GRIP)
+            path = {"kind": "trajectory", "file": file, "hand": one.hand}
+            sections["operator"] = {**path, **kept}
     for phase in document.get("phases", ()) if fed else ():
         values = phase["set"].items()
         phase["set"] = {key: one for key, one in values if not re.match("|".join(fed), key)}
@@ -148,18 +170,24 @@ def _kept(document: Document, section: str, names: Collection[str]) -> Document:
 def _set(document: Document, setting: str) -> str:
     """Put a setting into the document; return its name."""
     name, text = split_setting(setting)
-    if name == "law":
-        document["device"]["law"] = law_of(text)
-    elif name in KINDS:
-        own = {"environment": BESIDE_MODEL, "device": _SERVO}.get(name, ())  # not the kind's
-        kind = {"kind": KINDS[name].resolve(text, Path())}
-        document[name] = _kept(document, name, own) | kind
+    place = ParameterName.parse(name)
+    hands, section = hand_sections(document), ".".join(place.own)
+    is_of_all = place.section in ("environment", "realtime")
+    if not is_of_all and place.hand not in hands:
+        names = " or ".join(of_hand(hand, section) for hand in hands)
+        raise ConfigError(f"whose {section}? It belongs to a hand: {names}")
+    sections = document if is_of_all else hands[place.hand]
+    if section == "law":
+        sections["device"]["law"] = law_of(text)
+    elif section in KINDS:
+        own = {"environment": BESIDE_MODEL, "device": _SERVO}.get(section, ())  # not the kind's
+        kind = {"kind": KINDS[section].resolve(text, Path())}
+        sections[section] = _kept(sections, section, own) | kind
     else:
-        place = ParameterName.parse(name)
         known = [*KINDS, "links", "realtime"]
-        if len(place.steps) < 2 or place.section not in known:
-            names = ["law", *KINDS, *(f"{section}.KEY" for section in known)]
-            raise ConfigError(unknown("setting", name, names))
+        if len(place.own) < 2 or place.section not in known:
+            settings = ["law", *KINDS, *(f"{section}.KEY" for section in known)]
+            raise ConfigError(unknown("setting", name, settings))
         place.put(document, scalar(text))
     return name
 

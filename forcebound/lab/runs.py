@@ -9,7 +9,7 @@ differ in nothing that decides it share it.
 """
 
 import sys
-from collections.abc import Hashable, Iterator, Sequence
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, Literal, TypeAlias
@@ -37,7 +37,7 @@ from forcebound.network.impairment import Impairment
 from forcebound.nodes import safety
 from forcebound.recordings.telemetry import TelemetryColumns
 from forcebound.run.results import RunResult
-from forcebound.run.virtual import run_virtual
+from forcebound.run.virtual import run_virtual, run_virtual_hands
 
 Engine: TypeAlias = Literal["kernel", "graph"]
 
@@ -54,11 +54,16 @@ ZEROS = (
 
 @dataclass(frozen=True)
 class Ran:
-    """Outcome of one case: its engine (``kernel``: the loop), and its result or error."""
+    """Outcome of one case: its engine (``kernel``: the loop), and its results or error."""
 
     engine: Engine
-    result: RunResult | None
+    results: Mapping[str, RunResult]  # by hand; empty if it failed
     error: Exception | None = None
+
+    @property
+    def result(self) -> RunResult | None:
+        """Of the first hand; None if it failed."""
+        return next(iter(self.results.values()), None)
 
 
 def run_all(configs: Sequence[GraphConfig]) -> list[Ran]:
@@ -67,15 +72,17 @@ def run_all(configs: Sequence[GraphConfig]) -> list[Ran]:
 
 
 def _run(config: GraphConfig) -> Ran:
-    result = None
     try:
-        if config.duration * config.device.servo.rate > MAX_TICKS:
+        rate = sum(hand.device.servo.rate for hand in config.hands.values())
+        if config.duration * rate > MAX_TICKS:
             raise RunError(f"a case has at most {MAX_TICKS} ticks; use a shorter duration")
-        if not any(unserved(config)):
+        if len(config.hands) == 1 and not any(unserved(config)):
             result = run_compiled(config)
-        return Ran("graph", run_virtual(config)) if result is None else Ran("kernel", result)
+            if result is not None:
+                return Ran("kernel", dict.fromkeys(config.hands, result))
+        return Ran("graph", run_virtual_hands(config))
     except Exception as error:  # any failure of a user's part is this case's error
-        return Ran("graph", None, error)
+        return Ran("graph", {}, error)
 
 
 def unserved(config: GraphConfig) -> Iterator[str]:
@@ -212,7 +219,9 @@ def _timing(
 def coverage() -> Iterator[tuple[str, str]]:
     """Yield each shipped launch file, and what of it the loop does not serve; empty: nothing."""
     for file in shipped():
-        yield file.removesuffix(".yaml"), ", ".join(unserved(load(file)))
+        config = load(file)
+        reasons = unserved(config) if len(config.hands) == 1 else ("several hands",)
+        yield file.removesuffix(".yaml"), ", ".join(reasons)
 
 
 if __name__ == "__main__":

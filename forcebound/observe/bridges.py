@@ -23,7 +23,7 @@ from typing import TypeAlias
 import msgspec
 
 from forcebound.errors import ConfigError
-from forcebound.messages.packets import TOPIC_OF, Packet
+from forcebound.messages.packets import Packet, Telemetry
 from forcebound.network.sockets import Network
 from forcebound.observe.streams import fields_of_packet, packets_of, streams_of
 from forcebound.recordings.schema import declared_signals, schema
@@ -55,14 +55,18 @@ def serve(
     """
     declared = declared_signals(RunDocument.read(run).metadata)
     streams = {
-        name: schema(packet, declared.get(TOPIC_OF[packet]))
-        for name, packet in streams_of(run, topics).items()
+        name: schema(packet, declared.get(name)) for name, packet in streams_of(run, topics).items()
     }
     ahead_ns = time.time_ns() - time.monotonic_ns()
     with bridge(streams, port) as send:
         say(f"{', '.join(streams)} at port {port} of localhost; Ctrl-C ends it")
         for topic, packet, _ in packets_of(run, streams, duration):
             send(topic, packet, packet.time_ns + ahead_ns)
+
+
+def telemetry_of(run: Path) -> tuple[str, ...]:
+    """Return the topics of a running graph that are telemetry: one of each hand."""
+    return tuple(name for name, packet in streams_of(run).items() if packet is Telemetry)
 
 
 @contextmanager

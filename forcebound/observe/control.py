@@ -16,7 +16,7 @@ from forcebound.messages.control import (
     StartNode,
     StopNode,
 )
-from forcebound.messages.topology import endpoint
+from forcebound.messages.topology import HAND, endpoint, in_hand
 from forcebound.network import sockets
 from forcebound.network.sockets import Network
 from forcebound.roles import DEVICE, LAUNCHER
@@ -66,9 +66,11 @@ def chosen_hand(run_dir: Path, hand: str | None) -> str:
     raise ConfigError(f"which hand? This graph has {', '.join(known)}{got}")
 
 
-def device_status(run_dir: Path, timeout: float = ANSWER_TIMEOUT) -> DeviceStatus | None:
-    """Return the status of the device of a running graph; None: it does not answer."""
-    answer = ask(run_dir, graph_in(run_dir).of_role(DEVICE), GetStatus(), timeout)
+def device_status(
+    run_dir: Path, timeout: float = ANSWER_TIMEOUT, hand: str = HAND
+) -> DeviceStatus | None:
+    """Return the status of a hand's device in a running graph; None: it does not answer."""
+    answer = ask(run_dir, graph_in(run_dir).of_role(DEVICE, hand), GetStatus(), timeout)
     return answer if isinstance(answer, DeviceStatus) else None
 
 
@@ -119,12 +121,13 @@ def resume_device(run_dir: Path, hand: str | None = None) -> None:
     _change_state(run_dir, ResumeDevice(device), device, "running", START_TIMEOUT)
 
 
-def await_law(run_dir: Path, law: str) -> None:
-    """Return when a law bounds, which the device takes as soon as it holds no force."""
+def await_law(run_dir: Path, law: str, hand: str = HAND) -> None:
+    """Return when a law bounds, which a hand's device takes as soon as it holds no force."""
     end = time.monotonic() + ANSWER_TIMEOUT
-    while (status := device_status(run_dir)) is None or status.law != law:
+    while (status := device_status(run_dir, hand=hand)) is None or status.law != law:
         if time.monotonic() > end:
-            raise RunError(f"the device will take the law {law}, but still holds a force")
+            device = in_hand(hand, "device")
+            raise RunError(f"the {device} will take the law {law}, but still holds a force")
         sockets.wait((), POLL_NS)
 
 

@@ -1,6 +1,6 @@
 """Delays of a graph that runs or was recorded: of its loop, and from hop to hop."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 
 from forcebound.errors import ConfigError, RunError
 from forcebound.files import RECORDING_SUFFIX
-from forcebound.messages.packets import Telemetry
+from forcebound.messages.packets import TOPIC_OF, Telemetry
+from forcebound.messages.topology import hand_document, in_hand
 from forcebound.network.trace import DelayTrace
+from forcebound.observe.control import chosen_hand
 from forcebound.observe.runs import find, while_running
 from forcebound.observe.streams import packets_of
 from forcebound.recordings.telemetry import TelemetryColumns
@@ -103,15 +105,20 @@ def _histogram(delays: NDArray[np.float64]) -> list[Bin]:
     return [Bin(float(a), float(b), int(n)) for a, b, n in rows]
 
 
-def measure(run: Path | None, duration: float | None = None, links: bool = False) -> Measured:
+def measure(
+    run: Path | None,
+    duration: float | None = None,
+    links: bool = False,
+    hand: str | None = None,
+) -> Measured:
     """Return the loop delays of a recording, or of a running graph (None: the only one).
 
     A running graph is watched for ``duration`` s, by default :data:`DURATION`. ``links``: also from
-    hop to hop.
+    hop to hop. ``hand``: whose loop; None: that of the only hand.
 
     Raises:
-        ConfigError: If there is no such recording or graph, it has no tick, or a duration is given
-            for a recording.
+        ConfigError: If there is no such recording, graph or hand, it has no tick, or a duration is
+            given for a recording.
         RunError: If the graph sent nothing, or ended.
     """
     if run is not None and (run.suffix == RECORDING_SUFFIX or (not run.suffix and run.is_file())):
@@ -119,36 +126,40 @@ def measure(run: Path | None, duration: float | None = None, links: bool = False
 
         if duration is not None:
             raise ConfigError(f"{run} is a recording, which is read whole: leave out --duration")
-        recorded = Hops.of(read(run).stream(*HOPS)) if links else None
-        return Measured(*of_recording(run), recorded)
+        recorded = Hops.of(read(run, hand=hand).stream(*HOPS)) if links else None
+        return Measured(*of_recording(run, hand), recorded)
     run_dir = find(run, require_graph=True, option="`forcebound delay GRAPH`")
     hops = Hops() if links else None
     with while_running(run_dir):
-        document = read_launch_document(run_dir)
-        columns = watch(run_dir, DURATION if duration is None else duration, hops)
+        hand = chosen_hand(run_dir, hand)
+        document = hand_document(read_launch_document(run_dir), hand)
+        seconds = DURATION if duration is None else duration
+        columns = watch(run_dir, seconds, (hand,), hops)[hand]
+    if not columns.time.size:
+        raise RunError(
+            f"no telemetry in {seconds:g} s from the graph in {run_dir}: is it starting, or"
+            " ending? If it starts, try again, with a longer --duration"
+        )
     return Measured(loop_delays(columns), document, hops=hops)
 
 
-def watch(run_dir: Path, duration: float, hops: Hops | None = None) -> TelemetryColumns:
-    """Return the telemetry of a running graph, for ``duration`` s or until the graph ends.
+def watch(
+    run_dir: Path, duration: float, hands: Collection[str], hops: Hops | None = None
+) -> dict[str, TelemetryColumns]:
+    """Return the telemetry of some hands of a running graph, as long as it runs.
 
     Args:
         run_dir: Of the graph.
-        duration: In s.
-        hops: Gets the packets of all links, if there is one.
-
-    Raises:
-        RunError: If none came.
+        duration: After which it returns in any case, in s.
+        hands: Their names.
+        hops: Gets the packets of all their links, if there is one.
     """
-    packets: list[Telemetry] = []
-    for topic, packet, _ in packets_of(run_dir, HOPS[-1:] if hops is None else HOPS, duration):
+    packets: dict[str, list[Telemetry]] = {hand: [] for hand in hands}
+    topics = HOPS[-1:] if hops is None else HOPS
+    names = [in_hand(hand, topic) for hand in hands for topic in topics]
+    for _, packet, _ in packets_of(run_dir, names, duration):
         if hops is not None:
-            hops.add(topic, packet)
+            hops.add(TOPIC_OF[type(packet)], packet)
         if isinstance(packet, Telemetry):
-            packets.append(packet)
-    if not packets:
-        raise RunError(
-            f"no telemetry in {duration:g} s from the graph in {run_dir}: is it starting, or"
-            " ending? If it starts, try again, with a longer --duration"
-        )
-    return TelemetryColumns.from_packets(packets)
+            packets[packet.hand].append(packet)
+    return {hand: TelemetryColumns.from_packets(found) for hand, found in packets.items()}

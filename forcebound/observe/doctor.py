@@ -9,8 +9,10 @@ To add a rule: a function from observations to findings, and its name in ``RULES
 
 from collections.abc import Callable, Iterator
 from functools import partial
+from itertools import product
 from typing import Any, TypeAlias
 
+from forcebound.graph.names import of_hand
 from forcebound.messages.control import (
     ControllerStatus,
     EnvironmentStatus,
@@ -18,6 +20,7 @@ from forcebound.messages.control import (
     ProcessStatus,
     RemoteStatus,
 )
+from forcebound.messages.topology import Stream, in_hand
 from forcebound.network.notices import KINDS
 from forcebound.observe.doctor_loop import LESS_DELAY, LOOP_RULES
 from forcebound.observe.findings import Finding, note, problem
@@ -63,10 +66,12 @@ REASONS: dict[str, tuple[str, str]] = {
 }
 
 
-def examine(seen: Observations) -> list[Finding]:
-    """Return the findings about a running graph, problems first."""
-    findings = [finding for rule in RULES for finding in rule(seen)]
-    return sorted(findings, key=lambda finding: finding.severity != "problem")
+def examine(*hands: Observations) -> list[Finding]:
+    """Return the findings about a running graph, of which each hand was seen, problems first."""
+    found: list[Finding] = []
+    for rule, seen in product(RULES, hands):  # what belongs to all is seen with each hand
+        found += [finding for finding in rule(seen) if finding not in found]
+    return sorted(found, key=lambda finding: finding.severity != "problem")
 
 
 def _launcher(seen: Observations) -> Iterator[Finding]:
@@ -91,11 +96,12 @@ def _processes(seen: Observations) -> Iterator[Finding]:
             yield note("process_starting", name, f"is starting{then}", action)
         elif state == "lost":
             words = "is lost: zero force; plug it in, switch it on, hold it in its home pose"
-            yield problem("device_lost", name, words, command="forcebound device resume")
+            command = f"forcebound device resume {seen.hand}".rstrip()
+            yield problem("device_lost", name, words, command=command)
         elif state in ("restarting", "ended"):
             yield problem("process_dead", name, f"has ended, its state is {state}{then}", log)
         elif state in ("stopped", "stopping"):
-            is_replaced = name == "environment" and _delivered(seen, "force_command")
+            is_replaced = name == ENVIRONMENT and _delivered(seen, "force_command")
             words, command = f"is {state} on request", f"forcebound start {name}"
             report = note if is_replaced else problem
             yield report("process_stopped", name, words, command=command)
@@ -120,7 +126,7 @@ def _chain(seen: Observations) -> Iterator[Finding]:
     if _delivered(seen, "force_command"):
         return  # what arrives at the end has passed every hop
     for link in seen.graph.links:
-        topic, sender, receiver = link.name, link.sender, str(link.receiver)
+        sender, receiver = link.sender, str(link.receiver)
         sending, receiving = seen.process(sender), seen.process(receiver)
         if sender in seen.processes and sending.last is None:
             return  # has a finding of its own
@@ -131,41 +137,50 @@ def _chain(seen: Observations) -> Iterator[Finding]:
         remotes = receiving.last.remotes.values()
         if sender not in seen.processes and not all(remote.connected for remote in remotes):
             return  # has a finding of its own
-        if not receiving.received(topic):
-            yield _nothing_arrives(seen, topic, sender, receiver)
+        if not receiving.received(link.name):
+            yield _nothing_arrives(seen, link, sender, receiver)
             return
-        if not _delivered(seen, topic):
-            yield _all_lost(receiving, topic, receiver)
+        if not _delivered(seen, link.topic):
+            yield _all_lost(receiving, link, receiver)
             return
 
 
 def _delivered(seen: Observations, topic: str) -> int:
     """Return how many packets of a topic have reached the node that they are for."""
-    receiver = seen.process(next(str(s.receiver) for s in seen.graph.links if s.name == topic))
-    if receiver.last is not None and topic in receiver.last.links:
-        return receiver.growth(partial(_fate, topic=topic, fate="delivered"))
-    return 0 if receiver.last is None else receiver.received(topic)
+    link = next((stream for stream in seen.graph.links if stream.topic == topic), None)
+    if link is None:  # of a hand on another machine
+        return 0
+    receiver = seen.process(str(link.receiver))
+    if receiver.last is not None and link.name in receiver.last.links:
+        return receiver.growth(partial(_fate, link=link.name, fate="delivered"))
+    return 0 if receiver.last is None else receiver.received(link.name)
 
 
-def _fate(status: NodeStatus, topic: str, fate: str) -> int:
-    return status.links.get(topic, {}).get(fate, 0)
+def _fate(status: NodeStatus, link: str, fate: str) -> int:
+    return status.links.get(link, {}).get(fate, 0)
 
 
-def _all_lost(receiving: Seen[Any], topic: str, receiver: str) -> Finding:
-    lost = sum(receiving.rate(partial(_fate, topic=topic, fate=fate)) for fate in LOSSES)
-    arriving = receiving.rate_of(topic)
+def _all_lost(receiving: Seen[Any], link: Stream, receiver: str) -> Finding:
+    lost = sum(receiving.rate(partial(_fate, link=link.name, fate=fate)) for fate in LOSSES)
+    arriving = receiving.rate_of(link.name)
     words = (
         f"nothing gets through to the {receiver}: {arriving:.3g} packets/s arrive, "
         f"{lost:.3g}/s are lost on purpose"
     )
     advice = "its parameters lose every packet; see and set them"
-    cause = Cause("injected_loss", advice, f"forcebound param get links.{topic}")
-    return problem("hop_broken", f"link {topic}", words, causes=(cause,))
+    cause = Cause("injected_loss", advice, _parameters_of(link.name))
+    return problem("hop_broken", f"link {link.name}", words, causes=(cause,))
 
 
-def _nothing_arrives(seen: Observations, topic: str, sender: str, receiver: str) -> Finding:
+def _parameters_of(link: str) -> str:
+    """Return the command that shows the parameters of a link, by the name of its stream."""
+    hand, _, topic = link.rpartition("/")
+    return f"forcebound param get {of_hand(hand, f'links.{topic}')}"
+
+
+def _nothing_arrives(seen: Observations, link: Stream, sender: str, receiver: str) -> Finding:
     receiving = seen.process(receiver)
-    earlier = 0 if receiving.last is None else receiving.last.received.get(topic, 0)
+    earlier = 0 if receiving.last is None else receiving.last.received.get(link.name, 0)
     words = (
         f"nothing gets through to the {receiver}: no packet in {receiving.interval:.1f} s, "
         f"{earlier} before"
@@ -174,9 +189,9 @@ def _nothing_arrives(seen: Observations, topic: str, sender: str, receiver: str)
     if sender not in seen.processes:
         where = "it is not on this machine, or not in this run directory"
         cause = Cause("sender_elsewhere", f"is the {sender} running? {where}")
-    elif topic == "environment_reply":
+    elif link.topic == "environment_reply":
         environment = seen.of(EnvironmentStatus)
-        status, queries = environment.last, environment.rate_of("environment_query")
+        status, queries = environment.last, _queries(seen)
         words += f"; the {sender} gets {queries:.3g} queries/s"
         if status is not None and status.failures:
             words += f"; its code failed to answer {status.failures} times"
@@ -184,9 +199,14 @@ def _nothing_arrives(seen: Observations, topic: str, sender: str, receiver: str)
         else:
             limit = "does it compute for longer than that (environment.compute_delay)?"
             cause = Cause("environment_slow", f"{limit} See its log")
-    elif topic == "force_command" and seen.of(ControllerStatus).growth(_second_replies):
+    elif link.topic == "force_command" and seen.of(ControllerStatus).growth(_second_replies):
         cause = Cause("replies_rejected", "the replies are of an environment that does not serve")
-    return problem("hop_broken", f"link {topic}", words, causes=(cause,))
+    return problem("hop_broken", f"link {link.name}", words, causes=(cause,))
+
+
+def _queries(seen: Observations) -> float:
+    """Return how many queries of the hand the environment gets, in 1/s."""
+    return seen.of(EnvironmentStatus).rate_of(in_hand(seen.hand, "environment_query"))
 
 
 def _second_replies(status: ControllerStatus) -> int:
@@ -195,9 +215,9 @@ def _second_replies(status: ControllerStatus) -> int:
 
 
 def _environments(seen: Observations) -> Iterator[Finding]:
-    own = seen.of(EnvironmentStatus).last
-    if CONTROLLER not in seen.processes and own is not None:
-        yield from _serves_elsewhere(seen.of(EnvironmentStatus), own)
+    own, where = seen.of(EnvironmentStatus).last, seen.name(CONTROLLER)
+    if where not in seen.processes and own is not None:
+        yield from _serves_elsewhere(own, _queries(seen))
     controller = seen.of(ControllerStatus).last
     if controller is None:
         return
@@ -210,20 +230,17 @@ def _environments(seen: Observations) -> Iterator[Finding]:
             f"{other} are rejected"
         )
         action = "end one of the two; the other takes over after 1 s"
-        yield problem("second_environment", CONTROLLER, words, action)
+        yield problem("second_environment", where, words, action)
     elif rejected:
         words = f"{serving} serves; another{other} waits, and takes over when the first is silent"
-        yield note("waiting_environment", CONTROLLER, words)
+        yield note("waiting_environment", where, words)
     elif None not in (name, serving) and name != serving:
         words = f"{serving} serves, not {name} of this launcher"
-        yield note("other_environment", CONTROLLER, words)
+        yield note("other_environment", where, words)
 
 
-def _serves_elsewhere(
-    environment: Seen[EnvironmentStatus], status: EnvironmentStatus
-) -> Iterator[Finding]:
+def _serves_elsewhere(status: EnvironmentStatus, queries: float) -> Iterator[Finding]:
     """Report an environment whose graph is on another machine."""
-    queries = environment.rate_of("environment_query")
     if not any(remote.connected for remote in status.remotes.values()) or not queries:
         return  # has a finding of its own
     other = status.refused_for
@@ -290,15 +307,14 @@ def _rejections(status: ProcessStatus, reason: str) -> int:
 
 def _links(seen: Observations) -> Iterator[Finding]:
     for process in seen.processes.values():
-        for topic in process.last.links if isinstance(process.last, NodeStatus) else ():
+        for link in process.last.links if isinstance(process.last, NodeStatus) else ():
             sent, lost, corrupted = (
-                process.growth(partial(_fate, topic=topic, fate=fate)) for fate in ("sent", *LOSSES)
+                process.growth(partial(_fate, link=link, fate=fate)) for fate in ("sent", *LOSSES)
             )
             # If all are lost, the chain is broken there.
             if 0 < lost + corrupted < sent:
                 words = f"loses {lost} and damages {corrupted} of {sent} packets, on purpose"
-                command = f"forcebound param get links.{topic}"
-                yield note("injected_loss", f"link {topic}", words, command=command)
+                yield note("injected_loss", f"link {link}", words, command=_parameters_of(link))
 
 
 Rule: TypeAlias = Callable[[Observations], Iterator[Finding]]

@@ -6,9 +6,10 @@ import numpy as np
 from msgspec.structs import replace
 
 from forcebound.graph.graph import GraphConfig
+from forcebound.graph.names import LAW, of_hand
 from forcebound.graph.resolved import to_document
 from forcebound.messages.control import DeviceStatus, RecorderStatus
-from forcebound.messages.topology import LINKS
+from forcebound.messages.topology import LINKS, in_hand
 from forcebound.observe.findings import Finding, note, problem
 from forcebound.observe.observation import Observations
 from forcebound.results.bounder import Cause, Limited, causes_of_little_force
@@ -30,7 +31,7 @@ def _force(seen: Observations) -> Iterator[Finding]:
     if telemetry.time_ns.size == 0:
         if seen.of(DeviceStatus).last is not None and seen.phase not in ("starting", "stopping"):
             words, action = "answers, but sends no telemetry", "does it hang in its driver?"
-            yield problem("no_telemetry", DEVICE, words, action)
+            yield problem("no_telemetry", seen.name(DEVICE), words, action)
         return
     unanswered = (telemetry.device_seq < 0) & (telemetry.elapsed > 0.0)
     if not unanswered.any():
@@ -44,11 +45,11 @@ def _force(seen: Observations) -> Iterator[Finding]:
         silence = float(telemetry.time_ns[-1] - telemetry.time_ns[start]) * 1e-9
         words = f"no force: for {silence:.1f} s and more {why}"
         action = f"repair the link or process named here; else {LESS_DELAY}"
-        yield problem("no_force", DEVICE, words, action)
+        yield problem("no_force", seen.name(DEVICE), words, action)
         return
     words = f"no force in {unanswered.mean():.1%} of {unanswered.size} ticks: {why}"
     action = f"{LESS_DELAY}; force returns over the engage ramp"
-    yield problem("force_gaps", DEVICE, words, action)
+    yield problem("force_gaps", seen.name(DEVICE), words, action)
 
 
 def _delay(seen: Observations) -> Iterator[Finding]:
@@ -62,14 +63,16 @@ def _delay(seen: Observations) -> Iterator[Finding]:
     if p99 > NEAR_AGE_LIMIT * servo.age_limit:
         words += f": near the age limit of {1e3 * servo.age_limit:g} ms"
         words += ", beyond which there is no force"
-        command = "forcebound param get links"
-        yield problem("delay_near_age_limit", "loop", words, LESS_DELAY, command)
+        command = f"forcebound param get {of_hand(seen.hand, 'links')}"
+        yield problem(
+            "delay_near_age_limit", in_hand(seen.hand, "loop"), words, LESS_DELAY, command
+        )
     elif injected is None or seen.config.remote is not None:
         return
     elif p50 > injected + LATE_PERIODS / servo.rate:
         words += f"; injected are at most {1e3 * injected:.1f} ms"
         words += f", the period is {1e3 / servo.rate:g} ms"
-        yield problem("late_loop", "loop", words, causes=_lateness(seen))
+        yield problem("late_loop", in_hand(seen.hand, "loop"), words, causes=_lateness(seen))
 
 
 def _injected_delay(config: GraphConfig) -> float | None:
@@ -92,7 +95,7 @@ def _ticks(seen: Observations) -> Iterator[Finding]:
     share = lost / (lost + telemetry.time_ns.size)
     words = f"loses {rate:.3g} ticks/s, {share:.1%} of all: costs force, never safety"
     report = problem if share >= LOST_TICKS_SHARE else note
-    yield report("ticks_lost", DEVICE, words, causes=_lateness(seen))
+    yield report("ticks_lost", seen.name(DEVICE), words, causes=_lateness(seen))
 
 
 def _lateness(seen: Observations) -> tuple[Cause, ...]:
@@ -116,6 +119,7 @@ def _lateness(seen: Observations) -> tuple[Cause, ...]:
 
 def _recorder(seen: Observations) -> Iterator[Finding]:
     recorder, recording = seen.of(RecorderStatus), seen.recording
+    telemetry = in_hand(seen.hand, "telemetry")
     if recorder.last is None:
         return
     state = recorder.last.recording
@@ -132,8 +136,11 @@ def _recorder(seen: Observations) -> Iterator[Finding]:
             )
             words += "" if left is None else f": full in {left / 60:.0f} min"
             yield problem("disk_nearly_full", "recorder", words, "make room")
-    if seen.telemetry.time_ns.size and not recorder.received("telemetry"):
-        words, action = f"receives no telemetry ({recorder.interval:.1f} s)", "start the run again"
+    if seen.telemetry.time_ns.size and not recorder.received(telemetry):
+        words, action = (
+            f"receives no {telemetry} ({recorder.interval:.1f} s)",
+            "start the run again",
+        )
         yield problem("recorder_deaf", "recorder", words, action)
 
 
@@ -141,8 +148,8 @@ def _law(seen: Observations) -> Iterator[Finding]:
     law = seen.config.device.servo.law
     if law == "none":
         words = "law none: nothing protects the hand from what environment and network do"
-        command = "forcebound param set device.law:=certified"
-        yield note("no_law", DEVICE, words, command=command)
+        command = f"forcebound param set {of_hand(seen.hand, LAW)}:=certified"
+        yield note("no_law", seen.name(DEVICE), words, command=command)
         return
     section = to_document(seen.config)["device"]
     force = Limited(seen.telemetry, section)
@@ -160,7 +167,7 @@ def _law(seen: Observations) -> Iterator[Finding]:
         overruns = seen.of(DeviceStatus).growth(lambda one: one.bounder.overruns)
         report = replace(status.bounder, overruns=overruns)
     causes = tuple(causes_of_little_force(seen.telemetry, section, report))
-    yield note("law_limits", DEVICE, words, causes=causes)
+    yield note("law_limits", seen.name(DEVICE), words, causes=causes)
 
 
 LOOP_RULES: tuple[Callable[[Observations], Iterator[Finding]], ...] = (

@@ -11,7 +11,7 @@ from typing import Annotated, Any, Union, get_args, get_origin
 
 from forcebound.graph.fields import fields_of
 from forcebound.graph.graph import EnvironmentConfig, GraphConfig, RealtimeConfig
-from forcebound.graph.names import LAW, ParameterName
+from forcebound.graph.names import ParameterName
 from forcebound.graph.parameters import takeable_laws
 from forcebound.graph.servo import ServoSettings
 from forcebound.graph.tree import scalar
@@ -45,8 +45,8 @@ def ranges(config: GraphConfig, names: Iterable[str]) -> dict[str, str]:
         parts = list(_parts(_hint(config, name)))
         symbol = "".join(part.symbol for part in parts if isinstance(part, Unit))
         found[name] = " and ".join(p.describe(symbol) for p in parts if isinstance(p, Range))
-    if LAW in found:
-        found[LAW] = ", ".join(takeable_laws())
+        if ParameterName.parse(name).is_law:
+            found[name] = ", ".join(takeable_laws())
     return found
 
 
@@ -83,14 +83,16 @@ def _place(config: GraphConfig, name: str) -> tuple[type | None, Any]:
     place = ParameterName.parse(name)
     beside: dict[str, tuple[type, ...]] = {
         "environment": (type(config.environment.model), EnvironmentConfig),
-        "device": (type(config.device.model), ServoSettings),
-        "operator": (type(config.operator),) if config.operator is not None else (),
-        "controller": (type(config.controller),),
         "realtime": (RealtimeConfig,),
         "links": (Impairment,),
     }
+    hand = config.hands.get(place.hand)
+    if hand is not None:
+        beside["device"] = (type(hand.device.model), ServoSettings)
+        beside["operator"] = (type(hand.operator),) if hand.operator is not None else ()
+        beside["controller"] = (type(hand.controller),)
     kinds = beside.get(place.section, (GraphConfig,))
-    for step in () if place.section == "links" else place.steps[1:-1]:
+    for step in () if place.section == "links" else place.own[1:-1]:
         kinds = tuple(part for kind in kinds for part in _inside(kind, step))
     for kind in kinds:
         field = fields_of(kind).get(place.last)

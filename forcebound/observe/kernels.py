@@ -23,7 +23,7 @@ COMPILE_TIMEOUT_S = 60.0  # s, for a busy machine; then the device compiles itse
 
 
 class Kernels:
-    """The kernels for the device of a graph, which has ``loaded`` those of a law; to be closed."""
+    """The kernels for the devices of a graph that have ``loaded`` those of a law; to be closed."""
 
     def __init__(self, run_dir: Path, loaded: str = "") -> None:
         self._run_dir = run_dir
@@ -63,10 +63,11 @@ class Kernels:
 
 
 def compile_kernels(run_dir: Path, laws: Iterable[str]) -> None:
-    """Compile the kernels of laws for the device of a graph, into the cache on disk."""
-    facts = restore(read_launch_document(run_dir)).device.facts
+    """Compile the kernels of laws for the devices of a graph, into the cache on disk."""
+    hands = restore(read_launch_document(run_dir)).hands.values()
     for law in laws:
-        ForceBounder(law, facts.dissipation, facts.axes)
+        for facts in (hand.device.facts for hand in hands):
+            ForceBounder(law, facts.dissipation, facts.axes)
 
 
 if __name__ == "__main__":

@@ -7,17 +7,17 @@ besides counts. Nothing here judges; that is :mod:`forcebound.observe.doctor`.
 import os
 import shutil
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from forcebound import realtime
-from forcebound.errors import ConfigError, RunError
+from forcebound.errors import ConfigError
 from forcebound.graph.graph import GraphConfig
 from forcebound.messages.control import ProcessStatus
-from forcebound.messages.topology import Graph
+from forcebound.messages.topology import HAND, Graph, in_hand
 from forcebound.observe.delay import watch
 from forcebound.observe.runs import running, while_running
 from forcebound.observe.snapshot import UNKNOWN, Process, snapshot
@@ -76,10 +76,10 @@ class RecordingSeen:
 
 @dataclass(frozen=True)
 class Observations:
-    """A running graph, as seen from outside."""
+    """One hand's part of a running graph, and what belongs to all, as seen from outside."""
 
     config: GraphConfig  # what it runs with now
-    graph: Graph
+    graph: Graph  # with this hand alone
     processes: Mapping[str, Seen[Any]]  # by name: its launcher runs them, or they have control
     telemetry: TelemetryColumns  # of some seconds; empty if none came
     phase: str | None = None  # of the run, as its launcher says; None: no launcher answers
@@ -88,7 +88,12 @@ class Observations:
     core: int | None = None  # that the chain of nodes shares; None: any
     cores: int = 1  # how many may be used
     load: float = 0.0  # mean number of processes that were ready to run in the last minute
+    hand: str = HAND  # its name
     neighbours: tuple[str, ...] = ()  # this user's other graphs under SCHED_FIFO on the same core
+
+    def name(self, role: str) -> str:
+        """Return the name of the hand's process with a role, also of one on another machine."""
+        return in_hand(self.hand, role)
 
     def process(self, name: str) -> Seen[Any]:
         """Return a process of this machine; one that is not here answers nothing."""
@@ -99,8 +104,8 @@ class Observations:
         return next((one for one in self.processes.values() if isinstance(one.last, kind)), Seen())
 
 
-def observe(run_dir: Path, duration: float = DURATION) -> Observations:
-    """Look at a running graph for ``duration`` s.
+def observe(run_dir: Path, duration: float = DURATION) -> list[Observations]:
+    """Look at a running graph for ``duration`` s; return what is seen of each hand.
 
     Raises:
         ConfigError: If no graph runs there.
@@ -109,17 +114,14 @@ def observe(run_dir: Path, duration: float = DURATION) -> Observations:
     cores = os.sched_getaffinity(0)
     core = RunDocument.read(run_dir).core
     with while_running(run_dir), realtime.on_cores(cores - {core}):  # looking must not disturb
-        return replace(_look(run_dir, duration), cores=len(cores))
+        return [replace(one, cores=len(cores)) for one in _look(run_dir, duration)]
 
 
-def _look(run_dir: Path, duration: float) -> Observations:
+def _look(run_dir: Path, duration: float) -> Iterator[Observations]:
     start = time.monotonic()
     first = snapshot(run_dir)
     size = _size(first.run.record)
-    try:
-        telemetry = watch(run_dir, duration)
-    except RunError:  # none came
-        telemetry = TelemetryColumns.from_packets([])
+    telemetry = watch(run_dir, duration, first.run.graph.hands)
     interval = time.monotonic() - start
     last = snapshot(run_dir)
     run, nobody = last.run, Process(UNKNOWN)
@@ -129,23 +131,30 @@ def _look(run_dir: Path, duration: float) -> Observations:
         answers = then.answer, now.answer
         return Seen(now.state, now.pid, now.restarts, kernel_state, *answers, interval)
 
-    return Observations(
-        config=configuration(run_dir, with_code=False),
-        graph=run.graph,
-        launcher=None if last.launcher is None else seen(last.launcher, nobody),
-        processes={
-            name: seen(process, first.processes.get(name, nobody))
-            for name, process in last.processes.items()
-        },
-        telemetry=telemetry,
-        phase=last.phase,
-        recording=RecordingSeen(
-            run.record, max(0, _size(run.record) - size) / interval, _free(run.record)
-        ),
-        core=run.core,
-        load=os.getloadavg()[0],
-        neighbours=_neighbours(run_dir, run.core),
-    )
+    config = configuration(run_dir, with_code=False)
+    launcher = None if last.launcher is None else seen(last.launcher, nobody)
+    rate, free = max(0, _size(run.record) - size) / interval, _free(run.record)
+    load, neighbours = os.getloadavg()[0], _neighbours(run_dir, run.core)
+    none = TelemetryColumns.from_packets([])
+    for hand in run.graph.hands or config.hands:  # an environment alone serves hands elsewhere
+        graph = run.graph.of(hand)
+        yield Observations(
+            config=config.of(hand),
+            graph=graph,
+            launcher=launcher,
+            processes={
+                name: seen(process, first.processes.get(name, nobody))
+                for name, process in last.processes.items()
+                if name in graph.nodes
+            },
+            telemetry=telemetry.get(hand, none),
+            phase=last.phase,
+            recording=RecordingSeen(run.record, rate, free),
+            core=run.core,
+            load=load,
+            hand=hand,
+            neighbours=neighbours,
+        )
 
 
 def _size(path: str) -> int:

@@ -18,6 +18,7 @@ from forcebound.errors import RunError
 from forcebound.files import RECORDING_SUFFIX, check_writable
 from forcebound.graph.resolved import FACTS
 from forcebound.messages.packets import TOPIC_OF, Telemetry
+from forcebound.messages.topology import in_hand
 from forcebound.network import sockets
 from forcebound.observe.control import device_status
 from forcebound.observe.runs import Watch
@@ -44,7 +45,9 @@ class Recorded:
     ended: str  # "interrupted", "duration" or "graph ended"
 
     def __str__(self) -> str:
-        ticks = self.packets[TOPIC_OF[Telemetry]]
+        telemetry = TOPIC_OF[Telemetry]
+        counts = (n for name, n in self.packets.items() if name.rpartition("/")[2] == telemetry)
+        ticks = " and ".join(map(str, counts))
         return f"recorded {self.seconds:.1f} s, {ticks} ticks: {self.recording}"
 
 
@@ -104,12 +107,14 @@ def _begun(run_dir: Path, run: RunDocument, file: Path, reader: Reader) -> "Reco
     from forcebound.recordings.recording import ENERGY_BEFORE, Recorder  # slow to import
 
     while True:
-        document, device = read_launch_document(run_dir), device_status(run_dir)
+        document = read_launch_document(run_dir)
+        devices = {hand: device_status(run_dir, hand=hand) for hand in run.graph.hands}
         launch = {key: value for key, value in document.items() if key != FACTS}
         now = {
-            "launch": json.dumps(launch, sort_keys=True),
-            ENERGY_BEFORE: repr(0.0 if device is None else device.energy_before),
+            in_hand(hand, ENERGY_BEFORE): repr(0.0 if one is None else one.energy_before)
+            for hand, one in devices.items()
         }
+        now["launch"] = json.dumps(launch, sort_keys=True)
         offset_ns = time.time_ns() - time.monotonic_ns()
         recorder = Recorder(str(file.absolute()), run.metadata | now, offset_ns, run.graph)
         reader.forget()

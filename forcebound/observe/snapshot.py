@@ -73,7 +73,8 @@ class GraphStatus(Struct, frozen=True):
         environment = {self.run.graph.of_role(ENVIRONMENT)}
         if not self.run.is_graph:
             return frozenset(environment)
-        return loop if config.remote is None else loop - (environment - found)
+        is_here = all(hand.remote is None for hand in config.hands.values())
+        return loop if is_here else loop - (environment - found)
 
 
 def snapshot(run_dir: Path) -> GraphStatus:

@@ -30,8 +30,16 @@ def streams_of(run_dir: Path, names: Collection[str] = ()) -> dict[str, type[Pac
     graph = RunDocument.read(run_dir).graph
     for name in names:
         if name not in graph.names:
-            raise ConfigError(unknown("topic", name, graph.names))
+            raise ConfigError(unknown_stream("topic", name, graph.names))
     return {one.name: TOPICS[one.topic] for one in graph.named(*(names or graph.names))}
+
+
+def unknown_stream(what: str, name: str, known: Collection[str]) -> str:
+    """Return the message for a name of no stream: of several hands, those with this topic."""
+    of_hands = [one for one in known if one.endswith(f"/{name}")]
+    if of_hands:
+        return f"whose {name}? It belongs to a hand: {' or '.join(of_hands)}"
+    return unknown(what, name, known)
 
 
 def packets_of(

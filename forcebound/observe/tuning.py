@@ -16,14 +16,14 @@ from pathlib import Path
 from forcebound.errors import ConfigError, RunError
 from forcebound.graph.graph import GraphConfig
 from forcebound.graph.loader import change
-from forcebound.graph.names import LAW, split_setting
+from forcebound.graph.names import LAW, ParameterName, of_hand, split_setting
 from forcebound.graph.parameters import (
     differences,
     parameters,
     processes_of,
     unknown_parameter,
 )
-from forcebound.graph.problems import Problems, unknown
+from forcebound.graph.problems import Problems
 from forcebound.graph.resolved import restore, to_document, with_parts
 from forcebound.graph.tree import parse
 from forcebound.messages.control import (
@@ -33,14 +33,16 @@ from forcebound.messages.control import (
     Parameters,
     Refused,
 )
-from forcebound.messages.topology import LINKS
+from forcebound.messages.topology import HAND, HANDS, in_hand
 from forcebound.observe.control import ANSWER_TIMEOUT, ask_all, await_law
 from forcebound.observe.kernels import Kernels
 from forcebound.observe.snapshot import GraphStatus, other_environment, snapshot
+from forcebound.observe.streams import unknown_stream
 from forcebound.quantities import Range
 from forcebound.roles import DEVICE, ENVIRONMENT, LAUNCHER
 from forcebound.run.run_directory import (
     RunDocument,
+    graph_in,
     read_launch_document,
     updating,
     write_launch_document,
@@ -83,14 +85,16 @@ def find_parameters(config: GraphConfig, names: Sequence[str]) -> Parameters:
 def every_parameter(config: GraphConfig) -> Parameters:
     """Return all values by name: those that can be changed, and what is fixed during a run."""
     fixed: Parameters = {}
-    for section, value in to_document(config).items():
-        if section == "units":
+    document = to_document(config)
+    of_hands = document.pop(HANDS, {}).items()
+    of_hands = {of_hand(hand, name): one for hand, own in of_hands for name, one in own.items()}
+    for section, value in {**document, **of_hands}.items():
+        if section == "units" or section.rpartition(".")[2] == "links":
             continue
         if isinstance(value, Mapping):
             fixed |= {f"{section}.{name}": entry for name, entry in value.items()}
         elif section != "forcebound":
             fixed[section] = value
-    fixed = {name: value for name, value in fixed.items() if not name.startswith("links.")}
     return parameters(config) | fixed
 
 
@@ -123,15 +127,19 @@ def read_settings(texts: Sequence[str]) -> Parameters:
 def cut_links(run_dir: Path, time: str, links: Sequence[str]) -> tuple[float, tuple[str, ...]]:
     """Lose every packet of some links from now for a time such as ``500ms``.
 
-    Without links: query and reply of the environment. Returns the time, in s, and the links. Errors
-    are as of :func:`set_parameters`.
+    A link is named as its stream: ``environment_query``, or ``left/environment_query``. Without
+    links: query and reply of the environment, of all hands. Returns the time, in s, and the links.
+    Errors are as of :func:`set_parameters`.
     """
     seconds = Range(above=0).check(parse_quantity(time, "s"), "s")
+    known = {stream.name: stream for stream in graph_in(run_dir).links}
     for link in links:
-        if link not in LINKS:
-            raise ConfigError(unknown("link", link, LINKS))
-    chosen = tuple(links) or ("environment_query", "environment_reply")
-    names = [f"links.{topic}.outages" for topic in chosen]
+        if link not in known:
+            raise ConfigError(unknown_stream("link", link, known))
+    asked = ("environment_query", "environment_reply")
+    chosen = tuple(links) or tuple(name for name, one in known.items() if one.topic in asked)
+    cut = (known[name] for name in chosen)
+    names = [of_hand(one.hand or HAND, f"links.{one.topic}.outages") for one in cut]
     # The same outages once more would be no change.
     set_parameters(run_dir, {name: [] for name in names})
     set_parameters(run_dir, {name: [{"start": 0.0, "duration": seconds}] for name in names})
@@ -151,11 +159,13 @@ def set_parameters(run_dir: Path, settings: Parameters, kernels: Kernels | None 
             command does not end its change.
     """
     now, graph = configuration(run_dir), snapshot(run_dir)
-    concerned = sorted(processes_of(settings))
+    concerned = sorted(processes_of(settings, now))
     _check_files(graph.run, settings, now)
     other = other_environment(graph) if ENVIRONMENT in concerned else None
-    if LAW in settings:
-        _prepare_law(change(now, settings).device.servo.law, graph, kernels)
+    laws = [name for name in map(ParameterName.parse, settings) if name.is_law]
+    hands = change(now, settings).hands if laws else {}
+    for name in laws:
+        _prepare_law(hands[name.hand].device.servo.law, name.hand, graph, kernels)
     with updating(run_dir, ANSWER_TIMEOUT) as is_alone:
         if not is_alone:
             raise RunError(
@@ -178,9 +188,11 @@ def set_parameters(run_dir: Path, settings: Parameters, kernels: Kernels | None 
         )
         notes.append(f"{other} serves the graph, and not {here if graph.run.is_graph else waits}")
     values = differences(old, new)
-    if LAW in values and DEVICE not in down:
-        await_law(run_dir, values[LAW])
-        ramp = f"the force returns over {1e3 * new.device.servo.engage_time:.3g} ms"
+    for hand in (name.hand for name in laws if of_hand(name.hand, LAW) in values):
+        if in_hand(hand, DEVICE) in down:
+            continue
+        await_law(run_dir, values[of_hand(hand, LAW)], hand)
+        ramp = f"the force returns over {1e3 * new.hands[hand].device.servo.engage_time:.3g} ms"
         notes.append(f"the law was taken without force, with a new ledger; {ramp}")
     return Change(values, tuple(notes))
 
@@ -199,13 +211,14 @@ def _check_files(run: RunDocument, settings: Parameters, now: GraphConfig) -> No
             )
 
 
-def _prepare_law(law: str, graph: GraphStatus, kernels: Kernels | None) -> None:
-    """Get ready for a law that the device is to take."""
-    device = graph.processes.get(DEVICE)
+def _prepare_law(law: str, hand: str, graph: GraphStatus, kernels: Kernels | None) -> None:
+    """Get ready for a law that the device of a hand is to take."""
+    device = graph.processes.get(in_hand(hand, DEVICE))
     if device is not None and device.state == "lost":
-        raise ConfigError(f"{LAW}: the device is lost; first, `forcebound device resume`")
-    status = graph.status_of(DeviceStatus)
-    if kernels is not None and status is not None and status.law != law:
+        command = f"forcebound device resume {hand}".rstrip()
+        raise ConfigError(f"{of_hand(hand, LAW)}: the device is lost; first, `{command}`")
+    status = None if device is None else device.answer
+    if kernels is not None and isinstance(status, DeviceStatus) and status.law != law:
         kernels.wait(law)
 
 
@@ -245,7 +258,9 @@ def _configure(graph: GraphStatus, nodes: Collection[str], request: Configure) -
 def _elsewhere(names: Iterable[str], graph: GraphStatus, config: GraphConfig) -> dict[str, str]:
     """Return the parameters that belong to nodes on another machine, with those."""
     here = graph.nodes_here(config)
-    return {name: node for name in names for node in processes_of([name]) if node not in here}
+    return {
+        name: node for name in names for node in processes_of([name], config) if node not in here
+    }
 
 
 def _check_reach(elsewhere: Mapping[str, str]) -> None:

@@ -20,7 +20,7 @@ import math
 from collections import deque
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import AbstractContextManager
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 from operator import attrgetter
 from os import PathLike
 from pathlib import Path
@@ -154,7 +154,7 @@ class Recorder(AbstractContextManager["Recorder"]):
 class Recording:
     """A recording, which is read from its file as it is asked for; the file stays as it is.
 
-    It gives one hand's packets, beside what belongs to all.
+    It gives one hand's packets, beside what belongs to all. Of several hands one is to be chosen.
 
     Attributes:
         path: Its file.
@@ -178,6 +178,14 @@ class Recording:
             raise ConfigError(f"{path} has no hand {hand!r}; it has {known}")
         self._hand = self.hands[0] if hand is None and len(self.hands) == 1 else hand
         self._complete: bool | None = None  # known when it was read to its end
+
+    @property
+    def by_hand(self) -> "dict[str, Recording]":
+        """Recordings of the hand that was chosen, or of each, by its name."""
+        if self._hand is not None:
+            return {self._hand: self}
+        of = partial(Recording, self.path, self.metadata, self._topics)
+        return {hand: of(hand) for hand in self.hands}
 
     @property
     def complete(self) -> bool:
@@ -296,8 +304,11 @@ class Recording:
 
     @cached_property
     def launch(self) -> dict[str, Any]:
-        """The launch file as resolved for the run, of this hand; empty if none was recorded."""
-        return hand_document(self._document, self.hand)
+        """The launch file as resolved for the run, empty if none was recorded.
+
+        As if it had the chosen hand alone; if none was chosen, with all hands.
+        """
+        return self._document if self._hand is None else hand_document(self._document, self._hand)
 
     @cached_property
     def _document(self) -> dict[str, Any]:

@@ -69,18 +69,21 @@ def _read_hops(file: Path, version: tuple[int, int]) -> Mapping[str, DelayTrace]
         return hop_delays(recording)
 
 
-def of_recording(file: Path) -> tuple[DelayTrace, Mapping[str, Any], bool]:
+def of_recording(file: Path, hand: str | None = None) -> tuple[DelayTrace, Mapping[str, Any], bool]:
     """Return the loop delays of a recording, its launch document, and whether it is complete.
+
+    Of several hands, ``hand`` is the one that is meant.
 
     Raises:
         ConfigError: If it cannot be read, or has no tick to show a delay.
     """
     from forcebound.recordings.recording import read  # slow, and few traces are recordings
 
-    recording = read(file, (TOPIC_OF[Telemetry],))
+    recording = read(file, (TOPIC_OF[Telemetry],), hand)
     with content_of(file):
+        columns = recording.telemetry
         try:
-            trace = loop_delays(recording.telemetry)
+            trace = loop_delays(columns)
         except ConfigError as error:
             raise ConfigError(f"no trace in {file}: {error}") from None
         return trace, recording.launch, recording.complete

@@ -291,7 +291,9 @@ class Lifecycle:
         if self.phase is Phase.RUNNING and status == LOST:
             self.lost.add(node)
             self.returning.discard(node)
-            return [Announce("device_lost", node, ADVICE, is_fault=True)]
+            resume = f"device resume {self._graph.nodes[node].hand or ''}".rstrip()
+            advice = ADVICE.replace("device resume", resume)
+            return [Announce("device_lost", node, advice, is_fault=True)]
         if node in self._leaving:
             pass  # the run ended first
         elif stopping and is_early and -status in (signal.SIGTERM, signal.SIGKILL):

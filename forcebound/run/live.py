@@ -16,7 +16,7 @@ from forcebound.graph.graph import GraphConfig, HandConfig
 from forcebound.graph.names import LAW, of_hand
 from forcebound.graph.parameters import differences, processes_of
 from forcebound.graph.phases import Part, timetable
-from forcebound.graph.resolved import to_document, with_parameters
+from forcebound.graph.resolved import restore, to_document, with_parameters
 from forcebound.haptics.environments import may_report_contacts
 from forcebound.messages.control import Configure, Parameters
 from forcebound.messages.packets import (
@@ -236,7 +236,7 @@ def _begin(run_dir: Path, part: Part) -> Mapping[str, Configure]:
         config = with_parameters(part.config, laws)  # they stay
         request = write_launch_document(run_dir, config)
     # Unaffected processes are not disturbed, least of all the servo.
-    return dict.fromkeys(sorted(processes_of(differences(before, config))), request)
+    return dict.fromkeys(sorted(processes_of(differences(before, config), config)), request)
 
 
 def _changes(started: Parameters, run_dir: Path, node: str) -> Parameters:
@@ -245,8 +245,8 @@ def _changes(started: Parameters, run_dir: Path, node: str) -> Parameters:
         document = read_launch_document(run_dir)
     except ConfigError:
         return {}  # the node has reported that it cannot read it
-    changed = differences(started, document)
-    return {name: value for name, value in changed.items() if node in processes_of([name])}
+    changed, config = differences(started, document), restore(document)
+    return {n: value for n, value in changed.items() if node in processes_of([n], config)}
 
 
 def node_command(name: str, run_dir: Path) -> list[str]:

@@ -58,6 +58,16 @@ def run_metadata(config: GraphConfig) -> dict[str, str]:
     return {**metadata, "signals": json.dumps(signals)} if signals else metadata
 
 
+def results_of(
+    path: Path, hand: str | None = None, is_growing: bool = False
+) -> "dict[str, RunResult]":
+    """Return the results of the hands in a recording, or of one; see RunResult.from_recording."""
+    from forcebound.recordings.recording import read  # slow to import; no node process needs it
+
+    hands = read(path, (), hand).by_hand
+    return {one: RunResult.from_recording(path, is_growing, one) for one in hands}
+
+
 @dataclass(frozen=True)
 class RunResult:
     """The samples of one run and the resolved launch document that made them."""

@@ -1,11 +1,12 @@
 """The answers of an environment in a recording."""
 
 from bisect import bisect_left
+from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import msgspec
 
@@ -14,6 +15,7 @@ from forcebound.errors import ConfigError
 from forcebound.files import content_of, version_of
 from forcebound.haptics.environments import Environment, EnvironmentModel
 from forcebound.messages.packets import TOPIC_OF, Contact, DeviceState, EnvironmentReply, Vector
+from forcebound.messages.topology import in_hand
 
 
 @dataclass(frozen=True)
@@ -30,15 +32,25 @@ class RecordedEnvironment(EnvironmentModel):
 
     Attributes:
         file: A recording (``.mcap``) with states of the device and replies of the environment.
+        hand: Whose replies, of a recording with several; empty: those to the hand of the same name.
     """
 
     file: Path
+    hand: str = ""
 
     def check_files(self) -> None:
         _read(self.file, version_of(self.file))
 
+    def check_hands(self, hands: tuple[str, ...]) -> None:
+        known = _read(self.file, version_of(self.file))
+        missing = [name for name in hands if (self.hand or name) not in known]
+        if missing and "" not in known:
+            got = self.hand or missing[0]
+            expected = f"expected one of {', '.join(known)}, the hands of {self.file}"
+            raise ConfigError(f"hand: {expected}; got {got!r}", field="hand")
+
     def open(self, axes: int) -> "_OpenRecorded":
-        return _OpenRecorded(_read(self.file, version_of(self.file)), axes)
+        return _OpenRecorded(_read(self.file, version_of(self.file)), self.hand, axes)
 
 
 class _State(msgspec.Struct):
@@ -59,20 +71,25 @@ _STATES, _REPLIES = TOPIC_OF[DeviceState], TOPIC_OF[EnvironmentReply]
 _Answers: TypeAlias = dict[float, _Reply]  # by the time since the force engaged, in s
 
 
+class _Launch(msgspec.Struct):
+    hands: dict[str, Any] = {}
+
+
 class _OpenRecorded(Environment):
-    def __init__(self, answers: _Answers, axes: int) -> None:
-        self._times, self._answers = list(answers), list(answers.values())
-        self._axes = axes
-        self._replies: dict[str, _Reply] = {}  # to the last query of each hand
+    def __init__(self, answers: dict[str, _Answers], hand: str, axes: int) -> None:
+        self._answers = {name: (list(one), list(one.values())) for name, one in answers.items()}
+        self._hand, self._axes = hand, axes
+        self._replies: dict[str, _Reply | None] = {}
 
     def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
-        times = self._times
-        self._replies.pop(user, None)
+        name = self._hand or user
+        times, answers = self._answers[name if name in self._answers else ""]
+        self._replies[user] = None
         if not times[0] <= elapsed <= times[-1]:
             return (0.0,) * self._axes
         after = bisect_left(times, elapsed)
         is_before_nearer = after > 0 and elapsed - times[after - 1] < times[after] - elapsed
-        reply = self._replies[user] = self._answers[after - is_before_nearer]
+        reply = self._replies[user] = answers[after - is_before_nearer]
         return self._fitted(reply.force)
 
     def contact(self, user: str) -> Contact | None:
@@ -88,17 +105,28 @@ class _OpenRecorded(Environment):
 
 
 @lru_cache(maxsize=2)
-def _read(file: Path, version: tuple[int, int]) -> _Answers:
-    """Return the answers by the time of the state, in s since the force engaged.
+def _read(file: Path, version: tuple[int, int]) -> dict[str, _Answers]:
+    """Return the answers to each hand by the time of the state, in s since the force engaged.
 
     If the recording begins later than that, the times count from its beginning. Kept for one
     ``version`` of the file: a launch reads it to check it, and once more to open it.
     """
+    hands: Iterable[str] = ()
+    with content_of(file):
+        for content in mcap_file.readable(file, ()):
+            if not isinstance(content, tuple) and content.name == mcap_file.METADATA_NAME:
+                launch = msgspec.json.decode(content.metadata.get("launch", "{}"), type=_Launch)
+                hands = launch.hands
+    return {hand: _answers_to(hand, file) for hand in hands or ("",)}
+
+
+def _answers_to(hand: str, file: Path) -> _Answers:
+    asked_on, answered_on = in_hand(hand, _STATES), in_hand(hand, _REPLIES)
     states: list[_State] = []
     replies: list[_Reply] = []
     with content_of(file):
-        for content in mcap_file.readable(file, (_STATES, _REPLIES)):
-            if isinstance(content, tuple) and content[0] == _STATES:
+        for content in mcap_file.readable(file, (asked_on, answered_on)):
+            if isinstance(content, tuple) and content[0] == asked_on:
                 states.append(msgspec.json.decode(content[1], type=_State))
             elif isinstance(content, tuple):
                 with suppress(msgspec.ValidationError):  # a number that is not finite is null

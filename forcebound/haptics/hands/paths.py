@@ -27,6 +27,7 @@ from forcebound.errors import ConfigError
 from forcebound.files import RECORDING_SUFFIX, content_of, read_rows
 from forcebound.haptics.hands.hands import PressingButtons, SoftGrip, StraightWay, straight_way
 from forcebound.messages.packets import MAX_AXES, TOPIC_OF, Telemetry, Vector
+from forcebound.messages.topology import in_hand
 from forcebound.quantities import POSITIVE, Length, Speed
 
 
@@ -84,9 +85,13 @@ class TrajectoryHand(SoftGrip):
     straight line; before the first and after the last it rests. Of a recording (``.mcap``), it is
     where the hand's target was, as far as that is known, else where the device was
     (docs/recordings.md).
+
+    Attributes:
+        hand: The name of the hand in a recording of several.
     """
 
     file: Path
+    hand: str = ""
     _path: dict[float, Vector] = field(init=False, repr=False, compare=False)
     _times: tuple[float, ...] = field(init=False, repr=False, compare=False)
 
@@ -94,7 +99,8 @@ class TrajectoryHand(SoftGrip):
         super().__post_init__()
         file = Path(self.file)
         try:
-            path = read_recording(file) if file.suffix == RECORDING_SUFFIX else _read_csv(file)
+            is_recording = file.suffix == RECORDING_SUFFIX
+            path = read_recording(file, self.hand) if is_recording else _read_csv(file)
         except ConfigError as error:
             raise ConfigError(str(error), field="file") from None
         object.__setattr__(self, "_path", path)
@@ -143,6 +149,7 @@ class _Hand(msgspec.Struct):
 
 class _Launch(msgspec.Struct):
     operator: _Hand | None = None
+    hands: "dict[str, _Launch]" = {}
 
 
 class _Tick(msgspec.Struct):
@@ -154,19 +161,24 @@ class _Tick(msgspec.Struct):
     hand_force: tuple[float, ...] | None = None
 
 
-def read_recording(file: Path) -> dict[float, Vector]:
+def read_recording(file: Path, name: str = "") -> dict[float, Vector]:
     """Return the places of a recorded hand, in m, by the time since the force engaged, in s.
 
-    If the recording begins later than that, the times count from its beginning.
+    ``name`` is that of the hand, of several. If the recording begins later than that, the times
+    count from its beginning.
     """
     hand, ticks = _Hand(), []
     with content_of(file):
-        for content in mcap_file.readable(file, (TOPIC_OF[Telemetry],)):
+        for content in mcap_file.readable(file, (in_hand(name, TOPIC_OF[Telemetry]),)):
             if isinstance(content, tuple):
                 ticks.append(msgspec.json.decode(content[1], type=_Tick))
             elif content.name == mcap_file.METADATA_NAME:
                 launch = msgspec.json.decode(content.metadata.get("launch", "{}"), type=_Launch)
-                hand = launch.operator or hand
+                hand = launch.hands.get(name, launch).operator or hand
+                if launch.hands and name not in launch.hands:
+                    raise ConfigError(
+                        f"{file} has no hand {name!r}; it has {', '.join(launch.hands)}"
+                    )
     start = began(iter(ticks))
     path = {time - start: place for time, place in _path(_engaged(ticks), hand)}
     if not path:

@@ -106,6 +106,10 @@ def _axis(table: Table, name: str) -> tuple[str, float]:
     """Label and factor: of an argument that is not known here, in the unit of the sweep file."""
     if name in UNITS:
         return UNITS[name]
+    hand, _, figure = name.partition(".")
+    if figure in axis_labels():
+        label, factor = UNITS[figure]
+        return f"{in_figure(hand)}: {label}", factor
     words, unit = name.replace("_", " "), (table.about.get("units") or {}).get(name, "")
     size = to_si(f"1 {unit}") if unit else None
     return (in_figure(words), 1.0) if not size else (in_figure(f"{words} ({unit})"), 1.0 / size)

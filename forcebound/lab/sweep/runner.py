@@ -12,12 +12,14 @@ from pathlib import Path
 from forcebound.errors import ConfigError, ForceboundError
 from forcebound.graph.graph import GraphConfig
 from forcebound.graph.loader import build
+from forcebound.graph.names import HAND_SECTIONS, of_hand
 from forcebound.graph.problems import unknown
 from forcebound.lab.engine import Campaign, Progress, Row, run
 from forcebound.lab.runs import run_all
 from forcebound.lab.sweep.plan import Sweep, load_sweep
 from forcebound.lab.workers import cluster_executor, local_executor, progress_bar
 from forcebound.results.figures import REPORTED
+from forcebound.run.results import RunResult
 from forcebound.units import split_quantity, to_si
 
 SMALLEST_PART, LARGEST_PART, PARTS = 32, 256, 64  # cases in a part; parts aimed at
@@ -55,16 +57,25 @@ def run_cases(sweep: Sweep, cases: Sequence[tuple[int, tuple[str, ...]]]) -> lis
         places.append(place)
     for place, ran in zip(places, run_all(configs), strict=True):
         rows[place]["engine"] = ran.engine
-        if ran.result is None:
+        failures = {hand: one.failed for hand, one in ran.results.items() if one.failed}
+        if ran.error is not None:
             rows[place]["error"] = f"{type(ran.error).__name__}: {ran.error}"
-        elif ran.result.failed:
-            rows[place]["error"] = f"RunError: {ran.result.failed}"
+        elif failures:
+            (hand, why), *_ = failures.items()
+            rows[place]["error"] = f"RunError: {hand}: {why}" if hand else f"RunError: {why}"
         else:
-            document = ran.result.document
-            used = {key: document[key] for key in document if key not in NO_PARAMETERS}
-            rows[place] |= _flat(used)
-            rows[place] |= _flat(_figures(ran.result.summary))
+            for hand, result in ran.results.items():
+                rows[place] |= _of_hand(hand, result)
     return rows
+
+
+def _of_hand(hand: str, result: RunResult) -> Row:
+    """Return parameters and figures of a hand, by their names: ``left.peak_force_n``."""
+    document = {k: value for k, value in result.document.items() if k not in NO_PARAMETERS}
+    own = {k: value for k, value in document.items() if k in HAND_SECTIONS}
+    own = _flat(own) | _flat(_figures(result.summary))
+    of_all = _flat({k: value for k, value in document.items() if k not in HAND_SECTIONS})
+    return of_all | {of_hand(hand, name): value for name, value in own.items()}
 
 
 def _figures(summary: Row) -> Row:
@@ -72,7 +83,7 @@ def _figures(summary: Row) -> Row:
     # The kernel does not count the losses of links, and only the graph has events.
     # Spectra are long; `forcebound simulate --json` has them.
     spectra = ("vibration", "displayed_impedance", "undefined", "stiffness_n_per_m", "verdict")
-    left_out = ("law", "rejected_packets", "links", "faults", "phases", *REPORTED, *spectra)
+    left_out = ("law", "hand", "rejected_packets", "links", "faults", "phases", *REPORTED, *spectra)
     rest = {key: value for key, value in summary.items() if key not in left_out}
     return {**rest, "rejected_packets": rejected}
 
