@@ -51,8 +51,37 @@ def reference_page() -> str:
     return _HEAD + "\n".join(_lines()) + "\n"
 
 
+_HANDS = """
+## `hands`
+
+Several hands in one environment, 1 to 8 of them: two users, a leader and a follower. What one hand
+has at the top of a file (`device`, `operator`, `controller`, `links`, `remote`) each has below its
+name; the rest belongs to all. A name is a word of letters, digits and `_` that is no section.
+
+```yaml
+hands:
+  left: { include: stiff_wall } # a file of one hand: its sections and arguments
+  right:
+    include: stiff_wall
+    device: { law: none } # what this file says wins, key by key
+    links: { environment_query: { delay: 2 ms } }
+environment: { kind: wall, stiffness: 10 N/mm, position: 10 mm }
+```
+
+* All devices have the same number of axes, and ports of their own.
+* Of an included file only the sections of a hand and the `arguments` are taken. An argument that
+  several files have is one: `delay:="2 ms"` sets it for all of them.
+* A parameter of a hand begins with its name: `left.device.law`, `right.links.force_command.loss`;
+  so in `param set` and in the settings of a phase. Nodes and topics are `left/device`,
+  `left/telemetry`.
+* If a device with `on_loss: wait` is lost, the other hands keep their force; one that does not wait
+  ends the run of all.
+"""
+
+
 def _lines() -> Iterator[str]:
     yield from _rows(GraphConfig, RUN_KEYS)
+    yield from _HANDS.rstrip().split("\n")
     for section, table in KINDS.items():
         known: dict[str, str] = {}  # rows of the section, and the kind that has them first
         yield from ("", f"## `{section}`")

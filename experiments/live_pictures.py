@@ -31,7 +31,9 @@ DEEP = 16  # mm that the hand is pushed away from the eye
 QUALITY = 75  # of its compression
 LARGEST = 2_000_000  # B
 IS_TOUCHING = "parseFloat(document.getElementById('force').textContent) > 0.1"
-
+BOTH_TOUCH = (
+    "[...document.querySelectorAll('#each small')].every((one) => /N/.test(one.textContent))"
+)
 
 QUIET = (
     "--headless=new", "--no-sandbox", "--disable-gpu", "--disable-background-networking",
@@ -86,7 +88,7 @@ def drag(driver: Any, right: float, down: float) -> None:
 @click.command()
 @click.argument("folder", default="docs", type=click.Path(exists=True, path_type=Path))
 def main(folder: Path) -> None:
-    """Write the three pictures and the moving one into a folder, docs by default."""
+    """Write the four pictures and the moving one into a folder, docs by default."""
     with (
         tempfile.TemporaryDirectory(prefix="fb-", ignore_cleanup_errors=True) as own,
         browser(own) as driver,
@@ -100,6 +102,9 @@ def main(folder: Path) -> None:
             film_wall(driver, running, folder / "live-page.webp")
         with graph(own, "pointer_touch") as launched, page(launched) as running:
             show_touch(driver, running, folder / "live-page-touch.png")
+        with graph(own, "pointer_two_hands") as launched, page(launched) as running:
+            driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})
+            show_two_hands(driver, running, folder / "two-hands-page.png")
 
 
 def show_wall(driver: Any, running: Graph, picture: Path) -> None:
@@ -172,6 +177,17 @@ def show_touch(driver: Any, running: Graph, picture: Path) -> None:
     key = selenium("webdriver").Keys.PAGE_UP  # 1 mm away, into the rabbit
     driver.find_element("id", "scene").send_keys(key * DEEP)
     until(driver, IS_TOUCHING)
+    running.run_for(3.0)
+    save(driver, picture)
+
+
+def show_two_hands(driver: Any, running: Graph, picture: Path) -> None:
+    """Press the box from both sides, the right hand more than the left one."""
+    for hand, right in (("left", 260.0), ("right", -330.0)):
+        open_page(driver, f"{running.address}&hand={hand}")
+        drag(driver, right, 0.0)
+    driver.find_element("css selector", "#hands button").click()  # all hands
+    until(driver, BOTH_TOUCH)
     running.run_for(3.0)
     save(driver, picture)
 

@@ -13,6 +13,7 @@ Kind: TypeAlias = Literal[
     "environment_awaited", "environment_serves", "environment_lost", "environment_refused",
     "serving", "environment_failed", "controller_failed", "signal_refused", "scene_failed",
     "scene_cut", "process_started", "process_ended", "device_lost",
+    "trial_begins", "touch_begins", "touch_ends", "trial_ends",
 ]  # fmt: skip
 REMOTE = "remote_"  # kinds of events of a remote link begin so; then the kind of the notice
 PHASE_BEGINS: Final = "phase"  # a part of a scripted run begins; its data has the name

@@ -22,7 +22,7 @@ COUPLING = "left/controller"  # one process for both hands
 
 
 def _graph() -> Graph:
-    graph = graph_of(HANDS, [HANDS])
+    graph = graph_of(HANDS, exchanges=[HANDS])
     ends = {"device_state": "receiver", "force_command": "sender"}
     streams = [
         replace(stream, **({ends[stream.topic]: COUPLING} if stream.topic in ends else {}))

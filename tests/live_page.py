@@ -8,6 +8,17 @@ from contextlib import contextmanager
 
 from live_graph import LiveGraph, live_graph
 
+TWO_HANDS = """
+forcebound: 1
+description: Two hands that follow pointers, in front of one wall.
+duration: 3600 s
+seed: 1
+hands:
+  left: { include: pointer_wall.yaml }
+  right: { include: pointer_wall.yaml }
+environment: { kind: wall, stiffness: 10 N/mm, position: 10 mm }
+"""
+
 
 @contextmanager
 def pages_of(runtime: str) -> Iterator[tuple[str, str]]:

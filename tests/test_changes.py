@@ -174,7 +174,7 @@ def test_a_device_takes_a_law_and_no_other_process_does(config: GraphConfig) -> 
     device = build_device(config.only)
     settings = with_law(config, "none")
     other = process([EnvironmentNode(config.environment.model)])
-    assert processes_of([LAW]) == {"device"}
+    assert processes_of([LAW], config) == {"device"}
     assert Tuner(config)(other, settings) == {}
     assert Tuner(config)(process([device]), settings) == {}  # it reports when it has taken it
     packets = [packet for time_ns in (0, 400_000) for packet in device.step(time_ns, ())]

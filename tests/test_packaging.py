@@ -21,7 +21,9 @@ def rooms() -> set[str]:
 
 def test_every_room_is_packaged() -> None:
     packages = set(PROJECT["tool"]["setuptools"]["packages"])
-    assert packages == rooms() | {"forcebound.examples", "forcebound.launch_files"}  # data
+    assert packages == rooms() | {
+        f"forcebound.{data}" for data in ("examples", "launch_files", "study_files")
+    }
 
 
 def test_every_room_has_its_layer() -> None:

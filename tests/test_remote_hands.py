@@ -76,6 +76,18 @@ def test_two_hands_cannot_meet_the_environment_at_one_port(tmp_path: Path) -> No
         load(file)
 
 
+def test_hands_that_exchange_energy_need_one_machine(tmp_path: Path) -> None:
+    document = to_document(load(write_hands(tmp_path, left="", right="")))
+    document["hands"]["left"]["device"]["energy_partner"] = "right"
+    document["hands"]["right"]["device"]["energy_partner"] = "left"
+    assert from_document({**document, "here": ["left", "right"]}).hands_here.keys() == {
+        "left",
+        "right",
+    }
+    with pytest.raises(ConfigError, match="left exchanges energy with right"):
+        from_document({**document, "here": ["left"]})
+
+
 def test_what_happens_at_the_link_of_a_hand_is_of_this_hand_alone() -> None:
     event = EventLog("environment").emit(0, "serving", "", {"hand": "right"})
     assert is_of(event, "right")

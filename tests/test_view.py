@@ -38,8 +38,9 @@ from forcebound.lab.verification import verify
 from forcebound.observe.kernels import Kernels
 from forcebound.observe.page.access import LOOPBACK, Access, hosts_of
 from forcebound.observe.page.controls import Controls
+from forcebound.observe.page.pace import SLOWEST, Pace
 from forcebound.observe.page.scene_files import content
-from forcebound.observe.page.server import SLOWEST, Pace, Server
+from forcebound.observe.page.server import Server
 from forcebound.recordings.recording import Recording, read
 from forcebound.run.run_directory import RunDocument
 
@@ -314,7 +315,8 @@ def test_looks_at_the_nodes_do_not_queue_up_behind_other_work(
             return []
 
         graph = Mock(look=look)
-        graph.feed.recent, graph.pace.slowness, graph.pointer.descriptor = (), 0.0, descriptor
+        graph.feed.hands, graph.pace.slowness = {}, 0.0
+        graph.pointers = {"": Mock(descriptor=descriptor)}
         graph.watch.is_over = False
         monkeypatch.setattr(server, "_look_at_nodes", lambda *_: next(looks))
         server.pages.add(Mock())

@@ -6,11 +6,12 @@ import shutil
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from live_page import pointed
+from live_page import TWO_HANDS, pointed
 from selenium import webdriver
 from selenium.webdriver import Keys
 from selenium.webdriver.support import ui
@@ -108,6 +109,16 @@ class Visitor:
         drag = webdriver.ActionChains(self.driver).move_to_element(scene).click_and_hold()
         drag.move_by_offset(pixels, 0).move_by_offset(pixels, 0).release().perform()
 
+    def hold(self) -> None:
+        """Press the mouse button in the middle of the scene."""
+        scene = self.driver.find_element("id", "scene")
+        webdriver.ActionChains(self.driver).move_to_element(scene).click_and_hold().perform()
+
+    def pull(self, way: float) -> None:
+        """Move the mouse to the right, by a share of the width of the scene."""
+        width = self.driver.find_element("id", "scene").rect["width"]
+        webdriver.ActionChains(self.driver).move_by_offset(round(way * width), 0).perform()
+
     def until(self, happened: Callable[[], object]) -> None:
         ui.WebDriverWait(self.driver, TIMEOUT, 0.1).until(lambda _: happened())
 
@@ -191,6 +202,29 @@ def test_one_drags_the_hand_into_the_wall_breaks_it_and_makes_it_safe() -> None:
     second = 1_000_000_000
     assert swing(broken.time_ns + second, broken.time_ns + 2 * second) > 1e-3  # it bounces
     assert swing(safe.time_ns + second, safe.time_ns + 2 * second) < 2e-4  # it rests
+
+
+def test_two_people_drag_two_hands_at_once(tmp_path: Path) -> None:
+    file = tmp_path / "two.yaml"
+    file.write_text(TWO_HANDS)
+    with pointed(str(file)) as (_, (address, _)), browser() as one, browser() as other:
+        left, right = Visitor(one), Visitor(other)
+        for visitor, hand in ((left, "left"), (right, "right")):
+            visitor.open(f"{address}&hand={hand}")
+            visitor.until(lambda visitor=visitor: abs(visitor.figure("position") + 5.0) < 0.2)
+            visitor.hold()
+        left.pull(-0.2)
+        left.until(lambda: left.figure("position") < -10.0)
+        assert abs(right.figure("position") + 5.0) < 0.2  # as it was
+        right.pull(0.2)
+        right.until(lambda: right.figure("position") > 5.0)
+        assert left.figure("position") < -10.0
+        left.pull(0.1)
+        right.pull(-0.3)
+        left.until(lambda: left.figure("position") > -10.0)
+        right.until(lambda: right.figure("position") < -5.0)
+        assert {line.split()[0] for line in left.text("each").split("\n")} >= {"left", "right"}
+        assert left.errors() == right.errors() == []
 
 
 @pytest.mark.slow  # runs in `make browser`

@@ -13,7 +13,19 @@ from typing import Any
 
 import click
 
-from forcebound.cli import change, demo, look, parts, recordings, run, start, study, topics, view
+from forcebound.cli import (
+    change,
+    demo,
+    look,
+    parts,
+    recordings,
+    run,
+    start,
+    study,
+    topics,
+    user_study,
+    view,
+)
 from forcebound.cli.common import INTERRUPTED, Group, show
 from forcebound.errors import ConfigError, ForceboundError
 from forcebound.files import printable
@@ -44,7 +56,7 @@ COMMANDS: dict[str, tuple[click.Command, ...]] = {
         recordings.recover,
     ),
     "Devices, and parts of your own": (parts.device, parts.emulate, parts.identify, parts.check),
-    "Studies": (study.sweep, study.draw_map, study.audit, study.reproduce),
+    "Studies": (study.sweep, study.draw_map, study.audit, study.reproduce, user_study.study),
     "This machine": (start.completion, start.keys, start.schema),
 }
 

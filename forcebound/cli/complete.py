@@ -71,6 +71,7 @@ def graphs(_: click.Context, begun: str) -> Iterable[str]:
 
 launch_files = _files("graph.document", ".yaml", ".yml")
 sweeps = _files("lab.sweep.plan", ".yaml", ".yml")
+studies = _files("lab.study.plan", ".yaml", ".yml")
 parts = _files("", ".py")
 recordings = _files("", RECORDING_SUFFIX)
 laws = _of("haptics.laws", "LAWS")

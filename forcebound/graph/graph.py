@@ -244,7 +244,7 @@ class GraphConfig:
         """Its nodes and streams, as far as they are on this machine."""
         hands = self.hands_here
         partners = ((name, hand.device.servo.energy_partner) for name, hand in hands.items())
-        pairs = dict.fromkeys(tuple(sorted(pair)) for pair in partners if pair[1] in hands)
+        pairs = [(name, partner) for name, partner in partners if name < partner in hands]
         return graph_of(tuple(self.hands), self.here, self.has_environment, pairs)
 
     @property

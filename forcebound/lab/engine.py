@@ -204,7 +204,7 @@ class _Folder:
                 )
             self._folder.mkdir(parents=True, exist_ok=True)
             if not note.exists():
-                _write(note, {"digest": digest})
+                write_json(note, {"digest": digest})
         except OSError as error:
             raise ConfigError(f"cannot write {self._folder}: {reason(error)}") from error
 
@@ -214,13 +214,13 @@ class _Folder:
         return {int(file.stem): json.loads(read_bytes(file, MAX_PART)) for file in files}
 
     def add(self, number: int, rows: list[Row]) -> None:
-        _write(self._folder / f"{number:07d}.json", rows)
+        write_json(self._folder / f"{number:07d}.json", rows)
 
     def remove(self) -> None:
         shutil.rmtree(self._folder)
 
 
-def _write(path: Path, content: Any) -> None:
+def write_json(path: Path, content: Any) -> None:
     """Write a file in one step: a reader sees all of it or none."""
     unfinished = path.with_suffix(".unfinished")
     with unfinished.open("w") as file:

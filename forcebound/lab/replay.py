@@ -34,7 +34,7 @@ from forcebound.haptics.hands.hands import SoftGrip
 from forcebound.haptics.hands.paths import began
 from forcebound.haptics.laws import LAWS
 from forcebound.messages.packets import TOPIC_OF, Telemetry
-from forcebound.messages.topology import HANDS, LINKS, hand_document, hand_sections
+from forcebound.messages.topology import HANDS, HERE, LINKS, hand_document, hand_sections
 from forcebound.recordings.recording import Recording
 
 Document: TypeAlias = dict[str, Any]  # of a launch file
@@ -61,12 +61,15 @@ def graph_of(
         ConfigError: If the recording holds none, a setting is wrong, the recording names code or a
             serial port of its own, which only the user may, or its hands need what is not fed.
     """
-    document = _document(recording)
-    several = len(recording.hands) > 1
-    if several and HANDS not in document and "environment" not in feeds:
+    document, several = _document(recording), len(recording.hands) > 1
+    is_part = several and HANDS not in document
+    if document.pop(HERE, None) is not None:  # other machines have recorded the others
+        document[HANDS] = {hand: document[HANDS][hand] for hand in recording.hands}
+        is_part = True
+    if is_part and "environment" not in feeds:
         raise ConfigError(
-            "one of several hands alone needs --environment: what the others did to their world is"
-            " in the recorded replies only; or leave out --hand, and all of them run"
+            "some of several hands alone need --environment: what the others did to their world is"
+            " in the recorded replies only"
         )
     if several and "network" in feeds:
         raise ConfigError(f"--network: {recording.path} has several hands; expected one")

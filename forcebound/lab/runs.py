@@ -183,8 +183,10 @@ def course_of(config: GraphConfig, timing: TelemetryColumns) -> Course:
 @lru_cache(maxsize=64)
 def _targets(hand: Operator, period_ns: int, wait_ns: int, ticks: int) -> Floats:
     """Return the targets of a hand at the samples and writes of each tick, in m."""
-    times = (k * period_ns + wait for k in range(ticks) for wait in (0, wait_ns))
-    return np.array([hand.target(time * 1e-9)[0] for time in times])
+    waits = (0, wait_ns) if wait_ns else (0,)  # sample and write may be one instant
+    times = (k * period_ns + wait for k in range(ticks) for wait in waits)
+    targets = np.array([hand.target(time * 1e-9)[0] for time in times])
+    return np.repeat(targets, 2 // len(waits))
 
 
 def timing_of(config: GraphConfig) -> TelemetryColumns:

@@ -111,20 +111,27 @@ def shipped() -> list[str]:
     return sorted(path.name for path in SHIPPED.glob("*.yaml"))
 
 
-def find_sweep(path: Path) -> Path:
-    """Return the sweep file meant by ``path``: on disk, or one that comes with the package.
+def find_file(path: Path, folder: Path, what: str) -> Path:
+    """Return the file meant by ``path``: on disk, or one that comes with the package.
+
+    Args:
+        path: The file, or the name of one that comes with the package.
+        folder: Of those that come with it.
+        what: Its name for messages, such as "sweep file".
 
     Raises:
         ConfigError: If there is none.
     """
+    known = sorted(one.name for one in folder.glob("*.yaml"))
+    if path.parent == Path() and not path.is_file():
+        for name in (path.name, f"{path.name}.yaml"):
+            if name in known:
+                return folder / name
     if os.path.lexists(path):  # what is no file is refused when it is read
         return path
-    for name in (path.name, f"{path.name}.yaml"):
-        if path.parent == Path() and name in shipped():
-            return SHIPPED / name
     raise ConfigError(
-        f"there is no sweep file {str(path)!r}; {nearest_file(path.name, shipped())}"
-        f"those that come with forcebound: {', '.join(shipped())}"
+        f"there is no {what} {str(path)!r}; {nearest_file(path.name, known)}"
+        f"those that come with forcebound: {', '.join(known)}"
     )
 
 
@@ -139,7 +146,7 @@ def load_sweep(path: str | Path, overrides: Sequence[str] = ()) -> Sweep:
         ConfigError: If there is no such file, or with every problem in it and its location.
             Values of launch file arguments are checked case by case.
     """
-    file = find_sweep(Path(path))
+    file = find_file(Path(path), SHIPPED, "sweep file")
     problems = Problems()
     text = read_text(file, "the sweep file", MAX_BYTES)
     root = parse(text, str(file), problems)

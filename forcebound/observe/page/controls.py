@@ -9,18 +9,19 @@ import msgspec
 from msgspec.structs import replace
 
 from forcebound.errors import ConfigError, ForceboundError
-from forcebound.graph.graph import GraphConfig
-from forcebound.graph.names import LAW
+from forcebound.graph.graph import GraphConfig, HandConfig
+from forcebound.graph.names import LAW, ParameterName, of_hand
 from forcebound.graph.parameters import takeable_laws
 from forcebound.graph.resolved import to_document
 from forcebound.haptics.environments import StatelessEnvironment
 from forcebound.haptics.environments.fixtures import WithFixtures
+from forcebound.haptics.hands import Operator
 from forcebound.haptics.hands.pointer import PointerHand
-from forcebound.messages.control import Point, Pointed
+from forcebound.messages.control import DeviceStatus, GetStatus, Point, Pointed
 from forcebound.messages.packets import Telemetry, Vector
-from forcebound.messages.topology import endpoint
+from forcebound.messages.topology import HAND, endpoint
 from forcebound.network.sockets import Network
-from forcebound.observe.control import device_status, start_node, stop_node
+from forcebound.observe.control import ANSWER_TIMEOUT, ask_all, start_node, stop_node
 from forcebound.observe.formatting import as_written, meanings_of, ranges
 from forcebound.observe.kernels import Kernels
 from forcebound.observe.page.feed import Message
@@ -34,7 +35,7 @@ from forcebound.observe.tuning import (
 )
 from forcebound.recordings.telemetry import TelemetryColumns
 from forcebound.results.bounder import causes_of_little_force
-from forcebound.roles import DEVICE
+from forcebound.roles import DEVICE, ENVIRONMENT
 from forcebound.run.run_directory import RunDocument, graph_in
 
 DELAYED = ("links.environment_query.delay", "links.environment_reply.delay")
@@ -51,13 +52,18 @@ class Controls:
         self._run_dir = run_dir
         self.recording = PageRecording(run_dir, recordings)
         self._config = configuration(run_dir, with_code=False)
-        self.period = self._config.device.servo.period_ns * 1e-9  # s
-        status = device_status(run_dir)
-        self.energy_before = 0.0 if status is None else status.energy_before
-        self._overruns = 0  # of hold limits, at the last look
-        self._kernels = Kernels(run_dir, self._config.device.servo.law)
+        hands = self._config.hands
+        self.period = min(hand.device.servo.period_ns for hand in hands.values()) * 1e-9  # s
+        known = self._statuses(ANSWER_TIMEOUT)
+        self.energies_before = {
+            hand: known[hand].energy_before if hand in known else 0.0 for hand in hands
+        }
+        self._overruns = dict.fromkeys(hands, 0)  # of hold limits, at the last look
+        (loaded, *others) = {hand.device.servo.law for hand in hands.values()}
+        self._kernels = Kernels(run_dir, "" if others else loaded)
         self._kernels.begin((BROKEN[LAW], SAFE[LAW]))
-        self._newest_law = 0  # number of the newest request for a law
+        self._law_requests = 0
+        self._newest: dict[str, int] = {}  # number of the newest request for each hand's law
         self._actions: dict[str, Callable[[Message], None]] = {
             "set": lambda request: self._set(request["settings"]),
             "stop": lambda request: stop_node(run_dir, str(request["node"])),
@@ -65,63 +71,82 @@ class Controls:
             "outage": lambda request: self._cut(str(request["time"])),
             "record": lambda _: self.recording.begin(),
             "end_recording": lambda _: self.recording.end(),
-            "break": lambda _: self._set(BROKEN),
-            "safe": lambda _: self._set(SAFE),
+            "break": lambda _: self._set_all(BROKEN),
+            "safe": lambda _: self._set_all(SAFE),
         }
 
     def describe(self) -> Message:
         """Return the description of the graph for a page, before its first frame."""
-        config = self._config
-        facts = config.device.facts
+        hands = self._config.hands
         return {
             "type": "hello",
             "name": RunDocument.read(self._run_dir).file,
-            "description": config.description,
-            "axes": facts.axes,
+            "description": self._config.description,
+            "axes": next(iter(hands.values())).device.facts.axes,  # all have as many
             "laws": takeable_laws(),
-            "period": self.period,
-            "hand": _hand(config),
-            "workspace": facts.workspace,
+            "hands": [_described(name, hand) for name, hand in hands.items()],
         }
 
     def parameters(self) -> Message:
         """Return the parameters that can change, each as text with its unit, and their ranges."""
         config = configuration(self._run_dir, with_code=False)
-        found = find_parameters(config, ())
+        message: Message = {"type": "parameters", "values": {}, "ranges": {}, "help": {}}
+        for hand in config.hands:
+            own = config.of(hand)
+            found = find_parameters(own, ())
+            for key, texts in (
+                ("values", as_written(own, found)),
+                ("ranges", ranges(own, found)),
+                ("help", meanings_of(own, found)),
+            ):
+                message[key] |= {_full_name(hand, name): text for name, text in texts.items()}
+        return message | {"wall": _wall(config)}
+
+    def reasons(self, samples: Mapping[str, Sequence[Telemetry]]) -> dict[str, str]:
+        """Return why the law gives each hand little force in its samples; "": it does not."""
+        known = self._statuses(STATUS_TIMEOUT)
         return {
-            "type": "parameters",
-            "values": as_written(config, found),
-            "ranges": ranges(config, found),
-            "help": meanings_of(config, found),
-            "wall": _wall(config),
+            hand: self._reason(hand, known[hand], own) if hand in known and own else ""
+            for hand, own in samples.items()
         }
 
-    def reason(self, samples: Sequence[Telemetry]) -> str:
-        """Return why the law gives little force in some samples; "": it does not, or none knows."""
-        status = device_status(self._run_dir, STATUS_TIMEOUT)
-        if status is None or not samples:
-            return ""
+    def _reason(self, hand: str, status: DeviceStatus, samples: Sequence[Telemetry]) -> str:
         bounder = status.bounder
-        lately = replace(bounder, overruns=max(bounder.overruns - self._overruns, 0))
-        self._overruns = bounder.overruns
-        device = {**to_document(self._config)["device"], "law": status.law}
+        lately = replace(bounder, overruns=max(bounder.overruns - self._overruns[hand], 0))
+        self._overruns[hand] = bounder.overruns
+        device = {**to_document(self._config.of(hand))["device"], "law": status.law}
         columns = TelemetryColumns.from_packets(samples)
         causes = causes_of_little_force(columns, device, lately, little=1.0)
         return causes[0].advice if causes else ""
 
+    def _statuses(self, timeout: float) -> dict[str, DeviceStatus]:
+        """Return the status of the device of each hand that answers."""
+        graph = graph_in(self._run_dir)
+        devices = {graph.of_role(DEVICE, hand): hand for hand in self._config.hands}
+        answers = ask_all(self._run_dir, devices, GetStatus(), timeout)
+        return {
+            devices[node]: answer
+            for node, answer in answers.items()
+            if isinstance(answer, DeviceStatus)
+        }
+
     def receive(self, request: Message) -> Callable[[], bool]:
         """Take note of a request; return what says whether it still counts.
 
-        A request for a law replaces those that still wait: nobody who wants to be safe waits for a
-        law that is being prepared.
+        A request for a hand's law replaces those that still wait: nobody who wants to be safe waits
+        for a law that is being prepared.
         """
         settings = request.get("settings")
-        has_law = isinstance(settings, Mapping) and LAW in settings
-        if not has_law and request.get("do") not in ("break", "safe"):
+        names = list(map(str, settings)) if isinstance(settings, Mapping) else []
+        laws = [name for name in names if ParameterName.parse(name).is_law]
+        if request.get("do") in ("break", "safe"):
+            laws = [of_hand(hand, LAW) for hand in self._config.hands]
+        if not laws:
             return lambda: True
-        self._newest_law += 1
-        number = self._newest_law
-        return lambda: number == self._newest_law
+        self._law_requests += 1
+        number = self._law_requests
+        self._newest |= dict.fromkeys(laws, number)
+        return lambda: number in [self._newest[law] for law in laws]
 
     def act(self, request: Message, counts: Callable[[], bool] = lambda: True) -> str | None:
         """Do what a page requests; return what is wrong, or None. It may take seconds."""
@@ -147,6 +172,11 @@ class Controls:
         chosen = read_settings([f"{name}:={value}" for name, value in settings.items()])
         set_parameters(self._run_dir, chosen, self._kernels)
 
+    def _set_all(self, settings: Mapping[str, str]) -> None:
+        """Change parameters of every hand."""
+        hands = self._config.hands
+        self._set({of_hand(hand, name): v for hand in hands for name, v in settings.items()})
+
     def _cut(self, time: str) -> None:
         cut_links(self._run_dir, time, ())
 
@@ -157,18 +187,18 @@ class Controls:
 
 
 class Pointer:
-    """A client that sends pointer positions to the device, and never waits for an answer.
+    """A client that sends pointer positions to the device of a hand, and never waits for an answer.
 
     ``taken`` is called with the stamp of a place when the device has taken it. When ``descriptor``
     is readable, call :meth:`send`.
     """
 
-    def __init__(self, run_dir: Path, taken: Callable[[Any], None]) -> None:
+    def __init__(self, run_dir: Path, taken: Callable[[Any], None], hand: str = HAND) -> None:
         self._taken = taken
         self._network = Network()
         graph = graph_in(run_dir)
         self._client = self._network.control_client(
-            endpoint(run_dir, graph.nodes[graph.of_role(DEVICE)])
+            endpoint(run_dir, graph.nodes[graph.of_role(DEVICE, hand)])
         )
         self.descriptor = self._client.descriptor
         self.place: Vector | None = None  # where the device has it, in m
@@ -216,10 +246,25 @@ def _wall(config: GraphConfig) -> float | None:
     return place if isinstance(place, float) else None
 
 
-def _hand(config: GraphConfig) -> Message | None:
+def _full_name(hand: str, name: str) -> str:
+    """The name in the whole graph of a parameter of a graph with one of its hands alone."""
+    return name if ParameterName.parse(name).section == ENVIRONMENT else of_hand(hand, name)
+
+
+def _described(name: str, hand: HandConfig) -> Message:
+    """What a page needs to know of a hand."""
+    facts, servo = hand.device.facts, hand.device.servo
+    return {
+        "name": name,
+        "period": servo.period_ns * 1e-9,
+        "workspace": facts.workspace,
+        "pointer": _pointer(hand.operator),
+    }
+
+
+def _pointer(operator: Operator | None) -> Message | None:
     """What a pointer may do; None: the hand follows none."""
-    hand = config.operator
-    if not isinstance(hand, PointerHand):
+    if not isinstance(operator, PointerHand):
         return None
-    start = hand.start if isinstance(hand.start, tuple) else (hand.start,)
-    return {"start": start, "reach": hand.reach, "speed": hand.speed}
+    start = operator.start if isinstance(operator.start, tuple) else (operator.start,)
+    return {"start": start, "reach": operator.reach, "speed": operator.speed}

@@ -6,7 +6,7 @@ The graph is looked at some thirty times a second; each frame has all samples si
 import math
 import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
@@ -18,9 +18,11 @@ from forcebound.messages.packets import (
     EnvironmentReply,
     Event,
     ForceCommand,
+    Packet,
     Scene,
     Telemetry,
 )
+from forcebound.messages.topology import HAND, in_hand
 from forcebound.observe.page.scene_files import content
 from forcebound.observe.streams import fields_of_packet
 from forcebound.recordings.schema import declared_signals
@@ -51,73 +53,49 @@ class _LawStart(NamedTuple):
 
 
 class Feed:
-    """The streams of a running graph, its true energy from ``energy_before``; to be closed."""
+    """The streams of a running graph, the true energy of each hand from ``energies``; to be closed.
 
-    def __init__(self, run_dir: Path, energy_before: float) -> None:
+    ``energies`` are those before the law in use, in J, by hand.
+    """
+
+    def __init__(self, run_dir: Path, energies: Mapping[str, float]) -> None:
         run = RunDocument.read(run_dir)
         declared = declared_signals(run.metadata)
-        #: Meanings of the signals, by name after that of their topic.
+        #: Meanings of the signals, by name after that of their stream.
         self.signals = {
             f"{t}.{n}": about for t, own in declared.items() for n, about in own.items()
         }
-        self._held: dict[str, float | None] = dict.fromkeys(self.signals)
-        self._published: dict[int, dict[str, float | None]] = {}  # by the tick that they answer
-        self._reader = Reader(run_dir, run.graph.named(*{*SHOWN, *declared}), run.core)
+        streams = [s for s in run.graph.streams if s.topic in SHOWN or s.name in declared]
+        self._reader = Reader(run_dir, streams, run.core)
+        self._hand_of = {one.name: one.hand for one in streams}
+        self._nodes = run.graph.nodes
+        self.hands = {
+            hand: HandFeed(energy, self.signals_of(hand), hand) for hand, energy in energies.items()
+        }
         self._ahead_ns = time.time_ns() - time.monotonic_ns()
         self.scene: Message | None = None  # the newest
-        self._law = _LawStart(0, energy_before, 0.0)
-        self.recent: deque[Telemetry] = deque(maxlen=RECENT)
+
+    def signals_of(self, hand: str) -> list[str]:
+        """Return the names of the signals that belong to a hand."""
+        return [name for name in self.signals if name.rpartition("/")[0] == hand]
 
     def look(self, keep: int = 1) -> list[Message]:
         """Return the messages to the pages about what has come since the last look.
 
-        A frame has one of ``keep`` samples, counted back from the newest.
+        A frame of a hand has one of ``keep`` samples, counted back from the newest.
         """
-        samples: list[Telemetry] = []
         messages: list[Message] = []
-        contact: EnvironmentReply | None = None
-        for _, packet, _ in self._reader.take():
-            if isinstance(packet, Telemetry):
-                samples.append(packet)
-            elif isinstance(packet, DeviceState | ForceCommand | EnvironmentReply):
-                contact = packet if isinstance(packet, EnvironmentReply) else contact
-                if self.signals:
-                    self._take_signals(packet)
+        for stream, packet, _ in self._reader.take():
+            hand = self._hand_of[stream]
+            if hand is not None:
+                self.hands[hand].take(packet)
             elif isinstance(packet, Scene):
                 self.scene = {"type": "scene", **fields_of_packet(packet)}
                 messages.append(self.scene)
             elif isinstance(packet, Event):
                 messages.append(self._event(packet))
-        self.recent.extend(samples)
-        if samples:
-            energies = [self._energy_under_law(sample) for sample in samples]
-            kept = slice((len(samples) - 1) % keep, None, keep)
-            frame = _frame(samples[kept], contact) | {"true_energy": energies[kept]}
-            signals = self._signals_at(samples)
-            frame["signals"] = {name: curve[kept] for name, curve in signals.items()}
-            frame |= {"since": self._law.time_ns * 1e-9, "law": self._law.name}
-            messages.append(frame)
-        return messages
-
-    def _take_signals(self, packet: DeviceState | ForceCommand | EnvironmentReply) -> None:
-        tick = packet.seq if isinstance(packet, DeviceState) else packet.device_seq
-        topic, numbers = TOPIC_OF[type(packet)], packet.signals or {}
-        own = [name for name in self.signals if name.startswith(f"{topic}.")]
-        values = {name: _finite(numbers.get(name.removeprefix(f"{topic}."))) for name in own}
-        self._published.setdefault(tick, {}).update(values)
-
-    def _signals_at(self, samples: Sequence[Telemetry]) -> dict[str, list[float | None]]:
-        """Return the signals at some samples, each held from the sample that uses its packet on."""
-        curves: dict[str, list[float | None]] = {name: [] for name in self.signals}
-        for sample in samples:
-            for tick in (sample.device_seq, sample.seq):
-                self._held |= self._published.pop(-1 if tick is None else tick, {})
-            for name, curve in curves.items():
-                curve.append(self._held[name])
-        newest = samples[-1].seq if samples[-1].device_seq is None else samples[-1].device_seq
-        for tick in sorted(tick for tick in self._published if tick < newest):
-            self._held |= self._published.pop(tick)  # late, or overtaken: from now on
-        return curves
+        frames = (hand.frame(keep) for hand in self.hands.values())
+        return messages + [frame for frame in frames if frame is not None]
 
     def file(self, digest: str) -> Message | None:
         """Return what a file of the scene has to draw, as :func:`content`; None: it is not here.
@@ -134,23 +112,12 @@ class Feed:
         """Close the streams."""
         self._reader.close()
 
-    def _energy_under_law(self, sample: Telemetry) -> float | None:
-        """Return the true energy since the law of a sample began, in J."""
-        if sample.elapsed == 0.0:  # a device has started
-            self._law = _LawStart(0, 0.0, 0.0)
-        if sample.true_energy is None:
-            return None
-        law = self._law
-        is_new = sample.time_ns > law.time_ns
-        energy = sample.true_energy - (law.energy if is_new else law.previous_energy)
-        return energy if math.isfinite(energy) else None  # JSON has no other
-
     def _event(self, event: Event) -> Message:
+        sender = self._nodes.get(event.node)
+        hand = "" if sender is None else sender.hand or ""
         if "energy_before" in event.data:
             energy = float(event.data["energy_before"])
-            self._law = _LawStart(
-                event.time_ns, energy, self._law.energy, str(event.data.get("law", ""))
-            )
+            self.hands[hand].begin_law(event.time_ns, energy, str(event.data.get("law", "")))
         at = (event.time_ns + self._ahead_ns) * 1e-9
         return {
             "type": "event",
@@ -163,10 +130,85 @@ class Feed:
         }
 
 
+class HandFeed:
+    """What comes from the loop of one hand."""
+
+    def __init__(self, energy_before: float, signals: Iterable[str], hand: str = HAND) -> None:
+        self._hand = hand
+        self._samples: list[Telemetry] = []  # since the last look
+        self._contact: EnvironmentReply | None = None  # the newest since then
+        self._held: dict[str, float | None] = dict.fromkeys(signals)
+        self._published: dict[int, dict[str, float | None]] = {}  # by the tick that they answer
+        self._law = _LawStart(0, energy_before, 0.0)
+        self.recent: deque[Telemetry] = deque(maxlen=RECENT)
+
+    def take(self, packet: Packet) -> None:
+        """Take a packet in."""
+        if isinstance(packet, Telemetry):
+            self._samples.append(packet)
+        elif isinstance(packet, DeviceState | ForceCommand | EnvironmentReply):
+            self._contact = packet if isinstance(packet, EnvironmentReply) else self._contact
+            if self._held:
+                self._take_signals(packet)
+
+    def begin_law(self, time_ns: int, energy: float, name: str) -> None:
+        """Count the energy from another law on, before which the true energy was ``energy``, J."""
+        self._law = _LawStart(time_ns, energy, self._law.energy, name)
+
+    def frame(self, keep: int) -> Message | None:
+        """Return the frame of what has come since the last one; None: no sample has."""
+        samples, self._samples = self._samples, []
+        contact, self._contact = self._contact, None
+        if not samples:
+            return None
+        self.recent.extend(samples)
+        energies = [self._energy_under_law(sample) for sample in samples]
+        kept = slice((len(samples) - 1) % keep, None, keep)
+        signals = self._signals_at(samples)
+        return _frame(samples[kept], contact) | {
+            "hand": self._hand,
+            "true_energy": energies[kept],
+            "signals": {name: curve[kept] for name, curve in signals.items()},
+            "since": self._law.time_ns * 1e-9,
+            "law": self._law.name,
+        }
+
+    def _take_signals(self, packet: DeviceState | ForceCommand | EnvironmentReply) -> None:
+        tick = packet.seq if isinstance(packet, DeviceState) else packet.device_seq
+        topic, numbers = TOPIC_OF[type(packet)], packet.signals or {}
+        stream = f"{in_hand(self._hand, topic)}."
+        own = [name for name in self._held if name.startswith(stream)]
+        values = {name: _finite(numbers.get(name.removeprefix(stream))) for name in own}
+        self._published.setdefault(tick, {}).update(values)
+
+    def _signals_at(self, samples: Sequence[Telemetry]) -> dict[str, list[float | None]]:
+        """Return the signals at some samples, each held from the sample that uses its packet on."""
+        curves: dict[str, list[float | None]] = {name: [] for name in self._held}
+        for sample in samples:
+            for tick in (sample.device_seq, sample.seq):
+                self._held |= self._published.pop(-1 if tick is None else tick, {})
+            for name, curve in curves.items():
+                curve.append(self._held[name])
+        newest = samples[-1].seq if samples[-1].device_seq is None else samples[-1].device_seq
+        for tick in sorted(tick for tick in self._published if tick < newest):
+            self._held |= self._published.pop(tick)  # late, or overtaken: from now on
+        return curves
+
+    def _energy_under_law(self, sample: Telemetry) -> float | None:
+        """Return the true energy since the law of a sample began, in J."""
+        if sample.elapsed == 0.0:  # a device has started
+            self._law = _LawStart(0, 0.0, 0.0)
+        if sample.true_energy is None:
+            return None
+        law = self._law
+        is_new = sample.time_ns > law.time_ns
+        energy = sample.true_energy - (law.energy if is_new else law.previous_energy)
+        return energy if math.isfinite(energy) else None  # JSON has no other
+
+
 def _frame(samples: Sequence[Telemetry], contact: EnvironmentReply | None) -> Message:
     frame: Message = {
         "type": "frame",
-        "hand": samples[-1].hand,
         "time": [sample.time_ns * 1e-9 for sample in samples],
         "delay": [sample.loop_delay for sample in samples],
         "reply_age": [sample.reply_age for sample in samples],

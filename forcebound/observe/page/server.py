@@ -7,7 +7,7 @@ import signal
 import socket
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import asdict
@@ -23,17 +23,16 @@ import tornado.websocket
 from forcebound.errors import ConfigError, ForceboundError
 from forcebound.messages.events import LAW_CHANGED, PARAMETERS_SET
 from forcebound.messages.packets import Telemetry
+from forcebound.messages.topology import HAND
 from forcebound.observe.listing import list_graphs
 from forcebound.observe.page.access import Access, hosts_of
 from forcebound.observe.page.controls import Controls, Pointer
 from forcebound.observe.page.feed import Feed, Message
+from forcebound.observe.page.pace import Pace
 from forcebound.observe.runs import Watch
 
 PAGE = Path(__file__).parent / "static"
 FRAME = 1.0 / 30.0  # s between two looks at the graph
-SLOWEST = 8  # times as long at most, while ticks are missed
-LATE = 0.01  # share of missed ticks in a second from which on pages give way
-CALM = 2  # seconds without, after which they come back by one step
 PROCESSES_PERIOD = 1.0  # s between two looks at its processes
 PING = 30.0  # s between two; as long may a page on a busy machine take to answer one
 CLOSE_TIMEOUT_S = 1.0  # s that pages have to close
@@ -110,7 +109,8 @@ class Server:
     async def _follow(self, graph: "_Graph") -> None:
         """Tell the pages what comes from a graph, until its end."""
         self.graph, loop = graph, self._loop
-        loop.add_reader(graph.pointer.descriptor, graph.pointer.send)
+        for pointer in graph.pointers.values():
+            loop.add_reader(pointer.descriptor, pointer.send)
         for page in tuple(self.pages):
             page.greet()
         next_nodes = 0.0
@@ -121,18 +121,21 @@ class Server:
                 for message in graph.look(started):
                     self._note(message)
                     self.tell(message)
-                graph.pointer.send()
+                for pointer in graph.pointers.values():
+                    pointer.send()
                 is_free = looking is None or looking.done()
                 if self.pages and is_free and started >= next_nodes:
                     next_nodes = started + PROCESSES_PERIOD
-                    look = partial(self._look_at_nodes, graph, tuple(graph.feed.recent))
+                    recent = {name: tuple(one.recent) for name, one in graph.feed.hands.items()}
+                    look = partial(self._look_at_nodes, graph, recent)
                     looking = loop.run_in_executor(self.workers, look)
                 period = FRAME * graph.pace.slowness
                 await asyncio.sleep(max(0.0, period - (time.monotonic() - started)))
         finally:
             if graph.watch.was_launched:  # else its run directory may be used again
                 self.last = graph.run_dir
-            loop.remove_reader(graph.pointer.descriptor)
+            for pointer in graph.pointers.values():
+                loop.remove_reader(pointer.descriptor)
             graph.close()
 
     def tell(self, message: Message) -> None:
@@ -159,7 +162,7 @@ class Server:
         page, own = stamp
         page.tell(json.dumps({"type": "taken", "stamp": own}))
 
-    def _look_at_nodes(self, graph: "_Graph", samples: tuple[Telemetry, ...]) -> None:
+    def _look_at_nodes(self, graph: "_Graph", samples: Mapping[str, tuple[Telemetry, ...]]) -> None:
         """Tell the pages of processes and little force; in a thread, since it takes time."""
         looked = time.monotonic()
         try:
@@ -168,7 +171,7 @@ class Server:
             return  # it ended just now
         processes = [asdict(process) for process in listed.processes]
         message = {"type": "nodes", "time": looked, "processes": processes}
-        self.later(self.tell, {**message, "reason": graph.controls.reason(samples)})
+        self.later(self.tell, {**message, "reasons": graph.controls.reasons(samples)})
         self.later(self.tell, graph.controls.recording.describe())
 
     def later(self, call: Callable[..., object], *arguments: object) -> None:
@@ -196,8 +199,9 @@ class _Graph:
         self._shown_since = time.monotonic()  # s; no other graph of this server has the same
         self.watch = Watch(run_dir)
         self.controls = controls
-        self.feed = Feed(run_dir, controls.energy_before)  # first: the graph may have ended
-        self.pointer = Pointer(run_dir, taken)
+        self.feed = Feed(run_dir, controls.energies_before)  # first: the graph may have ended
+        self.pointers = {hand: Pointer(run_dir, taken, hand) for hand in self.feed.hands}
+        self._misses = dict.fromkeys(self.feed.hands, 0)
         self.pace = Pace(controls.period)
         self.events: deque[Message] = deque(maxlen=MOST_EVENTS)  # for pages that come later
 
@@ -205,8 +209,10 @@ class _Graph:
         """Return what a page needs to know before its first frame."""
         controls, scene = self.controls, self.feed.scene
         signals = [
-            {"name": name, "label": about.text, "unit": about.unit}
-            for name, about in self.feed.signals.items()
+            {"hand": hand, "name": name, "label": about.text, "unit": about.unit}
+            for hand in self.feed.hands
+            for name in self.feed.signals_of(hand)
+            for about in (self.feed.signals[name],)
         ]
         hello = {**controls.describe(), "graph": self._shown_since, "signals": signals}
         return [hello, controls.parameters(), *([scene] if scene else []), *self.events]
@@ -216,42 +222,17 @@ class _Graph:
         messages = self.feed.look(self.pace.slowness)
         for message in messages:
             if message["type"] == "frame":
-                message["pointer"] = self.pointer.place  # whoever has moved it
-                self.pace.note(message["misses"], now)
+                message["pointer"] = self.pointers[message["hand"]].place  # whoever has moved it
+                self._misses[message["hand"]] = message["misses"]
+                self.pace.note(sum(self._misses.values()), now)
                 message["pace"] = FRAME * self.pace.slowness
         return messages
 
     def close(self) -> None:
         """Close what comes from the graph."""
         self.feed.close()
-        self.pointer.close()
-
-
-class Pace:
-    """How much slower pages are than they could be, since a servo that misses ticks comes first.
-
-    ``slowness`` is 1 on a machine that keeps up; it doubles, up to ``SLOWEST``, after each second
-    in which many ticks were missed, and halves after each calm time.
-    """
-
-    def __init__(self, period: float) -> None:
-        self.slowness = 1
-        self._most = LATE / period  # missed ticks in a second
-        self._begin = (0, 0.0)  # missed ticks and time, s, of this second
-        self._calm = 0  # seconds
-
-    def note(self, misses: int, now: float) -> None:
-        """Take in how many ticks were missed so far."""
-        missed, seconds = misses - self._begin[0], now - self._begin[1]
-        if seconds < 1.0:
-            return
-        self._begin = misses, now
-        is_late = self._most * seconds < missed
-        self._calm = 0 if is_late else self._calm + 1
-        if is_late:
-            self.slowness = min(2 * self.slowness, SLOWEST)
-        elif self._calm % CALM == 0:
-            self.slowness = max(self.slowness // 2, 1)
+        for pointer in self.pointers.values():
+            pointer.close()
 
 
 class _Http(tornado.httpserver.HTTPServer):
@@ -365,7 +346,11 @@ class _Page(_Handler, tornado.websocket.WebSocketHandler):
         elif graph is None:
             self._answer(request, "no graph runs")
         elif do == "point":
-            error = graph.pointer.point(request.get("target"), (self, request.get("stamp")))
+            pointer = graph.pointers.get(str(request.get("hand", HAND)))
+            if pointer is None:
+                error: str | None = f"no hand {request.get('hand')!r}"
+            else:
+                error = pointer.point(request.get("target"), (self, request.get("stamp")))
             if error is not None:
                 self._answer(request, error)
         else:

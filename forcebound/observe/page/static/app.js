@@ -2,16 +2,16 @@
 
 import { Controls } from "./controls.js";
 import { Figures } from "./figures.js";
+import { Choice, coloured, ofHand } from "./hands.js";
 import { PLOTS, Plot, linesOf, signalPlots } from "./plots.js";
-import { Samples, Window } from "./samples.js";
+import { Window } from "./samples.js";
 import { joule, text } from "./scale.js";
 import { Scene } from "./scene.js";
 import { State, magnitude } from "./state.js";
 
 const $ = (id) => document.getElementById(id);
 const token = new URLSearchParams(location.search).get("token") ?? "";
-const samples = new Samples();
-const shown = new Window(samples);
+const shown = new Window();
 
 const SILENT = 1000; // ms without a frame: the signal is lost
 const FRAME = 1000 / 30 - 4; // ms between two pictures, at least
@@ -33,10 +33,12 @@ function send(message) {
   return request;
 }
 
-const scene = new Scene($("scene"), (target, at) => send({ do: "point", target, stamp: at }));
+const scene = new Scene($("scene"), (hand, target, at) => send({ do: "point", hand, target, stamp: at }));
 const controls = new Controls(send);
 const figures = new Figures($("figures"));
-const state = new State();
+const states = new Map(); // by hand
+const choice = new Choice($("hands"), showChoice);
+let hello = null; // the newest
 const { delay, ...main } = PLOTS;
 export const plots = Object.values(main).map((spec) => new Plot($("plots"), shown, spec));
 const delays = new Plot($("delays"), shown, delay); // behind the fold of the network
@@ -48,39 +50,41 @@ const takes = {
   hello(message) {
     mayChange = message.may_change;
     isOver = false;
-    state.begin(message);
+    hello = message;
     heard = performance.now();
+    const hands = coloured(message.hands);
+    states.clear();
+    for (const hand of hands) states.set(hand.name, Object.assign(new State(), hand));
+    document.body.classList.toggle("several", hands.length > 1);
+    document.body.style.setProperty("--count", hands.length);
     $("name").replaceChildren(Object.assign(document.createElement("span"), { textContent: "forcebound: " }), message.name.replace(/\.yaml\b/, ""));
     document.title = message.name;
-    samples.push(samples.newest, {}); // a gap: it may be another graph
-    scene.describe(message);
-    plots[0].lines = linesOf(message.axes);
-    for (const { canvas } of plots.splice(others)) canvas.remove();
-    plots.push(...signalPlots($("plots"), shown, message.signals));
-    $("hint").replaceChildren(Object.assign(document.createElement("span"), { id: "about", textContent: `${message.description} ` }), hintOf(message));
-    controls.describe(message);
+    shown.begin([...states.keys()]);
+    scene.describe({ ...message, hands });
+    controls.describe({ ...message, hands });
+    choice.offer(hands);
     $("events").replaceChildren(); // those so far follow
   },
   frame(message) {
     heard = performance.now();
+    const samples = shown.live.get(message.hand), state = states.get(message.hand);
     if (message.time[0] < samples.newest - 1) { samples.clear(); shown.marks = []; } // another clock
     if (message.time[0] > samples.newest + 1e-3 * SILENT) samples.push(samples.newest, {}); // a gap
     message.time.forEach((time, i) => {
       const values = { limit: message.limit[i], energy: message.energy[i], true_energy: message.true_energy[i],
-        delay: message.delay[i], commanded: magnitude(message.commanded[i]), applied: magnitude(message.applied[i]) };
+        known_energy: message.true_energy[i] ?? message.energy[i], delay: message.delay[i], commanded: magnitude(message.commanded[i]), applied: magnitude(message.applied[i]) };
       for (const [name, column] of Object.entries(message.signals)) values[name] = column[i];
       message.position[i].forEach((x, axis) => { values[`p${axis}`] = x; });
       samples.push(time, values);
     });
-    scene.follow(message.pointer);
-    scene.state = { tip: message.tip, proxy: message.proxy, commanded: message.commanded.at(-1), applied: message.applied.at(-1) };
+    scene.take(message);
     state.take(message);
-    if (message.since && message.since !== shown.marks.at(-1)?.time) shown.mark(message.since, message.law);
+    if (message.since) shown.mark(message.since, message.law, message.hand);
     pace = message.pace;
     if (heard - worded < READABLE) return;
     worded = heard;
-    figures.showAll(message);
-    tell(state.words(scene.hasWall ? "wall" : "surface"));
+    for (const one of choice.shown) if (states.get(one.name).frame) figures.showAll(states.get(one.name).frame, choice.shown.length > 1 ? `${one.name}: ` : "");
+    tell([...states.values()].filter((one) => one.frame));
   },
   scene(message) {
     scene.objects = message.objects;
@@ -97,12 +101,12 @@ const takes = {
   taken({ stamp }) { figures.show("pointer to device and back", `${text(performance.now() - stamp)} ms`); },
   nodes(message) {
     controls.nodes(message);
-    state.reason = message.reason;
-    $("why").title = message.reason;
+    for (const [hand, state] of states) state.reason = message.reasons[hand] ?? "";
+    if (states.size === 1) $("why").title = message.reasons[""] ?? "";
   },
   parameters(message) {
     scene.wall = message.wall;
-    state.law = message.values["device.law"];
+    for (const [hand, state] of states) state.law = message.values[ofHand(hand, "device.law")];
     controls.parameters(message);
   },
   answer(message) { controls.answer(message); },
@@ -118,19 +122,39 @@ const takes = {
   },
 };
 
-function hintOf({ may_change, hand, axes }) {
+/** Show the hand that is chosen, or all. */
+function showChoice() {
+  const { shown: hands } = choice, { axes, signals } = hello;
+  scene.choose(hands.map(({ name }) => name));
+  controls.choose(hands.map(({ name }) => name));
+  figures.clear();
+  Object.values(main).forEach((spec, i) => { plots[i].lines = linesOf(spec, axes, hands); });
+  delays.lines = linesOf(delay, axes, hands);
+  for (const { canvas } of plots.splice(others)) canvas.remove();
+  plots.push(...signalPlots($("plots"), shown, signals, hands));
+  $("hint").replaceChildren(Object.assign(document.createElement("span"), { id: "about", textContent: `${hello.description} ` }), hintOf(hello));
+}
+
+function hintOf({ may_change, axes }) {
+  const hand = choice.shown.some(({ pointer }) => pointer), which = states.size < 2 ? "the hand" : choice.chosen ?? "the nearest hand";
   const turn = axes > 2 ? "; Shift to turn" : "";
   if (!may_change) return `This page may only look${axes > 2 ? ": drag to turn" : ""}.`;
-  if (hand && matchMedia("(pointer: coarse)").matches) return `Drag to move the hand${axes > 2 ? "; two fingers turn" : ""}.`;
-  return hand ? `Drag, or use the arrow keys (1 mm), to move the hand${axes > 2 ? "; Page Up and Down for away and near" : ""}${turn}.`
+  if (hand && matchMedia("(pointer: coarse)").matches) return `Drag to move ${which}${axes > 2 ? "; two fingers turn" : ""}.`;
+  return hand ? `Drag, or use the arrow keys (1 mm), to move ${which}${axes > 2 ? "; Page Up and Down for away and near" : ""}${turn}.`
     : "Nobody can drag this hand: it is real, or moves by itself. Launch files such as pointer_wall have one that can be dragged.";
 }
 
-/** Show the state of a graph that runs, and its force and energy. */
-function tell(words) {
-  say(words, true);
-  $("force").textContent = `${text(state.force)} N`;
-  $("energy").textContent = joule(state.past.at(-1).energy);
+const WORST = ["unstable", "late", "off", "passive"]; // kinds of states
+
+/** Show the states of the hands of a graph that runs, and their forces and energies. */
+function tell(known) {
+  const all = known.map((state) => state.words(scene.hasWall ? "wall" : "surface"));
+  const worst = WORST.flatMap((kind) => all.filter((words) => words.kind === kind))[0];
+  const whose = states.size > 1 ? `${known[all.indexOf(worst)].name}: ` : "";
+  say({ ...worst, head: whose + worst.head }, true);
+  const [forces, energies] = [known.map(({ force }) => `${text(force)} N`), known.map(({ past }) => joule(past.at(-1).energy))];
+  if (whose) tellEach(known, all, forces, energies);
+  else [$("force").textContent, $("energy").textContent] = [forces[0], energies[0]];
   const { preparing, present } = controls;
   $("note").textContent = [
     preparing && preparing !== present ? `Preparing law ${preparing}; until then, law ${present} goes on.` : "",
@@ -143,12 +167,29 @@ function tell(words) {
   $("bar").style.width = `${pixels}px`;
 }
 
+/** Show a line for each of several hands, in the order of the launch file: what moves cannot be read. */
+function tellEach(known, all, forces, energies) {
+  while ($("each").children.length < known.length) {
+    $("each").append(document.createElement("li"));
+    $("each").lastChild.append(...["b", "strong", "data", "data", "small"].map((tag) => document.createElement(tag)));
+  }
+  [...$("each").children].forEach((line, i) => {
+    const { name, colour } = known[i], { kind, head, more } = all[i];
+    line.dataset.state = kind;
+    line.title = known[i].reason;
+    line.style.setProperty("--hand", `var(--${colour})`);
+    line.classList.toggle("brief", !choice.shown.some((hand) => hand.name === name));
+    [name, head, forces[i], energies[i], more].forEach((words, j) => { if (line.children[j].textContent !== words) line.children[j].textContent = words; });
+  });
+}
+
 /** Say how things are; whether what can be changed can be changed just now follows from it. */
 function say({ head, more, kind = "away" }, isWell = false) {
   if (document.body.dataset.state !== kind || kind === "away") $("spoken").textContent = head; // numbers are not spoken
   document.body.dataset.state = kind;
   for (const [id, words] of [["state", head], ["why", more]]) if ($(id).textContent !== words) $(id).textContent = words;
   if (!isWell) $("note").textContent = "";
+  $("each").hidden = !isWell || states.size < 2;
   document.body.classList.toggle("is-away", !isWell);
   const isOff = !mayChange || socket?.readyState !== WebSocket.OPEN || isOver || isClosed;
   for (const part of document.querySelectorAll(".changes")) if (part.disabled !== isOff) part.disabled = isOff;

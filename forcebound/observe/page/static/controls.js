@@ -1,5 +1,6 @@
 // The controls: fields for the parameters, the law, nodes that stop and start, two buttons for visitors.
 
+import { ofHand } from "./hands.js";
 import { EVERYDAY } from "./scale.js";
 
 const make = (tag, properties = {}, ...children) => {
@@ -34,11 +35,6 @@ export class Controls {
     this.fields = new Map(); // name of a parameter -> {input, range, fault, value}
     this.pending = new Map(); // number of a request -> what its answer is for
     this.rows = new Map(); // node -> cells of its row
-    this.law = make("select", { id: "law" });
-    this.law.addEventListener("change", () => this.ask({ do: "set", settings: { [LAW]: this.law.value } }, this.law));
-    this.before = "certified"; // the law that the switch turns on
-    this.power = make("button", { type: "button", id: "power", role: "switch", ariaLabel: "a law bounds the force" });
-    this.power.addEventListener("click", () => this.ask({ do: "set", settings: { [LAW]: this.present === "none" ? this.before : "none" } }, this.power));
     this.record = make("button", { type: "button", id: "record", textContent: RECORD });
     this.record.addEventListener("click", () => this.ask({ do: this.record.textContent === RECORD ? "record" : "end_recording" }, this.record));
     this.recorded = make("small", { id: "recorded", role: "status" });
@@ -50,7 +46,8 @@ export class Controls {
   /** Ask the server for a change; `element` is busy until the answer is here. */
   ask(request, element, done = () => {}) {
     element.setAttribute("aria-busy", "true");
-    this.preparing = { break: "none", safe: "certified" }[request.do] ?? request.settings?.[LAW] ?? this.preparing;
+    this.preparing = { break: "none", safe: "certified" }[request.do]
+      ?? Object.entries(request.settings ?? {}).find(([name]) => name.endsWith(LAW))?.[1] ?? this.preparing;
     this.pending.set(this.send(request), (error) => {
       element.removeAttribute("aria-busy");
       if (!this.pending.size) this.preparing = undefined;
@@ -71,28 +68,59 @@ export class Controls {
     if (hello.graph === this.graph) return; // connected again: what one has typed or opened stays
     this.graph = hello.graph;
     this.fields.clear();
-    this.law.replaceChildren(...hello.laws.map((name) => new Option(name, name)));
+    this.laws = hello.hands.map(({ name }) => this.lawOf(name, hello.laws));
     this.rows.clear();
     const outage = make("button", { type: "button", id: "outage", textContent: "lose all for 0.5 s" });
     outage.addEventListener("click", () => this.ask({ do: "outage", time: "500 ms" }, outage));
     const stiffness = this.input(STIFFNESS, make("small", { id: `r-${STIFFNESS}`, className: "spoken" }));
-    this.sliders = [
+    const [hardness, ...delays] = this.sliders = [
       this.slider("stiffness", { min: SOFTEST, max: HARDEST, step: 0.05, shown: stiffness }, {
         words: (power) => readable(`${Number((10 ** power).toPrecision(2))} N/m`), names: [STIFFNESS],
         read: ([text]) => Math.log10(Math.max(siOf(text), 1)) }),
-      this.slider("delay each way", { min: 0, max: SLOWEST, step: 0.5, shown: make("output") }, {
-        words: (delay) => `${delay} ms`, names: DELAYS, read: (texts) => 1e3 * Math.max(...texts.map(siOf)) }),
+      ...hello.hands.map(({ name: hand }) => this.slider("delay each way", { min: 0, max: SLOWEST, step: 0.5, shown: make("output") }, {
+        words: (delay) => `${delay} ms`, names: DELAYS.map((name) => ofHand(hand, name)), read: (texts) => 1e3 * Math.max(...texts.map(siOf)) })),
     ];
     const [network, environment] = ["network", "environment"].map((id) => document.querySelector(`#${id} > fieldset`));
     this.groups = new Map([["links", network], ["environment", environment]]); // part -> where its fields are
+    this.parts = new Map(); // of several hands, by name: the parts of the page that are its own
+    const [law] = this.laws;
+    const main = hello.hands.length < 2 ? [law.row, ...this.sliders.map((slider) => slider.row)] : [hardness.row];
+    if (hello.hands.length > 1) hello.hands.forEach(({ name, colour }, i) => {
+      const part = make("div", { className: "own" }, make("h2", { textContent: name }), this.laws[i].row, delays[i].row);
+      const links = make("details", {}, make("summary", { textContent: name }));
+      part.style.setProperty("--hand", `var(--${colour})`);
+      this.groups.set(`${name}.links`, links);
+      this.parts.set(name, [part, links]);
+      main.push(part);
+    });
     document.getElementById("controls").replaceChildren(
-      make("div", { className: "field law" }, make("label", { htmlFor: "law", textContent: "law" }), this.power, this.law),
-      ...this.sliders.map((slider) => slider.row),
+      ...main,
       make("div", { className: "field" }, make("label", { htmlFor: "record", textContent: "recording" }), this.record, this.recorded),
     );
-    network.replaceChildren(make("div", { className: "field" }, make("label", { htmlFor: "outage", textContent: "outage" }), outage));
+    const links = [...this.parts.values()].map(([, details]) => details);
+    network.replaceChildren(make("div", { className: "field" }, make("label", { htmlFor: "outage", textContent: "outage" }), outage), ...links);
     environment.replaceChildren();
   }
+
+  /** Show what belongs to some hands, and to no other one. */
+  choose(names) {
+    for (const [name, parts] of this.parts) for (const part of parts) part.hidden = !names.includes(name);
+  }
+
+  /** The row for the law of a hand: a list, and a switch. */
+  lawOf(hand, names) {
+    const id = ["law", hand].filter(Boolean).join("-"), name = ofHand(hand, LAW);
+    const list = make("select", { id }), power = make("button", { type: "button", id: id.replace("law", "power"), role: "switch", ariaLabel: "a law bounds the force" });
+    const law = { name, list, power, present: undefined, before: "certified" }; // before: the law that the switch turns on
+    list.replaceChildren(...names.map((each) => new Option(each, each)));
+    list.addEventListener("change", () => this.ask({ do: "set", settings: { [name]: list.value } }, list));
+    power.addEventListener("click", () => this.ask({ do: "set", settings: { [name]: law.present === "none" ? law.before : "none" } }, power));
+    law.row = make("div", { className: "field law" }, make("label", { htmlFor: id, textContent: "law" }), power, list);
+    return law;
+  }
+
+  /** The law of now; of several hands, each that there is. */
+  get present() { return [...new Set(this.laws.map(({ present }) => present))].join(" and "); }
 
   /** A slider for parameters, beside what shows its value; `words` of its number is what is sent. */
   slider(label, { min, max, step, shown }, { words, names, read }) {
@@ -148,11 +176,13 @@ export class Controls {
   }
 
   parameters({ values, ranges, help }) {
-    this.present = values[LAW];
-    if (this.present !== "none") this.before = this.present;
+    for (const law of this.laws) {
+      law.present = values[law.name];
+      if (law.present !== "none") law.before = law.present;
+    }
     for (const slider of this.sliders) slider.take(values);
     for (const [name, value] of Object.entries(values)) {
-      if (name === LAW) continue; // it is chosen from a list
+      if (name.endsWith(LAW)) continue; // it is chosen from a list
       if (!this.fields.has(name)) this.addField(name);
       const field = this.fields.get(name);
       const shown = readable(value);
@@ -167,11 +197,11 @@ export class Controls {
 
   /** Add a field to the group of its part: the environment's own beside each other, each further part behind a fold. */
   addField(name) {
-    const path = name.split("."), part = path.slice(0, -1).join(".");
+    const path = name.split("."), part = path.slice(0, -1).join("."), top = this.parts.has(path[0]) ? 2 : 1;
     if (!this.groups.has(part)) {
-      const words = path.slice(1, -1).join(" ").replaceAll("_", " ");
+      const words = path.slice(top, -1).join(" ").replaceAll("_", " ");
       this.groups.set(part, make("details", {}, make("summary", { textContent: words })));
-      this.groups.get(path[0]).append(this.groups.get(part));
+      this.groups.get(path.slice(0, top).join(".")).append(this.groups.get(part));
     }
     const label = make("label", { htmlFor: `p-${name}`, textContent: path.at(-1).replaceAll("_", " ") });
     const range = make("small", { id: `r-${name}` }), input = this.input(name, range);
@@ -187,12 +217,13 @@ export class Controls {
 
   /** Show the law, and which of the two buttons has its way now. */
   showLaw() {
-    const law = this.present;
-    if (document.activeElement !== this.law || !this.law.hasAttribute("aria-busy")) this.law.value = law;
-    this.power.setAttribute("aria-checked", String(law !== "none"));
-    const delays = DELAYS.map((name) => this.fields.get(name)?.value);
-    const shown = { none: law === "none" && delays.every((d) => d === "5 ms"),
-      certified: law === "certified" && delays.every((d) => d === "0 ms") };
+    for (const { list, power, present } of this.laws) {
+      if (document.activeElement !== list || !list.hasAttribute("aria-busy")) list.value = present;
+      power.setAttribute("aria-checked", String(present !== "none"));
+    }
+    const delays = [...this.fields].filter(([name]) => DELAYS.some((each) => name.endsWith(each))).map(([, field]) => field.value);
+    const shown = { none: this.present === "none" && delays.every((d) => d === "5 ms"),
+      certified: this.present === "certified" && delays.every((d) => d === "0 ms") };
     for (const [name, button] of Object.entries(this.shows)) button.setAttribute("aria-pressed", String(shown[name]));
   }
 
@@ -218,7 +249,7 @@ export class Controls {
   addRow({ node }) {
     const cells = Array.from({ length: 4 }, () => make("td")), last = make("td");
     let button = null;
-    if (["environment", "controller"].includes(node)) {
+    if (["environment", "controller"].includes(node.split("/").at(-1))) {
       button = make("button", { type: "button", id: `node-${node}` });
       button.addEventListener("click", () => this.ask({ do: button.textContent, node }, button));
       last.append(button);

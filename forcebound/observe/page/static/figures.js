@@ -22,15 +22,21 @@ export class Figures {
     if (place.textContent !== words) place.textContent = words;
   }
 
-  showAll(frame) {
-    const newest = (name) => frame[name].at(-1) ?? NaN;
-    this.show("position", `${newest("position").map((x) => text(1e3 * x)).join(", ")} mm`);
-    this.show("commanded", `${text(magnitude(newest("commanded")))} N`);
-    this.show("applied", `${text(magnitude(newest("applied")))} N`);
-    this.show("limit", `${text(newest("limit"))} N`);
-    this.show("true energy, this law", `${text(1e3 * newest("true_energy"))} mJ`);
-    this.show("loop delay", `${text(1e3 * newest("delay"))} ms`);
-    this.show("age of the reply", `${text(1e3 * newest("reply_age"))} ms`);
-    this.show("missed ticks", String(frame.misses));
+  clear() {
+    this.places.clear();
+    this.list.replaceChildren();
+  }
+
+  /** Show the values of a frame; `whose`: words before their names. */
+  showAll(frame, whose = "") {
+    const newest = (name) => frame[name].at(-1) ?? NaN, show = (name, words) => this.show(whose + name, words);
+    show("position", `${newest("position").map((x) => text(1e3 * x)).join(", ")} mm`);
+    show("commanded", `${text(magnitude(newest("commanded")))} N`);
+    show("applied", `${text(magnitude(newest("applied")))} N`);
+    show("limit", `${text(newest("limit"))} N`);
+    show("true energy, this law", `${text(1e3 * newest("true_energy"))} mJ`);
+    show("loop delay", `${text(1e3 * newest("delay"))} ms`);
+    show("age of the reply", `${text(1e3 * newest("reply_age"))} ms`);
+    show("missed ticks", String(frame.misses));
   }
 }

@@ -16,7 +16,7 @@ export function listen(scene) {
     if (!down.size) turns = event.button === 2 || event.shiftKey || !scene.hand;
     down.set(event.pointerId, [event.clientX, event.clientY]);
     if (down.size > 1) turns = true;
-    if (!turns) scene.grasp();
+    if (!turns) scene.grasp([event.offsetX, event.offsetY]);
   });
   const moved = (event) => {
     const before = down.get(event.pointerId);

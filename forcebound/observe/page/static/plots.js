@@ -5,6 +5,7 @@ import { EVERYDAY, rangeOf, text, ticks } from "./scale.js";
 
 const GAP = -1; // in place of a column of pixels
 const MARGIN = { left: 46, right: 10, top: 24, bottom: 18 };
+const TOGETHER = 1; // s between hands that take a law in one change, and share one mark
 const MARKS = 14; // pixels for the names of laws, below the key
 const MANY = 1e3; // from so many of its unit on, a plot is in its larger one
 const AXES = [["x", "true"], ["y", "second"], ["z", "energy"]];
@@ -12,24 +13,32 @@ const AXES = [["x", "true"], ["y", "second"], ["z", "energy"]];
 /**
  * The plots. `scale` turns SI into `unit`; `larger` is that of MANY; `least` is the smallest range, in `unit`; with `isOfLaw` the law in use sets
  * the range. A further curve is one more line {name, label, colour, isArea} here, or one more plot, and a value of that
- * name in the samples.
+ * name in the samples. `overview`: the one value of each hand that is shown while several hands share the plots.
  */
 export const PLOTS = {
   position: { title: "Position", unit: "mm", scale: 1e3, least: 1, lines: [] },
-  force: { title: "Force", unit: "N", scale: 1, least: 1, isOfLaw: true, lines: [
+  force: { title: "Force", unit: "N", scale: 1, least: 1, isOfLaw: true, overview: "applied", lines: [
     { name: "limit", label: "limit", colour: "limit", isArea: true },
     { name: "commanded", label: "commanded", colour: "commanded" },
     { name: "applied", label: "applied", colour: "true" },
   ] },
-  energy: { title: "Energy", unit: "mJ", larger: "J", scale: 1e3, least: 1, isOfLaw: true, lines: [
+  energy: { title: "Energy", unit: "mJ", larger: "J", scale: 1e3, least: 1, isOfLaw: true, overview: "known_energy", lines: [
     { name: "energy", label: "estimated", colour: "energy" },
     { name: "true_energy", label: "true", colour: "true" },
   ] },
-  delay: { title: "Loop delay", unit: "ms", scale: 1e3, least: 0.1, lines: [{ name: "delay", label: "delay", colour: "true" }] },
+  delay: { title: "Loop delay", unit: "ms", scale: 1e3, least: 0.1, overview: "delay", lines: [{ name: "delay", label: "delay", colour: "true" }] },
 };
 
-/** The lines of the position on each axis. */
-export const linesOf = (axes) => AXES.slice(0, axes).map(([label, colour], i) => ({ name: `p${i}`, label, colour }));
+const DASHES = [[], [7, 4], [2, 4]]; // of the axes of several hands, whose curves have the colours of the hands
+
+/** The lines of a plot for `hands`: of one all that it has, of several an overview. */
+export function linesOf({ lines, overview }, axes, hands) {
+  if (hands.length > 1 && overview) return hands.map(({ name, colour }) => ({ name: overview, label: name, colour, hand: name }));
+  if (lines.length) return lines.map((line) => ({ ...line, hand: hands[0].name }));
+  const own = AXES.slice(0, axes).map(([label, colour], i) => ({ name: `p${i}`, label, colour }));
+  if (hands.length < 2) return own.map((line) => ({ ...line, hand: hands[0].name }));
+  return hands.flatMap(({ name, colour }) => own.map((line, i) => ({ ...line, label: i ? "" : name, colour, hand: name, dash: DASHES[i] })));
+}
 
 /** Lines over time, on a canvas that is added to an element. */
 export class Plot {
@@ -50,13 +59,16 @@ export class Plot {
 
   draw() {
     const { context, width, height } = fit(this.canvas);
-    const { samples, from, to } = this.shown;
-    const first = samples.first(from), last = samples.first(to + 1e-9);
-    const marks = this.shown.marks.filter(({ time }) => time > from && time <= to);
+    const { from, to } = this.shown;
+    const marks = this.shownMarks.filter(({ time }) => time > from && time <= to);
     const right = width - MARGIN.right, bottom = height - MARGIN.bottom, top = MARGIN.top + (marks.length ? MARKS : 0);
     const x = (time) => MARGIN.left + ((time - from) / (to - from)) * (right - MARGIN.left);
-    const drawn = this.lines.map((line) => this.columns(line, first, last, x));
-    [this.low, this.high] = rangeOf(drawn.flat(), this.isOfLaw ? Math.ceil(x(this.shown.since)) : GAP, this.least);
+    const drawn = this.lines.map((line) => this.columns(line, x));
+    const inUse = drawn.flatMap((columns, i) => {
+      const since = this.isOfLaw ? Math.ceil(x(this.shown.since(this.lines[i].hand))) : GAP;
+      return columns.filter(({ at }) => at > since);
+    });
+    [this.low, this.high] = rangeOf(inUse, GAP, this.least);
     const { low, high } = this;
     this.isLarge = Boolean(this.larger) && Math.max(-low, high) >= MANY;
     const y = (value) => bottom - ((value - low) / (high - low)) * (bottom - top);
@@ -91,9 +103,10 @@ export class Plot {
   }
 
   /** The lowest and the highest sample in each column of pixels, in the plot's unit; at GAP there is none. */
-  columns(line, first, last, x) {
-    const { samples } = this.shown, { capacity } = samples;
-    const values = samples.values.get(line.name), found = [];
+  columns(line, x) {
+    const { from, to } = this.shown, samples = this.shown.samples.get(line.hand), found = [];
+    if (!samples) return found;
+    const { capacity } = samples, values = samples.values.get(line.name), first = samples.first(from), last = samples.first(to + 1e-9);
     let column = { at: GAP, low: 0, high: 0 };
     for (let i = first; values && i < last; i += 1) {
       const value = values[i % capacity] * this.scale;
@@ -105,7 +118,18 @@ export class Plot {
     return found;
   }
 
-  /** Where another law began, with its name above the curves. */
+  /** Where another law began: {time, words}; of several hands with their names, unless they took one law together. */
+  get shownMarks() {
+    const hands = [...new Set(this.lines.map(({ hand }) => hand))], found = [];
+    for (const { time, law, hand } of this.shown.marks.filter((one) => hands.includes(one.hand))) {
+      const near = found.find((one) => Math.abs(one.time - time) < TOGETHER && !one.all.some((own) => own.hand === hand));
+      if (near) near.all.push({ law, hand }); else found.push({ time, all: [{ law, hand }] });
+    }
+    return found.map(({ time, all }) => ({ time, words: all.length === hands.length && all.every(({ law }) => law === all[0].law) ? all[0].law
+      : all.map(({ law, hand }) => `${hand}: ${law}`).join(", ") }));
+  }
+
+  /** Draw where another law began, with its name above the curves. */
   drawMarks(context, marks, x, right, bottom) {
     context.strokeStyle = context.fillStyle = colour("soft");
     context.lineWidth = 1;
@@ -126,6 +150,7 @@ export class Plot {
   drawLine(context, line, columns, y) {
     context.strokeStyle = context.fillStyle = colour(line.colour);
     context.lineWidth = 1.5;
+    context.setLineDash(line.dash ?? []);
     context.beginPath();
     let before = GAP;
     for (const { at, low, high } of [...columns, { at: GAP }]) {
@@ -139,14 +164,18 @@ export class Plot {
       before = at;
     }
     if (line.isArea) context.fill(); else context.stroke();
+    context.setLineDash([]);
   }
 
   /** What each line has at the cursor, or now. */
   get readings() {
-    const { samples, cursor, to } = this.shown;
-    const index = Math.min(samples.first(cursor ?? to), samples.count - 1);
-    return this.lines.filter((line) => samples.values.has(line.name) && index >= 0).map((line) => (
-      { line, words: `${line.label} ${text(this.shownAs(samples.values.get(line.name)[index % samples.capacity] * this.scale))}` }));
+    const { cursor, to } = this.shown;
+    return this.lines.filter((line) => line.label).flatMap((line) => {
+      const samples = this.shown.samples.get(line.hand), values = samples?.values.get(line.name);
+      if (!values || !samples.count) return [];
+      const index = Math.min(samples.first(cursor ?? to), samples.count - 1);
+      return [{ line, words: `${line.label} ${text(this.shownAs(values[index % samples.capacity] * this.scale))}` }];
+    });
   }
 
   /** A value in the plot's unit as it is shown: large ones in the larger unit. */
@@ -193,11 +222,12 @@ export class Plot {
 
 const COLOURS = ["true", "second", "energy", "commanded", "limit"]; // of signals, one after the other
 
-/** One plot for each unit of the signals that the parts of a graph publish; canvases are added to `place`. */
-export function signalPlots(place, shown, signals) {
+/** One plot for each unit of the signals that the parts of a graph publish for `hands`; canvases are added to `place`. */
+export function signalPlots(place, shown, published, hands) {
+  const signals = published.filter(({ hand }) => hands.some(({ name }) => name === hand));
   return [...new Set(signals.map(({ unit }) => unit))].map((unit) => {
     const lines = signals.filter((each) => each.unit === unit)
-      .map(({ name, label }, i) => ({ name, label, colour: COLOURS[i % COLOURS.length] }));
+      .map(({ name, label, hand }, i) => ({ name, hand, label: hands.length > 1 ? `${hand} ${label}` : label, colour: COLOURS[i % COLOURS.length] }));
     const [scale, name] = EVERYDAY[unit] ?? [1, unit === "1" ? "" : unit];
     return new Plot(place, shown, { title: "Signals", unit: name, scale, least: 1e-6, lines });
   });

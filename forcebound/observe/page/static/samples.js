@@ -52,30 +52,43 @@ export class Samples {
 
 /** The window of time that all plots show; paused, zoomed and pointed at together. */
 export class Window {
-  constructor(live) {
-    this.live = live;
-    this.samples = live; // that are shown: of a pause a copy, since the ring goes on
+  constructor() {
+    this.live = new Map(); // samples by hand
+    this.samples = this.live; // that are shown: of a pause a copy, since the rings go on
     this.seconds = SECONDS;
     this.end = null; // null: now
     this.age = null; // s before the right end, of the cursor; null: there is none
-    this.marks = []; // {time, words}: where another law began
+    this.marks = []; // {time, law, hand}: where another law began
   }
 
-  /** When the law of the window's end began, in s. */
-  get since() { return this.marks.findLast((one) => one.time <= this.to)?.time ?? 0; }
+  /** Have samples of these hands, whose names those of before may be. */
+  begin(hands) {
+    for (const name of this.live.keys()) if (!hands.includes(name)) this.live.delete(name);
+    for (const name of hands) {
+      if (!this.live.has(name)) this.live.set(name, new Samples());
+      this.live.get(name).push(this.live.get(name).newest, {}); // a gap: it may be another graph
+    }
+  }
 
-  /** Mark that another law begins. */
-  mark(time, words) { this.marks = [...this.marks, { time, words }].filter((one) => one.time > time - LONGEST); }
+  /** When the law of a hand at the window's end began, in s. */
+  since(hand) { return this.marks.findLast((one) => one.hand === hand && one.time <= this.to)?.time ?? 0; }
+
+  /** Mark that another law of a hand begins. */
+  mark(time, law, hand) {
+    if (time === this.marks.findLast((one) => one.hand === hand)?.time) return;
+    this.marks = [...this.marks, { time, law, hand }].filter((one) => one.hand !== hand || one.time > time - LONGEST);
+  }
 
   get isPaused() { return this.end !== null; }
-  get to() { return this.end ?? this.samples.newest; }
+  get newest() { return Math.max(0, ...[...this.samples.values()].map((each) => each.newest)); }
+  get to() { return this.end ?? this.newest; }
   get from() { return this.to - this.seconds; }
   get cursor() { return this.age === null ? null : this.to - this.age; }
   step(seconds) { this.age = Math.min(Math.max((this.age ?? this.seconds / 2) - seconds, 0), this.seconds); }
 
   pause(isPaused) {
-    this.samples = isPaused ? this.live.copy() : this.live;
-    this.end = isPaused ? this.samples.newest : null;
+    this.samples = isPaused ? new Map([...this.live].map(([hand, each]) => [hand, each.copy()])) : this.live;
+    this.end = isPaused ? this.newest : null;
   }
 
   /** Show so many times as much time; in a pause, what is under the cursor stays there. */
@@ -85,6 +98,6 @@ export class Window {
     if (this.age === null) return;
     const { cursor } = this;
     this.age *= this.seconds / before;
-    if (this.isPaused) this.end = Math.min(cursor + this.age, this.samples.newest);
+    if (this.isPaused) this.end = Math.min(cursor + this.age, this.newest);
   }
 }

@@ -1,4 +1,4 @@
-// The scene: the tip, its proxy, the forces, and what the environment says there is to draw.
+// The scene: the tip of each hand, its proxy, the forces, and what the environment says there is to draw.
 
 import { colour, fit } from "./canvas.js";
 import { scaleBar, text } from "./scale.js";
@@ -9,6 +9,7 @@ const NEWTONS = 22; // as many would be as long as the scene
 const LONGEST = 0.45; // of the scene, that an arrow is drawn; a longer one is dashed
 const WHOLE = 0.95; // share of the commanded force from which on both are one arrow
 const SIDE = 26; // pixels between the two arrows where there is one axis
+const LANE = 130; // pixels between two hands where there is one axis, at most
 const NEAR = 0.08; // m, half of what is seen at first
 const ABOUT = 0.03; // m about a wall that is seen
 const OWN = 500; // ms that the pointer of this page is its own after a move
@@ -21,19 +22,19 @@ export class Scene {
     this.files = new Map(); // digest -> corners of a mesh, or points of a cloud
     this.placed = new Map(); // of meshes, faces in the world
     this.layer = document.createElement("canvas"); // the objects alone
-    this.begin({ axes: 1 });
+    this.begin({ axes: 1, hands: [] });
     listen(this);
   }
 
   /** Show a graph of which nothing is known yet. */
-  begin({ graph, axes, workspace }) {
-    Object.assign(this, { graph, axes, workspace });
-    this.state = {};
+  begin({ graph, axes, hands }) {
+    Object.assign(this, { graph, axes });
+    // Of each hand: target, where its pointer is, in m (null: nobody points); moved, when this page moved it last, in ms.
+    this.hands = hands.map((hand) => ({ ...hand, target: null, moved: -Infinity }));
+    this.own = this.hands; // that this page may move, if they follow a pointer
+    this.lane = 0; // pixels that the hand which is drawn is below the middle
     this.objects = [];
     this.wall = undefined; // m, where its surface is; null: there is none; undefined: not known yet
-    this.target = null; // m, where the pointer is; null: nobody points
-    this.moved = -Infinity; // ms, when this page moved it last
-    this.hand = null;
     this.centre = [0, 0, 0];
     this.half = NEAR;
     this.isCentred = false;
@@ -44,8 +45,29 @@ export class Scene {
   /** Show a graph; of the same one as before the view stays. */
   describe(hello) {
     if (hello.graph !== this.graph) this.begin(hello);
-    this.hand = hello.may_change ? hello.hand : null;
+    this.mayChange = hello.may_change;
   }
+
+  /** Let this page move some hands only. */
+  choose(names) { this.own = this.hands.filter(({ name }) => names.includes(name)); }
+
+  /** Show what a frame has of its hand. */
+  take({ hand, tip, proxy, commanded, applied, pointer }) {
+    const one = this.hands.find(({ name }) => name === hand);
+    Object.assign(one, { tip, proxy, commanded: commanded.at(-1), applied: applied.at(-1) });
+    if (pointer && performance.now() - one.moved > OWN) one.target = pad(pointer); // another page may have moved it
+  }
+
+  /** The hands that this page can move. */
+  get movable() { return this.mayChange ? this.own.filter(({ pointer, tip }) => pointer && tip) : []; }
+
+  /** The hand that moves; null: none can. */
+  get hand() { return this.movable.includes(this.held) ? this.held : this.movable[0] ?? null; }
+
+  /** The hands that have been seen. */
+  get seen() { return this.hands.filter(({ tip }) => tip); }
+
+  get isSeveral() { return this.hands.length > 1; }
 
   get basis() {
     const { yaw, pitch } = this;
@@ -67,8 +89,8 @@ export class Scene {
 
   /** The parts of the scene that there are, for its legend. */
   get parts() {
-    return { pointer: Boolean(this.target), proxy: Boolean(this.state.proxy), solid: this.hasWall || this.objects.length > 0,
-      box: Boolean(this.hand || this.workspace) };
+    return { pointer: this.hands.some(({ target }) => target), proxy: this.hands.some(({ proxy }) => proxy),
+      solid: this.hasWall || this.objects.length > 0, box: this.boxed.length > 0 || this.hands.some(({ workspace }) => workspace) };
   }
 
   /** Whether something is felt that is not drawn yet, since its file is on its way. */
@@ -77,7 +99,7 @@ export class Scene {
   /** Where a point is on the canvas, in pixels, in the view of this picture. */
   project(point) {
     const { right, up, scale, x, y } = this.view, from = sub(pad(point), this.centre);
-    return [x + dot(from, right) * scale, y - dot(from, up) * scale];
+    return [x + dot(from, right) * scale, y + this.lane - dot(from, up) * scale];
   }
 
   zoom(factor) { this.half = Math.min(Math.max(this.half * factor, 0.002), 2); }
@@ -88,39 +110,53 @@ export class Scene {
     this.pitch = Math.min(Math.max(this.pitch + pitch, -1.5), 1.5);
   }
 
-  /** Let the pointer begin where the hand is. */
-  grasp() { this.target ??= pad(this.state.tip); }
+  /** Take hold of the nearest hand to a place in pixels, or of the one held before; its pointer begins where it is. */
+  grasp(at) {
+    const away = (hand) => this.inLane(hand, () => Math.min(...[hand.tip, hand.target ?? hand.tip].map((point) => {
+      const [x, y] = this.project(point);
+      return Math.hypot(x - at[0], y - at[1]);
+    })));
+    this.held = at ? this.movable.reduce((best, hand) => (away(hand) < away(best) ? hand : best)) : this.hand;
+    this.held.target ??= pad(this.held.tip);
+  }
 
-  /** Take over where the pointer is, since another page may have moved it. */
-  follow(pointer) {
-    if (pointer && performance.now() - this.moved > OWN) this.target = pad(pointer);
+  /** Do something where a hand is drawn: on one axis each has a lane of its own. */
+  inLane(hand, act) {
+    const { length } = this.hands;
+    if (this.axes < 2) this.lane = (this.hands.indexOf(hand) - (length - 1) / 2) * Math.min(LANE, this.canvas.clientHeight / (length + 0.5));
+    const result = act();
+    this.lane = 0;
+    return result;
   }
 
   /** Move the pointer by a way to the right, up and away on the screen, in m; `at`: when, by the event. */
   move([right, up, away], at) {
-    const { basis, reaches } = this;
+    const { basis, hand } = this, reaches = this.reachesOf(hand);
     const way = add(add(scaled(basis.right, right), scaled(basis.up, up)), scaled(basis.forward, away));
-    const start = pad(this.hand.start);
-    this.target = add(this.target, way).map((x, i) => Math.min(Math.max(x, start[i] - reaches[i]), start[i] + reaches[i]));
-    this.moved = performance.now();
-    this.point(this.target.slice(0, this.axes), at);
+    const start = pad(hand.pointer.start);
+    hand.target = add(hand.target, way).map((x, i) => Math.min(Math.max(x, start[i] - reaches[i]), start[i] + reaches[i]));
+    hand.moved = performance.now();
+    this.point(hand.name, hand.target.slice(0, this.axes), at);
   }
 
-  /** How far the pointer can go from its start on each axis, in m. */
-  get reaches() { return [0, 1, 2].map((axis) => (axis < this.axes ? this.hand.reach : 0)); }
+  /** How far the pointer of a hand can go from its start on each axis, in m. */
+  reachesOf({ pointer }) { return [0, 1, 2].map((axis) => (axis < this.axes ? pointer.reach : 0)); }
+
+  /** The hands whose reach is drawn. */
+  get boxed() { return this.mayChange ? this.own.filter(({ pointer }) => pointer) : []; }
 
   /** Whether all that the view is to show at first is here. */
   get isWhole() {
-    return this.state.tip && this.wall !== undefined && (this.wall !== null || this.objects.length)
+    return this.seen.length === this.hands.length && this.wall !== undefined && (this.wall !== null || this.objects.length)
       && !this.isLoading;
   }
 
   /** Look at all that there is. */
   centreOn() {
     const seen = this.objects.filter((object) => !OPEN.includes(object.shape));
-    const points = [pad(this.state.tip), ...seen.flatMap((object) => this.pointsOf(object))];
+    const points = [...this.seen.map(({ tip }) => pad(tip)), ...seen.flatMap((object) => this.pointsOf(object))];
     if (this.hasWall) points.push([this.wall - ABOUT, 0, 0], [this.wall + ABOUT, 0, 0]);
-    if (this.hand && this.axes < 3) points.push(...boxCorners(pad(this.hand.start), scaled(this.reaches, 2)));
+    for (const hand of this.axes < 3 ? this.boxed : []) points.push(...boxCorners(pad(hand.pointer.start), scaled(this.reachesOf(hand), 2)));
     const low = [0, 1, 2].map((i) => points.reduce((least, p) => Math.min(least, p[i]), Infinity));
     const high = [0, 1, 2].map((i) => points.reduce((most, p) => Math.max(most, p[i]), -Infinity));
     this.centre = scaled(add(low, high), 0.5);
@@ -153,30 +189,41 @@ export class Scene {
       this.centreOn();
     }
     this.view = { ...this.basis, scale: this.scale, x: width / 2, y: height / 2 };
-    if (this.hand) this.drawBox(context, pad(this.hand.start), scaled(this.reaches, 2));
-    if (this.workspace) this.drawBox(context, [0, 0, 0], this.workspace);
+    for (const hand of this.boxed) this.inLane(hand, () => this.drawBox(context, pad(hand.pointer.start), scaled(this.reachesOf(hand), 2)));
+    for (const hand of this.hands) if (hand.workspace) this.inLane(hand, () => this.drawBox(context, [0, 0, 0], hand.workspace));
     if (this.axes < 3) this.drawGround(context, width, height);
     this.drawLayer(context, width, height);
-    const tip = pad(this.state.tip);
-    if (this.target) this.drawSpring(context, this.target, tip);
-    if (this.state.proxy) {
-      this.line(context, [tip, pad(this.state.proxy)], colour("energy"), 2);
-      this.dot(context, pad(this.state.proxy), 6, colour("energy"));
+    for (const hand of this.seen) this.inLane(hand, () => this.drawHand(context, hand));
+  }
+
+  drawHand(context, hand) {
+    const tip = pad(hand.tip);
+    if (hand.target) this.drawSpring(context, hand.target, tip);
+    if (hand.proxy) {
+      this.line(context, [tip, pad(hand.proxy)], colour("energy"), 2);
+      this.dot(context, pad(hand.proxy), 6, colour("energy"));
     }
-    this.drawForces(context, tip);
+    this.drawForces(context, tip, hand);
     this.dot(context, tip, 10, colour("ground"));
-    this.dot(context, tip, 8, colour("text"));
-    if (this.axes < 2 && this.hasWall && tip[0] > this.wall) this.drawDepth(context, tip);
+    this.dot(context, tip, 8, colour(hand.colour ?? "text"));
+    const isDeep = this.axes < 2 && this.hasWall && tip[0] > this.wall, deep = `${text(1e3 * (tip[0] - this.wall))} mm deep`;
+    if (this.isSeveral) this.drawName(context, tip, isDeep ? `${hand.name}, ${deep}` : hand.name, colour(hand.colour));
+    else if (isDeep) this.drawDepth(context, tip, deep);
+  }
+
+  /** The name of one of several hands, above its tip on the right. */
+  drawName(context, tip, words, fill) {
+    const [x, y] = this.project(tip);
+    this.label(context, words, x + 14 + 0.6 * context.measureText(words).width, y - 22, fill);
   }
 
   /** The arrows of the applied and the commanded force, as the hand feels them, with their names. */
-  drawForces(context, tip) {
-    const { commanded, applied } = this.state;
-    if (!applied) return;
+  drawForces(context, tip, { name, colour: own, commanded, applied }) {
     const [given, asked] = [applied, commanded].map((force) => Math.hypot(...force));
     const isWhole = given > WHOLE * asked, away = this.axes < 2 ? SIDE : 0;
-    if (!isWhole) this.arrow(context, tip, commanded, { stroke: colour("commanded"), width: 6, side: -away, words: `commanded ${text(asked)} N` });
-    this.arrow(context, tip, applied, { stroke: colour("true"), width: 6, side: 0, words: `force ${text(given)} N`, isBelow: true });
+    const [thin, whose] = own ? [3, `${name} `] : [6, ""]; // of several hands the colour says whose force it is
+    if (!isWhole) this.arrow(context, tip, commanded, { stroke: colour(own ?? "commanded"), width: thin, side: -away, words: `${whose}commanded ${text(asked)} N` });
+    this.arrow(context, tip, applied, { stroke: colour(own ?? "true"), width: 6, side: 0, words: `${whose || "force "}${text(given)} N`, isBelow: true });
   }
 
   /** The spring of the hand, from where it pulls to the tip, and the ring of its end. */
@@ -198,12 +245,12 @@ export class Scene {
   }
 
   /** How deep the tip is in the wall. */
-  drawDepth(context, tip) {
+  drawDepth(context, tip, words) {
     const [x0, y] = this.project([this.wall, 0, 0]), [x1] = this.project(tip), level = y + 2 * SIDE;
     context.lineWidth = 1;
     for (const x of [x0, x1]) this.segment(context, [x, level - 6], [x, level + 6], colour("soft"));
     this.segment(context, [x0, level], [x1, level], colour("soft"));
-    this.label(context, `${text(1e3 * (tip[0] - this.wall))} mm deep`, (x0 + x1) / 2, level + 18, colour("soft"));
+    this.label(context, words, (x0 + x1) / 2, level + 18, colour("soft"));
   }
 
   /** Words with a rim, so that they can be read on whatever is behind; they stay in the scene. */
@@ -232,7 +279,9 @@ export class Scene {
   drawGround(context, width, height) {
     const [x, y] = this.project([this.wall ?? 0, 0, 0]);
     context.lineWidth = 1;
-    if (this.axes < 2) this.segment(context, [0, y], [width, y], colour("line"));
+    for (const hand of this.axes < 2 ? this.hands : []) {
+      this.inLane(hand, () => this.segment(context, [0, y + this.lane], [width, y + this.lane], colour("line")));
+    }
     if (!this.hasWall) return;
     context.fillStyle = colour("limit");
     context.fillRect(x, 0, Math.max(0, width - x), height);

@@ -1,0 +1,148 @@
+"""Commands for studies that people take part in."""
+
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from forcebound.cli import complete
+from forcebound.cli.common import FOLDER, Group, output_option, show
+from forcebound.cli.study import _number_option, workers_option
+from forcebound.errors import ConfigError
+
+if TYPE_CHECKING:
+    from forcebound.lab.study.plan import Study
+
+SIMULATED = re.compile(r"simulated:([1-9][0-9]{0,2})")
+_folder_option = output_option(
+    "folder", type=FOLDER, help="Folder for the data. Default: name of the study."
+)
+_file = click.argument("file", shell_complete=complete.studies)
+
+
+@click.group(short_help="Run a study with people, or simulated observers.", cls=Group)
+def study() -> None:
+    """Run a user study: check its file, run it with a participant, analyse the data."""
+
+
+@study.command(short_help="Make a study file to change.")
+@click.argument("path", type=click.Path(path_type=Path, dir_okay=False))
+def new(path: Path) -> None:
+    r"""Make a study file to change: the paper's.
+
+    \b
+    forcebound study new my_study.yaml
+    """
+    from forcebound.lab.study.plan import SHIPPED, shipped
+
+    path = path.with_suffix(".yaml")
+    try:
+        with path.open("x", encoding="utf-8") as file:
+            file.write((SHIPPED / shipped()[0]).read_text(encoding="utf-8"))
+    except FileExistsError:
+        raise ConfigError(f"{path} exists: choose another name") from None
+    show(f"study file: {path}; then: forcebound study check {path}")
+
+
+@study.command(short_help="Check a study file, and say what a participant will meet.")
+@_file
+def check(file: str) -> None:
+    r"""Check a study file, and say what a participant will meet.
+
+    \b
+    forcebound study check friction
+    """
+    from forcebound.lab.study.order import blocks_of, total
+    from forcebound.lab.study.plan import load_study
+
+    plan = load_study(file)
+    trials = total(plan)
+    show(f"{plan.name}: {plan.description}")
+    show(f"question: {plan.question}")
+    for counted, other in plan.pairs:
+        show(f"pair: {counted} against {other}")
+    many = (
+        "until the staircases end"
+        if trials is None
+        else f"{trials} with training, two touches each"
+    )
+    show(f"trials: {many}")
+    for number in range(2 * len(plan.blocks)):
+        show(f"participant {number + 1}: {', '.join(blocks_of(plan, number))}")
+
+
+@study.command(short_help="Run a study with one participant, or simulated ones.")
+@_file
+@click.option(
+    "--participant",
+    required=True,
+    metavar="ID",
+    help="Identifier, never a name; or simulated:N, so many simulated observers.",
+)
+@_folder_option
+@_number_option("--seed", default=1, help="Seed of the simulated observers.")
+@click.option(
+    "--weber",
+    type=click.FloatRange(0.0, min_open=True),
+    default=0.23,
+    show_default=True,
+    help="Their Weber fraction of stiffness, at 84 % right answers.",
+)
+@click.option(
+    "--lapse",
+    type=click.FloatRange(0.0, 1.0),
+    default=0.02,
+    show_default=True,
+    help="Share of their answers that are guesses.",
+)
+@click.option("--record", "records", is_flag=True, help="Record each simulated touch; slow.")
+@workers_option
+def run(
+    file: str, participant: str, folder: Path | None, workers: int | None, **of_observer: Any
+) -> None:
+    r"""Run a study; a participant who stopped goes on with the next trial.
+
+    \b
+    forcebound study run friction --participant simulated:10 --seed 1
+    forcebound study run my_study.yaml --participant p07
+    """
+    from forcebound.lab.study.plan import load_study
+
+    plan = load_study(file)
+    folder = folder or Path(plan.name)
+    simulated = SIMULATED.fullmatch(participant)
+    if simulated is None:
+        run_live_study(plan, participant, folder)
+        return
+    from forcebound.lab.study.observers import Observer, run_observers
+
+    observer = Observer(**of_observer)
+    run_observers(observer, file, folder, int(simulated[1]), workers)
+    show(f"data: {folder}; then: forcebound study analyse {folder}")
+
+
+def run_live_study(plan: "Study", participant: str, folder: Path) -> None:
+    """Run a study with a person, on the live page."""
+    raise ConfigError(
+        f"{plan.name}: a study with a person needs the live page, which cannot run one yet; use"
+        " --participant simulated:10"
+    )
+
+
+@study.command(short_help="Analyse the data of a study.")
+@click.argument("folder", type=FOLDER)
+def analyse(folder: Path) -> None:
+    r"""Analyse the data of a study: report.md and report.png, in its folder.
+
+    \b
+    forcebound study analyse friction
+    """
+    try:
+        from forcebound.lab.study.report import write_report
+
+        page = write_report(folder)
+    except ModuleNotFoundError as error:
+        raise ConfigError(f"needs {error.name}: pip install 'forcebound[study]'") from error
+    show(page.read_text(encoding="utf-8"))
+    show(f"report: {page}")

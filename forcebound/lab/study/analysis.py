@@ -1,0 +1,251 @@
+"""Analysis of a study's data: percentages, tests, psychometric functions, checks.
+
+It needs scipy, statsmodels and psignifit, the extra ``study``.
+"""
+
+import json
+import math
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from statistics import NormalDist, fmean, stdev
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+
+from forcebound.errors import ConfigError
+from forcebound.files import MAX_TABLE, read_bytes, reason
+from forcebound.graph.problems import Problems
+from forcebound.lab.engine import Row
+from forcebound.lab.study.order import staircase
+from forcebound.lab.study.plan import Staircase, StudyFile, read_study
+from forcebound.lab.study.session import ABOUT, TRIALS, read_rows
+from forcebound.lab.views import groups
+from forcebound.units import split_quantity
+
+DROPPED_REVERSALS = 4  # of a staircase, before those whose mean is the threshold
+Group: TypeAlias = tuple[Any, ...]  # block, counted condition, the other one
+
+
+@dataclass(frozen=True)
+class Data:
+    """All answered trials of a study but those of the training, by participant."""
+
+    study: StudyFile
+    name: str
+    kind: str  # person, rehearsal, simulated; several are listed
+    rows: list[Row]  # with the participant's identifier
+
+    @cached_property
+    def groups(self) -> dict[Group, list[Row]]:
+        """The rows of each comparison, by block in the order of the study file."""
+        order = list(self.study.blocks)
+        rows = sorted(self.rows, key=lambda row: order.index(row["block"]))
+        return groups(rows, "block", "counted", "other")
+
+
+class Shares(NamedTuple):
+    """How often the counted stimulus was chosen: over participants, and over all trials."""
+
+    mean: float
+    sd: float  # of participants; NaN of a single one
+    standard_error: float
+    chosen: int
+    trials: int
+    p: float  # exact binomial test against one half, two-sided, all trials as if of one person
+    sensitivity: float  # d' of two-interval forced choice
+
+
+def load_data(folder: Path) -> Data:
+    """Return the data in a study's folder; ConfigError if there are none, or of several studies."""
+    rows, abouts = list[Row](), list[dict[str, Any]]()
+    for file in sorted(folder.glob(f"*/{ABOUT}")):
+        try:
+            about = json.loads(read_bytes(file, MAX_TABLE))
+            text = read_bytes(file.parent / TRIALS, MAX_TABLE).decode()
+        except (OSError, ValueError) as error:
+            raise ConfigError(f"cannot read the data in {file.parent}: {reason(error)}") from error
+        answered = read_rows(text[: text.rfind("\n") + 1], file.parent / TRIALS)
+        own = {"participant": file.parent.name}
+        rows += [{**row, **own} for row in answered if row["phase"] == "main"]
+        abouts.append(about)
+    if not rows:
+        raise ConfigError(f"{folder} has no answered trials of a study")
+    if len({about["digest"] for about in abouts}) > 1:
+        raise ConfigError(f"{folder} has participants of several studies, or of a changed file")
+    study = read_study(folder / rows[0]["participant"] / "study.yaml", Problems())[0]
+    kinds = ", ".join(sorted({about["kind"] for about in abouts}))
+    return Data(study, abouts[0]["study"], kinds, rows)
+
+
+def by_participant(rows: Sequence[Row]) -> dict[str, list[Row]]:
+    """Return the rows of each participant."""
+    return {name: own for (name,), own in groups(rows, "participant").items()}
+
+
+def shares(rows: Sequence[Row]) -> Shares:
+    """Return how often the counted stimulus was chosen."""
+    from scipy.stats import binomtest
+
+    each = [fmean(_chosen(own)) for own in by_participant(rows).values()]
+    chosen, trials = sum(_chosen(rows)), len(rows)
+    spread = stdev(each) if len(each) > 1 else math.nan
+    p = float(binomtest(chosen, trials).pvalue)
+    return Shares(
+        fmean(each),
+        spread,
+        spread / math.sqrt(len(each)),
+        chosen,
+        trials,
+        p,
+        d_prime(chosen, trials),
+    )
+
+
+def _chosen(rows: Sequence[Row]) -> list[int]:
+    return [int(row["chose_counted"]) for row in rows]
+
+
+def d_prime(chosen: int, trials: int) -> float:
+    """Return the sensitivity d' of two-interval forced choice, the square root of 2 times z.
+
+    Half a trial is added to either side, so that it is finite. Source: Macmillan and Creelman,
+    Detection theory, 2nd edition, 2005, chapter 7; Hautus, Behavior Research Methods 27, 1995.
+    """
+    return math.sqrt(2.0) * NormalDist().inv_cdf((chosen + 0.5) / (trials + 1.0))
+
+
+def mixed_model(data: Data) -> list[tuple[str, float, float]]:
+    """Return the terms of a logistic mixed model: name, posterior mean and SD, in log odds.
+
+    One fixed effect for each comparison, a random intercept for each participant; variational
+    Bayes of statsmodels, with its priors. Empty with a single participant, or if all answers are
+    the same.
+    """
+    if len(by_participant(data.rows)) < 2 or len(set(_chosen(data.rows))) < 2:
+        return []
+    from statsmodels.genmod.bayes_mixed_glm import BinomialBayesMixedGLM
+
+    keys, people = list(data.groups), list(by_participant(data.rows))
+    pairs = [(key, row) for key, rows in data.groups.items() for row in rows]
+    answers = np.array([int(row["chose_counted"]) for _, row in pairs])
+    fixed = np.array([[float(key == one) for one in keys] for key, _ in pairs])
+    random = np.array([[float(row["participant"] == one) for one in people] for _, row in pairs])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of the optimiser; the SD says how sure it is
+        model = BinomialBayesMixedGLM(answers, fixed, random, np.zeros(len(people), int))
+        fit = model.fit_vb()
+    names = [f"{block}: {counted} against {other}" for block, counted, other in keys]
+    return list(zip(names, fit.fe_mean.tolist(), fit.fe_sd.tolist(), strict=True))
+
+
+class Fit(NamedTuple):
+    """Psychometric function of a condition in a block: cumulative normal with lapses."""
+
+    levels: list[float]  # in the unit of the standard, which they are for a staircase less
+    chosen: list[int]
+    trials: list[int]
+    threshold: float  # 50 % of constant stimuli; 75 % of a staircase
+    interval: tuple[float, float]  # 95 %, credible
+    sigma: float  # standard deviation of the normal
+    lapse: float
+
+
+def psychometric(study: StudyFile, rows: Sequence[Row]) -> Fit:
+    """Fit a psychometric function to the answers at all levels, by psignifit.
+
+    Constant stimuli: the share in which the level was chosen, from 0 to 1, whose middle is the
+    level that feels as the standard. A staircase has levels above the standard only: the share of
+    right answers over the difference, from one half to 1.
+    """
+    from psignifit import psignifit
+
+    is_climbed = isinstance(study.method, Staircase)
+    standard = split_quantity(getattr(study.method, "standard", "0"))[0] if is_climbed else 0.0
+    counts: dict[float, list[int]] = {}
+    for row in rows:
+        counts.setdefault(split_quantity(row["counted_level"])[0] - standard, []).append(
+            int(row["chose_counted"])
+        )
+    levels = sorted(counts)
+    chosen, trials = [sum(counts[x]) for x in levels], [len(counts[x]) for x in levels]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of few levels or trials: the interval says it
+        found = psignifit(
+            np.column_stack([levels, chosen, trials]),
+            experiment_type="2AFC" if is_climbed else "equal asymptote",
+            sigmoid="norm",
+        )
+    best = found.parameter_estimate
+    low, high = found.confidence_intervals["threshold"]["0.95"]
+    # psignifit's width is from 5 to 95 % of the normal.
+    sigma = best["width"] / (NormalDist().inv_cdf(0.95) - NormalDist().inv_cdf(0.05))
+    return Fit(levels, chosen, trials, best["threshold"], (low, high), sigma, best["lambda"])
+
+
+def reversal_thresholds(study: StudyFile, rows: Sequence[Row]) -> dict[str, float]:
+    """Return the mean level of each participant's last reversals, 70.7 % right answers."""
+    assert isinstance(study.method, Staircase)
+    found = {}
+    for name, own in by_participant(rows).items():
+        turns = staircase(study.method, [bool(one) for one in _chosen(own)])[1]
+        if len(turns) > DROPPED_REVERSALS:
+            found[name] = fmean(turns[DROPPED_REVERSALS:])
+    return found
+
+
+def touches(rows: Sequence[Row], condition: str, name: str) -> list[float]:
+    """Return a measure of all touches of a condition, such as ``stiffness``; without missing."""
+    return [
+        float(row[f"{name}_{place}"])
+        for row in rows
+        for place in (1, 2)
+        if row[f"condition_{place}"] == condition and row[f"{name}_{place}"]
+    ]
+
+
+def expected_share(rows: Sequence[Row], weber: float, lapse: float) -> float:
+    """Return how often an observer would choose the counted stimulus, by displayed stiffness.
+
+    ``weber`` is the standard deviation of the difference as felt over the stiffness.
+    """
+    found = []
+    for row in rows:
+        if not (row["stiffness_1"] and row["stiffness_2"]):
+            continue
+        first, second = float(row["stiffness_1"]), float(row["stiffness_2"])
+        spread = weber * math.sqrt(0.5 * (first**2 + second**2))
+        size = first - second if row["counted_interval"] == "1" else second - first
+        found.append(0.5 * lapse + (1.0 - lapse) * NormalDist().cdf(size / spread))
+    return fmean(found)
+
+
+def checks(data: Data) -> dict[str, str]:
+    """Return checks of the order and of the speed, in words."""
+    from scipy.stats import binomtest
+
+    firsts = sum(row["answer"] == "1" for row in data.rows)
+    p = float(binomtest(firsts, len(data.rows)).pvalue)
+    leading = sum(row["counted_interval"] == "1" for row in data.rows)
+    begun = [own[0]["block"] for own in by_participant(data.rows).values()]
+    counts = ", ".join(f"{block} {begun.count(block)}" for block in data.study.blocks)
+    again = sum(int(row[f"touches_{place}"]) - 1 for row in data.rows for place in (1, 2))
+    found = {
+        "answer *first*": f"{firsts} of {len(data.rows)} trials (exact binomial p = {p:.3g})",
+        "counted stimulus first": f"{leading} of {len(data.rows)} trials",
+        "participants by first block": counts,
+        "touches repeated for their speed": f"{again}, besides {2 * len(data.rows)} that count",
+    }
+    for (block, counted, other), rows in data.groups.items():
+        means = [f"{name} {_speed(rows, name)}" for name in dict.fromkeys((counted, other))]
+        found[f"speed, {block}"] = "; ".join(means)
+    return found
+
+
+def _speed(rows: Sequence[Row], condition: str) -> str:
+    speeds = touches(rows, condition, "speed")
+    if len(speeds) < 2:
+        return "not measured"
+    return f"{fmean(speeds) * 1e3:.1f} mm/s (SD {stdev(speeds) * 1e3:.1f})"

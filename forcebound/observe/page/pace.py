@@ -1,0 +1,32 @@
+"""How often pages get a picture: a servo that misses ticks comes first."""
+
+SLOWEST = 8  # times as long at most, while ticks are missed
+LATE = 0.01  # share of missed ticks in a second from which on pages give way
+CALM = 2  # seconds without, after which they come back by one step
+
+
+class Pace:
+    """How much slower pages are than they could be, since a servo that misses ticks comes first.
+
+    ``slowness`` is 1 on a machine that keeps up; it doubles, up to ``SLOWEST``, after each second
+    in which many ticks were missed, and halves after each calm time.
+    """
+
+    def __init__(self, period: float) -> None:
+        self.slowness = 1
+        self._most = LATE / period  # missed ticks in a second
+        self._begin = (0, 0.0)  # missed ticks and time, s, of this second
+        self._calm = 0  # seconds
+
+    def note(self, misses: int, now: float) -> None:
+        """Take in how many ticks were missed so far."""
+        missed, seconds = misses - self._begin[0], now - self._begin[1]
+        if seconds < 1.0:
+            return
+        self._begin = misses, now
+        is_late = self._most * seconds < missed
+        self._calm = 0 if is_late else self._calm + 1
+        if is_late:
+            self.slowness = min(2 * self.slowness, SLOWEST)
+        elif self._calm % CALM == 0:
+            self.slowness = max(self.slowness // 2, 1)
