@@ -45,15 +45,15 @@ LAWS = {  # of a panel or curve: launch file and law
 }
 SHAKEN = ("none", "certified", "certified, transfer")
 DELAYS = (0, 1, 2, 5, 10)  # ms, each way
-LATE = (0, 2, 5, 10)  # ms, each way
+LATE = (0, 5, 10)  # ms, each way
 AMPLITUDE = 0.003  # m, of the shaker
 HELD = PressingHand(mass=0.0, stiffness=1000.0, damping=2.0, start=0.0, end=0.0)  # by the follower
 SHOWN = (2.0, 5.0, 10.0, 20.0)  # Hz, in the table
 HIGHEST, SWEEP_TIME = 30.0, 12.0  # Hz, s
 SHAKES = 2.0  # s, of the box's run
-SECONDS = 3.0  # s, of a run that shall come to rest
-SOFTEST, STIFFEST = 0.05, 20.0  # N/mm, of the coupling
-STEPS = 5  # of the bisection: 20 %
+SECONDS = 2.0  # s, of a run that shall come to rest
+SOFTEST, STIFFEST = 0.1, 10.0  # N/mm, of the coupling
+STEPS = 4  # of the bisection: 33 %
 
 
 class Task(NamedTuple):
