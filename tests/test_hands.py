@@ -124,7 +124,7 @@ def test_a_configuration_travels_whole(config: GraphConfig) -> None:
 def test_parameters_begin_with_the_hand(config: GraphConfig) -> None:
     delay = "right.links.environment_query.delay"
     assert parameters(config)[delay] == 0.002
-    assert processes_of([delay, "left.device.law"]) == {"environment", "left/device"}
+    assert processes_of([delay, "left.device.law"], config) == {"environment", "left/device"}
     changed = change(config, {delay: 0.0, "left.device.law": "tdpa"})
     assert [hand.device.servo.law for hand in changed.hands.values()] == ["tdpa", "none"]
     with pytest.raises(ConfigError, match=r"left\.device\.law or right\.device\.law"):
