@@ -55,7 +55,12 @@ from forcebound.messages.topology import (
     hands_here,
     in_hand,
 )
-from forcebound.recordings.schema import ABSENT, Signals, declared_signals, schema
+from forcebound.recordings.schema import (
+    ABSENT,
+    Signals,
+    declared_signals,
+    schema,
+)
 from forcebound.recordings.telemetry import TelemetryCollector, TelemetryColumns
 
 OF_ALL = (TOPIC_OF[Scene], TOPIC_OF[Event])  # topics that belong to no hand

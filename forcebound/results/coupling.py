@@ -1,9 +1,9 @@
-"""Figures of hands that share a graph: energy of all together; of leader and follower, transparency.
+"""Figures of hands that share a graph: energy together; of leader and follower, transparency.
 
 Samples of all hands are compared at the times of the first one, while the force of each is engaged.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -92,10 +92,10 @@ def _energies(shared: Mapping[str, Mapping[str, Floats]]) -> dict[str, Any]:
     together = np.sum([one["energy"] for one in shared.values()], axis=0)
     with_partner = {h: one["energy"] + one["received"] - one["given"] for h, one in shared.items()}
     return {
-        "energy_end_j": {hand: _last(one["energy"]) for hand, one in shared.items()},
-        "energy_min_j": _least(together),
-        "given_energy_j": {hand: _last(one["given"]) for hand, one in shared.items()},
-        "energy_with_partner_min_j": {h: _least(one) for h, one in with_partner.items()},
+        "energy_end_j": {hand: _or_none(_last, one["energy"]) for hand, one in shared.items()},
+        "energy_min_j": _or_none(np.min, together),
+        "given_energy_j": {hand: _or_none(_last, one["given"]) for hand, one in shared.items()},
+        "energy_with_partner_min_j": {h: _or_none(np.min, one) for h, one in with_partner.items()},
     }
 
 
@@ -132,31 +132,25 @@ def _transparency(
         if environment["architecture"] != "four_channel":
             behind = own * known / (own + known) if own > 0.0 else 0.0
     return {
-        "position_error_rms_m": _rms(error),
-        "position_error_peak_m": _peak(error),
-        "force_error_rms_n": _rms(difference),
-        "force_error_peak_n": _peak(difference),
+        "position_error_rms_m": _or_none(_rms, error),
+        "position_error_peak_m": _or_none(np.max, error),
+        "force_error_rms_n": _or_none(_rms, difference),
+        "force_error_peak_n": _or_none(np.max, difference),
         "transmitted_stiffness_n_per_m": felt,
         "follower_stiffness_n_per_m": known,
         "series_stiffness_n_per_m": behind,
     }
 
 
-def _rms(values: Floats) -> float | None:
-    return _or_none(np.sqrt(np.mean(values**2))) if values.size else None
+def _last(values: Floats) -> Any:
+    return values[-1]
 
 
-def _peak(values: Floats) -> float | None:
-    return _or_none(values.max()) if values.size else None
+def _rms(values: Floats) -> Any:
+    return np.sqrt(np.mean(values**2))
 
 
-def _least(values: Floats) -> float | None:
-    return _or_none(values.min()) if values.size else None
-
-
-def _last(values: Floats) -> float | None:
-    return _or_none(values[-1]) if values.size else None
-
-
-def _or_none(value: Any) -> float | None:
-    return float(value) if np.isfinite(value) else None
+def _or_none(statistic: Callable[[Floats], Any], values: Floats) -> float | None:
+    """Return a statistic of samples; None without samples, or if one is unknown."""
+    known = values.size and np.isfinite(values).all()
+    return float(statistic(values)) if known else None

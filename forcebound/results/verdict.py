@@ -33,7 +33,11 @@ def verdict(summary: Summary, document: Mapping[str, Any]) -> list[str]:
             for one in summary["laws"][-MOST_LAWS:]
         ]
     elif summary["samples"]:
-        lines = [_passivity(summary, document), _rest(summary, document), _stiffness(summary, document)]
+        lines = [
+            _passivity(summary, document),
+            _rest(summary, document),
+            _stiffness(summary, document),
+        ]
         lines += [_reason(summary)]
     else:
         lines = ["No force: it never engaged."]
