@@ -184,15 +184,7 @@ class BoundedDevice:
             write_ns = stamps[1]
         write_ns += self._ahead_ns
         bounder.settle(applied, write_ns)
-        self._longest_delay_ns = max(self._longest_delay_ns, write_ns - read_ns)
-        self._writes += 1
-        self._held += self._use_limit
-        self._longest = max(self._longest, self._use_limit)
-        interval_ns = 0 if self._write_ns is None else write_ns - self._write_ns
-        if self._has_begun:
-            self._write_ns = write_ns
-        if self.learns and self._hold_limit.observe(interval_ns):
-            self._change_limit()
+        self._note_times(read_ns, write_ns)
         tip, limit, joints, torques = applied, bounder.limit, None, None
         if kinematics is not None:
             joints, torques = reading, applied
@@ -203,6 +195,17 @@ class BoundedDevice:
         return Written(
             position, tip, limit, read_ns, write_ns, joints, torques, cut, ahead_ns, given
         )
+
+    def _note_times(self, read_ns: int, write_ns: int) -> None:
+        self._longest_delay_ns = max(self._longest_delay_ns, write_ns - read_ns)
+        self._writes += 1
+        self._held += self._use_limit
+        self._longest = max(self._longest, self._use_limit)
+        interval_ns = 0 if self._write_ns is None else write_ns - self._write_ns
+        if self._has_begun:
+            self._write_ns = write_ns
+        if self.learns and self._hold_limit.observe(interval_ns):
+            self._change_limit()
 
     def describe(self) -> str:
         """Return how long a force is held, and what ends it, in words."""

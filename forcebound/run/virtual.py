@@ -4,10 +4,12 @@ import time
 from collections import deque
 from collections.abc import Callable, Collection, Iterable
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 
 from forcebound.errors import ConfigError, RunError
 from forcebound.graph.graph import GraphConfig
+from forcebound.graph.names import Document
 from forcebound.graph.parameters import parameters
 from forcebound.graph.phases import timetable
 from forcebound.graph.resolved import kind_of, to_document
@@ -173,16 +175,11 @@ def run_virtual_hands(
         raise KeyboardInterrupt
     if not observer.has_samples:
         raise RunError("the run ended before its first sample; use a longer --duration")
-    document = to_document(config)
+    results = observer.results(to_document(config))
+    speed = graph.time_ns * 1e-9 / took
     return {
-        hand: RunResult(
-            samples.columns(),
-            hand_document(document, hand),
-            [event for event in observer.events if is_of(event, hand)],
-            interrupted=interrupted,
-            times_real_time=graph.time_ns * 1e-9 / took,
-        )
-        for hand, samples in observer.samples.items()
+        hand: replace(result, interrupted=interrupted, times_real_time=speed)
+        for hand, result in results.items()
     }
 
 
@@ -224,6 +221,16 @@ class _Observer:
             self.events.append(packet)
         if self._recorder is not None:
             self._recorder.write(packet)
+
+    def results(self, document: Document) -> dict[str, RunResult]:
+        return {
+            hand: RunResult(
+                samples.columns(),
+                hand_document(document, hand),
+                [event for event in self.events if is_of(event, hand)],
+            )
+            for hand, samples in self.samples.items()
+        }
 
     def close(self) -> None:
         if self._recorder is not None:
