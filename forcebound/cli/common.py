@@ -213,11 +213,15 @@ def report(
     if any(result.interrupted for result in results.values()):
         show("forcebound: interrupted; result up to here", err=True)
     summaries = {hand: result.summary for hand, result in results.items()}
+    together = _coupling(results)
     if as_json:
-        print_json(summaries.get(HAND, {"hands": summaries}))
+        print_json(summaries.get(HAND, {"hands": summaries, "coupling": together}))
     else:
+        from forcebound.results.coupling import coupling_lines
+
         labels = [hand for hand in results if hand]
-        show_results(list(results.values()), labels, shows_all=shows_all)
+        lines = list(coupling_lines(together)) if together else []
+        show_results(list(results.values()), labels, lines, shows_all=shows_all)
         if record is not None:
             show(f"recording: {record}")
     for hand, result in results.items():
@@ -225,10 +229,28 @@ def report(
             raise RunError(f"{hand}: {result.failed}" if hand else result.failed)
 
 
+def _coupling(results: "Mapping[str, RunResult]") -> dict[str, Any]:
+    if len(results) < 2:
+        return {}
+    from forcebound.results.coupling import coupling
+
+    return coupling(
+        {hand: result.columns for hand, result in results.items()},
+        {hand: result.document for hand, result in results.items()},
+    )
+
+
 def show_results(
-    results: "list[RunResult]", labels: Sequence[str] = (), *, shows_all: bool
+    results: "list[RunResult]",
+    labels: Sequence[str] = (),
+    together: Sequence[str] = (),
+    *,
+    shows_all: bool,
 ) -> None:
-    """Print the verdict on each run, under its label, and all figures if they are asked for."""
+    """Print the verdict on each run, under its label, and all figures if they are asked for.
+
+    The lines that are of all hands ``together`` follow the verdicts.
+    """
     from forcebound.results.tables import phase_rows, summary_table
 
     for number, result in enumerate(results):
@@ -236,6 +258,8 @@ def show_results(
             show(f"{labels[number]}:")
         for line in result.summary["verdict"]:
             show(f"  {line}" if labels else line)
+    for line in together:
+        show(line)
     if shows_all:
         click.echo()
         shown = zip(labels or [one.label for one in results], results, strict=True)

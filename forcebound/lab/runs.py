@@ -27,7 +27,7 @@ from forcebound.haptics.devices.phantom import PhantomPremium15
 from forcebound.haptics.devices.plant import Axis
 from forcebound.haptics.environments.walls import Wall
 from forcebound.haptics.hands import Operator
-from forcebound.haptics.hands.hands import NoHand
+from forcebound.haptics.hands.hands import NoHand, WallInPlace
 from forcebound.haptics.hands.pointer import PointerHand
 from forcebound.haptics.laws import LAWS
 from forcebound.haptics.laws.dissipation import PER_AXIS
@@ -98,7 +98,7 @@ def unserved(config: GraphConfig) -> Iterator[str]:
         yield from (name for name in PER_AXIS if isinstance(getattr(device, name), tuple))
         yield from ["truth"] if device.truth is not None else []
         yield from ["no watchdog"] if device.watchdog == "none" else []
-    if isinstance(hand, PointerHand) or not isinstance(hand, Operator | None):
+    if isinstance(hand, PointerHand | WallInPlace) or not isinstance(hand, Operator | None):
         yield f"the operator {kind_of('operator', hand)}"
     elif not isinstance(hand, Hashable):
         yield "an operator that may change"

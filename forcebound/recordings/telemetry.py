@@ -27,6 +27,8 @@ _SAMPLE = {
         "engagement",
         "loop_delay",
         "reply_age",
+        "given_energy",
+        "received_energy",
     ),
     "vector": (
         *("position", "commanded_force", "applied_force", "torques"),
@@ -62,6 +64,8 @@ class TelemetryColumns:
     device_seq: NDArray[np.int64]  # (n,), tick that the force answers; -1: none
     loop_delay: NDArray[np.float64]  # (n,), s
     reply_age: NDArray[np.float64]  # (n,), s, of the environment's reply in use
+    given_energy: NDArray[np.float64]  # (n,), J, so far to the energy partner; NaN: has none
+    received_energy: NDArray[np.float64]  # (n,), J, so far from it; likewise
     deadline_misses: NDArray[np.int64]  # (n,), ticks skipped so far
     is_answered: NDArray[np.bool_]  # (n,), whether the environment's answer to this tick is known
     proxy: NDArray[np.float64]  # (n, axes), m; NaN without a contact

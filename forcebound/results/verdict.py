@@ -28,11 +28,16 @@ def verdict(summary: Summary, document: Mapping[str, Any]) -> list[str]:
     """
     if "laws" in summary:
         lines = [
-            f"{one['law']}, from {one['start_s']:.3g} s: {_passivity(one)} {_felt(one, document)}."
+            f"{one['law']}, from {one['start_s']:.3g} s: {_passivity(one, document)}"
+            f" {_felt(one, document)}."
             for one in summary["laws"][-MOST_LAWS:]
         ]
     elif summary["samples"]:
-        lines = [_passivity(summary), _rest(summary, document), _stiffness(summary, document)]
+        lines = [
+            _passivity(summary, document),
+            _rest(summary, document),
+            _stiffness(summary, document),
+        ]
         lines += [_reason(summary)]
     else:
         lines = ["No force: it never engaged."]
@@ -40,10 +45,13 @@ def verdict(summary: Summary, document: Mapping[str, Any]) -> list[str]:
     return [line for line in (*lines, failures and f"Faults: {failures}.") if line]
 
 
-def _passivity(s: Summary) -> str:
+def _passivity(s: Summary, document: Mapping[str, Any]) -> str:
     lowest, left = s["true_energy_min_j"], s["energy_left_j"]
     if lowest is None:
         return _passivity_without_truth(s)
+    partner = (document.get("device") or {}).get("energy_partner")
+    if lowest < -ENERGY_TOLERANCE and partner:  # both together are judged by results.coupling
+        return f"The hand received up to {energy(-lowest)} that it had not put in, of {partner}."
     if lowest < -ENERGY_TOLERANCE:
         return f"Not passive: the hand received up to {energy(-lowest)} that it had not put in."
     least = (

@@ -23,6 +23,8 @@ class ArmBody:
 
     def __init__(self, model: Any, operator: Operator) -> None:
         axes = model.axes
+        if operator.gap >= 0.0:
+            raise DeviceError("a wall in place of the hand needs a device of independent axes")
         start = pad(operator.target(0.0), axes)
         angles = model.angles(start)
         if angles is None:

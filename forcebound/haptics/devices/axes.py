@@ -41,6 +41,7 @@ class Axes:
     hand_mass: float  # kg
     stiffness: float  # of the hand, N/m
     hand_damping: float  # N s/m
+    gap: float  # to a wall in place of the hand, across the first axis, m; negative: none
     substep: float  # longest integration step, s
     lag: float  # of the motor, s
 
@@ -53,6 +54,7 @@ def advance_axes(records: Sequence[Axes], duration: float) -> float:
     """
     energy, a = 0.0, records[0]
     for i in range(a.count):
+        is_held = i == 0 or a.gap < 0.0
         axis = Axis(
             a.mass,
             a.damping[i],
@@ -60,8 +62,9 @@ def advance_axes(records: Sequence[Axes], duration: float) -> float:
             a.presliding[i],
             a.weight[i],
             a.lag,
-            a.stiffness,
-            a.hand_damping,
+            a.stiffness if is_held else 0.0,
+            a.hand_damping if is_held else 0.0,
+            a.gap if i == 0 else -1.0,
         )
         before = Moving(a.x[i], a.v[i], a.work[i], a.bristle[i], a.motor[i])
         after, a.muscle[i] = advance_extended(
@@ -84,7 +87,8 @@ class AxesBody:
         self._axes: Any = self._records[0]
         self._axes.count, self._axes.mass = axes, model.mass + operator.mass
         self._axes.hand_mass, self._axes.stiffness = operator.mass, operator.stiffness
-        self._axes.hand_damping, self._axes.lag = operator.damping, true_value(model, "lag")
+        self._axes.hand_damping, self._axes.gap = operator.damping, operator.gap
+        self._axes.lag = true_value(model, "lag")
         for name in ("damping", "friction", "presliding", "weight", "resolution"):
             self._axes[name][:axes] = true_axes(model, name)
         self._sound = self._axes.friction.copy(), self._axes.presliding.copy()

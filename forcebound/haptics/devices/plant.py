@@ -42,6 +42,9 @@ quarter of the lag.
 
 **Weight** is a constant force.
 
+**A wall in place of the hand** only pushes, and only beyond a gap: in each step its spring and
+damper act, or not, as the step begins.
+
 What is left out: the arm's kinematics (axes are independent), cable compliance, cogging. Friction
 acts on each axis by itself, which loses at least as much as friction along the path of several
 axes.
@@ -72,6 +75,7 @@ class Axis(NamedTuple):
     lag: float  # time constant of the motor, s; 0: it gives the commanded force
     hand_stiffness: float  # N/m
     hand_damping: float  # N s/m
+    gap: float = -1.0  # from the target to a wall in place of the hand, m; negative: none
 
 
 def advance_extended(
@@ -93,20 +97,27 @@ def advance_extended(
     h = duration / steps
     target_velocity = (target_end - target) / duration
     inertia = 2.0 * axis.mass / h
-    impedance = inertia + axis.damping + axis.hand_damping + 0.5 * h * axis.hand_stiffness
+    stiffness, damping = axis.hand_stiffness, axis.hand_damping
+    impedance = inertia + axis.damping + damping + 0.5 * h * stiffness
     decay = math.exp(-h / axis.lag) if axis.lag > 0.0 else 0.0
     share = axis.lag / h * (1.0 - decay)  # mean of the exponential
     muscle = 0.0
     for i in range(steps):
         middle = target + target_velocity * (i + 0.5) * h
+        if axis.gap >= 0.0:
+            middle += axis.gap
+            touches = x > middle
+            stiffness = axis.hand_stiffness if touches else 0.0
+            damping = axis.hand_damping if touches else 0.0
+            impedance = inertia + axis.damping + damping + 0.5 * h * stiffness
         force = commanded + (motor_force - commanded) * share + axis.weight
         motor_force = commanded + (motor_force - commanded) * decay
-        drive = inertia * v + axis.hand_stiffness * (middle - x)
-        drive = drive + axis.hand_damping * target_velocity - force
+        drive = inertia * v + stiffness * (middle - x)
+        drive = drive + damping * target_velocity - force
         mean = mean_speed(drive, impedance, h, axis.friction, axis.presliding, bristle)
         dx = h * mean
-        muscle = axis.hand_stiffness * (middle - x - 0.5 * dx)
-        muscle += axis.hand_damping * (target_velocity - mean)
+        muscle = stiffness * (middle - x - 0.5 * dx)
+        muscle += damping * (target_velocity - mean)
         x += dx
         work += muscle * dx
         v = 2.0 * mean - v

@@ -22,11 +22,13 @@ class Operator(ABC):
         mass: Mass that moves with the handle, in kg.
         stiffness: Stiffness of the spring from handle to target, in N/m.
         damping: Damping between handle and target, in N s/m.
+        gap: Way from the target to a wall in place of the hand, in m; negative: a hand.
     """
 
     mass: float
     stiffness: float
     damping: float
+    gap: float = -1.0
 
     @abstractmethod
     def target(self, elapsed: float) -> Vector:
@@ -51,6 +53,7 @@ OPERATORS: Table[type[Operator]] = Table(
         "stroking": "forcebound.haptics.hands.hands:StrokingHand",
         "trajectory": "forcebound.haptics.hands.paths:TrajectoryHand",
         "trembling": "forcebound.haptics.hands.hands:TremblingHand",
+        "wall": "forcebound.haptics.hands.hands:WallInPlace",
     },
     Form("forcebound.haptics.hands:Operator"),
 )

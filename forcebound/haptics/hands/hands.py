@@ -140,6 +140,32 @@ class NoHand(Operator):
         return (0.0,)
 
 
+@dataclass(frozen=True, kw_only=True)
+class WallInPlace(SoftGrip):
+    """No hand: a wall across the first axis, which the handle meets, as a follower's tool does.
+
+    It can only push. It needs a device of independent axes.
+
+    Attributes:
+        mass: That the handle carries.
+        stiffness: Of the wall; 0: there is none.
+        damping: Of the wall.
+        start: Where the handle begins: on the first axis, or a list of one for each axis.
+        gap: From there to the surface.
+    """
+
+    places: ClassVar[tuple[str, ...]] = ("start",)
+
+    mass: Annotated[Mass, NOT_NEGATIVE] = 0.0
+    stiffness: Annotated[Stiffness, NOT_NEGATIVE] = 1000.0
+    damping: Annotated[Damping, NOT_NEGATIVE] = 0.0
+    start: Place = 0.0
+    gap: Annotated[Length, NOT_NEGATIVE] = 0.010
+
+    def target(self, elapsed: float) -> Vector:
+        return coordinates(self.start)
+
+
 @dataclass(frozen=True)
 class _ApproachingHand(SoftGrip):
     """Part of a hand whose target moves straight from ``start`` to ``end``.

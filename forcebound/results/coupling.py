@@ -1,0 +1,156 @@
+"""Figures of hands that share a graph: energy together; of leader and follower, transparency.
+
+Samples of all hands are compared at the times of the first one, while the force of each is engaged.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from forcebound.haptics.laws import ENERGY_TOLERANCE
+from forcebound.recordings.telemetry import TelemetryColumns
+from forcebound.results.cells import MM, N_MM, N, Summary, energy
+from forcebound.results.contact import displayed_stiffness
+from forcebound.results.surface import Floats
+
+
+def coupling(
+    runs: Mapping[str, TelemetryColumns], documents: Mapping[str, Mapping[str, Any]]
+) -> dict[str, Any]:
+    """Return the figures of a run of several hands; None for one that is missing.
+
+    Args:
+        runs: Telemetry of each hand, by its name.
+        documents: The launch file as resolved for each hand, in SI numbers.
+    """
+    shared = _shared(runs)
+    figures = _energies(shared)
+    environment = next(iter(documents.values())).get("environment") or {}
+    if environment.get("kind") == "coupling":
+        names = environment["leader"], environment["follower"]
+        if runs.keys() >= set(names):
+            follower = documents[names[1]].get("operator") or {}
+            figures |= _transparency(*(shared[name] for name in names), environment, follower)
+    return figures
+
+
+def coupling_lines(figures: Summary) -> Iterator[str]:
+    """Yield the figures in words, a line for each matter."""
+    lowest = figures["energy_min_j"]
+    if lowest is not None and lowest >= -ENERGY_TOLERANCE:
+        yield "Coupling: passive; the hands together never received energy that none had put in."
+    elif lowest is not None:
+        got = energy(-lowest)
+        yield f"Coupling: not passive; the hands received up to {got} that none of them had put in."
+    given = [f"{energy(one)} from {hand}" for hand, one in figures["given_energy_j"].items() if one]
+    if given:
+        yield f"Coupling: energy transfer of {', '.join(given)}."
+    if "position_error_rms_m" not in figures:
+        return
+    error, peak = (figures[f"position_error_{kind}_m"] for kind in ("rms", "peak"))
+    if error is not None:
+        words = f"Coupling: the follower was off by {MM.show(error)} RMS, {MM.show(peak)} at most"
+        force = figures["force_error_rms_n"]
+        yield f"{words}{'' if force is None else f'; forces differ by {N.show(force)} RMS'}."
+    felt = figures["transmitted_stiffness_n_per_m"]
+    if felt is not None:
+        words = f"Coupling: the leader feels {N_MM.show(felt)}; the follower's wall has"
+        series = figures["series_stiffness_n_per_m"]
+        behind = "" if series is None else f", behind the coupling {N_MM.show(series)}"
+        yield f"{words} {N_MM.show(figures['follower_stiffness_n_per_m'])}{behind}."
+
+
+def _shared(runs: Mapping[str, TelemetryColumns]) -> dict[str, dict[str, Floats]]:
+    """Return some columns of each hand at the same times; empty ones if they share none."""
+    engaged = {hand: run.slice(run.engagement > 0.0) for hand, run in runs.items()}
+    first = next(iter(engaged.values()))
+    times = first.time_ns
+    for run in engaged.values():
+        ends = (run.time_ns[0], run.time_ns[-1]) if run.time_ns.size else (1, 0)
+        times = times[(times >= ends[0]) & (times <= ends[1])]
+    if not times.size:
+        engaged = {hand: run.slice(run.time_ns < 0) for hand, run in engaged.items()}
+    found = {}
+    for hand, run in engaged.items():
+        position = run.true_position if np.isfinite(run.true_position).all() else run.position
+        vectors = {"x": position, "hand": run.hand_force, "motor": run.applied_force}
+        totals = {
+            "energy": run.true_energy,
+            "given": run.given_energy,
+            "received": run.received_energy,
+        }
+        found[hand] = {"time": (times - (times[0] if times.size else 0)) * 1e-9}
+        for name, value in (vectors | totals).items():
+            rows = value.T if name in vectors else [value]
+            columns = [np.interp(times, run.time_ns, row) if times.size else row for row in rows]
+            found[hand][name] = np.stack(columns, axis=1) if name in vectors else columns[0]
+    return found
+
+
+def _energies(shared: Mapping[str, Mapping[str, Floats]]) -> dict[str, Any]:
+    together = np.sum([one["energy"] for one in shared.values()], axis=0)
+    with_partner = {h: one["energy"] + one["received"] - one["given"] for h, one in shared.items()}
+    return {
+        "energy_end_j": {hand: _or_none(_last, one["energy"]) for hand, one in shared.items()},
+        "energy_min_j": _or_none(np.min, together),
+        "given_energy_j": {hand: _or_none(_last, one["given"]) for hand, one in shared.items()},
+        "energy_with_partner_min_j": {h: _or_none(np.min, one) for h, one in with_partner.items()},
+    }
+
+
+def _transparency(
+    leader: Mapping[str, Floats],
+    follower: Mapping[str, Floats],
+    environment: Mapping[str, Any],
+    wall: Mapping[str, Any],
+) -> dict[str, Any]:
+    """Return errors of position and force, and the stiffness that the leader feels.
+
+    Position errors are at the follower, force errors at the leader. With a clutch the offset is
+    another after each use, and no position is known to be right.
+    """
+    axes = min(leader["x"].shape[1], follower["x"].shape[1])
+    scale = float(environment["scale"])
+    ratio = scale if environment["force_scale"] is None else float(environment["force_scale"])
+    offset = np.zeros(axes)
+    given = list(environment["offset"])[:axes]
+    offset[: len(given)] = given
+    place = scale * leader["x"][:, :axes] + offset  # where the follower shall be
+    if environment["clutch"] is not None:
+        place = np.full_like(place, np.nan)
+    error = np.linalg.norm(follower["x"][:, :axes] - place, axis=1)
+    contact = -follower["hand"][:, :axes]  # of the follower on what it touches
+    difference = np.linalg.norm(leader["hand"][:, :axes] - ratio * contact, axis=1)
+    felt = behind = known = None
+    if wall.get("kind") == "wall" and wall["stiffness"] > 0.0 and place.size:
+        start = wall["start"][0] if isinstance(wall["start"], list) else wall["start"]
+        depth = place[:, 0] - start - wall["gap"]
+        felt = displayed_stiffness(leader["time"], scale * leader["motor"][:, 0], depth)
+        known = ratio * scale * float(wall["stiffness"])
+        own = ratio * scale * float(environment["stiffness"])
+        if environment["architecture"] != "four_channel":
+            behind = own * known / (own + known) if own > 0.0 else 0.0
+    return {
+        "position_error_rms_m": _or_none(_rms, error),
+        "position_error_peak_m": _or_none(np.max, error),
+        "force_error_rms_n": _or_none(_rms, difference),
+        "force_error_peak_n": _or_none(np.max, difference),
+        "transmitted_stiffness_n_per_m": felt,
+        "follower_stiffness_n_per_m": known,
+        "series_stiffness_n_per_m": behind,
+    }
+
+
+def _last(values: Floats) -> Any:
+    return values[-1]
+
+
+def _rms(values: Floats) -> Any:
+    return np.sqrt(np.mean(values**2))
+
+
+def _or_none(statistic: Callable[[Floats], Any], values: Floats) -> float | None:
+    """Return a statistic of samples; None without samples, or if one is unknown."""
+    known = values.size and np.isfinite(values).all()
+    return float(statistic(values)) if known else None
