@@ -143,10 +143,12 @@ class TwoHands(Restart):
         for walk, low in zip(walks, lowest, strict=True):
             walk.account.lowest = low
         one, other = (walk.result() for walk in walks)
+        highest = max(one.peak_j, other.peak_j)
+        # A path of kilometres has energies, up to 1e12 J, whose sums are rounded by more than 1 nJ.
         return PathResult(
-            min(one.lowest_j, other.lowest_j, together),
+            min(one.lowest_j, other.lowest_j, together) + math.ulp(highest),
             math.inf,
-            max(one.peak_j, other.peak_j),
+            highest,
             min(one.share_left, other.share_left, share),
             min(one.left_j, other.left_j),
             max(one.excess_j, other.excess_j),
