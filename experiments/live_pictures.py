@@ -32,7 +32,7 @@ QUALITY = 75  # of its compression
 LARGEST = 2_000_000  # B
 IS_TOUCHING = "parseFloat(document.getElementById('force').textContent) > 0.1"
 BOTH_TOUCH = (
-    "[...document.querySelectorAll('#each small')].every((one) => /N/.test(one.textContent))"
+    "[...document.querySelectorAll('#each small')].every((one) => / N/.test(one.textContent))"
 )
 
 QUIET = (
@@ -183,7 +183,7 @@ def show_touch(driver: Any, running: Graph, picture: Path) -> None:
 
 def show_two_hands(driver: Any, running: Graph, picture: Path) -> None:
     """Press the box from both sides, the right hand more than the left one."""
-    for hand, right in (("left", 260.0), ("right", -330.0)):
+    for hand, right in (("left", 170.0), ("right", -230.0)):
         open_page(driver, f"{running.address}&hand={hand}")
         drag(driver, right, 0.0)
     driver.find_element("css selector", "#hands button").click()  # all hands

@@ -144,9 +144,8 @@ class BoundedDevice:
         """Read, bound, write.
 
         ``commanded`` is the force at the tip, in N, before saturation; ``engagement`` the factor of
-        the engage ramp that it contains, 0 to 1. ``credit`` has come from another hand, in J;
-        ``offer`` returns how much may be given to it, of what there is to spare (or, if negative,
-        is missing) beyond the need of the commanded force, in J.
+        the engage ramp that it contains, 0 to 1. ``credit`` has come from another hand; ``offer``
+        returns how much may be given to it of what the force leaves (negative: lacks); both in J.
         """
         device, bounder, kinematics = self._device, self.bounder, self._kinematics
         read_ns = time_ns if self._clock is None else self._clock()
@@ -172,10 +171,10 @@ class BoundedDevice:
                 bounder.report_cut(cut[0] + before_ns, cut[1])
             if credit:
                 bounder.credit(credit)
-            saturated = self._saturated(asked, engagement)
-            bounded = bounder.bound(read_ns, reading, saturated)
+            asked_for = self._saturated(asked, engagement)
+            bounded = bounder.bound(read_ns, reading, asked_for)
             if offer is not None:
-                given = bounder.debit(offer(bounder.spare(saturated)))
+                given = bounder.debit(offer(bounder.spare(asked_for)))
                 bounded = shorten(bounded, math.hypot(*bounded), bounder.limit)
         self._applied = applied = device.write(time_ns, bounded)
         write_ns = time_ns if self._clock is None else self._clock()
@@ -191,10 +190,8 @@ class BoundedDevice:
             tip = tip_force(kinematics, reading, applied, commanded, asked)
             limit *= math.hypot(*commanded) / (math.hypot(*asked) or math.inf)
         ahead_ns = None if jitter_ns is None else self._ahead_ns
-        read_ns, write_ns = read_ns - self._ahead_ns, write_ns - self._ahead_ns
-        return Written(
-            position, tip, limit, read_ns, write_ns, joints, torques, cut, ahead_ns, given
-        )
+        times = read_ns - self._ahead_ns, write_ns - self._ahead_ns
+        return Written(position, tip, limit, *times, joints, torques, cut, ahead_ns, given)
 
     def _note_times(self, read_ns: int, write_ns: int) -> None:
         self._longest_delay_ns = max(self._longest_delay_ns, write_ns - read_ns)

@@ -2,8 +2,10 @@
 
 import asyncio
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
+from typing import Any
 from unittest.mock import Mock
 
 import pytest
@@ -74,13 +76,13 @@ def test_a_law_begins_the_energy_of_its_own_hand_again(feed: Feed) -> None:
 
 
 def test_a_law_of_one_hand_does_not_replace_that_of_another() -> None:
-    controls = Mock(_config=Mock(hands=HANDS), _law_requests=0, _newest={})
+    controls = Mock(_config=Mock(hands_here=HANDS), _law_requests=0, _newest={})
 
     def received(**request: object) -> bool:
         waiting.append(Controls.receive(controls, request))
         return all(counts() for counts in waiting)
 
-    waiting: list[object] = []
+    waiting: list[Callable[[], bool]] = []
     assert received(do="set", settings={"left.device.law": "none"})
     assert received(do="set", settings={"right.device.law": "none"})
     assert received(do="set", settings={"environment.stiffness": 1})
@@ -89,6 +91,11 @@ def test_a_law_of_one_hand_does_not_replace_that_of_another() -> None:
     assert received()
     assert not received(do="safe")  # of both
     assert waiting[-1]()
+
+
+def is_near(hand: str, x: float, frame: dict[str, Any]) -> bool:
+    """Whether a frame shows a hand near a place in m, with room for the depth in the wall."""
+    return bool(frame["hand"] == hand and abs(frame["tip"][0] - x) < 0.007)
 
 
 @pytest.mark.live
@@ -112,11 +119,7 @@ def test_each_page_moves_its_hand_and_both_break(
         for hand, x in (("left", -0.02), ("right", 0.015)):
             await pages[hand].send(do="point", hand=hand, target=[x], stamp=1.0)
         for hand, x in (("left", -0.02), ("right", 0.015)):
-
-            def is_there(frame: object, hand: str = hand, x: float = x) -> bool:
-                return frame["hand"] == hand and abs(frame["tip"][0] - x) < 0.007  # in the wall
-
-            frame = await pages[hand].until("frame", is_there)
+            frame = await pages[hand].until("frame", partial(is_near, hand, x))
             assert frame["pointer"] == [x]
         assert "third" in str(await pages["left"].asks(do="point", hand="third", target=[0.0]))
         assert await pages["left"].asks(do="break") is None

@@ -480,7 +480,8 @@ def test_a_newer_request_for_a_law_replaces_those_that_wait(
     controls = Controls.__new__(Controls)  # without a graph
     done: list[str] = []
     actions = {"break": lambda _: kernels.wait("none"), "safe": lambda _: done.append("safe")}
-    vars(controls).update(_newest_law=0, _kernels=kernels, _actions=actions)
+    own = {"_config": Mock(hands_here=[""]), "_law_requests": 0, "_newest": {}}
+    vars(controls).update(own, _kernels=kernels, _actions=actions)
     counts = [controls.receive({"do": do}) for do in ("break", "safe")]
     delays = controls.receive({"do": "set", "settings": {"links.environment_query.delay": "5 ms"}})
     assert [count() for count in (*counts, delays)] == [False, True, True]

@@ -6,6 +6,7 @@ import shutil
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -109,15 +110,12 @@ class Visitor:
         drag = webdriver.ActionChains(self.driver).move_to_element(scene).click_and_hold()
         drag.move_by_offset(pixels, 0).move_by_offset(pixels, 0).release().perform()
 
-    def hold(self) -> None:
-        """Press the mouse button in the middle of the scene."""
-        scene = self.driver.find_element("id", "scene")
-        webdriver.ActionChains(self.driver).move_to_element(scene).click_and_hold().perform()
-
-    def pull(self, way: float) -> None:
-        """Move the mouse to the right, by a share of the width of the scene."""
-        width = self.driver.find_element("id", "scene").rect["width"]
-        webdriver.ActionChains(self.driver).move_by_offset(round(way * width), 0).perform()
+    def mouse(self, kind: str, way: float = 0.0) -> None:
+        """Send a mouse event to the scene, some share of its width right of its middle."""
+        scene = self.driver.find_element("id", "scene").rect
+        x, y = scene["x"] + (0.5 + way) * scene["width"], scene["y"] + scene["height"] / 2
+        event = {"type": kind, "x": x, "y": y, "button": "left", "buttons": 1, "clickCount": 1}
+        self.driver.execute_cdp_cmd("Input.dispatchMouseEvent", event)
 
     def until(self, happened: Callable[[], object]) -> None:
         ui.WebDriverWait(self.driver, TIMEOUT, 0.1).until(lambda _: happened())
@@ -204,6 +202,10 @@ def test_one_drags_the_hand_into_the_wall_breaks_it_and_makes_it_safe() -> None:
     assert swing(safe.time_ns + second, safe.time_ns + 2 * second) < 2e-4  # it rests
 
 
+def is_at_start(visitor: Visitor) -> bool:
+    return abs(visitor.figure("position") + 5.0) < 0.2  # mm
+
+
 def test_two_people_drag_two_hands_at_once(tmp_path: Path) -> None:
     file = tmp_path / "two.yaml"
     file.write_text(TWO_HANDS)
@@ -211,16 +213,16 @@ def test_two_people_drag_two_hands_at_once(tmp_path: Path) -> None:
         left, right = Visitor(one), Visitor(other)
         for visitor, hand in ((left, "left"), (right, "right")):
             visitor.open(f"{address}&hand={hand}")
-            visitor.until(lambda visitor=visitor: abs(visitor.figure("position") + 5.0) < 0.2)
-            visitor.hold()
-        left.pull(-0.2)
+            visitor.until(partial(is_at_start, visitor))
+            visitor.mouse("mousePressed")
+        left.mouse("mouseMoved", -0.2)
         left.until(lambda: left.figure("position") < -10.0)
-        assert abs(right.figure("position") + 5.0) < 0.2  # as it was
-        right.pull(0.2)
+        assert is_at_start(right)
+        right.mouse("mouseMoved", 0.2)
         right.until(lambda: right.figure("position") > 5.0)
         assert left.figure("position") < -10.0
-        left.pull(0.1)
-        right.pull(-0.3)
+        left.mouse("mouseMoved", 0.0)
+        right.mouse("mouseMoved", -0.1)
         left.until(lambda: left.figure("position") > -10.0)
         right.until(lambda: right.figure("position") < -5.0)
         assert {line.split()[0] for line in left.text("each").split("\n")} >= {"left", "right"}

@@ -128,9 +128,10 @@ class Run:
     @property
     def hands(self) -> Mapping[str, "Run"]:
         """The run of each hand by the hand's name; the only hand of a graph has the name ``""``."""
-        return {
-            hand: Run({hand: result}, self.path, self) for hand, result in self._results.items()
-        }
+        if len(self._results) == 1:
+            return dict.fromkeys(self._results, self)
+        results = self._results.items()
+        return {hand: Run({hand: result}, self.path, self) for hand, result in results}
 
     def last(self, seconds: float | str) -> "Run":
         """Return the end of the run, of all hands, as a run of its own, whose time begins at 0 s.

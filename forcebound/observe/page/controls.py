@@ -52,7 +52,7 @@ class Controls:
         self._run_dir = run_dir
         self.recording = PageRecording(run_dir, recordings)
         self._config = configuration(run_dir, with_code=False)
-        hands = self._config.hands
+        hands = self._config.hands_here
         self.period = min(hand.device.servo.period_ns for hand in hands.values()) * 1e-9  # s
         known = self._statuses(ANSWER_TIMEOUT)
         self.energies_before = {
@@ -77,7 +77,7 @@ class Controls:
 
     def describe(self) -> Message:
         """Return the description of the graph for a page, before its first frame."""
-        hands = self._config.hands
+        hands = self._config.hands_here
         return {
             "type": "hello",
             "name": RunDocument.read(self._run_dir).file,
@@ -91,7 +91,7 @@ class Controls:
         """Return the parameters that can change, each as text with its unit, and their ranges."""
         config = configuration(self._run_dir, with_code=False)
         message: Message = {"type": "parameters", "values": {}, "ranges": {}, "help": {}}
-        for hand in config.hands:
+        for hand in config.hands_here:
             own = config.of(hand)
             found = find_parameters(own, ())
             for key, texts in (
@@ -122,7 +122,7 @@ class Controls:
     def _statuses(self, timeout: float) -> dict[str, DeviceStatus]:
         """Return the status of the device of each hand that answers."""
         graph = graph_in(self._run_dir)
-        devices = {graph.of_role(DEVICE, hand): hand for hand in self._config.hands}
+        devices = {graph.of_role(DEVICE, hand): hand for hand in self._config.hands_here}
         answers = ask_all(self._run_dir, devices, GetStatus(), timeout)
         return {
             devices[node]: answer
@@ -140,7 +140,7 @@ class Controls:
         names = list(map(str, settings)) if isinstance(settings, Mapping) else []
         laws = [name for name in names if ParameterName.parse(name).is_law]
         if request.get("do") in ("break", "safe"):
-            laws = [of_hand(hand, LAW) for hand in self._config.hands]
+            laws = [of_hand(hand, LAW) for hand in self._config.hands_here]
         if not laws:
             return lambda: True
         self._law_requests += 1
@@ -174,7 +174,7 @@ class Controls:
 
     def _set_all(self, settings: Mapping[str, str]) -> None:
         """Change parameters of every hand."""
-        hands = self._config.hands
+        hands = self._config.hands_here
         self._set({of_hand(hand, name): v for hand in hands for name, v in settings.items()})
 
     def _cut(self, time: str) -> None:

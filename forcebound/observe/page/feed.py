@@ -65,7 +65,11 @@ class Feed:
         self.signals = {
             f"{t}.{n}": about for t, own in declared.items() for n, about in own.items()
         }
-        streams = [s for s in run.graph.streams if s.topic in SHOWN or s.name in declared]
+        streams = [
+            one
+            for one in run.graph.streams
+            if (one.topic in SHOWN or one.name in declared) and one.hand in (None, *energies)
+        ]
         self._reader = Reader(run_dir, streams, run.core)
         self._hand_of = {one.name: one.hand for one in streams}
         self._nodes = run.graph.nodes

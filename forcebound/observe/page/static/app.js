@@ -102,7 +102,7 @@ const takes = {
   nodes(message) {
     controls.nodes(message);
     for (const [hand, state] of states) state.reason = message.reasons[hand] ?? "";
-    if (states.size === 1) $("why").title = message.reasons[""] ?? "";
+    if (states.size === 1) $("why").title = Object.values(message.reasons)[0] ?? "";
   },
   parameters(message) {
     scene.wall = message.wall;

@@ -81,7 +81,7 @@ export class Controls {
         words: (delay) => `${delay} ms`, names: DELAYS.map((name) => ofHand(hand, name)), read: (texts) => 1e3 * Math.max(...texts.map(siOf)) })),
     ];
     const [network, environment] = ["network", "environment"].map((id) => document.querySelector(`#${id} > fieldset`));
-    this.groups = new Map([["links", network], ["environment", environment]]); // part -> where its fields are
+    this.groups = new Map([[ofHand(hello.hands[0].name, "links"), network], ["environment", environment]]); // part -> where its fields are
     this.parts = new Map(); // of several hands, by name: the parts of the page that are its own
     const [law] = this.laws;
     const main = hello.hands.length < 2 ? [law.row, ...this.sliders.map((slider) => slider.row)] : [hardness.row];
@@ -197,7 +197,7 @@ export class Controls {
 
   /** Add a field to the group of its part: the environment's own beside each other, each further part behind a fold. */
   addField(name) {
-    const path = name.split("."), part = path.slice(0, -1).join("."), top = this.parts.has(path[0]) ? 2 : 1;
+    const path = name.split("."), part = path.slice(0, -1).join("."), top = this.groups.has(`${path[0]}.links`) ? 2 : 1;
     if (!this.groups.has(part)) {
       const words = path.slice(top, -1).join(" ").replaceAll("_", " ");
       this.groups.set(part, make("details", {}, make("summary", { textContent: words })));

@@ -67,8 +67,6 @@ export class Scene {
   /** The hands that have been seen. */
   get seen() { return this.hands.filter(({ tip }) => tip); }
 
-  get isSeveral() { return this.hands.length > 1; }
-
   get basis() {
     const { yaw, pitch } = this;
     const right = [Math.cos(yaw), Math.sin(yaw), 0];
@@ -207,7 +205,7 @@ export class Scene {
     this.dot(context, tip, 10, colour("ground"));
     this.dot(context, tip, 8, colour(hand.colour ?? "text"));
     const isDeep = this.axes < 2 && this.hasWall && tip[0] > this.wall, deep = `${text(1e3 * (tip[0] - this.wall))} mm deep`;
-    if (this.isSeveral) this.drawName(context, tip, isDeep ? `${hand.name}, ${deep}` : hand.name, colour(hand.colour));
+    if (hand.colour) this.drawName(context, tip, isDeep ? `${hand.name}, ${deep}` : hand.name, colour(hand.colour));
     else if (isDeep) this.drawDepth(context, tip, deep);
   }
 
