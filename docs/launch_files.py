@@ -22,7 +22,7 @@ from forcebound.graph.graph import (
 from forcebound.graph.schema import SUBSTITUTION, properties
 from forcebound.graph.servo import ServoSettings
 from forcebound.haptics.geometry.proxy import Surface
-from forcebound.messages.topology import LINKS
+from forcebound.messages.topology import IMPAIRABLE
 from forcebound.network.impairment import GilbertElliott, Impairment, Outage
 from forcebound.observe.formatting import meanings
 
@@ -94,7 +94,7 @@ def _lines() -> Iterator[str]:
         for name in sorted(table):
             yield from ("", f"### `kind: {name}`", *_table(table[name], known=known, at=name))
             yield from _inner(table[name], known=known, at=name)
-    topics = ", ".join(f"`{topic}`" for topic in LINKS)
+    topics = ", ".join(f"`{topic}`" for topic in IMPAIRABLE)
     words = f"By topic: {topics}. A topic that is not named is perfect."
     yield from ("", "## `links`", *_table(Impairment, words))
     for key, part in (("gemodel", GilbertElliott), ("outages", Outage)):

@@ -72,4 +72,6 @@ def full_telemetry(tick: int = 0, axes: int = 1) -> Telemetry:
         rejected={"age": tick},
         torques=vector,
         reply_age=0.04,
+        given_energy=0.2,
+        received_energy=0.1,
     )

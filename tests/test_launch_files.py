@@ -17,7 +17,7 @@ from forcebound.graph.resolved import restore, run_document, to_document, with_p
 from forcebound.graph.schema import json_schema
 from forcebound.graph.servo import ServoSettings
 from forcebound.graph.tree import scalar
-from forcebound.messages.topology import LINKS, ONE_HAND
+from forcebound.messages.topology import IMPAIRABLE, ONE_HAND
 
 # --- what ships ----------------------------------------------------------------------------------
 
@@ -295,7 +295,7 @@ def test_every_kind_can_be_described_to_an_editor(schema: dict[str, Any]) -> Non
     properties = schema["properties"]
     for section, table in KINDS.items():
         assert len(properties[section]["anyOf"]) == len(table) + 1  # a user's file
-    assert set(properties["links"]["properties"]) == set(LINKS)
+    assert set(properties["links"]["properties"]) == set(IMPAIRABLE)
     json.dumps(schema, allow_nan=False)
 
 

@@ -1,7 +1,6 @@
 """Two hands in one graph: the shipped launch files against physics, and the figures of both."""
 
 import json
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -29,7 +28,7 @@ def figures_of(results: dict[str, RunResult]) -> dict[str, Any]:
     return coupling(columns, {hand: one.document for hand, one in results.items()})
 
 
-def last(values: Sequence[Any]) -> float:
+def last(values: Any) -> float:
     return float(values[-1][0])
 
 

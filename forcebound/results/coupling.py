@@ -28,10 +28,10 @@ def coupling(
     figures = _energies(shared)
     environment = next(iter(documents.values())).get("environment") or {}
     if environment.get("kind") == "coupling":
-        names = environment["leader"], environment["follower"]
-        if runs.keys() >= set(names):
-            follower = documents[names[1]].get("operator") or {}
-            figures |= _transparency(*(shared[name] for name in names), environment, follower)
+        leads, follows = environment["leader"], environment["follower"]
+        if leads in runs and follows in runs:
+            met = documents[follows].get("operator") or {}
+            figures |= _transparency(shared[leads], shared[follows], environment, met)
     return figures
 
 
