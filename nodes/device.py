@@ -105,6 +105,9 @@ class DeviceNode(Node):
             _logger.info("%s", self._bounded.describe())
         self._chain = SafetyChain(device.axes, servo)
         self._zero: Vector = (0.0,) * device.axes
+        self.phase_ns: int | None = (
+            None  # of the ticks, after whole periods of the clock; None: any
+        )
         self._start_ns: int | None = None  # of tick 0
         self._tick = 0
         self._writes_next = False
@@ -236,6 +239,8 @@ class DeviceNode(Node):
     def _sample(self, time_ns: int) -> DeviceState:
         if self._start_ns is None:
             self._start_ns = self._read_ns = time_ns
+            if self.phase_ns is not None:
+                self._start_ns -= (time_ns - self.phase_ns) % self._period_ns
             self._position = self._bounded.read(time_ns)
         tick = (time_ns - self._start_ns) // self._period_ns
         if tick > self._tick:

@@ -58,6 +58,15 @@ def test_a_tick_reads_at_its_start_and_writes_after_the_reply_wait() -> None:
     assert node.wake_ns == 6 * MS
 
 
+def test_ticks_keep_the_phase_that_they_are_given() -> None:
+    node, _ = device_node(reply_wait=0.4)
+    node.phase_ns = 500_000  # of two hands on one core, the second
+    sample(node, 5 * MS + 300_000)
+    assert node.wake_ns == 5 * MS + 300_000  # due at 4.9 ms: the tick began at 4.5 ms
+    write(node, 5 * MS + 310_000)
+    assert node.wake_ns == 5 * MS + 500_000
+
+
 def test_late_ticks_are_skipped_and_counted_and_the_phase_is_kept() -> None:
     node, _ = device_node()
     tick(node, 0)

@@ -25,6 +25,7 @@ from forcebound.graph.resolved import made, restore
 from forcebound.messages.control import ProcessStatus, RecorderStatus
 from forcebound.messages.topology import HAND
 from forcebound.network.ends import RemoteEnd, check_ends
+from forcebound.nodes.device import DeviceNode
 from forcebound.nodes.environment import EnvironmentNode
 from forcebound.roles import CONTROLLER, DEVICE, ENVIRONMENT, LOST, RECORDER, ROLES
 from forcebound.run.application import Tuner
@@ -161,6 +162,10 @@ def _run(
     node = build_node(name, config, environment_name(), time.monotonic_ns)
     if isinstance(node, EnvironmentNode):
         _logger.info("this environment is %s", node.name)
+    hands = list(config.hands_here)
+    if isinstance(node, DeviceNode) and len(hands) > 1:  # they share a core: one after the other
+        share = hands.index(node.hand) / len(hands)
+        node.phase_ns = round(share * 1e9 / config.hands[node.hand].device.servo.rate)
     links = build_links(config)  # a perfect link needs no model: its socket keeps the newest
     tuner = Tuner(config)
     status = run_process(node, name, run_dir, links, settings, stop, tuner, ends, run.graph)
