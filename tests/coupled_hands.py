@@ -37,7 +37,7 @@ class Coupling(Node):
     """A spring and damper from each hand to the state of the other one, ``delay_ns`` ago."""
 
     wakes_on_arrival: ClassVar[bool] = True
-    wake_ns = None
+    wake_ns: ClassVar[None] = None
 
     def __init__(self, stiffness: float, damping: float, delay_ns: int) -> None:
         self._stiffness, self._damping, self._delay_ns = stiffness, damping, delay_ns

@@ -129,7 +129,7 @@ def test_alone_a_hand_feels_nothing_and_nothing_again_when_the_other_has_left() 
     assert coupled.scene() == ()
     coupled.force(FOLLOWER, (0.0,), (0.0,), 0.0)
     assert coupled.force(LEADER, (0.02,), (0.0,), 0.0)[0] > 0.0
-    (line,) = coupled.scene() or ()
+    (line,) = list(coupled.scene() or ())
     assert (line.shape, line.points) == ("path", ((0.02, 0.0, 0.0), (0.0, 0.0, 0.0)))
     coupled.leave(FOLLOWER)
     assert coupled.force(LEADER, (0.02,), (0.0,), 0.0) == (0.0,)

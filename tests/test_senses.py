@@ -61,7 +61,7 @@ def test_a_force_sensor_is_read_with_the_position_and_the_query_passes_it_on() -
     device.read(0)
     device.engage(0)
     device.read(30 * MS)
-    (felt,) = device.measured_force() or ()
+    (felt,) = list(device.measured_force() or ())
     assert felt == device.truth().hand_force[0]
     assert felt > 0.1  # it pushes on, into the environment
     node = DeviceNode(device, DISSIPATION, ServoSettings(law="none", engage_time=0.0))

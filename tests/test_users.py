@@ -232,7 +232,7 @@ def slab_period(users: tuple[str, ...]) -> float:
         place = 0.02 if tick < 20 else -0.1
         for user in users:
             slab.force(user, (place,), (0.0,), tick * 1e-3)
-        faces.append((slab.scene() or ())[0].position[0])
+        faces.append(next(iter(slab.scene() or ())).position[0])
     rises = [i for i in range(21, 2000) if faces[i - 1] < 0.015 <= faces[i]]
     return (rises[-1] - rises[0]) / (len(rises) - 1) * 1e-3
 
@@ -290,7 +290,7 @@ def test_the_momentum_of_a_box_is_that_of_the_forces_on_both_hands() -> None:
         forces = slab.force("left", (left,), (0.0,), time)
         forces += slab.force("right", (right,), (0.0,), time)
         impulse += sum(forces) * 1e-3  # they resist the hands, so the box has them as they are
-        places.append((slab.scene() or ())[0].position[0])
+        places.append(next(iter(slab.scene() or ())).position[0])
     assert forces == (0.0, 0.0)
     momentum = 0.5 * (places[-1] - places[-3]) / 2e-3
     assert abs(momentum) > 1e-3

@@ -36,8 +36,8 @@ class ParameterName:
     @property
     def hand(self) -> str:
         """The hand that it belongs to; "" for the only one, and for what belongs to all."""
-        is_named = len(self.steps) > 1 and self.steps[0] not in (*HAND_SECTIONS, *OF_GRAPH)
-        return self.steps[0] if is_named else HAND
+        first, *inside = self.steps
+        return first if inside and first not in (*HAND_SECTIONS, *OF_GRAPH) else HAND
 
     @property
     def own(self) -> tuple[str, ...]:
