@@ -160,7 +160,7 @@ def test_an_arm_takes_no_wall_in_place_of_the_hand() -> None:
 def test_the_figures_follow_the_verdicts_of_the_hands() -> None:
     arguments = ("simulate", "leader_follower", "law:=none", "--duration", "1.5s")
     text = invoke(*arguments).output
-    assert text.index("follower:") < text.index("Coupling: passive") < text.index("All figures")
+    assert text.index("follower:") < text.index("Together: passive") < text.index("All figures")
     together = json.loads(invoke(*arguments, "--json").stdout)["coupling"]
     assert together["follower_stiffness_n_per_m"] == 1000.0
     assert together["energy_with_partner_min_j"] == {"leader": None, "follower": None}

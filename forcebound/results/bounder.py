@@ -127,6 +127,8 @@ def causes_of_little_force(
             "it is what the device's dissipation allows at this rate: more damping, a higher "
             "device.rate, or a softer environment"
         )
+        if columns.hand and not device.get("energy_partner"):
+            advice += "; or, if another hand does the work, energy_partner"
         causes.append(Cause("dissipation", advice))
     return causes
 

@@ -39,23 +39,23 @@ def coupling_lines(figures: Summary) -> Iterator[str]:
     """Yield the figures in words, a line for each matter."""
     lowest = figures["energy_min_j"]
     if lowest is not None and lowest >= -ENERGY_TOLERANCE:
-        yield "Coupling: passive; the hands together never received energy that none had put in."
+        yield "Together: passive; the hands never received more energy than they put in."
     elif lowest is not None:
         got = energy(-lowest)
-        yield f"Coupling: not passive; the hands received up to {got} that none of them had put in."
+        yield f"Together: not passive; the hands received up to {got} more than they put in."
     given = [f"{energy(one)} from {hand}" for hand, one in figures["given_energy_j"].items() if one]
     if given:
-        yield f"Coupling: energy transfer of {', '.join(given)}."
+        yield f"Together: energy transfer of {', '.join(given)}."
     if "position_error_rms_m" not in figures:
         return
     error, peak = (figures[f"position_error_{kind}_m"] for kind in ("rms", "peak"))
     if error is not None:
-        words = f"Coupling: the follower was off by {MM.show(error)} RMS, {MM.show(peak)} at most"
+        words = f"Together: the follower was off by {MM.show(error)} RMS, {MM.show(peak)} at most"
         force = figures["force_error_rms_n"]
         yield f"{words}{'' if force is None else f'; forces differ by {N.show(force)} RMS'}."
     felt = figures["transmitted_stiffness_n_per_m"]
     if felt is not None:
-        words = f"Coupling: the leader feels {N_MM.show(felt)}; the follower's wall has"
+        words = f"Together: the leader feels {N_MM.show(felt)}; the follower's wall has"
         series = figures["series_stiffness_n_per_m"]
         behind = "" if series is None else f", behind the coupling {N_MM.show(series)}"
         yield f"{words} {N_MM.show(figures['follower_stiffness_n_per_m'])}{behind}."
