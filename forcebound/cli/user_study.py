@@ -1,6 +1,7 @@
 """Commands for studies that people take part in."""
 
 import re
+import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -147,17 +148,21 @@ def run_live_study(
     from forcebound.cli.view import check_tornado, has_screen, opened_in_browser
 
     check_tornado()
-    from forcebound.graph.resolved import to_document
-    from forcebound.interface.live import launch
+    from forcebound.interface.live import launch_unrecorded
     from forcebound.lab.study.markers import Markers, find_lsl
     from forcebound.lab.study.session import Session
     from forcebound.observe.live_study import LiveStudy
     from forcebound.observe.page.study import StudyServer
     from forcebound.observe.study_graph import StudyGraph
 
-    graph = StudyGraph(plan, lambda config: launch(to_document(config)))
+    graph = StudyGraph(plan, lambda config: launch_unrecorded(config, folder / participant))
     kind: Kind = "person" if graph.movers == {"person"} else "rehearsal"
     marks = Markers(graph.publish, find_lsl())
+    if any(plan.config(one).device.servo.hold_limit == 1 for pair in plan.pairs for one in pair):
+        show(
+            "hold_limit: 1 drops the force at each late tick; add `set: { hold_limit: auto }`",
+            err=True,
+        )
 
     async def serve(session: Session) -> None:
         server = StudyServer(port=port)
@@ -184,6 +189,8 @@ def run_live_study(
                 await server.close()
 
     with Session(plan, folder, participant, kind, marks, records=True) as session:
+        for left in session.folder.glob("graph-*"):  # by a session that was killed
+            shutil.rmtree(left, ignore_errors=True)
         try:
             asyncio.run(serve(session))
         finally:

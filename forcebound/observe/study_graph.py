@@ -83,10 +83,9 @@ def wall_at_hand(config: GraphConfig) -> float:
 def mover_of(config: GraphConfig) -> Mover:
     """Return who moves the hand of a graph."""
     device = config.device.model
-    port, kind = getattr(device, "port", None), kind_of("device", device)
-    if port is not None:  # an emulator follows no pointer
-        return "itself" if port == "emulated" else "person"
-    is_simulated = kind is not None and KINDS["device"].is_shipped(kind)
+    if device.port:  # an emulator follows no pointer
+        return "itself" if device.port == "emulated" else "person"
+    is_simulated = KINDS["device"].is_shipped(kind_of("device", device))
     return "pointer" if is_simulated or config.operator is not None else "person"
 
 

@@ -50,7 +50,7 @@ function take(message) {
   if (step.scene) draw(step.scene);
   offer();
   if (isNew && step.may_change) {
-    $("begin").hidden = step.noise === "none" || noise !== null;
+    $("begin").hidden = noise !== null;
     if ($("begin").hidden) send({ do: "ready" });
   }
 }
@@ -94,7 +94,7 @@ function mark({ x, colour }) {
   if (!step.scene) return;
   const at = Math.min(Math.max(x, step.scene.line - 0.9 * BEFORE), step.scene.wall);
   $("marker").hidden = false;
-  $("marker").style.left = `${100 * share(at)}%`;
+  $("marker").style.left = `max(2.2em, ${100 * share(at)}%)`;
   $("marker").style.background = colour === null ? "#fff" : step.colours[colour];
   $("marker").dataset.colour = colour ?? "";
 }
