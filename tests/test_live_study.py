@@ -3,6 +3,7 @@
 import json
 import re
 import shutil
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -21,7 +22,6 @@ from forcebound.interface.live import launch_unrecorded
 from forcebound.lab.study.observers import _approaching
 from forcebound.lab.study.plan import Block, Study
 from forcebound.lab.study.session import Session
-from forcebound.observe import live_study
 from forcebound.observe.live_study import Approach, LiveStudy
 from forcebound.observe.page.study import StudyServer
 from forcebound.observe.study_graph import Sample, StudyGraph, mover_of, wall_at_hand
@@ -234,8 +234,8 @@ def test_a_break_lasts_and_the_graph_rests(
         led.live.inbox.put({"do": "point", "place": 0.0})
         until(lambda: led.graph.places, "the messages to be read")
         assert led.kind == "break"
-        clock = live_study.time.monotonic
-        monkeypatch.setattr(live_study.time, "monotonic", lambda: clock() + 3600.0)
+        clock = time.monotonic
+        monkeypatch.setattr(time, "monotonic", lambda: clock() + 3600.0)
         led.until("question")
 
 
@@ -249,7 +249,7 @@ def test_a_touch_out_of_the_band_says_why(study: Study, tmp_path: Path, touched:
 
 def test_the_marker_has_the_colour_of_the_mean_speed_from_the_line_on() -> None:
     way = Approach(LINE, WALL, Block((0.02, 0.05)))
-    for time, place, colour in (
+    for seconds, place, colour in (
         (0.0, -0.001, None),
         (0.1, 0.0, None),  # at the line
         (0.2, 0.001, 0),  # 10 mm/s
@@ -257,12 +257,12 @@ def test_the_marker_has_the_colour_of_the_mean_speed_from_the_line_on() -> None:
         (0.31, 0.0101, 1),  # 48 mm/s, in contact
         (0.4, 0.03, 1),  # behind the wall it stays
     ):
-        way.take(Sample(time, place, 0))
-        assert way.colour == colour, time
+        way.take(Sample(seconds, place, 0))
+        assert way.colour == colour, seconds
     assert way.contact == 0.31
     fast = Approach(LINE, WALL, Block((0.02, 0.05)))
-    for time, place in ((0.0, 0.0), (0.05, 0.009)):
-        fast.take(Sample(time, place, 0))
+    for seconds, place in ((0.0, 0.0), (0.05, 0.009)):
+        fast.take(Sample(seconds, place, 0))
     assert fast.colour == 2
 
 

@@ -9,6 +9,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -108,7 +109,7 @@ def test_a_killed_study_goes_on_and_has_every_trial_once(tmp_path: Path) -> None
         for goal in (2, 4):
             with session(tmp_path) as (process, address):
                 driver.get(address)
-                until(lambda goal=goal: answered(goal), f"{goal} answers")
+                until(partial(answered, goal), f"{goal} answers")
                 until(lambda: person.act() == "go", "the next touch")
                 process.kill()
         with session(tmp_path) as (process, address):
