@@ -55,6 +55,10 @@ class Running(Protocol):
         """Whether it runs."""
         ...
 
+    def wait(self, seconds: float) -> None:
+        """Let time pass; RunError if it has failed."""
+        ...
+
     def close(self) -> None:
         """End it, with zero force first."""
         ...
@@ -153,8 +157,9 @@ class StudyGraph:
         set_parameters(self._run_dir, changes, self._kernels)
 
     def clear(self) -> None:
-        """Take the wall away; return when no force is asked for."""
-        set_parameters(self._run_dir, {"environment.position": AWAY}, self._kernels)
+        """Take the wall away; return when no force is asked for. Without a graph there is none."""
+        if self._graph is not None:
+            set_parameters(self._run_dir, {"environment.position": AWAY}, self._kernels)
 
     @contextmanager
     def recording(self, file: Path) -> Iterator[None]:
@@ -182,7 +187,9 @@ class StudyGraph:
         if packets:
             self._heard = time.monotonic()
         elif not self._graph.is_running or time.monotonic() - self._heard > SILENCE:
+            graph = self._graph
             self.close()  # whoever goes on launches it again
+            graph.wait(0.0)  # raises the reason, if it has ended with one
             raise RunError("the graph has ended, or its device is lost")
         return [
             Sample(one.time_ns * 1e-9, one.position[0], one.buttons or 0)
