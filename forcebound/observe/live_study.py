@@ -117,9 +117,11 @@ class LiveStudy:
         except AgainError as why:
             self._hint = str(why)
         except (ForceboundError, OSError) as error:
+            problem = self._graph.failure or str(error)
             self._graph.close()
-            self._note(str(error))
-            self._choose("problem", "Please call the experimenter.", str(error), ("Try again",))
+            self._note(problem)
+            text = problem.splitlines()[-1].strip()
+            self._choose("problem", "Please call the experimenter.", text, ("Try again",))
 
     def _do(self) -> None:
         step, session = self._session.step, self._session

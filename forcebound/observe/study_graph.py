@@ -13,7 +13,7 @@ from pathlib import Path
 from threading import Event as Flag
 from typing import Any, Literal, NamedTuple, Protocol, cast
 
-from forcebound.errors import ConfigError, RunError
+from forcebound.errors import ConfigError, ForceboundError, RunError
 from forcebound.graph.graph import KINDS, GraphConfig
 from forcebound.graph.names import LAW
 from forcebound.graph.parameters import differences, parameters
@@ -187,15 +187,24 @@ class StudyGraph:
         if packets:
             self._heard = time.monotonic()
         elif not self._graph.is_running or time.monotonic() - self._heard > SILENCE:
-            graph = self._graph
+            problem = self.failure or "the graph has ended, or its device is lost"
             self.close()  # whoever goes on launches it again
-            graph.wait(0.0)  # raises the reason, if it has ended with one
-            raise RunError("the graph has ended, or its device is lost")
+            raise RunError(problem)
         return [
             Sample(one.time_ns * 1e-9, one.position[0], one.buttons or 0)
             for one in packets
             if isinstance(one, DeviceState)
         ]
+
+    @property
+    def failure(self) -> str:
+        """Why the graph has ended; empty: it runs, or has ended in order."""
+        try:
+            if self._graph is not None:
+                self._graph.wait(0.0)
+        except ForceboundError as error:
+            return str(error)
+        return ""
 
     def point(self, place: object) -> None:
         """Move the pointer that the hand follows to a place on the first axis, in m."""

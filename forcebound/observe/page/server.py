@@ -43,7 +43,6 @@ MOST_EVENTS = 50  # that a page which comes later gets
 IDLE = 10.0  # s that a connection may wait with its next request
 MOST_MESSAGE = 64_000  # B, of a message from a page
 MOST_WAITING = 2_000_000  # B that a page may leave unread before it misses frames
-OVER = {"type": "over"}  # message while there is no graph
 POLICY = "default-src 'self'; connect-src 'self'; img-src 'self' data:; frame-ancestors 'none'"
 
 
@@ -103,7 +102,7 @@ class Server:
             await self._follow(_Graph(run_dir, controls, self._pointed))
         finally:
             self.graph = None
-            self.tell(OVER)
+            self.tell(*self.describe())
             # After what is under way.
             await self._loop.run_in_executor(self.workers, controls.close)
             self.tell(controls.recording.describe())
@@ -142,12 +141,11 @@ class Server:
 
     def describe(self) -> list[Message]:
         """Return what a page that opens needs to know."""
-        return [OVER] if self.graph is None else self.graph.describe()
+        return [{"type": "over"}] if self.graph is None else self.graph.describe()
 
     def receive(self, page: "_Page", request: Message) -> None:
         """Do what a page that may change the graph asks for."""
-        graph = self.graph
-        if graph is None:
+        if (graph := self.graph) is None:
             page.answer(request, "no graph runs")
         elif request["do"] == "point":
             pointer = graph.pointers.get(str(request.get("hand", HAND)))
