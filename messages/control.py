@@ -12,7 +12,8 @@ from typing import Annotated, Any, TypeAlias
 import msgspec
 from msgspec import Meta, Struct
 
-from forcebound.messages.packets import MAX_AXES, TOPIC_OF, Event, Scene, Vector
+from forcebound.messages.events import TrialEvent
+from forcebound.messages.packets import MAX_AXES, MAX_TEXT, TOPIC_OF, Event, Scene, Vector
 from forcebound.roles import Fact
 
 UNCERTAIN = (TOPIC_OF[Event], TOPIC_OF[Scene])  # topics on which no packet may ever come
@@ -82,6 +83,14 @@ class ConfigureNode(Request, frozen=True, tag="configure_node"):
     configure: Configure
 
 
+class EmitEvent(Request, frozen=True, tag="emit_event"):
+    """Emit an event of a study's session, as one of the launcher."""
+
+    event: TrialEvent
+    message: Annotated[str, Meta(max_length=MAX_TEXT)]
+    data: dict[str, str] = {}
+
+
 #: Requests that every node takes, besides those of its class; and those that the launcher takes.
 OF_NODES: tuple[type[Request], ...] = (GetStatus, StopProcess, Configure)
 OF_LAUNCHER: tuple[type[Request], ...] = (
@@ -90,6 +99,7 @@ OF_LAUNCHER: tuple[type[Request], ...] = (
     StartNode,
     ResumeDevice,
     ConfigureNode,
+    EmitEvent,
 )
 
 

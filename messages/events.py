@@ -6,14 +6,15 @@ from typing import Final, Literal, TypeAlias, cast
 
 from forcebound.messages.packets import MAX_TEXT, Event
 
+#: Of a study's session.
+TrialEvent: TypeAlias = Literal["trial_begins", "touch_begins", "touch_ends", "trial_ends"]
 #: Kinds of the events that the processes of a graph emit, besides those of a remote link.
-Kind: TypeAlias = Literal[
+Kind: TypeAlias = TrialEvent | Literal[
     "phase", "parameter_set", "law_changed", "bounder_reported", "link_counted",
     "force_engages", "force_released", "ticks_missed", "readings_refused", "packets_refused",
     "environment_awaited", "environment_serves", "environment_lost", "environment_refused",
     "serving", "environment_failed", "controller_failed", "signal_refused", "scene_failed",
     "scene_cut", "process_started", "process_ended", "device_lost",
-    "trial_begins", "touch_begins", "touch_ends", "trial_ends",
 ]  # fmt: skip
 REMOTE = "remote_"  # kinds of events of a remote link begin so; then the kind of the notice
 PHASE_BEGINS: Final = "phase"  # a part of a scripted run begins; its data has the name

@@ -30,7 +30,7 @@ def test_nothing_comes_from_elsewhere() -> None:
 
 def test_scripts_use_elements_and_colours_that_there_are() -> None:
     made = "".join(SCRIPTS.values())
-    known = set(re.findall(r'\bid="([a-z]+)"', TEXTS["index.html"]))
+    known = set(re.findall(r'\bid="([a-z]+)"', TEXTS["index.html"] + TEXTS["study.html"]))
     for name in re.findall(r'(?:\$|getElementById)\("([a-z]+)"\)', made):
         assert name in known
     colours = re.findall(r'(?<!\w)colour\("([a-z]+)"\)|colour: "([a-z]+)"', made)

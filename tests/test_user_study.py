@@ -484,7 +484,7 @@ def test_the_command_runs_the_whole_study(tmp_path: Path) -> None:
         result = CliRunner().invoke(main, arguments)
         assert result.exit_code == 0, result.output
         assert word in result.output
-    assert CliRunner().invoke(main, [*run, "--participant", "p1"]).exit_code == 2
+    assert CliRunner().invoke(main, [*run, "--participant", "A Name"]).exit_code == 2
     assert CliRunner().invoke(main, ["study", "new", str(tmp_path / "mine")]).exit_code == 2
     assert CliRunner().invoke(main, ["study", "analyse", str(tmp_path / "none")]).exit_code == 2
 

@@ -1,6 +1,7 @@
 """Commands for studies that people take part in."""
 
 import re
+import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +14,7 @@ from forcebound.errors import ConfigError
 
 if TYPE_CHECKING:
     from forcebound.lab.study.plan import Study
+    from forcebound.lab.study.session import Kind
 
 SIMULATED = re.compile(r"simulated:([1-9][0-9]{0,2})")
 _folder_option = output_option(
@@ -98,8 +100,18 @@ def check(file: str) -> None:
 )
 @click.option("--record", "records", is_flag=True, help="Record each simulated touch; slow.")
 @workers_option
+@click.option(
+    "--port", type=click.IntRange(0, 65535), default=0, help="Port of the page. Default: any free."
+)
+@click.option("--open/--no-open", "opens", default=True, help="Whether to open a browser.")
 def run(
-    file: str, participant: str, folder: Path | None, workers: int | None, **of_observer: Any
+    file: str,
+    participant: str,
+    folder: Path | None,
+    workers: int | None,
+    port: int,
+    opens: bool,
+    **of_observer: Any,
 ) -> None:
     r"""Run a study; a participant who stopped goes on with the next trial.
 
@@ -113,7 +125,7 @@ def run(
     folder = folder or Path(plan.name)
     simulated = SIMULATED.fullmatch(participant)
     if simulated is None:
-        run_live_study(plan, participant, folder)
+        run_live_study(plan, participant, folder, port, opens)
         return
     from forcebound.lab.study.observers import Observer, run_observers
 
@@ -122,12 +134,68 @@ def run(
     show(f"data: {folder}; then: forcebound study analyse {folder}")
 
 
-def run_live_study(plan: "Study", participant: str, folder: Path) -> None:
-    """Run a study with a person, on the live page."""
-    raise ConfigError(
-        f"{plan.name}: a study with a person needs the live page, which cannot run one yet; use"
-        " --participant simulated:10"
-    )
+def run_live_study(
+    plan: "Study", participant: str, folder: Path, port: int = 0, opens: bool = True
+) -> None:
+    """Run a study with a person on the live page, until it is finished and Ctrl-C, or earlier.
+
+    Raises:
+        ConfigError: As :class:`Session`; if tornado is missing, or a wall moves.
+    """
+    import asyncio
+    from contextlib import ExitStack
+
+    from forcebound.cli.view import check_tornado, has_screen, opened_in_browser
+
+    check_tornado()
+    from forcebound.interface.live import launch_unrecorded
+    from forcebound.lab.study.markers import Markers, find_lsl
+    from forcebound.lab.study.session import Session
+    from forcebound.observe.live_study import LiveStudy
+    from forcebound.observe.page.study import StudyServer
+    from forcebound.observe.study_graph import StudyGraph
+
+    graph = StudyGraph(plan, lambda config: launch_unrecorded(config, folder / participant))
+    kind: Kind = "person" if graph.movers == {"person"} else "rehearsal"
+    marks = Markers(graph.publish, find_lsl())
+    if any(plan.config(one).device.servo.hold_limit == 1 for pair in plan.pairs for one in pair):
+        show(
+            "hold_limit: 1 drops the force at each late tick; add `set: { hold_limit: auto }`",
+            err=True,
+        )
+
+    async def serve(session: Session) -> None:
+        server = StudyServer(port=port)
+        loop = asyncio.get_running_loop()
+        server.live = LiveStudy(
+            session,
+            graph,
+            lambda message: server.later(server.tell, message),
+            lambda problem: show(f"forcebound: {problem}", err=True),
+        )
+        running = loop.run_in_executor(None, server.live.run)
+        with ExitStack() as stack:
+            access = server.access
+            show(f"page of {participant} ({kind}): {access.address(access.token)}")
+            show(f"to look only:  {access.address(access.watching)}")
+            if opens and has_screen():
+                stack.enter_context(opened_in_browser(access.address(access.token), None))
+            try:
+                while not (server.is_stopped or running.done()):
+                    await asyncio.sleep(0.2)
+            finally:
+                server.live.inbox.put({"do": "stop"})
+                await running
+                await server.close()
+
+    with Session(plan, folder, participant, kind, marks, records=True) as session:
+        for left in session.folder.glob("graph-*"):  # by a session that was killed
+            shutil.rmtree(left, ignore_errors=True)
+        try:
+            asyncio.run(serve(session))
+        finally:
+            done, every = session.progress
+            show(f"{done} of {every or '?'} trials answered; data: {session.folder}")
 
 
 @study.command(short_help="Analyse the data of a study.")

@@ -32,6 +32,11 @@ REDIRECT = """<!doctype html><meta name="referrer" content="no-referrer">
 """
 
 
+def has_screen() -> bool:
+    """Return whether there is one; without it a browser of text would take the terminal."""
+    return "DISPLAY" in os.environ or "WAYLAND_DISPLAY" in os.environ
+
+
 @contextmanager
 def opened_in_browser(address: str, run: Path | None) -> Iterator[None]:
     """Open a page in a browser, which stays off the core of the nodes of a run, if there is one.
@@ -121,8 +126,7 @@ def view(
                 show(f"to look only:  {access.address(access.watching)}")
                 if not access.is_local:
                     show("others on this network can open them, and read what is sent", err=True)
-                # Without a screen a browser of text would take the terminal.
-                if opens and ("DISPLAY" in os.environ or "WAYLAND_DISPLAY" in os.environ):
+                if opens and has_screen():
                     stack.enter_context(opened_in_browser(access.address(access.token), first))
                 await _show_graphs(server, first, run, stays=launcher is None)
             finally:

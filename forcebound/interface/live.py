@@ -17,6 +17,7 @@ from typing import Any
 from forcebound.ending import end
 from forcebound.errors import ConfigError, RunError
 from forcebound.files import recording_file
+from forcebound.graph.graph import GraphConfig
 from forcebound.graph.resolved import to_document
 from forcebound.interface.figures import Figures
 from forcebound.interface.runs import LaunchFile, Run, configuration, split, time_of
@@ -53,18 +54,23 @@ main()
 class Graph:
     """A running graph; leaving its block ends it, with zero force in any case.
 
+    Without ``records`` it has no figures.
+
     Attributes:
         run_dir: Its run directory, for the commands' ``--run``.
     """
 
-    def __init__(self, command: list[str], record: Path | None, folder: Path) -> None:
+    def __init__(
+        self, command: list[str], record: Path | None, folder: Path, records: bool = True
+    ) -> None:
         weakref.finalize(self, shutil.rmtree, folder, ignore_errors=True)
         self._recording = folder / "run.mcap" if record is None else record
         self._log = folder / "log"
         self._result: Run | None = None
+        recorded = ["--record", str(self._recording)] if records else []
         with self._log.open("wb") as log:
             self._process = subprocess.Popen(
-                [sys.executable, "-c", _COMMAND, *command, "--record", str(self._recording)],
+                [sys.executable, "-c", _COMMAND, *command, *recorded],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.DEVNULL,
                 stderr=log,
@@ -241,3 +247,15 @@ def launch(
         launch, texts = file, []
     command = ["launch", str(launch), *texts, "--duration", repr(seconds), "--overwrite"]
     return Graph(command, None if record is None else recording_file(Path(record)), folder)
+
+
+def launch_unrecorded(config: GraphConfig, folder: Path) -> Graph:
+    """Start a graph in real time, for its ``duration``, with its files in a folder below another.
+
+    Errors are as of :func:`launch`. A program that is killed leaves the folder, without recording.
+    """
+    own = Path(tempfile.mkdtemp(prefix="graph-", dir=folder))
+    file = own / "launch.yaml"
+    file.write_text(json.dumps(to_document(config)))
+    command = ["launch", str(file), "--duration", repr(config.duration)]
+    return Graph(command, None, own, records=False)

@@ -225,6 +225,8 @@ class Supervisor:
                     return control.Refused(f"the launcher of this graph does not run {node!r}")
                 # This request waits for a suspended node; one of the client's own ends with it.
                 self._clients[node].ask(configure)
+            case control.EmitEvent(event, message, data):
+                self._emit(event, message, data)
         return control.LauncherStatus(
             phase=lifecycle.phase.name.lower(),
             nodes={

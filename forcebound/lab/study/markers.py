@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from importlib import import_module
 from typing import Any
 
-from forcebound.messages.events import EventLog, Kind
+from forcebound.messages.events import EventLog, TrialEvent
 from forcebound.messages.packets import Event
 from forcebound.roles import LAUNCHER
 
@@ -35,7 +35,7 @@ class Markers:
             about = ("forcebound", "Markers", 1, lsl.IRREGULAR_RATE, "string", "forcebound-study")
             self._outlet = lsl.StreamOutlet(lsl.StreamInfo(*about))
 
-    def __call__(self, kind: Kind, message: str, data: Mapping[str, str]) -> None:
+    def __call__(self, kind: TrialEvent, message: str, data: Mapping[str, str]) -> None:
         """Send an event now: its kind, a message for people, data for programs."""
         self._publish(self._log.emit(time.monotonic_ns(), kind, message, data))
         if self._outlet is not None:

@@ -36,12 +36,12 @@ from forcebound.lab.engine import Row, write_json
 from forcebound.lab.study.measures import Measures
 from forcebound.lab.study.order import Trial, next_trial, total
 from forcebound.lab.study.plan import Study
-from forcebound.messages.events import Kind as EventKind
+from forcebound.messages.events import TrialEvent
 from forcebound.run.results import run_metadata
 from forcebound.run.run_directory import try_lock
 
 Kind: TypeAlias = Literal["person", "rehearsal", "simulated"]  # rehearsal: without a device
-Mark: TypeAlias = Callable[[EventKind, str, Mapping[str, str]], None]
+Mark: TypeAlias = Callable[[TrialEvent, str, Mapping[str, str]], None]
 
 TRIALS, ABOUT, LOCK, RECORDINGS = "trials.csv", "participant.json", "lock", "recordings"
 _OF_TOUCH = ("condition", "level", "law", "seed", "touches", *Measures.__dataclass_fields__)
@@ -217,7 +217,7 @@ class Session:
         config = self.study.config(trial.stimuli[interval - 1])
         chance = Random(f"{trial.seed}/{interval}/{self._attempt}")  # no two touches share it
         config = replace(config, seed=chance.randrange(2**31))
-        file = self.folder / RECORDINGS / f"{trial.number:04d}-{interval}.mcap"
+        file = self.folder / RECORDINGS / f"{trial.number:04d}-{interval}-{self._attempt}.mcap"
         return Step("touch", trial=trial, interval=interval, config=config, recording=file)
 
     def go_on(self) -> None:
@@ -253,12 +253,14 @@ class Session:
         self._attempt = 1 if repeat == "touch" else self._attempt
         return True
 
-    def _touch(self) -> tuple[Trial, int, str, int]:
+    def _touch(self) -> tuple[Trial, int, str, int | None]:
         step = self.step
         assert step.kind == "touch", f"the step is {step.kind}"
         assert step.trial is not None
         assert step.config is not None
-        return step.trial, step.interval, step.config.device.servo.law, step.config.seed
+        # What is random in a live graph is drawn from its own seed.
+        seed = step.config.seed if self.kind == "simulated" else None
+        return step.trial, step.interval, step.config.device.servo.law, seed
 
     def answer(self, interval: Literal[1, 2], response_time: float | None = None) -> None:
         """Take the answer; when this returns, its row is on the disk.
@@ -301,7 +303,7 @@ class Session:
             self._feedback = Step("feedback", is_right=known, in_band=in_band)
         self._begin_trial()
 
-    def _tell(self, event: EventKind, trial: Trial, data: Mapping[str, Any] | None = None) -> None:
+    def _tell(self, event: TrialEvent, trial: Trial, data: Mapping[str, Any] | None = None) -> None:
         about = {"trial": trial.number, "block": trial.block, "phase": trial.phase, **(data or {})}
         texts = {name: str(value) for name, value in about.items() if value not in (None, "")}
         self._mark(event, f"{event.replace('_', ' ')}: {trial.number}", texts)

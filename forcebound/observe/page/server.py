@@ -43,7 +43,6 @@ MOST_EVENTS = 50  # that a page which comes later gets
 IDLE = 10.0  # s that a connection may wait with its next request
 MOST_MESSAGE = 64_000  # B, of a message from a page
 MOST_WAITING = 2_000_000  # B that a page may leave unread before it misses frames
-OVER = {"type": "over"}  # message while there is no graph
 POLICY = "default-src 'self'; connect-src 'self'; img-src 'self' data:; frame-ancestors 'none'"
 
 
@@ -56,6 +55,8 @@ class Server:
     Raises:
         ConfigError: If the address cannot be listened at.
     """
+
+    index: ClassVar[str] = "index.html"
 
     def __init__(self, listen: str = "127.0.0.1", port: int = 0, recordings: Path = Path()) -> None:
         listening = _bound(listen, port)
@@ -101,7 +102,7 @@ class Server:
             await self._follow(_Graph(run_dir, controls, self._pointed))
         finally:
             self.graph = None
-            self.tell(OVER)
+            self.tell(*self.describe())
             # After what is under way.
             await self._loop.run_in_executor(self.workers, controls.close)
             self.tell(controls.recording.describe())
@@ -137,6 +138,40 @@ class Server:
             for pointer in graph.pointers.values():
                 loop.remove_reader(pointer.descriptor)
             graph.close()
+
+    def describe(self) -> list[Message]:
+        """Return what a page that opens needs to know."""
+        return [{"type": "over"}] if self.graph is None else self.graph.describe()
+
+    def receive(self, page: "_Page", request: Message) -> None:
+        """Do what a page that may change the graph asks for."""
+        if (graph := self.graph) is None:
+            page.answer(request, "no graph runs")
+        elif request["do"] == "point":
+            pointer = graph.pointers.get(str(request.get("hand", HAND)))
+            error: str | None = f"no hand {request.get('hand')!r}"
+            if pointer is not None:
+                error = pointer.point(request.get("target"), (page, request.get("stamp")))
+            if error is not None:
+                page.answer(request, error)
+        else:
+            counts = graph.controls.receive(request)
+            self.workers.submit(self._act, page, graph.controls, request, counts)
+
+    def _act(
+        self, page: "_Page", controls: Controls, request: Message, counts: Callable[[], bool]
+    ) -> None:
+        self.later(page.answer, request, controls.act(request, counts))
+        self.later(self.tell, controls.recording.describe())
+        self.tell_parameters(controls)
+
+    def opened(self, page: "_Page") -> None:
+        """Note that a page has opened."""
+        self.pages.add(page)
+
+    def closed(self, page: "_Page") -> None:
+        """Note that a page has closed."""
+        self.pages.discard(page)
 
     def tell(self, message: Message) -> None:
         """Send a message to every page; one that does not read misses it."""
@@ -284,7 +319,7 @@ class _Handler(tornado.web.RequestHandler):
 class _Index(_Handler):
     def get(self) -> None:
         self.set_header("Content-Type", "text/html; charset=utf-8")
-        self.write((PAGE / "index.html").read_bytes())
+        self.write((PAGE / self.server.index).read_bytes())
 
 
 class _File(_Handler):
@@ -321,44 +356,31 @@ class _Page(_Handler, tornado.websocket.WebSocketHandler):
         super().prepare()
         if len(self.server.pages) >= MOST_PAGES:
             raise tornado.web.HTTPError(503, "too many pages")
-        self._may_change = self.server.access.may_change(self.token)
+        self.may_change = self.server.access.may_change(self.token)
 
     def open(self, *_: str, **__: str) -> None:
         self.set_nodelay(True)
         self.greet()
-        self.server.pages.add(self)
+        self.server.opened(self)
 
     def greet(self) -> None:
         """Tell what a page needs to know of the graph that is shown now."""
-        graph = self.server.graph
-        for message in [OVER] if graph is None else graph.describe():
-            self.tell(json.dumps({**message, "may_change": self._may_change}))
+        for message in self.server.describe():
+            self.tell(json.dumps({**message, "may_change": self.may_change}))
 
     def on_message(self, message: str | bytes) -> None:
         try:
             request = json.loads(message)
-            do = request["do"]
+            request["do"]
         except (ValueError, TypeError, KeyError, RecursionError):
             return
-        graph = self.server.graph
-        if not self._may_change:
-            self._answer(request, "this page may only look")
-        elif graph is None:
-            self._answer(request, "no graph runs")
-        elif do == "point":
-            pointer = graph.pointers.get(str(request.get("hand", HAND)))
-            if pointer is None:
-                error: str | None = f"no hand {request.get('hand')!r}"
-            else:
-                error = pointer.point(request.get("target"), (self, request.get("stamp")))
-            if error is not None:
-                self._answer(request, error)
+        if self.may_change:
+            self.server.receive(self, request)
         else:
-            counts = graph.controls.receive(request)
-            self.server.workers.submit(self._act, graph.controls, request, counts)
+            self.answer(request, "this page may only look")
 
     def on_close(self) -> None:
-        self.server.pages.discard(self)
+        self.server.closed(self)
 
     def tell(self, text: str) -> None:
         """Send a message unless the page has stopped reading."""
@@ -370,16 +392,9 @@ class _Page(_Handler, tornado.websocket.WebSocketHandler):
         try:
             sent = self.write_message(text)
         except tornado.websocket.WebSocketClosedError:
-            self.server.pages.discard(self)
+            self.server.closed(self)
         else:
             sent.add_done_callback(asyncio.Future.exception)  # it closed just now: no news
 
-    def _act(self, controls: Controls, request: Message, counts: Callable[[], bool]) -> None:
-        """Do what the page wants; in the thread of changes."""
-        server = self.server
-        server.later(self._answer, request, controls.act(request, counts))
-        server.later(server.tell, controls.recording.describe())
-        server.tell_parameters(controls)
-
-    def _answer(self, request: Message, error: str | None) -> None:
+    def answer(self, request: Message, error: str | None) -> None:
         self.tell(json.dumps({"type": "answer", "id": request.get("id"), "error": error}))
