@@ -28,8 +28,9 @@ from forcebound.roles import LAUNCHER, LOST
 from forcebound.run.actions import Announce, Ended, Engaged, Phase, Reported, Start, Terminate
 from forcebound.run.lifecycle import Lifecycle
 from forcebound.run.results import results_of
-from forcebound.run.run_directory import graph_in
+from forcebound.run.run_directory import RunDocument, graph_in
 from forcebound.run.virtual import run_virtual, run_virtual_hands
+from forcebound.run.worker import core_of
 
 TWO = """\
 forcebound: 1
@@ -326,3 +327,14 @@ def test_every_command_knows_the_hands_of_a_running_graph(file: Path, tmp_path: 
     recorded = read(later).metadata
     assert {"left/energy_before", "right/energy_before"} <= recorded.keys()
     assert set(results_of(later)) == set(results_of(record)) == {"left", "right"}
+
+
+def test_hands_take_turns_on_the_cores(
+    config: GraphConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("os.sched_getaffinity", lambda process: {0, 1})
+    run = RunDocument(1, 2, str(tmp_path), [], graph=config.graph)
+    cores = {name: core_of(run, name, config) for name in config.graph.loop}
+    assert {core for name, core in cores.items() if name.startswith("left")} == {2}
+    assert {core for name, core in cores.items() if name.startswith("right")} == {1}
+    assert cores["environment"] == 2

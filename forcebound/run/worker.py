@@ -153,7 +153,7 @@ def _run(
 
     settings = realtime.Settings(
         policy=config.realtime.policy,
-        core=run.core,
+        core=core_of(run, name, config),
         lock_memory=config.realtime.lock_memory,
         deep_sleep=config.realtime.deep_sleep,
         spin_ns=round(config.realtime.spin * 1e9),
@@ -163,7 +163,7 @@ def _run(
     if isinstance(node, EnvironmentNode):
         _logger.info("this environment is %s", node.name)
     hands = list(config.hands_here)
-    if isinstance(node, DeviceNode) and len(hands) > 1:  # they share a core: one after the other
+    if isinstance(node, DeviceNode) and len(hands) > 1:  # one answer after the other
         share = hands.index(node.hand) / len(hands)
         node.phase_ns = round(share * 1e9 / config.hands[node.hand].device.servo.rate)
     links = build_links(config)  # a perfect link needs no model: its socket keeps the newest
@@ -172,6 +172,15 @@ def _run(
     if isinstance(node, EnvironmentNode):
         _logger.info("queries answered by %s: %d", node.name, node.answered)
     _log_rejected(status)
+
+
+def core_of(run: RunDocument, name: str, config: GraphConfig) -> int | None:
+    """Return the core of a node: hands take turns, since a core is full with the nodes of two."""
+    hand = run.graph.nodes[name].hand
+    if run.core is None or hand is None:
+        return run.core
+    cores = [run.core, *sorted(os.sched_getaffinity(0) - {run.core}, reverse=True)]
+    return cores[list(config.hands_here).index(hand) % len(cores)]
 
 
 def _remote_ends(name: str, config: GraphConfig) -> dict[str, RemoteEnd]:
