@@ -44,7 +44,7 @@ def new(path: Path) -> None:
             file.write((SHIPPED / shipped()[0]).read_text(encoding="utf-8"))
     except FileExistsError:
         raise ConfigError(f"{path} exists: choose another name") from None
-    show(f"study file: {path}; then: forcebound study check {path}")
+    show(f"study file: {path}; then: `forcebound study check {path}`")
 
 
 @study.command(short_help="Check a study file, and say what a participant will meet.")
@@ -131,7 +131,7 @@ def run(
 
     observer = Observer(**of_observer)
     run_observers(observer, file, folder, int(simulated[1]), workers)
-    show(f"data: {folder}; then: forcebound study analyse {folder}")
+    show(f"data: {folder}; then: `forcebound study analyse {folder}`")
 
 
 def run_live_study(

@@ -215,8 +215,8 @@ def _prepare_law(law: str, hand: str, graph: GraphStatus, kernels: Kernels | Non
     """Get ready for a law that the device of a hand is to take."""
     device = graph.processes.get(in_hand(hand, DEVICE))
     if device is not None and device.state == "lost":
-        command = f"forcebound device resume {hand}".rstrip()
-        raise ConfigError(f"{of_hand(hand, LAW)}: the device is lost; first, `{command}`")
+        resume = f"`forcebound device resume {hand}`".replace(" `", "`")
+        raise ConfigError(f"{of_hand(hand, LAW)}: the device is lost; first, {resume}")
     status = None if device is None else device.answer
     if kernels is not None and isinstance(status, DeviceStatus) and status.law != law:
         kernels.wait(law)
