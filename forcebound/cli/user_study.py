@@ -14,7 +14,8 @@ from forcebound.errors import ConfigError
 
 if TYPE_CHECKING:
     from forcebound.lab.study.plan import Study
-    from forcebound.lab.study.session import Kind
+    from forcebound.lab.study.session import Kind, Session
+    from forcebound.observe.study_graph import StudyGraph
 
 SIMULATED = re.compile(r"simulated:([1-9][0-9]{0,2})")
 _folder_option = output_option(
@@ -134,6 +135,39 @@ def run(
     show(f"data: {folder}; then: `forcebound study analyse {folder}`")
 
 
+async def _serve(session: "Session", graph: "StudyGraph", port: int, opens: bool) -> None:
+    """Show a session on pages until it is finished and Ctrl-C, or earlier."""
+    import asyncio
+    from contextlib import ExitStack
+
+    from forcebound.cli.view import has_screen, opened_in_browser
+    from forcebound.observe.live_study import LiveStudy
+    from forcebound.observe.page.study import StudyServer
+
+    server = StudyServer(port=port)
+    loop = asyncio.get_running_loop()
+    server.live = LiveStudy(
+        session,
+        graph,
+        lambda message: server.later(server.tell, message),
+        lambda problem: show(f"forcebound: {problem}", err=True),
+    )
+    running = loop.run_in_executor(None, server.live.run)
+    with ExitStack() as stack:
+        access = server.access
+        show(f"page of {session.folder.name} ({session.kind}): {access.address(access.token)}")
+        show(f"to look only:  {access.address(access.watching)}")
+        if opens and has_screen():
+            stack.enter_context(opened_in_browser(access.address(access.token), None))
+        try:
+            while not (server.is_stopped or running.done()):
+                await asyncio.sleep(0.2)
+        finally:
+            server.live.inbox.put({"do": "stop"})
+            await running
+            await server.close()
+
+
 def run_live_study(
     plan: "Study", participant: str, folder: Path, port: int = 0, opens: bool = True
 ) -> None:
@@ -143,16 +177,13 @@ def run_live_study(
         ConfigError: As :class:`Session`; if tornado is missing, or a wall moves.
     """
     import asyncio
-    from contextlib import ExitStack
 
-    from forcebound.cli.view import check_tornado, has_screen, opened_in_browser
+    from forcebound.cli.view import check_tornado
 
     check_tornado()
     from forcebound.interface.live import launch_unrecorded
     from forcebound.lab.study.markers import Markers, find_lsl
     from forcebound.lab.study.session import Session
-    from forcebound.observe.live_study import LiveStudy
-    from forcebound.observe.page.study import StudyServer
     from forcebound.observe.study_graph import StudyGraph
 
     graph = StudyGraph(plan, lambda config: launch_unrecorded(config, folder / participant))
@@ -164,35 +195,11 @@ def run_live_study(
             err=True,
         )
 
-    async def serve(session: Session) -> None:
-        server = StudyServer(port=port)
-        loop = asyncio.get_running_loop()
-        server.live = LiveStudy(
-            session,
-            graph,
-            lambda message: server.later(server.tell, message),
-            lambda problem: show(f"forcebound: {problem}", err=True),
-        )
-        running = loop.run_in_executor(None, server.live.run)
-        with ExitStack() as stack:
-            access = server.access
-            show(f"page of {participant} ({kind}): {access.address(access.token)}")
-            show(f"to look only:  {access.address(access.watching)}")
-            if opens and has_screen():
-                stack.enter_context(opened_in_browser(access.address(access.token), None))
-            try:
-                while not (server.is_stopped or running.done()):
-                    await asyncio.sleep(0.2)
-            finally:
-                server.live.inbox.put({"do": "stop"})
-                await running
-                await server.close()
-
     with Session(plan, folder, participant, kind, marks, records=True) as session:
         for left in session.folder.glob("graph-*"):  # by a session that was killed
             shutil.rmtree(left, ignore_errors=True)
         try:
-            asyncio.run(serve(session))
+            asyncio.run(_serve(session, graph, port, opens))
         finally:
             done, every = session.progress
             show(f"{done} of {every or '?'} trials answered; data: {session.folder}")
