@@ -21,7 +21,6 @@ from forcebound.errors import ConfigError
 from forcebound.messages.events import EventLog
 from forcebound.messages.packets import (
     TOPIC_OF,
-    TOPICS,
     DeviceState,
     EnvironmentQuery,
     EnvironmentReply,
@@ -33,6 +32,7 @@ from forcebound.messages.packets import (
     field_types,
     meanings,
 )
+from forcebound.messages.topology import ONE_HAND
 from forcebound.recordings.recording import Recorder, Recording, read
 from forcebound.recordings.schema import schema
 
@@ -184,7 +184,7 @@ def test_every_topic_has_its_channel_even_if_nothing_came(path: Path) -> None:
     with path.open("rb") as file:
         summary = make_reader(file).get_summary()
     assert summary is not None
-    assert {c.topic for c in summary.channels.values()} == {f"/{topic}" for topic in TOPICS}
+    assert {c.topic for c in summary.channels.values()} == {f"/{name}" for name in ONE_HAND.names}
 
 
 # --- Cut, damaged and wrong files ----------------------------------------------------------------

@@ -34,7 +34,7 @@ from forcebound.haptics.hands.hands import SoftGrip
 from forcebound.haptics.hands.paths import began
 from forcebound.haptics.laws import LAWS
 from forcebound.messages.packets import TOPIC_OF, Telemetry
-from forcebound.messages.topology import HANDS, HERE, LINKS, hand_document, hand_sections
+from forcebound.messages.topology import HAND, HANDS, HERE, LINKS, hand_document, hand_sections
 from forcebound.recordings.recording import Recording
 
 Document: TypeAlias = dict[str, Any]  # of a launch file
@@ -176,10 +176,10 @@ def _set(document: Document, setting: str) -> str:
     place = ParameterName.parse(name)
     hands, section = hand_sections(document), ".".join(place.own)
     is_of_all = place.section in ("environment", "realtime")
-    if not is_of_all and place.hand not in hands:
+    if HAND not in hands and not is_of_all and place.hand not in hands:
         names = " or ".join(of_hand(hand, section) for hand in hands)
         raise ConfigError(f"whose {section}? It belongs to a hand: {names}")
-    sections = document if is_of_all else hands[place.hand]
+    sections = document if is_of_all else hands.get(place.hand, {})
     if section == "law":
         sections["device"]["law"] = law_of(text)
     elif section in KINDS:
