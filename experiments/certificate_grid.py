@@ -132,7 +132,7 @@ def config_of(case: Row) -> GraphConfig:
         device = replace(device, model=replace(model, **numbers))
     if case.get("hand") == "taken":
         environment = replace(config.environment, model=PULLING)
-        config = config.with_hand(operator=PULLED, environment=environment, duration=3.8)
+        config = replace(config.with_hand(operator=PULLED), environment=environment, duration=3.8)
     elif case.get("hand") == "taps":
         config = config.with_hand(operator=TAPS)
     return config.with_hand(device=device)
