@@ -13,9 +13,9 @@ nodes of the hands there; and where the environment serves hands of other machin
 between it and these.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from msgspec import Struct
 
@@ -32,6 +32,8 @@ from forcebound.messages.packets import (
     Telemetry,
 )
 from forcebound.roles import CONTROLLER, DEVICE, ENVIRONMENT, LAUNCHER, RECORDER, ROLES
+
+T = TypeVar("T")
 
 HAND = ""  # name of the only hand of a graph
 HANDS = "hands"  # key of a document of several hands: what belongs to each, by its name
@@ -227,20 +229,25 @@ def hands_here(document: dict[str, Any]) -> tuple[str, ...]:
 
 def hand_document(document: dict[str, Any], hand: str) -> dict[str, Any]:
     """Return a document as if it had this hand alone; KeyError if there is no such hand."""
-    others = {name: value for name, value in document.items() if name not in (HANDS, HERE)}
-    flat = {**others, **hand_sections(document)[hand]}
-    if HANDS in document and "phases" in flat:  # whose settings name the hands
-        flat["phases"] = [{**one, "set": _of_hand(one["set"], hand)} for one in flat["phases"]]
+    of_all = {name: value for name, value in document.items() if name not in (HANDS, HERE)}
+    hands = hand_sections(document)
+    flat = {**of_all, **hands[hand]}
+    if HANDS not in document:
+        return flat
+    if "phases" in flat:
+        flat["phases"] = [{**p, "set": hand_values(p["set"], hand, hands)} for p in flat["phases"]]
+    if "units" in flat:
+        flat["units"] = hand_values(flat["units"], hand, hands)
     return flat
 
 
-def _of_hand(settings: dict[str, Any], hand: str) -> dict[str, Any]:
-    own = {name: name.removeprefix(f"{hand}.") for name in settings}
-    of_all = ("environment", "realtime")
+def hand_values(values: Mapping[str, T], hand: str, hands: Iterable[str]) -> dict[str, T]:
+    """Return values by the names of parameters, as in a document that has this hand alone."""
+    others = tuple(f"{other}." for other in hands if other != hand)
     return {
-        short: settings[name]
-        for name, short in own.items()
-        if short != name or name.partition(".")[0] in of_all
+        name.removeprefix(f"{hand}."): value
+        for name, value in values.items()
+        if not name.startswith(others)
     }
 
 

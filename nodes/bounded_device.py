@@ -190,8 +190,10 @@ class BoundedDevice:
             tip = tip_force(kinematics, reading, applied, commanded, asked)
             limit *= math.hypot(*commanded) / (math.hypot(*asked) or math.inf)
         ahead_ns = None if jitter_ns is None else self._ahead_ns
-        times = read_ns - self._ahead_ns, write_ns - self._ahead_ns
-        return Written(position, tip, limit, *times, joints, torques, cut, ahead_ns, given)
+        read_ns, write_ns = read_ns - self._ahead_ns, write_ns - self._ahead_ns
+        return Written(
+            position, tip, limit, read_ns, write_ns, joints, torques, cut, ahead_ns, given
+        )
 
     def _note_times(self, read_ns: int, write_ns: int) -> None:
         self._longest_delay_ns = max(self._longest_delay_ns, write_ns - read_ns)

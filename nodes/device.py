@@ -105,9 +105,8 @@ class DeviceNode(Node):
             _logger.info("%s", self._bounded.describe())
         self._chain = SafetyChain(device.axes, servo)
         self._zero: Vector = (0.0,) * device.axes
-        self.phase_ns: int | None = (
-            None  # of the ticks, after whole periods of the clock; None: any
-        )
+        # Of the ticks, after whole periods of the clock; None: any.
+        self.phase_ns: int | None = None
         self._start_ns: int | None = None  # of tick 0
         self._tick = 0
         self._writes_next = False

@@ -1,14 +1,14 @@
 """Exchange of energy between the ledgers of two hands: the protocol, and how much is given.
 
-Each device says once a tick, straight to the other one, how much its ledger has given in all. The
-other one credits what this total has grown by since the largest that it has seen. So nothing is
-credited twice, whatever the network does; ``docs/theory.md``, section 3.7, has the proof.
+Once a tick each device sends to the other one, directly, how much its ledger has given in all. The
+receiver credits the growth of this total since the largest that it has seen. So nothing is credited
+twice, whatever the network does; ``docs/theory.md``, section 3.7, has the proof.
 
-A ledger has a number, which grows: it begins again when the force engages, when the law changes,
-when its process starts again. The first total that is seen of a ledger is credited to nobody: what
-was given before may have been credited by a process that is gone. So may what a late packet says;
-a packet counts only if its sender has heard of this process before. And a ledger gives nothing
-until the other side has such a first total of it.
+A new ledger begins when the force engages, when the law changes and when the process starts again;
+each has a larger number than the one before. The first total that is seen of a ledger is credited
+to nobody, because an earlier process of the receiver may have credited it already. For the same
+reason a packet counts only if its sender has heard of this process of the receiver. And a ledger
+gives nothing until the other side has reported a first total of it.
 
 How much is given is no part of the proof. Half of the difference makes both sides even at once;
 what is still on its way counts as the receiver's, so that a delay makes nothing overshoot, and
@@ -49,7 +49,7 @@ class EnergyExchange:
         if self._newest is None or packet.time_ns > self._newest.time_ns:
             self._newest = packet
         if self._ledger == 0:
-            return  # whoever is here later shall begin with what is said then
+            return  # this ledger begins later, and so does what counts for it
         if packet.ledger > self._seen_ledger:
             self._seen_ledger, self._seen = packet.ledger, None
         if packet.ledger < self._seen_ledger or packet.seen_ledger < self._first_ledger:

@@ -99,6 +99,7 @@ class EnvironmentNode(Node):
         self._step_ns = 0  # the last step
         self._seq = 0
         self._users: dict[str, _User] = {}  # by hand
+        self._has_changed = False  # whom it serves, so that events may be due
         self.events = EventLog(ENVIRONMENT)
         self._signals = Signals(self._environment, model.signals, self.events, self.reject)
         self._scene = SceneSource(self._environment, self.events)
@@ -162,20 +163,18 @@ class EnvironmentNode(Node):
 
     def _take(self, query: EnvironmentQuery, time_ns: int) -> None:
         """Let a query wait for its answer if it is sound and this environment may serve it."""
-        felt = query.measured_force or ()
-        numbers = (*query.position, *query.velocity, query.elapsed, *(query.orientation or ()))
-        if not all(map(isfinite, (*numbers, *felt))):
+        more = (*(query.orientation or ()), *(query.measured_force or ()))
+        if not all(map(isfinite, (*query.position, *query.velocity, query.elapsed, *more))):
             self.reject("not_finite")
             return
         user = self._users.get(query.hand)
         if user is None:
             user = self._users[query.hand] = _User()
-        user.is_serving = query.environment == self.name
-        if user.is_serving or query.environment is None:
-            user.refused_for = None
-        elif not self._may_probe(user, query.environment, time_ns):
+        is_as_before = user.is_serving and query.environment == self.name
+        if not is_as_before and not self._may_serve(user, query.environment, time_ns):
             return
-        user.heard_ns, user.is_present = time_ns, True
+        user.heard_ns = time_ns
+        user.is_present = True
         self._waiting[query.hand] = query
 
     def _part(self, time_ns: int) -> None:
@@ -193,13 +192,7 @@ class EnvironmentNode(Node):
 
     def _answers(self, time_ns: int) -> list[Packet]:
         """Return the answers that are ready, and events about them."""
-        replies: list[Packet] = []
-        for hand, user in self._users.items():
-            state = (user.is_serving, user.refused_for)
-            if state != user.emitted and time_ns >= user.emit_ns:
-                user.emitted = state
-                if state != (False, None):
-                    replies.append(self._emit_state(hand, user, time_ns))
+        replies: list[Packet] = self._states(time_ns) if self._has_changed else []
         if self._answering is not None and time_ns >= self._done_ns:
             replies.append(self._reply(*self._answering, time_ns))
             self._answering = None
@@ -230,6 +223,22 @@ class EnvironmentNode(Node):
             failures=self.faults,
         )
 
+    def _states(self, time_ns: int) -> list[Packet]:
+        """Return the events that this environment begins or ceases to serve hands."""
+        events: list[Packet] = []
+        self._has_changed = False
+        for hand, user in self._users.items():
+            state = (user.is_serving, user.refused_for)
+            if state == user.emitted:
+                continue
+            if time_ns < user.emit_ns:
+                self._has_changed = True
+                continue
+            user.emitted = state
+            if state != (False, None):
+                events.append(self._emit_state(hand, user, time_ns))
+        return events
+
     def _emit_state(self, hand: str, user: _User, time_ns: int) -> Event:
         """Return the event that this environment begins or ceases to serve a hand."""
         user.emit_ns = time_ns + STATE_INTERVAL_NS
@@ -244,8 +253,13 @@ class EnvironmentNode(Node):
         )
         return self.events.emit(time_ns, "environment_refused", message, data, is_fault=True)
 
-    def _may_probe(self, user: _User, serving: str, time_ns: int) -> bool:
-        """Whether to answer a query that is meant for another environment."""
+    def _may_serve(self, user: _User, serving: str | None, time_ns: int) -> bool:
+        """Whether to answer a query; one that is meant for another environment, once a second."""
+        self._has_changed = True
+        user.is_serving = serving == self.name
+        if user.is_serving or serving is None:
+            user.refused_for = None
+            return True
         if user.refused_for is None:
             user.probed_ns = time_ns - PROBE_INTERVAL_NS
         user.refused_for = serving

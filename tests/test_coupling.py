@@ -95,16 +95,8 @@ def test_without_its_sensor_the_leader_feels_the_coupling_and_an_event_says_so_o
     assert words.startswith("follower ")
 
 
-@pytest.mark.parametrize(("to_leader", "to_follower"), [(1.0, 1.0), (0.5, 1.0), (1.0, 0.0)])
-def test_four_channels_balance_at_rest_where_both_hands_feel_the_same(
-    to_leader: float, to_follower: float
-) -> None:
-    coupled = Coupling(
-        architecture="four_channel",
-        force_scale=3.0,
-        leader_force=to_leader,
-        follower_force=to_follower,
-    ).open(1)
+def test_four_channels_balance_at_rest_where_both_hands_feel_the_same() -> None:
+    coupled = Coupling(architecture="four_channel", force_scale=3.0).open(1)
     # The hand pushes the leader with 6 N, the follower pushes what it touches with 2 N: positions
     # agree, so nothing moves if each motor holds against what acts on its tip.
     still = ((0.0,), (0.0,))

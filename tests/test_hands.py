@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,14 +14,14 @@ from run_starts import LIMITS
 
 import forcebound
 from forcebound.errors import ConfigError
-from forcebound.graph.graph import GraphConfig
+from forcebound.graph.graph import GraphConfig, RealtimeConfig
 from forcebound.graph.loader import change, load
 from forcebound.graph.parameters import parameters, processes_of
-from forcebound.graph.resolved import restore, run_document
+from forcebound.graph.resolved import restore, run_document, to_document
 from forcebound.lab.sweep.plan import load_sweep
 from forcebound.lab.sweep.runner import run_cases
 from forcebound.messages.control import ResumeDevice
-from forcebound.messages.topology import Graph
+from forcebound.messages.topology import Graph, hand_document
 from forcebound.observe.doctor import examine
 from forcebound.observe.observation import observe
 from forcebound.recordings.recording import read
@@ -120,6 +121,21 @@ def test_a_configuration_travels_whole(config: GraphConfig) -> None:
     assert config.of("left").device.servo.law == "certified"
     with pytest.raises(ConfigError, match="left, right"):
         _ = config.device
+
+
+def test_a_hand_alone_keeps_its_phases_and_units(tmp_path: Path) -> None:
+    setting = "{left.links.force_command.loss: 0.1, environment.stiffness: 2 N/mm}"
+    text = TWO.replace("duration: 1 s", f"phases: [{{name: a, duration: 1 s, set: {setting}}}]")
+    config = load(written(tmp_path, text))
+    shared = {"environment.stiffness": 2000.0}
+    for hand, own in (("left", {"links.force_command.loss": 0.1}), ("right", {})):
+        alone = config.of(hand)
+        assert dict(alone.phases[0].settings) == shared | own
+        assert alone.units["device.rate"] == "kHz"
+        assert not any(name.startswith(("left", "right")) for name in alone.units)
+        document = hand_document(to_document(config), hand)
+        assert document["phases"][0]["set"] == shared | own
+        assert document["units"] == dict(alone.units)
 
 
 def test_parameters_begin_with_the_hand(config: GraphConfig) -> None:
@@ -338,3 +354,5 @@ def test_hands_take_turns_on_the_cores(
     assert {core for name, core in cores.items() if name.startswith("left")} == {2}
     assert {core for name, core in cores.items() if name.startswith("right")} == {1}
     assert cores["environment"] == 2
+    pinned = replace(config, realtime=RealtimeConfig(cores=2))
+    assert {core_of(run, name, pinned) for name in config.graph.loop} == {2}

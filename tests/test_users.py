@@ -211,17 +211,17 @@ def test_a_membrane_that_one_hand_breaks_is_broken_for_all() -> None:
 
 def test_the_time_of_a_world_is_that_of_the_fastest_and_goes_on_without_it() -> None:
     clock = SharedClock()
-    assert clock.at("a", 5.0) == 5.0
-    assert clock.at("b", 1.0) == 5.0  # its force engaged later
-    assert clock.at("a", 5.5) == 5.5
-    assert clock.at("b", 1.25) == 5.5
-    assert clock.at("b", 2.0) == 6.0
+    assert clock.at("a", 5.0) == 0.0
+    assert clock.at("b", 1.0) == 0.0  # its force engaged later
+    assert clock.at("a", 5.5) == 0.5
+    assert clock.at("b", 1.25) == 0.5
+    assert clock.at("b", 2.0) == 1.0
     clock.leave("a")
-    assert clock.at("b", 3.0) == 7.0
-    assert clock.at("a", 9.0) == 7.0  # back, with a clock that went on without it
-    assert clock.at("a", 9.5) == 7.5
-    assert clock.at("a", 0.0) == 7.5  # its device was lost, and begins again
-    assert clock.at("a", 0.5) == 8.0
+    assert clock.at("b", 3.0) == 2.0
+    assert clock.at("a", 9.0) == 2.0  # back, with a clock that went on without it
+    assert clock.at("a", 9.5) == 2.5
+    assert clock.at("a", 0.0) == 2.5  # its device was lost, and begins again
+    assert clock.at("a", 0.5) == 3.0
 
 
 def slab_period(users: tuple[str, ...]) -> float:

@@ -47,11 +47,11 @@ def check_together(made: Values, root: Value, problems: Problems, asks: bool) ->
     for name, sections in made[HANDS].items():
         check = partial(_check, written[name], problems)
         if _check_hand(sections, environment, asks, check):
+            check("device", _check_beside, name, sections["device"], devices)
             devices[name] = sections["device"]
-            check("device", _check_beside, name, devices)
         if sections.get("remote") is not None:
+            check("remote", _check_meeting, name, sections["remote"], remotes)
             remotes[name] = sections["remote"]
-            check("remote", _check_meeting, name, remotes)
     servos = {name: device.servo for name, device in devices.items()}
     for name in servos if len(devices) == len(made[HANDS]) else ():
         check = partial(_check, written[name], problems)
@@ -96,12 +96,10 @@ def _check_hand(
     return True
 
 
-def _check_beside(hand: str, devices: Mapping[str, DeviceConfig]) -> None:
-    """Check the device of a hand beside those before it."""
-    model = devices[hand].model
-    for name, other in devices.items():
-        if name == hand:
-            return
+def _check_beside(hand: str, own: DeviceConfig, before: Mapping[str, DeviceConfig]) -> None:
+    """Check the device of a hand beside those of the hands before it."""
+    model = own.model
+    for name, other in before.items():
         if other.model.axes != model.axes:
             raise ConfigError(
                 f"{hand} has {model.axes} axes, {name} {other.model.axes}: one environment answers"
@@ -112,12 +110,9 @@ def _check_beside(hand: str, devices: Mapping[str, DeviceConfig]) -> None:
             raise ConfigError(f"{hand} and {name} are both at the port {model.port}", field="port")
 
 
-def _check_meeting(hand: str, remotes: Mapping[str, RemoteConfig]) -> None:
+def _check_meeting(hand: str, own: RemoteConfig, before: Mapping[str, RemoteConfig]) -> None:
     """Check that no hand before this one meets its environment at the same address and port."""
-    own = remotes[hand]
-    for name, other in remotes.items():
-        if name == hand:
-            return
+    for name, other in before.items():
         if (_host(own), own.port) == (_host(other), other.port):
             raise ConfigError(
                 f"{hand} and {name} both meet the environment at {own.address} port {own.port}:"

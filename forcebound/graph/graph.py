@@ -22,7 +22,7 @@ from forcebound.haptics.hands import OPERATORS, Operator
 from forcebound.haptics.laws import Dissipation
 from forcebound.haptics.parts import Table
 from forcebound.messages.control import Parameters
-from forcebound.messages.topology import HAND, HERE, Graph, graph_of
+from forcebound.messages.topology import HAND, HERE, Graph, graph_of, hand_values
 from forcebound.network.ends import RemoteSection
 from forcebound.network.impairment import Impairment
 from forcebound.quantities import NOT_NEGATIVE, POSITIVE, PROBABILITY, Ratio, Time, check_ranges
@@ -141,7 +141,8 @@ class RealtimeConfig:
 
     Attributes:
         policy: Scheduling class: ``fifo`` goes before ordinary processes.
-        cores: Core of the chain of nodes: one that is chosen, none in particular, or its number.
+        cores: Core of the chain of nodes: one that is chosen, and others for further hands; none in
+            particular; or its number, for the nodes of all hands.
         lock_memory: Whether no page of memory may be moved to disk.
         deep_sleep: Whether idle processors may sleep deeply; false costs energy.
         spin: Time before an instant at which sleeping turns into spinning.
@@ -308,7 +309,12 @@ class GraphConfig:
 
     def of(self, hand: str) -> "GraphConfig":
         """Return the configuration with this hand alone, without its name; KeyError if unknown."""
-        return dataclasses.replace(self, hands={HAND: self.hands[hand]}, here=None)
+        phases = tuple(
+            dataclasses.replace(phase, settings=hand_values(phase.settings, hand, self.hands))
+            for phase in self.phases
+        )
+        hands, units = {HAND: self.hands[hand]}, hand_values(self.units, hand, self.hands)
+        return dataclasses.replace(self, hands=hands, here=None, phases=phases, units=units)
 
     def with_hand(self, **parts: Any) -> "GraphConfig":
         """Return the configuration with other parts of the only hand."""

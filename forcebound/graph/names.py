@@ -10,14 +10,9 @@ from typing import Any, TypeAlias
 from forcebound.errors import ConfigError
 from forcebound.messages.topology import HAND, HANDS
 
-HAND_SECTIONS = (
-    "device",
-    "operator",
-    "controller",
-    "links",
-    "remote",
-)  # of a launch file, for each hand
-OF_GRAPH = ("environment", "realtime", "phases")  # for all hands
+# Sections of a launch file, of each hand and of the whole graph.
+HAND_SECTIONS = ("device", "operator", "controller", "links", "remote")
+OF_GRAPH = ("environment", "realtime", "phases")
 
 Document: TypeAlias = dict[str, Any]  # a launch file, or a section of one, in plain JSON values
 

@@ -64,14 +64,13 @@ def _overlaid(
     known = parameters(config)
     is_known = True
     for name, value in ({} if settings is None else settings.entries).items():
-        if ParameterName.parse(name).is_law or name not in known:
-            message = (
-                _KEEPS_LAW if ParameterName.parse(name).is_law else unknown_parameter(name, config)
-            )
+        place = ParameterName.parse(name)
+        if place.is_law or name not in known:
+            message = _KEEPS_LAW if place.is_law else unknown_parameter(name, config)
             problems.add(message, value.key or value.place)
             is_known = False
         else:
-            root = _placed(root, ParameterName.parse(name).path, value)
+            root = _placed(root, place.path, value)
     return root if is_known else None
 
 

@@ -116,7 +116,7 @@ def _transparency(
     offset = np.zeros(axes)
     given = list(environment["offset"])[:axes]
     offset[: len(given)] = given
-    place = scale * leader["x"][:, :axes] + offset  # where the follower shall be
+    place = scale * leader["x"][:, :axes] + offset  # of the follower, if it follows exactly
     if environment["clutch"] is not None:
         place = np.full_like(place, np.nan)
     error = np.linalg.norm(follower["x"][:, :axes] - place, axis=1)

@@ -45,10 +45,10 @@ def build_node(
         times = ComputationTime(computation, seed, trace_of(computation))
         axes = next(iter(config.hands.values())).device.axes  # all have as many
         return EnvironmentNode(model, times, environment_name, axes)
-    name = node.hand or HAND
-    hand = config.hands[name]
+    hand_name = node.hand or HAND
+    hand = config.hands[hand_name]
     if node.role == DEVICE:
-        return build_device(hand, clock, name=name)
+        return build_device(hand, clock, name=hand_name)
     if node.role == CONTROLLER:
         try:
             model = made(CONTROLLER, hand.controller)
@@ -56,7 +56,7 @@ def build_node(
         except Exception as error:
             raise ConfigError(f"controller: open: {describe_user_error(error)}") from error
         leases = lease_ns(hand), dead_lease_ns(hand)
-        return ControllerNode(controller, *leases, name, model.signals)
+        return ControllerNode(controller, *leases, hand_name, model.signals)
     raise KeyError(name)
 
 

@@ -175,9 +175,12 @@ def _run(
 
 
 def core_of(run: RunDocument, name: str, config: GraphConfig) -> int | None:
-    """Return the core of a node: hands take turns, since a core is full with the nodes of two."""
+    """Return the core of a node: hands take turns, since a core is full with the nodes of two.
+
+    A core that the launch file gives by its number is that of all.
+    """
     hand = run.graph.nodes[name].hand
-    if run.core is None or hand is None:
+    if run.core is None or hand is None or config.realtime.cores != "auto":
         return run.core
     cores = [run.core, *sorted(os.sched_getaffinity(0) - {run.core}, reverse=True)]
     return cores[list(config.hands_here).index(hand) % len(cores)]

@@ -108,20 +108,17 @@ class SharedClock:
     """
 
     def __init__(self) -> None:
-        self.time: float | None = None  # s; None: nobody has asked
+        self._time = 0.0  # s
         self._users: dict[str, tuple[float, float]] = {}  # their time, and that of the world ahead
 
     def at(self, user: str, elapsed: float) -> float:
-        """Return the time of the world at a query, in s; it never goes back."""
-        if self.time is None:
-            self.time = elapsed
-            self._users[user] = (elapsed, 0.0)
+        """Return the time of the world at a query, in s: 0 at the first; it never goes back."""
         before, ahead = self._users.get(user, (math.inf, 0.0))
         if elapsed < before:
-            ahead = self.time - elapsed
+            ahead = self._time - elapsed
         self._users[user] = (elapsed, ahead)
-        self.time = max(self.time, elapsed + ahead)
-        return self.time
+        self._time = max(self._time, elapsed + ahead)
+        return self._time
 
     def leave(self, user: str) -> None:
         """Let a hand join again at its next query."""

@@ -1,20 +1,20 @@
 r"""Leader and follower: two hands that a teleoperator couples.
 
-With the positions :math:`x_l, x_f` of both, the follower shall be at :math:`s x_l + o`, of the
+With the positions :math:`x_l, x_f` of both, the follower's place is :math:`s x_l + o`, with the
 scale :math:`s` and the offset :math:`o`. Forces are positive towards positive x: :math:`f_h` of the
 hand on the leader, measured; :math:`f_e` of the follower on what it touches, minus the force
 measured at the follower; :math:`u_l, u_f` of the motors, with the force scale :math:`r`:
 
 .. math::
 
-    u_f &= c + C_3 f_h / r - C_5 f_e , \qquad c = k (s x_l + o - x_f) + b (s v_l - v_f) , \\
-    u_l &= - r (C_4 c + C_2 f_e) + C_6 f_h .
+    u_f &= c + C_3 f_h / r , \qquad c = k (s x_l + o - x_f) + b (s v_l - v_f) , \\
+    u_l &= - r (C_4 c + C_2 f_e) .
 
 The answers are :math:`-u_l` and :math:`-u_f`, since an answer is positive when it resists. Names of
-the gains as in Hashtrudi-Zaad and Salcudean; their :math:`C_1` is the spring and damper of c. Which
-architecture has which gains: docs/worlds.md. Those of four_channel fulfil their condition of
-transparency, without the terms of acceleration. Without the force sensors that an architecture
-needs, it is position_position.
+the gains, 0 or 1, as in Hashtrudi-Zaad and Salcudean; their :math:`C_1` is the spring and damper of
+c, and there is no local force feedback (:math:`C_5, C_6`). With all of them, four_channel, their
+condition of transparency is fulfilled, without the terms of acceleration. Without the force sensors
+that an architecture needs, it is position_position.
 
 Sources: D. A. Lawrence, Stability and transparency in bilateral teleoperation, IEEE Trans. Robotics
 and Automation 9(5), 1993; K. Hashtrudi-Zaad, S. E. Salcudean, Analysis of control architectures for
@@ -46,9 +46,13 @@ from forcebound.quantities import (
     check_ranges,
 )
 
-Share: TypeAlias = Annotated[Ratio, NOT_NEGATIVE]
 AnyRatio: TypeAlias = Annotated[Ratio, Range()]  # finite
-POSITIONS = (1.0, 0.0, 0.0, 0.0, 0.0)  # the gains of position_position
+#: ``C_4``, ``C_2`` and ``C_3`` of each architecture.
+GAINS = {
+    "position_position": (1.0, 0.0, 0.0),
+    "position_force": (0.0, 1.0, 0.0),
+    "four_channel": (1.0, 1.0, 1.0),
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,21 +67,18 @@ class Coupling(EnvironmentModel):
         architecture: position_position: spring and damper between both; position_force: the leader
             feels the force that is measured at the follower; four_channel: positions and measured
             forces both ways.
-        stiffness: Between the follower and where it shall be.
-        damping: Likewise.
+        stiffness: Between the follower and its place.
+        damping: Between the follower and its place.
         scale: Way of the follower for the leader's; negative: mirrored.
         force_scale: Force on the leader for the follower's, of the sign of scale; null: scale, so
             that the coupling makes no power.
         offset: Added to the follower's place, for each axis; 0 where there is none.
         clutch: Bit of the leader's button that releases the coupling while it is down; when it is
             let go, they are coupled where they are then. null: none.
-        position_share: Of the spring and damper, that the leader feels; of four_channel.
-        leader_force: Share of the follower's measured force, for the leader; of four_channel.
-        follower_force: Share of the leader's measured force, for the follower; of four_channel.
     """
 
     signals = (
-        Signal("position_error", "m", "follower, from where it shall be"),
+        Signal("position_error", "m", "follower, from its place"),
         Signal("force_error", "N", "hand's force on the leader, less that of the follower"),
     )
 
@@ -92,9 +93,6 @@ class Coupling(EnvironmentModel):
     force_scale: AnyRatio | None = None
     offset: tuple[Length, ...] = ()
     clutch: Annotated[int, Range(at_least=0, below=63)] | None = None
-    position_share: Share = 1.0
-    leader_force: Share = 1.0
-    follower_force: Share = 1.0
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -111,16 +109,6 @@ class Coupling(EnvironmentModel):
     def ratio(self) -> float:
         """The force scale."""
         return self.scale if self.force_scale is None else self.force_scale
-
-    @property
-    def gains(self) -> tuple[float, float, float, float, float]:
-        """``C_4``, ``C_2``, ``C_3``, ``C_5`` and ``C_6`` of the module."""
-        if self.architecture == "position_position":
-            return POSITIONS
-        if self.architecture == "position_force":
-            return 0.0, 1.0, 0.0, 0.0, 0.0
-        to_leader, to_follower = self.leader_force, self.follower_force
-        return self.position_share, to_leader, to_follower, to_follower - 1.0, to_leader - 1.0
 
     def check_hands(self, hands: tuple[str, ...]) -> None:
         for field in ("leader", "follower"):
@@ -183,14 +171,14 @@ class _Coupled(Environment):
         count = min(len(leader.position), len(follower.position))
         on_leader, on_follower = _padded(leader.felt, count), _padded(follower.felt, count)
         is_sensed = self._is_sensed(leader, follower)
-        c_4, c_2, c_3, c_5, c_6 = model.gains if is_sensed else POSITIONS
+        c_4, c_2, c_3 = GAINS[model.architecture if is_sensed else "position_position"]
         forces, errors, differences = [], [], []
         for i, offset in enumerate(_padded(self._offset, count)):
             error = s * leader.position[i] + offset - follower.position[i]
             c = model.stiffness * error
             c += model.damping * (s * leader.velocity[i] - follower.velocity[i])
             f_h, f_e = on_leader[i], -on_follower[i]
-            forces.append((c_6 * f_h - r * (c_4 * c + c_2 * f_e), c + c_3 * f_h / r - c_5 * f_e))
+            forces.append((-r * (c_4 * c + c_2 * f_e), c + c_3 * f_h / r))
             errors.append(error)
             differences.append(f_h - r * f_e)
         is_known = leader.felt is not None and follower.felt is not None
@@ -200,9 +188,9 @@ class _Coupled(Environment):
 
     def _is_sensed(self, leader: _Hand, follower: _Hand) -> bool:
         """Whether there are the sensors that the architecture needs; an event if not."""
-        _, c_2, c_3, c_5, c_6 = self._model.gains
-        lacks_leader = leader.felt is None and any((c_3, c_6))
-        lacks = lacks_leader or (follower.felt is None and any((c_2, c_5)))
+        _, c_2, c_3 = GAINS[self._model.architecture]
+        lacks_leader = leader.felt is None and c_3 != 0.0
+        lacks = lacks_leader or (follower.felt is None and c_2 != 0.0)
         if lacks and not self._has_warned:
             self._has_warned = True
             hand = self._model.leader if lacks_leader else self._model.follower

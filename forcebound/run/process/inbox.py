@@ -14,7 +14,7 @@ Strategy:
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 from forcebound.errors import PacketError
 from forcebound.messages.codec import decode
@@ -32,12 +32,14 @@ HERE = ""  # source of packets of this machine
 
 _clock = time.monotonic_ns
 
+_Names: TypeAlias = dict[type[Packet], dict[str, str]]  # of streams, by class and hand
+
 
 class _Remote(NamedTuple):
     """The link to another machine, over which packets of one class and hand come."""
 
     expected: type[Packet]
-    hand: str
+    names: _Names
     channel: Channel
     forward: Callable[[bytes], Any]
 
@@ -61,7 +63,7 @@ class Inbox:
     ) -> None:
         self._streams = streams
         self.received = {stream.name: 0 for stream in streams if stream.name not in elsewhere}
-        self._names: dict[type[Packet], dict[str, str]] = {}  # of the streams, by class and hand
+        self._names: _Names = {}
         for stream in streams:
             self._names.setdefault(TOPICS[stream.topic], {})[stream.hand or HAND] = stream.name
         self._expected = next(iter(self._names)) if len(self._names) == 1 else None
@@ -85,7 +87,8 @@ class Inbox:
 
         Packets of other hands are rejected: a peer may not speak for another hand.
         """
-        self._remotes.append(_Remote(expected, hand, channel, forward))
+        names = {expected: {hand: self._names[expected][hand]}}
+        self._remotes.append(_Remote(expected, names, channel, forward))
 
     def link(self, stream: str) -> Link[Packet] | None:
         """Return the model of the link of a stream; None if it is perfect."""
@@ -118,9 +121,9 @@ class Inbox:
         if time_ns - begun_ns < SLEPT_NS:
             newest: dict[str, Packet] = {}
             for each in (data, *local.receive()):
-                self._accept(each, self._expected, HERE, time_ns, newest)
+                self._accept(each, self._expected, self._names, HERE, time_ns, newest)
             return time_ns, list(newest.values())
-        packet = self._decoded(data, self._expected, HERE, time_ns)
+        packet = self._decoded(data, self._expected, self._names, HERE, time_ns)
         return time_ns, () if packet is None else (packet,)
 
     def _sleep(self, wake_ns: int | None, stop_descriptor: int) -> None:
@@ -140,10 +143,10 @@ class Inbox:
         newest: dict[str, Packet] = {}
         if self._local is not None:
             for data in self._local.receive():
-                self._accept(data, self._expected, HERE, time_ns, newest)
-        for expected, hand, channel, forward in self._remotes:
+                self._accept(data, self._expected, self._names, HERE, time_ns, newest)
+        for expected, names, channel, forward in self._remotes:
             for source, data in channel.receive():
-                if self._accept(data, expected, source, time_ns, newest, hand):
+                if self._accept(data, expected, names, source, time_ns, newest):
                     forward(data)
         received = list(newest.values())
         for link in self.links.values():
@@ -154,16 +157,16 @@ class Inbox:
         self,
         data: bytes,
         expected: type[Packet] | None,
+        names: _Names,
         source: str,
         time_ns: int,
         newest: dict[str, Packet],
-        hand: str | None = None,
     ) -> bool:
         """Decode a frame, and give its packet to its link or, where that is perfect, to newest."""
-        packet = self._decoded(data, expected, source, time_ns, hand)
+        packet = self._decoded(data, expected, names, source, time_ns)
         if packet is None:
             return False
-        name = self._names[type(packet)][packet.hand]
+        name = names[type(packet)][packet.hand]
         link = self.links.get(name)
         if link is None:
             newest[name] = packet
@@ -175,24 +178,24 @@ class Inbox:
         self,
         data: bytes,
         expected: type[Packet] | None,
+        names: _Names,
         source: str,
         time_ns: int,
-        hand: str | None = None,
     ) -> Packet | None:
         """Return the packet in a frame; None, and counted, if it is rejected.
 
-        ``hand`` is the only one that may come this way; None: any.
+        ``names`` has the streams that may come this way.
         """
         try:
             packet = decode(data, expected)
+            name = names[type(packet)][packet.hand]
         except PacketError as error:
             self._reject(error.reason, str(error))
             return None
-        name = self._names.get(type(packet), {}).get(packet.hand)
-        if name is None or (hand is not None and packet.hand != hand):
-            names = [s.name for s in self._streams if hand in (None, s.hand)]
+        except KeyError:
+            known = ", ".join(name for by_hand in names.values() for name in by_hand.values())
             got = f"{TOPIC_OF[type(packet)]} of hand {packet.hand!r}"
-            self._reject("unexpected", f"expected {', '.join(names)}, got {got}")
+            self._reject("unexpected", f"expected {known}, got {got}")
             return None
         self.received[name] = self.received.get(name, 0) + 1
         return packet if self._admit(packet, source, time_ns) else None
