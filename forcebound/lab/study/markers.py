@@ -3,6 +3,7 @@
 import json
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from importlib import import_module
 from typing import Any
 
@@ -14,13 +15,16 @@ from forcebound.roles import LAUNCHER
 def find_lsl() -> Any:
     """Return the module pylsl; None if it is not installed (extra ``study``)."""
     try:
-        return import_module("pylsl")
+        lsl = import_module("pylsl")
     except (ImportError, RuntimeError):  # RuntimeError: without its library
         return None
+    with suppress(NotImplementedError):  # an older library prints how it starts
+        lsl.set_config_content("[log]\nlevel = -1")  # warnings and errors
+    return lsl
 
 
 class Markers:
-    """Sends each event of a session to whom it may concern.
+    """Sends each event of a session as a packet and, with LSL, as a marker.
 
     Args:
         publish: Takes the event as a packet of the launcher.
