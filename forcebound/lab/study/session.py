@@ -1,7 +1,7 @@
 """A participant's session: what comes next, the answers, and the data folder.
 
-:class:`Session` is a state machine without clocks, sockets or graphs. Whoever runs it, a page or a
-simulated observer, asks for :attr:`Session.step` and reports what came of it:
+:class:`Session` is a state machine without clocks, sockets or graphs. Its caller, the live page or
+a simulated observer, asks for :attr:`Session.step` and reports what came of it:
 
 * ``instruction``, ``break``, ``feedback``: ``go_on()`` when it is over;
 * ``touch``: ``begin()`` when its graph starts, ``touched(measures)`` when it has ended;
@@ -73,7 +73,7 @@ class Session:
     """A session of one participant; a context manager, which keeps the folder for itself.
 
     Args:
-        study: What is asked.
+        study: What is presented and asked.
         folder: Of the study's data; the participant has a folder in it.
         participant: Identifier: letters, digits, ``-`` and ``_``; never a name.
         kind: Who takes part; an identifier keeps its kind.
@@ -165,7 +165,7 @@ class Session:
         return read_rows(whole.decode(), file)
 
     def _append(self, row: Row) -> None:
-        """Write a row so that it survives whatever comes; leave no part of it on a full disk."""
+        """Write a row to the disk; leave no part of it there if the disk is full."""
         text = io.StringIO()
         csv.DictWriter(text, COLUMNS, lineterminator="\n").writerow(row)
         data = text.getvalue().encode()
