@@ -379,15 +379,18 @@ def test_trial_events_go_out_as_packets_and_as_markers(tmp_path: Path) -> None:
     study = study_of(SHORT, tmp_path)
     mark = Markers(events.append, lsl)
     with Session(study, tmp_path / "data", "p1", mark=mark) as session:
+        session.go_on()
+        session.begin()
+        assert not session.touched(Measures(5.0))  # to be repeated
         advance(session, 1)
     kinds = [event.event for event in events]
     touch = ["touch_begins", "touch_ends"]
-    assert kinds == ["trial_begins", *touch, *touch, "trial_ends"]
-    assert [event.seq for event in events] == list(range(6))
+    assert kinds == ["trial_begins", *touch, *touch, *touch, "trial_ends"]
+    assert [event.seq for event in events] == list(range(8))
     assert events[1].data["law"].startswith("more_conservative")
-    assert events[2].data["speed"] in ("0.035", "0.2")
+    assert events[4].data["speed"] in ("0.035", "0.2")
     assert events[-1].data["answer"] == "1"
-    assert pushed[::2] == ["forcebound"] * 6
+    assert pushed[::2] == ["forcebound"] * 8
     assert '"event": "trial_begins"' in pushed[1]
 
 

@@ -233,7 +233,7 @@ class Session:
     def begin(self) -> None:
         """Note that a touch begins now."""
         trial, interval, law, seed = self._touch()
-        if interval == 1:
+        if not self._started:  # else a touch is repeated
             self._started = _now()
             self._tell("trial_begins", trial)
         about = {"interval": interval, "law": law, "seed": seed}
