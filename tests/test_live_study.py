@@ -344,7 +344,7 @@ def test_between_two_touches_there_is_no_force_and_each_has_its_ledger(tmp_path:
     """The hand is pushed into a wall, which is taken away, and comes back under the same law."""
     study = study_of(TEXT.replace("launch: paper_wall", "launch: stiff_wall"), tmp_path)
     config = study.config(study.pairs[0][0])
-    graph = StudyGraph(study, lambda config: launch_unrecorded(config, tmp_path))
+    graph = StudyGraph(study, launch_unrecorded)
 
     def push(happened: Callable[[float], bool], what: str, target: float = WALL + 0.015) -> None:
         seen: list[float] = []

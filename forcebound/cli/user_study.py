@@ -1,7 +1,6 @@
 """Commands for studies that people take part in."""
 
 import re
-import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -180,12 +179,10 @@ def run_live_study(
     from forcebound.lab.study.session import Session
     from forcebound.observe.study_graph import StudyGraph
 
-    graph = StudyGraph(plan, lambda config: launch_unrecorded(config, folder / participant))
+    graph = StudyGraph(plan, launch_unrecorded)
     kind: Kind = "person" if graph.movers == {"person"} else "rehearsal"
     marks = Markers(graph.publish, find_lsl())
     with Session(plan, folder, participant, kind, marks, records=True) as session:
-        for left in session.folder.glob("graph-*"):  # by a session that was killed
-            shutil.rmtree(left, ignore_errors=True)
         try:
             asyncio.run(_serve(session, graph, port, opens))
         finally:
