@@ -94,8 +94,6 @@ class FakeGraph:
     def point(self, place: object) -> None:
         self.places.append(place)
 
-    def publish(self, event: object) -> None: ...
-
     def close(self) -> None:
         self.calls.append("close")
 

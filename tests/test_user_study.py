@@ -33,7 +33,6 @@ from forcebound.lab.study.order import blocks_of, next_trial, staircase, total
 from forcebound.lab.study.plan import SHIPPED, Staircase, Study, load_study, read_study
 from forcebound.lab.study.report import write_report
 from forcebound.lab.study.session import COLUMNS, Session
-from forcebound.messages.packets import Event
 from forcebound.run.virtual import run_virtual
 
 IN_BAND = {"slow": 0.035, "fast": 0.2}  # m/s
@@ -366,7 +365,7 @@ def test_the_folder_says_what_was_run_and_who_never(tmp_path: Path) -> None:
     )
 
 
-def test_trial_events_go_out_as_packets_and_as_markers(tmp_path: Path) -> None:
+def test_trial_events_go_to_the_graph_and_out_as_markers(tmp_path: Path) -> None:
     pushed: list[str] = []
     lsl = SimpleNamespace(
         IRREGULAR_RATE=0.0,
@@ -375,21 +374,20 @@ def test_trial_events_go_out_as_packets_and_as_markers(tmp_path: Path) -> None:
             push_sample=lambda sample: pushed.extend([about[0], *sample])
         ),
     )
-    events: list[Event] = []
+    events: list[tuple[str, Mapping[str, str]]] = []
     study = study_of(SHORT, tmp_path)
-    mark = Markers(events.append, lsl)
+    mark = Markers(lambda kind, message, data: events.append((kind, data)), lsl)
     with Session(study, tmp_path / "data", "p1", mark=mark) as session:
         session.go_on()
         session.begin()
         assert not session.touched(Measures(5.0))  # to be repeated
         advance(session, 1)
-    kinds = [event.event for event in events]
+    kinds = [kind for kind, _ in events]
     touch = ["touch_begins", "touch_ends"]
     assert kinds == ["trial_begins", *touch, *touch, *touch, "trial_ends"]
-    assert [event.seq for event in events] == list(range(8))
-    assert events[1].data["law"].startswith("more_conservative")
-    assert events[4].data["speed"] in ("0.035", "0.2")
-    assert events[-1].data["answer"] == "1"
+    assert events[1][1]["law"].startswith("more_conservative")
+    assert events[4][1]["speed"] in ("0.035", "0.2")
+    assert events[-1][1]["answer"] == "1"
     assert pushed[::2] == ["forcebound"] * 8
     assert '"event": "trial_begins"' in pushed[1]
 

@@ -112,7 +112,7 @@ class LiveStudy:
             self._graph.close()
 
     def _try(self, work: Callable[[], None]) -> None:
-        """Do something; if it fails, say so, and return when somebody wants to go on."""
+        """Do something; if it fails, say so, and wait for the answer *Try again*."""
         try:
             work()
         except AgainError as why:

@@ -4,14 +4,14 @@ Between two touches the wall is :data:`AWAY`, so that no force is asked for, whe
 """
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from threading import Event as Flag
-from typing import Any, Literal, NamedTuple, Protocol, cast
+from typing import Any, Literal, NamedTuple, Protocol
 
 from forcebound.errors import ConfigError, ForceboundError, RunError
 from forcebound.graph.graph import KINDS, GraphConfig
@@ -23,7 +23,7 @@ from forcebound.haptics.laws import LAWS
 from forcebound.lab.study.plan import Study, wall_of
 from forcebound.messages.control import EmitEvent
 from forcebound.messages.events import TrialEvent
-from forcebound.messages.packets import TOPIC_OF, DeviceState, Event
+from forcebound.messages.packets import TOPIC_OF, DeviceState
 from forcebound.observe.control import ask
 from forcebound.observe.kernels import Kernels
 from forcebound.observe.page.controls import Pointer
@@ -218,11 +218,10 @@ class StudyGraph:
         if self._graph is not None and "pointer" in self.movers:
             self._pointer.point([place])
 
-    def publish(self, event: Event) -> None:
+    def publish(self, kind: TrialEvent, message: str, data: Mapping[str, str]) -> None:
         """Send an event of the session on the graph's topic ``event``."""
         if self._graph is not None:
-            kind = cast(TrialEvent, event.event)
-            ask(self._run_dir, LAUNCHER, EmitEvent(kind, event.message, dict(event.data)))
+            ask(self._run_dir, LAUNCHER, EmitEvent(kind, message, dict(data)))
 
     def close(self) -> None:
         """End the graph, with zero force first."""

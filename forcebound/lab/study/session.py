@@ -81,8 +81,8 @@ class Session:
         records: Whether there will be recordings, which need room on the disk.
 
     Raises:
-        ConfigError: If the identifier is none, the folder is another study's or kind's, in use, or
-            cannot be written, or the disk has no room for the remaining trials.
+        ConfigError: If the identifier is not valid, the folder has data of another study or kind,
+            is in use or cannot be written, or the disk has no room for the remaining trials.
     """
 
     def __init__(
