@@ -43,7 +43,7 @@ def session(folder: Path) -> Iterator[tuple["subprocess.Popen[str]", str]]:
     """The command, and the address of its page."""
     words = ["study", "run", "short.yaml", "--participant", "p01", "--no-open"]
     command = [sys.executable, "-u", "-m", "forcebound", *words]
-    variables = {**os.environ, "XDG_RUNTIME_DIR": str(folder)}
+    variables = {**os.environ, "XDG_RUNTIME_DIR": str(folder), "TMPDIR": str(folder)}
     with subprocess.Popen(
         command, cwd=folder, env=variables, stdout=subprocess.PIPE, text=True
     ) as process:
