@@ -16,6 +16,8 @@ from forcebound.haptics.environments.fixtures import (
     ForbiddenRegion,
     GuidancePath,
     GuidancePlane,
+    HandFixtures,
+    SpeedLimit,
     WithFixtures,
     WorkspaceLimit,
 )
@@ -59,6 +61,16 @@ def test_workspace_is_a_soft_wall_that_only_resists() -> None:
     assert inside == STILL
     outwards = LIMIT.force((0.051, -0.041, 0.0), (0.1, 0.1, 0.0))
     assert outwards == pytest.approx((2.0 + 0.5, -2.0, 0.0))
+
+
+def test_speed_limit_slows_a_hand_down_and_draws_nothing() -> None:
+    limit = SpeedLimit(limit=0.1, damping=5.0)
+    assert limit.force(STILL, (0.0, 0.1, 0.0)) == STILL
+    assert limit.force(STILL, (0.0, -0.3, 0.4)) == pytest.approx((0.0, -1.2, 1.6))  # 5 x 0.4 m/s
+    fixtures = Fixtures(hands={"left": HandFixtures(speed=limit)})
+    assert fixtures.on("left", STILL, (0.3, 0.0, 0.0)) == pytest.approx((1.0, 0.0, 0.0))
+    assert fixtures.on("right", STILL, (0.3, 0.0, 0.0)) == STILL
+    assert fixtures.drawn() == ()
 
 
 @pytest.mark.parametrize("fixture", [PLANE, PATH, BOX, BALL, Fixtures(plane=PLANE, path=PATH)])

@@ -67,7 +67,7 @@ def test_a_late_follower_is_behind_by_the_way_of_the_delay() -> None:
 
 @pytest.mark.parametrize(("wall", "stiffness"), [(1.0, 1.0), (0.5, 2.0)])
 def test_coupling_and_wall_are_felt_as_springs_in_series(wall: float, stiffness: float) -> None:
-    arguments = (f"wall:={wall} N/mm", f"stiffness:={stiffness} N/mm")
+    arguments = (f"wall:={wall} N/mm", f"coupling_stiffness:={stiffness} N/mm")
     together = figures_of(run("leader_follower", "law:=none", *arguments))
     series = 1000.0 * wall * stiffness / (wall + stiffness)
     assert together["series_stiffness_n_per_m"] == pytest.approx(series)

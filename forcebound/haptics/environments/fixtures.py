@@ -43,6 +43,7 @@ from forcebound.quantities import (
     POSITIVE,
     Damping,
     Length,
+    Speed,
     Stiffness,
     check_ranges,
 )
@@ -83,8 +84,8 @@ class _Fixture(ABC):
         """Return the force, in N, at a position (m) and velocity (m/s)."""
 
     @abstractmethod
-    def drawn(self, name: str) -> SceneObject:
-        """Return what there is to draw."""
+    def drawn(self, name: str) -> SceneObject | None:
+        """Return what there is to draw, if there is anything."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -255,6 +256,26 @@ class WorkspaceLimit(_Fixture):
 
 
 @dataclass(frozen=True, kw_only=True)
+class SpeedLimit(_Fixture):
+    """A damper that acts on what a hand is faster than a limit.
+
+    Attributes:
+        limit: Up to this speed there is no force.
+        damping: Force for the speed beyond it.
+    """
+
+    limit: Annotated[Speed, POSITIVE]
+    damping: Annotated[Damping, NOT_NEGATIVE] = 5.0
+
+    def force(self, position: Vector3, velocity: Vector3) -> Vector3:
+        beyond = norm(velocity) - self.limit
+        return scale(unit(velocity), self.damping * beyond) if beyond > 0.0 else (0.0, 0.0, 0.0)
+
+    def drawn(self, name: str) -> None:
+        """Return None: a speed is at no place."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class HandFixtures:
     """Virtual fixtures of a hand; what is null is not there.
 
@@ -263,12 +284,14 @@ class HandFixtures:
         path: The hand is drawn to it.
         workspace: The hand is kept in it.
         forbidden: The hand is kept out of these.
+        speed: The hand is slowed down beyond it.
     """
 
     plane: GuidancePlane | None = None
     path: GuidancePath | None = None
     workspace: WorkspaceLimit | None = None
     forbidden: tuple[ForbiddenRegion, ...] = ()
+    speed: SpeedLimit | None = None
 
     def force(self, position: Vector3, velocity: Vector3) -> Vector3:
         """Return the sum of their forces, in N, at a position (m) and velocity (m/s)."""
@@ -280,13 +303,15 @@ class HandFixtures:
     def scene(self, hand: str = "") -> tuple[SceneObject, ...]:
         """Return what there is to draw, under names that begin with that of a hand."""
         names = self._named().items()
-        return tuple(fixture.drawn(f"{hand} {name}".strip()) for name, fixture in names)
+        drawn = (fixture.drawn(f"{hand} {name}".strip()) for name, fixture in names)
+        return tuple(filter(None, drawn))
 
     def _named(self) -> dict[str, _Fixture]:
         named = {
             "guidance plane": self.plane,
             "guidance path": self.path,
             "workspace limit": self.workspace,
+            "speed limit": self.speed,
             **{f"forbidden {i}": region for i, region in enumerate(self.forbidden, 1)},
         }
         return {name: fixture for name, fixture in named.items() if fixture is not None}

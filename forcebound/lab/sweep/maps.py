@@ -159,7 +159,7 @@ def _curves(table: Table, drawing: Mapping[str, Any]) -> Figure:
     axes = figure.subplots(1, len(panels), sharey=True, squeeze=False).ravel()
     names = list(dict.fromkeys(per))
     colours = colours_of(names)
-    rests = np.array([bool(rest) for rest in table.columns.get("at_rest", [True] * x.size)])
+    rests = _rests(table, x.size) > 0.0
     for axis, panel in zip(axes, panels, strict=True):
         for number, name in enumerate(names):
             rows = [i for i in range(x.size) if rest[i] == panel and per[i] == name]
@@ -196,12 +196,21 @@ def _setting(table: Table, name: str, value: Any) -> str:
     return f"{label} {value * factor:g}"
 
 
+def _rests(table: Table, size: int) -> Array:
+    """Return for each case 1 if all hands come to rest, or it is not known, else 0."""
+    rests = np.ones(size)
+    for name in table.columns:
+        if name.rpartition(".")[2] == "at_rest":
+            rests *= [1.0 if rest is None else float(rest) for rest in table.columns[name]]
+    return rests
+
+
 class _Map:
     """The numbers of a map in everyday units, one for each case, and the axes of its panels.
 
     Attributes:
         leaks: Lowest energy, in mJ; NaN: not asked for.
-        rests: 1: the hand comes to rest, 0: it does not.
+        rests: 1: all hands come to rest, 0: one does not.
         group: Name of the panel.
     """
 
@@ -215,8 +224,7 @@ class _Map:
         self.leaks: Array = self.value if self.is_energy else np.full(self.x.size, math.nan)
         if "leaks" in drawing and not self.is_energy:
             self.leaks = numbers_of(table, drawing["leaks"])
-        rests = table.columns["at_rest"]
-        self.rests = np.array([1.0 if rest is None else float(rest) for rest in rests])
+        self.rests = _rests(table, self.x.size)
         names = column_of(table, drawing["per"]) if "per" in drawing else [None] * self.x.size
         self.group = np.array(names, dtype=object)
         self.is_softer = False  # somewhere, as a line shows
