@@ -103,7 +103,7 @@ class Led:
 
     def __init__(self, study: Study, folder: Path, touched: Path) -> None:
         self.folder, self.graph = folder / "p01", FakeGraph(touched)
-        self.session = Session(study, folder, "p01", "rehearsal", records=True)
+        self.session = Session(study, folder, "p01", "rehearsal")
         self.sent: list[Any] = []
         self.notes: list[str] = []
         graph: Any = self.graph

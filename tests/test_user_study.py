@@ -327,10 +327,11 @@ def test_an_identifier_is_no_name_and_no_path(name: str, tmp_path: Path) -> None
 def test_a_full_disk_is_met_before_the_first_trial(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    usage = SimpleNamespace(free=1000)
+    usage = SimpleNamespace(free=100_000_000)  # bytes: no room for recordings
     monkeypatch.setattr("forcebound.lab.study.session.shutil.disk_usage", lambda path: usage)
     with pytest.raises(ConfigError, match="MB"):
         Session(load_study("friction"), tmp_path / "data", "p1")
+    Session(load_study("friction"), tmp_path / "data", "s1", "simulated").__exit__()
 
 
 def test_a_disk_that_becomes_full_leaves_whole_rows_and_the_question_open(

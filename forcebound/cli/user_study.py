@@ -182,7 +182,7 @@ def run_live_study(
     graph = StudyGraph(plan, launch_unrecorded)
     kind: Kind = "person" if graph.movers == {"person"} else "rehearsal"
     marks = Markers(graph.publish, find_lsl())
-    with Session(plan, folder, participant, kind, marks, records=True) as session:
+    with Session(plan, folder, participant, kind, marks) as session:
         try:
             asyncio.run(_serve(session, graph, port, opens))
         finally:

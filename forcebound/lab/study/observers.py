@@ -50,7 +50,7 @@ class Observer:
         Raises:
             ConfigError: As :class:`Session`; or if the hand cannot be brought into a band.
         """
-        with Session(study, folder, participant, "simulated", records=self.records) as session:
+        with Session(study, folder, participant, "simulated") as session:
             felt: list[Measures] = []
             while (step := session.step).kind != "finished":
                 if step.kind == "touch":

@@ -78,7 +78,6 @@ class Session:
         participant: Identifier: letters, digits, ``-`` and ``_``; never a name.
         kind: Who takes part; an identifier keeps its kind.
         mark: Takes trial events; see :class:`forcebound.lab.study.markers.Markers`.
-        records: Whether there will be recordings, which need room on the disk.
 
     Raises:
         ConfigError: If the identifier is not valid, the folder has data of another study or kind,
@@ -92,7 +91,6 @@ class Session:
         participant: str,
         kind: Kind = "person",
         mark: Mark = lambda event, message, data: None,
-        records: bool = False,
     ) -> None:
         if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]{0,31}", participant):
             raise ConfigError(
@@ -109,7 +107,7 @@ class Session:
                     raise ConfigError(f"{participant} takes part in another session just now")
                 self.number = self._registered(participant)
                 self.rows = self._answered()
-                self._check_room(records)
+                self._check_room()
                 self._close = stack.pop_all().close  # frees the lock
         except OSError as error:
             raise ConfigError(f"cannot write into {self.folder}: {reason(error)}") from error
@@ -179,11 +177,10 @@ class Session:
                 file.truncate(size)
                 raise
 
-    def _check_room(self, records: bool) -> None:
+    def _check_room(self) -> None:
         left = (total(self.study) or 100) - len(self.rows)
-        needed = ROOM
-        if records:
-            needed += round(2 * left * (self.study.touch_time + 3.0) * BYTES_PER_SECOND)
+        recorded = 0.0 if self.kind == "simulated" else 2 * left * (self.study.touch_time + 3.0)
+        needed = ROOM + round(recorded * BYTES_PER_SECOND)
         free = shutil.disk_usage(self.folder).free
         if free < needed:
             words = f"{needed / 1e6:.0f} MB for the remaining trials, it has {free / 1e6:.0f} MB"
