@@ -24,7 +24,7 @@ from forcebound.lab.study.plan import Block, Study
 from forcebound.lab.study.session import Session
 from forcebound.observe.live_study import Approach, LiveStudy
 from forcebound.observe.page.study import StudyServer
-from forcebound.observe.study_graph import Sample, StudyGraph, mover_of, wall_at_hand
+from forcebound.observe.study_graph import Sample, StudyGraph, mover_of, played, wall_at_hand
 from forcebound.run.results import results_of
 from forcebound.run.virtual import run_virtual
 
@@ -57,6 +57,7 @@ class FakeGraph:
         self.places: list[object] = []
         self.error: Exception | None = None  # raised by the next touch
         self.is_held = False  # before the wall
+        self.early: list[Sample] = []  # that came while the recording was being started
         self.buttons = 0
         self._touched, self._time, self._is_placed = touched, 0.0, False
 
@@ -81,6 +82,9 @@ class FakeGraph:
 
     def samples(self) -> list[Sample]:
         self._time += 0.1
+        if self._is_placed and self.early:
+            early, self.early = self.early, []
+            return early
         if not self._is_placed:
             return [Sample(self._time, BEFORE, self.buttons)]
         self._step += 1
@@ -89,8 +93,6 @@ class FakeGraph:
 
     def point(self, place: object) -> None:
         self.places.append(place)
-
-    def publish(self, event: object) -> None: ...
 
     def close(self) -> None:
         self.calls.append("close")
@@ -101,7 +103,7 @@ class Led:
 
     def __init__(self, study: Study, folder: Path, touched: Path) -> None:
         self.folder, self.graph = folder / "p01", FakeGraph(touched)
-        self.session = Session(study, folder, "p01", "rehearsal", records=True)
+        self.session = Session(study, folder, "p01", "rehearsal")
         self.sent: list[Any] = []
         self.notes: list[str] = []
         graph: Any = self.graph
@@ -121,7 +123,7 @@ class Led:
     def kind(self) -> str:
         return str(self.live.shown["kind"])
 
-    def choose(self, choice: int = 1, step: int | None = None) -> None:
+    def choose(self, choice: object = 1, step: int | None = None) -> None:
         number = self.live.shown["step"] if step is None else step
         self.live.inbox.put({"do": "choose", "step": number, "choice": choice})
 
@@ -168,7 +170,7 @@ def test_a_session_leads_to_its_end_with_each_trial_once(led: Led) -> None:
 def test_an_answer_to_another_step_and_what_is_no_answer_do_not_count(led: Led) -> None:
     led.until("question")
     for choice in (0, 3, "1", None):
-        led.choose(choice)  # type: ignore[arg-type]
+        led.choose(choice)
     led.choose(2, step=led.live.shown["step"] - 1)
     led.live.inbox.put({"do": "point", "place": 0.004})
     led.live.inbox.put({"do": "nothing", "we": "know"})
@@ -208,6 +210,19 @@ def test_a_touch_begins_again_when_its_page_has_gone(led: Led) -> None:
     led.choose()
     led.reach("feedback")
     assert [row["touches_1"] for row in rows_in(led.folder)] == ["1"]
+
+
+def test_a_contact_before_the_recording_is_no_contact(led: Led) -> None:
+    """A hand that was at the wall, and is back behind the line, when the recording begins."""
+    places = (BEFORE, WALL + 0.001, BEFORE)
+    led.graph.early = [Sample(0.01 * i, place, 0) for i, place in enumerate(places, start=1)]
+    led.graph.is_held = True
+    led.until("go")
+    begun = led.graph._time
+    until(lambda: led.graph._time > begun + 1.0, "longer than the touch lasts")
+    assert led.graph.calls.count("place") == 1  # no next touch
+    led.graph.is_held = False
+    led.until("question")
 
 
 @pytest.mark.parametrize("error", [RunError("the device is lost"), OSError(28, "no space")])
@@ -270,13 +285,13 @@ class FakePage:
     may_change = True
 
     def __init__(self) -> None:
-        self.told: list[Any] = []
+        self.received: list[Any] = []
 
     def tell(self, text: str) -> None:
-        self.told.append(json.loads(text)["type"])
+        self.received.append(json.loads(text)["type"])
 
 
-def test_the_newest_page_leads_and_the_one_before_is_told(led: Led) -> None:
+def test_the_newest_page_leads_and_the_one_before_learns_it(led: Led) -> None:
     server: Any = object.__new__(StudyServer)
     server.pages, server.live = set(), led.live
     old, new, audience = FakePage(), FakePage(), FakePage()
@@ -285,7 +300,7 @@ def test_the_newest_page_leads_and_the_one_before_is_told(led: Led) -> None:
     answer = {"do": "choose", "step": led.live.shown["step"], "choice": 2}
     for page in (old, new, audience):
         server.opened(page)
-    assert (old.told, new.told, audience.told) == (["elsewhere"], [], [])
+    assert (old.received, new.received, audience.received) == (["elsewhere"], [], [])
     server.receive(old, answer)
     server.receive(new, {"do": "stop"})
     server.receive(new, {"do": "point", "place": 0.001})
@@ -309,6 +324,12 @@ def test_a_person_moves_what_is_at_a_port(file: str, settings: list[str], mover:
     assert mover_of(build(read_template(file), settings)) == mover
 
 
+def test_a_live_clock_gets_the_hold_limit_that_lateness_asks_for(study: Study) -> None:
+    simulated = study.config(study.pairs[0][0])
+    assert simulated.device.servo.hold_limit == 1
+    assert played(simulated, 0.010).device.servo.hold_limit == "auto"
+
+
 def test_a_wall_that_changes_with_time_is_refused() -> None:
     assert wall_at_hand(build(read_template("stiff_wall"))) == WALL
     with pytest.raises(ConfigError, match="stays"):
@@ -321,7 +342,7 @@ def test_between_two_touches_there_is_no_force_and_each_has_its_ledger(tmp_path:
     """The hand is pushed into a wall, which is taken away, and comes back under the same law."""
     study = study_of(TEXT.replace("launch: paper_wall", "launch: stiff_wall"), tmp_path)
     config = study.config(study.pairs[0][0])
-    graph = StudyGraph(study, lambda config: launch_unrecorded(config, tmp_path))
+    graph = StudyGraph(study, launch_unrecorded)
 
     def push(happened: Callable[[float], bool], what: str, target: float = WALL + 0.015) -> None:
         seen: list[float] = []

@@ -27,7 +27,7 @@ HANDS = ("left", "right")
 
 @pytest.fixture
 def feed(monkeypatch: pytest.MonkeyPatch) -> Feed:
-    """A feed of two hands, whose packets :func:`sent` gives."""
+    """A feed of two hands, whose reader is a mock; :func:`sent` gives it packets."""
     signal = {"left/device_state": {"heat": ["heat", "K"]}}
     run = Mock(graph=graph_of(HANDS), metadata={"signals": json.dumps(signal)})
     monkeypatch.setattr("forcebound.observe.page.feed.RunDocument.read", lambda _: run)
@@ -37,7 +37,8 @@ def feed(monkeypatch: pytest.MonkeyPatch) -> Feed:
 
 def sent(feed: Feed, *packets: tuple[str, Packet]) -> None:
     found: Iterator[Received] = (Received(stream, packet, b"") for stream, packet in packets)
-    feed._reader.take = Mock(return_value=found)  # type: ignore[method-assign]
+    reader: Any = feed._reader
+    reader.take.return_value = found
 
 
 def test_each_hand_has_frames_of_its_own(feed: Feed) -> None:

@@ -1,7 +1,6 @@
 """Commands for studies that people take part in."""
 
 import re
-import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -136,11 +135,10 @@ def run(
 
 
 async def _serve(session: "Session", graph: "StudyGraph", port: int, opens: bool) -> None:
-    """Show a session on pages until it is finished and Ctrl-C, or earlier."""
+    """Show a session on pages until it is finished, or stopped."""
     import asyncio
-    from contextlib import ExitStack
 
-    from forcebound.cli.view import has_screen, opened_in_browser
+    from forcebound.cli.view import shown
     from forcebound.observe.live_study import LiveStudy
     from forcebound.observe.page.study import StudyServer
 
@@ -153,17 +151,12 @@ async def _serve(session: "Session", graph: "StudyGraph", port: int, opens: bool
         lambda problem: show(f"forcebound: {problem}", err=True),
     )
     running = loop.run_in_executor(None, server.live.run)
-    with ExitStack() as stack:
-        access = server.access
-        show(f"page of {session.folder.name} ({session.kind}): {access.address(access.token)}")
-        show(f"to look only:  {access.address(access.watching)}")
-        if opens and has_screen():
-            stack.enter_context(opened_in_browser(access.address(access.token), None))
+    with shown(server.access, None, opens):
+        show(f"participant:   {session.folder.name} ({session.kind})")
         try:
-            while not (server.is_stopped or running.done()):
-                await asyncio.sleep(0.2)
+            await asyncio.wait([running])  # Ctrl-C cancels this, and not what it waits for
         finally:
-            server.live.inbox.put({"do": "stop"})
+            server.stop()
             await running
             await server.close()
 
@@ -171,7 +164,7 @@ async def _serve(session: "Session", graph: "StudyGraph", port: int, opens: bool
 def run_live_study(
     plan: "Study", participant: str, folder: Path, port: int = 0, opens: bool = True
 ) -> None:
-    """Run a study with a person on the live page, until it is finished and Ctrl-C, or earlier.
+    """Run a study with a person on the live page, until it is finished, or stopped.
 
     Raises:
         ConfigError: As :class:`Session`; if tornado is missing, or a wall moves.
@@ -186,18 +179,10 @@ def run_live_study(
     from forcebound.lab.study.session import Session
     from forcebound.observe.study_graph import StudyGraph
 
-    graph = StudyGraph(plan, lambda config: launch_unrecorded(config, folder / participant))
+    graph = StudyGraph(plan, launch_unrecorded)
     kind: Kind = "person" if graph.movers == {"person"} else "rehearsal"
     marks = Markers(graph.publish, find_lsl())
-    if any(plan.config(one).device.servo.hold_limit == 1 for pair in plan.pairs for one in pair):
-        show(
-            "hold_limit: 1 drops the force at each late tick; add `set: { hold_limit: auto }`",
-            err=True,
-        )
-
-    with Session(plan, folder, participant, kind, marks, records=True) as session:
-        for left in session.folder.glob("graph-*"):  # by a session that was killed
-            shutil.rmtree(left, ignore_errors=True)
+    with Session(plan, folder, participant, kind, marks) as session:
         try:
             asyncio.run(_serve(session, graph, port, opens))
         finally:

@@ -4,7 +4,7 @@ import os
 import tempfile
 import webbrowser
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager, nullcontext
 from importlib.util import find_spec
 from pathlib import Path
 from threading import Thread
@@ -16,6 +16,7 @@ from forcebound.cli.common import given_run_option, show
 from forcebound.errors import ConfigError, ForceboundError
 
 if TYPE_CHECKING:
+    from forcebound.observe.page.access import Access
     from forcebound.observe.page.server import Server
 
 POLL_S = 0.5  # between two looks for the next graph
@@ -30,11 +31,6 @@ def check_tornado() -> None:
 REDIRECT = """<!doctype html><meta name="referrer" content="no-referrer">
 <meta http-equiv="refresh" content="0;url={}"><title>forcebound</title>
 """
-
-
-def has_screen() -> bool:
-    """Return whether there is one; without it a browser of text would take the terminal."""
-    return "DISPLAY" in os.environ or "WAYLAND_DISPLAY" in os.environ
 
 
 @contextmanager
@@ -59,6 +55,20 @@ def opened_in_browser(address: str, run: Path | None) -> Iterator[None]:
                 webbrowser.open(Path(file.name).as_uri())
 
         Thread(target=open_page, daemon=True).start()
+        yield
+
+
+@contextmanager
+def shown(access: "Access", run: Path | None, opens: bool) -> Iterator[None]:
+    """Print the addresses of a server, and open its page in a browser if there is a screen."""
+    show(f"page:          {access.address(access.token)}")
+    show(f"to look only:  {access.address(access.watching)}")
+    if not access.is_local:
+        show("others on this network can open them, and read what is sent", err=True)
+    is_opened = opens and ("DISPLAY" in os.environ or "WAYLAND_DISPLAY" in os.environ)
+    # Without a screen a browser of text would take the terminal.
+    page = opened_in_browser(access.address(access.token), run) if is_opened else nullcontext()
+    with page:
         yield
 
 
@@ -119,18 +129,11 @@ def view(
 
     async def serve() -> None:
         server = Server(listen, port, recordings)  # in the loop in which it serves
-        with ExitStack() as stack:
-            try:
-                access = server.access
-                show(f"page:          {access.address(access.token)}")
-                show(f"to look only:  {access.address(access.watching)}")
-                if not access.is_local:
-                    show("others on this network can open them, and read what is sent", err=True)
-                if opens and has_screen():
-                    stack.enter_context(opened_in_browser(access.address(access.token), first))
+        try:
+            with shown(server.access, first, opens):
                 await _show_graphs(server, first, run, stays=launcher is None)
-            finally:
-                await server.close()
+        finally:
+            await server.close()
 
     asyncio.run(serve())
 

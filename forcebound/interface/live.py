@@ -249,13 +249,10 @@ def launch(
     return Graph(command, None if record is None else recording_file(Path(record)), folder)
 
 
-def launch_unrecorded(config: GraphConfig, folder: Path) -> Graph:
-    """Start a graph in real time, for its ``duration``, with its files in a folder below another.
-
-    Errors are as of :func:`launch`. A program that is killed leaves the folder, without recording.
-    """
-    own = Path(tempfile.mkdtemp(prefix="graph-", dir=folder))
-    file = own / "launch.yaml"
+def launch_unrecorded(config: GraphConfig) -> Graph:
+    """Start a graph in real time, for its ``duration``. Errors are as of :func:`launch`."""
+    folder = Path(tempfile.mkdtemp(prefix="forcebound-python-"))
+    file = folder / "launch.yaml"
     file.write_text(json.dumps(to_document(config)))
     command = ["launch", str(file), "--duration", repr(config.duration)]
-    return Graph(command, None, own, records=False)
+    return Graph(command, None, folder, records=False)

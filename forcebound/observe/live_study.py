@@ -6,8 +6,9 @@ The pages keep nothing: what is shown now is :attr:`shown`, for each page that o
 
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
-from queue import SimpleQueue
+from queue import Empty, SimpleQueue
 from typing import Any, Literal
 
 from forcebound.errors import ForceboundError
@@ -19,7 +20,7 @@ from forcebound.observe.page.feed import Message
 from forcebound.observe.study_graph import Sample, StudyGraph, wall_at_hand
 from forcebound.run.results import results_of
 
-LOOK = 0.01  # s between two looks at the graph and the pages
+LOOK = 0.01  # s between two looks at the graph; a message from a page is taken at once
 FRAME = 1.0 / 30.0  # s between two messages with the place of the marker
 LEAST_TIME = 0.02  # s of the way from the line on, from which there is a speed to show
 ORDINALS = ("First", "Second")
@@ -81,7 +82,7 @@ class LiveStudy:
         session: Of the participant.
         graph: That presents the touches.
         tell: Sends a message to the pages; called in the thread of :meth:`run`.
-        note: Says what is wrong to whoever conducts the study.
+        note: Says what is wrong to the experimenter, in the terminal.
     """
 
     def __init__(
@@ -111,7 +112,7 @@ class LiveStudy:
             self._graph.close()
 
     def _try(self, work: Callable[[], None]) -> None:
-        """Do something; if it fails, say so, and return when somebody wants to go on."""
+        """Do something; if it fails, say so, and wait for the answer *Try again*."""
         try:
             work()
         except AgainError as why:
@@ -166,7 +167,7 @@ class LiveStudy:
         self._graph.place(config)
         try:
             with self._graph.recording(step.recording):
-                self._present(way, title, study.touch_time)
+                self._present(Approach(way.line, wall, block), title, study.touch_time)
         finally:
             self._graph.clear()
         self._hint = ""
@@ -180,8 +181,10 @@ class LiveStudy:
             )
 
     def _present(self, way: Approach, title: str, touch_time: float) -> None:
-        """Let the participant touch the wall, which is in its place."""
-        self._follow(way)
+        """Let the participant touch the wall, which is in its place, while it is recorded."""
+        self._graph.samples()  # from before the recording, which would not have that contact
+        while not way.newest.time:
+            self._follow(way)
         if way.newest.position > way.line:
             raise AgainError("Wait behind the line.")
         self._session.begin()
@@ -215,29 +218,29 @@ class LiveStudy:
             for choice in taken:
                 if choice in range(1, len(choices) + 1) and time.monotonic() >= self.shown["ends"]:
                     return int(choice)
-            time.sleep(LOOK)
 
     def _look(self) -> Sequence[Sample]:
-        time.sleep(LOOK)
         self._take()
         return self._graph.samples()
 
     def _take(self) -> list[Any]:
-        """Take what the pages have sent; return the choices among it for the step of now."""
+        """Take what pages send, waiting a moment for it; return choices for the present step."""
         chosen = []
-        while not self.inbox.empty():
-            message = self.inbox.get()
-            match message:
-                case {"do": "stop"}:
-                    raise StopError
-                case {"do": "choose", "step": step, "choice": choice}:
-                    chosen += [choice] if step == self.shown["step"] else []
-                case {"do": "level", "level": float() | int() as level}:
-                    self.shown["level"] = min(max(level, 0.0), 1.0)
-                case {"do": "point", "place": place}:
-                    self._graph.point(place)
-                case {"do": "ready" | "away" as do}:
-                    self._is_ready = do == "ready"
+        with suppress(Empty):
+            message = self.inbox.get(timeout=LOOK)
+            while True:
+                match message:
+                    case {"do": "stop"}:
+                        raise StopError
+                    case {"do": "choose", "step": step, "choice": choice}:
+                        chosen += [choice] if step == self.shown["step"] else []
+                    case {"do": "level", "level": float() | int() as level}:
+                        self.shown["level"] = min(max(level, 0.0), 1.0)
+                    case {"do": "point", "place": place}:
+                        self._graph.point(place)
+                    case {"do": "ready" | "away" as do}:
+                        self._is_ready = do == "ready"
+                message = self.inbox.get_nowait()
         return chosen
 
     def _show(

@@ -4,14 +4,14 @@ Between two touches the wall is :data:`AWAY`, so that no force is asked for, whe
 """
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from threading import Event as Flag
-from typing import Any, Literal, NamedTuple, Protocol, cast
+from typing import Any, Literal, NamedTuple, Protocol
 
 from forcebound.errors import ConfigError, ForceboundError, RunError
 from forcebound.graph.graph import KINDS, GraphConfig
@@ -23,7 +23,7 @@ from forcebound.haptics.laws import LAWS
 from forcebound.lab.study.plan import Study, wall_of
 from forcebound.messages.control import EmitEvent
 from forcebound.messages.events import TrialEvent
-from forcebound.messages.packets import TOPIC_OF, DeviceState, Event
+from forcebound.messages.packets import TOPIC_OF, DeviceState
 from forcebound.observe.control import ask
 from forcebound.observe.kernels import Kernels
 from forcebound.observe.page.controls import Pointer
@@ -41,7 +41,7 @@ SILENCE = 5.0  # s without a reading, after which the device is said to be lost
 RUN_UP, PUSH = 0.030, 0.015  # m, where a dragged hand begins before the line, and ends in the wall
 SPARE = ("certified", "more_conservative")  # one of them is taken for a moment between two touches
 
-#: Who moves the hand: a person at a device, who drags it on the page, or the launch file.
+#: What moves the hand: a person at a device, a pointer on the page, or the launch file's operator.
 Mover = Literal["person", "pointer", "itself"]
 
 
@@ -78,14 +78,14 @@ def wall_at_hand(config: GraphConfig) -> float:
     if (
         wall is None
         or scale is None
-        or kind_of("environment", config.environment.model) == ("time_varying_wall")
+        or kind_of("environment", config.environment.model) == "time_varying_wall"
     ):
         raise ConfigError("a study with a person needs a wall that stays where and as it is")
     return (wall - scale.origin) / scale.motion
 
 
 def mover_of(config: GraphConfig) -> Mover:
-    """Return who moves the hand of a graph."""
+    """Return what moves the hand of a graph."""
     device = config.device.model
     if device.port:  # an emulator follows no pointer
         return "itself" if device.port == "emulated" else "person"
@@ -94,7 +94,11 @@ def mover_of(config: GraphConfig) -> Mover:
 
 
 def played(config: GraphConfig, line: float) -> GraphConfig:
-    """Return the graph of a touch as it is launched, with the hand of whoever moves it."""
+    """Return the graph of a touch as it is launched, with the hand that its mover has.
+
+    A hold limit of one period is that of a clock that is never late, such as the virtual one: on a
+    live clock each late tick would drop the force, so it becomes ``auto``.
+    """
     wall, mover = wall_at_hand(config), mover_of(config)
     if mover == "pointer":
         start = wall - line - RUN_UP
@@ -103,6 +107,9 @@ def played(config: GraphConfig, line: float) -> GraphConfig:
         config = config.with_hand(operator=hand)
     elif mover == "person":
         config = config.with_hand(operator=None)
+    if config.device.servo.hold_limit == 1:
+        servo = replace(config.device.servo, hold_limit="auto")
+        config = config.with_hand(device=replace(config.device, servo=servo))
     return replace(config, duration=LONGEST, seed=1, phases=())
 
 
@@ -188,7 +195,7 @@ class StudyGraph:
             self._heard = time.monotonic()
         elif not self._graph.is_running or time.monotonic() - self._heard > SILENCE:
             problem = self.failure or "the graph has ended, or its device is lost"
-            self.close()  # whoever goes on launches it again
+            self.close()  # the next touch launches it again
             raise RunError(problem)
         return [
             Sample(one.time_ns * 1e-9, one.position[0], one.buttons or 0)
@@ -211,11 +218,10 @@ class StudyGraph:
         if self._graph is not None and "pointer" in self.movers:
             self._pointer.point([place])
 
-    def publish(self, event: Event) -> None:
+    def publish(self, kind: TrialEvent, message: str, data: Mapping[str, str]) -> None:
         """Send an event of the session on the graph's topic ``event``."""
         if self._graph is not None:
-            kind = cast(TrialEvent, event.event)
-            ask(self._run_dir, LAUNCHER, EmitEvent(kind, event.message, dict(event.data)))
+            ask(self._run_dir, LAUNCHER, EmitEvent(kind, message, dict(data)))
 
     def close(self) -> None:
         """End the graph, with zero force first."""

@@ -15,7 +15,7 @@ class Measures:
     speed: float | None = None  # m/s, between the starting line and the wall
     penetration: float | None = None  # m
     force: float | None = None  # N
-    stiffness: float | None = None  # N/m, mean force over mean penetration, as the paper's
+    stiffness: float | None = None  # N/m, mean force over mean penetration, as in the paper, 5.3
 
 
 def measure(run: RunResult, line: float, touch_time: float) -> Measures:

@@ -22,9 +22,10 @@ from forcebound.lab.workers import completed, local_executor, progress_bar
 from forcebound.run.results import RunResult
 from forcebound.run.virtual import run_virtual
 
-#: Standard deviation of the difference of two stiffnesses as felt, over their size: so the point
-#: of 84 % right answers. Jones and Hunter 1990 had stiffnesses matched by adjustment; the criterion
-#: of that method is 84 %, they say with Lafontaine (Perception 26, 1997).
+#: Standard deviation of the difference of two stiffnesses as felt, over their size, which is the
+#: point of 84 % right answers. 0.23 is from Jones and Hunter 1990, by adjustment; 84 % is the
+#: criterion of that method in an abstract on viscosity (Jones, Hunter and Lafontaine, Perception
+#: 26, 1997). That both hold for two touches of a wall is our assumption.
 WEBER = 0.23
 LAPSE = 0.02  # of the answers are guesses
 SCATTER = 0.15  # of the speed from touch to touch, standard deviation of its logarithm; assumed
@@ -49,7 +50,7 @@ class Observer:
         Raises:
             ConfigError: As :class:`Session`; or if the hand cannot be brought into a band.
         """
-        with Session(study, folder, participant, "simulated", records=self.records) as session:
+        with Session(study, folder, participant, "simulated") as session:
             felt: list[Measures] = []
             while (step := session.step).kind != "finished":
                 if step.kind == "touch":

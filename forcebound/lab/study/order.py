@@ -3,7 +3,6 @@
 So nothing but the answers has to be kept: a session that goes on computes the same order again.
 """
 
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from random import Random
@@ -57,10 +56,10 @@ def next_trial(study: Study, number: int, rows: Sequence[Row]) -> Trial | None:
     for block in blocks_of(study, number):
         own = [row for row in rows if row["block"] == block]
         random = Random(f"{study.order.seed}/{number}/{block}")
-        listed = _shuffled(study.pairs * study.training.repetitions, number, random)
+        listed = _shuffled(study.pairs, study.training.repetitions, number, random)
         drills = len(listed)
         if not isinstance(study.method, Staircase):
-            listed += _shuffled(study.pairs * study.method.repetitions, number, random)
+            listed += _shuffled(study.pairs, study.method.repetitions, number, random)
         count, seed = len(own), random.randrange(2**31)
         if count < len(listed):
             pair, is_first = listed[count]
@@ -84,10 +83,11 @@ def total(study: Study) -> int | None:
     return len(study.blocks) * len(study.pairs) * repetitions
 
 
-def _shuffled(pairs: Sequence[_Pair], number: int, random: Random) -> list[tuple[_Pair, bool]]:
-    """Return the pairs in random order; in half of the trials of each the counted one is first."""
-    counts = Counter(pairs)
-    order = [(pair, (i + number) % 2 == 0) for pair, n in counts.items() for i in range(n)]
+def _shuffled(
+    pairs: Sequence[_Pair], repetitions: int, number: int, random: Random
+) -> list[tuple[_Pair, bool]]:
+    """Return the trials in random order; in half of those of a pair the counted one is first."""
+    order = [(pair, (i + number) % 2 == 0) for pair in pairs for i in range(repetitions)]
     random.shuffle(order)
     return order
 

@@ -291,7 +291,7 @@ def _graphs(
 
 
 def _check(study: Study, root: Value, problems: Problems) -> None:
-    """Note names that there are not, graphs that cannot be built, and bands out of reach."""
+    """Add the problems of a file: unknown names, graphs that cannot be built, bands too fast."""
     for key in study.published.keys() - study.blocks:
         at = root.entries["published"].entries[key]
         problems.add(unknown("block", key, study.blocks), at.key or at.place)

@@ -1,7 +1,7 @@
 """A participant's session: what comes next, the answers, and the data folder.
 
-:class:`Session` is a state machine without clocks, sockets or graphs. Whoever runs it, a page or a
-simulated observer, asks for :attr:`Session.step` and reports what came of it:
+:class:`Session` is a state machine without clocks, sockets or graphs. Its caller, the live page or
+a simulated observer, asks for :attr:`Session.step` and reports what came of it:
 
 * ``instruction``, ``break``, ``feedback``: ``go_on()`` when it is over;
 * ``touch``: ``begin()`` when its graph starts, ``touched(measures)`` when it has ended;
@@ -73,16 +73,15 @@ class Session:
     """A session of one participant; a context manager, which keeps the folder for itself.
 
     Args:
-        study: What is asked.
+        study: What is presented and asked.
         folder: Of the study's data; the participant has a folder in it.
         participant: Identifier: letters, digits, ``-`` and ``_``; never a name.
         kind: Who takes part; an identifier keeps its kind.
         mark: Takes trial events; see :class:`forcebound.lab.study.markers.Markers`.
-        records: Whether there will be recordings, which need room on the disk.
 
     Raises:
-        ConfigError: If the identifier is none, the folder is another study's or kind's, in use, or
-            cannot be written, or the disk has no room for the remaining trials.
+        ConfigError: If the identifier is not valid, the folder has data of another study or kind,
+            is in use or cannot be written, or the disk has no room for the remaining trials.
     """
 
     def __init__(
@@ -92,7 +91,6 @@ class Session:
         participant: str,
         kind: Kind = "person",
         mark: Mark = lambda event, message, data: None,
-        records: bool = False,
     ) -> None:
         if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]{0,31}", participant):
             raise ConfigError(
@@ -109,7 +107,7 @@ class Session:
                     raise ConfigError(f"{participant} takes part in another session just now")
                 self.number = self._registered(participant)
                 self.rows = self._answered()
-                self._check_room(records)
+                self._check_room()
                 self._close = stack.pop_all().close  # frees the lock
         except OSError as error:
             raise ConfigError(f"cannot write into {self.folder}: {reason(error)}") from error
@@ -165,7 +163,7 @@ class Session:
         return read_rows(whole.decode(), file)
 
     def _append(self, row: Row) -> None:
-        """Write a row so that it survives whatever comes; leave no part of it on a full disk."""
+        """Write a row to the disk; leave no part of it there if the disk is full."""
         text = io.StringIO()
         csv.DictWriter(text, COLUMNS, lineterminator="\n").writerow(row)
         data = text.getvalue().encode()
@@ -179,11 +177,10 @@ class Session:
                 file.truncate(size)
                 raise
 
-    def _check_room(self, records: bool) -> None:
+    def _check_room(self) -> None:
         left = (total(self.study) or 100) - len(self.rows)
-        needed = ROOM
-        if records:
-            needed += round(2 * left * (self.study.touch_time + 3.0) * BYTES_PER_SECOND)
+        recorded = 0.0 if self.kind == "simulated" else 2 * left * (self.study.touch_time + 3.0)
+        needed = ROOM + round(recorded * BYTES_PER_SECOND)
         free = shutil.disk_usage(self.folder).free
         if free < needed:
             words = f"{needed / 1e6:.0f} MB for the remaining trials, it has {free / 1e6:.0f} MB"
@@ -233,7 +230,7 @@ class Session:
     def begin(self) -> None:
         """Note that a touch begins now."""
         trial, interval, law, seed = self._touch()
-        if interval == 1:
+        if not self._started:  # else a touch is repeated
             self._started = _now()
             self._tell("trial_begins", trial)
         about = {"interval": interval, "law": law, "seed": seed}

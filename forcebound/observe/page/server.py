@@ -257,7 +257,7 @@ class _Graph:
         messages = self.feed.look(self.pace.slowness)
         for message in messages:
             if message["type"] == "frame":
-                message["pointer"] = self.pointers[message["hand"]].place  # whoever has moved it
+                message["pointer"] = self.pointers[message["hand"]].place  # of any page
                 self._misses[message["hand"]] = message["misses"]
                 self.pace.note(sum(self._misses.values()), now)
                 message["pace"] = FRAME * self.pace.slowness

@@ -19,6 +19,11 @@ class StudyServer(Server):
     live: LiveStudy  # set before the first page can open
     _leading: _Page | None = None
 
+    def stop(self) -> None:
+        """End the session."""
+        super().stop()
+        self.live.inbox.put({"do": "stop"})
+
     def describe(self) -> list[Message]:
         """Return the step of now."""
         return [self.live.describe()]
@@ -29,7 +34,7 @@ class StudyServer(Server):
             self.live.inbox.put(request)
 
     def opened(self, page: _Page) -> None:
-        """Let the newest page lead; tell the one before."""
+        """Let the newest page lead; send the one before a message."""
         super().opened(page)
         if page.may_change:
             if self._leading is not None:

@@ -1,12 +1,12 @@
 // The hands of a graph: their colours, and which of them this page moves and shows in detail.
 
-// Of the hands, one after the other, in every part of the page: the first four are as different to colour-blind eyes.
+// Colours of the hands in their order, in every part of the page. Colour-blind people can tell the first four apart.
 const COLOURS = ["true", "commanded", "text", "pink", "energy", "second", "sky", "olive"];
 
 /** The name of a parameter that belongs to a hand. */
 export const ofHand = (hand, name) => (hand ? `${hand}.${name}` : name);
 
-/** The hands of a graph, each with its colour; `described` is what the server says of them. */
+/** The hands of a graph, each with its colour; `described` comes from the server. */
 export const coloured = (described) => described.map((hand, i) => ({ ...hand, colour: described.length > 1 ? COLOURS[i] : null }));
 
 /** The choice of a hand, or of all, in an element of the page; the address of the page keeps it. */

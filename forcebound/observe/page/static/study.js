@@ -88,7 +88,7 @@ function draw(scene) {
   $("marker").hidden = true;
 }
 
-/** Move the marker; its right edge is the hand. It stops at the wall: depth is to be felt, not seen. */
+/** Move the marker; its right edge is the hand. It stops at the wall, so that the depth is not seen. */
 function mark({ x, colour }) {
   place = x;
   if (!step.scene) return;
