@@ -18,7 +18,7 @@ Answer = Callable[[tuple[float, ...], tuple[float, ...], float], Any]
 
 @dataclass(frozen=True)
 class Answers(StatelessEnvironment):
-    """An environment that answers what it is told to."""
+    """An environment with given answers."""
 
     answer: Answer
 

@@ -130,7 +130,7 @@ ACTIONS = ("give",) * 6 + ("send",) * 6 + ("arrive",) * 12 + ("law", "process")
 
 
 @pytest.mark.parametrize("seed", range(30))
-def test_nothing_is_credited_twice_whatever_arrives_and_whoever_restarts(seed: int) -> None:
+def test_nothing_is_credited_twice_whatever_arrives_and_whichever_end_restarts(seed: int) -> None:
     random = Random(seed)
     lives = Life("left"), Life("right")
     credited: dict[tuple[int, int], list[tuple[float, float]]] = {}  # J, parts of totals

@@ -83,7 +83,7 @@ HISTORIES: dict[str, tuple[list[Step], str | None]] = {
         ],
         "recorder ended unexpectedly, with exit status 2",
     ),
-    "only the first failure is told": (
+    "only the first failure is reported": (
         [
             *RUNNING,
             (500, Ended("recorder", 3), [Terminate("device")]),

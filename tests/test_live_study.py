@@ -183,7 +183,7 @@ def test_an_answer_to_another_step_and_what_is_no_answer_do_not_count(led: Led) 
     assert [row["answer"] for row in rows_in(led.folder)] == ["2"]
 
 
-def test_a_button_of_the_handle_answers_once_it_is_pressed_anew(led: Led) -> None:
+def test_a_button_of_the_handle_answers_once_it_is_pressed_again(led: Led) -> None:
     led.until("go")
     led.graph.buttons = 0b10  # held while the question comes
     led.until("question")

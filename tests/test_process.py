@@ -290,7 +290,7 @@ def test_the_controller_connects_device_and_environment(network: Network, run_di
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_a_signal_asks_for_the_end_and_wakes_whoever_sleeps(number: int) -> None:
+def test_a_signal_asks_for_the_end_and_wakes_a_sleeping_process(number: int) -> None:
     before = signal.getsignal(number)
     with Stop() as stop:
         assert not stop.requested

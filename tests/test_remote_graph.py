@@ -80,7 +80,7 @@ def pair(request: pytest.FixtureRequest, run_dir: Path) -> Iterator[Pair]:
     pair.close()
 
 
-def test_an_environment_on_another_machine_answers_whoever_listens(pair: Pair) -> None:
+def test_an_environment_on_another_machine_answers_a_device_that_listens(pair: Pair) -> None:
     here = pair.folders["here"]
     commands = pair.here.subscriber(topic_endpoint(here, "force_command"))
     replies = pair.here.subscriber(remote_endpoint(here, "environment_reply"))

@@ -136,10 +136,10 @@ def test_a_run_that_touched_nothing_says_why_it_has_no_figures() -> None:
     figures = summary_of(run_of(lambda elapsed: (0.1, 0.0, 0.0), 1.0))
     assert figures["displayed_stiffness_n_per_m"] is None
     assert figures["undefined"]["peak_penetration_m"].startswith(
-        "the launch file describes no surface"
+        "the environment describes no surface"
     )
     assert figures["undefined"]["peak_proxy_distance_m"].startswith(
-        "the launch file describes no surface"
+        "the environment describes no surface"
     )
 
 

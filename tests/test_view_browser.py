@@ -250,7 +250,7 @@ def test_two_pages_keys_fingers_wrong_values_and_a_lost_connection() -> None:
         visitor.touch(300.0)
         visitor.until(lambda: visitor.figure("position") > 5.0)
 
-        # What is wrong is told beside the field; what is right is taken, with its unit.
+        # An error is shown beside the field; a valid value is taken, with its unit.
         visitor.enter("environment.stiffness", "-1 N/mm")
         fault = "f-environment.stiffness"
         visitor.until(lambda: "must be >= 0 N/m" in visitor.text(fault))

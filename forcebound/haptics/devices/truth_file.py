@@ -1,6 +1,6 @@
 """The ground truth of an emulated device, in a small file that two processes map.
 
-The emulator writes, the driver and whoever looks on read: the truth travels beside the serial line,
+The emulator writes, the driver and observers read: the truth travels beside the serial line,
 which has no room for it. A reader never waits: a counter, odd while the emulator writes, says
 whether what was read is whole. In the other direction the file carries when the force engages,
 because a simulated hand then begins to move.

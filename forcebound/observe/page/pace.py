@@ -1,7 +1,7 @@
 """How often pages get a picture: a servo that misses ticks comes first."""
 
 SLOWEST = 8  # times as long at most, while ticks are missed
-LATE = 0.01  # share of missed ticks in a second from which on pages give way
+LATE = 0.01  # share of missed ticks in a second from which on pages back off
 CALM = 2  # seconds without, after which they come back by one step
 
 

@@ -18,7 +18,7 @@ const FRAME = 1000 / 30 - 4; // ms between two pictures, at least
 const READABLE = 250; // ms between two wordings of the state, and values of the figures
 const AGAIN = 1000; // ms until the next attempt to connect
 const MOST_EVENTS = 200;
-const SLOWED = 1 / 29; // s between two frames: from then on the server gives way
+const SLOWED = 1 / 29; // s between two frames: from then on the server has backed off
 
 let socket = null;
 let request = 0;
@@ -159,7 +159,7 @@ function tell(known) {
   $("note").textContent = [
     preparing && preparing !== present ? `Preparing law ${preparing}; until then, law ${present} goes on.` : "",
     scene.isLoading ? "The shape is still loading: the force is real, its picture comes." : "",
-    pace > SLOWED ? `Ticks are missed, so this page gives way: ${Math.round(1 / pace)} pictures a second.` : "",
+    pace > SLOWED ? `Ticks are missed, so this page backs off: ${Math.round(1 / pace)} pictures a second.` : "",
   ].join(" ");
   for (const [key, is] of Object.entries(scene.parts)) document.querySelector(`[data-key=${key}]`).hidden = !is;
   const { pixels, words: length } = scene.bar;

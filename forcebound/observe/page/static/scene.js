@@ -313,7 +313,7 @@ export class Scene {
     return [...this.objects, { shape: "plane", position: [this.wall, 0, 0], orientation: FACING }];
   }
 
-  /** The objects, from a canvas of their own, which is drawn anew when they or the view have changed. */
+  /** The objects, from a canvas of their own, which is drawn again when they or the view have changed. */
   drawLayer(context, width, height) {
     const { solids } = this;
     if (!solids.length) return;
