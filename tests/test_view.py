@@ -1,4 +1,4 @@
-"""The page's server: which requests it accepts, what it sends to pages, and what they may change."""
+"""The page's server: which requests it accepts, what it sends to pages, what they may change."""
 
 import asyncio
 import itertools
