@@ -178,7 +178,7 @@ MEANINGS = {
         "([realtime.md](realtime.md)). Ticks skipped in a row count once"
     ),
     "hold_limit_ms": (
-        "the hold limit in this run, which `device.hold_limit: auto` chooses anew for each hold"
+        "the hold limit in this run, which `device.hold_limit: auto` chooses for each hold"
     ),
     "refused_readings": (
         "readings of the device that could not be: not finite, too soon, or faster than "
