@@ -17,6 +17,7 @@ hands:
   left: { include: pointer_wall.yaml }
   right: { include: pointer_wall.yaml }
 environment: { kind: wall, stiffness: 10 N/mm, position: 10 mm }
+realtime: { policy: other } # two cores are full with two browsers and the nodes of two hands
 """
 
 
