@@ -29,6 +29,7 @@ from forcebound.run.results import results_of
 from forcebound.run.virtual import run_virtual
 
 WALL, LINE, BEFORE = 0.010, 0.0, -0.020  # m
+STAY = 0.3  # s, time of the device
 TEXT = re.sub(r"band: \[.*\]", "band: [1 mm/s, 2 m/s]", SHORT).replace(
     "touch_time: 2", "touch_time: 0.3"
 )
@@ -345,12 +346,13 @@ def test_between_two_touches_there_is_no_force_and_each_has_its_ledger(tmp_path:
     graph = StudyGraph(study, launch_unrecorded)
 
     def push(happened: Callable[[float], bool], what: str, target: float = WALL + 0.015) -> None:
-        seen: list[float] = []
+        seen: list[Sample] = []  # where the hand is asked to be, one after the other
 
         def look() -> bool:
             graph.point(target)
-            seen.extend(sample.position for sample in graph.samples())
-            return bool(seen) and happened(seen[-1])
+            for sample in graph.samples():
+                seen.append(sample) if happened(sample.position) else seen.clear()
+            return bool(seen) and seen[-1].time - seen[0].time >= STAY
 
         until(look, what)
 
@@ -358,7 +360,7 @@ def test_between_two_touches_there_is_no_force_and_each_has_its_ledger(tmp_path:
         graph.prepare(config)
         graph.place(config)
         with graph.recording(tmp_path / "first.mcap"):
-            push(lambda place: place > WALL + 0.003, "contact")
+            push(lambda place: place > WALL + 0.0003, "contact")
             started = graph._graph
         graph.clear()
         with graph.recording(tmp_path / "between.mcap"):
@@ -368,7 +370,7 @@ def test_between_two_touches_there_is_no_force_and_each_has_its_ledger(tmp_path:
         assert graph._graph is started  # it goes on
         with graph.recording(tmp_path / "second.mcap"):
             graph.place(config)
-            push(lambda place: place > WALL + 0.003, "contact again")
+            push(lambda place: place > WALL + 0.0003, "contact again")
     finally:
         graph.close()
     graph.clear()  # as after a graph that has failed in the middle of a touch
