@@ -124,6 +124,8 @@ def run(
     plan = load_study(file)
     folder = folder or Path(plan.name)
     simulated = SIMULATED.fullmatch(participant)
+    if simulated is None and participant.startswith("simulated"):
+        raise ConfigError(f"expected simulated:N with N from 1 to 999, got {participant!r}")
     if simulated is None:
         run_live_study(plan, participant, folder, port, opens)
         return
@@ -184,7 +186,8 @@ def run_live_study(
     marks = Markers(graph.publish, find_lsl())
     with Session(plan, folder, participant, kind, marks) as session:
         try:
-            asyncio.run(_serve(session, graph, port, opens))
+            if session.step.kind != "finished":
+                asyncio.run(_serve(session, graph, port, opens))
         finally:
             done, every = session.progress
             show(f"{done} of {every or '?'} trials answered; data: {session.folder}")

@@ -161,7 +161,7 @@ class LiveStudy:
         while not self._is_ready:
             self._look()
         self._graph.prepare(config)
-        self._show("back", title, f"{hint} Move back behind the line.".strip(), scene=scene)
+        self._show("back", title, f"{hint} Wait behind the line.".strip(), scene=scene)
         while not way.newest.time or way.newest.position > way.line:
             self._follow(way)
         self._graph.place(config)
@@ -186,7 +186,7 @@ class LiveStudy:
         while not way.newest.time:
             self._follow(way)
         if way.newest.position > way.line:
-            raise AgainError("Wait behind the line.")
+            raise AgainError("Too early.")
         self._session.begin()
         self._show("go", title, "Touch the wall.", scene={"line": way.line, "wall": way.wall})
         while way.contact is None or way.newest.time < way.contact + touch_time:

@@ -95,6 +95,8 @@ def _rest(s: Summary, document: Mapping[str, Any]) -> str:
 
 def _stiffness(s: Summary, document: Mapping[str, Any]) -> str:
     stiffness, words = s["stiffness_n_per_m"], _felt(s, document)
+    if (document.get("environment") or {}).get("kind") == "coupling":
+        return ""  # a line for both hands says it
     if stiffness is None or abs(stiffness["felt"] / stiffness["asked"] - 1.0) <= 1.0 - ALL:
         return f"{words}."
     words += f" ({stiffness['felt'] / stiffness['asked']:.0%}"

@@ -21,7 +21,7 @@ import signal
 from collections.abc import Collection, Sequence
 
 from forcebound.messages.control import ResumeDevice, StartNode, StopNode
-from forcebound.messages.topology import ONE_HAND, Graph
+from forcebound.messages.topology import HAND, ONE_HAND, Graph
 from forcebound.roles import DEVICE, ENVIRONMENT, LOST, RECORDER, ROLES, STOP_GROUPS, Role
 from forcebound.run.actions import (
     Action,
@@ -204,6 +204,8 @@ class Lifecycle:
         ):
             self._phase_end_ns = None
             command = "`forcebound node environment FILE`"
+            if self._graph.hands != (HAND,):
+                command += ", or with a hand there `forcebound launch FILE --hand NAME`"
             message = f"waiting for a remote environment; on its machine: {command}"
             return [Announce("environment_awaited", self._graph.of_role(ENVIRONMENT), message)]
         if self._phase_end_ns is not None and time_ns >= self._phase_end_ns:

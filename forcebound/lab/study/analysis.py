@@ -186,13 +186,16 @@ def psychometric(study: StudyFile, rows: Sequence[Row]) -> Fit:
 
 
 def reversal_thresholds(study: StudyFile, rows: Sequence[Row]) -> dict[str, float]:
-    """Return the mean level of each participant's last reversals, 70.7 % right answers."""
+    """Return the mean of each participant's last reversals, 70.7 % right answers.
+
+    They are differences from the standard, in its unit.
+    """
     assert isinstance(study.method, Staircase)
-    found = {}
+    found, standard = {}, split_quantity(study.method.standard)[0]
     for name, own in by_participant(rows).items():
         turns = staircase(study.method, [bool(one) for one in _chosen(own)])[1]
         if len(turns) > DROPPED_REVERSALS:
-            found[name] = fmean(turns[DROPPED_REVERSALS:])
+            found[name] = fmean(turns[DROPPED_REVERSALS:]) - standard
     return found
 
 
@@ -238,14 +241,17 @@ def checks(data: Data) -> dict[str, str]:
         "participants by first block": counts,
         "touches repeated for their speed": f"{again}, besides {2 * len(data.rows)} that count",
     }
-    for (block, counted, other), rows in data.groups.items():
-        means = [f"{name} {_speed(rows, name)}" for name in dict.fromkeys((counted, other))]
-        found[f"speed, {block}"] = "; ".join(means)
+    for (block,), rows in groups(data.rows, "block").items():
+        for name in dict.fromkeys(row["counted"] for row in rows) | dict.fromkeys(
+            row["other"] for row in rows
+        ):
+            found[f"speed, {block}, {name}"] = _speed(rows, name)
     return found
 
 
 def _speed(rows: Sequence[Row], condition: str) -> str:
     speeds = touches(rows, condition, "speed")
-    if len(speeds) < 2:
+    if not speeds:
         return "not measured"
-    return f"{fmean(speeds) * 1e3:.1f} mm/s (SD {stdev(speeds) * 1e3:.1f})"
+    spread = f" (SD {stdev(speeds) * 1e3:.1f})" if len(speeds) > 1 else ""
+    return f"{fmean(speeds) * 1e3:.1f} mm/s{spread}"

@@ -44,13 +44,18 @@ class Observer:
     lapse: float = LAPSE
     records: bool = False  # every touch, in the graph in place of the compiled loop
 
+    def session(self, study: Study, folder: Path, participant: str) -> Session:
+        """Return a session of this observer."""
+        about = f"seed {self.seed}, Weber fraction {self.weber:g}, lapse rate {self.lapse:g}"
+        return Session(study, folder, participant, "simulated", observer=about)
+
     def take_part(self, study: Study, folder: Path, participant: str) -> None:
         """Answer all trials of a study that are left; in virtual time.
 
         Raises:
             ConfigError: As :class:`Session`; or if the hand cannot be brought into a band.
         """
-        with Session(study, folder, participant, "simulated") as session:
+        with self.session(study, folder, participant) as session:
             felt: list[Measures] = []
             while (step := session.step).kind != "finished":
                 if step.kind == "touch":
@@ -161,7 +166,7 @@ def run_observers(
     study = load_study(file)
     names = [f"simulated-{number:02d}" for number in range(1, count + 1)]
     for name in names:  # in this order they get their numbers
-        Session(study, folder, name, "simulated").__exit__()
+        observer.session(study, folder, name).__exit__()
     work = partial(_take_part, observer, file, folder)
     with progress_bar(study.name) as show, local_executor(workers) as executor:
         for done, _ in enumerate(completed(executor, work, names), start=1):

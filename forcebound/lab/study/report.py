@@ -15,6 +15,7 @@ from forcebound.lab.study.plan import Pairs, Staircase
 from forcebound.lab.views import table
 from forcebound.results.colours import NEUTRAL, PHYSICAL
 from forcebound.results.plots import save
+from forcebound.units import split_quantity
 
 WEBERS, LAPSES = (0.1, 0.23, 0.34, 0.5, 1.0), (0.0, 0.02, 0.1)  # 0.34: if 0.23 were at 75 %
 
@@ -31,7 +32,7 @@ def write_report(folder: Path) -> Path:
     found = {key: analysis.shares(rows) for key, rows in data.groups.items()}
     if isinstance(data.study.method, Pairs):
         save(_bars(data, found), folder / "report.png")
-        lines += ["![Percentages and penetration](report.png)", "", *_percentages(data, found)]
+        lines += ["![Percentages with standard errors](report.png)", "", *_percentages(data, found)]
         lines += [*_touches(data), *_observers(data)]
     else:
         fits = {key: analysis.psychometric(data.study, rows) for key, rows in data.groups.items()}
@@ -134,7 +135,7 @@ def _thresholds(data: Data, fits: dict[analysis.Group, Fit]) -> Iterator[str]:
     is_climbed = isinstance(data.study.method, Staircase)
     yield "## Thresholds"
     yield ""
-    yield f"In the unit of the standard. {_MEANINGS[is_climbed]}"
+    yield f"In {_unit(data)}. {_MEANINGS[is_climbed]}"
     yield ""
     rows = []
     for key, own in data.groups.items():
@@ -153,9 +154,13 @@ def _thresholds(data: Data, fits: dict[analysis.Group, Fit]) -> Iterator[str]:
 _MEANINGS = (
     "The threshold is the level that feels as the standard; sigma is the difference from there to"
     " 84 %.",
-    "The threshold is the difference from the standard with 75 % right answers; reversals are at"
-    " 70.7 %.",
+    "All are differences from the standard. The threshold has 75 % right answers, the mean of the"
+    " reversals 70.7 %; sigma is the standard deviation of the curve's normal distribution.",
 )
+
+
+def _unit(data: Data) -> str:
+    return split_quantity(getattr(data.study.method, "standard", "0"))[1] or "plain numbers"
 
 
 def _people(rows: Sequence[Row]) -> Iterable[tuple[str, list[Row]]]:
@@ -198,7 +203,8 @@ def _curves(data: Data, fits: dict[analysis.Group, Fit]) -> Figure:
         axes.plot(x, 100 * share, color=f"C{number}", label=f"{block}: {counted}")
         shares = 100 * np.array(fit.chosen) / np.array(fit.trials)
         axes.scatter(fit.levels, shares, 3.0 * np.sqrt(fit.trials), color=f"C{number}")
-    axes.set(xlabel="level, in the unit of the standard", ylabel="chosen (%)", ylim=(-3.0, 103.0))
+    names = ("difference from the standard", "right answers") if guess else ("level", "chosen")
+    axes.set(xlabel=f"{names[0]} ({_unit(data)})", ylabel=f"{names[1]} (%)", ylim=(-3.0, 103.0))
     axes.legend(frameon=False)
     axes.spines[["top", "right"]].set_visible(False)
     return drawing

@@ -78,6 +78,7 @@ class Session:
         participant: Identifier: letters, digits, ``-`` and ``_``; never a name.
         kind: Who takes part; an identifier keeps its kind.
         mark: Takes trial events; see :class:`forcebound.lab.study.markers.Markers`.
+        observer: Parameters of a simulated participant, which keeps them.
 
     Raises:
         ConfigError: If the identifier is not valid, the folder has data of another study or kind,
@@ -91,6 +92,7 @@ class Session:
         participant: str,
         kind: Kind = "person",
         mark: Mark = lambda event, message, data: None,
+        observer: str = "",
     ) -> None:
         if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]{0,31}", participant):
             raise ConfigError(
@@ -98,6 +100,7 @@ class Session:
                 f" name), got {participant!r}"
             )
         self.study, self.kind, self.folder, self._mark = study, kind, folder / participant, mark
+        self._observer = observer
         try:
             (self.folder / RECORDINGS).mkdir(parents=True, exist_ok=True)
             lock = os.open(self.folder / LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
@@ -126,6 +129,7 @@ class Session:
         """Return the participant's number; write what is known before the first trial."""
         file = self.folder / ABOUT
         about = {"study": self.study.name, "digest": self.study.digest, "kind": self.kind}
+        about |= {"observer": self._observer} if self._observer else {}
         with (self.folder.parent / LOCK).open("a") as lock:  # two may come at the same time
             fcntl.flock(lock, fcntl.LOCK_EX)
             known: dict[str, Any] = {"number": len(list(self.folder.parent.glob(f"*/{ABOUT}")))}
@@ -133,9 +137,11 @@ class Session:
                 known = json.loads(read_bytes(file, MAX_TABLE))
                 for key, value in about.items():
                     if known[key] != value:
+                        was = f": {known[key]!r}, not {value!r}"
                         raise ConfigError(
-                            f"{self.folder} has data of another {key}: {known[key]!r}, not"
-                            f" {value!r}; choose another folder (--output) or identifier"
+                            f"{self.folder} has data of another"
+                            f" {'version of the study' if key == 'digest' else key + was};"
+                            " choose another folder (--output) or identifier"
                         )
             configs = {one: self.study.config(one) for pair in self.study.pairs for one in pair}
             opened = {

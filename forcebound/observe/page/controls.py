@@ -120,8 +120,8 @@ class Controls:
         return causes[0].advice if causes else ""
 
     def _statuses(self, timeout: float) -> dict[str, DeviceStatus]:
-        """Return the status of the device of each hand that answers."""
-        graph = graph_in(self._run_dir)
+        """Return the status of the device of each hand that answers; ConfigError without a run."""
+        graph = RunDocument.read(self._run_dir).graph
         devices = {graph.of_role(DEVICE, hand): hand for hand in self._config.hands_here}
         answers = ask_all(self._run_dir, devices, GetStatus(), timeout)
         return {

@@ -202,11 +202,12 @@ class Server:
         looked = time.monotonic()
         try:
             (listed,) = list_graphs(0.3, graph.run_dir)
+            reasons = graph.controls.reasons(samples)
         except (ForceboundError, ValueError):
             return  # it ended just now
         processes = [asdict(process) for process in listed.processes]
         message = {"type": "nodes", "time": looked, "processes": processes}
-        self.later(self.tell, {**message, "reasons": graph.controls.reasons(samples)})
+        self.later(self.tell, {**message, "reasons": reasons})
         self.later(self.tell, graph.controls.recording.describe())
 
     def later(self, call: Callable[..., object], *arguments: object) -> None:

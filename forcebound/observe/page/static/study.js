@@ -44,6 +44,7 @@ function take(message) {
   $("bar").value = step.done / (step.every || 1);
   $("count").textContent = step.every === null ? `${step.done} answered` : `${step.done} of ${step.every}`;
   $("rehearsal").hidden = !step.rehearsal;
+  $("rehearsal").textContent = step.drags || !step.rehearsal ? "Rehearsal" : "Rehearsal: an emulator moves by itself";
   $("levels").hidden = step.kind !== "noise";
   $("level").value = step.level;
   noise?.play(!["break", "finished", "problem"].includes(step.kind));
