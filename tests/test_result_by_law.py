@@ -53,6 +53,11 @@ def test_the_time_of_the_second_law_starts_at_zero(whole: RunResult, changed: Ru
     assert changed.summary["laws"][1]["start_s"] == pytest.approx(3.0, abs=2e-3)
 
 
+def test_a_law_of_one_of_several_hands_is_named_without_the_hand(changed: RunResult) -> None:
+    of_left = replace(changed, columns=replace(changed.columns, hand="left"))
+    assert [one["law"] for one in of_left.summary["laws"]] == ["none", "tdpa"]
+
+
 def test_the_whole_run_has_no_figure_that_mixes_laws(whole: RunResult, changed: RunResult) -> None:
     summary = changed.summary
     for key in OF_ONE_LAW:

@@ -313,6 +313,9 @@ def test_data_of_another_study_or_kind_are_kept_apart(tmp_path: Path) -> None:
         Session(study_of(SHORT.replace("white", "pink"), tmp_path), data, "p1")
     with pytest.raises(ConfigError, match="another kind"):
         Session(study, data, "p1", "rehearsal")
+    Observer(1).session(study, data, "s1").__exit__()
+    with pytest.raises(ConfigError, match="another observer"):
+        Observer(1, weber=0.5).session(study, data, "s1")
     assert (data / "p1/trials.csv").read_bytes() == before
     Session(study, data, "p1").__exit__()  # a refused session has left no lock
 
@@ -529,7 +532,9 @@ def test_percentages_spread_and_tests_are_those_by_hand() -> None:
     assert found.p == pytest.approx(2 * (220 + 66 + 12 + 1) / 4096)
     assert analysis.d_prime(50, 100) == pytest.approx(0.0)
     assert found.sensitivity == pytest.approx(math.sqrt(2) * NormalDist().inv_cdf(9.5 / 13))
-    assert analysis.checks(data)["touches repeated for their speed"].startswith("12,")
+    checks = analysis.checks(data)
+    assert checks["touches repeated for their speed"].startswith("12,")
+    assert {"speed, slow, friction", "speed, slow, viscous"} <= checks.keys()
 
 
 def test_the_mixed_model_finds_a_known_effect() -> None:

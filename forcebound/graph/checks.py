@@ -115,7 +115,7 @@ def _check_meeting(hand: str, own: RemoteConfig, before: Mapping[str, RemoteConf
     for name, other in before.items():
         if (_host(own), own.port) == (_host(other), other.port):
             raise ConfigError(
-                f"{hand} and {name} both meet the environment at {own.address} port {own.port}:"
+                f"{hand} and {name} both use {own.address} port {own.port} for the environment:"
                 " each hand needs a port of its own",
                 field="address",
             )

@@ -212,7 +212,12 @@ class RunResult:
         if self._changes:
             reasons = dict.fromkeys(OF_ONE_LAW, "the run had several laws: see `laws`")
             laws = [
-                {**part.summary, **dict.fromkeys(OF_THE_RUN), "start_s": part.columns.elapsed[0]}
+                {
+                    **part.summary,
+                    **dict.fromkeys(OF_THE_RUN),
+                    "law": part.document["device"]["law"],
+                    "start_s": part.columns.elapsed[0],
+                }
                 for part in self.by_law
             ]
             summary |= {**dict.fromkeys(OF_ONE_LAW), "little_force": [], "undefined": reasons}

@@ -205,9 +205,8 @@ class Server:
             reasons = graph.controls.reasons(samples)
         except (ForceboundError, ValueError):
             return  # it ended just now
-        processes = [asdict(process) for process in listed.processes]
-        message = {"type": "nodes", "time": looked, "processes": processes}
-        self.later(self.tell, {**message, "reasons": reasons})
+        message = {"type": "nodes", "time": looked, "reasons": reasons}
+        self.later(self.tell, message | {"processes": [asdict(one) for one in listed.processes]})
         self.later(self.tell, graph.controls.recording.describe())
 
     def later(self, call: Callable[..., object], *arguments: object) -> None:
