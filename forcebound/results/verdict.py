@@ -51,7 +51,8 @@ def _passivity(s: Summary, document: Mapping[str, Any]) -> str:
         return _passivity_without_truth(s)
     partner = (document.get("device") or {}).get("energy_partner")
     if lowest < -ENERGY_TOLERANCE and partner:  # both together are judged by results.coupling
-        return f"The hand received up to {energy(-lowest)} more than it put in, from the ledger of {partner}."
+        more = f"up to {energy(-lowest)} more than it put in"
+        return f"The hand received {more}, from the ledger of {partner}."
     if lowest < -ENERGY_TOLERANCE:
         return f"Not passive: the hand received up to {energy(-lowest)} that it had not put in."
     least = (
