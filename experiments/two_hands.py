@@ -108,8 +108,11 @@ def transparency(workers: int | None) -> Figure:
         lower.semilogx(hz, np.angle(ideal(hz), deg=True), "k:")
         lower.axhspan(-180.0, 0.0, color="tab:red", alpha=0.08)
         upper.set(title=label)
-        upper.yaxis.set_major_formatter("{x:g}")
-        upper.yaxis.set_minor_formatter("{x:g}")
+        upper.set_yticks((0.2, 0.5, 1.0))
+        lower.set_xticks((1.0, 2.0, 5.0, 10.0, 20.0))
+        for scale in (upper.yaxis, lower.xaxis):
+            scale.set_major_formatter("{x:g}")
+            scale.set_minor_formatter("")
         lower.set(xlabel="frequency (Hz)", ylim=(-180.0, 180.0))
         for panel in (upper, lower):
             panel.grid(alpha=0.3, which="both")

@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Mapping
-from contextlib import suppress
 from importlib import import_module
 from typing import Any
 
@@ -11,13 +10,12 @@ from forcebound.messages.events import TrialEvent
 
 
 def find_lsl() -> Any:
-    """Return the module pylsl; None if it is not installed (extra ``study``)."""
+    """Return the module pylsl; None if it cannot be used (extra ``study``)."""
     try:
         lsl = import_module("pylsl")
-    except (ImportError, RuntimeError):  # RuntimeError: without its library
+        lsl.set_config_content("[log]\nlevel = -1")  # warnings and errors, not how it starts
+    except (ImportError, RuntimeError):  # RuntimeError: without its library, or with an old one
         return None
-    with suppress(NotImplementedError):  # an older library prints how it starts
-        lsl.set_config_content("[log]\nlevel = -1")  # warnings and errors
     return lsl
 
 
