@@ -1,9 +1,9 @@
 r"""Leader and follower: two hands that a teleoperator couples.
 
-With the positions :math:`x_l, x_f` of both, the follower's place is :math:`s x_l + o`, with the
-scale :math:`s` and the offset :math:`o`. Forces are positive towards positive x: :math:`f_h` of the
-hand on the leader, measured; :math:`f_e` of the follower on what it touches, minus the force
-measured at the follower; :math:`u_l, u_f` of the motors, with the force scale :math:`r`:
+With the positions :math:`x_l, x_f` of both, the follower's target position is :math:`s x_l + o`,
+with the scale :math:`s` and the offset :math:`o`. Forces are positive towards
+positive x: :math:`f_h` of the hand on the leader, measured; :math:`f_e` of the follower on what it
+touches, minus the force measured at the follower; :math:`u_l, u_f` of the motors, with the force scale :math:`r`:
 
 .. math::
 
@@ -67,18 +67,18 @@ class Coupling(EnvironmentModel):
         architecture: position_position: spring and damper between both; position_force: the leader
             feels the force that is measured at the follower; four_channel: positions and measured
             forces both ways.
-        stiffness: Between the follower and its place.
-        damping: Between the follower and its place.
+        stiffness: Between the follower and its target position.
+        damping: Between the follower and its target position.
         scale: Way of the follower for the leader's; negative: mirrored.
         force_scale: Force on the leader for the follower's, of the sign of scale; null: scale, so
             that the coupling makes no power.
-        offset: Added to the follower's place, for each axis; 0 where there is none.
+        offset: Added to the follower's target position, for each axis; 0 where there is none.
         clutch: Bit of the leader's button that releases the coupling while it is down; when it is
             let go, they are coupled where they are then. null: none.
     """
 
     signals = (
-        Signal("position_error", "m", "follower, from its place"),
+        Signal("position_error", "m", "follower, from its target position"),
         Signal("force_error", "N", "hand's force on the leader, less that of the follower"),
     )
 

@@ -257,7 +257,7 @@ class WorkspaceLimit(_Fixture):
 
 @dataclass(frozen=True, kw_only=True)
 class SpeedLimit(_Fixture):
-    """A damper that acts on what a hand is faster than a limit.
+    """A damper on the part of a hand's speed that is above a limit.
 
     Attributes:
         limit: Up to this speed there is no force.
