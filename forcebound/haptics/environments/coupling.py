@@ -3,7 +3,8 @@ r"""Leader and follower: two hands that a teleoperator couples.
 With the positions :math:`x_l, x_f` of both, the follower's target position is :math:`s x_l + o`,
 with the scale :math:`s` and the offset :math:`o`. Forces are positive towards
 positive x: :math:`f_h` of the hand on the leader, measured; :math:`f_e` of the follower on what it
-touches, minus the force measured at the follower; :math:`u_l, u_f` of the motors, with the force scale :math:`r`:
+touches, minus the force measured at the follower; :math:`u_l, u_f` of the motors, with the force
+scale :math:`r`:
 
 .. math::
 
