@@ -31,6 +31,9 @@ from forcebound.messages.control import BounderReport
 from forcebound.messages.packets import Vector
 
 
+SETTLED = 20.0  # time constants of the amplifier, after which the rest of a force is gone: 2e-9
+
+
 class Written(NamedTuple):
     """What one write did, at the tip."""
 
@@ -79,7 +82,10 @@ class BoundedDevice:
         self._dissipation = dissipation
         self._use_limit = dissipation.hold_limit
         self._zero: Vector = (0.0,) * device.axes
-        self._applied = self._zero  # by the motors
+        # Whether the last force was zero, and since when the motors have none. Live, a process before
+        # this one may have left some.
+        self._is_zero, self._gone_ns = clock is None, 0
+        self._read_ns = 0
         self._has_begun = False
         self._write_ns: int | None = None
         self._begin_ledger(law)
@@ -118,8 +124,11 @@ class BoundedDevice:
 
     @property
     def holds_force(self) -> bool:
-        """Whether the motors hold a force."""
-        return any(self._applied)
+        """Whether the motors may have a force at the next reading.
+
+        One that was written and does not act yet, or what an amplifier with a lag has left of it.
+        """
+        return not self._is_zero or self._read_ns < self._gone_ns
 
     @property
     def refused_readings(self) -> int:
@@ -176,7 +185,7 @@ class BoundedDevice:
             if offer is not None:
                 given = bounder.debit(offer(bounder.spare(asked_for)))
                 bounded = shorten(bounded, math.hypot(*bounded), bounder.limit)
-        self._applied = applied = device.write(time_ns, bounded)
+        applied = device.write(time_ns, bounded)
         write_ns = time_ns if self._clock is None else self._clock()
         stamps = self._stamps()
         if stamps is not None:
@@ -184,6 +193,7 @@ class BoundedDevice:
         write_ns += self._ahead_ns
         bounder.settle(applied, write_ns)
         self._note_times(read_ns, write_ns)
+        self._note_force(applied, read_ns, write_ns)
         tip, limit, joints, torques = applied, bounder.limit, None, None
         if kinematics is not None:
             joints, torques = reading, applied
@@ -205,6 +215,14 @@ class BoundedDevice:
             self._write_ns = write_ns
         if self.learns and self._hold_limit.observe(interval_ns):
             self._change_limit()
+
+    def _note_force(self, applied: Vector, read_ns: int, write_ns: int) -> None:
+        self._read_ns = read_ns
+        if any(applied):
+            self._is_zero = False
+        elif not self._is_zero:
+            settling_ns = round(SETTLED * self._dissipation.lag * 1e9)
+            self._is_zero, self._gone_ns = True, write_ns + settling_ns
 
     def describe(self) -> str:
         """Return how long a force is held, and what ends it, in words."""

@@ -18,6 +18,7 @@ from forcebound.messages.packets import MAX_AXES
 Vector: TypeAlias = tuple[float, ...]
 
 SHORTEST_NS = 1000  # a reading sooner after the last proves nothing
+HALF_NS = 0.5e-9  # s
 LARGEST_READING = 1e6  # m; a reading beyond is none
 ROUNDING = 1e-15  # more than the relative error of scaling a vector and taking its length
 SMALLEST_LIMIT = 1e-290  # N; below it numbers lose the precision that ROUNDING relies on
@@ -102,6 +103,11 @@ class ForceBounder:
     def largest_allowance(self) -> float:
         """Most energy that a late hold can have given the hand, in J."""
         return float(self._ledger.largest_leak)
+
+    @property
+    def crowded_writes(self) -> int:
+        """Forces that had to be zero, since too many before them did not act yet."""
+        return int(self._ledger.crowded)
 
     @property
     def allowance_repaid(self) -> bool:
@@ -207,11 +213,14 @@ class ForceBounder:
     def report_cut(self, time_ns: int, position: Vector) -> None:
         """Take in when and where (m) the watchdog dropped the force, before :meth:`bound`.
 
-        A report at the time of a write is one of the old force, which acted until then. One from
+        A report at the time when a force takes effect is one of the old force, which acted until
+        then. One from
         before the last reading does not say when the force of now was dropped, or whether: any time
         that the watchdog permits is reckoned with.
         """
-        if time_ns == self._written_ns:
+        passed, waiting = (time_ns - self._now_ns) / 1e9, range(self._ledger.waiting)
+        effects = [self._ledger.until_write[place] for place in waiting]
+        if time_ns == self._written_ns or any(abs(one - passed) < HALF_NS for one in effects):
             return
         if time_ns < self._now_ns:
             self._ledger.is_unsure = True
@@ -238,8 +247,8 @@ class ForceBounder:
         # Too soon after the reading at a cut is no fault of this one.
         if closing == REFUSED and not is_cut and read_ns - self._cut_ns >= SHORTEST_NS:
             self.refused_readings += 1
-        if is_cut:
-            self._ledger.is_unsure = False
+        if is_cut:  # it says all about the force that acted, nothing about one before
+            self._ledger.is_unsure = self._ledger.was_unsure
         passed_ns = read_ns - self._now_ns
         if passed_ns > 0:
             self._now_ns = read_ns

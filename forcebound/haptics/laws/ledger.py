@@ -9,6 +9,9 @@ from forcebound.haptics.laws.sample import AxisConstants, AxisMemory, DeviceCons
 from forcebound.haptics.laws.waveform import Motor
 from forcebound.messages.packets import MAX_AXES
 
+#: Forces that can be on their way at once; the last place takes only a zero force.
+PLACES = 8
+
 #: Values of ``Ledger.watchdog``, in the order of
 # :data:`forcebound.haptics.laws.dissipation.WATCHDOGS`.
 GUARDING, REPORTING, SILENT, NONE = range(4)
@@ -20,7 +23,8 @@ class Axis:
     memory: AxisMemory
     motor: Motor
     constants: AxisConstants
-    pending: float  # N, force that was written
+    held: float  # N, force that took effect last
+    waiting: Annotated[list[float], PLACES]  # N, forces that were written and will act, in order
     trial: float  # N, force whose cost is computed, or the direction of one
     strength: float  # N, magnitude of the force of a hold
     origin: float  # m, reading at the start
@@ -63,12 +67,15 @@ class Ledger:
     budget: float  # J, that it was planned for
     given: float  # J, the most that it can have given since it took effect
     is_dropped: bool
-    is_unsure: bool  # the watchdog may have dropped the force since the last reading
+    is_unsure: bool  # the watchdog may have dropped a force since the last reading
+    was_unsure: bool  # the same, of a force that another one has replaced since
     largest_leak: float  # J, the most that a late hold can have given
-    # The force that was written and will act.
-    until_write: float  # s, or -1: there is none
-    pending_limit: float  # s
-    pending_budget: float  # J
+    # The forces that were written and will act, in order.
+    waiting: int  # number of them
+    until_write: Annotated[list[float], PLACES]  # s
+    waiting_limit: Annotated[list[float], PLACES]  # s, hold limit
+    waiting_budget: Annotated[list[float], PLACES]  # J
+    crowded: int  # decisions for which there was no place: a zero force was allowed
     axis: Annotated[list[Axis], MAX_AXES]
 
 
