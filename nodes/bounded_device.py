@@ -30,7 +30,6 @@ from forcebound.haptics.laws.hold_limit import FIXED, HoldLimit
 from forcebound.messages.control import BounderReport
 from forcebound.messages.packets import Vector
 
-
 SETTLED = 20.0  # time constants of the amplifier, after which the rest of a force is gone: 2e-9
 
 
@@ -82,8 +81,8 @@ class BoundedDevice:
         self._dissipation = dissipation
         self._use_limit = dissipation.hold_limit
         self._zero: Vector = (0.0,) * device.axes
-        # Whether the last force was zero, and since when the motors have none. Live, a process before
-        # this one may have left some.
+        # Whether the last force was zero, and since when the motors have none. Live, a process
+        # before this one may have left some.
         self._is_zero, self._gone_ns = clock is None, 0
         self._read_ns = 0
         self._has_begun = False

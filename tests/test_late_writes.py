@@ -15,7 +15,7 @@ import forcebound as fb
 from forcebound.errors import ConfigError
 from forcebound.haptics.devices import Device
 from forcebound.haptics.laws import ENERGY_TOLERANCE, Dissipation, ForceBounder
-from forcebound.haptics.laws.ledger import PLACES
+from forcebound.haptics.laws.ledger import PLACES, Axis, Ledger
 from forcebound.messages.packets import Vector
 from forcebound.nodes.bounded_device import BoundedDevice
 
@@ -219,3 +219,14 @@ def test_a_new_ledger_waits_until_the_motor_has_no_force(lag: float, delay_ns: i
     assert pushed > 1.0
     assert begun is not None
     assert hand.lowest - before >= -ENERGY_TOLERANCE
+
+
+def test_the_table_of_what_the_ledger_remembers_has_every_state() -> None:
+    page = (Path(__file__).parents[1] / "docs" / "theory.md").read_text()
+    section = page.split("### 3.8")[1].split("## 4.")[0]
+    states = set(Ledger.__annotations__) - {"axis", "constants"}
+    first = list(Ledger.__annotations__).index("axes")
+    last = list(Ledger.__annotations__).index("state")
+    states -= set(list(Ledger.__annotations__)[first:last]) - {"planned_limit"}
+    states |= set(Axis.__annotations__) - {"constants"}
+    assert {name for name in states if f"`{name}`" not in section} == set()

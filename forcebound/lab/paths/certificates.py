@@ -278,6 +278,9 @@ CERTIFICATES = {
     "late_writes": Certificate(
         "writes late and a silent watchdog in a range", (write_delay, tolerance)
     ),
+    "late_reports": Certificate(
+        "writes late and a reporting watchdog", (write_delay, reporting), "write_delay"
+    ),
     "none_and_lag": Certificate("no watchdog, a lag", (lag, none), "lag"),
     "none_and_delay": Certificate("no watchdog, writes late", (write_delay, none), "write_delay"),
     "lag_and_presliding": Certificate("a lag and elastic friction", (lag, presliding), "lag"),
