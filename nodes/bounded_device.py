@@ -191,8 +191,7 @@ class BoundedDevice:
             write_ns = stamps[1]
         write_ns += self._ahead_ns
         bounder.settle(applied, write_ns)
-        self._note_times(read_ns, write_ns)
-        self._note_force(applied, read_ns, write_ns)
+        self._note(applied, read_ns, write_ns)
         tip, limit, joints, torques = applied, bounder.limit, None, None
         if kinematics is not None:
             joints, torques = reading, applied
@@ -204,7 +203,13 @@ class BoundedDevice:
             position, tip, limit, read_ns, write_ns, joints, torques, cut, ahead_ns, given
         )
 
-    def _note_times(self, read_ns: int, write_ns: int) -> None:
+    def _note(self, applied: Vector, read_ns: int, write_ns: int) -> None:
+        self._read_ns = read_ns
+        if any(applied):
+            self._is_zero = False
+        elif not self._is_zero:
+            settling_ns = round(SETTLED * self._dissipation.lag * 1e9)
+            self._is_zero, self._gone_ns = True, write_ns + settling_ns
         self._longest_delay_ns = max(self._longest_delay_ns, write_ns - read_ns)
         self._writes += 1
         self._held += self._use_limit
@@ -214,14 +219,6 @@ class BoundedDevice:
             self._write_ns = write_ns
         if self.learns and self._hold_limit.observe(interval_ns):
             self._change_limit()
-
-    def _note_force(self, applied: Vector, read_ns: int, write_ns: int) -> None:
-        self._read_ns = read_ns
-        if any(applied):
-            self._is_zero = False
-        elif not self._is_zero:
-            settling_ns = round(SETTLED * self._dissipation.lag * 1e9)
-            self._is_zero, self._gone_ns = True, write_ns + settling_ns
 
     def describe(self) -> str:
         """Return how long a force is held, and what ends it, in words."""
