@@ -194,6 +194,9 @@ def _measured(checked: Checked) -> list[str]:
     )
     tried = ", ".join(map(str, checked.axes))
     text = [f"numbers of axes tried: {tried}", f"at rest, on the first axis: {shown}"]
+    if "resists" not in checked.promises:
+        words = "positive resists motion in the positive direction"
+        text.append(f"no press along an axis met a force, at rest, that resists it ({words})")
     if checked.left_out:
         known = checked.questions + checked.left_out
         text.append(f"{checked.questions} of {known} queries, since answers are slow")
