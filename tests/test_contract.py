@@ -162,7 +162,7 @@ class TouchedSlab(Environment):
         depth, still = 0.001 - abs(position[0] - 0.01), (0.0,) * (len(position) - 1)
         side = math.copysign(1.0, position[0] - 0.01)
         place = (position[0] + side * depth, *position[1:])
-        self.touched = None if depth < 0.0 else (place, (side, *still))
+        self.touched = None if depth < 0.0 else Contact(place, (side, *still))
         return (-self.sign * side * 1e3 * max(depth, 0.0), *still)
 
     def contact(self, user: str) -> Contact | None:

@@ -60,7 +60,8 @@ class TouchedBall(Environment):
             return (0.0,) * len(position)
         # The way out, and the place on the surface that is nearest to the device.
         normal = tuple(o / distance for o in offset)
-        self.touched = tuple(p + depth * n for p, n in zip(position, normal, strict=True)), normal
+        place = tuple(p + depth * n for p, n in zip(position, normal, strict=True))
+        self.touched = Contact(place, normal)
         # It pushes the device out, along the normal; as a force that resists, that is -normal.
         push = ball.stiffness * depth
         return tuple(ball.damping * v - push * n for n, v in zip(normal, velocity, strict=True))
