@@ -4,6 +4,7 @@ import math
 import statistics
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing, suppress
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -17,6 +18,7 @@ from forcebound.graph.model import law_of, member_of
 from forcebound.graph.names import Document
 from forcebound.graph.resolved import member_document
 from forcebound.haptics.controllers import contract as controllers
+from forcebound.haptics.devices import DeviceModel
 from forcebound.haptics.devices import contract as devices
 from forcebound.haptics.environments import Environment, EnvironmentModel, open_environment
 from forcebound.haptics.environments import contract as environments
@@ -38,6 +40,7 @@ CONTRACTS: Mapping[str, Any] = {
 PROBES = (-0.010, 0.0, 0.005, 0.010, 0.011, 0.015, 0.020, 0.050)  # m, positions for forces at rest
 FEWEST_CALLS, CALLS = 10, 300  # that are timed
 QUERYING, TIMING = 10.0, 2.0  # s, approximately: queries of the contract, timed calls
+HOLD_LIMIT = 1.25e-3  # s, of a device while it is timed
 CHECK_S = 120.0  # for all of it, in a process of its own
 
 Progress: TypeAlias = Callable[[str, int, int], None]
@@ -58,6 +61,16 @@ class AnswerTimes(Struct, frozen=True):
     answers: int
 
 
+class TickTimes(Struct, frozen=True):
+    """Medians of the times of a device's reads and writes, in s, and the longest."""
+
+    read: float
+    write: float
+    read_max: float
+    write_max: float
+    reads: int  # of a tick: 1 if a write brings the reading of the next state
+
+
 class Checked(Struct, kw_only=True, omit_defaults=True):
     """What the contract test finds of a part."""
 
@@ -71,6 +84,8 @@ class Checked(Struct, kw_only=True, omit_defaults=True):
     left_out: int | None = None  # queries that were not sent
     at_rest: list[AtRest] = []
     seconds_per_answer: AnswerTimes | None = None
+    # Of a device:
+    seconds_per_tick: TickTimes | None = None
 
 
 def check_part(
@@ -124,7 +139,10 @@ def check_here(
     part = member_document(section, model)
     if section == "environment":
         return _check_environment(part, progress, model, axes, expected)
-    return _checked(part, CONTRACTS[section].check(model))
+    checked = _checked(part, CONTRACTS[section].check(model))
+    if section == "device" and checked.passed:
+        checked.seconds_per_tick = _tick_times(model)
+    return checked
 
 
 def _checked(part: Document, report: Report) -> Checked:
@@ -184,7 +202,18 @@ def lines(section: str, checked: Checked) -> list[str]:
 
 
 def _measured(checked: Checked) -> list[str]:
-    answer = checked.seconds_per_answer
+    tick, answer = checked.seconds_per_tick, checked.seconds_per_answer
+    if tick is not None:
+        each = tick.reads * tick.read + tick.write
+        reads = "twice" if tick.reads > 1 else "once (a write brings the next reading)"
+        text = [
+            f"a read takes {tick.read * 1e6:.1f} us (longest {tick.read_max * 1e6:.0f} us), a write"
+            f" {tick.write * 1e6:.1f} us (longest {tick.write_max * 1e6:.0f} us)",
+            f"a tick reads {reads} and writes once: {each * 1e6:.1f} us; at 1 kHz it has 1000 us",
+        ]
+        if each > 1e-3:
+            text.append(f"so device.rate must be below {1 / each:.0f} Hz, or ticks are missed")
+        return text
     if answer is None:
         return []  # no environment
     shown = ", ".join(
@@ -206,6 +235,26 @@ def _measured(checked: Checked) -> list[str]:
             f" {answer.max * 1e6:.0f} us); at 1 kHz a tick has 1000 us"
         )
     return text
+
+
+def _tick_times(model: DeviceModel) -> TickTimes | None:
+    """Times of a device that gets no force; None: it failed, which its contract judges."""
+    reads: list[float] = []
+    writes: list[float] = []
+    zero, count = (0.0,) * model.axes, 2
+    with suppress(Exception), closing(model.open(None, HOLD_LIMIT)) as device:
+        until_ns = time.monotonic_ns() + round(TIMING * 1e9)
+        while len(reads) < CALLS and (began := time.monotonic_ns()) < until_ns:
+            device.read(began)
+            between = time.monotonic_ns()
+            device.write(between, zero)
+            writes.append((time.monotonic_ns() - between) * 1e-9)
+            reads.append((between - began) * 1e-9)
+            count = 2 if device.fresh_reading() is None else 1
+    if not reads:
+        return None
+    medians = statistics.median(reads), statistics.median(writes)
+    return TickTimes(*medians, max(reads), max(writes), count)
 
 
 def _expected(text: str) -> tuple[float, float]:
