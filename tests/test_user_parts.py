@@ -163,17 +163,17 @@ def test_the_check_times_a_tick_of_two_readings_or_of_one_that_a_write_brings(
         times = check_here("device", str(path)).seconds_per_tick
         assert times is not None
         assert times.reads == reads
-        assert 0.0 < times.read <= times.read_max
-        assert 0.0 < times.write <= times.write_max
+        assert times.read > 0.0
+        assert times.write > 0.0
 
 
 def test_a_tick_that_is_too_long_is_shown_with_the_rate_that_its_device_can_keep() -> None:
-    times = TickTimes(0.002, 0.001, 0.003, 0.003, 2)
+    times = TickTimes(0.002, 0.001, 2)
     checked = Checked(part={}, passed=True, questions=1, promises={}, violations=[])
     checked.seconds_per_tick = times
     assert "200 Hz" in lines("device", checked)[-1]
     checked.seconds_per_tick = structs.replace(times, read=0.0004, write=0.0001)
-    assert "Hz, or" not in "\n".join(lines("device", checked))
+    assert "device.rate" not in "\n".join(lines("device", checked))
 
 
 # Environments with state

@@ -62,13 +62,11 @@ class AnswerTimes(Struct, frozen=True):
 
 
 class TickTimes(Struct, frozen=True):
-    """Medians of the times of a device's reads and writes, in s, and the longest."""
+    """Times of a device's read and write, in s, medians; ``reads``: how many of them a tick has."""
 
     read: float
     write: float
-    read_max: float
-    write_max: float
-    reads: int  # of a tick: 1 if a write brings the reading of the next state
+    reads: int
 
 
 class Checked(Struct, kw_only=True, omit_defaults=True):
@@ -205,15 +203,12 @@ def _measured(checked: Checked) -> list[str]:
     tick, answer = checked.seconds_per_tick, checked.seconds_per_answer
     if tick is not None:
         each = tick.reads * tick.read + tick.write
-        reads = "twice" if tick.reads > 1 else "once (a write brings the next reading)"
-        text = [
-            f"a read takes {tick.read * 1e6:.1f} us (longest {tick.read_max * 1e6:.0f} us), a write"
-            f" {tick.write * 1e6:.1f} us (longest {tick.write_max * 1e6:.0f} us)",
-            f"a tick reads {reads} and writes once: {each * 1e6:.1f} us; at 1 kHz it has 1000 us",
-        ]
-        if each > 1e-3:
-            text.append(f"so device.rate must be below {1 / each:.0f} Hz, or ticks are missed")
-        return text
+        words = f"a read takes {tick.read * 1e6:.1f} us, a write {tick.write * 1e6:.1f} us; a tick reads"
+        words += (
+            f" {('once', 'twice')[tick.reads - 1]} and writes once: {each * 1e6:.1f} us; at 1 kHz"
+        )
+        too_long = f": device.rate must be below {1 / each:.0f} Hz, or ticks are missed"
+        return [f"{words} it has 1000 us{too_long if each > 1e-3 else ''}"]
     if answer is None:
         return []  # no environment
     shown = ", ".join(
@@ -239,22 +234,19 @@ def _measured(checked: Checked) -> list[str]:
 
 def _tick_times(model: DeviceModel) -> TickTimes | None:
     """Times of a device that gets no force; None: it failed, which its contract judges."""
-    reads: list[float] = []
-    writes: list[float] = []
-    zero, count = (0.0,) * model.axes, 2
+    times: list[tuple[float, float]] = []
+    reads, end = 2, time.perf_counter() + TIMING
     with suppress(Exception), closing(model.open(None, HOLD_LIMIT)) as device:
-        until_ns = time.monotonic_ns() + round(TIMING * 1e9)
-        while len(reads) < CALLS and (began := time.monotonic_ns()) < until_ns:
-            device.read(began)
-            between = time.monotonic_ns()
-            device.write(between, zero)
-            writes.append((time.monotonic_ns() - between) * 1e-9)
-            reads.append((between - began) * 1e-9)
-            count = 2 if device.fresh_reading() is None else 1
-    if not reads:
+        while len(times) < CALLS and (began := time.perf_counter()) < end:
+            device.read(time.monotonic_ns())
+            between = time.perf_counter()
+            device.write(time.monotonic_ns(), (0.0,) * model.axes)
+            times.append((between - began, time.perf_counter() - between))
+            reads = 2 if device.fresh_reading() is None else 1
+    if not times:
         return None
-    medians = statistics.median(reads), statistics.median(writes)
-    return TickTimes(*medians, max(reads), max(writes), count)
+    read, write = map(statistics.median, zip(*times, strict=True))
+    return TickTimes(read, write, reads)
 
 
 def _expected(text: str) -> tuple[float, float]:

@@ -11,7 +11,7 @@ that break and bodies that move are no mistake, so only this is one:
 
 from collections.abc import Callable, Sequence
 from contextlib import closing, suppress
-from itertools import pairwise
+from itertools import takewhile
 
 from forcebound.haptics.environments import FAR, EnvironmentModel, open_environment
 from forcebound.haptics.environments.strokes import Question
@@ -19,7 +19,6 @@ from forcebound.haptics.geometry.vectors import dot, norm, pad3, sub, unit
 from forcebound.haptics.parts.contract import Findings
 
 FREE, PULLED, TOUCHED = 5, 8, 3  # questions at least: before a pull, of one to FAR, of a contact
-APART = 20  # questions between the two forces that are shown
 
 
 def check_press(
@@ -32,53 +31,35 @@ def check_press(
 
     What else an answer may be is a matter of other promises: then nothing is found here.
     """
-    way = unit(sub(pad3(press[-1].position), pad3(press[0].position)))
+    end = pad3(press[-1].position)
+    way = unit(sub(end, pad3(press[0].position)))
     forces: list[float] = []  # N, along the way; above 0 it resists
-    inwards: dict[int, float] = {}  # N, into what is touched, by question
-    with (
-        suppress(Exception, SystemExit),
-        closing(open_environment(model, len(press[0].position))) as environment,
-    ):
-        for number, question in enumerate(press):
+    inwards: list[float] = []  # N, into what is touched
+    axes = len(press[0].position)
+    with suppress(Exception, SystemExit), closing(open_environment(model, axes)) as environment:
+        for question in press:
             report(question)
             force = pad3(environment.force("", *question))
             contact = environment.contact("")
             forces.append(dot(force, way))
             if contact is not None and dot(pad3(contact[1]), way) < 0.0:
-                inwards[number] = dot(force, pad3(contact[1]))
+                inwards.append(dot(force, pad3(contact[1])))
     if len(forces) < len(press):
         return False
-    pulled = _in_contact(inwards)
-    if not pulled and norm(pad3(press[-1].position)) >= FAR:
-        pulled = _without_end(forces)
-    if pulled:
-        places = (pulled[0], pulled[min(APART, len(pulled) - 1)])
-        shown = ", ".join(f"{forces[one]:.4g} N at {_at(press[one])}" for one in places)
-        got = f"it pulls deeper: {shown}. If it is the force on the hand, return its opposite"
-        where = f"pressed at rest from {_at(press[0])} to {_at(press[-1])}"
-        found.add("resists", "a force that resists: above 0 along the press", got, where)
+    is_drawn_in = len(inwards) >= TOUCHED and min(inwards) > 0.0 and max(inwards) > inwards[0]
+    is_pulled = is_drawn_in or (norm(end) >= FAR and _is_pulled_on(forces))
+    if is_pulled:
+        first = next((k for k, force in enumerate(forces) if force < 0.0), 0)
+        got = f"{forces[first]:.4g} N, and more further in: it pulls deeper. If it is the force on"
+        where = f"{press[first]}, on the way from {press[0].position} to {press[-1].position}"
+        expected = "a force that resists: along this way above 0"
+        found.add("resists", expected, f"{got} the hand, return its opposite", where)
     begins = (k for k in range(FREE, len(forces)) if not any(forces[k - FREE : k]))
-    return bool(pulled) or any(forces[k] > 0.0 for k in begins)
+    return is_pulled or any(forces[k] > 0.0 for k in begins)
 
 
-def _at(question: Question) -> str:
-    return f"{tuple(round(entry, 5) for entry in question.position)} m"
-
-
-def _in_contact(inwards: dict[int, float]) -> list[int]:
-    pulls = list(inwards.values())
-    is_pull = len(pulls) >= TOUCHED and min(pulls) > 0.0 and max(pulls) > pulls[0]
-    return list(inwards) if is_pull else []
-
-
-def _without_end(forces: Sequence[float]) -> list[int]:
-    end = max((number + 1 for number, force in enumerate(forces) if force == 0.0), default=0)
-    pulls = forces[end:]
-    is_pull = (
-        end >= FREE
-        and not any(forces[end - FREE : end])
-        and len(pulls) >= PULLED
-        and 0.0 > pulls[0] > pulls[-1]
-        and all(one >= other for one, other in pairwise(pulls))
-    )
-    return list(range(end, len(forces))) if is_pull else []
+def _is_pulled_on(forces: list[float]) -> bool:
+    pulls = list(takewhile(bool, reversed(forces)))
+    free = forces[: len(forces) - len(pulls)][-FREE:]
+    is_long = len(free) == FREE and len(pulls) >= PULLED and not any(free)
+    return is_long and pulls[0] < pulls[-1] < 0.0 and pulls == sorted(pulls)
