@@ -203,12 +203,11 @@ def _measured(checked: Checked) -> list[str]:
     tick, answer = checked.seconds_per_tick, checked.seconds_per_answer
     if tick is not None:
         each = tick.reads * tick.read + tick.write
-        words = f"a read takes {tick.read * 1e6:.1f} us, a write {tick.write * 1e6:.1f} us; a tick reads"
-        words += (
-            f" {('once', 'twice')[tick.reads - 1]} and writes once: {each * 1e6:.1f} us; at 1 kHz"
-        )
-        too_long = f": device.rate must be below {1 / each:.0f} Hz, or ticks are missed"
-        return [f"{words} it has 1000 us{too_long if each > 1e-3 else ''}"]
+        times = [f"{1e6 * one:.1f} us" for one in (tick.read, tick.write, each)]
+        words = f"a tick reads {('once', 'twice')[tick.reads - 1]} and writes once: {times[2]}"
+        too_long = f": device.rate must be below {1 / each:.0f} Hz" if each > 1e-3 else ""
+        text = f"a read takes {times[0]}, a write {times[1]}; {words}"
+        return [f"{text}; at 1 kHz it has 1000 us{too_long}"]
     if answer is None:
         return []  # no environment
     shown = ", ".join(
