@@ -203,11 +203,11 @@ def _measured(checked: Checked) -> list[str]:
     tick, answer = checked.seconds_per_tick, checked.seconds_per_answer
     if tick is not None:
         each = tick.reads * tick.read + tick.write
-        times = [f"{1e6 * one:.1f} us" for one in (tick.read, tick.write, each)]
-        words = f"a tick reads {('once', 'twice')[tick.reads - 1]} and writes once: {times[2]}"
+        read, write, both = (f"{1e6 * one:.1f} us" for one in (tick.read, tick.write, each))
+        words = f"a tick reads {('once', 'twice')[tick.reads - 1]} and writes once: {both}"
         too_long = f": device.rate must be below {1 / each:.0f} Hz" if each > 1e-3 else ""
-        text = f"a read takes {times[0]}, a write {times[1]}; {words}"
-        return [f"{text}; at 1 kHz it has 1000 us{too_long}"]
+        line = f"a read takes {read}, a write {write}; {words}; at 1 kHz it has 1000 us{too_long}"
+        return [line]
     if answer is None:
         return []  # no environment
     shown = ", ".join(
