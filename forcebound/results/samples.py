@@ -150,7 +150,7 @@ class Samples:
 
 
 _NO_SCALE = "a clutch or a border of the controller `scaled` moves the environment along the hand"
-_NO_SURFACE = "the environment describes no surface, and reported no contact"
+_NO_SURFACE = "the environment describes no surface, and its method `contact` reported no contact"
 
 
 class Needs(NamedTuple):
