@@ -27,10 +27,9 @@ from forcebound.haptics.devices.kinematics import tip_force
 from forcebound.haptics.laws import Dissipation, ForceBounder
 from forcebound.haptics.laws.bounder import shorten
 from forcebound.haptics.laws.hold_limit import FIXED, HoldLimit
+from forcebound.haptics.laws.ledger import SETTLED
 from forcebound.messages.control import BounderReport
 from forcebound.messages.packets import Vector
-
-SETTLED = 20.0  # time constants of the amplifier, after which the rest of a force is gone: 2e-9
 
 
 class Written(NamedTuple):
@@ -180,7 +179,7 @@ class BoundedDevice:
             if credit:
                 bounder.credit(credit)
             asked_for = self._saturated(asked, engagement)
-            bounded = bounder.bound(read_ns, reading, asked_for)
+            bounded = bounder.bound(read_ns, reading, asked_for, jitter_ns or 0)
             if offer is not None:
                 given = bounder.debit(offer(bounder.spare(asked_for)))
                 bounded = shorten(bounded, math.hypot(*bounded), bounder.limit)
@@ -192,7 +191,6 @@ class BoundedDevice:
         write_ns += self._ahead_ns
         bounder.settle(applied, write_ns)
         self._note_times(read_ns, write_ns)
-        self._note_force(applied, read_ns, write_ns)
         tip, limit, joints, torques = applied, bounder.limit, None, None
         if kinematics is not None:
             joints, torques = reading, applied
@@ -200,6 +198,7 @@ class BoundedDevice:
             limit *= math.hypot(*commanded) / (math.hypot(*asked) or math.inf)
         ahead_ns = None if jitter_ns is None else self._ahead_ns
         read_ns, write_ns = read_ns - self._ahead_ns, write_ns - self._ahead_ns
+        self._note_force(applied, read_ns, write_ns)
         return Written(
             position, tip, limit, read_ns, write_ns, joints, torques, cut, ahead_ns, given
         )
