@@ -247,8 +247,8 @@ class ForceBounder:
         for k, time in enumerate(times):
             if time > latest - HALF_NS:
                 times[k] += jitter
-            elif time > latest - jitter + HALF_NS:
-                is_clear = False
+            elif time > latest - jitter + HALF_NS:  # a cut matters if the force is not replaced
+                is_clear = is_clear and k == 0 and ledger.write_delay == 0.0
         ledger.until_cut = times[0]
         for k in range(ledger.waiting):
             ledger.until_write[k] = times[k + 1]
