@@ -36,7 +36,9 @@ def send(ledger: Ledger, delay: float, limit: float, budget: float) -> None:
     while ledger.waiting > 0 and ledger.until_write[ledger.waiting - 1] >= delay:
         ledger.waiting -= 1
     place = ledger.waiting
-    if place == PLACES:  # then this force is zero, as the one before it is
+    if place == PLACES:  # then this force is zero, as the one before it is: that one lasts longer
+        longer = delay - ledger.until_write[place - 1] + limit
+        ledger.waiting_limit[place - 1] = max(ledger.waiting_limit[place - 1], longer)
         return
     for k in range(ledger.axes):
         ledger.axis[k].waiting[place] = ledger.axis[k].trial
@@ -55,11 +57,14 @@ def _run_motors(ledger: Ledger, piece: float) -> None:
         run(ledger.axis[k].motor, piece, ledger.lag)
     ledger.age += piece
     ledger.since += piece
+    ledger.quiet += piece
     ledger.until_cut -= piece
     if ledger.watchdog == NONE and ledger.age > ledger.held_limit and not ledger.is_dropped:
-        ledger.largest_leak = max(ledger.largest_leak, ledger.given - max(ledger.budget, 0.0))
+        # What is left of the force when it ends decays, as if it lasted half the lag longer.
+        given = ledger.given + acting_cost(ledger, 0.5 * ledger.lag, 1.0 + ledger.gain)
+        ledger.largest_leak = max(ledger.largest_leak, given - max(ledger.budget, 0.0))
     if may_be_dropped(ledger):
-        ledger.is_unsure = True
+        ledger.is_unsure, ledger.quiet = True, 0.0
         cost += dropped_cost(ledger, piece)
     ledger.spent += cost
 
