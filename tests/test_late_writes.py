@@ -250,6 +250,25 @@ def test_a_force_on_its_way_acts_no_earlier_because_a_reading_may_be_late(delay_
     assert hand.lowest >= -ENERGY_TOLERANCE
 
 
+@pytest.mark.parametrize("lag", [1e-3, 3e-3])
+def test_a_lagging_motor_settles_no_more_because_a_reading_may_be_late(lag: float) -> None:
+    """The hand goes with the force while it rises, against it while it falls."""
+    hand = Hand(lag)
+    device = Jittering(hand, 0)
+    stated = described(hold_limit=20e-3, lag=lag, watchdog="none", watchdog_limit=20e-3)
+    node = BoundedDevice(device, "certified", stated, learns=False)
+    node.begin()
+    pushed = 0.0
+    for k in range(300):
+        is_on = k >= 4 and k // 10 % 2 == 0
+        before = hand.energy
+        written = node.write(k * MS, (3.0 if is_on else 0.0,), 1.0)
+        pushed = max(pushed, written.applied[0])
+        assert node.bounder.estimated_energy <= before + ENERGY_TOLERANCE or k == 0
+        device.go((k + 1) * MS, 0.6 if k < 4 else 1.0 if is_on else -1.0)
+    assert pushed > 1.0
+
+
 @pytest.mark.parametrize("law", CERTIFIED)
 @pytest.mark.parametrize("watchdog", ["silent", "reporting"])  # whose reports are lost
 def test_after_a_cut_at_an_unknown_time_a_lagging_motor_is_not_taken_as_known(

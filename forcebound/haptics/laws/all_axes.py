@@ -41,7 +41,13 @@ from forcebound.haptics.laws.sample import (
     observe_axis,
     start_axis,
 )
-from forcebound.haptics.laws.timeline import advance, cost_before, drop, may_be_dropped, send
+from forcebound.haptics.laws.timeline import (
+    advance_to_reading,
+    cost_before,
+    drop,
+    may_be_dropped,
+    send,
+)
 from forcebound.haptics.laws.waveform import begin_interval, mean_force, penalty
 
 Ledgers: TypeAlias = Sequence[Ledger]  # an array of one
@@ -90,7 +96,7 @@ def _limit(law: BoundingLaw) -> Limit:
     ) -> tuple[float, float, int]:
         ledger = ledgers[0]
         device = ledger.constants
-        advance(ledger, duration)
+        advance_to_reading(ledger, duration)
         if limits_holds and closing != REFUSED:
             closing = closing_of(ledger, closing)
         largest, added_damping = math.inf if limits_holds else 0.0, 0.0
@@ -187,8 +193,8 @@ def begin(ledger: Ledger) -> None:
     ledger.held_limit, ledger.until_cut = ledger.planned_limit, math.inf
     ledger.waiting = ledger.crowded = 0
     ledger.is_unsure = ledger.was_unsure = False
-    ledger.quiet = 0.0
-    ledger.is_dropped = True
+    ledger.quiet = ledger.inserted = 0.0
+    ledger.is_dropped, ledger.is_waiting = True, False
 
 
 def closing_of(ledger: Ledger, closing: int) -> int:
@@ -225,8 +231,11 @@ def observe_axes(ledger: Ledger, dt: float, is_unsure: bool) -> tuple[Motion, fl
             capability += force * force * dt / (4.0 * one.damping)
             work += force * move
             uncertain += ledger.gain * abs(force * move)
-        price += one.half_resolution * change
-        axis.work += mean * move - one.half_resolution * change
+        dear = one.half_resolution * change
+        if motor.unknown > 0.0:
+            dear += motor.unknown / dt * (abs(move) + 2.0 * one.half_resolution)
+        price += dear
+        axis.work += mean * move - dear
         after, motion = observe_axis(before, ledger.memory, reading, mean, motion, one)
         store_axis(before, after)
         begin_interval(motor)

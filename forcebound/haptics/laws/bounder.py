@@ -122,6 +122,7 @@ class ForceBounder:
         self._taken_ns = self._now_ns = self._written_ns = time_ns
         self._position = position
         self._candidate: tuple[int, Vector] | None = None
+        self._inserted_ns = 0  # before the reading, which may be earlier by so much
         self._held_limit_ns = self._limit_ns
         self._cut_ns = time_ns - 1_000_000_000  # none yet
         self._set_reading(*position)
@@ -154,6 +155,7 @@ class ForceBounder:
         if not magnitude < math.inf:
             raise ValueError(f"commanded forces must be finite, got {commanded} N")
         before = self._position
+        self._insert(jitter_ns)
         is_clear = jitter_ns == 0 or self._postpone(read_ns, jitter_ns)
         limit, damping, dt = self._sample(read_ns, position, magnitude, is_clear=is_clear)
         force = commanded
@@ -231,9 +233,14 @@ class ForceBounder:
             self._ledger.is_unsure, self._ledger.quiet = True, 0.0
             return
         self._cut_ns = time_ns
+        self._insert(0)
         self._sample(time_ns, position, 0.0, is_cut=True)
         self._cut(self._ledgers)
         self._ledger.is_unsure = self._ledger.was_unsure  # whatever its age was at the report
+
+    def _insert(self, jitter_ns: int) -> None:
+        if jitter_ns != self._inserted_ns:
+            self._inserted_ns, self._ledger.inserted = jitter_ns, jitter_ns / 1e9
 
     def _postpone(self, read_ns: int, jitter_ns: int) -> bool:
         """Let what happens after a reading wait for the time that was inserted before the reading.

@@ -61,6 +61,8 @@ class Ledger:
     held_price: float  # J, of the last reading that was taken in
     spent: float  # J, the most that the force since that reading can have given
     since: float  # s, since that reading
+    inserted: float  # s before this reading that the true interval need not have
+    is_waiting: bool  # in that time
     memory: Memory
     # The force that acts.
     age: float  # s

@@ -8,7 +8,7 @@ import math
 from forcebound.haptics.laws.hold_cost import hold_cost, rigid_cost
 from forcebound.haptics.laws.ledger import GUARDING, NONE, PLACES, SILENT, Ledger
 from forcebound.haptics.laws.sample import AxisConstants
-from forcebound.haptics.laws.waveform import retarget, run
+from forcebound.haptics.laws.waveform import retarget, run, wait
 
 
 def advance(ledger: Ledger, duration: float) -> None:
@@ -26,6 +26,16 @@ def advance(ledger: Ledger, duration: float) -> None:
             take_effect(ledger)
         if ledger.until_cut <= 0.0 and left > 0.0:
             drop(ledger)
+
+
+def advance_to_reading(ledger: Ledger, duration: float) -> None:
+    """Let ``duration`` pass, in s, of which the true interval need not have what was inserted."""
+    inserted = min(ledger.inserted, duration) if ledger.lag > 0.0 else 0.0
+    advance(ledger, duration - inserted)
+    if inserted > 0.0:
+        ledger.is_waiting = True
+        advance(ledger, inserted)
+        ledger.is_waiting = False
 
 
 def send(ledger: Ledger, delay: float, limit: float, budget: float) -> None:
@@ -54,7 +64,10 @@ def _run_motors(ledger: Ledger, piece: float) -> None:
     cost = acting_cost(ledger, piece, 1.0 + ledger.gain)
     ledger.given += cost
     for k in range(ledger.axes):
-        run(ledger.axis[k].motor, piece, ledger.lag)
+        if ledger.is_waiting:
+            wait(ledger.axis[k].motor, piece, ledger.lag)
+        else:
+            run(ledger.axis[k].motor, piece, ledger.lag)
     ledger.age += piece
     ledger.since += piece
     ledger.quiet += piece
