@@ -1,18 +1,20 @@
 """The bounder: a law, its memory and the vectors, as the device node calls it at each sample."""
 
 import math
+from collections.abc import Callable, Sequence
 from functools import partial
 from struct import Struct
 from typing import Any, TypeAlias
 
 from forcebound.compiled import jit, new_records
-from forcebound.errors import ConfigError
+from forcebound.errors import ConfigError, DeviceError
 from forcebound.haptics.laws.all_axes import REFUSED, RESTART, TAKEN, compiled, cut
 from forcebound.haptics.laws.constants import acts_along_path, axis_constants, energy_cap
 from forcebound.haptics.laws.dissipation import WATCHDOGS, Dissipation
 from forcebound.haptics.laws.exchange import compiled_exchange
 from forcebound.haptics.laws.law import LAWS, BoundingLaw, check_law
 from forcebound.haptics.laws.ledger import Ledger
+from forcebound.haptics.parts.user_module import describe_user_error
 from forcebound.messages.packets import MAX_AXES
 
 Vector: TypeAlias = tuple[float, ...]
@@ -44,6 +46,7 @@ class ForceBounder:
 
     Raises:
         ConfigError: If the law is not known, or the description does not fit this number of axes.
+        DeviceError: Here and in the methods, if the code of a law of the user's own fails.
     """
 
     def __init__(
@@ -52,7 +55,10 @@ class ForceBounder:
         check_law(law)
         if not 1 <= axes <= MAX_AXES:
             raise ConfigError(f"axes must be 1 to {MAX_AXES}, got {axes}")
-        self._start_law, self._limit_force, self._settle_force = compiled(LAWS[law])
+        functions: Sequence[Any] = compiled(LAWS[law])
+        if not LAWS.is_shipped(law):
+            functions = [partial(_call, law, one) for one in functions]
+        self._start_law, self._limit_force, self._settle_force = functions
         if exchanges:
             self._spare, self._debit = compiled_exchange(LAWS[law])
         self._cut = jit(cut)
@@ -314,6 +320,14 @@ class ForceBounder:
         way = math.dist(before[1], position)
         dt = (read_ns - before[0]) / 1e9
         return way <= self._dissipation.largest_speed * dt + self._slack
+
+
+def _call(law: str, function: Callable[..., Any], *arguments: Any) -> Any:
+    """Call a function of a law of the user's own, which may raise anything."""
+    try:
+        return function(*arguments)
+    except Exception as error:
+        raise DeviceError(f"law {law} failed: {describe_user_error(error)}") from error
 
 
 def shorten(force: Vector, magnitude: float, limit: float) -> Vector:
