@@ -170,12 +170,13 @@ def test_a_session_leads_to_its_end_with_each_trial_once(led: Led) -> None:
 
 def test_an_answer_to_another_step_and_what_is_no_answer_do_not_count(led: Led) -> None:
     led.until("question")
-    for choice in (0, 3, "1", None):
-        led.choose(choice)
-    led.choose(2, step=led.live.shown["step"] - 1)
-    led.live.inbox.put({"do": "point", "place": 0.004})
-    led.live.inbox.put({"do": "nothing", "we": "know"})
-    until(lambda: led.graph.places == [0.004], "the pointer")
+    shown = led.live.shown["step"]
+    others = [(2, step) for step in ("", None, before[0])]
+    for place, (choice, step) in enumerate([(0, shown), (3, shown), ("1", shown), (None, shown), *others]):
+        led.choose(choice, step=step)
+        led.live.inbox.put({"do": "point", "place": place})
+        led.live.inbox.put({"do": "nothing", "we": "know"})
+        until(lambda place=place: led.graph.places[-1:] == [place], "the pointer")
     assert led.kind == "question"
     assert rows_in(led.folder) == []
     led.choose(2)

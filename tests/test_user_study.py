@@ -311,11 +311,14 @@ def test_data_of_another_study_or_kind_are_kept_apart(tmp_path: Path) -> None:
     before = (data / "p1/trials.csv").read_bytes()
     with pytest.raises(ConfigError, match="another version"):
         Session(study_of(SHORT.replace("white", "pink"), tmp_path), data, "p1")
-    with pytest.raises(ConfigError, match="another kind"):
-        Session(study, data, "p1", "rehearsal")
-    Observer(1).session(study, data, "s1").__exit__()
+    with pytest.raises(ConfigError, match="another version"):
+        Session(study_of(SHORT.replace("white", "pink"), tmp_path), data, "p2")
+    for name in ("p1", "p2"):
+        with pytest.raises(ConfigError, match="another kind"):
+            Session(study, data, name, "rehearsal")
+    Observer(1).session(study, tmp_path / "simulated", "s1").__exit__()
     with pytest.raises(ConfigError, match="another observer"):
-        Observer(1, weber=0.5).session(study, data, "s1")
+        Observer(1, weber=0.5).session(study, tmp_path / "simulated", "s1")
     assert (data / "p1/trials.csv").read_bytes() == before
     Session(study, data, "p1").__exit__()  # a refused session has left no lock
 
@@ -396,9 +399,19 @@ def test_trial_events_go_to_the_graph_and_out_as_markers(tmp_path: Path) -> None
     assert '"event": "trial_begins"' in pushed[1]
 
 
-def test_without_pylsl_there_are_no_markers_of_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_markers_without_pylsl_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pylsl", None)
-    assert find_lsl() is None
+    with pytest.raises(ConfigError, match="pylsl"):
+        find_lsl("machine")
+
+
+def test_markers_are_found_on_this_machine_alone_unless_asked(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    contents: list[str] = []
+    monkeypatch.setitem(sys.modules, "pylsl", SimpleNamespace(set_config_content=contents.append))
+    find_lsl("machine")
+    assert "ResolveScope = machine" in contents[0]
 
 
 # Measures and simulated observers

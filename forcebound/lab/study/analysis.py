@@ -3,7 +3,7 @@
 It needs scipy, statsmodels and psignifit, the extra ``study``.
 """
 
-import json
+import hashlib
 import math
 import warnings
 from collections.abc import Sequence
@@ -16,12 +16,13 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 
 from forcebound.errors import ConfigError
-from forcebound.files import MAX_TABLE, read_bytes, reason
+from forcebound.files import read_text
+from forcebound.graph.document import MAX_BYTES
 from forcebound.graph.problems import Problems
 from forcebound.lab.engine import Row
-from forcebound.lab.study.order import staircase
+from forcebound.lab.study.data import ABOUT, STUDY, TRIALS, read_participant, read_trials
+from forcebound.lab.study.order import next_trial, staircase
 from forcebound.lab.study.plan import Staircase, StudyFile, read_study
-from forcebound.lab.study.session import ABOUT, TRIALS, read_rows
 from forcebound.lab.views import groups
 from forcebound.units import split_quantity
 
@@ -35,8 +36,9 @@ class Data:
 
     study: StudyFile
     name: str
-    kind: str  # person, rehearsal, simulated; several are listed
+    kind: str  # person, rehearsal, simulated
     rows: list[Row]  # with the participant's identifier
+    unfinished: Sequence[str] = ()  # participants with trials left
 
     @cached_property
     def groups(self) -> dict[Group, list[Row]]:
@@ -59,25 +61,42 @@ class Shares(NamedTuple):
 
 
 def load_data(folder: Path) -> Data:
-    """Return the data in a study's folder; ConfigError if there are none, or of several studies."""
-    rows, abouts = list[Row](), list[dict[str, Any]]()
-    for file in sorted(folder.glob(f"*/{ABOUT}")):
+    """Return the data in a study's folder.
+
+    Raises:
+        ConfigError: With the first problem of each participant; or if there are no data, or of
+            several studies or kinds.
+    """
+    rows, abouts, problems, unfinished = list[Row](), list[Row](), list[str](), list[str]()
+    files: dict[str, tuple[StudyFile, str]] = {}  # study and its settings, by the text
+    for own in sorted({one.parent for name in (ABOUT, TRIALS) for one in folder.glob(f"*/{name}")}):
         try:
-            about = json.loads(read_bytes(file, MAX_TABLE))
-            text = read_bytes(file.parent / TRIALS, MAX_TABLE).decode()
-        except (OSError, ValueError) as error:
-            raise ConfigError(f"cannot read the data in {file.parent}: {reason(error)}") from error
-        answered = read_rows(text[: text.rfind("\n") + 1], file.parent / TRIALS)
-        own = {"participant": file.parent.name}
-        rows += [{**row, **own} for row in answered if row["phase"] == "main"]
-        abouts.append(about)
+            about, text = read_participant(own), read_text(own / STUDY, "the study file", MAX_BYTES)
+            if text not in files:
+                study, root, _ = read_study(own / STUDY, Problems())
+                files[text] = study, hashlib.sha256(repr(root.plain).encode()).hexdigest()
+            study, settings = files[text]
+            answered, _ = read_trials(study, own, about)
+        except ConfigError as error:
+            problems.append(str(error))
+            continue
+        rows += [{**row, "participant": own.name} for row in answered if row["phase"] == "main"]
+        abouts.append({**vars(about), STUDY: settings})
+        unfinished += [own.name] if next_trial(study, about.number, answered) else []
+    for key in ("study", "digest", "kind", STUDY):
+        owners = {
+            value: [one["participant"] for one in of]
+            for (value,), of in groups(abouts, key).items()
+        }
+        if len(owners) > 1:
+            got = "; ".join(f"{value[:12]!r} of {', '.join(of)}" for value, of in owners.items())
+            problems.append(f"{folder}: {key}: expected the same of all participants, got {got}")
+    if problems:
+        words = f"mend this, or move those participants out of {folder} to analyse the others"
+        raise ConfigError("\n".join([*problems, words]))
     if not rows:
         raise ConfigError(f"{folder} has no answered trials of a study")
-    if len({about["digest"] for about in abouts}) > 1:
-        raise ConfigError(f"{folder} has participants of several studies, or of a changed file")
-    study = read_study(folder / rows[0]["participant"] / "study.yaml", Problems())[0]
-    kinds = ", ".join(sorted({about["kind"] for about in abouts}))
-    return Data(study, abouts[0]["study"], kinds, rows)
+    return Data(study, abouts[0]["study"], abouts[0]["kind"], rows, unfinished)
 
 
 def by_participant(rows: Sequence[Row]) -> dict[str, list[Row]]:
@@ -239,6 +258,7 @@ def checks(data: Data) -> dict[str, str]:
         "answer *first*": f"{firsts} of {len(data.rows)} trials (exact binomial p = {p:.3g})",
         "counted stimulus first": f"{leading} of {len(data.rows)} trials",
         "participants by first block": counts,
+        "participants with trials left": ", ".join(data.unfinished) or "none",
         "touches repeated for their speed": f"{again}, besides {2 * len(data.rows)} that count",
     }
     for (block,), rows in groups(data.rows, "block").items():
