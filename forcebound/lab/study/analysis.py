@@ -90,7 +90,8 @@ def load_data(folder: Path) -> Data:
         }
         if len(owners) > 1:
             got = "; ".join(f"{value[:12]!r} of {', '.join(of)}" for value, of in owners.items())
-            problems.append(f"{folder}: {key}: expected the same of all participants, got {got}")
+            file = folder / "*" / (STUDY if key == STUDY else ABOUT)
+            problems.append(f"{file}: {key}: expected the same of all participants, got {got}")
     if problems:
         words = f"mend this, or move those participants out of {folder} to analyse the others"
         raise ConfigError("\n".join([*problems, words]))
