@@ -7,6 +7,7 @@ import csv
 import io
 import json
 import shutil
+import subprocess
 from collections.abc import Callable
 from pathlib import Path
 from random import Random
@@ -25,7 +26,24 @@ from forcebound.lab.study.session import Session
 
 Result = TypeVar("Result")
 PEOPLE = ("p1", "p2", "p3")
-VALUES = [None, True, -1, 0, 1, 2, 1.5, 10**30, float("nan"), "", "x", "1", "\ud800", [], {}, [1]]
+VALUES: list[Any] = [
+    None,
+    True,
+    -1,
+    0,
+    1,
+    2,
+    1.5,
+    10**30,
+    float("nan"),
+    "",
+    "x",
+    "1",
+    "\ud800",
+    [],
+    {},
+    [1],
+]
 CELLS = ["", "x", "0", "3", "-1", "1.5", "1e3", "nan", "inf", "1e999", "0x1", "01", "+1", " 1"]
 CELLS += [
     "true",
@@ -300,6 +318,14 @@ def test_a_start_that_is_refused_uses_up_no_number(
             Session(made[0], tmp_path / "data", "p1")
     with Session(made[0], tmp_path / "data", "p2") as session:
         assert session.number == 0
+
+
+def test_git_does_not_take_the_data_of_people(made: tuple[Study, Path], tmp_path: Path) -> None:
+    subprocess.run(["git", "init", "-q", tmp_path], check=True)
+    shutil.copytree(made[1], tmp_path / "data")
+    status = ["git", "-C", str(tmp_path), "status", "--porcelain", "--untracked-files=all"]
+    (tmp_path / "seen").touch()
+    assert subprocess.run(status, capture_output=True, text=True, check=True).stdout == "?? seen\n"
 
 
 def test_lock_is_an_identifier_as_any_other(made: tuple[Study, Path], tmp_path: Path) -> None:

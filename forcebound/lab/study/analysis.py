@@ -1,6 +1,6 @@
 """Analysis of a study's data: percentages, tests, psychometric functions, checks.
 
-It needs scipy, statsmodels and psignifit, the extra ``study``.
+It needs scipy and statsmodels, the extra ``study``.
 """
 
 import hashlib
@@ -23,6 +23,7 @@ from forcebound.lab.engine import Row
 from forcebound.lab.study.data import ABOUT, STUDY, TRIALS, read_participant, read_trials
 from forcebound.lab.study.order import next_trial, staircase
 from forcebound.lab.study.plan import Staircase, StudyFile, read_study
+from forcebound.lab.study.psychometric import Fit, fit
 from forcebound.lab.views import groups
 from forcebound.units import split_quantity
 
@@ -161,27 +162,13 @@ def mixed_model(data: Data) -> list[tuple[str, float, float]]:
     return list(zip(names, fit.fe_mean.tolist(), fit.fe_sd.tolist(), strict=True))
 
 
-class Fit(NamedTuple):
-    """Psychometric function of a condition in a block: cumulative normal with lapses."""
-
-    levels: list[float]  # in the unit of the standard, which they are for a staircase less
-    chosen: list[int]
-    trials: list[int]
-    threshold: float  # 50 % of constant stimuli; 75 % of a staircase
-    interval: tuple[float, float]  # 95 %, credible
-    sigma: float  # standard deviation of the normal
-    lapse: float
-
-
 def psychometric(study: StudyFile, rows: Sequence[Row]) -> Fit:
-    """Fit a psychometric function to the answers at all levels, by psignifit.
+    """Fit a psychometric function to the answers at all levels.
 
     Constant stimuli: the share in which the level was chosen, from 0 to 1, whose middle is the
     level that feels as the standard. A staircase has levels above the standard only: the share of
     right answers over the difference, from one half to 1.
     """
-    from psignifit import psignifit
-
     is_climbed = isinstance(study.method, Staircase)
     standard = split_quantity(getattr(study.method, "standard", "0"))[0] if is_climbed else 0.0
     counts: dict[float, list[int]] = {}
@@ -191,18 +178,7 @@ def psychometric(study: StudyFile, rows: Sequence[Row]) -> Fit:
         )
     levels = sorted(counts)
     chosen, trials = [sum(counts[x]) for x in levels], [len(counts[x]) for x in levels]
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of few levels or trials: the interval says it
-        found = psignifit(
-            np.column_stack([levels, chosen, trials]),
-            experiment_type="2AFC" if is_climbed else "equal asymptote",
-            sigmoid="norm",
-        )
-    best = found.parameter_estimate
-    low, high = found.confidence_intervals["threshold"]["0.95"]
-    # psignifit's width is from 5 to 95 % of the normal.
-    sigma = best["width"] / (NormalDist().inv_cdf(0.95) - NormalDist().inv_cdf(0.05))
-    return Fit(levels, chosen, trials, best["threshold"], (low, high), sigma, best["lambda"])
+    return fit(levels, chosen, trials, 0.5 if is_climbed else None)
 
 
 def reversal_thresholds(study: StudyFile, rows: Sequence[Row]) -> dict[str, float]:
@@ -241,8 +217,9 @@ def expected_share(rows: Sequence[Row], weber: float, lapse: float) -> float:
         first, second = float(row["stiffness_1"]), float(row["stiffness_2"])
         spread = weber * math.sqrt(0.5 * (first**2 + second**2))
         size = first - second if row["counted_interval"] == "1" else second - first
-        found.append(0.5 * lapse + (1.0 - lapse) * NormalDist().cdf(size / spread))
-    return fmean(found)
+        felt = NormalDist().cdf(size / spread) if spread else 0.5  # no force in either
+        found.append(0.5 * lapse + (1.0 - lapse) * felt)
+    return fmean(found) if found else math.nan
 
 
 def checks(data: Data) -> dict[str, str]:

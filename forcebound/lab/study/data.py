@@ -174,7 +174,8 @@ def _row(
     for name in COLUMNS:
         if row[name] != expected.get(name, row[name]):
             words = f"{name}: expected {expected[name]!r}, got {row[name]!r}"
-            problems.add(f"{words}; was a row changed, doubled or removed?", tree[name].place)
+            hint = f"was a row changed, doubled or removed, or the number in {ABOUT}?"
+            problems.add(f"{words}; {hint}", tree[name].place)
             break
     return row
 

@@ -20,7 +20,9 @@ def find_lsl(scope: str) -> Any:
         # Warnings and errors, not how it starts.
         lsl.set_config_content(f"[log]\nlevel = -1\n[multicast]\nResolveScope = {scope}\n")
     except (ImportError, RuntimeError) as error:  # RuntimeError: without its library, or old
-        raise ConfigError(f"--lsl needs pylsl: pip install pylsl ({error})") from error
+        raise ConfigError(
+            f"--lsl needs pylsl: pip install 'forcebound[study]' ({error})"
+        ) from error
     return lsl
 
 

@@ -151,6 +151,8 @@ class Session:
             self.rows, size = read_trials(study, self.folder, about)
         self._check_room()
         about = self._opened(about)
+        if not (root / REGISTER).exists():
+            (root / ".gitignore").write_text("*\n")  # data of people
         self._end_rows(size)
         later = max(register.next_number, about.number + 1)
         write_json(root / REGISTER, asdict(replace(register, next_number=later)))
