@@ -136,7 +136,7 @@ def _thresholds(data: Data, fits: dict[analysis.Group, Fit]) -> Iterator[str]:
     is_climbed = isinstance(data.study.method, Staircase)
     yield "## Thresholds"
     yield ""
-    yield f"In {_unit(data)}. {_MEANINGS[is_climbed]}"
+    yield f"In {_unit(data)}. {_MEANINGS[is_climbed]} *all* takes the trials as if of one person."
     yield ""
     rows = []
     for key, own in data.groups.items():
