@@ -249,8 +249,8 @@ def test_a_row_that_was_removed_is_named_with_what_was_expected_there(
     (folder / "p3" / ABOUT).write_text("{}")
     with pytest.raises(ConfigError) as caught:
         load_data(folder)
-    assert f"{file}:3:1: trial: expected '2', got '3'" in str(caught.value)
-    assert f"{folder / 'p3' / ABOUT}: the file needs 'number'" in str(caught.value)
+    assert f"{file}:3.trial: expected '2', got '3'" in str(caught.value)
+    assert f"{folder / 'p3' / ABOUT}:1: the file needs 'number'" in str(caught.value)
 
 
 @pytest.mark.parametrize(
@@ -269,10 +269,9 @@ def test_a_cell_is_named_with_what_was_expected_and_what_came(
         writer = csv.DictWriter(out, COLUMNS)
         writer.writeheader()
         writer.writerows(rows)
-    place = 1 + sum(len(rows[0][name]) + 1 for name in COLUMNS[: COLUMNS.index(column)])
     with pytest.raises(ConfigError) as caught:
         load_data(folder)
-    assert f"{file}:2:{place}: {column}: expected {expected}" in str(caught.value)
+    assert f"{file}:2.{column}: expected {expected}" in str(caught.value)
     assert f"got {value!r}" in str(caught.value)
 
 

@@ -172,12 +172,7 @@ async def _serve(
 
 
 def run_live_study(
-    plan: "Study",
-    participant: str,
-    folder: Path,
-    port: int = 0,
-    opens: bool = True,
-    lsl: str | None = None,
+    plan: "Study", participant: str, folder: Path, port: int, opens: bool, lsl: str | None
 ) -> None:
     """Run a study with a person on the live page, until it is finished, or stopped.
 

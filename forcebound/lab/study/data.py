@@ -9,18 +9,18 @@ import io
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import accumulate
+from itertools import zip_longest
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeAlias, TypeVar, cast
 
-from pydantic import AwareDatetime, FiniteFloat
+from pydantic import AllowInfNan, AwareDatetime
 
 from forcebound.errors import ConfigError
 from forcebound.files import MAX_TABLE, content_of, read_bytes, read_text, reason, text_of
 from forcebound.graph.fields import Field, fields_of
 from forcebound.graph.forms import Form
-from forcebound.graph.problems import Place, Problems
-from forcebound.graph.tree import Value, from_plain
+from forcebound.graph.problems import Problems, shortened
+from forcebound.graph.tree import from_plain
 from forcebound.lab.engine import Row
 from forcebound.lab.study.measures import Measures
 from forcebound.lab.study.order import next_trial
@@ -31,6 +31,7 @@ Kind: TypeAlias = Literal["person", "rehearsal", "simulated"]  # rehearsal: with
 _Document = TypeVar("_Document")
 _Number: TypeAlias = Annotated[int, Range(at_least=0, at_most=1_000_000)]
 _Count: TypeAlias = Annotated[int, Range(at_least=1, at_most=1_000_000)]
+_MEASURED: Any = Annotated[float | None, AllowInfNan(False)]
 
 TRIALS, ABOUT, STUDY = "trials.csv", "participant.json", "study.yaml"  # of a participant
 REGISTER = "study.json"  # of all of them
@@ -38,7 +39,7 @@ _OF_TOUCH: dict[str, Any] = {
     **dict.fromkeys(("condition", "level", "law"), str),
     "seed": int | None,
     "touches": _Count,
-    **dict.fromkeys(Measures.__dataclass_fields__, FiniteFloat | None),
+    **dict.fromkeys(Measures.__dataclass_fields__, _MEASURED),
 }
 _HINTS: dict[str, Any] = {
     "trial": _Count,
@@ -46,7 +47,7 @@ _HINTS: dict[str, Any] = {
     **dict.fromkeys(("counted", "counted_level", "other", "other_level"), str),
     **dict.fromkeys(("counted_interval", "answer"), Literal[1, 2]),
     "chose_counted": Literal[0, 1],
-    "response_time": FiniteFloat | None,
+    "response_time": _MEASURED,
     **dict.fromkeys(("started", "answered"), AwareDatetime),
     **{f"{name}_{interval}": hint for interval in (1, 2) for name, hint in _OF_TOUCH.items()},
 }
@@ -82,7 +83,7 @@ def read_document(file: Path, kind: type[_Document]) -> _Document:
     """Return the content of a JSON file; ConfigError with its problems and their places."""
     text, problems = read_text(file, "the data in", MAX_TABLE), Problems()
     with content_of(file):
-        root = from_plain(json.loads(text), str(file))
+        root = from_plain(json.loads(text), f"{file}:1")  # it is written as one line
         values = Form("the file", fields_of(cast(Any, kind))).read(root, problems)
     problems.raise_if_any()
     return kind(**(values or {}))
@@ -122,67 +123,45 @@ def read_trials(study: StudyFile, folder: Path, about: Participant) -> tuple[lis
 
 
 def _read(study: StudyFile, file: Path, about: Participant, data: bytes) -> list[Row]:
-    text, rows, problems = text_of(file, data), list[Row](), Problems()
-    lines, reader = text.splitlines(), csv.reader(io.StringIO(text, newline=""), strict=True)
-    known: Sequence[str] = ()
+    rows, text = list[Row](), io.StringIO(text_of(file, data), newline="")
+    reader = csv.DictReader(text, restkey="more", strict=True)
     try:
-        for cells in reader:
-            number = reader.line_num
-            places = [
-                Place(str(file), number, 1 + start, lines[number - 1])
-                for start in accumulate((len(one) + 1 for one in cells), initial=0)
-            ]
-            if len(cells) != len(COLUMNS):
-                words = f"expected {len(COLUMNS)} columns, got {len(cells)}"
-                problems.add(words, places[0])
-            elif known:
-                rows.append(_row(study, about, rows, cells, places, problems))
-            else:
-                known = cells
-                for asked, got, place in zip(COLUMNS, cells, places, strict=False):
-                    if asked != got:
-                        problems.add(f"expected the column {asked!r}, got {got!r}", place)
-            problems.raise_if_any()
+        for name, got in zip_longest(COLUMNS, reader.fieldnames or COLUMNS):
+            if name != got:
+                raise ConfigError(
+                    f"{file}:1: expected the column {name!r}, got {shortened(str(got))!r}"
+                )
+        for row in reader:
+            _check(study, about, rows, row, f"{file}:{reader.line_num}")
+            rows.append(row)
     except csv.Error as error:
         raise ConfigError(f"{file}:{reader.line_num}: {error}") from None
     return rows
 
 
-def _row(
-    study: StudyFile,
-    about: Participant,
-    before: Sequence[Row],
-    cells: Sequence[str],
-    places: Sequence[Place],
-    problems: Problems,
-) -> Row:
-    """Return a row by column, with the first of its problems noted."""
-    row = dict(zip(COLUMNS, cells, strict=True))
-    named = zip(_HINTS.items(), cells, places, strict=False)
-    tree = {
-        name: Value(text if hint in _TEXTS else _number(text), place, text=text)
-        for (name, hint), text, place in named
-    }
-    if _ROW.read(Value(tree, places[0]), problems) is None:
-        return row
-    trial = next_trial(study, about.number, before)
+def _check(
+    study: StudyFile, about: Participant, before: Sequence[Row], row: Row, place: str
+) -> None:
+    """Refuse a row that is damaged, or not of the trial that comes after those before it."""
+    plain = {n: one if _HINTS.get(n) in _TEXTS else _number(one) for n, one in row.items()}
+    problems, trial = Problems(), next_trial(study, about.number, before)
+    _ROW.read(from_plain(plain, place), problems)
+    problems.raise_if_any()
     if trial is None:
-        problems.add("expected no more trials: all have been answered above", places[0])
-        return row
+        raise ConfigError(f"{place}: expected no more trials: all have been answered above")
     chose = str(int(row["answer"] == row["counted_interval"]))
     expected = trial.columns | {"kind": about.kind, "chose_counted": chose}
     for name in COLUMNS:
         if row[name] != expected.get(name, row[name]):
-            words = f"{name}: expected {expected[name]!r}, got {row[name]!r}"
-            hint = f"was a row changed, doubled or removed, or the number in {ABOUT}?"
-            problems.add(f"{words}; {hint}", tree[name].place)
-            break
-    return row
+            raise ConfigError(
+                f"{place}.{name}: expected {expected[name]!r}, got {shortened(row[name])!r}",
+                f"was a row changed, doubled or removed, or the number in {ABOUT}?",
+            )
 
 
-def _number(text: str) -> Any:
+def _number(text: Any) -> Any:
     """Return the number that a cell has, nothing if it is empty, or else its text."""
     try:
         return json.loads(text) if text else None
-    except ValueError:
+    except (ValueError, TypeError):  # TypeError: cells that are too many
         return text
