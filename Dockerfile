@@ -6,8 +6,10 @@
 #
 # The three options permit SCHED_FIFO and locked memory (docs/realtime.md); without them a live graph runs with ordinary
 # scheduling and says so. A board at a serial port: --device /dev/ttyACM0 --group-add dialout. The installation has been
-# tried in a virtual environment; the image itself has not been built yet.
-FROM python:3.12-slim
+# tried in a virtual environment; the image itself has not been built yet. The base is pinned to a version of Python and
+# of Debian, not to a digest, which its maintainers may move: for an image that others shall run, put the digest that
+# `docker buildx imagetools inspect` prints behind the tag (@sha256:...).
+FROM python:3.12.11-slim-bookworm
 WORKDIR /forcebound
 COPY . .
 RUN pip install --no-cache-dir --constraint constraints.txt '.[lab,mujoco,view]'

@@ -82,6 +82,11 @@ def read_text(path: Path, what: str, limit: int) -> str:
         data = read_bytes(path, limit)
     except OSError as error:
         raise ConfigError(f"cannot read {what} {path}: {reason(error)}") from error
+    return text_of(path, data)
+
+
+def text_of(path: Path, data: bytes) -> str:
+    """Return the text of the file's content; ConfigError with the line if it is not UTF-8."""
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:

@@ -22,7 +22,9 @@ from forcebound.interface.live import launch_unrecorded
 from forcebound.lab.study.observers import _approaching
 from forcebound.lab.study.plan import Block, Study
 from forcebound.lab.study.session import Session
-from forcebound.observe.live_study import Approach, LiveStudy
+from forcebound.observe.live_study import Approach, Inbox, LiveStudy
+from forcebound.observe.page.feed import request_of
+from forcebound.observe.page.pace import BURST, MOST_MESSAGES, Limit
 from forcebound.observe.page.study import StudyServer
 from forcebound.observe.study_graph import Sample, StudyGraph, mover_of, played, wall_at_hand
 from forcebound.run.results import results_of
@@ -124,7 +126,13 @@ class Led:
     def kind(self) -> str:
         return str(self.live.shown["kind"])
 
-    def choose(self, choice: object = 1, step: int | None = None) -> None:
+    def look(self) -> None:
+        """Wait until all that has been sent so far was taken."""
+        self.graph.places.clear()
+        self.live.inbox.put({"do": "point", "place": 0.004})
+        until(lambda: self.graph.places, "the pointer")
+
+    def choose(self, choice: object = 1, step: str | None = None) -> None:
         number = self.live.shown["step"] if step is None else step
         self.live.inbox.put({"do": "choose", "step": number, "choice": choice})
 
@@ -134,7 +142,7 @@ class Led:
 
     def until(self, *kinds: str) -> None:
         """Leave what comes before steps of some kinds, with first answers."""
-        chosen = -1
+        chosen = ""
 
         def is_there() -> bool:
             nonlocal chosen
@@ -170,18 +178,55 @@ def test_a_session_leads_to_its_end_with_each_trial_once(led: Led) -> None:
 
 def test_an_answer_to_another_step_and_what_is_no_answer_do_not_count(led: Led) -> None:
     led.until("question")
-    for choice in (0, 3, "1", None):
-        led.choose(choice)
-    led.choose(2, step=led.live.shown["step"] - 1)
-    led.live.inbox.put({"do": "point", "place": 0.004})
-    led.live.inbox.put({"do": "nothing", "we": "know"})
-    until(lambda: led.graph.places == [0.004], "the pointer")
+    *_, earlier, shown = (one["step"] for one in led.sent if one["type"] == "step")
+    assert shown == led.live.shown["step"]
+    for choice, step in ((0, shown), (3, shown), ("1", shown), (None, shown), (2, earlier)):
+        led.choose(choice, step=step)
+        led.live.inbox.put({"do": "nothing", "we": "know"})
+        led.look()
     assert led.kind == "question"
     assert rows_in(led.folder) == []
     led.choose(2)
     led.choose(2)  # a second press of the same key
     led.reach("feedback")
     assert [row["answer"] for row in rows_in(led.folder)] == ["2"]
+
+
+def test_no_step_can_be_answered_before_a_page_has_got_it(led: Led) -> None:
+    led.until("finished")
+    steps = [one["step"] for one in led.sent if one["type"] == "step"]
+    assert len(set(steps)) == len(steps)
+    assert steps != sorted(steps)  # none follows from the one before
+
+
+def test_a_flood_of_messages_leaves_one_of_each_kind_and_the_last_word() -> None:
+    inbox = Inbox()
+    for place in range(100_000):
+        inbox.put({"do": "point", "place": place})
+    inbox.put({"do": "away"})
+    inbox.put({"do": "ready"})
+    inbox.put({"do": "away"})
+    assert list(inbox.take(60.0)) == [
+        {"do": "point", "place": 99_999},
+        {"do": "ready"},
+        {"do": "away"},
+    ]
+    assert list(inbox.take(0.0)) == []
+
+
+def test_the_messages_of_a_flood_do_not_count_and_those_of_a_pointer_do() -> None:
+    for rate, permitted in ((100, 1000), (10_000, MOST_MESSAGES * (10.0 + BURST))):
+        limit = Limit()
+        count = sum(limit.permits(1000.0 + i / rate) for i in range(10 * rate))
+        assert count == pytest.approx(permitted, abs=2)
+
+
+@pytest.mark.parametrize("level", ["NaN", "1e999", '"\\ud800"', "Infinity"])
+def test_what_is_no_json_never_reaches_a_study(level: str) -> None:
+    assert request_of('{"do": "level", "level": 0.5}') == {"do": "level", "level": 0.5}
+    assert request_of(f'{{"do": "level", "level": {level}}}') is None
+    for text in ("[]", "1", '{"do": ["level"]}', "{}", "[" * 100_000, b"\xff"):
+        assert request_of(text) is None
 
 
 def test_a_button_of_the_handle_answers_once_it_is_pressed_again(led: Led) -> None:

@@ -22,17 +22,20 @@ from click.testing import CliRunner
 
 from forcebound.cli import main
 from forcebound.errors import ConfigError
+from forcebound.graph.loader import read_template
 from forcebound.graph.problems import Problems
 from forcebound.lab.paper.setup import USER_STUDY
 from forcebound.lab.study import analysis
 from forcebound.lab.study.analysis import Data
+from forcebound.lab.study.data import COLUMNS
 from forcebound.lab.study.markers import Markers, find_lsl
 from forcebound.lab.study.measures import Measures, measure
 from forcebound.lab.study.observers import Observer
 from forcebound.lab.study.order import blocks_of, next_trial, staircase, total
 from forcebound.lab.study.plan import SHIPPED, Staircase, Study, load_study, read_study
+from forcebound.lab.study.psychometric import fit
 from forcebound.lab.study.report import write_report
-from forcebound.lab.study.session import COLUMNS, Session
+from forcebound.lab.study.session import Session
 from forcebound.run.virtual import run_virtual
 
 IN_BAND = {"slow": 0.035, "fast": 0.2}  # m/s
@@ -124,6 +127,21 @@ def test_a_wrong_study_file_is_refused_at_its_place(
     with pytest.raises(ConfigError, match=re.escape(word)) as caught:
         study_of(TEXT.replace(old, new), tmp_path)
     assert f"own.yaml:{place}:" in str(caught.value)
+
+
+def test_a_launch_file_of_many_conditions_is_read_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    read: list[Path] = []
+
+    def counted(file: Path) -> Any:
+        read.append(file)
+        return read_template(file)
+
+    monkeypatch.setattr("forcebound.lab.study.plan.read_template", counted)
+    study = study_of(TEXT.replace("  viscous:", "  third: {}\n  viscous:"), tmp_path)
+    assert len(study.conditions) == 3
+    assert len(read) == 1
 
 
 def test_levels_have_the_unit_of_the_standard(tmp_path: Path) -> None:
@@ -311,11 +329,14 @@ def test_data_of_another_study_or_kind_are_kept_apart(tmp_path: Path) -> None:
     before = (data / "p1/trials.csv").read_bytes()
     with pytest.raises(ConfigError, match="another version"):
         Session(study_of(SHORT.replace("white", "pink"), tmp_path), data, "p1")
-    with pytest.raises(ConfigError, match="another kind"):
-        Session(study, data, "p1", "rehearsal")
-    Observer(1).session(study, data, "s1").__exit__()
+    with pytest.raises(ConfigError, match="another version"):
+        Session(study_of(SHORT.replace("white", "pink"), tmp_path), data, "p2")
+    for name in ("p1", "p2"):
+        with pytest.raises(ConfigError, match="another kind"):
+            Session(study, data, name, "rehearsal")
+    Observer(1).session(study, tmp_path / "simulated", "s1").__exit__()
     with pytest.raises(ConfigError, match="another observer"):
-        Observer(1, weber=0.5).session(study, data, "s1")
+        Observer(1, weber=0.5).session(study, tmp_path / "simulated", "s1")
     assert (data / "p1/trials.csv").read_bytes() == before
     Session(study, data, "p1").__exit__()  # a refused session has left no lock
 
@@ -396,9 +417,19 @@ def test_trial_events_go_to_the_graph_and_out_as_markers(tmp_path: Path) -> None
     assert '"event": "trial_begins"' in pushed[1]
 
 
-def test_without_pylsl_there_are_no_markers_of_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_markers_without_pylsl_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pylsl", None)
-    assert find_lsl() is None
+    with pytest.raises(ConfigError, match="pylsl"):
+        find_lsl("machine")
+
+
+def test_markers_are_found_on_this_machine_alone_unless_asked(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    contents: list[str] = []
+    monkeypatch.setitem(sys.modules, "pylsl", SimpleNamespace(set_config_content=contents.append))
+    find_lsl("machine")
+    assert "ResolveScope = machine" in contents[0]
 
 
 # Measures and simulated observers
@@ -561,10 +592,50 @@ def test_a_fit_recovers_a_known_psychometric_function(tmp_path: Path) -> None:
         rows += data_of(answers, level=f"{level} N/mm").rows
     (tmp_path / "own.yaml").write_text(with_method(CONSTANT))
     file = read_study(tmp_path / "own.yaml", Problems())[0]
-    fit = analysis.psychometric(file, rows)
-    assert fit.threshold == pytest.approx(1.05, abs=0.04)
-    assert fit.interval[0] < 1.05 < fit.interval[1]
-    assert fit.sigma == pytest.approx(0.2, abs=0.05)
+    found = analysis.psychometric(file, rows)
+    assert found.threshold == pytest.approx(1.05, abs=0.04)
+    assert found.interval[0] < 1.05 < found.interval[1]
+    assert found.sigma == pytest.approx(0.2, abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("levels", "chosen", "guess", "threshold", "interval", "sigma"),
+    [
+        (
+            [0.6, 0.75, 0.9, 1.05, 1.2, 1.35, 1.5],
+            [1, 4, 14, 29, 46, 57, 58],
+            *(None, 1.0517, (1.0085, 1.0862), 0.193),
+        ),
+        (
+            [0.1, 0.2, 0.3, 0.4, 0.6, 0.8, 1.0],
+            [36, 39, 42, 45, 51, 57, 58],
+            *(0.5, 0.3888, (0.2207, 0.4644), 0.346),
+        ),
+    ],
+)
+def test_a_fit_is_that_of_psignifit(
+    levels: list[float],
+    chosen: list[int],
+    guess: float | None,
+    threshold: float,
+    interval: tuple[float, float],
+    sigma: float,
+) -> None:
+    """The values are of psignifit 4.3; its prior of sigma differs, which a tenth of it covers."""
+    found = fit(levels, chosen, [60] * 7, guess)
+    assert found.threshold == pytest.approx(threshold, abs=0.1 * sigma)
+    assert found.interval == pytest.approx(interval, abs=0.1 * sigma)
+    assert found.sigma == pytest.approx(sigma, rel=0.1)
+
+
+def test_a_fit_of_few_answers_has_a_wide_interval() -> None:
+    for levels, chosen, trials in (
+        ([1.0], [3], [4]),
+        ([0.0], [0], [1]),
+        ([1.0, 2.0], [1, 1], [1, 1]),
+    ):
+        low, high = fit(levels, chosen, trials, 0.5).interval
+        assert high - low > 0.5 * (max(levels) - min(levels) or max(levels))
 
 
 def test_a_simulated_staircase_ends_and_its_threshold_is_found(tmp_path: Path) -> None:

@@ -12,8 +12,10 @@ from forcebound.cli.study import _number_option, workers_option
 from forcebound.errors import ConfigError
 
 if TYPE_CHECKING:
+    from forcebound.lab.study.data import Kind
     from forcebound.lab.study.plan import Study
-    from forcebound.lab.study.session import Kind, Session
+    from forcebound.lab.study.session import Session
+    from forcebound.observe.page.study import StudyServer
     from forcebound.observe.study_graph import StudyGraph
 
 SIMULATED = re.compile(r"simulated:([1-9][0-9]{0,2})")
@@ -104,6 +106,13 @@ def check(file: str) -> None:
     "--port", type=click.IntRange(0, 65535), default=0, help="Port of the page. Default: any free."
 )
 @click.option("--open/--no-open", "opens", default=True, help="Whether to open a browser.")
+@click.option(
+    "--lsl",
+    is_flag=False,
+    flag_value="machine",
+    type=click.Choice(["machine", "link", "site", "organization", "global"]),
+    help="Send markers to the Lab Streaming Layer; without a value, this machine alone finds them.",
+)
 def run(
     file: str,
     participant: str,
@@ -111,6 +120,7 @@ def run(
     workers: int | None,
     port: int,
     opens: bool,
+    lsl: str | None,
     **of_observer: Any,
 ) -> None:
     r"""Run a study; a participant who stopped goes on with the next trial.
@@ -127,7 +137,7 @@ def run(
     if simulated is None and participant.startswith("simulated"):
         raise ConfigError(f"expected simulated:N with N from 1 to 999, got {participant!r}")
     if simulated is None:
-        run_live_study(plan, participant, folder, port, opens)
+        run_live_study(plan, participant, folder, port, opens, lsl)
         return
     from forcebound.lab.study.observers import Observer, run_observers
 
@@ -136,23 +146,22 @@ def run(
     show(f"data: {folder}; then: `forcebound study analyse {folder}`")
 
 
-async def _serve(session: "Session", graph: "StudyGraph", port: int, opens: bool) -> None:
+async def _serve(
+    session: "Session", server: "StudyServer", graph: "StudyGraph", opens: bool
+) -> None:
     """Show a session on pages until it is finished, or stopped."""
     import asyncio
 
     from forcebound.cli.view import shown
     from forcebound.observe.live_study import LiveStudy
-    from forcebound.observe.page.study import StudyServer
 
-    server = StudyServer(port=port)
-    loop = asyncio.get_running_loop()
     server.live = LiveStudy(
         session,
         graph,
         lambda message: server.later(server.tell, message),
         lambda problem: show(f"forcebound: {problem}", err=True),
     )
-    running = loop.run_in_executor(None, server.live.run)
+    running = asyncio.get_running_loop().run_in_executor(None, server.live.run)
     with shown(server.access, None, opens):
         show(f"participant:   {session.folder.name} ({session.kind})")
         try:
@@ -160,16 +169,17 @@ async def _serve(session: "Session", graph: "StudyGraph", port: int, opens: bool
         finally:
             server.stop()
             await running
-            await server.close()
 
 
 def run_live_study(
-    plan: "Study", participant: str, folder: Path, port: int = 0, opens: bool = True
+    plan: "Study", participant: str, folder: Path, port: int, opens: bool, lsl: str | None
 ) -> None:
     """Run a study with a person on the live page, until it is finished, or stopped.
 
+    ``lsl`` is the scope of markers for the Lab Streaming Layer; None: there are none.
+
     Raises:
-        ConfigError: As :class:`Session`; if tornado is missing, or a wall moves.
+        ConfigError: As :class:`Session`; if tornado or pylsl is missing, or a wall moves.
     """
     import asyncio
 
@@ -179,18 +189,27 @@ def run_live_study(
     from forcebound.interface.live import launch_unrecorded
     from forcebound.lab.study.markers import Markers, find_lsl
     from forcebound.lab.study.session import Session
+    from forcebound.observe.page.study import StudyServer
     from forcebound.observe.study_graph import StudyGraph
 
     graph = StudyGraph(plan, launch_unrecorded)
     kind: Kind = "person" if graph.movers == {"person"} else "rehearsal"
-    marks = Markers(graph.publish, find_lsl())
-    with Session(plan, folder, participant, kind, marks) as session:
+    marks = Markers(graph.publish, None if lsl is None else find_lsl(lsl))
+
+    async def lead() -> None:
+        server = StudyServer(port=port)  # first: a port that is taken uses up no number
         try:
-            if session.step.kind != "finished":
-                asyncio.run(_serve(session, graph, port, opens))
+            with Session(plan, folder, participant, kind, marks) as session:
+                try:
+                    if session.step.kind != "finished":
+                        await _serve(session, server, graph, opens)
+                finally:
+                    done, every = session.progress
+                    show(f"{done} of {every or '?'} trials answered; data: {session.folder}")
         finally:
-            done, every = session.progress
-            show(f"{done} of {every or '?'} trials answered; data: {session.folder}")
+            await server.close()
+
+    asyncio.run(lead())
 
 
 @study.command(short_help="Analyse the data of a study.")

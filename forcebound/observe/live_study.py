@@ -4,11 +4,11 @@ It runs in a thread of its own, so that it can wait; pages put what they send in
 The pages keep nothing: what is shown now is :attr:`shown`, for each page that opens.
 """
 
+import secrets
 import time
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
-from queue import Empty, SimpleQueue
+from threading import Condition
 from typing import Any, Literal
 
 from forcebound.errors import ForceboundError
@@ -75,6 +75,28 @@ def colour_of(block: Block, speed: float) -> int:
     return 0 if speed < block.band[0] else 2
 
 
+class Inbox:
+    """What pages have sent: the newest message of each kind, so that a flood makes nobody wait."""
+
+    def __init__(self) -> None:
+        self._newest: dict[str, Message] = {}
+        self._changed = Condition()
+
+    def put(self, message: Message) -> None:
+        """Take a message; from any thread."""
+        with self._changed:
+            self._newest.pop(message["do"], None)  # it comes last
+            self._newest[message["do"]] = message
+            self._changed.notify()
+
+    def take(self, seconds: float) -> Collection[Message]:
+        """Return what has come, waiting at most so long for it."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._newest, seconds)
+            newest, self._newest = self._newest, {}
+        return newest.values()
+
+
 class LiveStudy:
     """Leads one participant through a session.
 
@@ -92,7 +114,7 @@ class LiveStudy:
         tell: Callable[[Message], None],
         note: Callable[[str], None],
     ) -> None:
-        self.inbox: SimpleQueue[Message] = SimpleQueue()
+        self.inbox = Inbox()
         self.shown: Message = {}
         self._session, self._graph, self._tell, self._note = session, graph, tell, note
         self._is_ready, self._hint = False, ""
@@ -226,21 +248,18 @@ class LiveStudy:
     def _take(self) -> list[Any]:
         """Take what pages send, waiting a moment for it; return choices for the present step."""
         chosen = []
-        with suppress(Empty):
-            message = self.inbox.get(timeout=LOOK)
-            while True:
-                match message:
-                    case {"do": "stop"}:
-                        raise StopError
-                    case {"do": "choose", "step": step, "choice": choice}:
-                        chosen += [choice] if step == self.shown["step"] else []
-                    case {"do": "level", "level": float() | int() as level}:
-                        self.shown["level"] = min(max(level, 0.0), 1.0)
-                    case {"do": "point", "place": place}:
-                        self._graph.point(place)
-                    case {"do": "ready" | "away" as do}:
-                        self._is_ready = do == "ready"
-                message = self.inbox.get_nowait()
+        for message in self.inbox.take(LOOK):
+            match message:
+                case {"do": "stop"}:
+                    raise StopError
+                case {"do": "choose", "step": step, "choice": choice}:
+                    chosen += [choice] if step == self.shown["step"] else []
+                case {"do": "level", "level": float() | int() as level}:
+                    self.shown["level"] = min(max(level, 0.0), 1.0)
+                case {"do": "point", "place": place}:
+                    self._graph.point(place)
+                case {"do": "ready" | "away" as do}:
+                    self._is_ready = do == "ready"
         return chosen
 
     def _show(
@@ -257,7 +276,8 @@ class LiveStudy:
         study, (done, every) = self._session.study, self._session.progress
         self.shown = {
             "type": "step",
-            "step": self.shown.get("step", 0) + 1,  # an answer to another one does not count
+            # An answer to another one does not count, and none can be sent before it is shown.
+            "step": secrets.token_hex(4),
             "kind": kind,
             "title": title,
             "text": text,

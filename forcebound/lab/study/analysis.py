@@ -1,9 +1,9 @@
 """Analysis of a study's data: percentages, tests, psychometric functions, checks.
 
-It needs scipy, statsmodels and psignifit, the extra ``study``.
+It needs scipy and statsmodels, the extra ``study``.
 """
 
-import json
+import hashlib
 import math
 import warnings
 from collections.abc import Sequence
@@ -16,12 +16,14 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 
 from forcebound.errors import ConfigError
-from forcebound.files import MAX_TABLE, read_bytes, reason
+from forcebound.files import read_text
+from forcebound.graph.document import MAX_BYTES
 from forcebound.graph.problems import Problems
 from forcebound.lab.engine import Row
-from forcebound.lab.study.order import staircase
+from forcebound.lab.study.data import ABOUT, STUDY, TRIALS, read_participant, read_trials
+from forcebound.lab.study.order import next_trial, staircase
 from forcebound.lab.study.plan import Staircase, StudyFile, read_study
-from forcebound.lab.study.session import ABOUT, TRIALS, read_rows
+from forcebound.lab.study.psychometric import Fit, fit
 from forcebound.lab.views import groups
 from forcebound.units import split_quantity
 
@@ -35,8 +37,9 @@ class Data:
 
     study: StudyFile
     name: str
-    kind: str  # person, rehearsal, simulated; several are listed
+    kind: str  # person, rehearsal, simulated
     rows: list[Row]  # with the participant's identifier
+    unfinished: Sequence[str] = ()  # participants with trials left
 
     @cached_property
     def groups(self) -> dict[Group, list[Row]]:
@@ -59,25 +62,43 @@ class Shares(NamedTuple):
 
 
 def load_data(folder: Path) -> Data:
-    """Return the data in a study's folder; ConfigError if there are none, or of several studies."""
-    rows, abouts = list[Row](), list[dict[str, Any]]()
-    for file in sorted(folder.glob(f"*/{ABOUT}")):
+    """Return the data in a study's folder.
+
+    Raises:
+        ConfigError: With the first problem of each participant; or if there are no data, or of
+            several studies or kinds.
+    """
+    rows, abouts, problems, unfinished = list[Row](), list[Row](), list[str](), list[str]()
+    files: dict[str, tuple[StudyFile, str]] = {}  # study and its settings, by the text
+    for own in sorted({one.parent for name in (ABOUT, TRIALS) for one in folder.glob(f"*/{name}")}):
         try:
-            about = json.loads(read_bytes(file, MAX_TABLE))
-            text = read_bytes(file.parent / TRIALS, MAX_TABLE).decode()
-        except (OSError, ValueError) as error:
-            raise ConfigError(f"cannot read the data in {file.parent}: {reason(error)}") from error
-        answered = read_rows(text[: text.rfind("\n") + 1], file.parent / TRIALS)
-        own = {"participant": file.parent.name}
-        rows += [{**row, **own} for row in answered if row["phase"] == "main"]
-        abouts.append(about)
+            about, text = read_participant(own), read_text(own / STUDY, "the study file", MAX_BYTES)
+            if text not in files:
+                study, root, _ = read_study(own / STUDY, Problems())
+                files[text] = study, hashlib.sha256(repr(root.plain).encode()).hexdigest()
+            study, settings = files[text]
+            answered, _ = read_trials(study, own, about)
+        except ConfigError as error:
+            problems.append(str(error))
+            continue
+        rows += [{**row, "participant": own.name} for row in answered if row["phase"] == "main"]
+        abouts.append({**vars(about), STUDY: settings})
+        unfinished += [own.name] if next_trial(study, about.number, answered) else []
+    for key in ("study", "digest", "kind", STUDY):
+        owners = {
+            value: [one["participant"] for one in of]
+            for (value,), of in groups(abouts, key).items()
+        }
+        if len(owners) > 1:
+            got = "; ".join(f"{value[:12]!r} of {', '.join(of)}" for value, of in owners.items())
+            file = folder / "*" / (STUDY if key == STUDY else ABOUT)
+            problems.append(f"{file}: {key}: expected the same of all participants, got {got}")
+    if problems:
+        words = f"mend this, or move those participants out of {folder} to analyse the others"
+        raise ConfigError("\n".join([*problems, words]))
     if not rows:
         raise ConfigError(f"{folder} has no answered trials of a study")
-    if len({about["digest"] for about in abouts}) > 1:
-        raise ConfigError(f"{folder} has participants of several studies, or of a changed file")
-    study = read_study(folder / rows[0]["participant"] / "study.yaml", Problems())[0]
-    kinds = ", ".join(sorted({about["kind"] for about in abouts}))
-    return Data(study, abouts[0]["study"], kinds, rows)
+    return Data(study, abouts[0]["study"], abouts[0]["kind"], rows, unfinished)
 
 
 def by_participant(rows: Sequence[Row]) -> dict[str, list[Row]]:
@@ -141,27 +162,13 @@ def mixed_model(data: Data) -> list[tuple[str, float, float]]:
     return list(zip(names, fit.fe_mean.tolist(), fit.fe_sd.tolist(), strict=True))
 
 
-class Fit(NamedTuple):
-    """Psychometric function of a condition in a block: cumulative normal with lapses."""
-
-    levels: list[float]  # in the unit of the standard, which they are for a staircase less
-    chosen: list[int]
-    trials: list[int]
-    threshold: float  # 50 % of constant stimuli; 75 % of a staircase
-    interval: tuple[float, float]  # 95 %, credible
-    sigma: float  # standard deviation of the normal
-    lapse: float
-
-
 def psychometric(study: StudyFile, rows: Sequence[Row]) -> Fit:
-    """Fit a psychometric function to the answers at all levels, by psignifit.
+    """Fit a psychometric function to the answers at all levels.
 
     Constant stimuli: the share in which the level was chosen, from 0 to 1, whose middle is the
     level that feels as the standard. A staircase has levels above the standard only: the share of
     right answers over the difference, from one half to 1.
     """
-    from psignifit import psignifit
-
     is_climbed = isinstance(study.method, Staircase)
     standard = split_quantity(getattr(study.method, "standard", "0"))[0] if is_climbed else 0.0
     counts: dict[float, list[int]] = {}
@@ -171,18 +178,7 @@ def psychometric(study: StudyFile, rows: Sequence[Row]) -> Fit:
         )
     levels = sorted(counts)
     chosen, trials = [sum(counts[x]) for x in levels], [len(counts[x]) for x in levels]
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of few levels or trials: the interval says it
-        found = psignifit(
-            np.column_stack([levels, chosen, trials]),
-            experiment_type="2AFC" if is_climbed else "equal asymptote",
-            sigmoid="norm",
-        )
-    best = found.parameter_estimate
-    low, high = found.confidence_intervals["threshold"]["0.95"]
-    # psignifit's width is from 5 to 95 % of the normal.
-    sigma = best["width"] / (NormalDist().inv_cdf(0.95) - NormalDist().inv_cdf(0.05))
-    return Fit(levels, chosen, trials, best["threshold"], (low, high), sigma, best["lambda"])
+    return fit(levels, chosen, trials, 0.5 if is_climbed else None)
 
 
 def reversal_thresholds(study: StudyFile, rows: Sequence[Row]) -> dict[str, float]:
@@ -221,8 +217,9 @@ def expected_share(rows: Sequence[Row], weber: float, lapse: float) -> float:
         first, second = float(row["stiffness_1"]), float(row["stiffness_2"])
         spread = weber * math.sqrt(0.5 * (first**2 + second**2))
         size = first - second if row["counted_interval"] == "1" else second - first
-        found.append(0.5 * lapse + (1.0 - lapse) * NormalDist().cdf(size / spread))
-    return fmean(found)
+        felt = NormalDist().cdf(size / spread) if spread else 0.5  # no force in either
+        found.append(0.5 * lapse + (1.0 - lapse) * felt)
+    return fmean(found) if found else math.nan
 
 
 def checks(data: Data) -> dict[str, str]:
@@ -239,6 +236,7 @@ def checks(data: Data) -> dict[str, str]:
         "answer *first*": f"{firsts} of {len(data.rows)} trials (exact binomial p = {p:.3g})",
         "counted stimulus first": f"{leading} of {len(data.rows)} trials",
         "participants by first block": counts,
+        "participants with trials left": ", ".join(data.unfinished) or "none",
         "touches repeated for their speed": f"{again}, besides {2 * len(data.rows)} that count",
     }
     for (block,), rows in groups(data.rows, "block").items():

@@ -1,21 +1,28 @@
-"""Trial events: on the graph's topic `event`, and as markers of LSL where pylsl is installed."""
+"""Trial events: on the graph's topic `event`, and as markers of LSL if asked for."""
 
 import json
 from collections.abc import Mapping
 from importlib import import_module
 from typing import Any
 
+from forcebound.errors import ConfigError
 from forcebound.lab.study.session import Mark
 from forcebound.messages.events import TrialEvent
 
 
-def find_lsl() -> Any:
-    """Return the module pylsl; None if it cannot be used (extra ``study``)."""
+def find_lsl(scope: str) -> Any:
+    """Return the module pylsl; its streams are found within ``scope``: ``machine``, ``link``.
+
+    ConfigError if it cannot be used.
+    """
     try:
         lsl = import_module("pylsl")
-        lsl.set_config_content("[log]\nlevel = -1")  # warnings and errors, not how it starts
-    except (ImportError, RuntimeError):  # RuntimeError: without its library, or with an old one
-        return None
+        # Warnings and errors, not how it starts.
+        lsl.set_config_content(f"[log]\nlevel = -1\n[multicast]\nResolveScope = {scope}\n")
+    except (ImportError, RuntimeError) as error:  # RuntimeError: without its library, or old
+        raise ConfigError(
+            f"--lsl needs pylsl: pip install 'forcebound[study]' ({error})"
+        ) from error
     return lsl
 
 

@@ -164,6 +164,8 @@ def run_observers(
         RunError: If a process ends before its work is done.
     """
     study = load_study(file)
+    for block in study.blocks:
+        _target_speed(study, block)  # a hand that is refused uses up no number
     names = [f"simulated-{number:02d}" for number in range(1, count + 1)]
     for name in names:  # in this order they get their numbers
         observer.session(study, folder, name).__exit__()

@@ -4,12 +4,13 @@ So nothing but the answers has to be kept: a session that goes on computes the s
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from functools import lru_cache
 from random import Random
 from typing import Literal, TypeAlias
 
 from forcebound.lab.engine import Row
-from forcebound.lab.study.plan import Staircase, Stimulus, Study, same_unit
+from forcebound.lab.study.plan import Staircase, Stimulus, StudyFile, same_unit
 from forcebound.units import split_quantity
 
 _Pair: TypeAlias = tuple[Stimulus, Stimulus]
@@ -33,8 +34,23 @@ class Trial:
         one, other = self.counted, self.other
         return (one, other) if self.counted_first else (other, one)
 
+    @property
+    def columns(self) -> Row:
+        """What a row of this trial has before its touches, by column."""
+        shown = enumerate(self.stimuli, start=1)
+        return {
+            "trial": str(self.number),
+            "block": self.block,
+            "phase": self.phase,
+            "counted": self.counted.condition,
+            "counted_level": self.counted.level,
+            "other": self.other.condition,
+            "other_level": self.other.level,
+            "counted_interval": "1" if self.counted_first else "2",
+        } | {f"{key}_{i}": text for i, one in shown for key, text in asdict(one).items()}
 
-def blocks_of(study: Study, number: int) -> list[str]:
+
+def blocks_of(study: StudyFile, number: int) -> list[str]:
     """Return the blocks of participant ``number`` (from 0) in their order.
 
     Counterbalanced: rows of a balanced Latin square, so that over as many participants as it has
@@ -51,16 +67,12 @@ def blocks_of(study: Study, number: int) -> list[str]:
     return row[::-1] if count % 2 and number // count % 2 else row
 
 
-def next_trial(study: Study, number: int, rows: Sequence[Row]) -> Trial | None:
+def next_trial(study: StudyFile, number: int, rows: Sequence[Row]) -> Trial | None:
     """Return the trial of participant ``number`` that follows the answered ones; None: no more."""
     for block in blocks_of(study, number):
         own = [row for row in rows if row["block"] == block]
-        random = Random(f"{study.order.seed}/{number}/{block}")
-        listed = _shuffled(study.pairs, study.training.repetitions, number, random)
-        drills = len(listed)
-        if not isinstance(study.method, Staircase):
-            listed += _shuffled(study.pairs, study.method.repetitions, number, random)
-        count, seed = len(own), random.randrange(2**31)
+        listed, drills, seed = _listed(study, number, block)
+        count = len(own)
         if count < len(listed):
             pair, is_first = listed[count]
         elif isinstance(study.method, Staircase):
@@ -75,12 +87,22 @@ def next_trial(study: Study, number: int, rows: Sequence[Row]) -> Trial | None:
     return None
 
 
-def total(study: Study) -> int | None:
+def total(study: StudyFile) -> int | None:
     """Return the number of a participant's trials, training included; None of staircases."""
     if isinstance(study.method, Staircase):
         return None
     repetitions = study.training.repetitions + study.method.repetitions
     return len(study.blocks) * len(study.pairs) * repetitions
+
+
+@lru_cache(maxsize=64)
+def _listed(study: StudyFile, number: int, block: str) -> tuple[list[tuple[_Pair, bool]], int, int]:
+    """Return the trials of a block that no answer decides, the number of drills, and a seed."""
+    random = Random(f"{study.order.seed}/{number}/{block}")
+    drills = _shuffled(study.pairs, study.training.repetitions, number, random)
+    repetitions = 0 if isinstance(study.method, Staircase) else study.method.repetitions
+    mains = _shuffled(study.pairs, repetitions, number, random)
+    return drills + mains, len(drills), random.randrange(2**31)
 
 
 def _shuffled(
@@ -93,7 +115,7 @@ def _shuffled(
 
 
 def _climbed(
-    study: Study, number: int, rows: Sequence[Row], random: Random
+    study: StudyFile, number: int, rows: Sequence[Row], random: Random
 ) -> tuple[_Pair, bool] | None:
     """Return the next pair of a staircase that has not ended, one for each condition."""
     method = study.method

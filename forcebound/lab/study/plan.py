@@ -4,7 +4,7 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cached_property, lru_cache
+from functools import cache, cached_property, lru_cache
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeAlias
 
@@ -196,20 +196,6 @@ class StudyFile:
     order: Order = Order()
     published: dict[str, Published] = field(default_factory=dict)
 
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Study(StudyFile):
-    """A study, ready to run."""
-
-    name: str  # of its file, without the ending
-    text: str  # of its file
-    digest: str  # two studies share it only if their files and launch files say the same
-    graphs: Mapping[str, tuple[Value, Mapping[str, str]]]  # by condition: launch file, arguments
-
-    def config(self, stimulus: Stimulus) -> GraphConfig:
-        """Return the graph of a stimulus; ConfigError if a setting does not fit."""
-        return _built(self, stimulus)
-
     @cached_property
     def pairs(self) -> list[tuple[Stimulus, Stimulus]]:
         """Each pair, first the stimulus that is counted; of a staircase those it starts with."""
@@ -224,7 +210,21 @@ class Study(StudyFile):
         ]
 
 
-@lru_cache(maxsize=256)
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Study(StudyFile):
+    """A study, ready to run."""
+
+    name: str  # of its file, without the ending
+    text: str  # of its file
+    digest: str  # two studies share it only if their files and launch files say the same
+    graphs: Mapping[str, tuple[Value, Mapping[str, str]]]  # by condition: launch file, arguments
+
+    def config(self, stimulus: Stimulus) -> GraphConfig:
+        """Return the graph of a stimulus; ConfigError if a setting does not fit."""
+        return _built(self, stimulus)
+
+
+@lru_cache(maxsize=4096)
 def _built(study: Study, stimulus: Stimulus) -> GraphConfig:
     template, settings = study.graphs[stimulus.condition]
     if not isinstance(study.method, Pairs):
@@ -270,15 +270,17 @@ def _graphs(
     """Return launch file and arguments of each condition, whose names are checked."""
     nothing = Value({}, root.place)
     found: dict[str, tuple[Value, Mapping[str, str]]] = {}
+    # One launch file serves many conditions.
+    file_of, template_of, known_of = cache(find), cache(read_template), cache(arguments_of)
     common = root.entries.get("set", nothing).entries
     for name, value in root.entries["conditions"].entries.items():
         launch = written.conditions[name].launch or written.launch
-        file = find(Path(launch), folder) if launch else None
+        file = file_of(Path(launch), folder) if launch else None
         if file is None:
             at = value.entries.get("launch", root.entries.get("launch", value))
             problems.add(missing(launch, folder) if launch else f"{name} needs 'launch'", at.place)
             continue
-        known = {one.name for one in arguments_of(file)}
+        known = {one.name for one in known_of(file)}
         settings = {**common, **value.entries.get("set", nothing).entries}
         named = {argument: one.key or one.place for argument, one in settings.items()}
         if not isinstance(written.method, Pairs):
@@ -286,7 +288,7 @@ def _graphs(
             named[written.method.argument] = at.place
         for argument in named.keys() - known:
             problems.add(unknown("argument", argument, known), named[argument])
-        found[name] = read_template(file), {key: one.text for key, one in settings.items()}
+        found[name] = template_of(file), {key: one.text for key, one in settings.items()}
     return found
 
 

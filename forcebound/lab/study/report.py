@@ -10,8 +10,9 @@ from matplotlib.figure import Figure
 from forcebound.files import check_writable
 from forcebound.lab.engine import Row
 from forcebound.lab.study import analysis
-from forcebound.lab.study.analysis import Data, Fit, Shares
+from forcebound.lab.study.analysis import Data, Shares
 from forcebound.lab.study.plan import Pairs, Staircase
+from forcebound.lab.study.psychometric import Fit
 from forcebound.lab.views import table
 from forcebound.results.colours import NEUTRAL, PHYSICAL
 from forcebound.results.plots import save
@@ -135,7 +136,7 @@ def _thresholds(data: Data, fits: dict[analysis.Group, Fit]) -> Iterator[str]:
     is_climbed = isinstance(data.study.method, Staircase)
     yield "## Thresholds"
     yield ""
-    yield f"In {_unit(data)}. {_MEANINGS[is_climbed]}"
+    yield f"In {_unit(data)}. {_MEANINGS[is_climbed]} *all* takes the trials as if of one person."
     yield ""
     rows = []
     for key, own in data.groups.items():

@@ -29,10 +29,23 @@ from random import Random
 from typing import Any, Literal, TypeAlias
 
 from forcebound.errors import ConfigError
-from forcebound.files import MAX_TABLE, read_bytes, reason
+from forcebound.files import reason
 from forcebound.graph.graph import GraphConfig
 from forcebound.graph.resolved import to_document
 from forcebound.lab.engine import Row, write_json
+from forcebound.lab.study.data import (
+    ABOUT,
+    COLUMNS,
+    REGISTER,
+    STUDY,
+    TRIALS,
+    Kind,
+    Participant,
+    Register,
+    read_document,
+    read_participant,
+    read_trials,
+)
 from forcebound.lab.study.measures import Measures
 from forcebound.lab.study.order import Trial, next_trial, total
 from forcebound.lab.study.plan import Study
@@ -40,16 +53,10 @@ from forcebound.messages.events import TrialEvent
 from forcebound.run.results import run_metadata
 from forcebound.run.run_directory import try_lock
 
-Kind: TypeAlias = Literal["person", "rehearsal", "simulated"]  # rehearsal: without a device
 Mark: TypeAlias = Callable[[TrialEvent, str, Mapping[str, str]], None]
 
-TRIALS, ABOUT, LOCK, RECORDINGS = "trials.csv", "participant.json", "lock", "recordings"
-_OF_TOUCH = ("condition", "level", "law", "seed", "touches", *Measures.__dataclass_fields__)
-COLUMNS = (
-    *("trial", "block", "phase", "kind", "counted", "counted_level", "other", "other_level"),
-    *("counted_interval", "answer", "chose_counted", "response_time", "started", "answered"),
-    *(f"{name}_{interval}" for interval in (1, 2) for name in _OF_TOUCH),
-)
+RECORDINGS = "recordings"
+LOCK = ".lock"  # no identifier, since the study's folder has one beside those of participants
 BYTES_PER_SECOND = 1_000_000  # of a recording, a bound; one axis at 1 kHz takes 0.24 MB
 ROOM = 10_000_000  # bytes for all else
 
@@ -100,7 +107,7 @@ class Session:
                 f" name), got {participant!r}"
             )
         self.study, self.kind, self.folder, self._mark = study, kind, folder / participant, mark
-        self._observer = observer
+        self._observer, self.rows = observer, list[Row]()
         try:
             (self.folder / RECORDINGS).mkdir(parents=True, exist_ok=True)
             lock = os.open(self.folder / LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
@@ -108,9 +115,9 @@ class Session:
                 stack.callback(os.close, lock)
                 if not try_lock(lock):
                     raise ConfigError(f"{participant} takes part in another session just now")
-                self.number = self._registered(participant)
-                self.rows = self._answered()
-                self._check_room()
+                with (folder / LOCK).open("a") as others:  # two may come at the same time
+                    fcntl.flock(others, fcntl.LOCK_EX)
+                    self._register(participant)
                 self._close = stack.pop_all().close  # frees the lock
         except OSError as error:
             raise ConfigError(f"cannot write into {self.folder}: {reason(error)}") from error
@@ -125,48 +132,54 @@ class Session:
     def __exit__(self, *error: object) -> None:
         self._close()
 
-    def _registered(self, participant: str) -> int:
-        """Return the participant's number; write what is known before the first trial."""
-        file = self.folder / ABOUT
-        about = {"study": self.study.name, "digest": self.study.digest, "kind": self.kind}
-        about |= {"observer": self._observer} if self._observer else {}
-        with (self.folder.parent / LOCK).open("a") as lock:  # two may come at the same time
-            fcntl.flock(lock, fcntl.LOCK_EX)
-            known: dict[str, Any] = {"number": len(list(self.folder.parent.glob(f"*/{ABOUT}")))}
-            if file.exists():
-                known = json.loads(read_bytes(file, MAX_TABLE))
-                for key, value in about.items():
-                    if known[key] != value:
-                        was = f": {known[key]!r}, not {value!r}"
-                        raise ConfigError(
-                            f"{self.folder} has data of another"
-                            f" {'version of the study' if key == 'digest' else key + was};"
-                            " choose another folder (--output) or identifier"
-                        )
-            configs = {one: self.study.config(one) for pair in self.study.pairs for one in pair}
-            opened = {
-                "opened": _now(),
-                "machine": f"{platform.platform()}, {os.cpu_count()} cores",
-                "versions": json.loads(run_metadata(next(iter(configs.values())))["versions"]),
-            }
-            sessions = [*known.get("sessions", ()), opened]
-            launch = [{**asdict(one), "launch": to_document(c)} for one, c in configs.items()]
-            (self.folder / "study.yaml").write_text(self.study.text, encoding="utf-8")
-            write_json(self.folder / "launch.json", launch)
-            known |= {"participant": participant, **about, "sessions": sessions}
-            write_json(file, known)
-        return int(known["number"])
+    def _register(self, participant: str) -> None:
+        """Take what the folder has of the participant; give a new one a number, after all checks.
 
-    def _answered(self) -> list[Row]:
-        """Return the rows of the answered trials; a row that was being written is cut off."""
-        file = self.folder / TRIALS
-        data = read_bytes(file, MAX_TABLE) if file.exists() else b""
-        whole = data[: data.rfind(b"\n") + 1]
-        if len(whole) < len(data):
-            os.truncate(file, len(whole))
-        if not whole:
+        Nothing is written before, so that a start that is refused uses up no number.
+        """
+        root, study = self.folder.parent, self.study
+        mine: Row = {"study": study.name, "digest": study.digest, "kind": self.kind}
+        register = _register_of(root, mine)
+        _check_same(root, register, mine)
+        mine |= {"observer": self._observer}
+        about = Participant(participant=participant, number=register.next_number, **mine)
+        if is_known := (self.folder / ABOUT).exists():
+            about = read_participant(self.folder)
+            _check_same(self.folder, about, mine)
+        size, self.number = 0, about.number
+        if is_known or (self.folder / TRIALS).exists():
+            self.rows, size = read_trials(study, self.folder, about)
+        self._check_room()
+        about = self._opened(about)
+        if not (root / REGISTER).exists():
+            (root / ".gitignore").write_text("*\n")  # data of people
+        self._end_rows(size)
+        later = max(register.next_number, about.number + 1)
+        write_json(root / REGISTER, asdict(replace(register, next_number=later)))
+        write_json(self.folder / ABOUT, asdict(about))
+
+    def _opened(self, about: Participant) -> Participant:
+        """Return what is known with this session, whose study and launch files are written."""
+        configs = {one: self.study.config(one) for pair in self.study.pairs for one in pair}
+        opened = {
+            "opened": _now(),
+            "machine": f"{platform.platform()}, {os.cpu_count()} cores",
+            "versions": json.loads(run_metadata(next(iter(configs.values())))["versions"]),
+        }
+        launch = [{**asdict(one), "launch": to_document(c)} for one, c in configs.items()]
+        (self.folder / STUDY).write_text(self.study.text, encoding="utf-8")
+        write_json(self.folder / "launch.json", launch)
+        return replace(about, sessions=(*about.sessions, opened))
+
+    def _end_rows(self, size: int) -> None:
+        """Cut off a row that was being written, after ``size`` bytes; end the one before."""
+        with (self.folder / TRIALS).open("ab+") as rows:
+            rows.truncate(size)
+            rows.seek(max(size - 1, 0))
+            if rows.read() not in (b"", b"\n"):
+                rows.write(b"\n")
+        if not size:
             self._append(dict(zip(COLUMNS, COLUMNS, strict=True)))
-        return read_rows(whole.decode(), file)
 
     def _append(self, row: Row) -> None:
         """Write a row to the disk; leave no part of it there if the disk is full."""
@@ -252,7 +265,7 @@ class Session:
             self._touches = [] if repeat == "trial" else self._touches
             return False
         about = {"law": law, "seed": seed, "touches": self._attempt}
-        self._touches.append(asdict(trial.stimuli[interval - 1]) | about | asdict(measures))
+        self._touches.append(about | asdict(measures))
         self._attempt = 1 if repeat == "touch" else self._attempt
         return True
 
@@ -277,15 +290,8 @@ class Session:
         assert trial is not None
         assert len(self._touches) == 2, f"the step is {self.step.kind}"
         counted = 1 if trial.counted_first else 2
-        row: dict[str, Any] = {
-            "trial": trial.number,
-            "block": trial.block,
-            "phase": trial.phase,
-            "counted": trial.counted.condition,
-            "counted_level": trial.counted.level,
-            "other": trial.other.condition,
-            "other_level": trial.other.level,
-            "counted_interval": counted,
+        row: Row = {
+            **trial.columns,
             "chose_counted": int(interval == counted),
             "kind": self.kind,
             "answer": interval,
@@ -312,12 +318,24 @@ class Session:
         self._mark(event, f"{event.replace('_', ' ')}: {trial.number}", texts)
 
 
-def read_rows(text: str, file: Path) -> list[Row]:
-    """Return the rows of a file of trials; ConfigError if it is of another version."""
-    reader = csv.DictReader(io.StringIO(text, newline=""))
-    if tuple(reader.fieldnames or COLUMNS) != COLUMNS:
-        raise ConfigError(f"{file} has other columns: it is of another version")
-    return list(reader)
+def _register_of(root: Path, new: Row) -> Register:
+    """Return the register of a study's folder: a new one, or as participants without one ask."""
+    if (root / REGISTER).exists():
+        return read_document(root / REGISTER, Register)
+    people = [read_participant(file.parent) for file in sorted(root.glob(f"*/{ABOUT}"))]
+    kept = {key: getattr(people[0], key) for key in new} if people else new
+    return Register(**kept, next_number=1 + max((one.number for one in people), default=-1))
+
+
+def _check_same(folder: Path, found: Register | Participant, mine: Row) -> None:
+    """Refuse a folder that has data of another study, kind of participant or observer."""
+    for key, value in mine.items():
+        if (was := getattr(found, key)) != value:
+            other = "version of the study" if key == "digest" else f"{key}: {was!r}, not {value!r}"
+            raise ConfigError(
+                f"{folder} has data of another {other}; choose another folder (--output)"
+                " or identifier"
+            )
 
 
 def _now() -> str:

@@ -11,6 +11,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
+import msgspec
+
 from forcebound.errors import ConfigError
 from forcebound.messages.packets import (
     TOPIC_OF,
@@ -208,6 +210,17 @@ class HandFeed:
         is_new = sample.time_ns > law.time_ns
         energy = sample.true_energy - (law.energy if is_new else law.previous_energy)
         return energy if math.isfinite(energy) else None  # JSON has no other
+
+
+def request_of(text: str | bytes) -> Message | None:
+    """Return what a page asks for; None: it is no JSON, or asks for nothing.
+
+    JSON has neither NaN nor half a surrogate pair, which Python's own reader lets through.
+    """
+    with suppress(msgspec.DecodeError, RecursionError):
+        request = msgspec.json.decode(text, type=Message)
+        return request if isinstance(request.get("do"), str) else None
+    return None
 
 
 def _frame(samples: Sequence[Telemetry], contact: EnvironmentReply | None) -> Message:

@@ -1,7 +1,9 @@
-"""How often pages get a picture: a servo that misses ticks comes first."""
+"""How often pages get a picture, a servo comes first; and how often they may send a message."""
 
 SLOWEST = 8  # times as long at most, while ticks are missed
 LATE = 0.01  # share of missed ticks in a second from which on pages back off
+MOST_MESSAGES = 500  # a second, from a page; one that drags a hand sends a message a picture
+BURST = 0.2  # s, whose messages may come at once
 CALM = 2  # seconds without, after which they come back by one step
 
 
@@ -30,3 +32,18 @@ class Pace:
             self.slowness = min(2 * self.slowness, SLOWEST)
         elif self._calm % CALM == 0:
             self.slowness = max(self.slowness // 2, 1)
+
+
+class Limit:
+    """Which messages of one page count: those of a flood do not."""
+
+    def __init__(self) -> None:
+        self._next = 0.0  # s, from when on a message counts
+
+    def permits(self, now: float) -> bool:
+        """Return whether a message that comes at ``now``, in s, counts."""
+        due = max(self._next, now - BURST)
+        is_permitted = due <= now
+        if is_permitted:
+            self._next = due + 1.0 / MOST_MESSAGES
+        return is_permitted

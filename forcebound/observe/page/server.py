@@ -27,8 +27,8 @@ from forcebound.messages.topology import HAND
 from forcebound.observe.listing import list_graphs
 from forcebound.observe.page.access import Access, hosts_of
 from forcebound.observe.page.controls import Controls, Pointer
-from forcebound.observe.page.feed import Feed, Message
-from forcebound.observe.page.pace import Pace
+from forcebound.observe.page.feed import Feed, Message, request_of
+from forcebound.observe.page.pace import Limit, Pace
 from forcebound.observe.runs import Watch
 
 PAGE = Path(__file__).parent / "static"
@@ -357,6 +357,7 @@ class _Page(_Handler, tornado.websocket.WebSocketHandler):
         if len(self.server.pages) >= MOST_PAGES:
             raise tornado.web.HTTPError(503, "too many pages")
         self.may_change = self.server.access.may_change(self.token)
+        self._limit = Limit()
 
     def open(self, *_: str, **__: str) -> None:
         self.set_nodelay(True)
@@ -368,13 +369,11 @@ class _Page(_Handler, tornado.websocket.WebSocketHandler):
         for message in self.server.describe():
             self.tell(json.dumps({**message, "may_change": self.may_change}))
 
-    def on_message(self, message: str | bytes) -> None:
-        try:
-            request = json.loads(message)
-            request["do"]
-        except (ValueError, TypeError, KeyError, RecursionError):
-            return
-        if self.may_change:
+    async def on_message(self, message: str | bytes) -> None:
+        request = request_of(message) if self._limit.permits(time.monotonic()) else None
+        if request is None:  # perhaps a flood, of which tornado reads on and on
+            await asyncio.sleep(0)  # the others' turn
+        elif self.may_change:
             self.server.receive(self, request)
         else:
             self.answer(request, "this page may only look")
