@@ -5,14 +5,15 @@ a process writes a line, ends or answers, a signal arrives, or a deadline of the
 
 No process survives the launcher: each gets a signal from the kernel when the launcher ends
 (:mod:`forcebound.run.worker`), and what is left of its group when it has ended, such as a
-stopped guardian, is killed. Each is in a session of its own, so that Ctrl-C in the terminal
-reaches only the launcher, which then stops them in order.
+stopped guardian, is killed. Each is in a process group of its own, so that Ctrl-C in the terminal
+reaches only the launcher, which then stops them in order. A suspended one continues to stop.
 
 The launcher answers requests on a control socket of its own and publishes events like every
 process.
 """
 
 import selectors
+import signal
 import time
 from collections import deque
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -30,7 +31,7 @@ from forcebound.messages.events import PARAMETERS_SET, PHASE_BEGINS, EventLog, K
 from forcebound.messages.topology import ONE_HAND, Graph, endpoint
 from forcebound.network.control import ControlServer
 from forcebound.network.sockets import Network
-from forcebound.roles import CONTROLLER, ENVIRONMENT, LAUNCHER
+from forcebound.roles import CONTROLLER, ENVIRONMENT, LAUNCHER, RECORDER
 from forcebound.run.actions import (
     Action,
     Announce,
@@ -164,7 +165,9 @@ class Supervisor:
             self._emit(PHASE_BEGINS, part.message, part.data)
 
     def _start(self, name: str) -> None:
-        child = Child(name, self.commands[name], self.screen.show)
+        # A session of its own also is a share of its own of the processor: a recorder needs none.
+        own_session = self.graph.nodes[name].role != RECORDER
+        child = Child(name, self.commands[name], self.screen.show, own_session)
         self._selector.register(child.descriptor, selectors.EVENT_READ, child)
         self._children[name] = child
         self._running.add(name)
@@ -198,6 +201,8 @@ class Supervisor:
 
     def _ask(self, lifecycle: Lifecycle) -> None:
         names = lifecycle.not_ready if lifecycle.phase is Phase.STARTING else []
+        for name in lifecycle.finishing:
+            self._children[name].process.send_signal(signal.SIGCONT)  # it may be suspended since
         engaging = lifecycle.engaging
         returning = lifecycle.returning.difference(engaging)
         names = [*names, *returning, *lifecycle.finishing, *self._awaited(lifecycle)]
@@ -277,7 +282,7 @@ class Supervisor:
             case Kill(name):
                 self._children[name].process.kill()
             case Terminate(name):
-                self._children[name].process.terminate()
+                self._children[name].request_end()
             case Start(name):
                 self._restart(name)
             case Announce():
