@@ -1,7 +1,7 @@
 """The leak check: what a test with processes and sockets may not leave behind.
 
 Each test has a mark in its environment. Every process that it starts inherits the mark, and keeps
-it if its parent dies. Afterwards there must be no process with the mark; one that is left is killed.
+it if its parent dies. Afterwards there must be no process with the mark; it is killed.
 A test with sockets also gets a folder of its own for temporary files: afterwards there must be no
 file in it, no further descriptor or thread in this process, and no further shared memory.
 """

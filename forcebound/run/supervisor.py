@@ -24,6 +24,7 @@ from pathlib import Path
 from forcebound import realtime
 from forcebound.ending import end_group
 from forcebound.errors import RunError
+from forcebound.graph.parameters import describe
 from forcebound.graph.phases import Part
 from forcebound.messages import control, packets
 from forcebound.messages.codec import encode
@@ -52,6 +53,7 @@ from forcebound.run.lifecycle import Lifecycle
 from forcebound.run.screen import Screen, doing
 
 REQUEST_INTERVAL_NS = 20_000_000  # between two requests to a node that is not ready
+BY_OTHERS = (-signal.SIGTERM, -signal.SIGKILL)  # exit status of a process that was ended
 NOT_STARTED = 126  # exit status of a process that could not be started, as in a shell
 
 
@@ -61,7 +63,8 @@ class Supervisor:
 
     ``commands`` has the command line of each process by name, in the order in which they start.
     ``begin`` makes a phase hold, and returns requests by process. ``changes`` returns the
-    parameters of a node that were changed since the run began. The processes start on
+    parameters of a node that were changed since the run began; ``revert`` takes the last change
+    back, for a node that failed, and returns what holds again. The processes start on
     ``start_cores``, which takes most of a second of each; none: those of the launcher, as for a
     process that restarts during a run. The others are as of
     :class:`~forcebound.run.lifecycle.Lifecycle`.
@@ -76,6 +79,7 @@ class Supervisor:
     begin: Callable[[Part], Mapping[str, control.Configure]] = lambda _: {}
     remote_topics: Collection[str] = ()
     changes: Callable[[str], control.Parameters] = lambda _: {}
+    revert: Callable[[str], control.Parameters] = lambda _: {}
     start_cores: Collection[int] = ()
     graph: Graph = ONE_HAND
 
@@ -149,7 +153,8 @@ class Supervisor:
             for event in events or [None]:
                 advance(event)
                 if isinstance(event, Reported) and event.node in awaited:
-                    self._announce_changes(event.node)
+                    words = f"{event.node} was restarted with changed parameters"
+                    self._announce_parameters(words, self.changes(event.node))
             self._has_requests = server.serve(answer)
             if lifecycle.phase is Phase.RUNNING:
                 self._begin_phases(time.monotonic_ns())
@@ -264,6 +269,9 @@ class Supervisor:
                 end_group(child.process.pid, LAST_CHANCE)
                 self._running.discard(name)
                 child.read()  # its last lines, for the message of the failure
+                if status not in (0, *BY_OTHERS):
+                    words = f"{name} failed after a change, and gets the values before"
+                    self._announce_parameters(words, self.revert(name))
                 if self.graph.nodes[name].role == ENVIRONMENT:
                     self._report_death(child.process.pid)
                 events.append(Ended(name, status))
@@ -292,12 +300,11 @@ class Supervisor:
         data = {"node": action.node} | ({"status": action.status} if action.status else {})
         self._emit(action.event, action.message, data, is_fault=action.is_fault)
 
-    def _announce_changes(self, node: str) -> None:
-        """Publish the changed parameters that a restarted node has read."""
-        changed = {name: str(value) for name, value in self.changes(node).items()}
-        if changed:
-            message = f"{node} was restarted with changed parameters: {', '.join(changed)}"
-            self._emit(PARAMETERS_SET, message, changed)
+    def _announce_parameters(self, words: str, values: control.Parameters) -> None:
+        """Publish the values of parameters that a restarted node has read, or is to read."""
+        if values:
+            data = {name: str(value) for name, value in values.items()}
+            self._emit(PARAMETERS_SET, f"{words}: {describe(values, {})}", data)
 
     def _emit(
         self, event: Kind, message: str, data: Mapping[str, str], *, is_fault: bool = False
