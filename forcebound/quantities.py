@@ -21,6 +21,7 @@ from forcebound.units import NAMES, parse_quantity
 _UNIT_KEY = "forcebound_unit"
 DAY = 86_400.0  # s, the longest time: in ns, and many times over, it still is a number of 64 bits
 LARGEST = 2**63 - 1  # of whole numbers, which packets carry
+HUGE = 1e30  # of other numbers, in SI units: their squares and products are finite
 
 
 @dataclass(frozen=True)
@@ -65,7 +66,9 @@ class Range:
             ConfigError: If it is outside, or not finite.
         """
         if isinstance(value, int) and abs(value) > LARGEST:
-            raise ConfigError(f"must be at most {LARGEST}, the largest number of 64 bits")
+            raise ConfigError(f"must fit into 64 bits, got {value.bit_length()} bits")
+        if symbol != "s" and HUGE < abs(value) < math.inf:
+            raise ConfigError(f"must be at most {HUGE:g} {symbol}, got {value:g} {symbol}")
         at_most = self._at_most(symbol)
         if (
             math.isfinite(value)

@@ -37,6 +37,7 @@ from forcebound.observe.tuning import (
     Change,
     changed_parameters,
     configuration,
+    cut_links,
     find_parameters,
     found_elsewhere,
     set_parameters,
@@ -96,6 +97,14 @@ def test_what_would_end_a_node_is_refused_before_it_is_written(
     with pytest.raises(ConfigError, match=name.replace(".", r"\.")):
         set_parameters(tmp_path, {name: value})
     assert (tmp_path / "launch.json").read_bytes() == before
+
+
+def test_an_outage_lasts_a_day_at_most(config: GraphConfig, tmp_path: Path) -> None:
+    begin(tmp_path, config)
+    for time_text in ("1e308 s", "25 h", "nan s", "0 s"):
+        with pytest.raises(ConfigError, match=r"s and <= 86400 s|expected a time"):
+            cut_links(tmp_path, time_text, ())
+    assert not any(link.outages for link in configuration(tmp_path).links.values())
 
 
 def test_a_change_is_tried_on_a_copy(config: GraphConfig) -> None:
