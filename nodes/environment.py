@@ -50,11 +50,9 @@ from forcebound.roles import ENVIRONMENT
 
 PROBE_INTERVAL_NS = 1_000_000_000  # between two answers of an environment that is rejected
 ABSENT_NS = 100_000_000  # without a query, after which a hand has left the world
-FAILED_NS = (
-    100_000_000  # of failed answers only, after which a world that had answered is opened again
-)
+FAILED_NS = 100_000_000  # without a good answer, after which a world that had some is opened again
 SLACK = 1.0  # s that a hand's time may be ahead of ours: packets are late by different times
-DRIFT = 1.001  # most that the clock of another machine goes faster than ours
+DRIFT = 1.01  # how many times as fast as ours another machine's clock may go
 
 _logger = logging.getLogger(__name__)
 
@@ -339,9 +337,7 @@ class EnvironmentNode(Node):
         self.close()
         self._environment = opened
         self._watch()
-        self._failure = (
-            f"no answer for {FAILED_NS / 1e6:g} ms: it was opened again, as at the start"
-        )
+        self._failure = f"no answer for {FAILED_NS / 1e6:g} ms, so it was opened again"
 
     def _count_failure(self, error: Exception) -> None:
         self.faults += 1

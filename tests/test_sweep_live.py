@@ -25,11 +25,13 @@ def command(file: Path, result: Path, *options: str) -> list[str]:
 def started(file: Path, result: Path, *options: str) -> Iterator[subprocess.Popen[str]]:
     """A sweep in a process of its own, of which two parts are done."""
     parts = result.with_name(result.name + ".parts")
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # as `nohup` and `&` in a script do
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # as `&` in a script does
+    of_terminal = signal.signal(signal.SIGHUP, signal.SIG_DFL)
     process = subprocess.Popen(
         command(file, result, *options), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
     signal.signal(signal.SIGINT, before)
+    signal.signal(signal.SIGHUP, of_terminal)
     try:
         while len(list(parts.glob("0*.json"))) < 2:
             with contextlib.suppress(subprocess.TimeoutExpired):

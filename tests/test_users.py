@@ -271,7 +271,7 @@ def test_no_hand_moves_a_world_faster_than_the_clock_of_its_environment(name: st
         assert replies(packets) == ["mine", "theirs"]
     times = model.opened.times
     assert all(before <= now for before, now in itertools.pairwise(times))
-    assert 2.4 < times[-1] <= 3.0 * 1.001 + 1.0  # our clock, and a second at most
+    assert 2.4 < times[-1] <= 3.0 * 1.01 + 1.0  # our clock, and a second at most
     mine = [elapsed for user, elapsed in model.opened.elapsed if user == "mine"]
     assert mine == [honest(tick) for tick in range(3000)]  # to the bit
 

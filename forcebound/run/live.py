@@ -260,7 +260,7 @@ def take_back(started: Parameters, run_dir: Path, node: str) -> Parameters:
     """
     if time.time() - (run_dir / LAUNCH_FILE).stat().st_mtime > LATELY:
         return {}
-    with updating(run_dir, PHASE_TIMEOUT):
+    with suppress(ConfigError), updating(run_dir, PHASE_TIMEOUT):  # of a file that is gone
         now = read_launch_document(run_dir)
         config, before = restore(now), started
         with suppress(ConfigError):  # nothing was changed yet

@@ -6,7 +6,7 @@ a process writes a line, ends or answers, a signal arrives, or a deadline of the
 No process survives the launcher: each gets a signal from the kernel when the launcher ends
 (:mod:`forcebound.run.worker`), and what is left of its group when it has ended, such as a
 stopped guardian, is killed. Each is in a process group of its own, so that Ctrl-C in the terminal
-reaches only the launcher, which then stops them in order. A suspended one continues to stop.
+reaches only the launcher, which then stops them in order. A suspended one is woken to end.
 
 The launcher answers requests on a control socket of its own and publishes events like every
 process.
@@ -32,7 +32,7 @@ from forcebound.messages.events import PARAMETERS_SET, PHASE_BEGINS, EventLog, K
 from forcebound.messages.topology import ONE_HAND, Graph, endpoint
 from forcebound.network.control import ControlServer
 from forcebound.network.sockets import Network
-from forcebound.roles import CONTROLLER, ENVIRONMENT, LAUNCHER, RECORDER
+from forcebound.roles import CONTROLLER, ENVIRONMENT, LAUNCHER, RECORDER, ROLES
 from forcebound.run.actions import (
     Action,
     Announce,
@@ -49,11 +49,10 @@ from forcebound.run.actions import (
     Terminate,
 )
 from forcebound.run.children import LAST_CHANCE, Child, Signals, name_begins
-from forcebound.run.lifecycle import Lifecycle
+from forcebound.run.lifecycle import STOPPED_EARLY, Lifecycle
 from forcebound.run.screen import Screen, doing
 
 REQUEST_INTERVAL_NS = 20_000_000  # between two requests to a node that is not ready
-BY_OTHERS = (-signal.SIGTERM, -signal.SIGKILL)  # exit status of a process that was ended
 NOT_STARTED = 126  # exit status of a process that could not be started, as in a shell
 
 
@@ -269,7 +268,8 @@ class Supervisor:
                 end_group(child.process.pid, LAST_CHANCE)
                 self._running.discard(name)
                 child.read()  # its last lines, for the message of the failure
-                if status not in (0, *BY_OTHERS):
+                is_restarted = ROLES[self.graph.nodes[name].role].is_restarted
+                if is_restarted and status not in (0, *STOPPED_EARLY, -signal.SIGKILL):
                     words = f"{name} failed after a change, and gets the values before"
                     self._announce_parameters(words, self.revert(name))
                 if self.graph.nodes[name].role == ENVIRONMENT:
