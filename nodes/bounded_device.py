@@ -27,6 +27,7 @@ from forcebound.haptics.devices.kinematics import tip_force
 from forcebound.haptics.laws import Dissipation, ForceBounder
 from forcebound.haptics.laws.bounder import shorten
 from forcebound.haptics.laws.hold_limit import FIXED, HoldLimit
+from forcebound.haptics.laws.ledger import SETTLED
 from forcebound.messages.control import BounderReport
 from forcebound.messages.packets import Vector
 
@@ -79,7 +80,10 @@ class BoundedDevice:
         self._dissipation = dissipation
         self._use_limit = dissipation.hold_limit
         self._zero: Vector = (0.0,) * device.axes
-        self._applied = self._zero  # by the motors
+        # Whether the last force was zero, and since when the motors have none. Live, a process
+        # before this one may have left some.
+        self._is_zero, self._gone_ns = clock is None, 0
+        self._read_ns = 0
         self._has_begun = False
         self._write_ns: int | None = None
         self._begin_ledger(law)
@@ -118,8 +122,11 @@ class BoundedDevice:
 
     @property
     def holds_force(self) -> bool:
-        """Whether the motors hold a force."""
-        return any(self._applied)
+        """Whether the motors may have a force at the next reading.
+
+        One that was written and does not act yet, or what an amplifier with a lag has left of it.
+        """
+        return not self._is_zero or self._read_ns < self._gone_ns
 
     @property
     def refused_readings(self) -> int:
@@ -172,18 +179,18 @@ class BoundedDevice:
             if credit:
                 bounder.credit(credit)
             asked_for = self._saturated(asked, engagement)
-            bounded = bounder.bound(read_ns, reading, asked_for)
+            bounded = bounder.bound(read_ns, reading, asked_for, jitter_ns or 0)
             if offer is not None:
                 given = bounder.debit(offer(bounder.spare(asked_for)))
                 bounded = shorten(bounded, math.hypot(*bounded), bounder.limit)
-        self._applied = applied = device.write(time_ns, bounded)
+        applied = device.write(time_ns, bounded)
         write_ns = time_ns if self._clock is None else self._clock()
         stamps = self._stamps()
         if stamps is not None:
             write_ns = stamps[1]
         write_ns += self._ahead_ns
         bounder.settle(applied, write_ns)
-        self._note_times(read_ns, write_ns)
+        self._note(applied, read_ns, write_ns)
         tip, limit, joints, torques = applied, bounder.limit, None, None
         if kinematics is not None:
             joints, torques = reading, applied
@@ -195,7 +202,13 @@ class BoundedDevice:
             position, tip, limit, read_ns, write_ns, joints, torques, cut, ahead_ns, given
         )
 
-    def _note_times(self, read_ns: int, write_ns: int) -> None:
+    def _note(self, applied: Vector, read_ns: int, write_ns: int) -> None:
+        self._read_ns = read_ns - self._ahead_ns
+        if any(applied):
+            self._is_zero = False
+        elif not self._is_zero:
+            settling_ns = round(SETTLED * self._dissipation.lag * 1e9)
+            self._is_zero, self._gone_ns = True, write_ns - self._ahead_ns + settling_ns
         self._longest_delay_ns = max(self._longest_delay_ns, write_ns - read_ns)
         self._writes += 1
         self._held += self._use_limit

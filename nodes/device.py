@@ -245,7 +245,8 @@ class DeviceNode(Node):
         if tick > self._tick:
             self.deadline_misses += tick - self._tick
             self._tick = tick
-        if self._engage_requested and self._engaged_ns is None:
+        is_asked = self._engage_requested and self._engaged_ns is None
+        if is_asked and not self._bounded.holds_force:
             self._engaged_ns = time_ns
             self._bounded.begin()
             if self._exchange is not None:

@@ -31,8 +31,8 @@ ANY_HAND = "guarding, any hand: "
 
 #: What is wrong with a device, of which the law is not informed. ``damping``, ``friction`` and
 #: ``error`` are multiples of what it states, ``presliding`` of its resolution; numbers are in SI
-#: units, and others than those of the truth are fields of
-#: :class:`forcebound.lab.paths.run.AttackedDevice`.
+#: units. ``largest_speed`` and ``stated_delay`` are what the device states; other numbers than
+#: those of the truth are fields of :class:`forcebound.lab.paths.run.AttackedDevice`.
 MISTAKES: dict[str, dict[str, float]] = {
     "nothing is wrong": {},
     "damping b stated 10 % too high": {"damping": 1.0 / 1.1},
@@ -52,6 +52,9 @@ MISTAKES: dict[str, dict[str, float]] = {
     "reading to writing 50 us": {"write_delay": 50e-6},
     "reading to writing 100 us": {"write_delay": 100e-6},
     "reading to writing 400 us": {"write_delay": 400e-6},
+    "reading to writing 1.5 ms": {"write_delay": 1.5e-3},
+    "the same, 1 ms stated": {"write_delay": 1.5e-3, "stated_delay": 1e-3},
+    "the same, 1.5 ms stated: nothing is wrong": {"write_delay": 1.5e-3, "stated_delay": 1.5e-3},
     "amplifier with a lag of 50 us": {"lag": 50e-6},
     "amplifier with a lag of 400 us": {"lag": 400e-6},
     "friction yields over half a resolution": {"presliding": 0.5},
@@ -65,6 +68,7 @@ def device_of(kind: str, summary: str, random: np.random.Generator) -> AttackedD
     """Return a device of one axis with one of :data:`MISTAKES`, and a manner of attack."""
     fields, wrong = stated_by(kind), dict(MISTAKES[summary])
     fields["largest_speed"] = wrong.pop("largest_speed", fields["largest_speed"])
+    fields["write_delay"] = wrong.pop("stated_delay", 0.0)
     draft = Draft(random, 1, fields)
     device, is_any_hand = draft.device, summary.startswith(ANY_HAND)
     device.fastest = FASTEST_HAND

@@ -22,6 +22,8 @@ from forcebound.haptics.laws.allowance import gain_at, largest_force, surplus
 from forcebound.haptics.laws.hold_cost import hold_cost
 from forcebound.haptics.laws.law import BoundingLaw
 from forcebound.haptics.laws.ledger import (
+    PLACES,
+    SETTLED,
     SILENT,
     Ledger,
     store_axis,
@@ -39,7 +41,13 @@ from forcebound.haptics.laws.sample import (
     observe_axis,
     start_axis,
 )
-from forcebound.haptics.laws.timeline import acting_cost, advance, drop, may_be_dropped, take_effect
+from forcebound.haptics.laws.timeline import (
+    advance_to_reading,
+    cost_before,
+    drop,
+    may_be_dropped,
+    send,
+)
 from forcebound.haptics.laws.waveform import begin_interval, mean_force, penalty
 
 Ledgers: TypeAlias = Sequence[Ledger]  # an array of one
@@ -50,6 +58,7 @@ Settle: TypeAlias = Callable[[Ledgers, float], float]
 #: What becomes of a reading: it is refused, taken in, or the ledger starts again from it.
 REFUSED, TAKEN, RESTART = 0, 1, 2
 _UNSURE = 3  # taken in, after a hold that was cut at an unknown time
+_NEW = 4  # a new ledger: the motor's force was not known for a while
 
 
 @cache
@@ -87,11 +96,14 @@ def _limit(law: BoundingLaw) -> Limit:
     ) -> tuple[float, float, int]:
         ledger = ledgers[0]
         device = ledger.constants
-        advance(ledger, duration)
+        advance_to_reading(ledger, duration)
         if limits_holds and closing != REFUSED:
             closing = closing_of(ledger, closing)
         largest, added_damping = math.inf if limits_holds else 0.0, 0.0
-        if closing == RESTART:
+        if closing == _NEW:
+            restart(ledger)
+            renew(ledger)
+        elif closing == RESTART:
             restart(ledger)
         elif closing != REFUSED:
             motion, cost, price = observe_axes(ledger, dt, closing == _UNSURE)
@@ -109,22 +121,23 @@ def _limit(law: BoundingLaw) -> Limit:
                 ledger.state[end] = state
         if closing != REFUSED:
             ledger.spent = ledger.since = 0.0
-            ledger.is_unsure = False
+            ledger.is_unsure = ledger.was_unsure = False
         if limits_holds:
-            plan = min(ledger.write_delay, ledger.until_cut)
             for end in range(ledger.ends):
                 gain = gain_at(ledger, end)
                 held = Write(0.0, gain * ledger.held_price, 0.0)
+                strongest = gain if ledger.axes == 1 else 1.0 + ledger.gain
                 available = energy(ledger.state[end], held, device) - ledger.spent
-                if plan > 0.0:
-                    strongest = gain if ledger.axes == 1 else 1.0 + ledger.gain
-                    available -= acting_cost(ledger, plan, strongest)
-                ledger.available[end] = available
+                ledger.available[end] = available - cost_before(ledger, strongest)
             if ledger.axes > 1 and ledger.gain > 0.0:
                 least = min(ledger.available[0], ledger.available[1]) - spread_price(ledger)
                 ledger.available[0] = ledger.available[1] = least
             want_direction(ledger, magnitude)
             largest = min(largest, largest_force(ledger))
+            if ledger.is_unsure and ledger.lag > 0.0:
+                largest = 0.0  # what the motor still gives is not known
+        if ledger.waiting >= PLACES - 1:
+            largest = 0.0
         return min(largest, ledger.saturation), added_damping, closing
 
     return limit
@@ -138,22 +151,20 @@ def _settle(law: BoundingLaw) -> Settle:
         square = 0.0
         for k in range(ledger.axes):
             axis, force = ledger.axis[k], ledger.force[k]
-            axis.pending = axis.trial = force
+            axis.trial = force
             store_force(axis.memory, force)
             square += force * force
-        ledger.pending_limit = ledger.planned_limit
-        ledger.pending_budget = ledger.available[0]
-        least = math.inf
+        budget, least = ledger.available[0], math.inf
         for end in range(ledger.ends):
             price = gain_at(ledger, end) * ledger.held_price
             left = surplus(ledger, end, 1.0) if limits_holds else 0.0
             write = Write(square, price, left)
             ledger.state[end] = settle_law(ledger.state[end], write, ledger.constants)
-            ledger.pending_budget = min(ledger.pending_budget, ledger.available[end])
+            budget = min(budget, ledger.available[end])
             least = min(least, energy(ledger.state[end], write, ledger.constants))
-        ledger.until_write = delay
-        if delay <= 0.0:
-            take_effect(ledger)
+        if ledger.waiting >= PLACES - 1:
+            ledger.crowded += 1
+        send(ledger, delay, ledger.planned_limit, budget)
         if limits_holds and ledger.axes > 1 and ledger.gain > 0.0:
             least -= spread_price(ledger)
         return least
@@ -174,20 +185,24 @@ def begin(ledger: Ledger) -> None:
         store_axis(axis.memory, start_axis(reading))
         begin_interval(axis.motor)
         axis.motor.target = axis.motor.actual = 0.0
-        axis.pending = axis.trial = axis.work = 0.0
+        axis.held = axis.trial = axis.work = 0.0
         axis.origin = reading
     ledger.held_price = ledger.spent = ledger.since = 0.0
     ledger.available[0] = ledger.available[1] = ledger.largest_leak = 0.0
-    ledger.age = ledger.given = ledger.budget = ledger.pending_budget = 0.0
-    ledger.held_limit = ledger.pending_limit = ledger.planned_limit
-    ledger.until_cut, ledger.until_write = math.inf, -1.0
-    ledger.is_unsure, ledger.is_dropped = False, True
+    ledger.age = ledger.given = ledger.budget = 0.0
+    ledger.held_limit, ledger.until_cut = ledger.planned_limit, math.inf
+    ledger.waiting = ledger.crowded = 0
+    ledger.is_unsure = ledger.was_unsure = False
+    ledger.quiet = ledger.inserted = 0.0
+    ledger.is_dropped, ledger.is_waiting = True, False
 
 
 def closing_of(ledger: Ledger, closing: int) -> int:
     """Return what becomes of a reading, given what the watchdog may have done before it."""
     if not ledger.is_unsure:
         return closing
+    if ledger.lag > 0.0:  # the motor's force is known again once what is left of that one is gone
+        return _NEW if closing != REFUSED and ledger.quiet > SETTLED * ledger.lag else REFUSED
     if may_be_dropped(ledger) and ledger.write_delay > 0.0:
         return REFUSED  # when it was dropped is known only once the next force acts
     is_one_hold = ledger.age == ledger.since and ledger.lag == 0.0
@@ -205,7 +220,7 @@ def observe_axes(ledger: Ledger, dt: float, is_unsure: bool) -> tuple[Motion, fl
     for k in range(ledger.axes):
         axis, reading = ledger.axis[k], ledger.reading[k]
         one, before, motor = axis.constants, axis.memory, axis.motor
-        force, move = before.force, reading - before.reading
+        force, move = axis.held, reading - before.reading
         mean = mean_force(motor, dt, lag)
         change = abs(mean - before.mean_force)
         step += motor.step * motor.step
@@ -216,8 +231,11 @@ def observe_axes(ledger: Ledger, dt: float, is_unsure: bool) -> tuple[Motion, fl
             capability += force * force * dt / (4.0 * one.damping)
             work += force * move
             uncertain += ledger.gain * abs(force * move)
-        price += one.half_resolution * change
-        axis.work += mean * move - one.half_resolution * change
+        dear = one.half_resolution * change
+        if motor.unknown > 0.0:
+            dear += motor.unknown / dt * (abs(move) + 2.0 * one.half_resolution)
+        price += dear
+        axis.work += mean * move - dear
         after, motion = observe_axis(before, ledger.memory, reading, mean, motion, one)
         store_axis(before, after)
         begin_interval(motor)
@@ -280,6 +298,13 @@ def restart(ledger: Ledger) -> None:
         ledger.state[end] -= price + ledger.constants.start_price
     ledger.held_price = 0.0
     store_memory(ledger.memory, NO_MEMORY)
+
+
+def renew(ledger: Ledger) -> None:
+    """Keep nothing: loss and work are not negative, since every force so far has been paid."""
+    for k in range(ledger.axes):
+        ledger.axis[k].work = 0.0
+    ledger.state[0] = ledger.state[1] = -ledger.constants.start_price
 
 
 def spread_price(ledger: Ledger) -> float:

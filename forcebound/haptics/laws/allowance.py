@@ -13,7 +13,6 @@ import math
 from forcebound.haptics.laws.hold_cost import lagging_cost, rigid_force
 from forcebound.haptics.laws.ledger import NONE, Ledger
 from forcebound.haptics.laws.timeline import cost_of_strengths
-from forcebound.haptics.laws.waveform import Motor
 
 HALVINGS = 40  # of the saturation: 8 pN
 
@@ -104,7 +103,7 @@ def cost(ledger: Ledger, scale: float, duration: float) -> float:
     for k in range(ledger.axes):
         axis = ledger.axis[k]
         one, force = axis.constants, axis.strength
-        before = _strongest(ledger, axis.motor)
+        before = _strongest(ledger, k)
         square += force * force
         before_square += before * before
         error = one.weight_error - (one.friction if one.presliding == 0.0 else 0.0)
@@ -119,9 +118,12 @@ def cost(ledger: Ledger, scale: float, duration: float) -> float:
     return lagging_cost(before, after, ledger.axis[0].constants.damping, duration, lag)
 
 
-def _strongest(ledger: Ledger, motor: Motor) -> float:
-    """Return the largest force of the motor, in N, when the next takes effect."""
-    force = abs(motor.actual)
-    if ledger.write_delay > 0.0:
-        force = max(force, abs(motor.target))
+def _strongest(ledger: Ledger, k: int) -> float:
+    """Return the largest force of a motor, in N, when the next takes effect."""
+    axis = ledger.axis[k]
+    force = abs(axis.motor.actual)
+    if ledger.write_delay > 0.0 or ledger.inserted > 0.0:
+        force = max(force, abs(axis.motor.target))
+    for place in range(ledger.waiting):
+        force = max(force, abs(axis.waiting[place]))
     return force * (1.0 + ledger.gain)

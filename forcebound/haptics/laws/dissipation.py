@@ -45,6 +45,8 @@ ForceOfAxes: TypeAlias = Annotated[Force, Range()] | tuple[Annotated[Force, Rang
 Watchdog: TypeAlias = Literal["guarding", "reporting", "silent", "none"]
 WATCHDOGS: tuple[str, ...] = get_args(Watchdog)
 
+MOST_LATE = 6  # periods, of a write: the ledger has places for as many forces on their way
+
 
 @dataclass(frozen=True, kw_only=True)
 class StatedNumbers:
@@ -77,7 +79,8 @@ class StatedNumbers:
             1 - x and 1 + x of what it should. The motors of several axes may differ within that.
         lag: Time constant τ of the amplifier, first order.
         write_delay: Longest time from latching a reading to the effect of the force written
-            thereafter; what it is in each sample is measured.
+            thereafter, which may come after later readings: at most 6 periods. What it is in each
+            sample is measured. A force acts until the effect of the next one that was written.
         largest_speed: A reading that implies more is refused; null: none is.
         weight: Weight on each axis that the device carries by itself, positive against positive
             motion; alike or for each axis. It acts when the force is dropped.
@@ -156,6 +159,12 @@ class Dissipation(StatedNumbers):
                 "watchdog 'none' needs a watchdog_limit of at least the hold limit, "
                 f"{self.hold_limit} s, and finite, got {self.watchdog_limit} s: state after which "
                 "time the hardware drops the force at last, or the longest stall that you vouch for"
+            )
+        if self.write_delay > MOST_LATE * self.period:
+            raise ConfigError(
+                f"write_delay must be at most {MOST_LATE} periods, {MOST_LATE * self.period} s, got"
+                f" {self.write_delay} s: choose a lower rate for so slow a device",
+                field="write_delay",
             )
         if self.watchdog == "guarding":
             self._check_guard()

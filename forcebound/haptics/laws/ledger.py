@@ -9,9 +9,14 @@ from forcebound.haptics.laws.sample import AxisConstants, AxisMemory, DeviceCons
 from forcebound.haptics.laws.waveform import Motor
 from forcebound.messages.packets import MAX_AXES
 
+#: Forces that can be on their way at once; the last place takes only a zero force.
+PLACES = 8
+
 #: Values of ``Ledger.watchdog``, in the order of
 # :data:`forcebound.haptics.laws.dissipation.WATCHDOGS`.
 GUARDING, REPORTING, SILENT, NONE = range(4)
+
+SETTLED = 20.0  # time constants of the amplifier, after which the rest of a force is gone: 2e-9
 
 
 class Axis:
@@ -20,7 +25,8 @@ class Axis:
     memory: AxisMemory
     motor: Motor
     constants: AxisConstants
-    pending: float  # N, force that was written
+    held: float  # N, force that took effect last
+    waiting: Annotated[list[float], PLACES]  # N, forces that were written and will act, in order
     trial: float  # N, force whose cost is computed, or the direction of one
     strength: float  # N, magnitude of the force of a hold
     origin: float  # m, reading at the start
@@ -55,6 +61,8 @@ class Ledger:
     held_price: float  # J, of the last reading that was taken in
     spent: float  # J, the most that the force since that reading can have given
     since: float  # s, since that reading
+    inserted: float  # s before this reading that the true interval need not have
+    is_waiting: bool  # in that time
     memory: Memory
     # The force that acts.
     age: float  # s
@@ -63,12 +71,16 @@ class Ledger:
     budget: float  # J, that it was planned for
     given: float  # J, the most that it can have given since it took effect
     is_dropped: bool
-    is_unsure: bool  # the watchdog may have dropped the force since the last reading
+    is_unsure: bool  # the watchdog may have dropped a force since the last reading
+    was_unsure: bool  # the same, of a force that another one has replaced since
+    quiet: float  # s, since a force may have been dropped last
     largest_leak: float  # J, the most that a late hold can have given
-    # The force that was written and will act.
-    until_write: float  # s, or -1: there is none
-    pending_limit: float  # s
-    pending_budget: float  # J
+    # The forces that were written and will act, in order.
+    waiting: int  # number of them
+    until_write: Annotated[list[float], PLACES]  # s
+    waiting_limit: Annotated[list[float], PLACES]  # s, hold limit
+    waiting_budget: Annotated[list[float], PLACES]  # J
+    crowded: int  # decisions for which there was no place: a zero force was allowed
     axis: Annotated[list[Axis], MAX_AXES]
 
 

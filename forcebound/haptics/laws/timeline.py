@@ -1,14 +1,14 @@
-"""The run of time in a ledger: the old force acts until the new one takes effect.
+"""The run of time in a ledger: each force acts from its time until the next one takes effect.
 
-The watchdog may drop it.
+Forces that were written and do not act yet wait in order. The watchdog may drop the one that acts.
 """
 
 import math
 
 from forcebound.haptics.laws.hold_cost import hold_cost, rigid_cost
-from forcebound.haptics.laws.ledger import GUARDING, NONE, SILENT, Ledger
+from forcebound.haptics.laws.ledger import GUARDING, NONE, PLACES, SILENT, Ledger
 from forcebound.haptics.laws.sample import AxisConstants
-from forcebound.haptics.laws.waveform import retarget, run
+from forcebound.haptics.laws.waveform import retarget, run, wait
 
 
 def advance(ledger: Ledger, duration: float) -> None:
@@ -16,17 +16,47 @@ def advance(ledger: Ledger, duration: float) -> None:
     left = duration
     while left > 0.0:
         piece = min(left, ledger.until_cut)
-        is_pending = ledger.until_write >= 0.0
-        if is_pending:
-            piece = min(piece, ledger.until_write)
+        if ledger.waiting > 0:
+            piece = min(piece, ledger.until_write[0])
         _run_motors(ledger, piece)
         left -= piece
-        if is_pending:
-            ledger.until_write -= piece
-            if ledger.until_write <= 0.0:
-                take_effect(ledger)
+        for place in range(ledger.waiting):
+            ledger.until_write[place] -= piece
+        if ledger.waiting > 0 and ledger.until_write[0] <= 0.0:
+            take_effect(ledger)
         if ledger.until_cut <= 0.0 and left > 0.0:
             drop(ledger)
+
+
+def advance_to_reading(ledger: Ledger, duration: float) -> None:
+    """Let ``duration`` pass, in s, of which the true interval need not have what was inserted."""
+    inserted = min(ledger.inserted, duration) if ledger.lag > 0.0 else 0.0
+    advance(ledger, duration - inserted)
+    if inserted > 0.0:
+        ledger.is_waiting = True
+        advance(ledger, inserted)
+        ledger.is_waiting = False
+
+
+def send(ledger: Ledger, delay: float, limit: float, budget: float) -> None:
+    """Let the force of ``trial`` act after ``delay``, in s, in place of all that would act later.
+
+    ``limit`` is its hold limit, in s, and ``budget`` what it was planned for, in J.
+    """
+    while ledger.waiting > 0 and ledger.until_write[ledger.waiting - 1] >= delay:
+        ledger.waiting -= 1
+    place = ledger.waiting
+    if place == PLACES:  # then this force is zero, as the one before it is: that one lasts longer
+        longer = delay - ledger.until_write[place - 1] + limit
+        ledger.waiting_limit[place - 1] = max(ledger.waiting_limit[place - 1], longer)
+        return
+    for k in range(ledger.axes):
+        ledger.axis[k].waiting[place] = ledger.axis[k].trial
+    ledger.until_write[place], ledger.waiting_limit[place] = delay, limit
+    ledger.waiting_budget[place] = budget
+    ledger.waiting += 1
+    if delay <= 0.0:
+        take_effect(ledger)
 
 
 def _run_motors(ledger: Ledger, piece: float) -> None:
@@ -34,14 +64,20 @@ def _run_motors(ledger: Ledger, piece: float) -> None:
     cost = acting_cost(ledger, piece, 1.0 + ledger.gain)
     ledger.given += cost
     for k in range(ledger.axes):
-        run(ledger.axis[k].motor, piece, ledger.lag)
+        if ledger.is_waiting:
+            wait(ledger.axis[k].motor, piece, ledger.lag)
+        else:
+            run(ledger.axis[k].motor, piece, ledger.lag)
     ledger.age += piece
     ledger.since += piece
+    ledger.quiet += piece
     ledger.until_cut -= piece
     if ledger.watchdog == NONE and ledger.age > ledger.held_limit and not ledger.is_dropped:
-        ledger.largest_leak = max(ledger.largest_leak, ledger.given - max(ledger.budget, 0.0))
+        # What is left of the force when it ends decays, as if it lasted half the lag longer.
+        given = ledger.given + acting_cost(ledger, 0.5 * ledger.lag, 1.0 + ledger.gain)
+        ledger.largest_leak = max(ledger.largest_leak, given - max(ledger.budget, 0.0))
     if may_be_dropped(ledger):
-        ledger.is_unsure = True
+        ledger.is_unsure, ledger.quiet = True, 0.0
         cost += dropped_cost(ledger, piece)
     ledger.spent += cost
 
@@ -59,13 +95,23 @@ def may_be_dropped(ledger: Ledger) -> bool:
 
 
 def take_effect(ledger: Ledger) -> None:
-    """Let the force act that was written last."""
+    """Let the first of the waiting forces act."""
+    ledger.was_unsure = ledger.was_unsure or ledger.is_unsure
+    limit, ledger.budget = ledger.waiting_limit[0], ledger.waiting_budget[0]
     for k in range(ledger.axes):
-        retarget(ledger.axis[k].motor, ledger.axis[k].pending, ledger.lag, ledger.since == 0.0)
-    limit = ledger.pending_limit
+        axis = ledger.axis[k]
+        axis.held = axis.waiting[0]
+        retarget(axis.motor, axis.held, ledger.lag, ledger.since == 0.0)
+    ledger.waiting -= 1
+    for place in range(ledger.waiting):
+        ledger.until_write[place] = ledger.until_write[place + 1]
+        ledger.waiting_limit[place] = ledger.waiting_limit[place + 1]
+        ledger.waiting_budget[place] = ledger.waiting_budget[place + 1]
+        for k in range(ledger.axes):
+            ledger.axis[k].waiting[place] = ledger.axis[k].waiting[place + 1]
     ledger.age = ledger.given = 0.0
     ledger.is_dropped = False
-    ledger.held_limit, ledger.budget, ledger.until_write = limit, ledger.pending_budget, -1.0
+    ledger.held_limit = limit
     if ledger.watchdog == SILENT:
         ledger.until_cut = limit * (1.0 + ledger.tolerance)
     elif ledger.watchdog == NONE:
@@ -88,6 +134,30 @@ def acting_cost(ledger: Ledger, duration: float, gain: float) -> float:
         axis = ledger.axis[k]
         axis.strength = gain * max(abs(axis.motor.target), abs(axis.motor.actual))
     return cost_of_strengths(ledger, duration)
+
+
+def cost_before(ledger: Ledger, gain: float) -> float:
+    """Return the most that can be given before a force written now takes effect, in J.
+
+    It does so after the write delay, at the latest; until then those before it act in turn.
+    """
+    delay = ledger.write_delay
+    first = min(delay, ledger.until_cut)
+    if ledger.waiting > 0:
+        first = min(first, ledger.until_write[0])
+    if delay <= 0.0 or first < 0.0:
+        return 0.0
+    total = acting_cost(ledger, first, gain)
+    for place in range(ledger.waiting):
+        end = ledger.until_write[place + 1] if place + 1 < ledger.waiting else delay
+        duration = min(end, delay) - ledger.until_write[place]
+        for k in range(ledger.axes):
+            axis = ledger.axis[k]
+            force = gain * abs(axis.waiting[place])
+            axis.strength = max(axis.strength, force) if ledger.lag > 0.0 else force
+        if duration > 0.0:
+            total += cost_of_strengths(ledger, duration)
+    return total
 
 
 def dropped_cost(ledger: Ledger, duration: float) -> float:

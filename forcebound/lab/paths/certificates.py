@@ -33,8 +33,9 @@ LEFT_OUT = {"watchdog": "silent", "largest_speed": math.inf}
 
 
 def write_delay(draft: Draft) -> None:
-    """Writes take effect up to 0.4 T after the reading."""
-    draft.fields["write_delay"] = draft.fields["period"] * log_between(draft.random, 0.01, 0.4)
+    """Writes take effect up to 2.5 T after the reading, also after the next ones."""
+    longest = 0.4 if draft.random.random() < 0.4 else 2.5
+    draft.fields["write_delay"] = draft.fields["period"] * log_between(draft.random, 0.01, longest)
     draft.case["write_delay"] = draft.fields["write_delay"]
 
 
@@ -218,7 +219,7 @@ def weight_cut(draft: Draft) -> None:
 CERTIFICATES = {
     "plain": Certificate("quantised readings, any clock", (), "resolution"),
     "write_delay": Certificate(
-        "writes up to 0.4 T after the reading", (write_delay,), "write_delay"
+        "writes up to 2.5 T after the reading", (write_delay,), "write_delay"
     ),
     "presliding": Certificate("elastic friction", (presliding,), "presliding"),
     "gain": Certificate("gain error to 20 %", (gain,), "gain_error"),
@@ -276,6 +277,9 @@ CERTIFICATES = {
     ),
     "late_writes": Certificate(
         "writes late and a silent watchdog in a range", (write_delay, tolerance)
+    ),
+    "late_reports": Certificate(
+        "writes late and a reporting watchdog", (write_delay, reporting), "write_delay"
     ),
     "none_and_lag": Certificate("no watchdog, a lag", (lag, none), "lag"),
     "none_and_delay": Certificate("no watchdog, writes late", (write_delay, none), "write_delay"),

@@ -8,7 +8,7 @@ of them multiples of the encoder's error (``micro``), a speed, and a turn within
 
 import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
@@ -61,6 +61,8 @@ READINGS = ("genes", "stick", "lead", "trail", "push", "pull", "quantised", "edg
 COMMANDS = ("genes", "along the motion", "against the motion", "alternating", "along the axis")
 SLOWLY = len(COMMANDS)  # in steps that friction pays for; only with a certificate that says so
 
+QUEUE = 16  # forces that can be on their way
+
 LARGE_PEAK = 1e-4  # J; what is left after such a peak says how tight a law is
 
 
@@ -83,6 +85,10 @@ class Account:
     struck_hold: float  # s, for which it is struck
     late_hold: float  # s, in a late hold; 0: not tried
     force: PerAxis  # N, to be written
+    waiting: int  # forces that have been written and do not act yet, in order:
+    due: Annotated[list[float], QUEUE]  # s after the reading
+    queued: Annotated[list[PerAxis], QUEUE]  # N
+    queued_hold: Annotated[list[float], QUEUE]  # s
     reading: PerAxis  # m
     commanded: PerAxis  # N
     last_move: PerAxis  # m
@@ -134,11 +140,15 @@ def plan_of(
         long = np.maximum(exact + 1.0, exact * (up / hold_limit) ** ((shape - 1.0) / 2.0))
         nanoseconds = np.where(shape < 1.0, short, long if manner.clock == 3 else exact)
         nanoseconds = np.floor(np.clip(nanoseconds, 1000.0, np.maximum(up * 1e9, exact)))
+    varies = write_delay * 1e9
     if manner.punctual:
-        nanoseconds = np.minimum(nanoseconds, exact - math.ceil(write_delay * 1e9))
+        varies = min(varies, 0.5 * float(exact.min()))
+        nanoseconds = np.minimum(nanoseconds, exact - math.ceil(varies))
     plan["duration"] = nanoseconds
     share = np.clip(np.abs(plan["write"]), 0.0, 1.0)
-    plan["write"] = np.floor(np.minimum(share * write_delay * 1e9, nanoseconds))
+    readings = np.cumsum(nanoseconds) - nanoseconds
+    acts = readings + np.floor(write_delay * 1e9 - (1.0 - share) * varies)
+    plan["write"] = np.maximum.accumulate(acts) - readings  # the order of writes is kept
     plan["applied"] = np.clip(2.0 - np.abs(plan["applied"]), 0.0, 1.0)
     plan["cut"] = np.clip(plan["cut"], -1.0, 1.0)
     plan["split"] = np.clip(0.5 + plan["split"] / 4.0, 0.05, 1.0)
@@ -242,21 +252,44 @@ def drop(device: Device, account: Account, now: float, is_leaving: bool) -> tupl
 
 
 @outlined
-def write_next(device: Device, account: Account) -> None:
-    """Write the force of this interval."""
-    set_force(device, account.force)
+def send(account: Account, write: float) -> None:
+    """Put the force of this interval on its way; it acts ``write`` s after the reading."""
+    while account.waiting > 0 and account.due[account.waiting - 1] >= write:
+        account.waiting -= 1  # this force takes its place
+    if account.waiting == QUEUE:  # far more than a law that knows of the delay sends, but for zeros
+        if not np.any(account.force) and not np.any(account.queued[QUEUE - 1]):
+            return
+        account.waiting -= 1
+    place = account.waiting
+    account.due[place], account.queued_hold[place] = write, account.hold
     for axis in range(AXES):
-        account.at_write[axis] = device.position[axis]
+        account.queued[place][axis] = account.force[axis]
+    account.waiting += 1
 
 
 @outlined
-def through(device: Device, account: Account, write: float, times: Floats, moves: Floats) -> None:
-    """Walk the pieces of an interval, split at the write and at the cut of the watchdog.
+def act(device: Device, account: Account) -> float:
+    """Let the first force on its way act; return how long it is held, in s."""
+    set_force(device, account.queued[0])
+    hold: float = account.queued_hold[0]
+    account.waiting -= 1
+    for place in range(account.waiting):
+        account.due[place] = account.due[place + 1]
+        account.queued_hold[place] = account.queued_hold[place + 1]
+        for axis in range(AXES):
+            account.queued[place][axis] = account.queued[place + 1][axis]
+    for axis in range(AXES):
+        account.at_write[axis] = device.position[axis]
+    return hold
+
+
+@outlined
+def through(device: Device, account: Account, times: Floats, moves: Floats) -> None:
+    """Walk the pieces of an interval, split where a force begins to act or the watchdog cuts it.
 
     Args:
         device: Changed.
-        account: Changed; it has the time of the old force's cut, and the new one and its hold.
-        write: Time of the write, s.
+        account: Changed; it has the time of the old force's cut, and the forces on their way.
         times: Length of each piece of the path, s, shape ``(pieces,)``.
         moves: Move in each piece, m, shape ``(pieces, 3)``.
     """
@@ -267,14 +300,16 @@ def through(device: Device, account: Account, write: float, times: Floats, moves
         left = times[piece]
         end = now + left
         while True:
-            if write <= now and write >= 0.0:
-                write_next(device, account)
-                cut_at, write, is_leaving = now + account.hold, -1.0, False
+            if account.waiting > 0 and account.due[0] <= now:
+                cut_at, is_leaving = now + act(device, account), False
+                continue
             if cut_at <= now:
                 cut_at, is_leaving = drop(device, account, now, is_leaving)
             if left <= 0.0:
                 break
-            after = min(end, cut_at, write) if write >= 0.0 else min(end, cut_at)
+            after = min(end, cut_at)
+            if account.waiting > 0:
+                after = min(after, account.due[0])
             duration = after - now
             if after >= end:
                 duration, after = left, end
@@ -286,16 +321,22 @@ def through(device: Device, account: Account, write: float, times: Floats, moves
             now = after
             if now >= end:
                 left = 0.0
-    if 0.0 <= write < math.inf:  # at the very end of the interval, to rounding
-        write_next(device, account)
-        cut_at = now + account.hold
+    while account.waiting > 0 and account.due[0] <= now + 1e-12:  # at the very end, to rounding
+        cut_at = now + act(device, account)
+    for place in range(account.waiting):
+        account.due[place] -= now
     account.cut_after = cut_at - now
 
 
 @outlined
-def strike_all(devices: Devices, account: Account, write: float) -> None:
-    """Note the worst ends of the hold that begins with a ``write`` in so many s (:func:`tick`)."""
-    low = strike(devices, write, account.cut_after, account.force, account.struck_hold)
+def strike_all(devices: Devices, account: Account) -> None:
+    """Note the worst ends of the hold of the force that was written last (:func:`tick`)."""
+    last = account.waiting - 1
+    dues, forces, holds = account.due[: last + 1], account.queued[: last + 1], np.empty(last + 1)
+    for place in range(last):
+        holds[place] = account.queued_hold[place]
+    holds[last] = account.struck_hold
+    low, write = strike(devices, dues, forces, holds, account.cut_after), dues[last]
     if devices[0].guard > 0.0:
         low = min(low, strike_guarded(devices, write, account.force))
     low += account.energy
@@ -307,7 +348,8 @@ def strike_all(devices: Devices, account: Account, write: float) -> None:
     if write <= 0.0 and devices[0].lag <= 0.0:  # else the rest of an overdue force may act
         account.fallen = min(account.fallen, low - min(account.energy, 0.0))
     if account.late_hold > 0.0:
-        late = strike(devices, write, account.cut_after, account.force, account.late_hold)
+        holds[last] = account.late_hold
+        late = strike(devices, dues, forces, holds, account.cut_after)
         account.late_struck = min(account.late_struck, late + account.energy)
 
 
@@ -316,17 +358,24 @@ def pieces_of(
     device: Device, account: Account, row: Interval, times: Floats, moves: Floats
 ) -> None:
     """Put the lengths, s, and the moves, m, of the pieces of an interval into the last two."""
-    duration, write = row.duration * 1e-9, row.write * 1e-9
-    # The pieces: under the old force, under the new one (there and back), after its cut.
-    before = min(write, duration)
-    held = min(duration - before, account.hold)
+    duration, waiting = row.duration * 1e-9, account.waiting
+    # The pieces: under the old force, under the next one (there and back), after its end: it was
+    # cut, or replaced.
+    before = min(account.due[0], duration) if waiting > 0 else duration
+    hold = account.queued_hold[0] if waiting > 0 else 0.0
+    if waiting > 1:
+        hold = min(hold, account.due[1] - before)
+    held = min(duration - before, hold)
     times[0], times[1] = before, held * row.split
     times[2], times[3] = held - times[1], duration - before - held
     old_force = np.empty(AXES)
     for axis in range(AXES):
         old_force[axis] = device.target[axis] + device.weight[axis]
     worst_way(device, old_force, max(before, 1e-9), moves[0])
-    worst_way(device, account.force, max(held, 1e-9), moves[1])
+    if waiting > 0:
+        worst_way(device, account.queued[0], max(held, 1e-9), moves[1])
+    if waiting > 1:
+        worst_way(device, account.queued[1], max(times[3], 1e-9), moves[3])
     for axis in range(device.axes):
         old, new = row.strike_old * moves[0, axis], row.strike * moves[1, axis]
         drift = row.speed[axis]
@@ -334,7 +383,8 @@ def pieces_of(
         moves[0, axis] = old + drift * before
         moves[1, axis] = row.split * (new + extra) + row.turn
         moves[2, axis] = (1.0 - row.split) * (new + extra) - row.turn
-        moves[3, axis] = row.back * new + drift * times[3]
+        after = row.strike * moves[3, axis] if waiting > 1 else row.back * new
+        moves[3, axis] = after + drift * times[3]
 
 
 def tick(
@@ -354,12 +404,13 @@ def tick(
     for axis in range(AXES):
         account.last_move[axis] = -device.position[axis]
     if write < math.inf:
-        strike_all(devices, account, write)
+        send(account, write)
+        strike_all(devices, account)
     times, moves = np.zeros(4), np.zeros((4, AXES))
     pieces_of(device, account, row, times, moves)
     for piece in range(4):
         no_faster(moves[piece], times[piece], device.fastest)
-    through(device, account, write, times, moves)
+    through(device, account, times, moves)
     account.peak = max(account.peak, account.energy)
     following = min(index + 1, len(plan) - 1)
     for axis in range(AXES):

@@ -47,8 +47,9 @@ class Side:
         self._loss, self._doubles = random.choice([0.0, 0.0, 0.3, 0.8], 2)
         self._delay = 1e9 * random.choice([0.0, log_between(random, 1e-5, 1e-2)])  # ns, on average
         self._manner = int(random.integers(3))  # of giving: as in the node, any part, everything
-        # A ledger begins without force; an amplifier with a lag would have some left.
-        often = random.choice([0.0, 0.1]) if case.stated.lag == 0.0 else 0.0
+        # A ledger begins without force; with a lag or a late write there would be some left.
+        is_quiet = case.stated.lag == case.stated.write_delay == 0.0
+        often = random.choice([0.0, 0.1]) if is_quiet else 0.0
         self._begins = (random.random(samples + 2) < often).tolist()
         self._arrivals: list[tuple[float, int, EnergyTransfer]] = []
         self._sent = 0

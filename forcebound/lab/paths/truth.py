@@ -265,34 +265,36 @@ def worst_end(devices: Devices, duration: float, pieces: int) -> tuple[float, fl
 
 @outlined
 def strike(
-    devices: Devices, write_after: float, cut_after: float, force: Vector, hold: float
+    devices: Devices, dues: Vector, forces: Sequence[Vector], holds: Vector, cut_after: float
 ) -> float:
     """Return the lowest energy, in J, that the hand can still reach before the force is dropped.
 
     Args:
         devices: The device at a reading, which is not changed, and its copies.
-        write_after: Time from the reading to the write, s; the old force acts so long.
-        cut_after: Time until the watchdog drops the old force, s.
-        force: What will be written, N.
-        hold: How long it is held, s.
+        dues: When each of the forces on their way acts, s after the reading, shape ``(n,)``.
+        forces: These forces, N, shape ``(n, 3)``; the last one is the new one.
+        holds: How long the watchdog lets each act, s, shape ``(n,)``.
+        cut_after: Time until it drops the force that acts now, s.
     """
     lag, lowest = devices[0].lag, 0.0
+    last = 2 * len(dues) + 1
     for whole in range(2 if lag > 0.0 else 1):
         pieces = PIECES if lag > 0.0 and whole == 0 else 1
         devices[1] = devices[0]
         device, energy = devices[1], 0.0
-        first = min(write_after, cut_after)
-        for phase in range(4):
-            duration = 0.0
-            if phase == 0:
-                duration = first
-            elif phase == 1:
-                if cut_after < write_after:
+        for phase in range(last + 1):  # each force, then nothing until the next one
+            place, duration = phase // 2, 0.0
+            begin = dues[place - 1] if place > 0 else 0.0
+            gap = dues[place] - begin if place < len(dues) else math.inf
+            held = min(gap, holds[place - 1] if place > 0 else cut_after)
+            if phase % 2 == 0:
+                if place > 0:
+                    set_force(device, forces[place - 1])
+                duration = held
+            elif phase < last:
+                if held < gap:
                     cut(device)
-                duration = write_after - first
-            elif phase == 2:
-                set_force(device, force)
-                duration = hold
+                duration = gap - held
             elif lag > 0.0:  # dropped, or replaced by none: a weight stays compensated
                 set_force(device, np.zeros(AXES))
                 duration = 3.0 * lag
