@@ -4,6 +4,8 @@ import gc
 import signal
 import sys
 
+from forcebound.stop import INTERRUPTED, ending_signals
+
 # Imports make many objects and no garbage: with the default of 700 new objects between two
 # collections, a device process would spend a tenth of its start on looking for some.
 GARBAGE_THRESHOLD = 100_000
@@ -12,17 +14,22 @@ GARBAGE_THRESHOLD = 100_000
 def main() -> None:
     """Run the command; Ctrl-C ends it quietly also while it is still being imported.
 
-    Ctrl-C after the command has ended changes neither its result nor its exit status.
+    The other signals that end a command act as Ctrl-C, so that it keeps what it has, and leaves
+    nothing behind. After its end they change neither its result nor its exit status.
     """
     gc.set_threshold(GARBAGE_THRESHOLD)
+    ending = ending_signals()
+    for number in ending:
+        signal.signal(number, signal.default_int_handler)
     try:
         from forcebound.cli import main as command
 
         command()
     except KeyboardInterrupt:
-        sys.exit(130)
+        sys.exit(INTERRUPTED)
     finally:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        for number in ending:
+            signal.signal(number, signal.SIG_IGN)
 
 
 if __name__ == "__main__":

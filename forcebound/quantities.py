@@ -19,6 +19,9 @@ from forcebound.errors import ConfigError
 from forcebound.units import NAMES, parse_quantity
 
 _UNIT_KEY = "forcebound_unit"
+DAY = 86_400.0  # s, the longest time: in ns, and many times over, it still is a number of 64 bits
+LARGEST = 2**63 - 1  # of whole numbers, which packets carry
+HUGE = 1e30  # of other numbers, in SI units: their squares and products are finite
 
 
 @dataclass(frozen=True)
@@ -45,7 +48,10 @@ class Unit:
 
 @dataclass(frozen=True)
 class Range:
-    """The values of an annotated number that make sense; bounds in the number's own SI unit."""
+    """The values of an annotated number that make sense; bounds in the number's own SI unit.
+
+    A time is at most a ``DAY`` in any case.
+    """
 
     above: float | None = None  # excluded
     at_least: float | None = None
@@ -59,23 +65,32 @@ class Range:
         Raises:
             ConfigError: If it is outside, or not finite.
         """
+        if isinstance(value, int) and abs(value) > LARGEST:
+            raise ConfigError(f"must fit into 64 bits, got {value.bit_length()} bits")
+        if symbol != "s" and HUGE < abs(value) < math.inf:
+            raise ConfigError(f"must be at most {HUGE:g} {symbol}, got {value:g} {symbol}")
+        at_most = self._at_most(symbol)
         if (
             math.isfinite(value)
             and (self.above is None or value > self.above)
             and (self.at_least is None or value >= self.at_least)
-            and (self.at_most is None or value <= self.at_most)
+            and (at_most is None or value <= at_most)
             and (self.below is None or value < self.below)
         ):
             return value
         got = f"{value:g} {symbol}".rstrip()
         raise ConfigError(f"must be {self.describe(symbol)}{self.hint}, got {got}")
 
+    def _at_most(self, symbol: str) -> float | None:
+        is_open = self.at_most is None and self.below is None
+        return DAY if symbol == "s" and is_open else self.at_most
+
     def describe(self, symbol: str = "") -> str:
         """Return the range in words: ``> 0 Hz``, ``1 to 6``."""
-        unit = f" {symbol}".rstrip()
-        if self.at_least is not None and self.at_most is not None:
-            return f"{self.at_least:g} to {self.at_most:g}{unit}"
-        bounds = ((">", self.above), (">=", self.at_least), ("<=", self.at_most), ("<", self.below))
+        unit, at_most = f" {symbol}".rstrip(), self._at_most(symbol)
+        if self.at_least is not None and at_most is not None:
+            return f"{self.at_least:g} to {at_most:g}{unit}"
+        bounds = ((">", self.above), (">=", self.at_least), ("<=", at_most), ("<", self.below))
         said = [f"{sign} {bound:g}{unit}" for sign, bound in bounds if bound is not None]
         return " and ".join(said) or "finite"
 

@@ -1,10 +1,22 @@
-"""Signals as bytes on a descriptor, and the request that ends the loop of a process."""
+"""Signals that end a command, as bytes on a descriptor, and the request that ends a loop."""
 
 import os
 import signal
 from collections.abc import Iterable
 from types import FrameType
 from typing import Any, Self
+
+INTERRUPTED = 130  # exit status of a command that such a signal ended, as shells have it
+
+
+def ending_signals() -> tuple[int, ...]:
+    """Return the signals that end a command: Ctrl-C, SIGTERM, a closed terminal (unless ignored).
+
+    ``nohup`` and ``&`` in a script start a command that ignores Ctrl-C, which is to end it all the
+    same. An ignored SIGHUP stays ignored: for that a user types ``nohup``.
+    """
+    hangs_up = signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN
+    return (signal.SIGINT, signal.SIGTERM, *([signal.SIGHUP] if hangs_up else []))
 
 
 class SignalPipe:
@@ -44,10 +56,10 @@ class SignalPipe:
 
 
 class Stop(SignalPipe):
-    """A request to end the loop, from SIGTERM, SIGINT or :meth:`request`: ``requested``."""
+    """A request to end the loop, from a signal or :meth:`request`: ``requested``."""
 
     def __init__(self) -> None:
-        super().__init__((signal.SIGTERM, signal.SIGINT))
+        super().__init__(ending_signals())
         self.requested = False
 
     def request(self) -> None:

@@ -15,13 +15,14 @@ An answer carries the contact that the environment reports; its scene is sent in
 """
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from math import isfinite
+from math import inf, isfinite
 from typing import ClassVar, TypeAlias
 
 from msgspec import UnsetType
 
+from forcebound.errors import ConfigError
 from forcebound.haptics.environments import (
     Environment,
     EnvironmentModel,
@@ -49,6 +50,9 @@ from forcebound.roles import ENVIRONMENT
 
 PROBE_INTERVAL_NS = 1_000_000_000  # between two answers of an environment that is rejected
 ABSENT_NS = 100_000_000  # without a query, after which a hand has left the world
+FAILED_NS = 100_000_000  # without a good answer, after which a world that had some is opened again
+SLACK = 1.0  # s that a hand's time may be ahead of ours: packets are late by different times
+DRIFT = 1.01  # how many times as fast as ours another machine's clock may go
 
 _logger = logging.getLogger(__name__)
 
@@ -59,22 +63,43 @@ _Answer: TypeAlias = tuple[Vector, Vector | None, Vector | None, Mapping[str, fl
 
 @dataclass
 class _User:
-    """A hand that has asked."""
+    """A hand that has asked.
+
+    Its time moves a world that others share, so it passes no faster than ours. A time that jumps
+    goes on from where it was; one that goes back began again.
+    """
 
     heard_ns: int = 0  # last query that was taken
     is_present: bool = False
     is_serving: bool = False
     refused_for: str | None = None  # the environment that serves it instead
     probed_ns: int = 0
+    time: float = inf  # s, of its last query, as the world has it
+    asked_ns: int = 0  # when that was answered
+    credit: float = SLACK  # s that its time may gain on ours
+    cut: float = 0.0  # s that do not pass in the world
     emitted: tuple[bool, str | None] = (False, None)
     emit_ns: int = 0
+
+    def passed(self, elapsed: float, now_ns: int) -> float:
+        """Return the time of a query for the world, in s: ``elapsed`` if that is plausible."""
+        before = self.time
+        self.credit = min(self.credit + DRIFT * 1e-9 * (now_ns - self.asked_ns), SLACK)
+        most = before + self.credit
+        if elapsed - self.cut < before:
+            self.cut = max(elapsed - before, 0.0)
+        elif elapsed - self.cut > most:
+            self.cut = elapsed - most
+        self.time, self.asked_ns = min(elapsed - self.cut, most), now_ns
+        self.credit -= max(self.time - before, 0.0)
+        return self.time
 
 
 class EnvironmentNode(Node):
     """Answers the newest query, one at a time, each after its computation time.
 
-    The node opens the model, and closes it in the end. No other environment has its ``name`` in the
-    graph.
+    The node opens the model for its ``hands``, and closes it in the end. No other environment has
+    its ``name`` in the graph.
 
     Raises:
         ConfigError: If the environment cannot be opened.
@@ -88,10 +113,11 @@ class EnvironmentNode(Node):
         computation: ComputationTime | None = None,
         name: str = ENVIRONMENT,
         axes: int = 1,
+        hands: Collection[str] = (),
     ) -> None:
         self._model = model
-        self._axes = axes
-        self._environment = open_environment(model, axes)
+        self._axes, self._hands = axes, hands
+        self._environment = open_environment(model, axes, hands)
         self._computation = ComputationTime() if computation is None else computation
         self._answering: tuple[EnvironmentQuery, _Answer] | None = None
         self._waiting: dict[str, EnvironmentQuery] = {}  # by hand; the first is answered first
@@ -107,6 +133,8 @@ class EnvironmentNode(Node):
         self._watch()
         self.name = name
         self.faults = 0  # queries that the environment's code failed to answer
+        self._failing_ns: int | None = None  # since when it has failed to answer any
+        self._is_sound = False  # whether it has answered since it was opened
         self._failure = ""  # the first of them, until it is reported
 
     @property
@@ -130,14 +158,15 @@ class EnvironmentNode(Node):
         code fails.
         """
         if model != self._model:
-            self._environment = change_environment(self._environment, model, self._axes)
+            opened = self._environment
+            self._environment = change_environment(opened, model, self._axes, self._hands)
             self._model = model
-            self._signals.watch(self._environment)
-            self._scene.watch(self._environment)
             self._watch()
         self._computation.change(computation, trace)
 
     def _watch(self) -> None:
+        self._signals.watch(self._environment)
+        self._scene.watch(self._environment)
         own = overridden(self._environment, Environment)
         self._takes_readings = "take_readings" in own
         self._notices_leaving = "leave" in own
@@ -276,17 +305,39 @@ class EnvironmentNode(Node):
             if self._takes_readings:
                 felt = query.measured_force or None
                 environment.take_readings(query.hand, query.buttons, felt)
-            answer = environment.force(query.hand, query.position, query.velocity, query.elapsed)
+            elapsed = self._users[query.hand].passed(query.elapsed, self._step_ns)
+            answer = environment.force(query.hand, query.position, query.velocity, elapsed)
             force = _vector(answer, query)
+            if not all(map(isfinite, force)):
+                raise ValueError(f"expected a finite force, got {force} N")
             contact = environment.contact(query.hand)
             signals = self._signals.numbers()
+            self._is_sound, self._failing_ns = True, None
             if contact is None:
                 return force, None, None, signals
             proxy, normal = contact
             return force, _vector(proxy, query), _vector(normal, query), signals
         except Exception as error:
             self._count_failure(error)
+            self._open_again()
             return None
+
+    def _open_again(self) -> None:
+        """Open the world again if it has answered and now fails to: its state is lost."""
+        if self._failing_ns is None:
+            self._failing_ns = self._step_ns
+        if not self._is_sound or self._step_ns - self._failing_ns < FAILED_NS:
+            return
+        self._is_sound = False
+        try:
+            opened = open_environment(self._model, self._axes, self._hands)
+        except ConfigError as error:
+            self._count_failure(error)
+            return
+        self.close()
+        self._environment = opened
+        self._watch()
+        self._failure = f"no answer for {FAILED_NS / 1e6:g} ms, so it was opened again"
 
     def _count_failure(self, error: Exception) -> None:
         self.faults += 1

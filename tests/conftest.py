@@ -1,12 +1,13 @@
-"""Fixtures of tests with sockets and processes; profiles of hypothesis."""
+"""Fixtures of tests with sockets and processes; profiles of hypothesis; time limits."""
 
+import signal
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
-from leaks import no_leaks
+from leaks import no_leaks, no_processes
 from measured import measure_begins_of_runs, measure_no_compilation
 
 from forcebound.network.sockets import Network
@@ -17,11 +18,22 @@ settings.register_profile("daily", derandomize=True, deadline=None)  # no timing
 settings.register_profile("random", print_blob=True, deadline=None)
 settings.load_profile("daily")
 
+# Of a script (nohup, &) it is inherited that Ctrl-C is ignored, which children would inherit, too.
+signal.signal(signal.SIGINT, signal.default_int_handler)
+
+LIMITS = {"slow": 3600.0, "endurance": 86_400.0}  # s, of a test; of others as in pyproject.toml
+
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Keep the tests of a file on one worker, where kernels and fixtures are made once."""
+    """Keep the tests of a file on one worker, where kernels and fixtures are made once.
+
+    Campaigns have more time.
+    """
     for item in items:
+        limits = [limit for mark, limit in LIMITS.items() if item.get_closest_marker(mark)]
+        if limits and item.get_closest_marker("timeout") is None:
+            item.add_marker(pytest.mark.timeout(max(limits)))
         if item.get_closest_marker("xdist_group") is None:
             item.add_marker(pytest.mark.xdist_group(item.path.stem))
 
@@ -50,12 +62,10 @@ def measured_parts(request: pytest.FixtureRequest) -> Iterator[None]:
 def leak_check(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[None]:
-    """Nothing is left after a test marked ``live``: processes, sockets, files, threads."""
-    if request.node.get_closest_marker("live") is None:
-        yield
-        return
+    """No process is left after a test; after one marked ``live`` no socket, file, thread either."""
     tmp_path_factory.getbasetemp()  # made once, and not in the folder of this test
-    with no_leaks():
+    is_live = request.node.get_closest_marker("live") is not None
+    with no_leaks() if is_live else no_processes():
         yield
 
 

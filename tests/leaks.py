@@ -1,13 +1,14 @@
 """The leak check: what a test with processes and sockets may not leave behind.
 
-The test gets a folder of its own for temporary files, and a mark in its environment. Every process
-that it starts inherits the mark, and keeps it if its parent dies. Afterwards there must be no
-process with the mark, no file in the folder, no further descriptor or thread in this process, and
-no further shared memory.
+Each test has a mark in its environment. Every process that it starts inherits the mark, and keeps
+it if its parent dies. Afterwards there must be no process with the mark; it is killed.
+A test with sockets also gets a folder of its own for temporary files: afterwards there must be no
+file in it, no further descriptor or thread in this process, and no further shared memory.
 """
 
 import gc
 import os
+import signal
 import tempfile
 import threading
 import time
@@ -27,21 +28,36 @@ SHARED_MEMORY = Path("/dev/shm")
 
 
 @contextmanager
-def no_leaks() -> Iterator[None]:
-    """Fail if what runs inside leaves anything behind."""
+def no_processes() -> Iterator[None]:
+    """Fail if what runs inside leaves a process behind; kill it."""
     mark = uuid.uuid4().hex
     resource_tracker.ensure_running()  # multiprocessing's, which stays until this process ends
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv(MARK, mark)
+        yield
+    variable = f"{MARK}={mark}"
+    try:
+        _expect_none("processes", lambda: _processes(variable))
+    finally:
+        for left in _processes(variable):
+            with suppress(ProcessLookupError):
+                os.kill(int(left.partition(" ")[0]), signal.SIGKILL)
+
+
+@contextmanager
+def no_leaks() -> Iterator[None]:
+    """Fail if what runs inside leaves anything behind."""
+    resource_tracker.ensure_running()  # as below
     threads, descriptors, memory = _threads(), _descriptors(), _shared_memory()
     with tempfile.TemporaryDirectory(prefix="fb-") as folder, pytest.MonkeyPatch.context() as patch:
-        patch.setenv(MARK, mark)
         patch.setenv("TMPDIR", folder)
         patch.setenv("XDG_RUNTIME_DIR", folder)
         patch.setattr(tempfile, "tempdir", None)  # so that TMPDIR is read again
         gc.freeze()  # what was there before takes long to look through
-        yield
+        with no_processes():
+            yield
         gc.collect()  # what only a reference cycle holds is no leak
         gc.unfreeze()
-        _expect_none("processes", lambda: _processes(f"{MARK}={mark}"))
         _expect_none("descriptors", lambda: _descriptors() - descriptors)
         _expect_none("threads", lambda: _threads() - threads)
         _expect_none("temporary files", lambda: _files(Path(folder)))

@@ -1,8 +1,7 @@
 """Files from outside: what is no file is refused at once; limits; names that can be printed."""
 
 import os
-import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -19,21 +18,8 @@ from forcebound.network.keys import list_keys, new_key, public_key
 from forcebound.recordings.recording import read
 from forcebound.results.delay_traces import read_trace
 
-TIMEOUT = 30  # s; on a machine under load, far more than a refusal needs
-
-
-@pytest.fixture(autouse=True)
-def in_time() -> Iterator[None]:
-    """Fail a test that waits for ever, instead of waiting with it."""
-
-    def too_long(*_: object) -> None:
-        raise AssertionError("it waits")
-
-    before = signal.signal(signal.SIGALRM, too_long)
-    signal.alarm(TIMEOUT)
-    yield
-    signal.alarm(0)
-    signal.signal(signal.SIGALRM, before)
+# s; on a machine under load, far more than a refusal needs; a test must not wait for ever.
+pytestmark = pytest.mark.timeout(60)
 
 
 def including(path: Path) -> object:

@@ -79,7 +79,7 @@ def recording(config: GraphConfig, file: Path) -> Path:
         ("{law: none}", "{law: non}", "10:19", "'none'"),
         ("    links:", "    link:", "11:5", "'links'"),
         ("    links:", "    environment:", "11:5", "'environment'"),
-        ("delay: 2", "delay: -2", "11:40", ">= 0 s"),
+        ("delay: 2", "delay: -2", "11:40", "0 to 86400 s"),
         (
             "    include: stiff_wall.yaml\n  right",
             "    include: stif\n  right",

@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 
 import pytest
-from builders import MS, TimedPacket
+from builders import MS, TimedPacket, query
 from chance_tests import (
     SURELY_NOT,
     EveryPacket,
@@ -27,6 +27,7 @@ from forcebound.messages.codec import encode
 from forcebound.messages.packets import EnvironmentQuery, EnvironmentReply
 from forcebound.network.impairment import QUANTILES, GilbertElliott, Impairment, Outage
 from forcebound.network.link import Link
+from forcebound.quantities import DAY
 
 # Every setting
 
@@ -189,12 +190,36 @@ def test_a_changed_limit_counts_what_is_on_the_way() -> None:
         (partial(Impairment, loss=0.1, gemodel=GilbertElliott(0.1, 0.1)), "gemodel"),
         (partial(GilbertElliott, 1.5, 0.1), "p"),
         (partial(Outage, 1.0, -1.0), "duration"),
+        (partial(Outage, 0.0, 86_401.0), "duration"),  # a day at most
+        (partial(Outage, 1e308, 0.0), "start"),
+        (partial(Impairment, 1e308), "delay"),
+        (partial(Impairment, jitter=1e308), "jitter"),
+        (partial(Impairment, limit=2**63), "limit"),
+        (partial(Impairment, rate=1e-300), "rate"),
     ],
 )
 def test_what_cannot_be_is_refused_with_its_field(make: Callable[[], object], field: str) -> None:
     with pytest.raises(ConfigError) as caught:
         make()
     assert caught.value.field == field
+
+
+LARGEST = [
+    Impairment(delay=DAY, jitter=DAY, distribution="pareto", limit=2**63 - 1, rate=1.0),
+    Impairment(jitter=DAY, distribution="normal", outages=(Outage(DAY, DAY), Outage(0.0, 1e-9))),
+    Impairment(delay=5e-324, jitter=5e-324, loss=5e-324, rate=1e308, reorder=1.0, duplicate=1.0),
+]
+
+
+@pytest.mark.parametrize("impairment", LARGEST)
+def test_at_the_ends_of_the_ranges_every_packet_has_a_time_of_64_bits(
+    impairment: Impairment,
+) -> None:
+    one, now_ns = Link[EnvironmentQuery](impairment, 1), 2**62
+    for seq in range(50):
+        one.accept(now_ns, query(seq), 60_000)
+        one.due(now_ns)
+    assert one.queued == 0 or now_ns <= (one.next_due_ns or 0) < 2**63
 
 
 @pytest.mark.parametrize(

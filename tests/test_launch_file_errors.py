@@ -51,7 +51,7 @@ from forcebound.graph.resolved import to_document
         ("seed: 1", "seed: 1.5", "6:7", "'1.5'"),
         ("seed: 1", "seed: -1", "6:7", ">= 0"),
         ("seed: 1", "seed: true", "6:7", "'true'"),
-        ("2 ms", "-2 ms", "16:30", ">= 0 s"),
+        ("2 ms", "-2 ms", "16:30", "0 to 86400 s"),
         ("delay: 2 ms", "loss: 2", "16:29", "0 to 1"),
         ("  law: $", "  reply_wait: 1\n  law: $", "10:15", "< 1"),
         ("  law: $", "  hold_limit: 0.5\n  law: $", "10:15", "1 to 1e+06"),

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from addresses import LAUNCHERS
 from live_graph import PROCESSES_OF_THEIR_OWN, LiveGraph, is_alive, live_graph
 from waiting import TIMEOUT, until
 
@@ -63,6 +64,32 @@ def test_an_interrupt_ends_the_run_with_zero_force_and_a_result(
     check_last_force(graph)
     assert not any(map(is_alive, pids.values()))
     assert run_dirs(graph) == []
+
+
+@pytest.mark.parametrize("is_killed", [False, True])
+def test_a_suspended_recorder_ends_with_the_run_and_completes_its_file(
+    graph: LiveGraph, is_killed: bool
+) -> None:
+    pids = pids_of(graph)
+    os.kill(pids["recorder"], signal.SIGSTOP)
+    graph.wait(0.5)
+    graph.process.send_signal(signal.SIGKILL if is_killed else signal.SIGINT)
+    graph.process.communicate(timeout=TIMEOUT)
+    assert graph.process.returncode == (-signal.SIGKILL if is_killed else 0), graph.log
+    until(lambda: not any(map(is_alive, pids.values())), "the processes to be gone")
+    until(lambda: run_dirs(graph) == [], "the run directory to be gone")
+    assert read(graph.record).complete
+
+
+def test_a_signal_while_the_result_is_computed_leaves_nothing(graph: LiveGraph) -> None:
+    graph.process.send_signal(signal.SIGINT)
+    until(lambda: not list(graph.runtime.glob(LAUNCHERS)), "the end of the run")
+    graph.process.send_signal(signal.SIGTERM)
+    graph.process.communicate(timeout=TIMEOUT)
+    assert graph.process.returncode in (0, 130), graph.log  # 0: it was done already
+    assert "Traceback" not in graph.log
+    assert run_dirs(graph) == []
+    assert read(graph.record).complete
 
 
 @pytest.mark.parametrize("victim", ["device", "recorder"])

@@ -1,6 +1,7 @@
 """The leak check finds what a test leaves, also of a process whose parent has died."""
 
 import os
+import signal
 import socket
 import subprocess
 import sys
@@ -62,6 +63,13 @@ def test_what_is_left_is_found(what: str, monkeypatch: pytest.MonkeyPatch) -> No
         leaks.no_leaks(),
     ):
         LEFT[what](stack)
+
+
+def test_a_process_that_is_left_is_killed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(leaks, "GRACE", 0.0)
+    with pytest.raises(AssertionError, match="the test has left processes"), leaks.no_processes():
+        child = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(1e6)"])
+    assert child.wait() == -signal.SIGKILL
 
 
 def test_a_process_that_ends_is_not_left() -> None:

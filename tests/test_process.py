@@ -40,7 +40,7 @@ from forcebound.network.streams import Subscriber
 from forcebound.nodes import Node
 from forcebound.nodes.controller import ControllerNode
 from forcebound.run.process.runner import Runner
-from forcebound.stop import Stop
+from forcebound.stop import Stop, ending_signals
 
 
 class ListeningNode(Node):
@@ -287,6 +287,16 @@ def test_the_controller_connects_device_and_environment(network: Network, run_di
         return all(heard.values())
 
     until(both, "query and command")
+
+
+def test_a_closed_terminal_ends_a_command_unless_nohup_started_it() -> None:
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    try:
+        assert signal.SIGHUP in ending_signals()
+        signal.signal(signal.SIGHUP, signal.SIG_IGN)
+        assert ending_signals() == (signal.SIGINT, signal.SIGTERM)
+    finally:
+        signal.signal(signal.SIGHUP, before)
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])

@@ -107,10 +107,12 @@ def test_a_number_and_its_text_are_the_same_quantity(value: float) -> None:
 @pytest.mark.parametrize(
     ("bounds", "value", "message"),
     [
-        (Range(above=0), 0.0, "must be > 0 s, got 0 s"),
-        (Range(at_least=0), -1.0, "must be >= 0 s, got -1 s"),
+        (Range(above=0), 0.0, "must be > 0 s and <= 86400 s, got 0 s"),
+        (Range(at_least=0), -1.0, "must be 0 to 86400 s, got -1 s"),
         (Range(at_most=1), 1.5, "must be <= 1 s, got 1.5 s"),
         (Range(below=1), 1.0, "must be < 1 s, got 1 s"),
+        (Range(), 86_401.0, "must be <= 86400 s, got 86401 s"),
+        (Range(), 2**70, "must fit into 64 bits, got 71 bits"),
     ],
 )
 def test_a_value_out_of_range_says_the_bound_and_its_unit(
@@ -130,7 +132,7 @@ class Sample:
     ("given_value", "fragment"),
     [
         ({"period": "1 kg"}, "which is a mass"),
-        ({"period": "-1 ms"}, "must be > 0 s, got -0.001 s"),
+        ({"period": "-1 ms"}, "must be > 0 s and <= 86400 s, got -0.001 s"),
         ({"period": 1, "wait": "1 kg"}, "which is a mass"),
     ],
 )
@@ -148,7 +150,7 @@ def test_an_editor_is_told_the_unit() -> None:
     from pydantic import TypeAdapter
 
     schema = TypeAdapter(Sample).json_schema()["properties"]["period"]
-    assert schema["description"] == "time in s; or with its unit, e.g. 5 ms; > 0 s"
+    assert schema["description"] == "time in s; or with its unit, e.g. 5 ms; > 0 s and <= 86400 s"
 
 
 @pytest.mark.parametrize(

@@ -1,11 +1,15 @@
 """Setting parameters of a run: its document, its nodes, other machines, other commands."""
 
 import json
+import os
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pytest
 from launch_texts import written
@@ -27,15 +31,19 @@ from forcebound.messages.control import (
     Request,
 )
 from forcebound.messages.topology import ONE_HAND
+from forcebound.network.impairment import Impairment
 from forcebound.observe import control, snapshot, tuning
 from forcebound.observe.tuning import (
     Change,
     changed_parameters,
     configuration,
+    cut_links,
     find_parameters,
     found_elsewhere,
     set_parameters,
 )
+from forcebound.run.application import try_out
+from forcebound.run.live import take_back
 from forcebound.run.run_directory import RunDocument
 
 
@@ -70,6 +78,62 @@ def test_a_run_directory_without_nodes_keeps_the_change_for_them(
     with pytest.raises(ConfigError, match="which is a time"):
         set_parameters(tmp_path, {"environment.stiffness": "5 s"})
     assert json.loads(file.read_text())["environment"]["stiffness"] == 500.0
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("links.environment_query.jitter", "1e308 s"),
+        ("links.environment_reply.limit", 2**70),
+        ("links.environment_reply.outages", [{"start": 0.0, "duration": 1e308}]),
+        ("environment.compute_delay", "25 h"),
+    ],
+)
+def test_what_would_end_a_node_is_refused_before_it_is_written(
+    config: GraphConfig, tmp_path: Path, name: str, value: Any
+) -> None:
+    begin(tmp_path, config)
+    before = (tmp_path / "launch.json").read_bytes()
+    with pytest.raises(ConfigError, match=name.replace(".", r"\.")):
+        set_parameters(tmp_path, {name: value})
+    assert (tmp_path / "launch.json").read_bytes() == before
+
+
+def test_an_outage_lasts_a_day_at_most(config: GraphConfig, tmp_path: Path) -> None:
+    begin(tmp_path, config)
+    for time_text in ("1e308 s", "25 h", "nan s", "0 s"):
+        with pytest.raises(ConfigError, match=r"s and <= 86400 s|expected a time"):
+            cut_links(tmp_path, time_text, ())
+    assert not any(link.outages for link in configuration(tmp_path).links.values())
+
+
+def test_a_change_is_tried_on_a_copy(config: GraphConfig) -> None:
+    impossible = Impairment()
+    object.__setattr__(impossible, "delay", 1e308)  # a value that no range has caught
+    name = "links.environment_query.delay"
+    with pytest.raises(ConfigError, match=r"links\.environment_query: cannot work"):
+        try_out(config.with_hand(links={"environment_query": impossible}), [name])
+    try_out(config.with_hand(links={"environment_query": Impairment(0.002)}), [name])
+
+
+def test_the_parameters_before_a_change_hold_again_and_then_those_of_the_launch_file(
+    config: GraphConfig, tmp_path: Path
+) -> None:
+    begin(tmp_path, config)
+    back = partial(take_back, to_document(config), tmp_path, "environment")
+    name = "environment.stiffness"
+    first = to_document(config)["environment"]["stiffness"]
+    for value in (500.0, 600.0):
+        set_parameters(tmp_path, {name: value, "links.environment_reply.delay": 1e-6 * value})
+    assert back() == {name: 500.0}
+    assert back() == {name: first}
+    assert back() == {}
+    links = configuration(tmp_path).links  # of another node: it has not failed
+    assert links["environment_reply"].delay == pytest.approx(6e-4)
+    set_parameters(tmp_path, {name: 700.0})
+    long_ago = time.time() - 60.0
+    os.utime(tmp_path / "launch.json", (long_ago, long_ago))
+    assert back() == {}
 
 
 def test_a_file_is_taken_from_the_launch_files_folder_alone(

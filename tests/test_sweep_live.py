@@ -25,9 +25,13 @@ def command(file: Path, result: Path, *options: str) -> list[str]:
 def started(file: Path, result: Path, *options: str) -> Iterator[subprocess.Popen[str]]:
     """A sweep in a process of its own, of which two parts are done."""
     parts = result.with_name(result.name + ".parts")
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # as `&` in a script does
+    of_terminal = signal.signal(signal.SIGHUP, signal.SIG_DFL)
     process = subprocess.Popen(
         command(file, result, *options), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
+    signal.signal(signal.SIGINT, before)
+    signal.signal(signal.SIGHUP, of_terminal)
     try:
         while len(list(parts.glob("0*.json"))) < 2:
             with contextlib.suppress(subprocess.TimeoutExpired):
@@ -60,7 +64,7 @@ def test_a_sweep_killed_halfway_gives_the_same_file_as_one_that_was_not(tmp_path
 
 @pytest.mark.live
 @pytest.mark.xdist_group("processes")
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_an_interrupted_sweep_says_how_to_go_on(tmp_path: Path, number: signal.Signals) -> None:
     file = written(tmp_path, LONG.replace("count: 320", "count: 3200"))
     with started(file, tmp_path / "cut.parquet", "--workers", "2") as process:

@@ -36,8 +36,49 @@ def test_a_change_while_the_environment_is_away_is_recorded_when_it_has_it(tmp_p
     assert ended.exit_status == 0, ended.log
     told = [(e.node, e.data["environment.stiffness"]) for e in ended.events("parameter_set")]
     assert told == [("environment", "9000.0"), ("launcher", "8000.0")]
-    assert "was killed" in ended.log
+    assert ended.log.count("environment stopped on request, with exit status 0") == 2
     assert "process_ended" not in ended.faults
+
+
+FRAGILE = """
+import os
+from dataclasses import dataclass
+from forcebound.haptics.environments import StatelessEnvironment
+from forcebound.quantities import Stiffness
+
+@dataclass(frozen=True)
+class Fragile(StatelessEnvironment):
+    stiffness: Stiffness = 10_000.0
+
+    def force(self, user, position, velocity, elapsed):
+        if elapsed > 0.0 and self.stiffness > 11_000.0:
+            os._exit(3)  # as a library in C may
+        return tuple(self.stiffness * max(x - 0.01, 0.0) for x in position)
+"""
+
+
+def test_a_node_that_fails_by_a_change_goes_on_with_the_parameters_before(tmp_path: Path) -> None:
+    (tmp_path / "fragile.py").write_text(FRAGILE)
+    file = tmp_path / "fragile.yaml"
+    file.write_text(
+        "forcebound: 1\ndescription: Fragile.\ninclude: stiff_wall.yaml\n"
+        "environment: {kind: fragile.py, stiffness: 10 N/mm}\n"
+    )
+    with live_graph(str(file)) as graph:
+        graph.do("param", "set", "environment.stiffness:=9 N/mm")
+        run = ("--run", str(graph.run_dir))
+        graph.order("param", "set", "environment.stiffness:=12 N/mm", *run)  # it may not answer
+        graph.until(lambda: len(graph.log.split("was restarted")) > 1, "a restart")
+        graph.wait_until_in_contact()
+        assert graph.node("environment").restarts == 1
+        changed = graph.order("param", "list", "--changed", *run)
+        assert changed.stdout == "environment.stiffness: 9 N/mm\n"
+        ended = graph.end()
+    assert ended.exit_status == 0, ended.log
+    set_to = [e.data["environment.stiffness"] for e in ended.events("parameter_set")]
+    assert set_to[0] == "9000.0"
+    assert set_to[-1] == "9000.0"
+    assert ended.faults["process_ended"] == 1
 
 
 @pytest.mark.slow

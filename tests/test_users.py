@@ -1,6 +1,8 @@
 """Several hands in one environment: in the node, in worlds of one's own, and in worlds to share."""
 
+import itertools
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -222,6 +224,101 @@ def test_the_time_of_a_world_is_that_of_the_fastest_and_goes_on_without_it() -> 
     assert clock.at("a", 0.5) == 3.0
 
 
+class Aged(Environment):
+    """A world that notes the time of its queries, by each hand's clock and by that of all."""
+
+    def __init__(self) -> None:
+        self.clock, self.times, self.elapsed = SharedClock(), [0.0], list[tuple[str, float]]()
+
+    def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
+        self.times.append(self.clock.at(user, elapsed))
+        self.elapsed.append((user, elapsed))
+        return position
+
+    def leave(self, user: str) -> None:
+        self.clock.leave(user)
+
+
+@dataclass(frozen=True)
+class Ageing(EnvironmentModel):
+    opened: Aged = field(default_factory=Aged)
+
+    def open(self, axes: int) -> Aged:
+        return self.opened
+
+
+def honest(tick: int) -> float:
+    """The time of a hand whose packets are late by half a second at first, in s."""
+    return (tick if tick >= 1000 else max(tick - 500, 0)) * 1e-3
+
+
+CLOCKS: dict[str, Callable[[int], float]] = {
+    "jumps to 1e308 s": lambda tick: 1e308 if tick >= 100 else tick * 1e-3,
+    "jumps to 1e18 s and goes on": lambda tick: 1e18 + 128.0 * tick if tick >= 100 else 0.0,
+    "100 times too fast": lambda tick: tick * 0.1,
+    "forth and back": lambda tick: 0.9 * (tick % 2),
+    "1e308 s from the beginning": lambda tick: 1e308,
+}
+
+
+@pytest.mark.parametrize("name", CLOCKS)
+def test_no_hand_moves_a_world_faster_than_the_clock_of_its_environment(name: str) -> None:
+    model = Ageing()
+    node = EnvironmentNode(model, name="one")
+    for tick in range(3000):
+        theirs = asked(tick, "theirs", elapsed=CLOCKS[name](tick))
+        packets = node.step(tick * MS, [asked(tick, "mine", elapsed=honest(tick)), theirs])
+        assert replies(packets) == ["mine", "theirs"]
+    times = model.opened.times
+    assert all(before <= now for before, now in itertools.pairwise(times))
+    assert 2.4 < times[-1] <= 3.0 * 1.01 + 1.0  # our clock, and a second at most
+    mine = [elapsed for user, elapsed in model.opened.elapsed if user == "mine"]
+    assert mine == [honest(tick) for tick in range(3000)]  # to the bit
+
+
+def test_a_hand_whose_time_jumped_takes_part_with_its_clock_from_then_on() -> None:
+    model = Ageing()
+    node = EnvironmentNode(model, name="one")
+    for tick in range(2000):
+        elapsed = tick * 1e-3 + (3600.0 if tick >= 500 else 0.0)
+        node.step(tick * MS, [asked(tick, "", elapsed=elapsed)])
+    steps = [now - before for before, now in itertools.pairwise(model.opened.times[502:])]
+    assert len(steps) == 1499 - 1
+    assert steps == pytest.approx([1e-3] * len(steps), abs=1e-9)
+
+
+class Broken(Noted):
+    def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
+        return (math.nan,) if elapsed >= 1.0 else position
+
+
+@dataclass(frozen=True)
+class Breaking(EnvironmentModel):
+    """A world that is broken once its time is 1 s; its first instances are."""
+
+    opened: list[Environment] = field(default_factory=list)
+    broken: int = 1
+
+    def open(self, axes: int) -> Environment:
+        self.opened.append(Broken() if len(self.opened) < self.broken else Noted())
+        return self.opened[-1]
+
+
+@pytest.mark.parametrize(("broken", "expected"), [(1, 2), (9, 2)])
+def test_a_world_that_fails_after_it_has_answered_is_opened_once_again(
+    broken: int, expected: int
+) -> None:
+    model = Breaking(broken=broken)
+    node = EnvironmentNode(model, name="one")
+    packets: list[Packet] = []
+    for tick in range(2000):
+        packets += node.step(tick * MS, [asked(tick, "", elapsed=tick * 1e-3)])
+    assert len(model.opened) == expected  # one that never answers is not opened over and over
+    failures = [each for each in packets if isinstance(each, Event) and each.is_fault]
+    assert ["opened again" in each.message for each in failures] == [False, True]
+    assert len(replies(packets)) == (1899 if broken == 1 else 1000)
+
+
 def slab_period(users: tuple[str, ...]) -> float:
     """The period of a free slab, in s, which so many hands look at from afar."""
     slab = MassSpring(mass=0.2, spring=300.0, damping=0.0).open(1)
@@ -372,6 +469,29 @@ def test_two_hands_do_not_make_rigid_bodies_faster(tmp_path: Path) -> None:
         for user, side in (("a", 0.2), ("b", -0.2)):
             scene.force(user, (0.0, 0.0, side), (0.0, 0.0, 0.0), tick * 1e-3)
     assert box_at(scene) == pytest.approx(0.5 * 2.0 * 0.1**2, rel=0.02)
+
+
+def test_a_hand_that_joins_expected_bodies_stalls_nobody(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file, still = tmp_path / "box.xml", (0.0, 0.0, 0.0)
+    file.write_text(SCENE)
+    unexpected = open_environment(Bodies(file), 3)
+    expected = open_environment(Bodies(file), 3, ("left", "right"))
+    answers: dict[Environment, list[Vector]] = {unexpected: [], expected: []}
+    for scene in answers:
+        with monkeypatch.context() as patch:
+            if scene is expected:  # nothing is compiled in the loop
+                patch.setattr("forcebound.haptics.environments.bodies.compile_scene", None)
+            for tick in range(300):
+                left = (-0.035 + 1e-4 * min(tick, 100), 0.0, 0.0)
+                answers[scene].append(scene.force("left", left, still, tick * 1e-3))
+                if tick >= 150:
+                    place = (0.06 - 2e-4 * min(tick - 150, 100), 0.0, 0.0)
+                    right = scene.force("right", place, still, tick * 1e-3)
+                    answers[scene].append(right)
+    assert max(map(abs, answers[expected][-1])) > 0.5  # both hands press
+    assert answers[expected] == pytest.approx(answers[unexpected], abs=1e-6)
 
 
 def test_a_tool_is_for_one_hand(tmp_path: Path) -> None:

@@ -26,10 +26,11 @@ from forcebound.cli import (
     user_study,
     view,
 )
-from forcebound.cli.common import INTERRUPTED, Group, show
+from forcebound.cli.common import Group, show
 from forcebound.errors import ConfigError, ForceboundError
 from forcebound.files import printable
 from forcebound.results.printing import LONGEST_CELL
+from forcebound.stop import INTERRUPTED
 
 __all__ = ["main"]
 

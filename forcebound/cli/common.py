@@ -27,7 +27,6 @@ T = TypeVar("T")
 
 UNKNOWN = "–"  # in place of a figure
 SLOW = 1.0  # s, after which a command shows its progress
-INTERRUPTED = 130  # exit status after Ctrl-C, as shells have it
 
 
 class Group(click.Group):

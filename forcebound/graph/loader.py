@@ -148,7 +148,8 @@ def change(config: GraphConfig, settings: Parameters) -> GraphConfig:
     for name, value in settings.items():
         ParameterName.parse(name).put(document, value)
     try:
-        return from_document(document)
+        with _sane(", ".join(settings)):
+            return from_document(document)
     except ConfigError as error:  # the places are names of parameters: they need no other words
         raise ConfigError(re.sub(r"^document: ", "", str(error), flags=re.MULTILINE)) from None
 

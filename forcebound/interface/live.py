@@ -2,7 +2,6 @@
 
 import json
 import shutil
-import signal
 import subprocess
 import sys
 import tempfile
@@ -28,6 +27,7 @@ from forcebound.observe.kernels import Kernels
 from forcebound.observe.runs import launched
 from forcebound.roles import LAUNCHER
 from forcebound.run.results import results_of
+from forcebound.stop import INTERRUPTED
 from forcebound.units import parse_quantity
 
 UNTIL_ENDED = 86_400.0  # s; a graph without a duration runs until its block ends, at most a day
@@ -180,8 +180,8 @@ class Graph:
     def _check(self) -> None:
         """Raise what the command says if it failed."""
         status = self._process.poll()
-        # SIGTERM: ended here while it computed figures that nobody reads.
-        if status in (None, 0, -signal.SIGTERM):
+        # Interrupted: ended here while it computed figures that nobody reads.
+        if status in (None, 0, INTERRUPTED):
             return
         lines = [line for line in self.log.splitlines() if line.startswith("forcebound: ")]
         at = self.log.rfind(lines[-1]) if lines else 0

@@ -107,7 +107,7 @@ class Impairment:
         corrupt: Probability of a packet being damaged. Packets are whole here, so a damaged one
             travels as any other and is thrown away on arrival, as by a checksum.
         reorder: Probability of a packet going at once, before those that are delayed.
-        rate: Bytes/s that the link carries, one packet after the other; 0: any number.
+        rate: Bytes/s that the link carries, one packet after the other, at least 1; 0: any number.
         limit: How many packets are on the way at most, more are lost; 0: any number.
         outages: When the link is down.
 
@@ -136,6 +136,9 @@ class Impairment:
 
     def __post_init__(self) -> None:
         check_ranges(self)
+        if 0.0 < self.rate < 1.0:
+            message = f"rate must be 0, for any number, or at least 1 B/s, got {self.rate:g} B/s"
+            raise ConfigError(message, field="rate")
         if self.gemodel is not None and self.loss > 0.0:
             raise ConfigError("gemodel excludes loss: give one of them", field="gemodel")
         if self.reorder > 0.0 and self.delay == 0.0 and self.trace is None:

@@ -40,6 +40,7 @@ from forcebound.observe.snapshot import GraphStatus, other_environment, snapshot
 from forcebound.observe.streams import unknown_stream
 from forcebound.quantities import Range
 from forcebound.roles import DEVICE, ENVIRONMENT, LAUNCHER
+from forcebound.run.application import try_out
 from forcebound.run.run_directory import (
     RunDocument,
     graph_in,
@@ -175,6 +176,7 @@ def set_parameters(run_dir: Path, settings: Parameters, kernels: Kernels | None 
         old = configuration(run_dir)
         new = change(old, settings)
         _check_reach(_elsewhere(settings, graph, new))
+        try_out(new, settings)
         request = write_launch_document(run_dir, new)
     # Also those for which the document has the values already: they may not have had the request.
     down = {node: why for node in concerned if (why := _why_down(node, graph))}

@@ -3,14 +3,19 @@
 :func:`forcebound.graph.loader.change` makes the configuration that holds them.
 """
 
-from collections.abc import Iterator
+import time
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 
+from forcebound.errors import ConfigError
 from forcebound.graph.graph import GraphConfig
 from forcebound.graph.names import LAW, ParameterName, of_hand
 from forcebound.graph.parameters import parameters
 from forcebound.graph.resolved import with_parameters
 from forcebound.messages.control import Configure, Parameters
+from forcebound.messages.packets import Scene
 from forcebound.messages.topology import HAND, in_hand
+from forcebound.network.chances import ComputationTime
 from forcebound.network.impairment import Impairment
 from forcebound.nodes.device import DeviceNode
 from forcebound.nodes.environment import EnvironmentNode
@@ -50,6 +55,35 @@ class Tuner:
         self._known |= changed
         self._time_ns = request.time_ns
         return {n: value for n, value in changed.items() if not ParameterName.parse(n).is_law}
+
+
+def try_out(config: GraphConfig, changed: Iterable[str]) -> None:
+    """Try changed parameters on copies of links and of the computation, before a process has them.
+
+    ConfigError if one fails with a packet. The environment was asked when ``config`` was made.
+    """
+    names = [ParameterName.parse(name) for name in changed]
+    now_ns = time.monotonic_ns()
+    for hand, topic in {(name.hand, name.topic) for name in names if name.topic is not None}:
+        impairment = config.hands[hand].links.get(topic, Impairment())
+        with _refusing(of_hand(hand, f"links.{topic}")):
+            link = build_link(topic, impairment, config.seed)
+            link.accept(now_ns, Scene(0, now_ns, ()))
+            link.due(now_ns)
+    if any(name.section == "environment" for name in names):
+        computation = config.environment.computation
+        with _refusing("environment"):
+            ComputationTime(computation, config.seed, trace_of(computation)).next_ns(now_ns)
+
+
+@contextmanager
+def _refusing(place: str) -> Iterator[None]:
+    try:
+        yield
+    except ConfigError:
+        raise
+    except Exception as error:
+        raise ConfigError(f"{place}: cannot work with these values: {error!r}") from error
 
 
 def _prefixes(graph: Runner | Simulation) -> Iterator[str]:

@@ -44,7 +44,7 @@ def build_node(
         seed = link_seed(config.seed, "computation")
         times = ComputationTime(computation, seed, trace_of(computation))
         axes = next(iter(config.hands.values())).device.axes  # all have as many
-        return EnvironmentNode(model, times, environment_name, axes)
+        return EnvironmentNode(model, times, environment_name, axes, list(config.hands))
     hand_name = node.hand or HAND
     hand = config.hands[hand_name]
     if node.role == DEVICE:

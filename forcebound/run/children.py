@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 
 from forcebound.ending import end
 from forcebound.files import printable
-from forcebound.stop import SignalPipe
+from forcebound.stop import SignalPipe, ending_signals
 
 LAST_CHANCE = 2.0  # s to SIGKILL, for the rest of a group, or when the launcher itself fails
 TAIL_LINES = 20  # of a node's log, in the message of a failure
@@ -25,10 +25,9 @@ def name_begins(pid: int) -> str:
 class Signals(SignalPipe):
     """Signals that end a run, and ends of children, as bytes on a descriptor."""
 
-    ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-
     def __init__(self) -> None:
-        super().__init__((*self.ENDING, signal.SIGCHLD))
+        self._ending = ending_signals()
+        super().__init__((*self._ending, signal.SIGCHLD))
 
     def take(self) -> bool:
         """Read the received signals; return whether one of them ends the run."""
@@ -36,13 +35,23 @@ class Signals(SignalPipe):
             numbers = os.read(self.descriptor, CHUNK)
         except BlockingIOError:
             return False
-        return any(number in self.ENDING for number in numbers)
+        return any(number in self._ending for number in numbers)
 
 
 class Child:
-    """One process of the run, and its output."""
+    """One process of the run, and its output.
 
-    def __init__(self, name: str, command: Sequence[str], show: Callable[[str, str], None]) -> None:
+    Ctrl-C does not reach it. Without a session of its own it is in that of the launcher: then the
+    kernel wakes it if it is suspended when the launcher ends, so that it can end, too.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        command: Sequence[str],
+        show: Callable[[str, str], None],
+        own_session: bool = True,
+    ) -> None:
         self.name = name
         self.tail: deque[str] = deque(maxlen=TAIL_LINES)
         self._show = show
@@ -52,7 +61,8 @@ class Child:
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
-            start_new_session=True,
+            start_new_session=own_session,
+            process_group=None if own_session else 0,
             env={**os.environ, "PYTHONUNBUFFERED": "1"},
         )
         assert self.process.stdout is not None
@@ -73,6 +83,11 @@ class Child:
             self.tail.append(text)
             self._show(self.name, text)
         return bool(data)
+
+    def request_end(self) -> None:
+        """Ask the process to end, also one that is suspended."""
+        self.process.terminate()
+        self.process.send_signal(signal.SIGCONT)
 
     def end(self) -> None:
         """End the process if it still runs, and close its stream."""

@@ -42,11 +42,13 @@ from forcebound.run.actions import (
     describe_status,
 )
 from forcebound.run.restarts import GIVE_UP_DEATHS, GIVE_UP_NS, Restarts
+from forcebound.stop import INTERRUPTED
 
 ADVICE = (
     "the device is lost: zero force. Plug it in, switch it on, hold it in its home pose; then run"
     " `forcebound device resume` in another terminal. Ctrl-C ends the run"
 )
+STOPPED_EARLY = (INTERRUPTED, -signal.SIGTERM)  # exit status of a node that was not ready yet
 
 
 class Lifecycle:
@@ -273,7 +275,7 @@ class Lifecycle:
         """Take the end of a node that was stopped; start it if that was requested since."""
         words = describe_status(status)
         message = f"{node} stopped on request, with {words}"
-        is_fault = status != 0 and not (status == -signal.SIGTERM and is_early)
+        is_fault = status != 0 and not (status in STOPPED_EARLY and is_early)
         if node in self._killed:  # suspended or hung, as the request allows for
             message = f"{node} did not stop in time on request and was killed"
             is_fault = False
@@ -298,7 +300,7 @@ class Lifecycle:
             return [Announce("device_lost", node, advice, is_fault=True)]
         if node in self._leaving:
             pass  # the run ended first
-        elif stopping and is_early and -status in (signal.SIGTERM, signal.SIGKILL):
+        elif stopping and is_early and status in (*STOPPED_EARLY, -signal.SIGKILL):
             pass  # still starting, possibly compiling, without force so far
         elif node in self._killed:
             self._fail(f"{node} did not stop in time and was killed", node)

@@ -2,6 +2,7 @@
 
 import os
 import sys
+import time
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import replace
@@ -31,6 +32,7 @@ from forcebound.roles import ENVIRONMENT, LAUNCHER
 from forcebound.run.actions import Limits
 from forcebound.run.results import RunResult, run_metadata
 from forcebound.run.run_directory import (
+    BEFORE_FILE,
     EVENT,
     LAUNCH_FILE,
     RECORDING,
@@ -56,6 +58,7 @@ SLOWEST, FASTEST = 10.0, 5000.0
 # What an environment's first answer brings.
 REMOTE_TOPICS = (TOPIC_OF[EnvironmentReply], TOPIC_OF[ForceCommand])
 
+LATELY = 10.0  # s after a change of its parameters, in which the end of a node is by the change
 PHASE_TIMEOUT = 0.1  # s that the launcher waits for the lock at the beginning of a phase
 
 
@@ -126,7 +129,7 @@ def _supervisor(
     screen: Screen,
     start_cores: Collection[int],
 ) -> Supervisor:
-    graph = config.graph
+    graph, started = config.graph, to_document(config)
     elsewhere = {LAUNCHER} if config.has_environment else {LAUNCHER, ENVIRONMENT}
     commands = {name: node_command(name, run_dir) for name in graph.nodes if name not in elsewhere}
     awaited = {
@@ -144,7 +147,8 @@ def _supervisor(
         phases=timetable(config),
         begin=partial(_begin, run_dir),
         remote_topics=awaited,
-        changes=partial(_changes, to_document(config), run_dir),
+        changes=partial(_changes, started, run_dir),
+        revert=partial(take_back, started, run_dir),
         start_cores=start_cores,
         graph=graph,
     )
@@ -247,6 +251,28 @@ def _changes(started: Parameters, run_dir: Path, node: str) -> Parameters:
         return {}  # the node has reported that it cannot read it
     changed, config = differences(started, document), restore(document)
     return {n: value for n, value in changed.items() if node in processes_of([n], config)}
+
+
+def take_back(started: Parameters, run_dir: Path, node: str) -> Parameters:
+    """Take back the last change of a node's parameters; if there was none, all that is changed.
+
+    Returns the values that hold again, by name; none if nothing has changed lately.
+    """
+    if time.time() - (run_dir / LAUNCH_FILE).stat().st_mtime > LATELY:
+        return {}
+    with suppress(ConfigError), updating(run_dir, PHASE_TIMEOUT):  # of a file that is gone
+        now = read_launch_document(run_dir)
+        config, before = restore(now), started
+        with suppress(ConfigError):  # nothing was changed yet
+            before = read_launch_document(run_dir, BEFORE_FILE)
+        for earlier in (before, started):
+            changed = differences(now, earlier)
+            own = {n: value for n, value in changed.items() if node in processes_of([n], config)}
+            if own:
+                write_launch_document(run_dir, with_parameters(config, own))
+                (run_dir / BEFORE_FILE).unlink()
+                return own
+    return {}
 
 
 def node_command(name: str, run_dir: Path) -> list[str]:

@@ -17,7 +17,7 @@ import shutil
 import tempfile
 import time
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import msgspec
@@ -40,6 +40,7 @@ MAX_DOCUMENT = 10_000_000  # bytes of either document of a run; ten launch files
 TELEMETRY, REPLY, EVENT = TOPIC_OF[Telemetry], TOPIC_OF[EnvironmentReply], TOPIC_OF[Event]
 
 LAUNCH_FILE, RUN_FILE, RECORDING = "launch.json", "run.json", "recording.mcap"
+BEFORE_FILE = "launch.before.json"  # the launch document before its last change
 
 LOCK_FILE = "lock"  # its lock belongs to the owner of a run directory
 UPDATE_LOCK = "launch.lock"  # file; its lock belongs to the process that changes launch.json
@@ -90,10 +91,10 @@ def has_launcher(run_dir: Path) -> bool:
     return is_bound(run_dir, graph_in(run_dir).nodes[LAUNCHER])
 
 
-def read_launch_document(run_dir: Path) -> Document:
+def read_launch_document(run_dir: Path, name: str = LAUNCH_FILE) -> Document:
     """Return the launch document of a graph; ConfigError if it cannot be read."""
     try:
-        document: Document = json.loads(read_bytes(run_dir / LAUNCH_FILE, MAX_DOCUMENT))
+        document: Document = json.loads(read_bytes(run_dir / name, MAX_DOCUMENT))
     except (OSError, ValueError, RecursionError) as error:
         raise ConfigError(f"cannot read what the graph in {run_dir} runs with: {error}") from error
     return document
@@ -105,6 +106,9 @@ def write_launch_document(run_dir: Path, config: GraphConfig) -> Configure:
     Returns the request that brings a running process to it.
     """
     unfinished = run_dir / f"{LAUNCH_FILE}.{os.getpid()}"  # others may write, too
+    with suppress(FileNotFoundError):  # the first one
+        unfinished.write_bytes((run_dir / LAUNCH_FILE).read_bytes())
+        unfinished.replace(run_dir / BEFORE_FILE)
     unfinished.write_text(json.dumps(run_document(config)), encoding="utf-8")
     unfinished.replace(run_dir / LAUNCH_FILE)
     return Configure(time.monotonic_ns(), parameters(config), dict(config.units))

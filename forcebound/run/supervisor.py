@@ -5,14 +5,15 @@ a process writes a line, ends or answers, a signal arrives, or a deadline of the
 
 No process survives the launcher: each gets a signal from the kernel when the launcher ends
 (:mod:`forcebound.run.worker`), and what is left of its group when it has ended, such as a
-stopped guardian, is killed. Each is in a session of its own, so that Ctrl-C in the terminal
-reaches only the launcher, which then stops them in order.
+stopped guardian, is killed. Each is in a process group of its own, so that Ctrl-C in the terminal
+reaches only the launcher, which then stops them in order. A suspended one is woken to end.
 
 The launcher answers requests on a control socket of its own and publishes events like every
 process.
 """
 
 import selectors
+import signal
 import time
 from collections import deque
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -23,6 +24,7 @@ from pathlib import Path
 from forcebound import realtime
 from forcebound.ending import end_group
 from forcebound.errors import RunError
+from forcebound.graph.parameters import describe
 from forcebound.graph.phases import Part
 from forcebound.messages import control, packets
 from forcebound.messages.codec import encode
@@ -30,7 +32,7 @@ from forcebound.messages.events import PARAMETERS_SET, PHASE_BEGINS, EventLog, K
 from forcebound.messages.topology import ONE_HAND, Graph, endpoint
 from forcebound.network.control import ControlServer
 from forcebound.network.sockets import Network
-from forcebound.roles import CONTROLLER, ENVIRONMENT, LAUNCHER
+from forcebound.roles import CONTROLLER, ENVIRONMENT, LAUNCHER, RECORDER, ROLES
 from forcebound.run.actions import (
     Action,
     Announce,
@@ -47,7 +49,7 @@ from forcebound.run.actions import (
     Terminate,
 )
 from forcebound.run.children import LAST_CHANCE, Child, Signals, name_begins
-from forcebound.run.lifecycle import Lifecycle
+from forcebound.run.lifecycle import STOPPED_EARLY, Lifecycle
 from forcebound.run.screen import Screen, doing
 
 REQUEST_INTERVAL_NS = 20_000_000  # between two requests to a node that is not ready
@@ -60,7 +62,8 @@ class Supervisor:
 
     ``commands`` has the command line of each process by name, in the order in which they start.
     ``begin`` makes a phase hold, and returns requests by process. ``changes`` returns the
-    parameters of a node that were changed since the run began. The processes start on
+    parameters of a node that were changed since the run began; ``revert`` takes the last change
+    back, for a node that failed, and returns what holds again. The processes start on
     ``start_cores``, which takes most of a second of each; none: those of the launcher, as for a
     process that restarts during a run. The others are as of
     :class:`~forcebound.run.lifecycle.Lifecycle`.
@@ -75,6 +78,7 @@ class Supervisor:
     begin: Callable[[Part], Mapping[str, control.Configure]] = lambda _: {}
     remote_topics: Collection[str] = ()
     changes: Callable[[str], control.Parameters] = lambda _: {}
+    revert: Callable[[str], control.Parameters] = lambda _: {}
     start_cores: Collection[int] = ()
     graph: Graph = ONE_HAND
 
@@ -148,7 +152,8 @@ class Supervisor:
             for event in events or [None]:
                 advance(event)
                 if isinstance(event, Reported) and event.node in awaited:
-                    self._announce_changes(event.node)
+                    words = f"{event.node} was restarted with changed parameters"
+                    self._announce_parameters(words, self.changes(event.node))
             self._has_requests = server.serve(answer)
             if lifecycle.phase is Phase.RUNNING:
                 self._begin_phases(time.monotonic_ns())
@@ -164,7 +169,9 @@ class Supervisor:
             self._emit(PHASE_BEGINS, part.message, part.data)
 
     def _start(self, name: str) -> None:
-        child = Child(name, self.commands[name], self.screen.show)
+        # A session of its own also is a share of its own of the processor: a recorder needs none.
+        own_session = self.graph.nodes[name].role != RECORDER
+        child = Child(name, self.commands[name], self.screen.show, own_session)
         self._selector.register(child.descriptor, selectors.EVENT_READ, child)
         self._children[name] = child
         self._running.add(name)
@@ -198,6 +205,8 @@ class Supervisor:
 
     def _ask(self, lifecycle: Lifecycle) -> None:
         names = lifecycle.not_ready if lifecycle.phase is Phase.STARTING else []
+        for name in lifecycle.finishing:
+            self._children[name].process.send_signal(signal.SIGCONT)  # it may be suspended since
         engaging = lifecycle.engaging
         returning = lifecycle.returning.difference(engaging)
         names = [*names, *returning, *lifecycle.finishing, *self._awaited(lifecycle)]
@@ -259,6 +268,10 @@ class Supervisor:
                 end_group(child.process.pid, LAST_CHANCE)
                 self._running.discard(name)
                 child.read()  # its last lines, for the message of the failure
+                is_restarted = ROLES[self.graph.nodes[name].role].is_restarted
+                if is_restarted and status not in (0, *STOPPED_EARLY, -signal.SIGKILL):
+                    words = f"{name} failed after a change, and gets the values before"
+                    self._announce_parameters(words, self.revert(name))
                 if self.graph.nodes[name].role == ENVIRONMENT:
                     self._report_death(child.process.pid)
                 events.append(Ended(name, status))
@@ -277,7 +290,7 @@ class Supervisor:
             case Kill(name):
                 self._children[name].process.kill()
             case Terminate(name):
-                self._children[name].process.terminate()
+                self._children[name].request_end()
             case Start(name):
                 self._restart(name)
             case Announce():
@@ -287,12 +300,11 @@ class Supervisor:
         data = {"node": action.node} | ({"status": action.status} if action.status else {})
         self._emit(action.event, action.message, data, is_fault=action.is_fault)
 
-    def _announce_changes(self, node: str) -> None:
-        """Publish the changed parameters that a restarted node has read."""
-        changed = {name: str(value) for name, value in self.changes(node).items()}
-        if changed:
-            message = f"{node} was restarted with changed parameters: {', '.join(changed)}"
-            self._emit(PARAMETERS_SET, message, changed)
+    def _announce_parameters(self, words: str, values: control.Parameters) -> None:
+        """Publish the values of parameters that a restarted node has read, or is to read."""
+        if values:
+            data = {name: str(value) for name, value in values.items()}
+            self._emit(PARAMETERS_SET, f"{words}: {describe(values, {})}", data)
 
     def _emit(
         self, event: Kind, message: str, data: Mapping[str, str], *, is_fault: bool = False

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -60,6 +60,12 @@ class Environment(Publisher, ABC):
             position: Of the device, in m, shape ``(axes,)``.
             velocity: Of the device, in m/s, same shape.
             elapsed: Time since the force engaged, in s; 0 before.
+        """
+
+    def expect(self, users: Collection[str]) -> None:
+        """Prepare for hands of these names: what takes long then stalls no hand when one joins.
+
+        It is called right after ``open``. Other hands may come, too.
         """
 
     def take_readings(self, user: str, buttons: int | None, measured_force: Vector | None) -> None:
@@ -166,13 +172,23 @@ def _users_code(call: str) -> Iterator[None]:
         raise ConfigError(f"environment: {call}: {describe_user_error(error)}") from error
 
 
-def open_environment(model: EnvironmentModel, axes: int) -> Environment:
-    """Return an instance of a model; ConfigError if it cannot be used, or its own code fails."""
+def open_environment(
+    model: EnvironmentModel, axes: int, users: Collection[str] = ()
+) -> Environment:
+    """Return an instance of a model for hands of these names.
+
+    ConfigError if it cannot be used, or its own code fails.
+    """
     with _users_code(f"open({axes})"):
-        return model.open(axes)
+        opened = model.open(axes)
+        if users:
+            opened.expect(users)
+        return opened
 
 
-def change_environment(opened: Environment, model: EnvironmentModel, axes: int) -> Environment:
+def change_environment(
+    opened: Environment, model: EnvironmentModel, axes: int, users: Collection[str] = ()
+) -> Environment:
     """Return an instance with the parameters of ``model``, of the kind of ``opened``.
 
     If it raises ConfigError, as :func:`open_environment`, ``opened`` is as it was.
@@ -180,7 +196,7 @@ def change_environment(opened: Environment, model: EnvironmentModel, axes: int) 
     with _users_code("change"):
         if opened.change(model):
             return opened
-    new = open_environment(model, axes)
+    new = open_environment(model, axes, users)
     opened.close()
     return new
 

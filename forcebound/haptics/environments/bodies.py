@@ -12,6 +12,7 @@ IROS 1995.
 
 import logging
 import math
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -73,8 +74,7 @@ class Bodies(EnvironmentModel):
 
     ``F = k (x - p) + b (v - v_p)``, of the probe's position ``p`` and velocity ``v_p``; the probe
     feels ``F``. The scene advances by its own time step, as far as the time since the last question
-    goes. A scene is compiled again for a second hand, which takes a moment without force; one with
-    a tool serves one hand.
+    goes. It is compiled with a probe for each hand of the graph; one with a tool serves one hand.
 
     Attributes:
         file: The scene, in MuJoCo's XML format. It may name other files, which MuJoCo reads itself.
@@ -145,12 +145,13 @@ class _Scene(Environment):
     def __init__(self, model: Bodies, axes: int) -> None:
         self._mujoco = engine()
         self._axes = axes
+        self._expected = 1  # hands
         self._begin(model)
 
     def _begin(self, model: Bodies) -> None:
         """Begin where the file has everything."""
         self._model = model
-        self._compile(1)
+        self._compile(self._expected)
         # Where the probe is before it has moved: in the scene, and in the hand's coordinates.
         self._home: Vector3 = tuple(self._probes[0].body.pos.tolist())
         self._origin: Vector3 = ZERO
@@ -159,6 +160,11 @@ class _Scene(Environment):
         self._elapsed = 0.0  # s, until which the scene has gone
         self._resets = 0
 
+    def expect(self, users: Collection[str]) -> None:
+        if len(users) > 1 and self._model.tool is None:
+            self._expected = len(users)
+            self._begin(self._model)
+
     def _compile(self, probes: int) -> None:
         model = self._model
         self._scene = compile_scene(self._mujoco, model, probes)
@@ -166,6 +172,8 @@ class _Scene(Environment):
         self._mujoco.mj_forward(self._scene, self._data)
         tool = None if model.tool is None else body_of(model.tool, self._scene)
         self._probes = [_Probe(self._scene, number, tool) for number in range(probes)]
+        for number in range(probes):
+            self._set_contacts(number, False)  # until a hand has it
 
     def _join(self, user: str, place: Vector3, now: float) -> _Hand:
         """Give a hand a probe; the bodies stay as they are."""
@@ -175,7 +183,7 @@ class _Scene(Environment):
         elif self._model.tool is not None:
             message = f"tool: the hand {next(iter(self._hands))!r} has it: a tool is for one hand"
             raise ConfigError(message, field="tool")
-        else:
+        elif number == len(self._probes):
             before = self._data
             self._compile(number + 1)
             self._data.time = before.time
@@ -184,8 +192,9 @@ class _Scene(Environment):
                 old, new = getattr(before, name), getattr(self._data, name)
                 new[: len(old)] = old
             for hand in self._hands.values():
-                self._set_contacts(hand, not hand.is_away)
+                self._set_contacts(hand.number, not hand.is_away)
         hand = self._hands[user] = _Hand(number, place, place)
+        self._set_contacts(number, True)
         self._couple(hand)
         if number > 0:
             self._mujoco.mj_forward(self._scene, self._data)
@@ -195,13 +204,13 @@ class _Scene(Environment):
         hand = self._hands.get(user)
         if hand is not None and self._model.tool is None:
             hand.is_away, hand.speed, hand.before = True, ZERO, hand.place
-            self._set_contacts(hand, False)
+            self._set_contacts(hand.number, False)
         self._clock.leave(user)
 
-    def _set_contacts(self, hand: _Hand, do_act: bool) -> None:
+    def _set_contacts(self, number: int, do_act: bool) -> None:
         """Let a probe, not one with a tool, touch things or pass through them."""
         if self._model.tool is None:
-            geom = self._probes[hand.number].geom
+            geom = self._probes[number].geom
             self._scene.geom_contype[geom] = self._scene.geom_conaffinity[geom] = int(do_act)
 
     def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
@@ -213,7 +222,7 @@ class _Scene(Environment):
         hand.speed = tuple(map(within_reach, pad3(velocity)))  # at most 10 m/s
         if hand.is_away:
             hand.is_away, hand.before = False, hand.place
-            self._set_contacts(hand, True)
+            self._set_contacts(hand.number, True)
             self._couple(hand)
         self._advance(now)
         model, data = self._model, self._data

@@ -145,7 +145,7 @@ def _answers(
     """
     answers: list[Vector | None] = []
     with found.noting("opens", "an instance that closes", f"open({axes}), close()"):
-        environment = open_environment(model, axes)
+        environment = open_environment(model, axes, ("",))
         if members is not None:
             members |= overridden(environment, Environment)
             _check_scene(environment, f"scene() before the first query, {axes} axes", found)

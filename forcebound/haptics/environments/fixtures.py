@@ -11,7 +11,7 @@ Okamura, Haptic virtual fixtures for robot-assisted manipulation, ISRR 2005.
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from itertools import chain, pairwise
 from typing import Annotated, ClassVar, TypeAlias
@@ -362,6 +362,7 @@ class _Guided(Environment):
 
     def __init__(self, model: WithFixtures, axes: int) -> None:
         self._model, self._axes = model, axes
+        self._users: Collection[str] = ()
         self._opened = open_environment(model.model, axes)
         self.published = self._opened.published
 
@@ -369,6 +370,10 @@ class _Guided(Environment):
         force = self._opened.force(user, position, velocity, elapsed)
         more = cut(self._model.fixtures.on(user, pad3(position), pad3(velocity)), self._axes)
         return tuple([one + other for one, other in zip(force, more, strict=True)])
+
+    def expect(self, users: Collection[str]) -> None:
+        self._users = users
+        self._opened.expect(users)
 
     def take_readings(self, user: str, buttons: int | None, measured_force: Vector | None) -> None:
         self._opened.take_readings(user, buttons, measured_force)
@@ -385,7 +390,7 @@ class _Guided(Environment):
     def change(self, model: WithFixtures) -> bool:
         """Take over other parameters; the environment keeps its state if it can."""
         if model.model != self._model.model:
-            self._opened = change_environment(self._opened, model.model, self._axes)
+            self._opened = change_environment(self._opened, model.model, self._axes, self._users)
             self.published = self._opened.published
         self._model = model
         return True

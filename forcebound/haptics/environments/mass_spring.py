@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 from typing import Annotated
 
+from forcebound.errors import ConfigError
 from forcebound.haptics.environments import (
     Environment,
     EnvironmentModel,
@@ -23,7 +24,7 @@ from forcebound.quantities import (
     check_ranges,
 )
 
-STEP = 1e-4  # s, longest step of the integration
+STEP, SHORTEST = 1e-4, 1e-6  # s, longest and shortest step of the integration
 ANGLE = 0.2  # rad, of the fastest oscillation that a step may be
 LONGEST = 0.1  # s: a slab that is not asked for longer stands still
 THICKNESS, WIDTH = 0.010, 0.060  # m, as drawn; a thickness that is stated is that of the box
@@ -62,6 +63,12 @@ class MassSpring(EnvironmentModel):
 
     def __post_init__(self) -> None:
         check_ranges(self)
+        if (step := self.step()) < SHORTEST:
+            raise ConfigError(
+                f"mass: {self.mass:g} kg on such springs and dampers needs steps of {step:g} s, and"
+                f" the shortest is {SHORTEST:g} s: take a larger mass, or a smaller stiffness",
+                field="mass",
+            )
 
     def step(self, hands: int = 1) -> float:
         """Return the longest step of the integration with so many hands at the slab, in s."""

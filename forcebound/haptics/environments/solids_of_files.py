@@ -14,7 +14,7 @@ from forcebound.haptics.environments.touching import Touchable
 from forcebound.haptics.geometry.proxy import Solid, Surface
 from forcebound.haptics.geometry.vectors import NO_ROTATION, ZERO, Pose, unit_quaternion
 from forcebound.messages.packets import SceneObject
-from forcebound.quantities import POSITIVE, Length, Ratio
+from forcebound.quantities import POSITIVE, Length, Range, Ratio
 
 if TYPE_CHECKING:  # they need numpy and trimesh, which take a while
     from forcebound.haptics.geometry.grid import Grid
@@ -152,7 +152,7 @@ class DistanceField(PlacedFile):
         origin: Of an array, the place of its first number.
     """
 
-    spacing: Annotated[Length, POSITIVE] | None = None
+    spacing: Annotated[Length, Range(at_least=1e-6)] | None = None
     origin: tuple[Length, Length, Length] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
