@@ -1,6 +1,7 @@
 """``python -m forcebound`` is the command ``forcebound``."""
 
 import gc
+import io
 import signal
 import sys
 
@@ -15,6 +16,8 @@ def main() -> None:
     Ctrl-C after the command has ended changes neither its result nor its exit status.
     """
     gc.set_threshold(GARBAGE_THRESHOLD)
+    if isinstance(sys.stdout, io.TextIOWrapper):  # a terminal or a pipe that is not UTF-8
+        sys.stdout.reconfigure(errors="replace")
     try:
         from forcebound.cli import main as command
 
