@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from forcebound.haptics.environments.coupling import APART
 from forcebound.haptics.laws import ENERGY_TOLERANCE
 from forcebound.recordings.telemetry import TelemetryColumns
 from forcebound.results.cells import MM, N_MM, N, Summary, energy
@@ -53,6 +54,10 @@ def coupling_lines(figures: Summary) -> Iterator[str]:
         words = f"Together: the follower was off by {MM.show(error)} RMS, {MM.show(peak)} at most"
         force = figures["force_error_rms_n"]
         yield f"{words}{'' if force is None else f'; forces differ by {N.show(force)} RMS'}."
+    start = figures["position_error_start_m"]
+    if start is not None and start > APART:
+        words = f"Together: they began {MM.show(start)} apart, so the follower was pulled there"
+        yield f"{words}; `offset` or a clutch couples them where they are."
     felt = figures["transmitted_stiffness_n_per_m"]
     if felt is not None:
         words = f"Together: the leader feels {N_MM.show(felt)}; the follower's wall has"
@@ -134,12 +139,17 @@ def _transparency(
     return {
         "position_error_rms_m": _or_none(_rms, error),
         "position_error_peak_m": _or_none(np.max, error),
+        "position_error_start_m": _or_none(_first, error),
         "force_error_rms_n": _or_none(_rms, difference),
         "force_error_peak_n": _or_none(np.max, difference),
         "transmitted_stiffness_n_per_m": felt,
         "follower_stiffness_n_per_m": known,
         "series_stiffness_n_per_m": behind,
     }
+
+
+def _first(values: Floats) -> Any:
+    return values[0]
 
 
 def _last(values: Floats) -> Any:
