@@ -1,14 +1,15 @@
 """Points and triangles in OBJ, STL and PLY files: as the format says, or refused with the place.
 
 trimesh reads STL and PLY; what it would take for another solid is looked for before and after. Of
-OBJ, two statements matter here, vertices and faces, and they are read here: of six libraries each
+OBJ, two statements matter here, vertices and faces, and they are read here: each of six libraries
 gave another solid without a word, or crashed, on files that usual programs write.
 """
 
 import io
 import logging
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -23,16 +24,12 @@ MOST_CORNERS = 1000  # of a face that is not convex; the time to cut it grows wi
 FLAT = 1e-9  # of a face's area, beyond which a triangle of it looks the other way
 LONGEST = 80  # characters of a line in an error
 #: Statements of OBJ that make no surface. Those of curved surfaces are not among them.
-PASSED = re.compile(
-    "v[ntp]|[goslp]|mg|use(mtl|map)|(mtl|map)lib|lod|bevel|[cd]_interp|(shadow|trace)_obj"
-)
-_NUMBERS = rb"(?:\s+[-+]?[\d.]+(?:e[-+]?\d+)?){3}"
+PASSED = re.compile("v[ntp]|[goslp]|mg|(use|map)(mtl|map|lib)|mtllib|lod|bevel|._interp|.+_obj")
+_FACET_BEGINS = re.compile(rb"^[ \t]*(facet\b)", re.IGNORECASE | re.MULTILINE)
 _FACET = re.compile(
-    rb"facet\s+normal(?:\s+\S+){3}\s+outer\s+loop(?:\s+vertex" + _NUMBERS + rb"){3}"
-    rb"\s+endloop\s+endfacet\s",
+    rb"facet\s+normal(\s+\S+){3}\s+outer\s+loop(\s+vertex(\s+[-+.\de]+){3}){3}\s+endloop\s+endfacet\s",
     re.IGNORECASE,
 )
-_FACET_BEGINS = re.compile(rb"^[ \t]*(facet\b)", re.IGNORECASE | re.MULTILINE)
 _NAME = re.compile(rb"^([ \t]*(?:end)?solid)\b.*", re.IGNORECASE | re.MULTILINE)
 _NO_NUMBER = re.compile(rb"[^-+.\dEe\sNnAaIiFf]")  # nan and inf are some
 _ELEMENT = re.compile(rb"^element[ \t]+(\w+)[ \t]+(\d+)", re.MULTILINE)
@@ -46,51 +43,45 @@ def triangles_in(file: Path, data: bytes) -> tuple[Array, Array]:
     Faces with more corners are cut. ``data`` is the content of ``file``, whose suffix says the
     format. ConfigError, with line or face, if it does not follow its format.
     """
-    reader = {".obj": _obj, ".stl": _stl, ".ply": _ply}[file.suffix.lower()]
     with content_of(file):
-        points, faces = reader(file, data)
-    return np.asarray(points, float).reshape(-1, 3), np.asarray(faces, int).reshape(-1, 3)
+        points, faces = {".obj": _obj, ".stl": _stl, ".ply": _ply}[file.suffix.lower()](file, data)
+        return np.asarray(points, float).reshape(-1, 3), np.asarray(faces, int).reshape(-1, 3)
 
 
 def _wrong(place: object, expected: str, got: object) -> ConfigError:
-    text = got if isinstance(got, str) else repr(got)
-    return ConfigError(f"{place}: expected {expected}, got {text[:LONGEST]}", field="file")
+    text = got if isinstance(got, str) else repr(got)[:LONGEST]
+    return ConfigError(f"{place}: expected {expected}, got {text}", field="file")
 
 
-def _obj(file: Path, data: bytes) -> tuple[Any, Array]:
+def _obj(file: Path, data: bytes) -> tuple[Any, Any]:
     """Read the vertices and faces of an OBJ file; a negative index counts back from its line."""
     points: list[list[float]] = []
-    corners: list[int] = []
-    sizes: list[int] = []
+    faces: list[list[int]] = []
     lines: list[int] = []
-    for line, text in _statements(data):
-        name, *words = text.split()
+    for line, words in _statements(data):
         expected = "a statement of polygons (v, f, vn, vt, g, ...): export a mesh of polygons"
         try:
-            if name == "v":
+            if words[0] == "v":
                 expected = "v and 3 numbers with a decimal point (then a colour, or the weight 1)"
-                if len(words) not in (3, 4, 6, 7) or (len(words) == 4 and float(words[3]) != 1.0):
+                if len(words) not in (4, 5, 7, 8) or (len(words) == 5 and float(words[4]) != 1.0):
                     raise ValueError
-                points.append([float(word) for word in words[:3]])
-            elif name == "f":
+                points.append([float(word) for word in words[1:4]])
+            elif words[0] == "f":
                 expected = f"f and 3 corners or more, by vertices from 1 on, or from -{len(points)}"
-                found = [int(word.partition("/")[0]) for word in words]
-                found = [index + len(points) if index < 0 else index - 1 for index in found]
-                if len(found) < 3 or min(found) < 0:
-                    raise ValueError
-                corners += found
-                sizes.append(len(found))
+                found = [int(word.partition("/")[0]) for word in words[1:]]
+                faces.append([at + len(points) if at < 0 else at - 1 for at in found])
                 lines.append(line)
-            elif not PASSED.fullmatch(name):
+                if len(found) < 3 or min(faces[-1]) < 0:
+                    raise ValueError
+            elif not PASSED.fullmatch(words[0]):
                 raise ValueError
         except ValueError:
-            raise _wrong(f"{file}:{line}", expected, repr(text)) from None
-    faces = _cut(np.array(points), np.array(corners, int), np.array(sizes, int), file, lines)
-    return points, faces
+            raise _wrong(f"{file}:{line}", expected, " ".join(words)[:LONGEST]) from None
+    return points, _cut(np.array(points), faces, lambda face: f"{file}:{lines[face]}")
 
 
-def _statements(data: bytes) -> Iterator[tuple[int, str]]:
-    """Yield the statements of an OBJ file without comments, each with its (last) line."""
+def _statements(data: bytes) -> Iterator[tuple[int, list[str]]]:
+    """Yield the words of the statements in an OBJ file without comments, with their (last) line."""
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -100,8 +91,8 @@ def _statements(data: bytes) -> Iterator[tuple[int, str]]:
         begun += line.partition("#")[0].strip()
         if begun.endswith("\\"):  # it goes on in the next line
             begun = begun[:-1] + " "
-        elif begun:
-            yield number, begun
+        elif words := begun.split():
+            yield number, words
             begun = ""
 
 
@@ -109,35 +100,32 @@ def _stl(file: Path, data: bytes) -> tuple[Array, Array]:
     """Read an STL file; its first word does not say whether it is text, since many lie."""
     import trimesh
 
-    data = data.removeprefix(b"\xef\xbb\xbf")
+    data, kind = data.removeprefix(b"\xef\xbb\xbf"), "stl"
     count = int.from_bytes(data[80:84], "little")
     rest = len(data) - 84 - 50 * count
-    if 0 <= rest < 50 and len(data) >= 84:
-        if rest:
-            _logger.warning("%s: %d bytes after its last triangle are passed over", file, rest)
-        loaded = trimesh.load(io.BytesIO(data[: len(data) - rest]), file_type="stl", process=False)
-    elif data.lstrip()[:5].lower() != b"solid" or b"\0" in data:
-        expected = f"the {count:,} triangles of its header, {84 + 50 * count:,} bytes"
-        raise _wrong(file, f"{expected} (or text that begins with solid)", f"{len(data):,} bytes")
-    else:
-        data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
-        begun = [found.start(1) for found in _FACET_BEGINS.finditer(data)]
-        count = len(begun)
-        for start in begun:
-            if not _FACET.match(data, start):
-                line = data.count(b"\n", 0, start) + 1
+    if 0 < rest < 50:
+        _logger.warning("%s: %d bytes after its last triangle are passed over", file, rest)
+        data = data[:-rest]
+    elif rest and (data.lstrip()[:5].lower() != b"solid" or b"\0" in data):
+        expected = f"{84 + 50 * count:,} bytes for the {count:,} triangles of its header"
+        raise _wrong(file, f"{expected} (or text that begins with solid)", f"{len(data):,}")
+    elif rest:
+        kind, count = "stl_ascii", 0
+        data = re.sub(b"\r\n?", b"\n", _NAME.sub(rb"\1", data))  # a name may be vertex
+        for count, found in enumerate(_FACET_BEGINS.finditer(data), 1):  # noqa: B007
+            if not _FACET.match(data, found.start(1)):
+                line = data.count(b"\n", 0, found.start(1)) + 1
                 expected = "a facet of 3 vertices, each of 3 numbers with a decimal point"
-                raise _wrong(f"{file}:{line}", expected, repr(data[start : start + LONGEST])[1:])
-        data = _NAME.sub(rb"\1", data)  # may have any words, such as vertex
-        loaded = trimesh.load(io.BytesIO(data), file_type="stl_ascii", process=False)
+                raise _wrong(f"{file}:{line}", expected, data[found.start(1) :][:LONGEST])
+    loaded = trimesh.load(io.BytesIO(data), file_type=kind, process=False)
     parts: Any = getattr(loaded, "geometry", {"": loaded}).values()
-    found = np.concatenate([np.zeros((0, 3, 3)), *(one.vertices[one.faces] for one in parts)])
-    if len(found) != count:
-        raise _wrong(file, f"{count:,} triangles between solid and endsolid", f"{len(found):,}")
-    return found, np.arange(3 * count)
+    corners = np.concatenate([np.zeros((0, 3, 3)), *(one.vertices[one.faces] for one in parts)])
+    if len(corners) != count:
+        raise _wrong(file, f"{count:,} triangles between solid and endsolid", f"{len(corners):,}")
+    return corners, np.arange(3 * count)
 
 
-def _ply(file: Path, data: bytes) -> tuple[Array, Array]:
+def _ply(file: Path, data: bytes) -> tuple[Array, Any]:
     """Read a PLY file; without faces it is one of points."""
     from trimesh.exchange.ply import load_ply
 
@@ -145,61 +133,48 @@ def _ply(file: Path, data: bytes) -> tuple[Array, Array]:
     counts = {name.decode(): int(count) for name, count in _ELEMENT.findall(head)}
     if counts.get("tristrips"):
         raise _wrong(file, "faces", "strips of triangles: export a mesh of triangles")
-    is_text = re.search(rb"^format[ \t]+ascii", head, re.MULTILINE) is not None
-    if is_text:
+    if is_text := b"format ascii" in head:
         if bad := _NO_NUMBER.search(body):
             line = data.count(b"\n", 0, len(head + end) + bad.start()) + 1
-            row = data.split(b"\n")[line - 1].strip()
-            raise _wrong(f"{file}:{line}", "numbers with a decimal point", repr(row)[1:])
+            row = data.split(b"\n")[line - 1]
+            raise _wrong(f"{file}:{line}", "numbers with a decimal point", row)
         rows = [row for row in body.splitlines() if row.strip()]
         if len(rows) != sum(counts.values()):
-            expected = f"a row for each of {counts}, as its header says"
-            raise _wrong(file, expected, f"{len(rows):,} rows")
+            raise _wrong(file, f"a row for each of {counts} in its header", f"{len(rows):,} rows")
         body = b"\n" + b"\n".join(rows)
-    head = head.decode("ascii", "replace").encode("ascii", "replace")  # names and comments
-    mixed = "as many bytes as its header says, and faces of equally many corners unless it is text"
+    head = head.decode("ascii", "replace").replace("vertex_index\n", "vertex_indices\n")
     try:
-        raw = load_ply(io.BytesIO(head + end + body))["metadata"]["_ply_raw"]
+        raw = load_ply(io.BytesIO(head.encode("ascii", "replace") + end + body))
+        elements = raw["metadata"]["_ply_raw"]
+        points = np.column_stack([elements["vertex"]["data"][axis].ravel() for axis in "xyz"])
+        faces = elements["face"]["data"]["vertex_indices"] if counts.get("face") else ()
+        if not is_text and len(faces):
+            if (faces["f0"] != faces["f1"].shape[1]).any():
+                raise ValueError("faces of several kinds")
+            faces = faces["f1"]
     except ValueError as error:
-        raise _wrong(file, mixed, f"another file ({error}): export triangles") from error
-    points = np.column_stack([raw["vertex"]["data"][axis].ravel() for axis in "xyz"])
-    if not counts.get("face"):
-        return points, np.zeros((0, 3))
-    columns = raw["face"]["data"]
-    names = columns.keys() if is_text else columns.dtype.names
-    name = next((name for name in ("vertex_indices", "vertex_index") if name in names), None)
-    if name is None:
-        raise _wrong(file, "faces with vertex_indices", ", ".join(names))
-    found = columns[name] if is_text else columns[name]["f1"]  # the length of each list is f0
-    if not is_text and (columns[name]["f0"] != found.shape[1]).any():
-        raise _wrong(file, mixed, "faces of several kinds: export triangles")
-    sizes = np.array([len(face) for face in found])
-    return points, _cut(points, np.concatenate(list(found)), sizes, file)
+        expected = "as many bytes as its header says, and faces of one kind unless it is text"
+        raise _wrong(file, expected, f"another file ({error}): export triangles") from error
+    return points, _cut(points, faces, lambda face: f"{file}: face {face + 1}")
 
 
-def _cut(
-    points: Array, corners: Array, sizes: Array, file: Path, lines: Sequence[int] | None = None
-) -> Array:
-    """Return the triangles of faces, whose numbers of corners are ``sizes``.
+def _cut(points: Array, faces: Sequence[Sequence[int]], place: Callable[[int], str]) -> Array:
+    """Return the triangles of faces.
 
     A face is cut as a fan from its first corner. Where the triangles of a fan look opposite ways,
     their area is not that of the face, which is not convex: then it is cut by its ears.
     """
-
-    def place(face: int) -> str:
-        return f"{file}: face {face + 1}" if lines is None else f"{file}:{lines[face]}"
-
-    if len(sizes) == 0:
+    if not len(faces):
         return np.zeros((0, 3), int)
+    sizes = np.array([len(face) for face in faces])
+    corners = np.fromiter(chain.from_iterable(faces), int)
     starts, cuts = np.cumsum(sizes) - sizes, sizes - 2
-    (outside,) = np.nonzero((corners < 0) | (corners >= len(points)))
-    for corner in outside[:1]:
-        face = int(np.searchsorted(starts, corner, "right")) - 1
-        least = 0 if lines is None else 1
-        expected = f"vertices from {least} to {len(points) - 1 + least}"
-        raise _wrong(place(face), expected, repr(int(corners[corner]) + least))
+    for bad in np.nonzero((corners < 0) | (corners >= len(points)))[0][:1]:
+        face = int(np.searchsorted(starts, bad, "right")) - 1
+        got = f"number {corners[bad] + 1} of {len(points)}"
+        raise _wrong(place(face), "a vertex that there is", got)
     if cuts.min() < 1:
-        raise _wrong(place(int(cuts.argmin())), "3 corners or more", repr(int(sizes.min())))
+        raise _wrong(place(int(cuts.argmin())), "3 corners or more", str(sizes.min()))
     owner = np.repeat(np.arange(len(sizes)), cuts)
     begin = np.cumsum(cuts) - cuts  # first triangle of each face
     first, ahead = starts[owner], np.arange(len(owner)) - begin[owner]
@@ -207,19 +182,17 @@ def _cut(
     a, b, c = points[triangles].transpose(1, 0, 2)
     areas = np.cross(b - a, c - a)
     whole = np.add.reduceat(areas, begin)
-    away = (areas * whole[owner]).sum(axis=1) < -FLAT * (whole**2).sum(axis=1)[owner]
     fan = np.add.reduceat(np.linalg.norm(areas, axis=1), begin)
     is_nothing = np.linalg.norm(whole, axis=1) < FLAT * fan  # both halves of a bow
+    away = (areas * whole[owner]).sum(axis=1) < -FLAT * (whole**2).sum(axis=1)[owner]
     for face in np.union1d(owner[away], np.nonzero(is_nothing)[0]):
-        mine = corners[starts[face] : starts[face] + sizes[face]]
+        mine = corners[starts[face] :][: sizes[face]]
         can_be_cut = len(mine) <= MOST_CORNERS and not is_nothing[face]
         ears = _ears(points[mine], whole[face]) if can_be_cut else None
         if ears is None:
-            expected = (
-                f"a face that does not cross itself, or is convex beyond {MOST_CORNERS} corners"
-            )
+            expected = f"a face that does not cross itself, convex if above {MOST_CORNERS} corners"
             raise _wrong(place(face), expected, f"one of {len(mine)} corners: export triangles")
-        triangles[begin[face] : begin[face] + cuts[face]] = mine[ears]
+        triangles[begin[face] :][: cuts[face]] = mine[ears]
     return triangles
 
 
@@ -232,29 +205,22 @@ def _ears(polygon: Array, normal: Array) -> list[tuple[int, int, int]] | None:
     Source: G. H. Meisters, Polygons have ears, American Mathematical Monthly 82(6), 1975.
     """
     axis = int(np.abs(normal).argmax())
-    flat = np.roll(polygon, -axis, axis=1)[:, 1:] * (1.0, np.sign(normal[axis]))
-    least = -FLAT * abs(normal[axis])
+    u, v = np.roll(polygon, -axis, axis=1)[:, 1:].T
+    flat = u + 1j * np.sign(normal[axis]) * v
 
     def turn(a: Array, b: Array, c: Array) -> Array:
-        ab, ac = b - a, c - a
-        twice: Array = ab[..., 0] * ac[..., 1] - ab[..., 1] * ac[..., 0]
-        return twice
+        return np.imag((b - a).conjugate() * (c - a))
 
-    left = list(range(len(flat)))
-    ears: list[tuple[int, int, int]] = []
+    left, ears = list(range(len(flat))), list[tuple[int, int, int]]()
     while len(left) > 2:
-        for k in range(len(left)):
-            ear = (left[k - 1], left[k], left[(k + 1) % len(left)])
+        for ear in zip(left[-1:] + left[:-1], left, left[1:] + left[:1], strict=True):
             a, b, c = flat[list(ear)]
-            if turn(a, b, c) < least:
-                continue
-            rest = flat[left]
-            within = np.minimum(turn(a, b, rest), np.minimum(turn(b, c, rest), turn(c, a, rest)))
-            is_corner = (rest[:, None] == (a, b, c)).all(axis=2).any(axis=1)
-            if not ((within >= 0.0) & ~is_corner).any():
+            rest = flat[left][~np.isin(flat[left], (a, b, c))]
+            within = (turn(a, b, rest) >= 0) & (turn(b, c, rest) >= 0) & (turn(c, a, rest) >= 0)
+            if turn(a, b, c) >= -FLAT * abs(normal[axis]) and not within.any():
                 break
         else:
             return None
         ears.append(ear)
-        left.pop(k)
+        left.remove(ear[1])
     return ears
