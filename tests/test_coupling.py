@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -83,25 +82,6 @@ def test_with_position_force_the_leader_feels_what_is_measured_at_the_follower()
     leader, follower = forces(coupled, (0.01, 0.0), (0.005, 0.0), felt=(None, (-1.5, 0.0)))
     assert leader == pytest.approx((3.0, 0.0))
     assert follower == pytest.approx((-1.5, 0.0))
-    assert not coupled.published.events
-
-
-@pytest.mark.parametrize(("scale", "target"), [(1.0, 0.010), (-1.0, -0.010)])
-def test_hands_that_start_apart_are_said_once_with_the_offset_that_couples_them(
-    scale: float, target: float
-) -> None:
-    model = Coupling(stiffness=300.0, scale=scale)
-    coupled = model.open(2)
-    for _ in range(3):
-        forces(coupled, (0.010, 0.0), (0.040, 0.002))
-    ((event, words, is_fault),) = coupled.published.events
-    assert (event, is_fault) == ("starts_apart", False)
-    offset = (0.040 - target, 0.002)
-    assert f"[{1e3 * offset[0]:.4g} mm, 2 mm]" in words
-    assert f"{300.0 * math.hypot(*offset):.3g} N" in words
-    coupled = replace(model, offset=offset).open(2)
-    leader, _ = forces(coupled, (0.010, 0.0), (0.040, 0.002))
-    assert leader == pytest.approx((0.0, 0.0))
     assert not coupled.published.events
 
 

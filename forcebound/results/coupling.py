@@ -8,12 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from forcebound.haptics.environments.coupling import APART
 from forcebound.haptics.laws import ENERGY_TOLERANCE
 from forcebound.recordings.telemetry import TelemetryColumns
 from forcebound.results.cells import MM, N_MM, N, Summary, energy
 from forcebound.results.contact import displayed_stiffness
 from forcebound.results.surface import Floats
+
+APART = 0.005  # m, between leader and follower at the start, where nothing is said
 
 
 def coupling(

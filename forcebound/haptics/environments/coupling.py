@@ -48,7 +48,6 @@ from forcebound.quantities import (
 )
 
 AnyRatio: TypeAlias = Annotated[Ratio, Range()]  # finite
-APART = 0.005  # m, of the follower from its target at the start, where nothing is said
 #: ``C_4``, ``C_2`` and ``C_3`` of each architecture.
 GAINS = {
     "position_position": (1.0, 0.0, 0.0),
@@ -140,7 +139,6 @@ class _Coupled(Environment):
         self._is_released = False  # by the clutch
         self._reindexes = False  # as soon as both are there and the clutch is up
         self._has_warned = False
-        self._have_met = False
 
     def take_readings(self, user: str, buttons: int | None, measured_force: Vector | None) -> None:
         if user in self._hands:
@@ -164,9 +162,6 @@ class _Coupled(Environment):
         if self._reindexes:
             both = zip(leader.position, follower.position, strict=False)
             self._offset, self._reindexes = tuple([f - model.scale * at for at, f in both]), False
-        if not self._have_met:
-            self._have_met = True
-            self._say_if_apart(leader, follower)
         motors = self._motors(leader, follower)
         answer = tuple([-forces[hand is follower] for forces in motors])
         return (answer + zero)[: len(zero)]
@@ -192,20 +187,6 @@ class _Coupled(Environment):
         self.signal("force_error", math.hypot(*differences) if is_known else math.nan)
         return forces
 
-    def _say_if_apart(self, leader: _Hand, follower: _Hand) -> None:
-        """Say it by an event if the follower is far from its target when the coupling begins."""
-        both = zip(leader.position, follower.position, strict=False)
-        between = [f - self._model.scale * at for at, f in both]
-        way = math.dist(between, _padded(self._offset, len(between)))
-        if way > APART:
-            offset = ", ".join(f"{1e3 * each:.4g} mm" for each in between)
-            self.event(
-                "starts_apart",
-                f"the follower is {1e3 * way:.3g} mm from its target at the start, and is"
-                f" pulled there by {self._model.stiffness * way:.3g} N: `offset: [{offset}]`, or a"
-                " clutch that is down then, couples them where they are",
-            )
-
     def _is_sensed(self, leader: _Hand, follower: _Hand) -> bool:
         """Whether there are the sensors that the architecture needs; an event if not."""
         _, c_2, c_3 = GAINS[self._model.architecture]
@@ -221,7 +202,6 @@ class _Coupled(Environment):
     def leave(self, user: str) -> None:
         if user in self._hands:
             self._hands[user] = _Hand()
-            self._have_met = False
 
     def scene(self) -> tuple[SceneObject, ...]:
         tips = [hand.position for hand in self._hands.values()]

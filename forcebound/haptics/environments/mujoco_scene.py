@@ -70,14 +70,7 @@ def _compiled(model: "Bodies", probes: int) -> bytes:
         step = spec.option.timestep
         if not STEPS[0] <= step <= STEPS[1]:
             raise ConfigError(f"timestep: expected {STEPS[0]} to {STEPS[1]} s, got {step} s")
-        start = mujoco.MjData(spec.compile())
-        if model.key is not None:
-            known = [key.name for key in spec.keys]
-            if model.key not in known:
-                words = f"key: expected the name of a keyframe, got {model.key!r}; known: "
-                raise ConfigError(words + _listed(known))
-            mujoco.mj_resetDataKeyframe(start.model, start, known.index(model.key))
-        mujoco.mj_kinematics(start.model, start)
+        start = None if model.tool is model.key is None else _start(mujoco, spec, model.key)
         for key in list(spec.keys):  # they do not fit once there are probes
             spec.delete(key)
         for number in range(probes):
@@ -98,6 +91,19 @@ def _compiled(model: "Bodies", probes: int) -> bytes:
     binary = np.empty(mujoco.mj_sizeModel(scene), np.uint8)
     mujoco.mj_saveModel(scene, None, binary)
     return binary.tobytes()
+
+
+def _start(mujoco: Any, spec: Any, key: str | None) -> Any:
+    """Return the scene without probes as it begins, in a keyframe or as its bodies are placed."""
+    start = mujoco.MjData(spec.compile())
+    if key is not None:
+        known = [one.name for one in spec.keys]
+        if key not in known:
+            words = f"key: expected the name of a keyframe, got {key!r}; known: "
+            raise ConfigError(words + _listed(known))
+        mujoco.mj_resetDataKeyframe(start.model, start, known.index(key))
+    mujoco.mj_kinematics(start.model, start)
+    return start
 
 
 def _fill_key(scene: Any, start: Any) -> None:
@@ -122,7 +128,7 @@ def _fill_key(scene: Any, start: Any) -> None:
 def _add_probe(mujoco: Any, spec: Any, model: "Bodies", number: int, start: Any) -> None:
     """Add the probe to a scene, and what ties a tool to it; a mocap body becomes the probe.
 
-    ``start`` is the scene without probes, as it begins.
+    ``start`` is the scene without probes, as it begins, where there is a tool.
     """
     site = None if model.tool is None else spec.site(model.tool)
     held = site if model.tool is None or site is not None else spec.body(model.tool)
