@@ -58,7 +58,7 @@ def test_figures_are_printed_whatever_the_terminal_can_show(encoding: str) -> No
 
 
 def test_a_file_whose_name_is_not_utf8_is_said_before_a_launch(tmp_path: Path) -> None:
-    name = os.fsencode(tmp_path) + b"/r\xe4.mcap"
+    name = os.fsdecode(os.fsencode(tmp_path) + b"/r\xe4.mcap")
     command = [sys.executable, "-m", "forcebound", "launch", "stiff_wall", *QUICK, "--record", name]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 2

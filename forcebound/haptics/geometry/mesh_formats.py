@@ -142,12 +142,13 @@ def _ply(file: Path, data: bytes) -> tuple[Array, Any]:
         if len(rows) != sum(counts.values()):
             raise _wrong(file, f"a row for each of {counts} in its header", f"{len(rows):,} rows")
         body = b"\n" + b"\n".join(rows)
-    head = head.decode("ascii", "replace").replace("vertex_index\n", "vertex_indices\n")
+    ascii_head = head.decode("ascii", "replace").encode("ascii", "replace")  # of any comments
+    head = re.sub(rb"\bvertex_index\b", b"vertex_indices", ascii_head)
     try:
-        raw = load_ply(io.BytesIO(head.encode("ascii", "replace") + end + body))
-        elements = raw["metadata"]["_ply_raw"]
+        read: Any = load_ply(io.BytesIO(head + end + body))
+        elements = read["metadata"]["_ply_raw"]
         points = np.column_stack([elements["vertex"]["data"][axis].ravel() for axis in "xyz"])
-        faces = elements["face"]["data"]["vertex_indices"] if counts.get("face") else ()
+        faces: Any = elements["face"]["data"]["vertex_indices"] if counts.get("face") else ()
         if not is_text and len(faces):
             if (faces["f0"] != faces["f1"].shape[1]).any():
                 raise ValueError("faces of several kinds")
