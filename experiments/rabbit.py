@@ -109,7 +109,7 @@ def draw(picture: Path) -> None:
         proxies.append(tip if contact is None else contact.proxy)
     unit_vectors = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
     turned = np.array([model.pose.turned(axis) for axis in unit_vectors])
-    corners = model.content().corners @ turned + model.position
+    corners = model.content().corners @ turned + model.pose.position
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     light = normals @ (-0.7, 0.5, 0.5) / np.linalg.norm(normals, axis=1)
     figure = plt.figure(figsize=(6, 5))

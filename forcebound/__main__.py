@@ -1,6 +1,7 @@
 """``python -m forcebound`` is the command ``forcebound``."""
 
 import gc
+import io
 import signal
 import sys
 
@@ -21,6 +22,8 @@ def main() -> None:
     ending = ending_signals()
     for number in ending:
         signal.signal(number, signal.default_int_handler)
+    if isinstance(sys.stdout, io.TextIOWrapper):  # a terminal or a pipe that is not UTF-8
+        sys.stdout.reconfigure(errors="replace")
     try:
         from forcebound.cli import main as command
 

@@ -15,6 +15,8 @@ from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
 
+from forcebound.errors import ConfigError
+
 SESSIONS = Path("/run/user")  # of systemd's, one for each user who is logged in
 
 
@@ -31,14 +33,23 @@ def runtime_folder(variables: Mapping[str, str] = os.environ) -> Path | None:
     return next(iter(runtime_folders(variables)), None)
 
 
+def home_folder() -> Path:
+    """Return the user's home folder; ConfigError if there is none."""
+    home = os.path.expanduser("~")
+    if not os.path.isabs(home):
+        raise ConfigError("this user has no home folder", action="set the variable HOME to one")
+    return Path(home)
+
+
 def cache_folder(name: str) -> Path | None:
     """Return a writable folder for what can be made again; None without one.
 
     It is within the user's cache or, without a home, the private folder: others may put nothing
     there.
     """
-    home = os.path.expanduser("~")
-    bases = [Path(home) / ".cache"] if os.path.isabs(home) else []
+    bases = []
+    with suppress(ConfigError):
+        bases.append(home_folder() / ".cache")
     private = runtime_folder()
     for base in [*bases, *([private] if private else [])]:
         folder = base / "forcebound" / name

@@ -92,10 +92,15 @@ def test_bodies_that_fly_apart_begin_again(
 ) -> None:
     scene = opened(tmp_path, BOX, tool=tool)
     moved(scene, -0.01, 0.0, 0.1, z=0.008)
-    scene._data.qvel[:] = 1e12
-    force = scene.force("", (0.0, 0.0, 0.008), (0.0, 0.0, 0.0), 0.2)
-    assert all(map(math.isfinite, force))
-    assert "the bodies flew apart" in caplog.text
+    began = scene.scene()
+    for again in (0.2, 0.4):
+        scene._data.qvel[:] = 1e12
+        force = scene.force("", (0.0, 0.0, 0.008), (0.0, 0.0, 0.0), again)
+        assert all(map(math.isfinite, force))
+        assert scene.scene()[1].position == pytest.approx(began[1].position, abs=1e-3)
+        held_still = scene.force("", (0.0, 0.0, 0.008), (0.0, 0.0, 0.0), again + 0.001)
+        assert abs(held_still[2]) < 5.0  # the probe is at the hand again
+    assert caplog.text.count("the bodies flew apart") == 1
 
 
 @pytest.mark.parametrize(
@@ -260,3 +265,68 @@ def test_defaults_and_mocap_bodies_of_the_file_are_not_those_of_the_hand(tmp_pat
     assert force == pytest.approx((0.0, 0.0, -800.0 * 0.003), rel=0.05, abs=1e-2)
     [finger] = [one for one in scene.scene() if one.name == "finger"]
     assert finger.position == pytest.approx((0.0, 0.0, 0.02))
+
+
+ARM = """<mujoco><option timestep="0.001" gravity="0 0 0"/><worldbody>
+<body name="target" mocap="true" pos="0 0 0.1"><geom type="sphere" size="0.005"/></body>
+<body name="lever" pos="0 0.2 0"><joint name="hinge" axis="0 0 1" damping="0.1"/>
+<geom type="capsule" fromto="0 0 0 0.1 0 0" size="0.01" mass="0.1"/><site name="end" pos="0.1 0 0"/>
+</body><body name="grip" pos="0 0 0.1"><freejoint/><geom type="box" size="0.01 0.01 0.01" mass="0.1"
+contype="0" conaffinity="0"/></body><body name="mark" mocap="true"/></worldbody>
+<actuator><position joint="hinge" kp="5"/></actuator>
+<equality><weld body1="target" body2="grip" solref="0.004 1"/></equality>
+<keyframe><key name="rest"/>
+<key name="up" qpos="1.5707963 0.05 0 0.1 1 0 0 0" ctrl="1.5707963" mpos="0.05 0 0.1 0 0 0.3"/>
+<key name="turned" mquat="0.7 0.7 0 0 1 0 0 0"/></keyframe></mujoco>"""
+
+
+def at(scene: Any, body: str) -> Any:
+    return scene._data.body(body).xpos
+
+
+@pytest.mark.parametrize("tool", [None, "target", "end"])
+def test_a_scene_begins_in_the_keyframe_that_is_named(tmp_path: Path, tool: str | None) -> None:
+    file = written(tmp_path, ARM, "scene.xml")
+    placed: Any = open_environment(Bodies(file, tool=tool), 3)
+    assert placed._data.qpos[placed._scene.joint("hinge").qposadr[0]] == 0.0
+    scene: Any = open_environment(Bodies(file, tool=tool, key="up"), 3)
+    for _ in range(2):
+        assert all(
+            scene.force("", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0) == (0.0,) * 3 for _ in "ab"
+        )
+        assert scene._data.qpos[scene._scene.joint("hinge").qposadr[0]] == pytest.approx(np.pi / 2)
+        assert scene._data.site("end").xpos == pytest.approx((0.0, 0.3, 0.0), abs=1e-6)
+        assert at(scene, "target") == pytest.approx((0.05, 0.0, 0.1), abs=1e-6)
+        assert at(scene, "grip") == pytest.approx((0.05, 0.0, 0.1), abs=1e-6)
+        assert at(scene, "mark") == pytest.approx((0.0, 0.0, 0.3), abs=1e-6)
+        scene._start_again()
+    held(scene, (0.0, 0.0, 0.0), 0.5)  # nothing jumps or creeps away
+    assert at(scene, "grip") == pytest.approx((0.05, 0.0, 0.1), abs=1e-4)
+    assert scene._data.site("end").xpos == pytest.approx((0.0, 0.3, 0.0), abs=1e-4)
+    if tool == "target":
+        held(scene, (0.02, 0.0, 0.0), 1.0)
+        assert at(scene, "grip") == pytest.approx((0.07, 0.0, 0.1), abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("key", "words"), [("down", "known: rest, up, turned"), ("turned", "keeps its orientation")]
+)
+def test_a_keyframe_that_cannot_be_used_is_said(tmp_path: Path, key: str, words: str) -> None:
+    file = written(tmp_path, ARM, "scene.xml")
+    with pytest.raises(ConfigError, match="key: ") as caught:
+        open_environment(Bodies(file, tool="target", key=key), 3)
+    assert words in str(caught.value)
+
+
+def test_a_robot_in_urdf_is_a_scene(tmp_path: Path) -> None:
+    inertia = '<inertia ixx="1e-4" iyy="1e-4" izz="1e-4" ixy="0" ixz="0" iyz="0"/>'
+    link = f'<link name="{{}}"><inertial><mass value="0.1"/>{inertia}</inertial></link>'
+    joint = (
+        '<joint name="slide" type="prismatic"><parent link="base"/><child link="tip"/>'
+        '<axis xyz="1 0 0"/><limit lower="-1" upper="1" effort="9" velocity="9"/></joint>'
+    )
+    text = f'<robot name="r">{link.format("base")}{link.format("tip")}{joint}</robot>'
+    file = written(tmp_path, text, "robot.urdf")
+    scene: Any = open_environment(Bodies(file, tool="tip"), 3)
+    assert held(scene, (0.02, 0.0, 0.0), 2.0) == pytest.approx((0.0, 0.0, 0.0), abs=1e-2)
+    assert at(scene, "tip")[0] == pytest.approx(0.02, abs=1e-3)

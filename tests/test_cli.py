@@ -46,6 +46,26 @@ def test_output_that_cannot_be_written_is_told_in_one_line(words: list[str]) -> 
     assert done.stderr == "forcebound: cannot write: No space left on device\n"
 
 
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1"])
+def test_figures_are_printed_whatever_the_terminal_can_show(encoding: str) -> None:
+    command = [sys.executable, "-m", "forcebound", "simulate", "stiff_wall", "--all", *QUICK]
+    variables = os.environ | {"PYTHONIOENCODING": encoding}
+    done = subprocess.run(command, capture_output=True, env=variables, check=False)
+    assert done.returncode == 0
+    assert b"Traceback" not in done.stderr
+    lines = done.stdout.decode(encoding, "replace").splitlines()
+    assert sum(line.startswith("peak force") for line in lines) == 1
+
+
+def test_a_file_whose_name_is_not_utf8_is_said_before_a_launch(tmp_path: Path) -> None:
+    name = os.fsdecode(os.fsencode(tmp_path) + b"/r\xe4.mcap")
+    command = [sys.executable, "-m", "forcebound", "launch", "stiff_wall", *QUICK, "--record", name]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert "is not UTF-8: rename it" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
 def test_simulate_prints_one_document_with_the_promised_keys() -> None:
     result = invoke("simulate", "stiff_wall.yaml", "--json", *QUICK)
     assert result.exit_code == 0

@@ -4,6 +4,7 @@ import re
 import sys
 import warnings
 from collections.abc import Sequence
+from copy import deepcopy
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
@@ -242,3 +243,21 @@ def test_a_model_of_gymnasium_is_held_by_the_hand() -> None:
     # The arm turns about its shoulder, 0.82 m away; what is drawn is 0.1 m farther.
     assert after[1] - at_first[1] == pytest.approx(0.02 * 0.92 / 0.82, abs=1e-3)
     assert abs(force[1]) < 0.5  # nothing but the dampers of the joints
+
+
+@pytest.mark.parametrize("file", ["stiff_wall", "membrane", "hold_arm"])
+def test_a_deep_copy_goes_on_as_the_original_and_leaves_it_alone(file: str) -> None:
+    env = HapticEnv(file, frame_skip=5)
+    assert deepcopy(env).reset(seed=3)[1] == env.reset(seed=3)[1]
+    actions = [0.012 * np.ones(env.action_space.shape or ()) for _ in range(20)]
+    for action in actions:
+        env.step(action)
+    copied = deepcopy(env)
+    ahead = [copied.step(action) for action in actions]
+    for expected, action in zip(ahead, actions, strict=True):
+        observation, *_, info = env.step(action)
+        assert info == expected[-1]
+        for name in OBSERVED:
+            assert observation[name] == pytest.approx(expected[0][name], abs=0.0)
+    copied.close()
+    env.step(actions[0])

@@ -6,11 +6,14 @@ from pathlib import Path
 
 import pytest
 import zmq
+from invoking import invoke
 from zmq.auth import create_certificates, load_certificate
 
 from forcebound.errors import ConfigError
+from forcebound.folders import cache_folder
 from forcebound.network import keys
 from forcebound.network.keys import has_secret, key_folder, key_pair, list_keys, new_key, public_key
+from forcebound.observe import machine
 
 
 @pytest.fixture
@@ -201,6 +204,23 @@ def test_the_folder_follows_the_environment() -> None:
     assert key_folder({"XDG_CONFIG_HOME": "/c"}) == Path("/c/forcebound/keys")
     assert key_folder({}) == Path.home() / ".config" / "forcebound" / "keys"
     assert key_folder({"XDG_CONFIG_HOME": "relative"}) == key_folder({})
+
+
+def test_without_a_home_folder_the_keys_and_the_completion_say_so_and_the_doctor_goes_on(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("os.path.expanduser", lambda path: path)  # as without an entry in passwd
+    for name in ("FORCEBOUND_KEYS", "XDG_CONFIG_HOME"):
+        monkeypatch.delenv(name, raising=False)
+    for words in (["keys", "list"], ["keys", "new", "lab"], ["completion", "bash"]):
+        done = invoke(*words)
+        assert done.exit_code == 2
+        assert "no home folder" in done.stderr
+    (finding,) = machine.key_folder()
+    assert finding.severity == "note"
+    assert "no home folder" in finding.seen
+    assert "HOME" in finding.advice
+    assert cache_folder("tests") != Path("~/.cache/forcebound/tests")
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")

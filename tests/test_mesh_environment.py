@@ -14,7 +14,7 @@ from forcebound.errors import ConfigError
 from forcebound.graph.loader import load
 from forcebound.haptics.environments import open_environment
 from forcebound.haptics.environments.contract import check
-from forcebound.haptics.environments.solids_of_files import RABBIT, TriangleMesh
+from forcebound.haptics.environments.solids_of_files import RABBIT, RABBIT_POSE, TriangleMesh
 from forcebound.haptics.geometry.proxy import Surface
 from forcebound.run.virtual import run_virtual
 
@@ -46,6 +46,23 @@ def test_the_force_turns_with_the_mesh(box: TriangleMesh) -> None:
     opened = open_environment(turned, 3)
     opened.force("", (0.0, -0.06, 0.0), STILL, 0.0)
     assert opened.force("", (0.01, -0.049, 0.0), STILL, 0.1) == pytest.approx((0, 1.0, 0), abs=1e-3)
+
+
+def test_a_file_of_the_user_is_where_it_says_and_the_rabbit_where_its_back_is_felt(
+    tmp_path: Path, box: TriangleMesh
+) -> None:
+    assert box.file is not None
+    (shown,) = TriangleMesh(box.file).scene()
+    assert shown.position == STILL
+    assert shown.orientation == (1.0, 0.0, 0.0, 0.0)
+    touched = load("touch_mesh", [f"mesh:={box.file}"]).environment.model
+    assert isinstance(touched, TriangleMesh)
+    assert touched.pose.position == STILL
+    copied = tmp_path / "copy.ply"
+    copied.write_bytes(RABBIT.read_bytes())
+    for file in (None, RABBIT, copied):
+        assert TriangleMesh(file).pose.position == RABBIT_POSE.position
+        assert TriangleMesh(file, position=STILL).pose.position == STILL
 
 
 def test_shading_rounds_the_facets_of_a_coarse_ball(tmp_path: Path) -> None:
@@ -112,7 +129,14 @@ def test_stroking_a_torn_mesh_under_the_certified_law_stays_passive(tmp_path: Pa
     torn.export(path)
     config = load("touch_mesh", ["delay:=3 ms", "stiffness:=10 N/mm"])
     assert isinstance(config.environment.model, TriangleMesh)
-    model = dataclasses.replace(config.environment.model, file=path, may_be_open=True)
+    place, turned = RABBIT_POSE.position, RABBIT_POSE.orientation
+    model = dataclasses.replace(
+        config.environment.model,
+        file=path,
+        may_be_open=True,
+        position=place,
+        orientation=turned,
+    )
     environment = dataclasses.replace(config.environment, model=model)
     outcome = run_virtual(dataclasses.replace(config, environment=environment, duration=1.0))
     assert outcome.summary["true_energy_min_j"] >= -1e-9

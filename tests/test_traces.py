@@ -50,13 +50,14 @@ def test_empty_lines_and_the_mark_of_spreadsheets_are_passed_over(tmp_path: Path
     ("text", "message"),
     [
         ("0,0.1\n", "wrong.csv:1: "),
+        ("time_ms,delay_ms\n0,1\n", "wrong.csv:1: .*time_ms,delay_ms.*divide ms by 1000"),
         ("time_s,delay_s\n", "got none"),
-        ("time_s,delay_s\n0,x\n", "wrong.csv:2: "),
+        ("time_s,delay_s\n0,x\n", "wrong.csv:2: .*'0,x'"),
         ('time_s,delay_s\n0,"1\n', "wrong.csv:2: "),
         ("time_s,delay_s\n0,1,2\n", "wrong.csv:2: "),
         ("time_s,delay_s\n,1\n", "wrong.csv:2: "),
         ("time_s,delay_s\n0,-1e-9\n", "wrong.csv:2: .*>= 0"),
-        ("time_s,delay_s\n0,nan\n", "wrong.csv:2: "),
+        ("time_s,delay_s\n0,nan\n", "wrong.csv:2: .*empty cell for a lost packet; got nan"),
         ("time_s,delay_s\n0,0\n1e-10,0\n", "wrong.csv:3: "),
     ],
 )

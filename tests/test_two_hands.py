@@ -1,11 +1,13 @@
 """Two hands in one graph: the shipped launch files against physics, and the figures of both."""
 
 import json
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from invoking import invoke
+from launch_texts import written
 
 from forcebound.errors import DeviceError
 from forcebound.graph.loader import load
@@ -174,6 +176,16 @@ def test_the_figures_follow_the_verdicts_of_the_hands() -> None:
     together = json.loads(invoke(*arguments, "--json").stdout)["coupling"]
     assert together["follower_stiffness_n_per_m"] == 1000.0
     assert together["energy_with_partner_min_j"] == {"leader": None, "follower": None}
+
+
+def test_hands_that_began_apart_are_said_with_their_figures(tmp_path: Path) -> None:
+    change = "hands: { follower: { operator: { start: 30 mm, gap: 50 mm } } }\n"
+    apart = written(tmp_path, f"forcebound: 1\ninclude: leader_follower.yaml\n{change}")
+    figures = figures_of(run(str(apart), seconds=0.3))
+    assert figures["position_error_start_m"] == pytest.approx(0.030, abs=1e-3)
+    assert any("began 30.00 mm apart" in line for line in coupling_lines(figures))
+    together = figures_of(run("leader_follower", seconds=0.3))
+    assert not any("apart" in line for line in coupling_lines(together))
 
 
 def test_hands_that_share_no_time_have_no_figures() -> None:

@@ -348,6 +348,21 @@ def test_an_identifier_is_no_name_and_no_path(name: str, tmp_path: Path) -> None
     assert not (tmp_path / "data").exists()
 
 
+@pytest.mark.parametrize(("first", "second"), [("007", "7"), ("p07", "P7"), ("Lab-a1", "lab-A01")])
+def test_two_ways_to_write_an_identifier_are_no_two_people(
+    tmp_path: Path, first: str, second: str
+) -> None:
+    study = study_of(SHORT, tmp_path)
+    with Session(study, tmp_path / "data", first):
+        pass
+    with pytest.raises(ConfigError, match=f"data of {first}: {second} "):
+        Session(study, tmp_path / "data", second)
+    assert not (tmp_path / "data" / second).exists()
+    for another in (first, "70", "p70", "a7"):
+        with Session(study, tmp_path / "data", another):
+            pass
+
+
 def test_a_full_disk_is_met_before_the_first_trial(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

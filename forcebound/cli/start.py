@@ -9,6 +9,7 @@ from click.shell_completion import BashComplete, FishComplete, ShellComplete, Zs
 
 from forcebound.cli.common import Group, json_option, print_json, show
 from forcebound.errors import ConfigError
+from forcebound.folders import home_folder
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 STARTER = ("my_environment.yaml", "my_environment.py")
@@ -83,7 +84,7 @@ def completion(shell: str, only_prints: bool) -> None:
     if only_prints:
         click.echo(script)
         return
-    file = Path.home() / place
+    file = home_folder() / place
     file.parent.mkdir(parents=True, exist_ok=True)
     file.write_text(script)
     show(f"{file}: {words}")

@@ -5,6 +5,7 @@ Importing this module registers ``forcebound/Hand-v0`` with gymnasium. It needs 
 """
 
 from collections.abc import Mapping, Sequence
+from copy import deepcopy
 from dataclasses import replace
 from typing import Any, TypeAlias
 
@@ -12,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forcebound.errors import ConfigError, RunError
+from forcebound.graph.graph import GraphConfig
 from forcebound.graph.loader import change
 from forcebound.haptics.devices.simulated import pad
 from forcebound.haptics.hands import Operator
@@ -20,7 +22,7 @@ from forcebound.haptics.hands.pointer import PointerHand
 from forcebound.interface.runs import LaunchFile, configuration
 from forcebound.messages.control import Point
 from forcebound.messages.events import CODE_FAILED
-from forcebound.messages.packets import DeviceState, Event, Packet, Telemetry
+from forcebound.messages.packets import DeviceState, Event, Packet, Telemetry, Vector
 from forcebound.messages.topology import HAND
 from forcebound.run.virtual import VirtualGraph, check_has_virtual_time
 
@@ -113,11 +115,19 @@ class HapticEnv(gymnasium.Env[dict[str, Any], Numbers]):
         config = replace(self.config, seed=self._seed)
         config = change(config, dict(options)) if options else config
         self.close()
-        self._ticks: list[Telemetry] = []
-        self._law = config.device.servo.law
-        self._graph = VirtualGraph(config, self._take, (DeviceState, Telemetry, Event))
-        self._graph.run(config.device.servo.period_ns)
+        self._begin(config)
         return self._observation(), self._info()
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> "HapticEnv":
+        """Return a copy in the same state: the episode is repeated, which is exact."""
+        made: HapticEnv = type(self).__new__(type(self))
+        memo[id(self)] = made
+        made.__dict__ |= deepcopy(self.__dict__ | {"_graph": None}, memo)
+        if self._graph is not None:
+            made._begin(made._episode)
+            for target in self._targets:
+                made._go_to(target)
+        return made
 
     def step(self, action: Numbers) -> tuple[dict[str, Numbers], float, bool, bool, dict[str, Any]]:
         """Move the target of the hand to ``action`` (m); let ``frame_skip`` ticks pass.
@@ -133,12 +143,24 @@ class HapticEnv(gymnasium.Env[dict[str, Any], Numbers]):
         target, shape = np.asarray(action, np.float64), self.action_space.shape
         if target.shape != shape or not np.isfinite(target).all():
             raise ConfigError(f"action: expected numbers in m, shape {shape}, got {action}")
-        graph.devices[HAND].handle(Point(tuple(target.tolist())))
-        self._ticks = []
-        graph.run(graph.time_ns + self._step_ns)
+        self._go_to(tuple(target.tolist()))
         reward, is_over = self.reward(self._ticks), self.is_over(self._ticks)
         is_late = graph.time_ns >= round(self.config.duration * 1e9)
         return self._observation(), reward, is_over, is_late, self._info()
+
+    def _begin(self, config: GraphConfig) -> None:
+        self._episode, self._targets = config, list[Vector]()
+        self._ticks: list[Telemetry] = []
+        self._law = config.device.servo.law
+        self._graph = VirtualGraph(config, self._take, (DeviceState, Telemetry, Event))
+        self._graph.run(config.device.servo.period_ns)
+
+    def _go_to(self, target: Vector) -> None:
+        assert self._graph is not None
+        self._targets.append(target)
+        self._graph.devices[HAND].handle(Point(target))
+        self._ticks = []
+        self._graph.run(self._graph.time_ns + self._step_ns)
 
     def reward(self, telemetry: Sequence[Telemetry]) -> float:
         """Return the reward of a step for its ticks, the newest last: 0; to be overridden."""

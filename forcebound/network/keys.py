@@ -29,6 +29,7 @@ from zmq.utils import z85
 
 from forcebound.errors import ConfigError
 from forcebound.files import open_file, reason
+from forcebound.folders import home_folder
 
 PUBLIC = ".key"
 SECRET = ".key_secret"
@@ -63,11 +64,11 @@ def check_key(key: str) -> None:
 
 
 def key_folder(variables: Mapping[str, str] = os.environ) -> Path:
-    """Return the folder of the keys; it need not exist."""
+    """Return the folder of the keys; it need not exist. ConfigError without a home folder."""
     if variables.get("FORCEBOUND_KEYS"):
         return Path(os.path.expanduser(variables["FORCEBOUND_KEYS"]))
     config = Path(variables.get("XDG_CONFIG_HOME", ""))
-    base = config if config.is_absolute() else Path.home() / ".config"  # by the XDG standard
+    base = config if config.is_absolute() else home_folder() / ".config"  # by the XDG standard
     return base / "forcebound" / "keys"
 
 

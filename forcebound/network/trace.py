@@ -15,6 +15,7 @@ from forcebound.errors import ConfigError
 from forcebound.files import check_writable, open_file, read_rows, reason
 
 HEADER = ("time_s", "delay_s")
+LONGEST = 80  # characters of a header in an error
 LARGEST = 4e9  # s; a clock that counts from 1970 has 2e9, and differences in ns have 64 bits
 
 
@@ -89,7 +90,8 @@ def read_csv(file: Path) -> DelayTrace:
     rows = read_rows(file, "the trace")
     place, head = next(rows, (f"{file}:1", []))
     if tuple(cell.strip() for cell in head) != HEADER:
-        raise ConfigError(f"{place}: expected the header {','.join(HEADER)}")
+        words = f"expected the header {','.join(HEADER)}, got {','.join(head)[:LONGEST]!r}"
+        raise ConfigError(f"{place}: {words}", "both are in s: divide ms by 1000")
     times: list[float] = []
     delays: list[float | None] = []
     for place, row in rows:
@@ -99,7 +101,7 @@ def read_csv(file: Path) -> DelayTrace:
             time = delay = None
         before = times[-1] if times else -math.inf
         if time is None or (fault := _fault(time, before, delay)):
-            words = "expected a time in s and a delay in s (nothing: lost)"
+            words = f"expected a time in s and a delay in s (empty: lost), got {','.join(row)!r}"
             raise ConfigError(f"{place}: {words if time is None else fault}")
         times.append(time)
         delays.append(delay)
@@ -110,6 +112,8 @@ def read_csv(file: Path) -> DelayTrace:
 
 def _fault(time: float, before: float, delay: float | None) -> str | None:
     """Return what is wrong with a row, all in s; None if nothing."""
+    if delay is not None and math.isnan(delay):
+        return f"expected a delay >= 0 s, or an empty cell for a lost packet; got {delay}"
     if not abs(time) <= LARGEST or not 0.0 <= (delay or 0.0) <= LARGEST:
         return f"expected a time and a delay >= 0 s, within {LARGEST:g} s; got {time}, {delay}"
     if (time - before) * 1e9 < 0.5:

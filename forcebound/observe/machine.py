@@ -51,7 +51,7 @@ class Machine:
 
 def examine() -> list[Finding]:
     """Return the findings about this machine, first what prevents live runs."""
-    findings = [*judge(look()), *key_folder(keys.key_folder()), *map(port, listed())]
+    findings = [*judge(look()), *key_folder(), *map(port, listed())]
     order = ("problem", "note", "fine")
     return sorted(findings, key=lambda finding: order.index(finding.severity))
 
@@ -149,9 +149,10 @@ def _flaws(here: Machine) -> Iterator[Finding]:
         yield report(kind, "runtime folder", words, action, command)
 
 
-def key_folder(folder: Path) -> list[Finding]:
-    """Judge the keys in a folder."""
+def key_folder(folder: Path | None = None) -> list[Finding]:
+    """Judge the keys in a folder; None: the user's."""
     try:
+        folder = folder or keys.key_folder()
         problems = [(one.problem, one.action) for one in keys.list_keys(folder) if one.problem]
     except ConfigError as error:
         problems = [(error.problem, error.action)]

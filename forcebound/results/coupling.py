@@ -14,6 +14,8 @@ from forcebound.results.cells import MM, N_MM, N, Summary, energy
 from forcebound.results.contact import displayed_stiffness
 from forcebound.results.surface import Floats
 
+APART = 0.005  # m, between leader and follower at the start, where nothing is said
+
 
 def coupling(
     runs: Mapping[str, TelemetryColumns], documents: Mapping[str, Mapping[str, Any]]
@@ -53,6 +55,10 @@ def coupling_lines(figures: Summary) -> Iterator[str]:
         words = f"Together: the follower was off by {MM.show(error)} RMS, {MM.show(peak)} at most"
         force = figures["force_error_rms_n"]
         yield f"{words}{'' if force is None else f'; forces differ by {N.show(force)} RMS'}."
+    start = figures["position_error_start_m"]
+    if start is not None and start > APART:
+        words = f"Together: they began {MM.show(start)} apart, so the follower was pulled there"
+        yield f"{words}; `offset` or a clutch couples them where they are."
     felt = figures["transmitted_stiffness_n_per_m"]
     if felt is not None:
         words = f"Together: the leader feels {N_MM.show(felt)}; the follower's wall has"
@@ -136,12 +142,17 @@ def _transparency(
     return {
         "position_error_rms_m": _or_none(_rms, error),
         "position_error_peak_m": _or_none(np.max, error),
+        "position_error_start_m": _or_none(_first, error),
         "force_error_rms_n": _or_none(_rms, difference),
         "force_error_peak_n": _or_none(np.max, difference),
         "transmitted_stiffness_n_per_m": felt,
         "follower_stiffness_n_per_m": known,
         "series_stiffness_n_per_m": behind,
     }
+
+
+def _first(values: Floats) -> Any:
+    return values[0]
 
 
 def _last(values: Floats) -> Any:

@@ -23,7 +23,7 @@ from pathlib import Path
 import msgspec
 
 from forcebound.errors import ConfigError
-from forcebound.files import read_bytes
+from forcebound.files import printable, read_bytes
 from forcebound.folders import is_own, runtime_folder, runtime_folders
 from forcebound.graph.graph import GraphConfig
 from forcebound.graph.names import Document
@@ -66,8 +66,12 @@ class RunDocument(msgspec.Struct, frozen=True):
     graph: Graph = ONE_HAND  # processes and streams, with their sockets in this directory
 
     def write(self, run_dir: Path) -> None:
-        """Write this for the processes."""
-        (run_dir / RUN_FILE).write_bytes(msgspec.json.encode(self))
+        """Write this for the processes; ConfigError if a name of a file in it is not UTF-8."""
+        try:
+            (run_dir / RUN_FILE).write_bytes(msgspec.json.encode(self))
+        except UnicodeEncodeError as error:
+            name = printable(error.object)
+            raise ConfigError(f"{name} is not UTF-8", "rename it, or set LC_ALL=C.UTF-8") from None
 
     @classmethod
     def read(cls, run_dir: Path) -> "RunDocument":

@@ -65,19 +65,22 @@ MOST_STEPS = 20  # for one answer; a scene that falls farther behind stands stil
 TOUCH = 1e-6  # m, least way between hand and probe of a contact
 STATE = ("qpos", "qvel", "act", "ctrl", "mocap_pos", "mocap_quat", "qacc_warmstart")
 
+BAD = (3, 4, 5)  # warnings of MuJoCo after which it puts everything back: mjWARN_BADQPOS to BADQACC
+
 _logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
 class Bodies(EnvironmentModel):
-    """Rigid bodies of an MJCF file; needs the extra ``mujoco``.
+    """Rigid bodies of an MJCF or URDF file; needs the extra ``mujoco``.
 
     ``F = k (x - p) + b (v - v_p)``, of the probe's position ``p`` and velocity ``v_p``; the probe
     feels ``F``. The scene advances by its own time step, as far as the time since the last question
     goes. It is compiled with a probe for each hand of the graph; one with a tool serves one hand.
 
     Attributes:
-        file: The scene, in MuJoCo's XML format. It may name other files, which MuJoCo reads itself.
+        file: The scene, in MuJoCo's XML format or as URDF. It may name other files, which MuJoCo
+            reads itself.
         tool: Name of a site or body of the scene, which the hand takes where it is; null: none.
         timestep: Of the scene; null: that of the file.
         stiffness: Of the coupling between hand and probe.
@@ -85,6 +88,7 @@ class Bodies(EnvironmentModel):
         probe_mass: Of the probe; the hand feels it in free motion, too. With a tool it is added to
             the tool's, or is that of a mocap body.
         probe_radius: Of the probe.
+        key: Name of the file's keyframe in which the scene begins; null: as the bodies are placed.
     """
 
     file: Path
@@ -94,6 +98,7 @@ class Bodies(EnvironmentModel):
     damping: Annotated[Damping, NOT_NEGATIVE] = 2.0
     probe_mass: Annotated[Mass, POSITIVE] = 0.010
     probe_radius: Annotated[Length, POSITIVE] = 0.005
+    key: str | None = None
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -158,7 +163,7 @@ class _Scene(Environment):
         self._hands: dict[str, _Hand] = {}
         self._clock = SharedClock()
         self._elapsed = 0.0  # s, until which the scene has gone
-        self._resets = 0
+        self._has_flown = False
 
     def expect(self, users: Collection[str]) -> None:
         if len(users) > 1 and self._model.tool is None:
@@ -169,7 +174,7 @@ class _Scene(Environment):
         model = self._model
         self._scene = compile_scene(self._mujoco, model, probes)
         self._data = self._mujoco.MjData(self._scene)
-        self._mujoco.mj_forward(self._scene, self._data)
+        self._put_at_start()
         tool = None if model.tool is None else body_of(model.tool, self._scene)
         self._probes = [_Probe(self._scene, number, tool) for number in range(probes)]
         for number in range(probes):
@@ -187,7 +192,6 @@ class _Scene(Environment):
             before = self._data
             self._compile(number + 1)
             self._data.time = before.time
-            self._resets = 0  # as the new data count them
             for name in STATE:  # what the new probe adds comes last
                 old, new = getattr(before, name), getattr(self._data, name)
                 new[: len(old)] = old
@@ -256,7 +260,7 @@ class _Scene(Environment):
         for hand, _ in hands:
             hand.before = hand.place
         self._elapsed += due * scene.opt.timestep
-        if _resets(data) != self._resets:
+        if any(data.warning[kind].number for kind in BAD):
             self._start_again()
 
     def _couple(self, hand: _Hand) -> None:
@@ -266,22 +270,32 @@ class _Scene(Environment):
             self._data.qpos[probe.place] = hand.place
             self._data.qvel[probe.motion] = 0.0
         else:
-            self._origin = hand.place
+            x, y, z = self._data.qpos[probe.place].tolist()
+            self._origin = sub(hand.place, (x, y, z))
 
     def _probed(self, hand: _Hand) -> Vector3:
         """Where the probe is, in the coordinates of the hand."""
         x, y, z = self._data.qpos[self._probes[hand.number].place].tolist()
         return add(self._origin, (x, y, z))
 
+    def _put_at_start(self) -> None:
+        """Put everything where the file, or its keyframe, has it."""
+        if self._scene.nkey:
+            self._mujoco.mj_resetDataKeyframe(self._scene, self._data, 0)
+        else:
+            self._mujoco.mj_resetData(self._scene, self._data)
+        self._mujoco.mj_forward(self._scene, self._data)
+
     def _start_again(self) -> None:
-        """Couple again with the hands: MuJoCo has put everything where the file has it."""
-        if self._resets == 0:
+        """Begin again, coupled with the hands: MuJoCo has found numbers that cannot be."""
+        if not self._has_flown:
             _logger.warning(
                 "%s: the bodies flew apart, and are where they began; use a shorter timestep in"
                 " the scene, or a softer or heavier probe",
                 self._model.file,
             )
-        self._resets = _resets(self._data)
+        self._has_flown = True
+        self._put_at_start()
         for hand in self._hands.values():
             self._couple(hand)
 
@@ -336,11 +350,6 @@ class _Scene(Environment):
             self._scene.dof_damping[probe.motion] = model.damping
         self._model = model
         return True
-
-
-def _resets(data: Any) -> int:
-    """How often MuJoCo found numbers that cannot be and put everything back."""
-    return sum(data.warning[kind].number for kind in range(len(data.warning)))
 
 
 def _three(start: Any) -> slice:

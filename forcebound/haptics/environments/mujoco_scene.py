@@ -20,6 +20,7 @@ SECONDS, MEMORY = 30.0, 2_000_000_000  # s and bytes for the compilation and a f
 STEPS = (1e-5, 0.1)  # s, range of the scene's timestep
 PROBE, TOOL = "forcebound_probe", "forcebound_tool"
 MOST_NAMES = 30  # in an error
+SAME_TURN = 1.0 - 1e-9  # of the product of two quaternions
 
 _logger = logging.getLogger(__name__)
 
@@ -69,10 +70,22 @@ def _compiled(model: "Bodies", probes: int) -> bytes:
         step = spec.option.timestep
         if not STEPS[0] <= step <= STEPS[1]:
             raise ConfigError(f"timestep: expected {STEPS[0]} to {STEPS[1]} s, got {step} s")
+        start = None if model.tool is model.key is None else _start(mujoco, spec, model.key)
+        for key in list(spec.keys):  # they do not fit once there are probes
+            spec.delete(key)
         for number in range(probes):
-            _add_probe(mujoco, spec, model, number)
+            _add_probe(mujoco, spec, model, number, start)
+        if model.key is not None:
+            spec.add_key()
         scene = spec.compile()
-        mujoco.mj_step(scene, mujoco.MjData(scene))
+        if model.tool is not None:
+            ball = scene.geom(PROBE).id
+            scene.geom_contype[ball] = scene.geom_conaffinity[ball] = 0
+        data = mujoco.MjData(scene)
+        if model.key is not None:
+            _fill_key(scene, start)
+            mujoco.mj_resetDataKeyframe(scene, data, 0)
+        mujoco.mj_step(scene, data)
     except Exception as error:  # MuJoCo's own kinds
         raise ConfigError(f"{model.file}: {' '.join(str(error).split())}") from error
     binary = np.empty(mujoco.mj_sizeModel(scene), np.uint8)
@@ -80,19 +93,52 @@ def _compiled(model: "Bodies", probes: int) -> bytes:
     return binary.tobytes()
 
 
-def _add_probe(mujoco: Any, spec: Any, model: "Bodies", number: int) -> None:
-    """Add the probe to a scene, and what ties a tool to it; a mocap body becomes the probe."""
+def _start(mujoco: Any, spec: Any, key: str | None) -> Any:
+    """Return the scene without probes as it begins, in a keyframe or as its bodies are placed."""
+    start = mujoco.MjData(spec.compile())
+    if key is not None:
+        known = [one.name for one in spec.keys]
+        if key not in known:
+            words = f"key: expected the name of a keyframe, got {key!r}; known: "
+            raise ConfigError(words + _listed(known))
+        mujoco.mj_resetDataKeyframe(start.model, start, known.index(key))
+    mujoco.mj_kinematics(start.model, start)
+    return start
+
+
+def _fill_key(scene: Any, start: Any) -> None:
+    """Make the only keyframe of a scene with probes the state ``start`` of the scene without."""
+    before = start.model
+    ours = np.arange(scene.njnt)[[scene.joint(i).name.startswith(PROBE) for i in range(scene.njnt)]]
+    places, motions = scene.jnt_qposadr[ours], scene.jnt_dofadr[ours]
+    scene.key_qpos[0] = np.insert(start.qpos, places - np.arange(len(ours)), 0.0)
+    scene.key_qvel[0] = np.insert(start.qvel, motions - np.arange(len(ours)), 0.0)
+    scene.key_act[0], scene.key_ctrl[0] = start.act, start.ctrl
+    mocap = np.nonzero(before.body_mocapid >= 0)[0]
+    still = before.body_mocapid[mocap[scene.body_mocapid[mocap] >= 0]]
+    scene.key_mpos[0] = start.mocap_pos[still].ravel()
+    scene.key_mquat[0] = start.mocap_quat[still].ravel()
+    for body in mocap[scene.body_mocapid[mocap] < 0]:  # a tool: it slides, and is never turned
+        turn = before.body_quat[body] @ start.xquat[body]
+        if abs(turn) < SAME_TURN:
+            raise ConfigError("key: it turns the tool, a mocap body that keeps its orientation")
+        scene.key_qpos[0][places[:3]] = start.xpos[body] - before.body_pos[body]
+
+
+def _add_probe(mujoco: Any, spec: Any, model: "Bodies", number: int, start: Any) -> None:
+    """Add the probe to a scene, and what ties a tool to it; a mocap body becomes the probe.
+
+    ``start`` is the scene without probes, as it begins, where there is a tool.
+    """
     site = None if model.tool is None else spec.site(model.tool)
     held = site if model.tool is None or site is not None else spec.body(model.tool)
     hard = {"solref": [2.0 * spec.option.timestep, 1.0], "solimp": HARD}
     axes = np.eye(3)
     if held is None:
         probe = spec.worldbody.add_body(name=probe_name(number), gravcomp=1.0)
-        touching = {**hard, "priority": 1, "contype": 1, "conaffinity": 1}
+        touching = {**hard, "priority": 1}
     else:
-        touching = {"contype": 0, "conaffinity": 0}
-        data = mujoco.MjData(spec.compile())
-        mujoco.mj_kinematics(data.model, data)
+        touching = {}  # nothing, in the end
         probe = held if site is None else site.parent
         carrier = probe  # a part that is fixed to a mocap body moves with it
         while carrier.parent is not None and not (carrier.mocap or carrier.joints):
@@ -100,12 +146,12 @@ def _add_probe(mujoco: Any, spec: Any, model: "Bodies", number: int) -> None:
         probe = carrier if carrier.mocap else probe
         if probe.mocap:
             probe.mocap, probe.gravcomp = False, 1.0
-            axes = data.xmat[probe.id].reshape(3, 3)  # rows: axes of the scene, seen from the body
+            axes = start.xmat[probe.id].reshape(3, 3)  # rows: axes of the scene, seen from the body
             for geom in probe.geoms:
                 geom.mass, geom.priority = 0.0, 1
                 geom.solref, geom.solimp = hard["solref"], HARD
         else:
-            place = (data.xpos if site is None else data.site_xpos)[held.id]
+            place = (start.xpos if site is None else start.site_xpos)[held.id]
             held = probe.add_site(name=TOOL) if site is None else site
             probe = spec.worldbody.add_body(name=PROBE, pos=place, gravcomp=1.0)
             probe.add_site(name=PROBE)
@@ -113,9 +159,11 @@ def _add_probe(mujoco: Any, spec: Any, model: "Bodies", number: int) -> None:
             spec.add_equality(type=tie, objtype=kind, name1=PROBE, name2=held.name, **hard)
     spring = {"stiffness": model.stiffness, "damping": model.damping}
     free = {"limited": 0, "armature": 0.0, "frictionloss": 0.0}  # whatever the file's defaults
-    for axis in axes:
-        probe.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis, **spring, **free)
+    for i, axis in enumerate(axes):
+        name = f"{probe_name(number)}_{'xyz'[i]}"
+        probe.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis, **spring, **free)
     ball = {"type": mujoco.mjtGeom.mjGEOM_SPHERE, "size": [model.probe_radius, 0.0, 0.0]}
+    ball |= {"contype": 1, "conaffinity": 1}  # a URDF file is compiled without what cannot touch
     probe.add_geom(name=probe_name(number), mass=model.probe_mass, **ball, **touching)
 
 
@@ -132,13 +180,14 @@ def body_of(tool: str, scene: Any) -> int:
     found = {n: i for n, i in (bodies | sites).items() if scene.body_weldid[i] and n not in ours}
     if tool in found:
         return found[tool]
-    known = (
-        "none"
-        if not found
-        else ", ".join(list(found)[:MOST_NAMES]) + ("" if len(found) <= MOST_NAMES else ", ...")
-    )
-    message = f"expected the name of a site or body that moves, got {tool!r}; known: {known}"
-    raise ConfigError(message, field="tool")
+    message = f"expected the name of a site or body that moves, got {tool!r}; known: "
+    raise ConfigError(message + _listed(list(found)), field="tool")
+
+
+def _listed(names: list[str]) -> str:
+    if not names:
+        return "none"
+    return ", ".join(names[:MOST_NAMES]) + ("" if len(names) <= MOST_NAMES else ", ...")
 
 
 def check_coupling(model: "Bodies", step: float) -> None:

@@ -1,8 +1,10 @@
 """Solids from files: triangle meshes, distances on a grid, clouds of points."""
 
+import filecmp
 import logging
 import math
 from abc import abstractmethod
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -21,6 +23,7 @@ if TYPE_CHECKING:  # they need numpy and trimesh, which take a while
     from forcebound.haptics.geometry.mesh_file import Cloud, Mesh
 
 RABBIT = Path(__file__).parents[2] / "launch_files" / "rabbit.ply"
+RABBIT_POSE = Pose((0.055, 0.0, 0.0), (math.sqrt(0.5), 0.0, -math.sqrt(0.5), 0.0))
 CACHED = 4  # files, and solids
 SHARE = 100  # spacings in the longest edge of a mesh where nothing is said
 SPARSE = 0.02  # of the points; with more the skin has holes
@@ -40,20 +43,21 @@ class PlacedFile(Touchable):
         file: The file; null: our rabbit.
         scale: Length of the file's unit in m, such as 0.001; metres: it is in metres, and what is
             beyond 2 m is refused.
-        position: Of the file's origin.
-        orientation: Of the file's axes, a quaternion w, x, y, z; any length.
+        position: Of the file's origin; null: 0, or where our rabbit has its back at the hand.
+        orientation: Of the file's axes, a quaternion w, x, y, z, of any length; null: not turned,
+            or as our rabbit stands.
     """
 
     drawn_as: ClassVar[Literal["mesh", "points"]] = "mesh"
 
     file: Path | None = None
     scale: Scale = "metres"
-    position: tuple[Length, Length, Length] = (0.055, 0.0, 0.0)
-    orientation: tuple[Ratio, Ratio, Ratio, Ratio] = (math.sqrt(0.5), 0.0, -math.sqrt(0.5), 0.0)
+    position: tuple[Length, Length, Length] | None = None
+    orientation: tuple[Ratio, Ratio, Ratio, Ratio] | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not any(self.orientation):
+        if self.orientation is not None and not any(self.orientation):
             raise ConfigError("orientation must be a rotation, got 0, 0, 0, 0", field="orientation")
 
     @abstractmethod
@@ -80,7 +84,7 @@ class PlacedFile(Touchable):
             SceneObject(
                 name=self.drawn_as,
                 shape=self.drawn_as,
-                position=self.position,
+                position=self.pose.position,
                 orientation=self.pose.orientation,
                 size=(self.unit or 1.0,),
                 file=str(self.path),
@@ -105,7 +109,17 @@ class PlacedFile(Touchable):
 
     @property
     def pose(self) -> Pose:
-        return Pose(self.position, unit_quaternion(self.orientation))
+        usual = RABBIT_POSE if _is_rabbit(self.path) else Pose()
+        place = usual.position if self.position is None else self.position
+        turned = usual.orientation if self.orientation is None else self.orientation
+        return Pose(place, unit_quaternion(turned))
+
+
+def _is_rabbit(path: Path) -> bool:
+    """Whether it is our rabbit, or a copy; any other file is where its own coordinates say."""
+    with suppress(OSError):
+        return filecmp.cmp(path, RABBIT, shallow=False)
+    return False
 
 
 @lru_cache(CACHED)

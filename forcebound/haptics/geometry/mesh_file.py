@@ -1,6 +1,6 @@
 """Triangle meshes and clouds of points from files, and what has to be right about them.
 
-trimesh reads and merges; what the triangles mean is decided here.
+What the triangles of a file mean is decided here; trimesh merges them.
 """
 
 import hashlib
@@ -12,6 +12,7 @@ import numpy as np
 
 from forcebound.errors import ConfigError
 from forcebound.files import content_of, read_bytes, reason
+from forcebound.haptics.geometry.mesh_formats import triangles_in
 
 Array: TypeAlias = "np.ndarray[Any, Any]"
 
@@ -53,17 +54,16 @@ def read_mesh(file: Path, scale: float | None = None, may_be_open: bool = False)
     """
     import trimesh  # takes a while
 
-    loaded, digest = load_file(file, "mesh", (".stl", ".obj", ".ply"))
-    with content_of(file):
-        faces = np.asarray(getattr(loaded, "faces", ()), int).reshape(-1, 3)
-        vertices = np.asarray(getattr(loaded, "vertices", ()), float).reshape(-1, 3)
-        corners = vertices[faces].reshape(-1, 3)  # every corner is there
+    (points, faces), digest = load_file(file, "mesh", (".stl", ".obj", ".ply"))
     if not 0 < len(faces) <= MOST_TRIANGLES:
+        advice = "use the kind `point_cloud`" if len(points) else "export the mesh again"
+        if len(faces):
+            advice = "simplify it in a mesh editor (a hand does not feel what is below 0.1 mm)"
         raise unusable(
-            f"{file} has {len(faces):,} triangles: expected 1 to {MOST_TRIANGLES:,}; simplify it in"
-            " a mesh editor (a hand does not feel what is smaller than 0.1 mm)"
+            f"{file} has {len(faces):,} triangles and {len(points):,} points: expected 1 to"
+            f" {MOST_TRIANGLES:,} triangles; {advice}"
         )
-    corners = _scaled(corners, file, scale)
+    corners = _scaled(points[faces].reshape(-1, 3), file, scale)
     mesh: Any = trimesh.Trimesh(corners, np.arange(len(corners)).reshape(-1, 3), process=False)
     mesh.merge_vertices()
     a, b, c = mesh.faces.T
@@ -76,7 +76,8 @@ def read_mesh(file: Path, scale: float | None = None, may_be_open: bool = False)
             f"{file} is not closed: {fault}, so the tip could get inside; close it with a mesh"
             " editor, or use the kind `mesh` with `may_be_open: true`"
         )
-    if fault is None and mesh.volume < 0.0:  # inside out
+    around = mesh.triangles - mesh.bounds.mean(axis=0)  # a scan may be far from its origin
+    if fault is None and np.linalg.det(around).sum() < 0.0:  # inside out
         mesh.invert()
     return Mesh(np.array(mesh.vertices), np.array(mesh.faces), fault is None, digest)
 
@@ -88,7 +89,7 @@ def read_points(file: Path, scale: float | None) -> Cloud:
     """
     loaded, digest = load_file(file, "points", (".npy", ".ply"))
     with content_of(file):
-        points = np.asarray(getattr(loaded, "vertices", loaded), float)
+        points = np.asarray(loaded[0] if isinstance(loaded, tuple) else loaded, float)
     if points.ndim != 2 or points.shape[1] != 3 or not 2 <= len(points) <= MOST_POINTS:
         raise unusable(
             f"{file} has the shape {points.shape}: expected 2 to {MOST_POINTS:,} rows of x, y, z"
@@ -102,7 +103,7 @@ def unusable(words: str, field: str = "file") -> ConfigError:
 
 
 def load_file(file: Path, what: str, suffixes: tuple[str, ...]) -> tuple[Any, str]:
-    """Return what trimesh or numpy reads in a file, and the file's digest."""
+    """Return the array in a file, or its points and triangles, and the file's digest."""
     kind = file.suffix.lower()
     if kind not in suffixes:
         expected = f"expected {what} ({', '.join(suffixes)})"
@@ -112,9 +113,7 @@ def load_file(file: Path, what: str, suffixes: tuple[str, ...]) -> tuple[Any, st
         if kind == ".npy":
             loaded: Any = np.load(io.BytesIO(data), allow_pickle=False)
         else:
-            import trimesh
-
-            loaded = trimesh.load(io.BytesIO(data), file_type=kind[1:], process=False)
+            loaded = triangles_in(file, data)
     return loaded, hashlib.sha256(data).hexdigest()
 
 

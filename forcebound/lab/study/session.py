@@ -106,6 +106,11 @@ class Session:
                 "a participant's identifier has up to 32 letters, digits, - and _ (and is never a"
                 f" name), got {participant!r}"
             )
+        if other := _written_otherwise(participant, folder):
+            raise ConfigError(
+                f"{folder} has data of {other}: {participant} looks like another way to write it;"
+                f" go on as {other}, or choose an identifier that differs by more"
+            )
         self.study, self.kind, self.folder, self._mark = study, kind, folder / participant, mark
         self._observer, self.rows = observer, list[Row]()
         try:
@@ -336,6 +341,17 @@ def _check_same(folder: Path, found: Register | Participant, mine: Row) -> None:
                 f"{folder} has data of another {other}; choose another folder (--output)"
                 " or identifier"
             )
+
+
+def _written_otherwise(participant: str, folder: Path) -> str | None:
+    """Return a participant of the folder who differs by case or leading zeros only; or None."""
+    others = [one.parent.name for one in folder.glob(f"*/{ABOUT}")]
+    alike = [other for other in others if _plain(other) == _plain(participant)]
+    return None if participant in alike or not alike else alike[0]
+
+
+def _plain(participant: str) -> str:
+    return re.sub(r"(?<!\d)0+(?=\d)", "", participant.casefold())
 
 
 def _now() -> str:
