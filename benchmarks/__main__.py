@@ -7,6 +7,7 @@ Without a name, all that are possible here. To add one, write a module with ``DU
 import importlib
 import inspect
 import json
+import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -40,9 +41,14 @@ section. Figures are those of one machine and moment. Each contestant ran in tur
 reference, so ratios count, not times; if *round by round* (lowest and highest ratio of neighbouring
 rounds) is wide, or the load was not near 0, the machine was busy. Percentiles are measured values
 (nearest rank). *Processor* is the share of one core that a contestant used.
-
+{warning}
 | | |
 |---|---|
+"""
+BUSY = 0.5  # load average before the first benchmark, from which on a missed target says nothing
+WARNING = """
+**The machine was busy: the load was {load:.2f} before the first benchmark.** Other programs may
+have made figures worse, so a target that was not reached is marked *busy*, not *no*.
 """
 
 
@@ -72,14 +78,14 @@ def measured_row(one: Measured) -> tuple[str, ...]:
     return (one.label, *times, str(count), str(one.missed), text(one.processor_share, "%"))
 
 
-def figure_row(one: Figure) -> tuple[str, ...]:
-    """Return the cells of a figure, under ``FIGURES``."""
+def figure_row(one: Figure, is_busy: bool = False) -> tuple[str, ...]:
+    """Return the cells of a figure, under ``FIGURES``; of a busy machine, none is called missed."""
     spread = ""
     if one.lowest is not None:
         spread = f"{text(one.lowest, one.unit)} to {text(one.highest, one.unit)}"
     side = "at least" if one.at_least else "at most"
     target = "" if one.target is None else f"{side} {text(one.target, one.unit)}"
-    reached = {None: "", True: "yes", False: "no"}[one.reached]
+    reached = {None: "", True: "yes", False: "busy" if is_busy else "no"}[one.reached]
     return (one.what, text(one.value, one.unit), spread, target, reached)
 
 
@@ -93,11 +99,18 @@ def as_document(result: Result) -> dict[str, Any]:
     }
 
 
-def section(name: str, result: Result) -> str:
+def reason(error: Exception) -> str:
+    """Return why a benchmark did not run, in one line, without paths of this machine."""
+    first = re.sub(r"(?<![\w.])/[^\s'\",;:]+", "(a path)", str(error)).partition("\n")[0]
+    return f"{type(error).__name__}: {first.rstrip('.')}."
+
+
+def section(name: str, result: Result, is_busy: bool = False) -> str:
     """Return the part of the page about one benchmark."""
     about = inspect.getdoc(importlib.import_module(f"benchmarks.{name}")) or ""
     contestants, figures = result
-    tables = (FIGURES, map(figure_row, figures)), (MEASURED, map(measured_row, contestants))
+    rows_of_figures = [figure_row(one, is_busy) for one in figures]
+    tables = (FIGURES, rows_of_figures), (MEASURED, map(measured_row, contestants))
     lines = [f"\n## {name}\n", about]
     for head, rows in tables:
         lines += ["", *(f"| {' | '.join(row)} |" for row in (head, ("---",) * len(head), *rows))]
@@ -119,6 +132,7 @@ def main(
     if unknown := set(names) - set(NAMES):
         raise click.UsageError(f"no benchmark {', '.join(unknown)}; known: {', '.join(NAMES)}")
     before, began = conditions(), time.monotonic()
+    load = float(before["load average"])
     parts, documents = [], {}
     for name in names or NAMES:
         try:
@@ -127,10 +141,10 @@ def main(
         except Exception as error:  # the other figures are not lost by it
             if names:
                 raise
-            parts.append(f"\n## {name}\n\nNot run here: {type(error).__name__}: {error}.")
+            parts.append(f"\n## {name}\n\nNot run here: {reason(error)}")
             continue
         documents[name] = as_document(result)
-        parts.append(section(name, result))
+        parts.append(section(name, result, load > BUSY))
         if not as_json:
             print_rows(FIGURES, [figure_row(one) for one in result[1]], name)
             print_rows(MEASURED, [measured_row(one) for one in result[0]])
@@ -139,7 +153,9 @@ def main(
         click.echo(json.dumps({"conditions": before, "benchmarks": documents}, indent=2))
     if page is not None:
         table = "".join(f"| {key} | {value} |\n" for key, value in before.items())
-        page.write_text(HEAD.format(minutes=minutes) + table + "\n".join(parts) + "\n")
+        warning = WARNING.format(load=load) if load > BUSY else ""
+        head = HEAD.format(minutes=minutes, warning=warning)
+        page.write_text(head + table + "\n".join(parts) + "\n")
 
 
 if __name__ == "__main__":

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from benchmarks.harness import Contestant, Result, alternate, at
+from forcebound.errors import DeviceError
 from forcebound.haptics.devices.truth_file import TruthFile
 from forcebound.messages.control import GetStatus
 from forcebound.messages.topology import ONE_HAND
@@ -150,7 +151,7 @@ def watch_graph() -> float:
             )
             try:
                 return _seconds_to_zero(Path(folder), launch)
-            except ChildProcessError:
+            except (ChildProcessError, DeviceError):  # it has ended, or so has its emulator
                 pass
             finally:
                 launch.send_signal(signal.SIGINT)

@@ -17,16 +17,24 @@ Not at rest: it moves at 110 mm/s at the end, and turned round 222 times after f
 Stiffness felt: 7.91 N/mm of 10 N/mm (79%, a mean, since the hand moved); the rest was taken by: saturation 100%.
 ```
 
+* **Failed** comes first: why the run has exit status 1, such as the line of an environment's, controller's, law's or
+  device's code that raised.
 * **Passive** of a simulated device is the ground truth: the energy that the hand has put in less what it got back never
   falls below zero (by more than 1 nJ). What was left is its lowest value from first contact on; friction on
   the way to the wall counts. Of a real device no true energy is known. There the line says what the motor alone gave, and
-  whether a certificate covers it.
+  whether a certificate covers it. *Never gave* is said only if the [error](#the-energy-of-the-motor) of that energy
+  allows it. *Passive but for* an energy: the stated `device.allowance`.
+* **Not covered by the certificate** stands in its place where a certified law ran and the device broke a promise that
+  the run shows (`broken_promises`): a force that acted later than `device.write_delay`, or, without a watchdog, lasted
+  longer than `device.watchdog_limit`. It says how often, the median and the largest of these, and what to state. What
+  was measured follows. Readings that imply more than `device.largest_speed` are named first, too, but they are refused:
+  that costs force alone. Other late holds are priced or dropped, and break none ([theory.md](theory.md), 3.2).
 * **At rest**: slower than 1 mm/s over the last 0.5 s.
 * **Stiffness felt** is the displayed stiffness of the table, less what a watchdog dropped between two writes, in the unit
-  of the launch file. The [shares](#what-takes-stiffness) of what took the rest add up to 100 %.
+  of the launch file. Of a body that moves (`mass_spring`, `bodies`) it is that of the spring between hand and body. The [shares](#what-takes-stiffness) of what took the rest add up to 100 %.
 * **Why the law gave little**: the first cause of `little_force`, with a remedy.
 * **Faults**: faults by kind, rejected and lost packets, ticks missed (from 0.1 % on); only if there are any. A run that
-  reaches its end with faults has exit status 0.
+  reaches its end with faults has exit status 0, unless it *failed*.
 
 `--all` prints the table of all figures below it; `--json` prints them under the keys given here, in SI units (a key that
 ends in `_ms`: in ms).
@@ -132,9 +140,13 @@ MEANINGS = {
         "passive run: a law spent what it had saved"
     ),
     "observed_energy_min_j": (
-        "minimum of the passivity observer at the motor, from readings and applied forces; "
+        "minimum of the passivity observer at the motor, from readings, applied forces and stamps; "
         "available on hardware (Hannaford and Ryu 2002). Damping and friction of the device are "
         "not in it, so below zero is no leak: a law may give what they are sure to take"
+    ),
+    "observed_energy_error_j": (
+        "by how much the true minimum may be lower: resolution, latch jitter and path between the "
+        "readings, see [below](#the-energy-of-the-motor)"
     ),
     "observed_power_min_w": "the most power that the motor gave, mean over 10 samples",
     "observed_deficit_share": "share of the samples in which that observer is below zero",
@@ -200,6 +212,11 @@ MEANINGS = {
     "number_sources": (
         "how many of its numbers are measured, from a data sheet, or assumed (`device.sources`)"
     ),
+    "broken_promises": (
+        "promises of the device that the run breaks, of a certified law: `promise` (a key of "
+        "`device`), the `stated` number, the `typical` (median) and `largest` beyond it in `unit`, "
+        "`count` of how many (`of`)"
+    ),
     "little_force": (
         "why the law gave less than commanded most of the time, each `cause` with its `data` "
         "and the `advice` in the lines below the table"
@@ -230,6 +247,15 @@ smaller took what is missing: without an earlier one the hand would have felt no
 That is in the law's share, since only another run could tell how much it is; compare with `delay:="0 ms"` in
 `forcebound simulate`. Of a run whose law was changed, the share of missed ticks has only the dropped force. Of a hand
 that moves, the stiffness felt is a mean and means little.
+
+## The energy of the motor
+
+Each force is paired with the path from the time at which it began to act (`write_ns`, later by the stated lag) to that
+at which the next one did, or at which the watchdog dropped it. Positions are interpolated between the readings at
+their times (`read_ns`); those of an arm are its angles, with torques. An error d of a position where the force changes
+by ΔF is one of the energy by ΔF d at most. d has three parts: half of `device.resolution`; the hand's speed times
+the latch jitter that the device reports, or, if it reports none, times all of the time from the reading to the write; and
+an estimate of how far the path departs from a straight line between two readings (a quarter of their second difference).
 
 ## More
 
@@ -262,7 +288,8 @@ law's time, under its name and the time at which it began; `--json` has them as 
 energy (ground truth) count from its beginning. The column of the whole run has a dash for every figure that would mix
 laws; what is counted over all of them (rejected, lost or damaged packets, the bounder's report) stands there alone.
 
-**Exit status.** 1 if no force engaged or the environment answered no tick, and if a live run failed, such as a node that
+**Exit status.** 1 if no force engaged or the environment answered no tick, if code of an environment, controller, law,
+device or hand failed (also if it failed once), and if a live run failed, such as a node that
 does not stop at the planned end: the result of what was recorded is shown before the error.
 
 **Plots.** With several axes the position panel shows each, under its name (x, y, z), beside the proxy; the force panel the

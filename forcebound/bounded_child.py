@@ -45,7 +45,7 @@ def in_bounded_child(function: Callable[[], bytes], seconds: float, size: int = 
         call.seek(0)
         words = f"import {__name__} as child; child.serve({back.fileno()}, {seconds}, {size})"
         child = subprocess.Popen(
-            [sys.executable, "-c", words],
+            [sys.executable, "-P", "-c", words],  # as elsewhere, no module of the current folder
             stdin=call,
             stdout=2,  # what it prints must not get into a document
             pass_fds=[back.fileno()],

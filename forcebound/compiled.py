@@ -116,9 +116,9 @@ def record_type(kind: type) -> "np.dtype[Any]":
     fields: list[Any] = []
     for name, hint in get_type_hints(kind, include_extras=True).items():
         shape: tuple[int, ...] = ()
-        if get_origin(hint) is Annotated:  # Annotated[list[float], 6]: an array of six
+        while get_origin(hint) is Annotated:  # Annotated[list[float], 6]: an array of six
             entries, *shape_of = get_args(hint)
-            (hint,), shape = get_args(entries), tuple(shape_of)
+            (hint,), shape = get_args(entries), (*shape, *shape_of)
         is_number = hint in (float, int, bool)
         fields.append((name, np.dtype(hint) if is_number else record_type(hint), shape))
     return np.dtype((np.record, fields))

@@ -22,6 +22,7 @@ PARAMETERS_SET: Final = "parameter_set"  # parameters changed; its data has the 
 LINK_COUNTED: Final = "link_counted"  # packets of a link, by fate
 BOUNDER_REPORTED: Final = "bounder_reported"  # what the bounder has met in a run
 LAW_CHANGED: Final = "law_changed"  # another law bounds from now on; its data has its name
+CODE_FAILED = ("environment_failed", "controller_failed")  # code of a part did; its run failed
 TAKES_HOLD_LIMIT = "takes_hold_limit"  # in data of an event: this device can be given a hold limit
 PUBLISHED = "published"  # in data of an event: code of a device, controller or environment sent it
 STATE_INTERVAL_NS = 200_000_000  # between two events about a state that each packet may change

@@ -27,10 +27,9 @@ from forcebound.haptics.devices.kinematics import tip_force
 from forcebound.haptics.laws import Dissipation, ForceBounder
 from forcebound.haptics.laws.bounder import shorten
 from forcebound.haptics.laws.hold_limit import FIXED, HoldLimit
+from forcebound.haptics.laws.ledger import SETTLED
 from forcebound.messages.control import BounderReport
 from forcebound.messages.packets import Vector
-
-SETTLED = 20.0  # time constants of the amplifier, after which the rest of a force is gone: 2e-9
 
 
 class Written(NamedTuple):
@@ -180,7 +179,7 @@ class BoundedDevice:
             if credit:
                 bounder.credit(credit)
             asked_for = self._saturated(asked, engagement)
-            bounded = bounder.bound(read_ns, reading, asked_for)
+            bounded = bounder.bound(read_ns, reading, asked_for, jitter_ns or 0)
             if offer is not None:
                 given = bounder.debit(offer(bounder.spare(asked_for)))
                 bounded = shorten(bounded, math.hypot(*bounded), bounder.limit)
@@ -204,12 +203,12 @@ class BoundedDevice:
         )
 
     def _note(self, applied: Vector, read_ns: int, write_ns: int) -> None:
-        self._read_ns = read_ns
+        self._read_ns = read_ns - self._ahead_ns
         if any(applied):
             self._is_zero = False
         elif not self._is_zero:
             settling_ns = round(SETTLED * self._dissipation.lag * 1e9)
-            self._is_zero, self._gone_ns = True, write_ns + settling_ns
+            self._is_zero, self._gone_ns = True, write_ns - self._ahead_ns + settling_ns
         self._longest_delay_ns = max(self._longest_delay_ns, write_ns - read_ns)
         self._writes += 1
         self._held += self._use_limit

@@ -178,8 +178,8 @@ class ControllerNode(Node):
     def _fail(self, method: str, error: Exception, time_ns: int, packets: list[Packet]) -> None:
         self._failures += 1
         if self._failures == 1:
-            _logger.error("the controller failed in %s: %s", method, describe_user_error(error))
-            message = "the controller's code failed: its log gives the reason"
+            message = f"the controller's code failed in {method}: {describe_user_error(error)}"
+            _logger.error("%s", message)
             packets.append(self.events.emit(time_ns, "controller_failed", message, is_fault=True))
 
 

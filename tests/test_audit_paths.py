@@ -120,7 +120,7 @@ def test_no_straight_move_is_worse_than_the_strike(
     random, every = np.random.default_rng(2), devices(axes, presliding)
     every[0].is_along_path = along
     force = np.array([2.0, -1.0, 0.0]) * (np.arange(AXES) < axes)
-    lowest = strike(every, np.zeros(1), force[None], np.array([1e-3]), math.inf)
+    lowest = strike(every, [0.0], [force], [1e-3], math.inf)
     every[0].target[:] = force
     tried = []
     for _ in range(3000):
@@ -218,10 +218,7 @@ def test_the_old_force_costs_what_the_strongest_motor_can_do(
         read_ns = (index + 1) * 1_000_000
         force = bounder.bound(read_ns, tuple(device.position[:2].tolist()), asked)
         bounder.settle(force, read_ns + round(delay * 1e9))
-        struck.append(
-            energy
-            + strike(every, *(np.array([one]) for one in (delay, (*force, 0.0), limit)), math.inf)
-        )
+        struck.append(energy + strike(every, [delay], [(*force, 0.0)], [limit], math.inf))
         energy += walk(device, delay, step * 0.4)
         set_force(device, (*force, 0.0))
         energy += walk(device, limit - delay, step * 0.6)

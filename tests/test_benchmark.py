@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks import __main__ as page
 from benchmarks import delay, harness
-from benchmarks.harness import Measured, beyond, compare
+from benchmarks.harness import Figure, Measured, beyond, compare
 from forcebound.errors import RunError
 from forcebound.observe.measure import SHARES, Round, apart, percentile, plan, serving
 from forcebound.realtime import Settings
@@ -106,6 +106,31 @@ def test_a_process_ends_with_what_needs_it_even_if_that_fails(tmp_path: Path) ->
     with pytest.raises(RuntimeError):
         next(body)
     assert not Path(f"/proc/{pid}").exists()
+
+
+def test_a_target_that_a_busy_machine_missed_is_not_called_missed() -> None:
+    missed, reached = Figure("tick", 3.0, "us", 2.0), Figure("tick", 1.0, "us", 2.0)
+    assert [page.figure_row(missed, is_busy)[-1] for is_busy in (False, True)] == ["no", "busy"]
+    assert page.figure_row(reached, True)[-1] == "yes"
+
+
+def test_why_a_benchmark_did_not_run_has_no_path_of_this_machine_and_one_line(
+    tmp_path: Path,
+) -> None:
+    with pytest.raises(OSError, match="No such file") as raised:
+        (tmp_path / "haply.truth").read_text()
+    shown = page.reason(RunError(f"no emulator, {tmp_path}/a.truth: {raised.value}\nTraceback"))
+    assert str(tmp_path) not in shown
+    assert "\n" not in shown
+    assert "No such file" in shown
+    assert "3 N/mm" in page.reason(RunError("3 N/mm is too stiff"))
+
+
+def test_the_published_page_states_the_load_and_no_temporary_path() -> None:
+    text = (Path(__file__).parent.parent / "docs/benchmarks.md").read_text(encoding="utf-8")
+    assert "| load average | " in text
+    assert "/tmp/" not in text
+    assert "Traceback" not in text
 
 
 @pytest.mark.live

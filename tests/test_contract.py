@@ -1,5 +1,6 @@
 """The contract check of environments: every broken promise is found and located."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import count
@@ -8,10 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from forcebound.haptics.environments import EnvironmentModel, StatelessEnvironment
+from forcebound.haptics.environments import Environment, EnvironmentModel, StatelessEnvironment
 from forcebound.haptics.environments.contract import PROMISES, check
-from forcebound.haptics.environments.walls import Damper, Wall
+from forcebound.haptics.environments.walls import ActiveWall, Damper, Wall
 from forcebound.haptics.parts.contract import Findings, Violation, vector_fault
+from forcebound.messages.packets import Contact
 
 Answer = Callable[[tuple[float, ...], tuple[float, ...], float], Any]
 
@@ -88,7 +90,88 @@ def test_a_force_that_was_not_stated_is_found_at_rest() -> None:
     assert violation.expected == "(0.0,) N"
     assert violation.got == "(1.0,)"
     assert check(Wall(stiffness=1000.0, position=0.0), at_rest={0.001: 1.0}).held["rest"]
-    assert set(check(Damper()).held) == set(PROMISES) - {"rest", "contact", "scene"}
+    assert set(check(Damper()).held) == set(PROMISES) - {"rest", "contact", "scene", "resists"}
+
+
+def along(axis: int, force: Callable[[float], float]) -> Answers:
+    """An environment whose force is a function of the position along one axis."""
+    return Answers(
+        lambda p, *_: tuple(force(x) if i == axis else 0.0 for i, x in enumerate(p)),
+    )
+
+
+@pytest.mark.parametrize(
+    ("axis", "force"),
+    [
+        (0, lambda x: -1000.0 * max(x - 0.01, 0.0)),  # a wall
+        (0, lambda x: -min(5.0, 1000.0 * max(x - 0.0102, 0.0))),  # of a largest force
+        (2, lambda x: 1000.0 * max(-x, 0.0)),  # a floor
+        (0, lambda x: -1000.0 * (max(x - 0.01, 0.0) + min(x + 0.01, 0.0))),  # a room
+    ],
+)
+def test_a_force_that_pulls_deeper_is_found(axis: int, force: Callable[[float], float]) -> None:
+    assert "pulls deeper" in broken(along(axis, force), "resists").got
+    opposite = check(along(axis, lambda x: -force(x)))
+    assert opposite.held["resists"]
+
+
+def magnet(position: tuple[float, ...], *_: Any) -> Any:
+    """It draws to a place, more the nearer, from 20 mm on."""
+    offset = (position[0] - 0.02, *position[1:])
+    distance = math.hypot(*offset)
+    pull = max(1.0 - distance / 0.02, 0.0) / distance if distance else 0.0
+    return tuple(5.0 * pull * x for x in offset)
+
+
+@pytest.mark.parametrize(
+    "environment",
+    [
+        Answers(magnet),
+        along(0, lambda x: -100.0 * x),  # an unstable balance: no free motion
+        along(0, lambda x: 100.0 * (x - 0.3)),  # a spring to a place ahead
+        along(0, lambda x: -1.0 if x > 0.0 else 0.0),  # wind beyond a border
+        along(0, lambda x: 1000.0 * (x - 0.01) if x > 0.008 else 0.0),  # a wall that adheres
+        along(0, lambda x: -2.0 * math.sin(600.0 * x)),  # detents
+        along(0, lambda x: 500.0 * x if 0.0 < x < 0.004 else 0.0),  # a skin that breaks
+        along(0, lambda x: 300.0 * x - 800.0 * max(x - 0.003, 0.0) + 900.0 * max(x - 0.006, 0.0)
+              if x > 0.0 else 0.0),  # a dome that snaps through
+        Answers(lambda p, v, t: tuple(-5.0 * x for x in v)),  # a damper that gives energy
+        ActiveWall(),
+    ],
+)  # fmt: skip
+def test_no_other_force_is_accused_of_pulling_deeper(environment: EnvironmentModel) -> None:
+    assert check(environment, axes=(1, 3)).held.get("resists", True)
+
+
+@dataclass(frozen=True)
+class Slab(EnvironmentModel):
+    """A slab of 2 mm that reports contacts: nobody knows from force alone that it is no magnet."""
+
+    sign: float
+
+    def open(self, axes: int) -> Environment:
+        return TouchedSlab(self.sign)
+
+
+class TouchedSlab(Environment):
+    def __init__(self, sign: float) -> None:
+        self.sign = sign
+        self.touched: Contact | None = None
+
+    def force(self, user: str, position: Any, velocity: Any, elapsed: float) -> Any:
+        depth, still = 0.001 - abs(position[0] - 0.01), (0.0,) * (len(position) - 1)
+        side = math.copysign(1.0, position[0] - 0.01)
+        place = (position[0] + side * depth, *position[1:])
+        self.touched = None if depth < 0.0 else Contact(place, (side, *still))
+        return (-self.sign * side * 1e3 * max(depth, 0.0), *still)
+
+    def contact(self, user: str) -> Contact | None:
+        return self.touched
+
+
+def test_a_pull_into_what_is_touched_is_found_however_thin_it_is() -> None:
+    assert check(Slab(1.0)).held["resists"]
+    assert "pulls deeper" in broken(Slab(-1.0), "resists").got
 
 
 def test_the_same_check_asks_the_same_and_at_most_so_many() -> None:

@@ -221,6 +221,124 @@ def test_a_new_ledger_waits_until_the_motor_has_no_force(lag: float, delay_ns: i
     assert hand.lowest - before >= -ENERGY_TOLERANCE
 
 
+class Jittering(Lagging):
+    """One whose readings may be later than their stamps; they are not."""
+
+    def latch_jitter(self) -> int:
+        return 100_000
+
+
+@pytest.mark.parametrize("delay_ns", [1_100_000, 1_500_000, 2_200_000])
+def test_a_force_on_its_way_acts_no_earlier_because_a_reading_may_be_late(delay_ns: int) -> None:
+    """The hand resists only until the ledger takes the next force for the acting one."""
+    hand = Hand()
+    device = Jittering(hand, delay_ns)
+    stated = described(hold_limit=20e-3, write_delay=delay_ns * 1e-9)
+    node = BoundedDevice(device, "certified", stated, learns=False)
+    node.begin()
+    speed, applied, ago = 4.0, [0.0] * 3, delay_ns // MS + 1
+    for k in range(72):
+        is_on = 4 <= k < 64 and k % 4 < 2
+        before = hand.energy
+        force = (8.5 if k == 71 else 2.0 if is_on else 0.0,)
+        applied.append(node.write(k * MS, force, 1.0).applied[0])
+        assert node.bounder.estimated_energy <= before + ENERGY_TOLERANCE or k == 0
+        step = applied[-ago] - applied[-ago - 1]
+        device.go((k + 1) * MS, speed if k < 3 else math.copysign(speed, step) if step else 0.0)
+    device.go(device.now_ns + delay_ns + 20 * MS, None)
+    assert applied[-1] > 0.5
+    assert hand.lowest >= -ENERGY_TOLERANCE
+
+
+@pytest.mark.parametrize("lag", [1e-3, 3e-3])
+def test_a_lagging_motor_settles_no_more_because_a_reading_may_be_late(lag: float) -> None:
+    """The hand goes with the force while it rises, against it while it falls."""
+    hand = Hand(lag)
+    device = Jittering(hand, 0)
+    stated = described(hold_limit=20e-3, lag=lag, watchdog="none", watchdog_limit=20e-3)
+    node = BoundedDevice(device, "certified", stated, learns=False)
+    node.begin()
+    pushed = 0.0
+    for k in range(300):
+        is_on = k >= 4 and k // 10 % 2 == 0
+        before = hand.energy
+        written = node.write(k * MS, (3.0 if is_on else 0.0,), 1.0)
+        pushed = max(pushed, written.applied[0])
+        assert node.bounder.estimated_energy <= before + ENERGY_TOLERANCE or k == 0
+        device.go((k + 1) * MS, 0.6 if k < 4 else 1.0 if is_on else -1.0)
+    assert pushed > 1.0
+
+
+@pytest.mark.parametrize("law", CERTIFIED)
+@pytest.mark.parametrize("watchdog", ["silent", "reporting"])  # whose reports are lost
+def test_after_a_cut_at_an_unknown_time_a_lagging_motor_is_not_taken_as_known(
+    law: str, watchdog: str
+) -> None:
+    bounder = ForceBounder(
+        law, described(hold_limit=1e-3, lag=1e-3, watchdog=watchdog, watchdog_tolerance=0.3)
+    )
+    hand, now_ns, forces = Hand(1e-3), 0, []
+    bounder.start(0, (0.0,))
+    bounder.settle((0.0,), 0)
+
+    def tick(ns: int, speed: float | None, commanded: float) -> None:
+        nonlocal now_ns
+        hand.move(min(ns, 700_000) * 1e-9, speed)
+        if ns > 700_000:
+            hand.target = 0.0  # cut, early
+            hand.move((ns - 700_000) * 1e-9, speed)
+        now_ns += ns
+        (force,) = bounder.bound(now_ns, (hand.position,), (commanded,))
+        bounder.settle((force,), now_ns)
+        hand.target = force
+        forces.append(force)
+        assert bounder.estimated_energy <= hand.energy + ENERGY_TOLERANCE
+
+    for _ in range(26):  # a force that is held too long by a hand at rest, which then moves on
+        tick(690_000, FASTEST, 0.5)
+        tick(1_250_000, 0.0, 0.0)
+    for _ in range(8):
+        tick(690_000, None, 8.5)
+    assert forces[0] > 0.0
+    assert hand.lowest >= -ENERGY_TOLERANCE
+    for _ in range(60):  # 20 time constants later there is force again
+        tick(690_000, FASTEST, 8.5)
+    assert forces[-1] > 1.0
+
+
+def test_a_report_at_the_time_of_the_last_reading_is_not_one_of_the_force_that_began_then() -> None:
+    stated = described(write_delay=2e-3, watchdog="reporting")
+    bounder, energy, forces = ForceBounder("certified", stated), 0.0, [0.0, 0.0]
+    bounder.start(0, (0.0,))
+    for k in range(1, 40):
+        force = forces[k - 2] if k > 2 else 0.0  # each acts exactly at a reading
+        energy += (DAMPING * 16.0 + FRICTION * 4.0 + force * 4.0) * 1e-3
+        if k == 31:
+            bounder.report_cut(30 * MS, (0.12,))
+        bounded = bounder.bound(k * MS, (k * 4e-3,), (-3.0 if k > 27 else 0.0,))
+        bounder.settle(bounded, (k + 2) * MS)
+        forces.append(bounded[0])
+        assert bounder.estimated_energy <= energy + ENERGY_TOLERANCE
+    assert forces[-1] == -3.0
+
+
+def test_what_a_late_force_leaves_in_a_lagging_motor_is_in_the_largest_allowance() -> None:
+    stated = described(lag=1e-3, watchdog="none", watchdog_limit=50e-3, allowance=0.5)
+    bounder, hand = ForceBounder("certified", stated), Hand(1e-3)
+    bounder.start(0, (0.0,))
+    bounder.settle((0.0,))
+    now_ns = 0
+    for k in range(70):
+        ns = 2_500_000 if k == 40 else MS
+        hand.move(ns * 1e-9, 0.05 if k < 40 else None)
+        now_ns += ns
+        force = bounder.bound(now_ns, (hand.position,), (8.5 if k < 40 else 0.0,))
+        bounder.settle(force)
+        hand.target = force[0]
+    assert hand.lowest < -1e-4
+    assert -hand.lowest <= bounder.largest_allowance < -2.0 * hand.lowest
+
+
 def test_the_table_of_what_the_ledger_remembers_has_every_state() -> None:
     page = (Path(__file__).parents[1] / "docs" / "theory.md").read_text()
     section = page.split("### 3.8")[1].split("## 4.")[0]

@@ -9,8 +9,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from builders import MS, telemetry_packet
 
 import forcebound.observe.page
+from forcebound.observe.page.controls import Controls
 
 PAGE = Path(forcebound.observe.page.__file__).parent / "static"
 TEXTS = {file.name: file.read_text() for file in PAGE.iterdir()}
@@ -90,7 +92,7 @@ def test_a_script_can_be_read(name: str) -> None:
 
 STATE = """(() => {
   const state = new State();
-  Object.assign(state, { law, reason });
+  Object.assign(state, { law, reason, holder });
   for (let i = 0; i <= 60; i += 1) {
     const time = 1 + i / 30, x = 0.012 + swing * Math.sin(20 * time), isIn = time <= 3 - away;
     state.take({ time: [time], position: [[x]], commanded: [[isIn ? 20 : 0]],
@@ -99,12 +101,14 @@ STATE = """(() => {
       misses: Math.round(lost * 1e3 * time),
       delay: [delay], engagement, since: 1, limit: [8.5] });
   }
+  state.broken = broken;
   const { kind, head, more } = state.words("wall");
   return [kind, /[\\d.]+ m?J/.exec(head)?.[0] ?? "", head, more];
 })()"""
 HEALTHY = {
     "law": "certified", "swing": 0.0, "applied": 20.0, "fall": 0.01, "lost": 0.0, "delay": 1e-3,
-    "engagement": 1.0, "isTrue": True, "reason": "", "away": 0.0,
+    "engagement": 1.0, "isTrue": True, "reason": "", "away": 0.0, "broken": "",
+    "holder": "the hand",
 }  # fmt: skip
 
 
@@ -131,6 +135,9 @@ def state_of(tmp_path: Path, change: dict[str, Any]) -> list[str]:
         ({"engagement": 0.4}, "off", ""),
         ({"isTrue": False}, "passive", ""),
         ({"isTrue": False, "fall": -0.01}, "off", "20 mJ"),  # of the motor
+        ({"broken": "3 of 4"}, "late", ""),  # not passive, whatever the energy is
+        ({"broken": "3 of 4", "isTrue": False, "fall": -0.01}, "late", ""),
+        ({"broken": "3 of 4", "fall": -0.01}, "unstable", "20 mJ"),
     ],
 )
 def test_the_state_in_words(tmp_path: Path, change: dict[str, Any], kind: str, energy: str) -> None:
@@ -151,6 +158,8 @@ def test_the_state_in_words(tmp_path: Path, change: dict[str, Any], kind: str, e
         ({"lost": 0.1, "applied": 5.0}, "10 % of the ticks", "press again"),
         ({"law": "none", "swing": 5e-3, "fall": -1.7}, "none", "ticks"),
         ({"isTrue": False, "fall": -0.01}, "friction", "ticks"),
+        ({"broken": "3 of 4"}, "3 of 4", "all 20 N"),
+        ({"broken": "3 of 4", "fall": -0.01}, "3 of 4", "all 20 N"),
         ({"away": 0.2}, "all 20 N", "No contact"),  # a bounce
         ({"away": 0.3}, "No contact", "20 N"),
     ],
@@ -162,6 +171,31 @@ def test_what_explains_the_state(
     assert words in more
     assert absent not in more
     assert ("Late ticks" in head) == (change.get("lost") == 0.1)
+    assert ("assive" in head) <= ("broken" not in change or change.get("fall") == -0.01)
+
+
+@pytest.mark.parametrize(("law", "is_named"), [("certified", True), ("none", False)])
+def test_the_page_gets_the_promise_that_a_device_breaks_now(law: str, is_named: bool) -> None:
+    controls = Controls.__new__(Controls)  # without a graph
+    device = {"law": law, "rate": 1000.0, "write_delay": 4e-4}
+    vars(controls).update(_devices={"left": device, "right": device})
+    late, punctual = (
+        [
+            telemetry_packet(n, applied_force=(1.0,), read_ns=n * MS, write_ns=n * MS + delay)
+            for n in range(9)
+        ]
+        for delay in (500_000, 400_000)
+    )
+    found = controls.broken({"left": late, "right": punctual})
+    assert found["right"] == ""
+    assert ("9 of 9 forces acted later than device.write_delay" in found["left"]) == is_named
+
+
+@pytest.mark.skipif(NODE is None, reason="needs node")
+def test_a_follower_that_nobody_holds_has_no_hand(tmp_path: Path) -> None:
+    *_, head, _ = state_of(tmp_path, {"fall": -0.01, "holder": "what it meets"})
+    assert "what it meets received" in head
+    assert "hand" not in head
 
 
 @pytest.mark.skipif(NODE is None, reason="needs node")

@@ -11,11 +11,11 @@ from forcebound.recordings.telemetry import TelemetryColumns
 
 @pytest.mark.parametrize("axes", [1, 3])
 def test_columns_hold_the_fields_of_the_packets(axes: int) -> None:
-    sent = [full_telemetry(tick, axes) for tick in range(4)]
+    vector, stamps = (0.5,) * axes, {"read_ns": 5, "write_ns": 7, "cut_ns": 6, "ahead_ns": 1}
+    sent = [replace(full_telemetry(n, axes), joints=vector, **stamps) for n in range(4)]
     columns = TelemetryColumns.from_packets(sent)
-    of_the_ledger = {"read_ns", "write_ns", "joints", "cut_ns", "cut_position", "ahead_ns"}
-    for name in field_types(Telemetry):  # figures need none of the ledger's; verification has them
-        if name not in {"rejected", *of_the_ledger}:
+    for name in field_types(Telemetry):  # figures do not need the reading at a cut
+        if name not in {"rejected", "cut_position"}:
             expected = [getattr(packet, name) for packet in sent]
             np.testing.assert_array_equal(getattr(columns, name), expected)
     assert columns.position.shape == (4, axes)
@@ -36,6 +36,7 @@ def test_columns_mark_what_is_missing() -> None:
     assert np.isnan(columns.hand_force[0]).all()
     assert np.isnan([columns.true_energy[0], columns.loop_delay[0]]).all()
     assert columns.device_seq.tolist() == [-1, 1]
+    assert columns.write_ns.tolist() == [-1, -1]
 
 
 def test_time_counts_from_the_first_engaged_sample() -> None:

@@ -114,7 +114,7 @@ def test_the_model_is_the_ledger_of_the_code() -> None:
         )  # fmt: skip
         bounder = ForceBounder("certified", stated)
         bounder.start(0, (0.0,))
-        moves, forces, energy, position = random.normal(size=24), [0.0], 0.0, 0.0
+        moves, forces, energy, position = random.normal(size=24).tolist(), [0.0], 0.0, 0.0
         bounder.settle((0.0,), DELAY * half_ns)
         for reading in range(1, 12):
             position += moves[2 * reading - 2] + moves[2 * reading - 1]

@@ -12,6 +12,7 @@ from forcebound.graph.loader import load
 from forcebound.haptics.devices.plant import Axis, Moving, advance_extended
 from forcebound.haptics.hands.hands import WallInPlace
 from forcebound.haptics.laws import ENERGY_TOLERANCE
+from forcebound.results.cells import energy
 from forcebound.results.coupling import coupling, coupling_lines
 from forcebound.run.results import RunResult
 from forcebound.run.virtual import run_virtual_hands
@@ -108,7 +109,16 @@ def test_without_transfer_a_certified_follower_does_no_work_and_with_it_both_are
     lowest = [together["energy_min_j"], *together["energy_with_partner_min_j"].values()]
     assert min(lowest) >= -ENERGY_TOLERANCE
     assert together["position_error_rms_m"] < 0.5 * without["position_error_rms_m"]
-    assert "leader" in paired["follower"].summary["verdict"][0]
+    line = paired["follower"].summary["verdict"][0]
+    assert line.startswith("What it meets received")  # nobody holds it
+    assert "leader" in line
+    given, net = together["given_energy_j"], together["net_given_energy_j"]
+    on_its_way = 1e-3  # J, at most
+    assert net["leader"] == pytest.approx(given["leader"] - given["follower"], abs=on_its_way)
+    assert 0.0 < net["leader"] < given["leader"]
+    (told,) = [one for one in coupling_lines(together) if "transfer" in one]
+    assert energy(net["leader"]) in told
+    assert "follower" not in told
 
 
 def test_the_same_run_has_the_same_bits() -> None:

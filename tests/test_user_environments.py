@@ -250,7 +250,9 @@ def test_the_template_keeps_the_contract_and_its_launch_file_runs() -> None:
     assert result.exit_code == 0, result.output
     assert "BROKEN" not in result.output
     config = load(EXAMPLES / "my_environment.yaml")
-    assert run_virtual(config, duration=1.0).summary["true_energy_min_j"] >= -1e-9
+    summary = run_virtual(config, duration=1.0).summary
+    assert summary["true_energy_min_j"] >= -1e-9
+    assert summary["displayed_stiffness_n_per_m"] == pytest.approx(1000.0, rel=0.01)
 
 
 def test_the_check_prints_one_document(tmp_path: Path) -> None:

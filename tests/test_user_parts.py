@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 from live_graph import live_graph
+from msgspec import structs
 
 from forcebound.errors import ConfigError, DeviceError
 from forcebound.graph.loader import load, load_tried
@@ -19,7 +20,7 @@ from forcebound.graph.resolved import restore, to_document, with_parts
 from forcebound.messages.packets import EnvironmentQuery, EnvironmentReply
 from forcebound.network.impairment import Impairment
 from forcebound.nodes.environment import EnvironmentNode
-from forcebound.run.check import check_here
+from forcebound.run.check import Checked, TickTimes, check_here, lines
 from forcebound.run.results import RunResult, run_metadata
 from forcebound.run.virtual import run_virtual
 
@@ -146,6 +147,33 @@ def test_what_is_not_certified_is_logged(
 @pytest.mark.parametrize("page", PAGES)
 def test_what_the_page_shows_passes_its_check(page: str, pages: Path) -> None:
     assert check_here(page, str(pages / f"my_{page}.py")).violations == []
+
+
+def test_the_check_times_a_tick_of_two_readings_or_of_one_that_a_write_brings(
+    tmp_path: Path,
+) -> None:
+    text = block("device", "python")
+    fresh = "    def fresh_reading(self) -> Vector:\n        return (self.x,)\n\n"
+    for reads, written in (
+        (2, text),
+        (1, text.replace("    def close(", f"{fresh}    def close(")),
+    ):
+        path = tmp_path / f"my_device_{reads}.py"
+        path.write_text(written)
+        times = check_here("device", str(path)).seconds_per_tick
+        assert times is not None
+        assert times.reads == reads
+        assert times.read > 0.0
+        assert times.write > 0.0
+
+
+def test_a_tick_that_is_too_long_is_shown_with_the_rate_that_its_device_can_keep() -> None:
+    times = TickTimes(0.002, 0.001, 2)
+    checked = Checked(part={}, passed=True, questions=1, promises={}, violations=[])
+    checked.seconds_per_tick = times
+    assert "200 Hz" in lines("device", checked)[-1]
+    checked.seconds_per_tick = structs.replace(times, read=0.0004, write=0.0001)
+    assert "device.rate" not in "\n".join(lines("device", checked))
 
 
 # Environments with state

@@ -11,7 +11,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from forcebound.errors import ConfigError
+from forcebound.errors import ConfigError, RunError
 from forcebound.graph.loader import change
 from forcebound.haptics.devices.simulated import pad
 from forcebound.haptics.hands import Operator
@@ -19,7 +19,8 @@ from forcebound.haptics.hands.hands import coordinates
 from forcebound.haptics.hands.pointer import PointerHand
 from forcebound.interface.runs import LaunchFile, configuration
 from forcebound.messages.control import Point
-from forcebound.messages.packets import DeviceState, Packet, Telemetry
+from forcebound.messages.events import CODE_FAILED
+from forcebound.messages.packets import DeviceState, Event, Packet, Telemetry
 from forcebound.messages.topology import HAND
 from forcebound.run.virtual import VirtualGraph, check_has_virtual_time
 
@@ -114,7 +115,7 @@ class HapticEnv(gymnasium.Env[dict[str, Any], Numbers]):
         self.close()
         self._ticks: list[Telemetry] = []
         self._law = config.device.servo.law
-        self._graph = VirtualGraph(config, self._take, (DeviceState, Telemetry))
+        self._graph = VirtualGraph(config, self._take, (DeviceState, Telemetry, Event))
         self._graph.run(config.device.servo.period_ns)
         return self._observation(), self._info()
 
@@ -123,6 +124,7 @@ class HapticEnv(gymnasium.Env[dict[str, Any], Numbers]):
 
         Raises:
             ConfigError: If the action is no place.
+            RunError: If code of the environment or the controller fails.
             gymnasium.error.ResetNeeded: Before the first :meth:`reset`.
         """
         graph = self._graph
@@ -157,6 +159,8 @@ class HapticEnv(gymnasium.Env[dict[str, Any], Numbers]):
             self._velocity = packet.velocity
         elif isinstance(packet, Telemetry):
             self._ticks.append(packet)
+        elif isinstance(packet, Event) and packet.event in CODE_FAILED:
+            raise RunError(packet.message)
 
     def _observation(self) -> dict[str, Numbers]:
         tick = self._ticks[-1]

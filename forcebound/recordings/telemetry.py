@@ -16,9 +16,12 @@ if TYPE_CHECKING:  # a launcher starts without numpy
     import numpy as np
     from numpy.typing import NDArray
 
-# Fields by the type of their column. Those of the ledger are left to verification.
+# Fields by the type of their column.
 _SAMPLE = {
-    "int64": ("time_ns", "seq", "device_seq", "deadline_misses"),
+    "int64": (
+        *("time_ns", "seq", "device_seq", "deadline_misses"),
+        *("read_ns", "write_ns", "cut_ns", "ahead_ns"),
+    ),
     "float64": (
         "elapsed",
         "force_limit",
@@ -31,7 +34,7 @@ _SAMPLE = {
         "received_energy",
     ),
     "vector": (
-        *("position", "commanded_force", "applied_force", "torques"),
+        *("position", "joints", "commanded_force", "applied_force", "torques"),
         *("true_position", "hand_force"),
     ),
 }
@@ -42,16 +45,21 @@ _CONTACT = {"int64": ("device_seq", "device_time_ns"), "vector": ("proxy", "norm
 class TelemetryColumns:
     """The telemetry of a run, one array per field; ``n`` samples, oldest first.
 
-    ``None`` in a packet is NaN here (-1 in ``device_seq``). Contacts are those of the state of the
-    same tick, whenever the environment answered it. A device that was lost and returned begins to
-    count again; here the counts go on.
+    ``None`` in a packet is NaN here (-1 in a column of whole numbers). Contacts are those of the
+    state of the same tick, whenever the environment answered it. A device that was lost and
+    returned begins to count again; here the counts go on.
     """
 
     time: NDArray[np.float64]  # (n,), s since the first sample with an engaged force
     time_ns: NDArray[np.int64]  # (n,), ns, device's clock
     seq: NDArray[np.int64]  # (n,), tick number
     elapsed: NDArray[np.float64]  # (n,), s since the force engaged for the first time
+    read_ns: NDArray[np.int64]  # (n,), ns, when the position was read; -1: not recorded
+    write_ns: NDArray[np.int64]  # (n,), ns, from when on the force acts; likewise
+    cut_ns: NDArray[np.int64]  # (n,), ns, when the watchdog dropped the force before; -1: not
+    ahead_ns: NDArray[np.int64]  # (n,), ns, sum of the latch jitter so far; -1: not reported
     position: NDArray[np.float64]  # (n, axes), m, reading
+    joints: NDArray[np.float64]  # (n, axes), rad, reading of an arm; else NaN
     commanded_force: NDArray[np.float64]  # (n, axes), N, before saturation
     applied_force: NDArray[np.float64]  # (n, axes), N
     torques: NDArray[np.float64]  # (n, axes), N m, of an arm; else NaN

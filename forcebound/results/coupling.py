@@ -39,13 +39,13 @@ def coupling_lines(figures: Summary) -> Iterator[str]:
     """Yield the figures in words, a line for each matter."""
     lowest = figures["energy_min_j"]
     if lowest is not None and lowest >= -ENERGY_TOLERANCE:
-        yield "Together: passive; the hands never received more energy than they put in."
+        yield "Together: passive; the devices never gave more energy than they got."
     elif lowest is not None:
         got = energy(-lowest)
-        yield f"Together: not passive; the hands received up to {got} more than they put in."
-    given = [f"{energy(one)} from {hand}" for hand, one in figures["given_energy_j"].items() if one]
-    if given:
-        yield f"Together: energy transfer of {', '.join(given)}."
+        yield f"Together: not passive; the devices gave up to {got} more than they got."
+    net = figures["net_given_energy_j"].items()
+    if given := [f"{energy(one)} from {hand}" for hand, one in net if one and one > 0.0]:
+        yield f"Together: net energy transfer of {', '.join(given)}."
     if "position_error_rms_m" not in figures:
         return
     error, peak = (figures[f"position_error_{kind}_m"] for kind in ("rms", "peak"))
@@ -90,11 +90,13 @@ def _shared(runs: Mapping[str, TelemetryColumns]) -> dict[str, dict[str, Floats]
 
 def _energies(shared: Mapping[str, Mapping[str, Floats]]) -> dict[str, Any]:
     together = np.sum([one["energy"] for one in shared.values()], axis=0)
-    with_partner = {h: one["energy"] + one["received"] - one["given"] for h, one in shared.items()}
+    net = {hand: one["given"] - one["received"] for hand, one in shared.items()}
+    with_partner = {hand: one["energy"] - net[hand] for hand, one in shared.items()}
     return {
         "energy_end_j": {hand: _or_none(_last, one["energy"]) for hand, one in shared.items()},
         "energy_min_j": _or_none(np.min, together),
         "given_energy_j": {hand: _or_none(_last, one["given"]) for hand, one in shared.items()},
+        "net_given_energy_j": {hand: _or_none(_last, one) for hand, one in net.items()},
         "energy_with_partner_min_j": {h: _or_none(np.min, one) for h, one in with_partner.items()},
     }
 

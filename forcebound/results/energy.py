@@ -6,6 +6,7 @@ before; the largest fall can.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from forcebound.results.surface import Floats
 
 POWER_WINDOW = 10  # samples over which the observed power is a mean: one step of an encoder in one
 #                    sample is 0.2 W at 8 N
+SHORTEST = 1e-6  # s between two readings; less is none
 
 
 @dataclass(frozen=True)
@@ -69,38 +71,93 @@ def since_contact(
     return float(energy[contact:].min()) - brought
 
 
+class Holds(NamedTuple):
+    """What is known of when and where the forces of a motor acted, one row per sample.
+
+    Coordinates may be joints: then N m for N, and rad for m.
+    """
+
+    read: Floats  # s, when the readings were latched, (n,); they grow
+    write: Floats  # s, from when on the forces acted, (n,)
+    end: Floats  # s, when they were dropped, (n,); infinite: not before the next one acts
+    lag: float  # s, time constant of the motor
+    force: Floats  # N, (n, axes)
+    reading: Floats  # m, (n, axes)
+    resolution: float | Floats  # m, step of the readings; of each axis
+    late: Floats  # s, by which each force may act at another place than its stamp says, (n,)
+
+
 @dataclass(frozen=True)
 class Observed:
     """Findings of the passivity observer."""
 
     energy_min: float  # J
+    error: float  # J, by which the true minimum may be lower
     power_min: float | None  # W, mean over 10 samples; None: a shorter run
     deficit_share: float  # of the samples, those with an energy below zero
 
 
-def observe(time: Floats, force: Floats, position: Floats) -> Observed | None:
+def observe(holds: Holds) -> Observed | None:
     r"""Return what a passivity observer at the motor reports of a run.
 
-    .. math:: E(n) = \sum_{k=1}^{n} F(k-1) \cdot (q(k) - q(k-1))
+    .. math:: E(n) = \sum_{k=1}^{n} F(k-1) \cdot (x(e_{k-1}) - x(b_{k-1}))
 
-    the energy that the motor took, from what a device measures: readings and applied forces. Below
-    zero, the motor has given energy; the device's own friction and damping may have covered it.
+    the energy that the motor took, from what a device measures: the force acted from b to e, and
+    x is interpolated between the readings at their stamps. Below zero, the motor has given energy;
+    the device's own friction and damping may have covered it.
 
-    Time, in s, has shape ``(n,)``; applied force, in N, and reading, in m, ``(n, axes)``. None with
-    fewer than two samples.
+    An error of x by at most d, where the force changes by dF, is one of the energy by at most
+    ``|dF| d``. So the errors of readings cost as much as in the ledger (docs/theory.md, lemma 2):
+    half a resolution; what the hand moves while the stamps are not certain; and how far the path
+    may depart from a straight line: an eighth of the second difference at a steady acceleration,
+    twice that here, since the force changes on the way. This last part is an estimate.
+
+    None with fewer than two samples.
 
     Source: Hannaford and Ryu, Time-domain passivity control of haptic interfaces, IEEE Transactions
     on Robotics and Automation 18(1), 2002, Eq. 6, with the exact work of a held force.
     """
-    if time.size < 2:
+    if holds.read.size < 2:
         return None
-    work = np.sum(force[:-1] * np.diff(position, axis=0), axis=1)
+    # A lag shifts a step by its time constant. Beyond the last reading no path is known.
+    begin = np.minimum(holds.write + holds.lag, holds.read[-1])
+    end = np.clip(holds.end[:-1] + holds.lag, begin[:-1], begin[1:])
+    force, kept = holds.force, np.where((end < begin[1:])[:, np.newaxis], 0.0, holds.force[:-1])
+    doubt = _doubt(holds)
+    begins, ends = (
+        [_at(times, holds.read, values) for values in (holds.reading, doubt)]
+        for times in (begin, end)
+    )
+    work = np.sum(force[:-1] * (ends[0] - begins[0][:-1]), axis=1)
     energy = np.concatenate(([0.0], np.cumsum(work)))
+    before = np.concatenate((np.zeros_like(force[:1]), kept))
+    changed = _dot(force - before, begins[1])[:-1] + _dot(force[:-1] - kept, ends[1])
+    error = np.concatenate(([0.0], np.cumsum(changed))) + _dot(before, begins[1])
     power = (energy[POWER_WINDOW:] - energy[:-POWER_WINDOW]) / (
-        time[POWER_WINDOW:] - time[:-POWER_WINDOW]
+        begin[POWER_WINDOW:] - begin[:-POWER_WINDOW]
     )
     return Observed(
         float(energy.min()),
+        float(energy.min() - (energy - error).min()),
         float(power.min()) if power.size else None,
         float(np.mean(energy < 0.0)),
     )
+
+
+def _doubt(holds: Holds) -> Floats:
+    """Return how far the path may be from the readings, on each axis, in m, (n, axes)."""
+    moves = np.diff(holds.reading, axis=0)
+    speed = np.abs(moves) / np.maximum(np.diff(holds.read), SHORTEST)[:, np.newaxis]
+    bend = np.abs(np.diff(moves, axis=0, prepend=moves[:1], append=moves[-1:])) / 4.0
+    fastest = np.maximum(np.concatenate((speed[:1], speed)), np.concatenate((speed, speed[-1:])))
+    widest = np.maximum(bend, np.concatenate((bend[1:], bend[-1:])))
+    return np.asarray(0.5 * holds.resolution + fastest * holds.late[:, np.newaxis] + widest)
+
+
+def _at(times: Floats, known: Floats, values: Floats) -> Floats:
+    """Return values, (n, axes), at other times."""
+    return np.stack([np.interp(times, known, column) for column in values.T], axis=1)
+
+
+def _dot(force: Floats, way: Floats) -> Floats:
+    return np.asarray(np.sum(np.abs(force) * way, axis=1))

@@ -45,6 +45,7 @@ from forcebound.results.contact import (
     steady_window,
 )
 from forcebound.results.energy import since_contact
+from forcebound.results.promises import broken_promises
 from forcebound.results.samples import Needs, Samples, law
 from forcebound.results.spectrum import transparency_bandwidth
 from forcebound.results.stiffness import felt_stiffness
@@ -118,10 +119,6 @@ def _of_contact(measure: Callable[[Floats, Floats, Floats], Any]) -> Callable[[S
 _stiffness, _hardness, _extended = (
     _of_contact(one) for one in (displayed_stiffness, rate_hardness, extended_rate_hardness)
 )
-
-
-def _limit_cycle(run: Samples) -> float | None:
-    return limit_cycle_amplitude(run.time, run.path)
 
 
 def _bandwidth(run: Samples) -> float | None:
@@ -272,6 +269,7 @@ _OF_THE_BOUNDER = (
     Figure("allowance_repaid", "", None, _of("report", "allowance_repaid")),
     Figure("energy_cap_j", "energy cap", cells.energy_cap, _cap),
     Figure("number_sources", "numbers of the device", cells.counts("number_sources", ""), _sources),
+    Figure("broken_promises", "", None, broken_promises),
     Figure("little_force", "little force because of", cells.little_force, _little_force),
 )
 REPORTED = tuple(figure.key for figure in _OF_THE_BOUNDER)
@@ -360,6 +358,7 @@ FIGURES: tuple[Figure, ...] = (
         _of("observed", "energy_min"),
         need.ENGAGED,
     ),
+    Figure("observed_energy_error_j", "", None, _of("observed", "error"), need.ENGAGED),
     Figure(
         "observed_power_min_w",
         "minimum power (motor alone)",

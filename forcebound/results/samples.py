@@ -9,15 +9,19 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from forcebound.haptics.laws import LAWS
+from forcebound.haptics.laws.hold_limit import FLOOR
 from forcebound.messages.packets import Event
 from forcebound.recordings.telemetry import TelemetryColumns
 from forcebound.results.bounder import bounder_report, saturated
 from forcebound.results.contact import Settling, final_speed, settling, steady_window
-from forcebound.results.energy import Fall, Observed, largest_fall, observe
+from forcebound.results.energy import Fall, Holds, Observed, largest_fall, observe
 from forcebound.results.spectrum import Impedance, Vibration, displayed_impedance, vibration
 from forcebound.results.surface import Floats, Mask, Touch, scale_of, touch_of_run
 
+LONGEST_FORCE = 0.1  # s, of device.watchdog_limit: auto
 GAP = 1.5  # periods; samples further apart do not belong to one stretch
 
 
@@ -25,6 +29,11 @@ def law(config: Mapping[str, Any]) -> str | None:
     """Return the name of the bounding law in a resolved launch file, if it has one."""
     name = (config.get("device") or {}).get("law")
     return None if name is None else str(name)
+
+
+def is_certified(name: str | None) -> bool:
+    """Return whether a law has a certificate of forcebound."""
+    return name is not None and LAWS.is_shipped(name) and LAWS[name].is_certified
 
 
 class Samples:
@@ -112,7 +121,56 @@ class Samples:
     @cached_property
     def observed(self) -> Observed | None:
         """See :func:`.energy.observe`."""
-        return observe(self.time, self.columns.applied_force, self.columns.position)
+        return observe(self.holds)
+
+    @cached_property
+    def holds(self) -> Holds:
+        """When and where the forces acted, since the first one; of an arm at its joints.
+
+        A latch jitter that the device does not report, as one without stamps, may be as long as
+        the time from a reading to its write.
+        """
+        columns, device = self.run.slice(self.since), self.device
+        start_ns, known = columns.time_ns[:1], (columns.read_ns, columns.write_ns)
+        read, write = (np.where(ns < 0, columns.time_ns, ns) - start_ns for ns in known)
+        jitter = np.diff(columns.ahead_ns, prepend=columns.ahead_ns[:1])
+        if not self.has_truth:
+            jitter = np.where(columns.ahead_ns < 0, write - read, jitter)
+        longest, stated = LONGEST_FORCE, device.get("watchdog_limit", "auto")
+        if device.get("watchdog") == "silent":
+            longest = self.hold_limits[0]
+        elif stated != "auto":
+            longest = stated
+        # A report comes with the next write.
+        dropped = np.append(columns.cut_ns[1:], -1) - start_ns
+        return Holds(
+            _seconds(read),
+            _seconds(write),
+            np.where(dropped <= write, _seconds(write) + longest, _seconds(dropped)),
+            device.get("lag", 0.0),
+            columns.torques if self.is_arm else columns.applied_force,
+            columns.joints if self.is_arm else columns.position,
+            np.asarray(device.get("resolution", 0.0)),
+            _seconds(jitter),
+        )
+
+    @property
+    def is_arm(self) -> bool:
+        """Whether the run has readings and torques of joints."""
+        columns = self.run
+        return bool(np.isfinite(columns.torques).all() and np.isfinite(columns.joints).all())
+
+    @property
+    def hold_limits(self) -> tuple[float, float]:
+        """The hold limit that forces were planned for, and that without late ticks, in s."""
+        period, stated = 1.0 / self.rate, self.device.get("hold_limit", "auto")
+        if stated != "auto":
+            return stated * period, stated * period
+        shortest = FLOOR * period
+        if self.report is None:
+            return shortest, shortest
+        plans = is_certified(law(self.config))
+        return self.report.hold_limit, shortest if plans else self.report.hold_limit
 
     @cached_property
     def wall_error(self) -> Floats | None:
@@ -149,8 +207,12 @@ class Samples:
         return slice(int(starts[longest]), int(ends[longest]) + 1)
 
 
+def _seconds(ns: NDArray[np.int64]) -> Floats:
+    return np.asarray(ns, np.float64) * 1e-9
+
+
 _NO_SCALE = "a clutch or a border of the controller `scaled` moves the environment along the hand"
-_NO_SURFACE = "the environment describes no surface, and reported no contact"
+_NO_SURFACE = "the environment describes no surface, and its method `contact` reported no contact"
 
 
 class Needs(NamedTuple):

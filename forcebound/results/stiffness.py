@@ -24,10 +24,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from forcebound.haptics.laws import LAWS
-from forcebound.haptics.laws.hold_limit import FLOOR
 from forcebound.results.contact import steady_window
-from forcebound.results.samples import Samples, law
+from forcebound.results.samples import Samples
 from forcebound.results.surface import Floats
 
 DROPPING = ("silent", "reporting")  # watchdogs
@@ -56,7 +54,7 @@ def felt_stiffness(run: Samples) -> Stiffness | None:
     is_answered = np.isfinite(age) & (columns.engagement > 0.0)
     depth_then = np.interp(run.time - np.nan_to_num(age), run.time, run.depth)
     answered = surface.stiffness * np.maximum(depth_then, 0.0)
-    limit, shortest = _hold_limits(run)
+    limit, shortest = run.hold_limits
     interval = np.diff(run.time, append=run.time[-1:] + 1.0 / run.rate)
     drops = run.device.get("watchdog", "silent") in DROPPING
     dropped = applied * (1.0 - np.minimum(1.0, limit / interval)) if drops else 0.0 * applied
@@ -97,15 +95,3 @@ def _shares(lost: dict[str, float]) -> dict[str, float] | None:
     return {
         name: losses[name] / whole for name in sorted(losses, key=losses.__getitem__, reverse=True)
     }
-
-
-def _hold_limits(run: Samples) -> tuple[float, float]:
-    """Return the hold limit that forces were planned for, and that without late ticks, in s."""
-    period, stated = 1.0 / run.rate, run.device.get("hold_limit", "auto")
-    if stated != "auto":
-        return stated * period, stated * period
-    shortest, name = FLOOR * period, law(run.config) or ""
-    if run.report is None:
-        return shortest, shortest
-    plans = LAWS.is_shipped(name) and LAWS[name].is_certified
-    return run.report.hold_limit, shortest if plans else run.report.hold_limit

@@ -7,14 +7,20 @@ rest; what failed, if something did.
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from forcebound.haptics.laws import ENERGY_TOLERANCE, LAWS
+from forcebound.haptics.laws import ENERGY_TOLERANCE
 from forcebound.results.cells import MM, Summary, energy, lost
+from forcebound.results.promises import in_words, is_uncovered
+from forcebound.results.samples import is_certified
 from forcebound.units import in_unit
 
 MOST_LAWS = 4  # lines, of a run that changed its law: the last ones
 ALL = 0.995  # of the stiffness
 MISSED_SHARE = 1e-3  # of the ticks; fewer are not worth a word
 STAYS = "pressing"  # the hand that a passive wall brings to rest; others move by themselves
+
+WALL = "wall"  # in place of a hand: nobody holds this device
+BODIES = ("bodies", "mass_spring")  # environments whose stiffness is not that of what is touched
+BETWEEN = "Spring between hand and body"  # which has it
 
 WHOLE = ("dissipation", "law_not_certified")  # causes of little force beside no other
 
@@ -26,57 +32,105 @@ def verdict(summary: Summary, document: Mapping[str, Any]) -> list[str]:
         summary: Of the run.
         document: The launch file as resolved for the run.
     """
+    failed = summary.get("failed", "")
+    lines = [f"Failed: {_cause(failed)}."] if failed else []
     if "laws" in summary:
-        lines = [
-            f"{one['law']}, from {one['start_s']:.3g} s: {_passivity(one, document)}"
-            f" {_felt(one, document)}."
-            for one in summary["laws"][-MOST_LAWS:]
-        ]
+        device = document.get("device") or {}
+        for one in summary["laws"][len(lines) - MOST_LAWS :]:
+            own = {**document, "device": {**device, "law": one["law"]}}
+            start = f"{one['law']}, from {one['start_s']:.3g} s"
+            lines.append(f"{start}: {_passivity(one, own)} {_felt(one, own)}.")
     elif summary["samples"]:
-        lines = [
+        lines += [
             _passivity(summary, document),
             _rest(summary, document),
             _stiffness(summary, document),
+            "" if failed else _reason(summary),
         ]
-        lines += [_reason(summary)]
-    else:
+    elif not failed:
         lines = ["No force: it never engaged."]
     failures = "; ".join(_failures(summary))
     return [line for line in (*lines, failures and f"Faults: {failures}.") if line]
 
 
+def _cause(failed: str) -> str:
+    """Return on one line why a run failed: of a process that ended, what it said itself."""
+    first, _, tail = failed.partition("; its last lines:")
+    said = tail.rpartition("forcebound: ")[2] if "forcebound: " in tail else ""
+    return " ".join(f"{first}: {said}".split()).removesuffix(":")
+
+
 def _passivity(s: Summary, document: Mapping[str, Any]) -> str:
+    lowest, device = s["true_energy_min_j"], document.get("device") or {}
+    known = _motor(s) if lowest is None else _received(s, device, _held(document))
+    promises = s["broken_promises"]
+    costly = "".join(f"{in_words(one)}. " for one in promises if not is_uncovered(one))
+    if broken := "; ".join(map(in_words, filter(is_uncovered, promises))):
+        first = f"Not covered by the certificate: {broken}. In this run {known}."
+    elif lowest is None:
+        first = _passivity_without_truth(s, device, known)
+    elif lowest >= -ENERGY_TOLERANCE:
+        first = f"Passive: {known}."
+    elif device.get("energy_partner"):  # both together are judged by results.coupling
+        first = f"{known[0].upper()}{known[1:]}."
+    else:
+        allowed = device.get("allowance", 0.0) if _is_certified(s, device) else 0.0
+        within = f"Passive but for device.allowance ({energy(allowed)})"
+        first = f"{'Not passive' if lowest < -allowed else within}: {known}."
+    return costly + first
+
+
+def _is_certified(s: Summary, device: Mapping[str, Any]) -> bool:
+    return is_certified(device.get("law", s["law"]))  # that of a summary may begin with its hand
+
+
+def _held(document: Mapping[str, Any]) -> str:
+    """Who is at the device: the hand, unless it meets something that is simulated."""
+    return "what it meets" if (document.get("operator") or {}).get("kind") == WALL else "the hand"
+
+
+def _received(s: Summary, device: Mapping[str, Any], hand: str) -> str:
+    """What a hand received, from ground truth."""
     lowest, left = s["true_energy_min_j"], s["energy_left_j"]
-    if lowest is None:
-        return _passivity_without_truth(s)
-    partner = (document.get("device") or {}).get("energy_partner")
-    if lowest < -ENERGY_TOLERANCE and partner:  # both together are judged by results.coupling
-        more = f"up to {energy(-lowest)} more than it put in"
-        return f"The hand received {more}, from the ledger of {partner}."
-    if lowest < -ENERGY_TOLERANCE:
-        return f"Not passive: the hand received up to {energy(-lowest)} that it had not put in."
-    least = (
-        f"; since contact, {energy(left)} or more were left"
-        if left is not None and left > 0.0
-        else ""
-    )
-    return f"Passive: the hand never received energy that it had not put in{least}."
+    if lowest >= -ENERGY_TOLERANCE:
+        words = f"{hand} never received energy that it had not put in"
+        if left is None or left <= 0.0:
+            return words
+        return f"{words}; since contact, {energy(left)} or more were left"
+    received = f"{hand} received up to {energy(-lowest)}"
+    if partner := device.get("energy_partner"):
+        return f"{received} more than it put in, from the ledger of {partner}"
+    return f"{received} that it had not put in"
 
 
-def _passivity_without_truth(s: Summary) -> str:
-    """Of a real device: only its motor is known, not what its friction takes."""
-    given = -(s["observed_energy_min_j"] or 0.0)
-    if given <= ENERGY_TOLERANCE:
-        return "Passive, as far as readings tell: the motor never gave more energy than it took."
-    motor = f"the motor gave up to {energy(given)} more than it took"
-    law = s["law"]
-    if not (law is not None and LAWS.is_shipped(law) and LAWS[law].is_certified):
+def _motor(s: Summary) -> str:
+    """What the motor gave: of a real device, what its friction takes is not known."""
+    given, error = _given(s)
+    if given + error <= ENERGY_TOLERANCE:
+        return "the motor never gave more energy than it took"
+    if given <= error:
+        return f"the motor gave at most {energy(given + error)} more than it took"
+    about = f" (± {energy(error)})" if error > ENERGY_TOLERANCE else ""
+    return f"the motor gave up to {energy(given)}{about} more than it took"
+
+
+def _given(s: Summary) -> tuple[float, float]:
+    """What the motor gave more than it took, and how much more that may be, in J."""
+    return -(s["observed_energy_min_j"] or 0.0), s["observed_energy_error_j"] or 0.0
+
+
+def _passivity_without_truth(s: Summary, device: Mapping[str, Any], motor: str) -> str:
+    if sum(_given(s)) <= ENERGY_TOLERANCE:
+        return f"Passive, as far as readings tell: {motor}."
+    if not _is_certified(s, device):
         return f"Unknown if passive: {motor}; the device's own friction may have taken that."
-    if s["late_writes"]:
-        late = _counted(s["late_writes"], "write")
-        return f"Unknown if passive: {late} came later than the certificate has."
+    leaked = s["largest_allowance_j"]
+    but = f" but for at most {energy(leaked)} (device.allowance)" if leaked else ""
+    trust = "if the device's numbers are right"
+    if device.get("watchdog") == "silent" and s["hold_limit_overruns"]:
+        trust += f" and its watchdog dropped {_counted(s['hold_limit_overruns'], 'late force')}"
     covered = "which its friction and damping cover"
-    return f"Passive by the certificate, if the device's numbers are right: {motor}, {covered}."
+    return f"Passive by the certificate{but}, {trust}: {motor}, {covered}."
 
 
 def _rest(s: Summary, document: Mapping[str, Any]) -> str:
@@ -91,12 +145,14 @@ def _rest(s: Summary, document: Mapping[str, Any]) -> str:
     words = f"Not at rest: it moves at {float(f'{1e3 * speed:.3g}'):g} mm/s at the end"
     words += f", and turned round {_times(turns)} after first contact." if turns else "."
     hand = (document.get("operator") or {}).get("kind", STAYS)
-    return words if hand == STAYS else f"{words} (A hand of kind {hand} may do that by itself.)"
+    if hand in (STAYS, WALL):
+        return words
+    return f"{words} (A hand of kind {hand} may do that by itself.)"
 
 
 def _stiffness(s: Summary, document: Mapping[str, Any]) -> str:
     stiffness, words = s["stiffness_n_per_m"], _felt(s, document)
-    if (document.get("environment") or {}).get("kind") == "coupling":
+    if _environment(document) == "coupling":
         return ""  # a line for both hands says it
     if stiffness is None or abs(stiffness["felt"] / stiffness["asked"] - 1.0) <= 1.0 - ALL:
         return f"{words}."
@@ -120,10 +176,15 @@ def _felt(s: Summary, document: Mapping[str, Any]) -> str:
     unit = (document.get("units") or {}).get("environment.stiffness", "N/mm")
     if of is not None:
         felt, asked = (in_unit(of[key], unit, 3) for key in ("felt", "asked"))
-        return f"Stiffness felt: {felt} of {asked}"
+        what = BETWEEN if _environment(document) in BODIES else "Stiffness felt"
+        return f"{what}: {felt} of {asked}"
     if mean is not None:
         return f"Stiffness felt: {in_unit(mean, unit, 3)}; the environment has no constant one"
     return f"Stiffness felt: not known, {s['undefined']['displayed_stiffness_n_per_m']}"
+
+
+def _environment(document: Mapping[str, Any]) -> str:
+    return str((document.get("environment") or {}).get("kind"))
 
 
 def _reason(s: Summary) -> str:
@@ -144,8 +205,9 @@ def _counted(count: int, noun: str) -> str:
 
 
 def _failures(s: Summary) -> Iterator[str]:
+    counted = ("ticks_missed", *(["readings_refused"] if s["refused_readings"] else []))
     for kind, count in s["faults"].items():
-        if kind != "ticks_missed":  # they are counted below
+        if kind not in counted:  # below
             yield f"{kind.replace('_', ' ')} {_times(count)}"
     rejected = ", ".join(f"{count} {why}" for why, count in s["rejected_packets"].items() if count)
     if rejected:
@@ -154,7 +216,7 @@ def _failures(s: Summary) -> Iterator[str]:
     share = missed / (missed + s["samples"] or 1)
     if share > MISSED_SHARE:
         yield f"{_counted(missed, 'tick')} missed ({share:.1%})"
-    if s["refused_readings"]:
+    if s["refused_readings"] and all(map(is_uncovered, s["broken_promises"])):
         yield f"{_counted(s['refused_readings'], 'reading')} refused"
     lost_packets = lost(s)
     if lost_packets != "0":

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from forcebound.errors import ConfigError, DeviceError
-from forcebound.graph.graph import EnvironmentConfig, GraphConfig, HandConfig
+from forcebound.graph.graph import KINDS, EnvironmentConfig, GraphConfig, HandConfig
 from forcebound.graph.resolved import made
 from forcebound.graph.servo import dissipation_of
 from forcebound.haptics.devices import Device
@@ -81,14 +81,19 @@ def build_device(
 ) -> DeviceNode:
     """Return the device node of a hand with its device, opened; DeviceError if that fails."""
     model, servo = made(DEVICE, hand.device.model), hand.device.servo
+    hands = KINDS["operator"]
     try:
-        device = model.open(made("operator", hand.operator), servo.opening_hold)
+        operator = made("operator", hand.operator)
+        device = model.open(operator, servo.opening_hold)
     except Exception as error:
         words = str(error) if isinstance(error, DeviceError) else describe_user_error(error)
         raise DeviceError(f"the device cannot be opened: {words}") from error
     if not isinstance(device, Device):
         raise DeviceError(f"open must return a forcebound.haptics.devices.Device, got {device!r}")
-    if not isinstance(device, SimulatedDevice):  # which cannot fail, and runs in sweeps
+    kind = hands.kind_of(type(operator))
+    is_shipped = operator is None or (kind is not None and hands.is_shipped(kind))
+    # A simulated one cannot fail in a hand of ours, and runs in sweeps.
+    if not (isinstance(device, SimulatedDevice) and is_shipped):
         device = guarded(device)
     signals = model.signals
     dissipation = dissipation_of(model, servo)

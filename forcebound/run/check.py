@@ -4,6 +4,7 @@ import math
 import statistics
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing, suppress
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -17,6 +18,7 @@ from forcebound.graph.model import law_of, member_of
 from forcebound.graph.names import Document
 from forcebound.graph.resolved import member_document
 from forcebound.haptics.controllers import contract as controllers
+from forcebound.haptics.devices import DeviceModel
 from forcebound.haptics.devices import contract as devices
 from forcebound.haptics.environments import Environment, EnvironmentModel, open_environment
 from forcebound.haptics.environments import contract as environments
@@ -38,6 +40,7 @@ CONTRACTS: Mapping[str, Any] = {
 PROBES = (-0.010, 0.0, 0.005, 0.010, 0.011, 0.015, 0.020, 0.050)  # m, positions for forces at rest
 FEWEST_CALLS, CALLS = 10, 300  # that are timed
 QUERYING, TIMING = 10.0, 2.0  # s, approximately: queries of the contract, timed calls
+HOLD_LIMIT = 1.25e-3  # s, of a device while it is timed
 CHECK_S = 120.0  # for all of it, in a process of its own
 
 Progress: TypeAlias = Callable[[str, int, int], None]
@@ -58,6 +61,14 @@ class AnswerTimes(Struct, frozen=True):
     answers: int
 
 
+class TickTimes(Struct, frozen=True):
+    """Times of a device's read and write, in s, medians; ``reads``: how many of them a tick has."""
+
+    read: float
+    write: float
+    reads: int
+
+
 class Checked(Struct, kw_only=True, omit_defaults=True):
     """What the contract test finds of a part."""
 
@@ -71,6 +82,8 @@ class Checked(Struct, kw_only=True, omit_defaults=True):
     left_out: int | None = None  # queries that were not sent
     at_rest: list[AtRest] = []
     seconds_per_answer: AnswerTimes | None = None
+    # Of a device:
+    seconds_per_tick: TickTimes | None = None
 
 
 def check_part(
@@ -124,7 +137,10 @@ def check_here(
     part = member_document(section, model)
     if section == "environment":
         return _check_environment(part, progress, model, axes, expected)
-    return _checked(part, CONTRACTS[section].check(model))
+    checked = _checked(part, CONTRACTS[section].check(model))
+    if section == "device" and checked.passed:
+        checked.seconds_per_tick = _tick_times(model)
+    return checked
 
 
 def _checked(part: Document, report: Report) -> Checked:
@@ -184,7 +200,14 @@ def lines(section: str, checked: Checked) -> list[str]:
 
 
 def _measured(checked: Checked) -> list[str]:
-    answer = checked.seconds_per_answer
+    tick, answer = checked.seconds_per_tick, checked.seconds_per_answer
+    if tick is not None:
+        each = tick.reads * tick.read + tick.write
+        read, write, both = (f"{1e6 * one:.1f} us" for one in (tick.read, tick.write, each))
+        words = f"a tick reads {('once', 'twice')[tick.reads - 1]} and writes once: {both}"
+        too_long = f": device.rate must be below {1 / each:.0f} Hz" if each > 1e-3 else ""
+        line = f"a read takes {read}, a write {write}; {words}; at 1 kHz it has 1000 us{too_long}"
+        return [line]
     if answer is None:
         return []  # no environment
     shown = ", ".join(
@@ -194,6 +217,9 @@ def _measured(checked: Checked) -> list[str]:
     )
     tried = ", ".join(map(str, checked.axes))
     text = [f"numbers of axes tried: {tried}", f"at rest, on the first axis: {shown}"]
+    if "resists" not in checked.promises:
+        words = "positive resists motion in the positive direction"
+        text.append(f"no press along an axis met a force, at rest, that resists it ({words})")
     if checked.left_out:
         known = checked.questions + checked.left_out
         text.append(f"{checked.questions} of {known} queries, since answers are slow")
@@ -203,6 +229,23 @@ def _measured(checked: Checked) -> list[str]:
             f" {answer.max * 1e6:.0f} us); at 1 kHz a tick has 1000 us"
         )
     return text
+
+
+def _tick_times(model: DeviceModel) -> TickTimes | None:
+    """Times of a device that gets no force; None: it failed, which its contract judges."""
+    times: list[tuple[float, float]] = []
+    reads, end = 2, time.perf_counter() + TIMING
+    with suppress(Exception), closing(model.open(None, HOLD_LIMIT)) as device:
+        while len(times) < CALLS and (began := time.perf_counter()) < end:
+            device.read(time.monotonic_ns())
+            between = time.perf_counter()
+            device.write(time.monotonic_ns(), (0.0,) * model.axes)
+            times.append((between - began, time.perf_counter() - between))
+            reads = 2 if device.fresh_reading() is None else 1
+    if not times:
+        return None
+    read, write = map(statistics.median, zip(*times, strict=True))
+    return TickTimes(read, write, reads)
 
 
 def _expected(text: str) -> tuple[float, float]:

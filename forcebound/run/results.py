@@ -17,7 +17,7 @@ from forcebound.graph.graph import KINDS, GraphConfig
 from forcebound.graph.names import Document
 from forcebound.graph.resolved import to_document
 from forcebound.haptics.parts.user_module import source_of
-from forcebound.messages.events import BOUNDER_REPORTED, LAW_CHANGED
+from forcebound.messages.events import BOUNDER_REPORTED, CODE_FAILED, LAW_CHANGED
 from forcebound.messages.packets import TOPIC_OF, EnvironmentReply, Event, Meaning, Telemetry
 from forcebound.messages.topology import SIGNAL_TOPICS, hand_sections, in_hand
 from forcebound.recordings.telemetry import TelemetryColumns
@@ -176,11 +176,9 @@ class RunResult:
     @property
     def failed(self) -> str:
         """Why the run failed, or nothing came of it; empty: it did what it was to do."""
-        if self.failure or self.interrupted:
-            return self.failure
-        broken = [event.message for event in self.events if event.event == "environment_failed"]
-        if broken and not (self.columns.reply_age >= 0.0).any():
-            return broken[0]
+        broken = [event.message for event in self.events if event.event in CODE_FAILED]
+        if self.failure or broken or self.interrupted:
+            return self.failure or "".join(broken[:1])
         if not (self.columns.engagement >= LEAST_ENGAGEMENT).any():
             return (
                 "the force never engaged: no command younger than the age limit reached the device,"
@@ -206,6 +204,7 @@ class RunResult:
             "law": self.label,
             "phases": summarize_phases(self.columns, self.events, self.document),
             "interrupted": self.interrupted,
+            "failed": self.failed,
         }
         if not self.is_complete or self._lacks_its_end:
             summary["faults"]["recording_incomplete"] = 1
@@ -220,7 +219,8 @@ class RunResult:
                 }
                 for part in self.by_law
             ]
-            summary |= {**dict.fromkeys(OF_ONE_LAW), "little_force": [], "undefined": reasons}
+            of_one = {"little_force": [], "broken_promises": [], "undefined": reasons}
+            summary |= {**dict.fromkeys(OF_ONE_LAW), **of_one}
             summary["laws"] = laws
         summary = {name: _finite(value) for name, value in summary.items()}
         return {**summary, "verdict": verdict(summary, self.document)}

@@ -9,11 +9,12 @@ from forcebound.errors import ConfigError, DeviceError, ForceboundError, RunErro
 from forcebound.graph.graph import KINDS, GraphConfig
 from forcebound.graph.resolved import kind_of
 from forcebound.haptics.parts.user_module import describe_user_error
+from forcebound.messages.events import CODE_FAILED
 from forcebound.run.results import RunResult
 from forcebound.run.virtual import run_virtual_hands
 
 TICKS = 20
-FAILURES = ("environment_failed", "controller_failed", "signal_refused")  # of the user's code
+FAILURES = (*CODE_FAILED, "signal_refused")  # of the user's code
 
 
 def try_start(config: GraphConfig) -> None:

@@ -2,7 +2,8 @@
 
 The check opens an environment twice and asks both instances the same questions: those of a table,
 and along strokes to what its scene shows; a violation names the question. Only the first is asked
-for contacts and scenes, too: if that changed an answer, the second would show it.
+for contacts and scenes, too: if that changed an answer, the second would show it. Presses, each on
+a new instance, look for a force of the opposite sign.
 """
 
 import functools
@@ -20,7 +21,8 @@ from forcebound.haptics.environments import (
     EnvironmentModel,
     open_environment,
 )
-from forcebound.haptics.environments.strokes import Question, strokes
+from forcebound.haptics.environments.pulling import check_press
+from forcebound.haptics.environments.strokes import Question, presses, strokes
 from forcebound.haptics.parts import overridden
 from forcebound.haptics.parts.contract import (
     SIGNALS,
@@ -38,6 +40,7 @@ LONG = 1e4  # s: beyond any run
 PLACES = (0.001, -0.001, 0.02, -0.02, 1.0, -1.0, FAR, -FAR)  # m
 SCATTERED = 30  # questions at random for each reach, and about each parameter
 STROKES = 12  # towards what a scene shows, for each number of axes
+PRESSES = 6  # towards what a scene shows, with about three axes
 FEWEST = 4  # questions for each number of axes, however long an answer takes
 
 PROMISES: dict[str, str] = {
@@ -48,6 +51,7 @@ PROMISES: dict[str, str] = {
     "contact": "reports a finite proxy and a unit normal, one entry per axis, or None",
     "scene": f"shows at most {MAX_LENGTH} objects with different names, all of them drawable",
     "pure": "the same questions, in the same order from open on, have the same answers",
+    "resists": "resists a press into it: positive resists motion in the positive direction",
     "users": "answers a second hand, takes readings, and lets a hand leave",
     **SIGNALS,
     **VALUE,
@@ -76,6 +80,9 @@ def check(
     known = {count: _questions(model, objects, count) for count in axes}
     share = math.inf if at_most is None else max(FEWEST, at_most // len(axes))
     asked = {count: all_[:: math.ceil(len(all_) / share) or 1] for count, all_ in known.items()}
+    space = min(axes, key=lambda count: abs(count - 3), default=1)
+    possible = presses(objects, space, PRESSES)
+    pressed = possible if at_most is None else possible[: at_most // 2 // len(possible[0])]
     total = sum(map(len, asked.values()))
     numbers = itertools.count()
     found = Findings()
@@ -84,7 +91,7 @@ def check(
     members: set[str] = set()
 
     def report(question: Question) -> None:
-        progress(str(question), next(numbers), 2 * total)
+        progress(str(question), next(numbers), 2 * total + sum(map(len, pressed)))
 
     for count, questions in asked.items():
         before = _answers(model, count, questions, found, report, members)
@@ -97,9 +104,14 @@ def check(
             _check_rest(model, count, position, force, found)
     promises = {name: words for name, words in PROMISES.items() if name != "rest" or at_rest}
     unseen = {"contact", "scene"} - members
+    decided = [check_press(model, press, found, report) for press in pressed]
+    if not any(decided):
+        unseen.add("resists")
     if not any(answered):
         unseen |= {"answers", "shape", "finite", "pure"}
-    return found.report(promises, total, sum(map(len, known.values())) - total, unseen)
+    total += sum(map(len, pressed))
+    every = sum(map(len, [*known.values(), *possible]))
+    return found.report(promises, total, every - total, unseen)
 
 
 def _check_rest(

@@ -1,6 +1,7 @@
 """Questions along strokes of a tip: from outside to the middle of what is drawn, and then across.
 
-Questions at random rarely touch a ball in space, and never slide along it. These do.
+Questions at random rarely touch a ball in space, and never slide along it. These do. Presses go
+inwards alone, at rest, while time stands still: what they find is a matter of the place.
 """
 
 import itertools
@@ -8,6 +9,7 @@ from collections.abc import Iterator, Sequence
 from random import Random
 from typing import NamedTuple
 
+from forcebound.haptics.environments import FAR
 from forcebound.haptics.geometry.vectors import (
     ZERO,
     Vector3,
@@ -27,6 +29,7 @@ CLEARANCE = 0.01  # m, from what is drawn to the beginning of a stroke
 UNKNOWN = 0.03  # m, half the size of what is only in a file
 THIN = 0.01  # m, how deep a stroke goes beyond a plane or path
 PERIOD = 1e-3  # s, between two questions
+BEFORE, NEAR, STEP, GROWTH = 0.02, 0.05, 5e-4, 1.5  # m, m, m, 1: presses have steps, then grow
 
 
 class Question(NamedTuple):
@@ -62,6 +65,21 @@ def strokes(objects: Sequence[SceneObject], axes: int, count: int) -> Iterator[l
             Question(cut(position, axes), cut(speed, axes), number + PERIOD * step)
             for step, (position, speed) in enumerate(tips)
         ]
+
+
+def presses(objects: Sequence[SceneObject], axes: int, count: int) -> list[list[Question]]:
+    """Return presses along the axes in space, either way, up to ``FAR``; ``count`` to objects."""
+    ways = [STEP * k for k in range(round(-BEFORE / STEP), round(NEAR / STEP) + 1)]
+    while ways[-1] < FAR:
+        ways.append(min(ways[-1] * GROWTH, FAR))
+    still = (0.0,) * axes
+    found = [
+        [Question((*still[:axis], sign * way, *still[axis + 1 :]), still, 1.0) for way in ways]
+        for axis, sign in itertools.product(range(min(axes, 3)), (1.0, -1.0))
+    ]
+    for stroke in strokes(objects, axes, count):
+        found.append([Question(question.position, still, 1.0) for question in stroke[:INWARDS]])
+    return found
 
 
 def _half_size(target: SceneObject) -> float:

@@ -23,6 +23,7 @@ from forcebound.haptics.laws.hold_cost import hold_cost
 from forcebound.haptics.laws.law import BoundingLaw
 from forcebound.haptics.laws.ledger import (
     PLACES,
+    SETTLED,
     SILENT,
     Ledger,
     store_axis,
@@ -40,7 +41,13 @@ from forcebound.haptics.laws.sample import (
     observe_axis,
     start_axis,
 )
-from forcebound.haptics.laws.timeline import advance, cost_before, drop, may_be_dropped, send
+from forcebound.haptics.laws.timeline import (
+    advance_to_reading,
+    cost_before,
+    drop,
+    may_be_dropped,
+    send,
+)
 from forcebound.haptics.laws.waveform import begin_interval, mean_force, penalty
 
 Ledgers: TypeAlias = Sequence[Ledger]  # an array of one
@@ -51,6 +58,7 @@ Settle: TypeAlias = Callable[[Ledgers, float], float]
 #: What becomes of a reading: it is refused, taken in, or the ledger starts again from it.
 REFUSED, TAKEN, RESTART = 0, 1, 2
 _UNSURE = 3  # taken in, after a hold that was cut at an unknown time
+_NEW = 4  # a new ledger: the motor's force was not known for a while
 
 
 @cache
@@ -88,11 +96,14 @@ def _limit(law: BoundingLaw) -> Limit:
     ) -> tuple[float, float, int]:
         ledger = ledgers[0]
         device = ledger.constants
-        advance(ledger, duration)
+        advance_to_reading(ledger, duration)
         if limits_holds and closing != REFUSED:
             closing = closing_of(ledger, closing)
         largest, added_damping = math.inf if limits_holds else 0.0, 0.0
-        if closing == RESTART:
+        if closing == _NEW:
+            restart(ledger)
+            renew(ledger)
+        elif closing == RESTART:
             restart(ledger)
         elif closing != REFUSED:
             motion, cost, price = observe_axes(ledger, dt, closing == _UNSURE)
@@ -123,9 +134,10 @@ def _limit(law: BoundingLaw) -> Limit:
                 ledger.available[0] = ledger.available[1] = least
             want_direction(ledger, magnitude)
             largest = min(largest, largest_force(ledger))
+            if ledger.is_unsure and ledger.lag > 0.0:
+                largest = 0.0  # what the motor still gives is not known
         if ledger.waiting >= PLACES - 1:
             largest = 0.0
-            ledger.crowded += 1
         return min(largest, ledger.saturation), added_damping, closing
 
     return limit
@@ -150,6 +162,8 @@ def _settle(law: BoundingLaw) -> Settle:
             ledger.state[end] = settle_law(ledger.state[end], write, ledger.constants)
             budget = min(budget, ledger.available[end])
             least = min(least, energy(ledger.state[end], write, ledger.constants))
+        if ledger.waiting >= PLACES - 1:
+            ledger.crowded += 1
         send(ledger, delay, ledger.planned_limit, budget)
         if limits_holds and ledger.axes > 1 and ledger.gain > 0.0:
             least -= spread_price(ledger)
@@ -179,13 +193,16 @@ def begin(ledger: Ledger) -> None:
     ledger.held_limit, ledger.until_cut = ledger.planned_limit, math.inf
     ledger.waiting = ledger.crowded = 0
     ledger.is_unsure = ledger.was_unsure = False
-    ledger.is_dropped = True
+    ledger.quiet = ledger.inserted = 0.0
+    ledger.is_dropped, ledger.is_waiting = True, False
 
 
 def closing_of(ledger: Ledger, closing: int) -> int:
     """Return what becomes of a reading, given what the watchdog may have done before it."""
     if not ledger.is_unsure:
         return closing
+    if ledger.lag > 0.0:  # the motor's force is known again once what is left of that one is gone
+        return _NEW if closing != REFUSED and ledger.quiet > SETTLED * ledger.lag else REFUSED
     if may_be_dropped(ledger) and ledger.write_delay > 0.0:
         return REFUSED  # when it was dropped is known only once the next force acts
     is_one_hold = ledger.age == ledger.since and ledger.lag == 0.0
@@ -214,8 +231,11 @@ def observe_axes(ledger: Ledger, dt: float, is_unsure: bool) -> tuple[Motion, fl
             capability += force * force * dt / (4.0 * one.damping)
             work += force * move
             uncertain += ledger.gain * abs(force * move)
-        price += one.half_resolution * change
-        axis.work += mean * move - one.half_resolution * change
+        dear = one.half_resolution * change
+        if motor.unknown > 0.0:
+            dear += motor.unknown / dt * (abs(move) + 2.0 * one.half_resolution)
+        price += dear
+        axis.work += mean * move - dear
         after, motion = observe_axis(before, ledger.memory, reading, mean, motion, one)
         store_axis(before, after)
         begin_interval(motor)
@@ -278,6 +298,13 @@ def restart(ledger: Ledger) -> None:
         ledger.state[end] -= price + ledger.constants.start_price
     ledger.held_price = 0.0
     store_memory(ledger.memory, NO_MEMORY)
+
+
+def renew(ledger: Ledger) -> None:
+    """Keep nothing: loss and work are not negative, since every force so far has been paid."""
+    for k in range(ledger.axes):
+        ledger.axis[k].work = 0.0
+    ledger.state[0] = ledger.state[1] = -ledger.constants.start_price
 
 
 def spread_price(ledger: Ledger) -> float:

@@ -122,7 +122,7 @@ def _strongest(ledger: Ledger, k: int) -> float:
     """Return the largest force of a motor, in N, when the next takes effect."""
     axis = ledger.axis[k]
     force = abs(axis.motor.actual)
-    if ledger.write_delay > 0.0:
+    if ledger.write_delay > 0.0 or ledger.inserted > 0.0:
         force = max(force, abs(axis.motor.target))
     for place in range(ledger.waiting):
         force = max(force, abs(axis.waiting[place]))

@@ -1,18 +1,20 @@
 """The bounder: a law, its memory and the vectors, as the device node calls it at each sample."""
 
 import math
+from collections.abc import Callable, Sequence
 from functools import partial
 from struct import Struct
 from typing import Any, TypeAlias
 
 from forcebound.compiled import jit, new_records
-from forcebound.errors import ConfigError
+from forcebound.errors import ConfigError, DeviceError
 from forcebound.haptics.laws.all_axes import REFUSED, RESTART, TAKEN, compiled, cut
 from forcebound.haptics.laws.constants import acts_along_path, axis_constants, energy_cap
 from forcebound.haptics.laws.dissipation import WATCHDOGS, Dissipation
 from forcebound.haptics.laws.exchange import compiled_exchange
 from forcebound.haptics.laws.law import LAWS, BoundingLaw, check_law
 from forcebound.haptics.laws.ledger import Ledger
+from forcebound.haptics.parts.user_module import describe_user_error
 from forcebound.messages.packets import MAX_AXES
 
 Vector: TypeAlias = tuple[float, ...]
@@ -36,14 +38,15 @@ class ForceBounder:
         estimated_energy: The law's estimate after the last sample, in J; its meaning
             is the law's.
         overruns: Holds that lasted longer than the hold limit.
-        refused_readings: Readings that were rejected: not finite, too soon after the last, or
-            faster than the device's largest speed.
+        refused_readings: Readings that were rejected: not finite, too soon after the last, faster
+            than the device's largest speed, or perhaps before, perhaps after a change of the force.
         late_writes: Forces that took effect later after their reading than the device states.
 
     With ``exchanges`` the ledger can :meth:`debit`, for another one to :meth:`credit`.
 
     Raises:
         ConfigError: If the law is not known, or the description does not fit this number of axes.
+        DeviceError: Here and in the methods, if the code of a law of the user's own fails.
     """
 
     def __init__(
@@ -52,7 +55,10 @@ class ForceBounder:
         check_law(law)
         if not 1 <= axes <= MAX_AXES:
             raise ConfigError(f"axes must be 1 to {MAX_AXES}, got {axes}")
-        self._start_law, self._limit_force, self._settle_force = compiled(LAWS[law])
+        functions: Sequence[Any] = compiled(LAWS[law])
+        if not LAWS.is_shipped(law):
+            functions = [partial(_call, law, one) for one in functions]
+        self._start_law, self._limit_force, self._settle_force = functions
         if exchanges:
             self._spare, self._debit = compiled_exchange(LAWS[law])
         self._cut = jit(cut)
@@ -122,6 +128,7 @@ class ForceBounder:
         self._taken_ns = self._now_ns = self._written_ns = time_ns
         self._position = position
         self._candidate: tuple[int, Vector] | None = None
+        self._inserted_ns = 0  # before the reading, which may be earlier by so much
         self._held_limit_ns = self._limit_ns
         self._cut_ns = time_ns - 1_000_000_000  # none yet
         self._set_reading(*position)
@@ -129,7 +136,9 @@ class ForceBounder:
         self.overruns = self.refused_readings = self.late_writes = 0
         self.estimated_energy: float = self._start_law(self._ledgers)
 
-    def bound(self, read_ns: int, position: Vector, commanded: Vector) -> Vector:
+    def bound(
+        self, read_ns: int, position: Vector, commanded: Vector, jitter_ns: int = 0
+    ) -> Vector:
         """Return the force to write at this sample, in N, in the direction of the commanded force.
 
         Only a law that adds damping departs from that. A reading that cannot be is refused: it is
@@ -139,6 +148,8 @@ class ForceBounder:
             read_ns: When ``position`` was read, in ns; later than before.
             position: Reading of each axis, in m.
             commanded: Commanded force of each axis, in N.
+            jitter_ns: By how much it may have been read earlier than at ``read_ns``, in ns. What
+                certainly happens after the reading is then that much later, too.
 
         Raises:
             ValueError: If a commanded force is not finite: a mistake of the caller, since the
@@ -150,7 +161,9 @@ class ForceBounder:
         if not magnitude < math.inf:
             raise ValueError(f"commanded forces must be finite, got {commanded} N")
         before = self._position
-        limit, damping, dt = self._sample(read_ns, position, magnitude)
+        self._insert(jitter_ns)
+        is_clear = jitter_ns == 0 or self._postpone(read_ns, jitter_ns)
+        limit, damping, dt = self._sample(read_ns, position, magnitude, is_clear=is_clear)
         force = commanded
         if damping > 0.0:
             rate = damping / dt
@@ -219,18 +232,50 @@ class ForceBounder:
         that the watchdog permits is reckoned with.
         """
         passed, waiting = (time_ns - self._now_ns) / 1e9, range(self._ledger.waiting)
-        effects = [self._ledger.until_write[place] for place in waiting]
-        if time_ns == self._written_ns or any(abs(one - passed) < HALF_NS for one in effects):
+        effects = [-self._ledger.age, *[self._ledger.until_write[place] for place in waiting]]
+        if any(abs(one - passed) < HALF_NS for one in effects):
             return
         if time_ns < self._now_ns:
-            self._ledger.is_unsure = True
+            self._ledger.is_unsure, self._ledger.quiet = True, 0.0
             return
         self._cut_ns = time_ns
+        self._insert(0)
         self._sample(time_ns, position, 0.0, is_cut=True)
         self._cut(self._ledgers)
+        self._ledger.is_unsure = self._ledger.was_unsure  # whatever its age was at the report
+
+    def _insert(self, jitter_ns: int) -> None:
+        if jitter_ns != self._inserted_ns:
+            self._inserted_ns, self._ledger.inserted = jitter_ns, jitter_ns / 1e9
+
+    def _postpone(self, read_ns: int, jitter_ns: int) -> bool:
+        """Let what happens after a reading wait for the time that was inserted before the reading.
+
+        Return whether it is known of everything whether it happens before the reading or after.
+        """
+        ledger, is_clear = self._ledger, True
+        latest = (read_ns - self._now_ns) / 1e9
+        jitter = jitter_ns / 1e9
+        times = [ledger.until_cut, *[ledger.until_write[k] for k in range(ledger.waiting)]]
+        for k, time in enumerate(times):
+            if time > latest - HALF_NS:
+                times[k] += jitter
+            elif time > latest - jitter + HALF_NS:  # a cut matters if the force is not replaced
+                is_clear = is_clear and k == 0 and ledger.write_delay == 0.0
+        ledger.until_cut = times[0]
+        for k in range(ledger.waiting):
+            ledger.until_write[k] = times[k + 1]
+        if self._written_ns >= read_ns:
+            self._written_ns += jitter_ns
+        return is_clear
 
     def _sample(
-        self, read_ns: int, position: Vector, magnitude: float, is_cut: bool = False
+        self,
+        read_ns: int,
+        position: Vector,
+        magnitude: float,
+        is_cut: bool = False,
+        is_clear: bool = True,
     ) -> tuple[float, float, float]:
         """Let time pass up to a reading and take it in; return force, added damping and dt."""
         self._set_reading(*position)
@@ -240,6 +285,7 @@ class ForceBounder:
             since_ns < SHORTEST_NS
             or read_ns < self._now_ns
             or not math.hypot(*position) < LARGEST_READING
+            or not is_clear
         ):
             closing = REFUSED
         elif self._is_gated:
@@ -274,6 +320,14 @@ class ForceBounder:
         way = math.dist(before[1], position)
         dt = (read_ns - before[0]) / 1e9
         return way <= self._dissipation.largest_speed * dt + self._slack
+
+
+def _call(law: str, function: Callable[..., Any], *arguments: Any) -> Any:
+    """Call a function of a law of the user's own, which may raise anything."""
+    try:
+        return function(*arguments)
+    except Exception as error:
+        raise DeviceError(f"law {law} failed: {describe_user_error(error)}") from error
 
 
 def shorten(force: Vector, magnitude: float, limit: float) -> Vector:

@@ -16,6 +16,8 @@ PLACES = 8
 # :data:`forcebound.haptics.laws.dissipation.WATCHDOGS`.
 GUARDING, REPORTING, SILENT, NONE = range(4)
 
+SETTLED = 20.0  # time constants of the amplifier, after which the rest of a force is gone: 2e-9
+
 
 class Axis:
     """What belongs to one axis."""
@@ -59,6 +61,8 @@ class Ledger:
     held_price: float  # J, of the last reading that was taken in
     spent: float  # J, the most that the force since that reading can have given
     since: float  # s, since that reading
+    inserted: float  # s before this reading that the true interval need not have
+    is_waiting: bool  # in that time
     memory: Memory
     # The force that acts.
     age: float  # s
@@ -69,6 +73,7 @@ class Ledger:
     is_dropped: bool
     is_unsure: bool  # the watchdog may have dropped a force since the last reading
     was_unsure: bool  # the same, of a force that another one has replaced since
+    quiet: float  # s, since a force may have been dropped last
     largest_leak: float  # J, the most that a late hold can have given
     # The forces that were written and will act, in order.
     waiting: int  # number of them

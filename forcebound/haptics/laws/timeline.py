@@ -8,7 +8,7 @@ import math
 from forcebound.haptics.laws.hold_cost import hold_cost, rigid_cost
 from forcebound.haptics.laws.ledger import GUARDING, NONE, PLACES, SILENT, Ledger
 from forcebound.haptics.laws.sample import AxisConstants
-from forcebound.haptics.laws.waveform import retarget, run
+from forcebound.haptics.laws.waveform import retarget, run, wait
 
 
 def advance(ledger: Ledger, duration: float) -> None:
@@ -28,6 +28,16 @@ def advance(ledger: Ledger, duration: float) -> None:
             drop(ledger)
 
 
+def advance_to_reading(ledger: Ledger, duration: float) -> None:
+    """Let ``duration`` pass, in s, of which the true interval need not have what was inserted."""
+    inserted = min(ledger.inserted, duration) if ledger.lag > 0.0 else 0.0
+    advance(ledger, duration - inserted)
+    if inserted > 0.0:
+        ledger.is_waiting = True
+        advance(ledger, inserted)
+        ledger.is_waiting = False
+
+
 def send(ledger: Ledger, delay: float, limit: float, budget: float) -> None:
     """Let the force of ``trial`` act after ``delay``, in s, in place of all that would act later.
 
@@ -36,7 +46,9 @@ def send(ledger: Ledger, delay: float, limit: float, budget: float) -> None:
     while ledger.waiting > 0 and ledger.until_write[ledger.waiting - 1] >= delay:
         ledger.waiting -= 1
     place = ledger.waiting
-    if place == PLACES:  # then this force is zero, as the one before it is
+    if place == PLACES:  # then this force is zero, as the one before it is: that one lasts longer
+        longer = delay - ledger.until_write[place - 1] + limit
+        ledger.waiting_limit[place - 1] = max(ledger.waiting_limit[place - 1], longer)
         return
     for k in range(ledger.axes):
         ledger.axis[k].waiting[place] = ledger.axis[k].trial
@@ -52,14 +64,20 @@ def _run_motors(ledger: Ledger, piece: float) -> None:
     cost = acting_cost(ledger, piece, 1.0 + ledger.gain)
     ledger.given += cost
     for k in range(ledger.axes):
-        run(ledger.axis[k].motor, piece, ledger.lag)
+        if ledger.is_waiting:
+            wait(ledger.axis[k].motor, piece, ledger.lag)
+        else:
+            run(ledger.axis[k].motor, piece, ledger.lag)
     ledger.age += piece
     ledger.since += piece
+    ledger.quiet += piece
     ledger.until_cut -= piece
     if ledger.watchdog == NONE and ledger.age > ledger.held_limit and not ledger.is_dropped:
-        ledger.largest_leak = max(ledger.largest_leak, ledger.given - max(ledger.budget, 0.0))
+        # What is left of the force when it ends decays, as if it lasted half the lag longer.
+        given = ledger.given + acting_cost(ledger, 0.5 * ledger.lag, 1.0 + ledger.gain)
+        ledger.largest_leak = max(ledger.largest_leak, given - max(ledger.budget, 0.0))
     if may_be_dropped(ledger):
-        ledger.is_unsure = True
+        ledger.is_unsure, ledger.quiet = True, 0.0
         cost += dropped_cost(ledger, piece)
     ledger.spent += cost
 

@@ -21,6 +21,8 @@ class Motor:
     second: float  # N² s, integral of its square
     steps: float  # number of steps of the target since the last reading
     step: float  # N, the last of them
+    unknown: float  # N s, most that the integral can err, see ``wait``
+    unknown_square: float  # N² s, the same of the integral of the square of the error
 
 
 def run(motor: Motor, duration: float, lag: float) -> None:
@@ -37,6 +39,18 @@ def run(motor: Motor, duration: float, lag: float) -> None:
     motor.actual = target + away
 
 
+def wait(motor: Motor, duration: float, lag: float) -> None:
+    """Let a ``duration`` pass, in s, that the true interval need not have: the amplifier waits.
+
+    In truth its force may have gone on towards the target: by so much it is unknown.
+    """
+    motor.first += motor.actual * duration
+    motor.second += motor.actual * motor.actual * duration
+    way = abs(motor.target - motor.actual) * (1.0 - math.exp(-duration / lag))
+    motor.unknown += way * duration
+    motor.unknown_square += way * way * duration
+
+
 def retarget(motor: Motor, target: float, lag: float, is_first: bool) -> None:
     """Set a new target, in N; ``is_first``: right at the reading."""
     step = target - motor.target
@@ -51,6 +65,7 @@ def retarget(motor: Motor, target: float, lag: float, is_first: bool) -> None:
 def begin_interval(motor: Motor) -> None:
     """Observe the motor from a reading on."""
     motor.first = motor.second = motor.steps = motor.step = 0.0
+    motor.unknown = motor.unknown_square = 0.0
 
 
 def mean_force(motor: Motor, dt: float, lag: float) -> float:
@@ -71,6 +86,8 @@ def penalty(
     if motor.steps == 0.0 and lag == 0.0:
         return 0.0
     deviation = max(motor.second - motor.first * motor.first / dt, 0.0)
+    if motor.unknown_square > 0.0:
+        deviation = (math.sqrt(deviation) + math.sqrt(motor.unknown_square)) ** 2
     if motor.steps != 1.0 or lag > 0.0 or constants.presliding > 0.0:
         return gain * gain * deviation / (4.0 * constants.damping)
     return step_penalty(motor.step, deviation, gain, move, constants)

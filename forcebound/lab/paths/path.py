@@ -87,7 +87,7 @@ class Account:
     force: PerAxis  # N, to be written
     waiting: int  # forces that have been written and do not act yet, in order:
     due: Annotated[list[float], QUEUE]  # s after the reading
-    queued: Annotated[list[float], QUEUE, AXES]  # N
+    queued: Annotated[list[PerAxis], QUEUE]  # N
     queued_hold: Annotated[list[float], QUEUE]  # s
     reading: PerAxis  # m
     commanded: PerAxis  # N
@@ -263,7 +263,7 @@ def send(account: Account, write: float) -> None:
     place = account.waiting
     account.due[place], account.queued_hold[place] = write, account.hold
     for axis in range(AXES):
-        account.queued[place, axis] = account.force[axis]
+        account.queued[place][axis] = account.force[axis]
     account.waiting += 1
 
 
@@ -277,7 +277,7 @@ def act(device: Device, account: Account) -> float:
         account.due[place] = account.due[place + 1]
         account.queued_hold[place] = account.queued_hold[place + 1]
         for axis in range(AXES):
-            account.queued[place, axis] = account.queued[place + 1, axis]
+            account.queued[place][axis] = account.queued[place + 1][axis]
     for axis in range(AXES):
         account.at_write[axis] = device.position[axis]
     return hold

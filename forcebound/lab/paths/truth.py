@@ -265,7 +265,7 @@ def worst_end(devices: Devices, duration: float, pieces: int) -> tuple[float, fl
 
 @outlined
 def strike(
-    devices: Devices, dues: Floats, forces: Floats, holds: Floats, cut_after: float
+    devices: Devices, dues: Vector, forces: Sequence[Vector], holds: Vector, cut_after: float
 ) -> float:
     """Return the lowest energy, in J, that the hand can still reach before the force is dropped.
 
@@ -277,7 +277,7 @@ def strike(
         cut_after: Time until it drops the force that acts now, s.
     """
     lag, lowest = devices[0].lag, 0.0
-    last = 2 * dues.size + 1
+    last = 2 * len(dues) + 1
     for whole in range(2 if lag > 0.0 else 1):
         pieces = PIECES if lag > 0.0 and whole == 0 else 1
         devices[1] = devices[0]
@@ -285,7 +285,7 @@ def strike(
         for phase in range(last + 1):  # each force, then nothing until the next one
             place, duration = phase // 2, 0.0
             begin = dues[place - 1] if place > 0 else 0.0
-            gap = dues[place] - begin if place < dues.size else math.inf
+            gap = dues[place] - begin if place < len(dues) else math.inf
             held = min(gap, holds[place - 1] if place > 0 else cut_after)
             if phase % 2 == 0:
                 if place > 0:

@@ -10,12 +10,13 @@ from msgspec.structs import replace
 
 from forcebound.errors import ConfigError, ForceboundError
 from forcebound.graph.graph import GraphConfig, HandConfig
-from forcebound.graph.names import LAW, ParameterName, of_hand
+from forcebound.graph.names import LAW, Document, ParameterName, of_hand
 from forcebound.graph.parameters import takeable_laws
 from forcebound.graph.resolved import to_document
 from forcebound.haptics.environments import StatelessEnvironment
 from forcebound.haptics.environments.fixtures import WithFixtures
 from forcebound.haptics.hands import Operator
+from forcebound.haptics.hands.hands import WallInPlace
 from forcebound.haptics.hands.pointer import PointerHand
 from forcebound.messages.control import DeviceStatus, GetStatus, Point, Pointed
 from forcebound.messages.packets import Telemetry, Vector
@@ -35,6 +36,8 @@ from forcebound.observe.tuning import (
 )
 from forcebound.recordings.telemetry import TelemetryColumns
 from forcebound.results.bounder import causes_of_little_force
+from forcebound.results.promises import broken_promises, in_words, is_uncovered
+from forcebound.results.samples import Samples
 from forcebound.roles import DEVICE, ENVIRONMENT
 from forcebound.run.run_directory import RunDocument, graph_in
 
@@ -58,6 +61,7 @@ class Controls:
         self.energies_before = {
             hand: known[hand].energy_before if hand in known else 0.0 for hand in hands
         }
+        self._devices: dict[str, Document] = {}  # sections of hands, with the law of now
         self._overruns = dict.fromkeys(hands, 0)  # of hold limits, at the last look
         (loaded, *others) = {hand.device.servo.law for hand in hands.values()}
         self._kernels = Kernels(run_dir, "" if others else loaded)
@@ -115,9 +119,22 @@ class Controls:
         lately = replace(bounder, overruns=max(bounder.overruns - self._overruns[hand], 0))
         self._overruns[hand] = bounder.overruns
         device = {**to_document(self._config.of(hand))["device"], "law": status.law}
+        self._devices[hand] = device
         columns = TelemetryColumns.from_packets(samples)
         causes = causes_of_little_force(columns, device, lately, little=1.0)
         return causes[0].advice if causes else ""
+
+    def broken(self, samples: Mapping[str, Sequence[Telemetry]]) -> dict[str, str]:
+        """Return why no certificate covers each hand in its samples; "": its law's does.
+
+        After :meth:`reasons`, which notes the law of now.
+        """
+        found = {}
+        for hand in samples.keys() & self._devices.keys():
+            columns = TelemetryColumns.from_packets(samples[hand])
+            promises = broken_promises(Samples(columns, {"device": self._devices[hand]}))
+            found[hand] = "; ".join(map(in_words, filter(is_uncovered, promises)))
+        return found
 
     def _statuses(self, timeout: float) -> dict[str, DeviceStatus]:
         """Return the status of the device of each hand that answers; ConfigError without a run."""
@@ -259,6 +276,7 @@ def _described(name: str, hand: HandConfig) -> Message:
         "period": servo.period_ns * 1e-9,
         "workspace": facts.workspace,
         "pointer": _pointer(hand.operator),
+        "holder": "what it meets" if isinstance(hand.operator, WallInPlace) else "the hand",
     }
 
 

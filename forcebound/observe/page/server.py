@@ -202,10 +202,10 @@ class Server:
         looked = time.monotonic()
         try:
             (listed,) = list_graphs(0.3, graph.run_dir)
-            reasons = graph.controls.reasons(samples)
+            reasons, broken = graph.controls.reasons(samples), graph.controls.broken(samples)
         except (ForceboundError, ValueError):
             return  # it ended just now
-        message = {"type": "nodes", "time": looked, "reasons": reasons}
+        message = {"type": "nodes", "time": looked, "reasons": reasons, "broken": broken}
         self.later(self.tell, message | {"processes": [asdict(one) for one in listed.processes]})
         self.later(self.tell, graph.controls.recording.describe())
 

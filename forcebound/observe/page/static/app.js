@@ -101,7 +101,10 @@ const takes = {
   taken({ stamp }) { figures.show("pointer to device and back", `${text(performance.now() - stamp)} ms`); },
   nodes(message) {
     controls.nodes(message);
-    for (const [hand, state] of states) state.reason = message.reasons[hand] ?? "";
+    for (const [hand, state] of states) {
+      state.reason = message.reasons[hand] ?? "";
+      state.broken = message.broken[hand] || state.broken;
+    }
     if (states.size === 1) $("why").title = Object.values(message.reasons)[0] ?? "";
   },
   parameters(message) {

@@ -18,11 +18,11 @@ export class State {
   constructor() { this.begin({ period: 1e-3 }); }
 
   /** Begin with a graph whose ticks are `period` apart, in s. */
-  begin({ period }) { Object.assign(this, { period, law: "certified", reason: "", since: NaN, past: [], missedBefore: null, contact: null }); }
+  begin({ period }) { Object.assign(this, { period, law: "certified", reason: "", broken: "", holder: "the hand", since: NaN, past: [], missedBefore: null, contact: null }); }
 
   /** Take a frame in: the newest samples, all in SI units. */
   take(frame) {
-    if (frame.since !== this.since) Object.assign(this, { since: frame.since, past: [] }); // another law
+    if (frame.since !== this.since) Object.assign(this, { since: frame.since, past: [], broken: "" }); // another law
     const time = frame.time.at(-1), axes = frame.position[0].map((_, axis) => frame.position.map((x) => x[axis]));
     this.frame = frame;
     this.law = frame.law || this.law;
@@ -62,14 +62,16 @@ export class State {
     const share = `${text(given)} N of the ${text(asked)} N that the ${surface} commands`;
     const late = this.missed >= LATE ? ` ${lost} % of the ticks are missed.` : "";
     const isTrue = this.frame.true_energy.at(-1) !== null; // a real device has no ground truth: only its motor is known
+    const isReceived = energy < -LEAST_ENERGY && isTrue;
+    if (this.broken && !isReceived) return { kind: "late", head: "Not covered by the certificate.", more: `${this.broken}.${late}` };
     if (energy < -LEAST_ENERGY && !isTrue) {
       return { kind: "off", head: `The motor gave ${joule(-energy)} more than it took.`,
         more: `The device's own friction may have taken that.${late}` };
     }
-    if (energy < -LEAST_ENERGY) {
+    if (isReceived) {
       const isFed = this.before(1).energy - energy > Math.max(LEAST_ENERGY, -0.01 * energy) && this.moved > REST;
-      return { kind: "unstable", head: `${isFed ? "Unstable" : "Not passive"}: the hand received ${joule(-energy)}.`,
-        more: `Law ${this.law}${isFed ? ": the hand swings, and each swing takes energy out of the motor" : ""}.${late}` };
+      return { kind: "unstable", head: `${isFed ? "Unstable" : "Not passive"}: ${this.holder} received ${joule(-energy)}.`,
+        more: `${this.broken && `${this.broken}. `}Law ${this.law}${isFed ? ": the hand swings, and each swing takes energy out of the motor" : ""}.${late}` };
     }
     if (late && isShort && this.law !== "none") {
       return { kind: "late", head: `Late ticks: the ${surface} feels softer.`, more: `${share}.${late}` };

@@ -1,0 +1,107 @@
+"""Promises of a device that a run shows to be broken: the certificate rests on them.
+
+A force that acts later after its reading than ``device.write_delay`` is covered by no certificate;
+nor, without a watchdog, is one that lasts longer than ``device.watchdog_limit``. A reading that
+implies more than ``device.largest_speed`` is refused: that costs force, but nothing else. Holds
+beyond the hold limit are priced, or dropped by the watchdog (docs/theory.md, 3.2): they break none.
+"""
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from forcebound.results.energy import Holds
+from forcebound.results.samples import Samples, is_certified, law
+from forcebound.results.surface import Floats, Mask
+
+ROUNDING = 5e-10  # s; stamps are whole nanoseconds
+LARGEST_SPEED = 3e8  # m/s; a recording may imply any
+ROUNDED_UP = 1.005  # a number of three digits is then no less
+COSTS_FORCE = "largest_speed"  # the promise that costs no more if it is broken
+_WORDS = {
+    "write_delay": ("forces acted later than", "state {most}, or make the bus faster"),
+    "watchdog_limit": ("forces lasted longer than", "state {most}, if nothing drops them then"),
+    COSTS_FORCE: (
+        "readings were refused, since they imply more than",
+        "that costs force; state more if the hand was so fast, else look at the encoder",
+    ),
+}
+
+
+def is_uncovered(broken: Mapping[str, Any]) -> bool:
+    """Whether no certificate covers a run that breaks a promise."""
+    return bool(broken["promise"] != COSTS_FORCE)
+
+
+def broken_promises(run: Samples) -> list[dict[str, Any]]:
+    """Return the promises that a run breaks, ready for JSON; none without a certified law.
+
+    Each has its ``promise``, a key of ``device``; the ``stated`` number, and the ``typical`` and
+    the ``largest`` of those beyond it, in ``unit``; the ``count`` of these, and ``of`` how many.
+    """
+    if not run.time.size or not is_certified(law(run.config)):
+        return []
+    return [
+        {
+            "promise": name,
+            "unit": unit,
+            "stated": stated,
+            "count": int(beyond.sum()),
+            "of": int(beyond.size),
+            "typical": float(np.median(values[beyond])),
+            "largest": float(values[beyond].max()),
+        }
+        for name, unit, stated, values, beyond in _found(run.holds, run)
+        if beyond.any()
+    ]
+
+
+def _found(holds: Holds, run: Samples) -> Iterator[tuple[str, str, float, Floats, Mask]]:
+    """Yield a promise with its unit, what is stated, what was, and where that is beyond."""
+    device, acts = run.device, np.asarray(holds.force.any(axis=1))
+    matters = acts | np.concatenate((acts[:1], acts[:-1]))  # the force before lasts as long
+    delay, stated = (holds.write - holds.read)[matters], device.get("write_delay", math.inf)
+    yield "write_delay", "s", stated, delay, delay > stated + ROUNDING
+    limit = device.get("watchdog_limit", "auto")
+    is_lost = any(event.event == "device_lost" for event in run.events)  # at zero, meanwhile
+    if device.get("watchdog") == "none" and limit != "auto" and not is_lost:
+        lasted = np.diff(holds.write)[acts[:-1]]
+        yield "watchdog_limit", "s", limit, lasted, lasted > limit + ROUNDING
+    largest = device.get(COSTS_FORCE)
+    if largest is not None:
+        ahead = np.maximum(run.run.ahead_ns[run.since], 0) * 1e-9
+        speed = _refused_speeds(holds, holds.read + ahead, largest)
+        yield COSTS_FORCE, "rad/s" if run.is_arm else "m/s", largest, speed, speed > 0.0
+
+
+def _refused_speeds(holds: Holds, time: Floats, largest: float) -> Floats:
+    """Return the speeds that refused readings imply, in m/s, 0 of the others: as the bounder."""
+    speed = np.zeros(holds.read.size)
+    slack = float(np.linalg.norm(np.broadcast_to(holds.resolution, holds.reading.shape[1])))
+    ways = np.linalg.norm(np.diff(holds.reading, axis=0), axis=1)
+    taken = 0
+    for k in range(1, speed.size if (ways > largest * np.diff(time) + slack).any() else 0):
+        way, dt = math.dist(holds.reading[k], holds.reading[taken]), time[k] - time[taken]
+        if way > largest * dt + slack:
+            speed[k] = way / max(dt, ROUNDING)
+        else:
+            taken = k
+    return np.minimum(speed, LARGEST_SPEED)
+
+
+def in_words(broken: Mapping[str, Any]) -> str:
+    """Return a broken promise as a part of a sentence: how often, by how much, what to do."""
+    what, remedy = _WORDS[broken["promise"]]
+    factor, unit = (1e3, "ms") if broken["unit"] == "s" else (1.0, broken["unit"])
+    values = [broken[key] for key in ("stated", "typical", "largest")]
+    numbers = (*values, ROUNDED_UP * values[-1])
+    stated, typical, largest, most = (
+        f"{float(f'{factor * number:.3g}'):g} {unit}" for number in numbers
+    )
+    counts = f"{broken['count']:,} of {broken['of']:,}"
+    return (
+        f"{counts} {what} device.{broken['promise']} ({stated}): typically {typical}, at most"
+        f" {largest}; {remedy.format(most=most)}"
+    )
