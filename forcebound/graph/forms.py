@@ -160,7 +160,7 @@ class _Reader:
             return self._sequence(origin, arguments, value, label)
         if origin in _MAPPINGS:
             return self._mapping(arguments[1], value, label)
-        if dataclasses.is_dataclass(hint):
+        if isinstance(hint, type) and dataclasses.is_dataclass(hint):
             return self._record(hint, value, label)
         return value.plain if hint is Any else self._scalar(hint, value, label)
 
@@ -286,8 +286,9 @@ def _shape_of(value: Value) -> Any:
 def _of_kind(hints: Sequence[Any], value: Value) -> Sequence[Any]:
     """The dataclasses that have the ``kind`` of a mapping; all, or none of them has a kind."""
     written = value.entries.get("kind")
-    named = {hint: fields_of(hint).get("kind") for hint in hints if dataclasses.is_dataclass(hint)}
+    records = [one for one in hints if isinstance(one, type) and dataclasses.is_dataclass(one)]
+    named = {one: fields_of(one).get("kind") for one in records}
     if written is None or None in named.values():
         return hints
-    meant = [one for one in hints if written.content in get_args(getattr(named[one], "hint", None))]
+    meant = [one for one, kind in named.items() if kind and written.content in get_args(kind.hint)]
     return meant or hints
