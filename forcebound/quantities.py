@@ -13,15 +13,33 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from types import UnionType
-from typing import Annotated, Any, TypeAlias, Union, get_args, get_origin, get_type_hints
+from typing import (
+    Annotated,
+    Any,
+    Protocol,
+    TypeAlias,
+    Union,
+    get_args,
+    get_origin,
+    get_type_hints,
+    runtime_checkable,
+)
 
 from forcebound.errors import ConfigError
 from forcebound.units import NAMES, parse_quantity
 
-_UNIT_KEY = "forcebound_unit"
 DAY = 86_400.0  # s, the longest time: in ns, and many times over, it still is a number of 64 bits
 LARGEST = 2**63 - 1  # of whole numbers, which packets carry
 HUGE = 1e30  # of other numbers, in SI units: their squares and products are finite
+
+
+@runtime_checkable
+class Note(Protocol):
+    """What a type says of a value beside its kind, in ``Annotated[float, Unit("s"), POSITIVE]``."""
+
+    def read(self, value: Any, symbol: str) -> Any:
+        """Return what is meant by ``value``, in the unit ``symbol``; ValueError if it is wrong."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -30,20 +48,15 @@ class Unit:
 
     symbol: str
 
-    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
-        """Let pydantic read the annotated number with :func:`parse_quantity`."""
-        from pydantic_core import core_schema
+    def read(self, value: Any, symbol: str) -> float:
+        """Return the quantity that a number or a text with a unit is, in SI units."""
+        return parse_quantity(value, self.symbol)
 
-        return core_schema.no_info_plain_validator_function(
-            lambda value: parse_quantity(value, self.symbol), metadata={_UNIT_KEY: self.symbol}
-        )
-
-    def __get_pydantic_json_schema__(self, schema: Any, handler: Any) -> dict[str, Any]:
-        """Describe the annotated number to editors: a number, or text with a unit."""
+    def describe(self) -> str:
+        """Return what the number is, for editors."""
         name, example = NAMES.get(self.symbol, ("quantity", ""))
         unit = f" in {self.symbol}" if self.symbol else ""
-        described = f"{name}{unit}" + (f"; or with its unit, e.g. {example}" if example else "")
-        return {"anyOf": [{"type": "number"}, {"type": "string"}], "description": described}
+        return f"{name}{unit}" + (f"; or with its unit, e.g. {example}" if example else "")
 
 
 @dataclass(frozen=True)
@@ -94,23 +107,9 @@ class Range:
         said = [f"{sign} {bound:g}{unit}" for sign, bound in bounds if bound is not None]
         return " and ".join(said) or "finite"
 
-    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
-        """Let pydantic check the range after the number has been read."""
-        from pydantic_core import core_schema
-
-        inner = handler(source)
-        symbol = inner.get("metadata", {}).get(_UNIT_KEY, "")
-        return core_schema.no_info_after_validator_function(
-            lambda value: self.check(value, symbol), inner, metadata={_UNIT_KEY: symbol}
-        )
-
-    def __get_pydantic_json_schema__(self, schema: Any, handler: Any) -> dict[str, Any]:
-        """Describe the range to editors; text with a unit could have no other limits."""
-        described: dict[str, Any] = handler(schema)
-        symbol = schema.get("metadata", {}).get(_UNIT_KEY, "")
-        known = described.get("description")
-        words = self.describe(symbol)
-        return {**described, "description": f"{known}; {words}" if known else words}
+    def read(self, value: Any, symbol: str) -> Any:
+        """Return the number, if it is within."""
+        return self.check(value, symbol)
 
 
 @dataclass(frozen=True)
@@ -119,15 +118,10 @@ class CheckedText:
 
     check: Callable[[str], object]  # raises ConfigError if a text will not do
 
-    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
-        """Let pydantic check the text after it has been read."""
-        from pydantic_core import core_schema
-
-        def checked(text: str) -> str:
-            self.check(text)
-            return text
-
-        return core_schema.no_info_after_validator_function(checked, handler(source))
+    def read(self, value: Any, symbol: str) -> Any:
+        """Return the text, if it will do."""
+        self.check(value)
+        return value
 
 
 POSITIVE = Range(above=0)

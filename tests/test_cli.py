@@ -25,7 +25,7 @@ def test_help_names_every_command_and_imports_nothing_heavy() -> None:
     program = (
         "import sys; from forcebound.cli import main\n"
         "try: main(['--help'])\n"
-        "finally: print(sorted({'numpy','numba','zmq','pydantic','matplotlib','rich'} "
+        "finally: print(sorted({'numpy','numba','zmq','matplotlib','rich'} "
         "& set(sys.modules)))"
     )
     out = subprocess.run(

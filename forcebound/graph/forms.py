@@ -1,24 +1,35 @@
-"""Values of a file checked by pydantic: each error becomes a problem at its place.
+"""Values of a file read as the types of their fields: each fault becomes a problem at its place.
 
-Quantities are read by :func:`forcebound.units.parse_quantity`, everything else strictly (no text
-for a number).
+Quantities are read by :func:`forcebound.units.parse_quantity`, everything else strictly: no text
+for a number, no number for a text. ``docs/decisions/18-one-reader.md`` says why this is ours.
 """
 
 import dataclasses
-import json
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NotRequired, TypeAlias, get_args
+from types import UnionType
+from typing import Annotated, Any, Final, Literal, TypeAlias, Union, get_args, get_origin
 
 from forcebound.errors import ConfigError
-from forcebound.graph.fields import Field
-from forcebound.graph.problems import Place, Problems, unknown
+from forcebound.graph.fields import Field, fields_of
+from forcebound.graph.problems import Place, Problems, Related, unknown
 from forcebound.graph.tree import Value
-from forcebound.quantities import AS_WRITTEN
+from forcebound.quantities import AS_WRITTEN, Note, Unit
 
 Values: TypeAlias = dict[str, Any]  # of a mapping of a file, by their keys
+
+_REFUSED: Final = object()  # in place of a value that is wrong
+_SEQUENCES: Mapping[Any, type] = {tuple: tuple, list: list, Sequence: tuple}
+_MAPPINGS = (dict, Mapping)
+_SCALARS: Mapping[Any, str] = {
+    bool: "true or false",
+    float: "a number",
+    int: "a whole number",
+    str: "text",
+    Path: "a path",
+    type(None): "nothing",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,40 +44,43 @@ class Form:
 
         ``others`` are keys that are read elsewhere.
         """
-        from pydantic import ValidationError
-
         if not isinstance(value.content, Mapping | None):
             if not value.is_broken:
                 message = f"{self.name}: expected a mapping, got {value}"
                 problems.add(message, value.place, value.related)
             return None
-        entries = {n: entry for n, entry in value.entries.items() if n not in others}
-        sound = {n: entry for n, entry in entries.items() if not entry.is_broken}
-        given = {n: _taken(entry, self.fields.get(n)) for n, entry in sound.items()}
-        try:
-            # As JSON, since strict pydantic then accepts a list for a tuple.
-            text = json.dumps(given, ensure_ascii=False).encode("utf-8", "replace")
-            values: Values = self.adapter.validate_json(text)
-        except ValidationError as error:
-            details = error.errors(include_url=False, include_input=False)
-            _note(details, self.name, (*self.fields, *others), value, problems)
-            return None
-        if len(sound) < len(entries):
-            return None
-        return {n: _absolute(one, entries[n]) for n, one in values.items()}
+        reader = _Reader()
+        values = reader.fields(self.fields, value, self.name, "", others)
+        reader.note(problems)
+        is_sound = not reader.refusals and _REFUSED not in values.values()
+        return values if is_sound else None
 
-    @cached_property
-    def adapter(self) -> Any:
-        """Pydantic's reader of such a mapping."""
-        import typing_extensions  # pydantic needs its TypedDict before Python 3.12
-        from pydantic import ConfigDict, TypeAdapter
 
-        fields = self.fields.values()
-        hints = {f.name: f.hint if f.required else NotRequired[f.hint] for f in fields}
-        typed_dict: Any = typing_extensions.TypedDict  # mypy would need to see the keys
-        shape: Any = typed_dict(self.name, hints)
-        shape.__pydantic_config__ = ConfigDict(strict=True, extra="forbid")
-        return TypeAdapter(shape)
+def read_as(hint: Any, value: Value, name: str) -> Any:
+    """Return a value as a type; ConfigError with every fault and its place."""
+    reader, problems = _Reader(), Problems()
+    found = reader.read(hint, value, name)
+    reader.note(problems)
+    problems.raise_if_any()
+    return found
+
+
+def check_hint(hint: Any) -> None:
+    """Raise TypeError for a type that a launch file cannot give."""
+    origin, arguments = get_origin(hint), get_args(hint)
+    if origin is Annotated:
+        check_hint(arguments[0])
+    elif origin in (Union, UnionType, *_SEQUENCES):
+        for one in arguments:
+            if one is not ...:
+                check_hint(one)
+    elif origin in _MAPPINGS and arguments[0] is str:
+        check_hint(arguments[1])
+    elif dataclasses.is_dataclass(hint) and isinstance(hint, type):
+        for one in fields_of(hint).values():
+            check_hint(one.hint)
+    elif origin is not Literal and hint not in (Any, *_SCALARS):
+        raise TypeError("expected a number, text, a path, or a list, mapping or dataclass of these")
 
 
 def note_error(
@@ -76,98 +90,205 @@ def note_error(
 
     The message has the mapping's name if it stands at the key, or with ``is_named``.
     """
-    at, names = _inside(value, (error.field or "").split("."))
-    words = str(error) if names and not is_named else f"{name}: {error}"
-    problems.add(words, at.place if names else value.key or value.place, at.related)
+    at = _inside(value, error)
+    words = str(error) if at is not value and not is_named else f"{name}: {error}"
+    problems.add(words, at.place if at is not value else value.key or value.place, at.related)
 
 
-def _taken(value: Value, known: Field | None) -> Any:
-    """The content of a value; a name may look like a number, and is then taken as it is written."""
-    is_number = isinstance(value.content, int | float)
-    is_name = known is not None and AS_WRITTEN in get_args(known.hint)
-    return value.text if is_number and is_name else value.plain
-
-
-def _absolute(value: Any, written: Value) -> Any:
-    """A path of a launch file starts from the folder of the file that has it."""
-    if isinstance(value, Path) and written.place.line:
-        return (written.folder / value).absolute()
-    if isinstance(value, tuple) and isinstance(written.content, tuple):
-        return tuple(map(_absolute, value, written.content))
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        inner = {n: _absolute(getattr(value, n), one) for n, one in written.entries.items()}
-        changed = {n: one for n, one in inner.items() if one is not getattr(value, n)}
-        return dataclasses.replace(value, **changed) if changed else value
+def _inside(value: Value, error: ConfigError) -> Value:
+    """What the field of an error leads to, as far as it is written."""
+    for step in (error.field or "").split("."):
+        value = value.entries.get(step, value)
     return value
 
 
-def _inside(value: Value, steps: Sequence[int | str]) -> tuple[Value, tuple[str, ...]]:
-    """What pydantic's location leads to, and its keys; names of union members are passed over."""
-    names: tuple[str, ...] = ()
-    for step in steps:
+@dataclass
+class _Reader:
+    """Reads values as types, and keeps what it refuses: by place, whatever a union has tried."""
+
+    refusals: dict[Place, tuple[Value, str, list[str], list[str]]] = field(default_factory=dict)
+
+    def note(self, problems: Problems) -> None:
+        """Note all that was refused: one problem for each place."""
+        for place, (value, label, refused, expected) in self.refusals.items():
+            message = f"{label}: expected {' or '.join(expected)}, got {value}"
+            if refused:  # and words that are permitted beside a quantity
+                literals = [one for one in expected if one.startswith("'")]
+                message = "; or ".join(dict.fromkeys([*refused, *literals]))
+            related: Related | None = value.related
+            problems.add(message, place, related)
+
+    def fields(
+        self,
+        fields: Mapping[str, Field],
+        value: Value,
+        owner: str,
+        label: str,
+        others: Collection[str] = (),
+    ) -> Values:
+        """Return the values of a mapping by key: of each that is written, and not in ``others``."""
+        values: Values = {}
+        for name, entry in value.entries.items():
+            known, full = fields.get(name), f"{label}.{name}" if label else name
+            if entry.is_broken:
+                values[name] = _REFUSED
+            elif known is not None:
+                values[name] = self.read(known.hint, entry, full)
+            elif name not in others:
+                message = f"{owner} has no key {name!r}"
+                if not label and (fields or others):
+                    message = unknown(f"key in {owner}:", name, (*fields, *others))
+                self._refuse(entry, full, message, entry.key)
+        for name, known in fields.items():
+            if known.required and name not in value.entries:
+                at = value.place if label else value.key or value.place
+                self._refuse(value, owner, f"{owner} needs {name!r}", at)
+        return values
+
+    def read(self, hint: Any, value: Value, label: str) -> Any:
+        """Return a value as a type; something else, and a refusal, if it is none."""
+        origin, arguments = get_origin(hint), get_args(hint)
+        if value.is_broken:
+            return _REFUSED
+        if origin is Annotated:
+            return self._noted(arguments[0], arguments[1:], value, label)
+        if origin in (Union, UnionType):
+            return self._one_of(arguments, value, label)
+        if origin is Literal:
+            return self._literal(arguments, value, label)
+        if origin in _SEQUENCES:
+            return self._sequence(origin, arguments, value, label)
+        if origin in _MAPPINGS:
+            return self._mapping(arguments[1], value, label)
+        if isinstance(hint, type) and dataclasses.is_dataclass(hint):
+            return self._record(hint, value, label)
+        return value.plain if hint is Any else self._scalar(hint, value, label)
+
+    def _noted(self, hint: Any, notes: Sequence[Any], value: Value, label: str) -> Any:
+        """A value whose type has notes, such as a unit, a range or a check."""
+        symbols = [note.symbol for note in notes if isinstance(note, Unit)]
+        if symbols:
+            hint = Any
+        if AS_WRITTEN in notes and isinstance(value.content, int | float):
+            value = dataclasses.replace(value, content=value.text)
+        found = self.read(hint, value, label)
+        try:
+            for note in notes:
+                if isinstance(note, Note) and found is not _REFUSED:
+                    found = note.read(found, "".join(symbols))
+        except ValueError as error:
+            return self._refuse(value, label, f"{label}: {error}")
+        return found
+
+    def _one_of(self, hints: Sequence[Any], value: Value, label: str) -> Any:
+        """A value of one of several types: of those that have its shape, the first that fits."""
+        if value.content is None and type(None) in hints:
+            return None
+        hints = [hint for hint in hints if hint is not type(None)]
+        hints = [hint for hint in hints if _shape(hint) in (Any, _shape_of(value))] or hints
+        before, tried = self.refusals, []
+        for hint in _of_kind(hints, value):
+            self.refusals = {}
+            found = self.read(hint, value, label)
+            if not self.refusals:
+                self.refusals = before
+                return found
+            tried.append(self.refusals)
+        self.refusals = before
+        for place, (at, name, refused, expected) in (one for r in tried for one in r.items()):
+            kept = before.setdefault(place, (at, name, [], []))
+            kept[2].extend(refused)
+            kept[3].extend(expected)
+        return _REFUSED
+
+    def _literal(self, words: Sequence[Any], value: Value, label: str) -> Any:
+        for word in words:
+            if value.content == word and type(value.content) is type(word):
+                return word
+        *before, last = map(repr, words)
+        return self._expect(value, label, f"{', '.join(before)} or {last}" if before else last)
+
+    def _sequence(self, kind: Any, hints: Sequence[Any], value: Value, label: str) -> Any:
         content = value.content
-        if isinstance(step, int) and isinstance(content, tuple) and step < len(content):
-            value = content[step]
-        elif isinstance(step, str) and step in value.entries:
-            value = value.entries[step]
-            names += (step,)
-    return value, names
-
-
-def _note(
-    details: Sequence[Any], name: str, known: Collection[str], root: Value, problems: Problems
-) -> None:
-    """Note what pydantic refused: one problem for each place, whatever a union has tried."""
-    refusals: dict[Place, tuple[Value, str, list[str], list[str]]] = {}
-    for detail in details:
-        kind, (*before, last) = detail["type"], detail["loc"]
-        at, names = _inside(root, before)
-        owner = ".".join(names) or name
-        if kind == "missing":
-            if last not in at.entries:  # else its problem has been noted
-                problems.add(f"{owner} needs {last!r}", at.place if names else at.key or at.place)
-            continue
-        value, below = _inside(at, [last])
-        if kind in ("extra_forbidden", "unexpected_keyword_argument"):
-            message = f"{owner} has no key {last!r}"
-            if not names and known:
-                message = unknown(f"key in {owner}:", str(last), known)
-            problems.add(message, value.key or value.place)
-            continue
-        label, words = ".".join((*names, *below)), ""
-        if kind == "value_error":
-            error = detail["ctx"]["error"]
-            words = f"{label}: {error}"
-            if isinstance(error, ConfigError):
-                value, _ = _inside(value, (error.field or "").split("."))
-        _, _, refused, expected = refusals.setdefault(value.place, (value, label, [], []))
-        if words:
-            refused.append(words)
+        if not isinstance(content, tuple):
+            return self._expect(value, label, "a list")
+        if kind is tuple and hints[-1] is not ...:
+            if len(content) != len(hints):
+                words = f"{label}: expected a list of {len(hints)}, got one of {len(content)}"
+                return self._refuse(value, label, words)
         else:
-            expected.append(_expected(detail))
-    for value, label, refused, expected in refusals.values():
-        message = f"{label}: expected {' or '.join(expected)}, got {value}"
-        if refused:  # and words that are permitted beside a quantity
-            message = "; or ".join([*refused, *(one for one in expected if one.startswith("'"))])
-        problems.add(message, value.place, value.related)
+            hints = [hints[0]] * len(content)
+        read = [self.read(hint, one, label) for hint, one in zip(hints, content, strict=True)]
+        return _SEQUENCES[kind](read)
+
+    def _mapping(self, hint: Any, value: Value, label: str) -> Any:
+        if not isinstance(value.content, Mapping):
+            return self._expect(value, label, "a mapping")
+        return {n: self.read(hint, one, f"{label}.{n}") for n, one in value.entries.items()}
+
+    def _record(self, kind: type, value: Value, label: str) -> Any:
+        if not isinstance(value.content, Mapping):
+            return self._expect(value, label, "a mapping")
+        count = len(self.refusals)
+        values = self.fields(fields_of(kind), value, label, label)
+        if len(self.refusals) > count or _REFUSED in values.values():
+            return _REFUSED
+        try:
+            return kind(**values)
+        except ValueError as error:
+            at = _inside(value, error) if isinstance(error, ConfigError) else value
+            return self._refuse(at, label, f"{label}: {error}")
+
+    def _scalar(self, kind: Any, value: Value, label: str) -> Any:
+        content: Any = value.content
+        if kind is float and type(content) is int:
+            return float(content)
+        if kind is Path and isinstance(content, str):
+            path = Path(content)  # from the folder of the file that has it
+            return (value.folder / path).absolute() if value.place.line else path
+        if type(content) is not kind or (kind is str and not _is_unicode(content)):
+            return self._expect(value, label, _SCALARS[kind])
+        return content
+
+    def _expect(self, value: Value, label: str, words: str) -> object:
+        self.refusals.setdefault(value.place, (value, label, [], []))[3].append(words)
+        return _REFUSED
+
+    def _refuse(self, value: Value, label: str, words: str, place: Place | None = None) -> object:
+        entry = (value, label, list[str](), list[str]())
+        self.refusals.setdefault(place or value.place, entry)[2].append(words)
+        return _REFUSED
 
 
-def _expected(detail: Any) -> str:
-    if detail["type"] == "literal_error":
-        return str(detail["ctx"]["expected"])
-    return _EXPECTED.get(detail["type"], f"something else ({detail['msg']})")
+def _is_unicode(text: str) -> bool:
+    return text.isascii() or not any("\ud800" <= char <= "\udfff" for char in text)
 
 
-_EXPECTED = {
-    "bool_type": "true or false",
-    "dataclass_type": "a mapping",
-    "dict_type": "a mapping",
-    "float_type": "a number",
-    "int_from_float": "a whole number",
-    "int_type": "a whole number",
-    "list_type": "a list",
-    "path_type": "a path",
-    "string_type": "text",
-    "too_short": "at least one",
-    "tuple_type": "a list",
-}
+def _shape(hint: Any) -> Any:
+    """The shape of a type's values: a list, a mapping, Any, or a single value: None."""
+    origin = get_origin(hint)
+    if origin is Annotated:
+        return _shape(get_args(hint)[0])
+    if hint is Any:
+        return Any
+    if origin in _SEQUENCES:
+        return tuple
+    return Mapping if origin in _MAPPINGS or dataclasses.is_dataclass(hint) else None
+
+
+def _shape_of(value: Value) -> Any:
+    content = value.content
+    return (
+        tuple if isinstance(content, tuple) else Mapping if isinstance(content, Mapping) else None
+    )
+
+
+def _of_kind(hints: Sequence[Any], value: Value) -> Sequence[Any]:
+    """The dataclasses that have the ``kind`` of a mapping; all, or none of them has a kind."""
+    written = value.entries.get("kind")
+    records = [one for one in hints if isinstance(one, type) and dataclasses.is_dataclass(one)]
+    named = {one: fields_of(one).get("kind") for one in records}
+    if written is None or None in named.values():
+        return hints
+    meant = [one for one, kind in named.items() if kind and written.content in get_args(kind.hint)]
+    return meant or hints

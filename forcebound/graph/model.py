@@ -13,7 +13,7 @@ from typing import Annotated, Any
 from forcebound.errors import ConfigError
 from forcebound.graph.document import device_section, hands_of
 from forcebound.graph.fields import Field, fields_of
-from forcebound.graph.forms import Form, Values, note_error
+from forcebound.graph.forms import Form, Values, check_hint, note_error
 from forcebound.graph.graph import (
     BESIDE_MODEL,
     FORMAT,
@@ -227,8 +227,8 @@ def _check_fields(kind: type, taken: frozenset[str]) -> None:
                 f"{kind.__name__}: a parameter cannot be called {name!r}, which is taken"
             )
         try:
-            _ = Form(kind.__name__, {name: field}).adapter
-        except Exception as error:  # of pydantic, or of a type's own code
+            check_hint(field.hint)
+        except TypeError as error:
             detail = str(error).partition("\n")[0]
             raise ConfigError(
                 f"{kind.__name__}: a launch file cannot give {name!r} of the type {field.hint}:"

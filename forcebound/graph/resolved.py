@@ -11,10 +11,9 @@ from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 
-import msgspec
-
 from forcebound.errors import ConfigError
 from forcebound.graph.fields import fields_of
+from forcebound.graph.forms import read_as
 from forcebound.graph.graph import (
     BESIDE_MODEL,
     FORMAT,
@@ -31,6 +30,7 @@ from forcebound.graph.graph import (
 )
 from forcebound.graph.names import Document, ParameterName
 from forcebound.graph.servo import ServoSettings
+from forcebound.graph.tree import from_plain
 from forcebound.haptics.parts.plain import plain, plain_value
 from forcebound.messages.control import Parameters
 from forcebound.messages.topology import HAND, HANDS, HERE, hand_sections
@@ -181,7 +181,9 @@ def _refusing(words: str) -> Iterator[None]:
     """Turn what the values of a document raise into a ConfigError."""
     try:
         yield
-    except (KeyError, TypeError, AttributeError, msgspec.ValidationError) as error:
+    except ConfigError as error:
+        raise ConfigError(f"{words}: {error}", field=error.field) from error
+    except (KeyError, TypeError, AttributeError) as error:
         raise ConfigError(f"{words}: {error!r}") from error
 
 
@@ -233,13 +235,9 @@ def _restored(kind: type, document: Document) -> Any:
     return kind(**_values(kind, document))
 
 
-def _path(kind: type, value: Any) -> Any:  # the only type here that JSON does not have
-    return kind(value)
-
-
 def _values(kind: type, document: Document, names: tuple[str, ...] | None = None) -> Document:
     return {
-        field.name: msgspec.convert(document[field.name], field.hint, dec_hook=_path)
+        field.name: read_as(field.hint, from_plain(document[field.name], kind.__name__), field.name)
         for field in fields_of(kind, names).values()
         if field.required or field.name in document  # a recording may be older than a setting
     }

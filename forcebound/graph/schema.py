@@ -4,22 +4,34 @@ The schema is less strict than the loader: a key that an included file may give 
 here, and units are text. What it refuses, the loader refuses too.
 """
 
-from collections.abc import Mapping
-from typing import Any, TypeAlias
+import dataclasses
+import inspect
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import UnionType
+from typing import Annotated, Any, Literal, TypeAlias, Union, get_args, get_origin
 
 from forcebound.graph.fields import Field, fields_of
-from forcebound.graph.forms import Form
 from forcebound.graph.graph import FORMAT, KINDS, RUN_KEYS, GraphConfig
 from forcebound.graph.model import BESIDE, PHASE, PHASES, SETTINGS
 from forcebound.graph.names import HAND_SECTIONS
 from forcebound.haptics.laws import LAWS
 from forcebound.messages.topology import HANDS, IMPAIRABLE
 from forcebound.network.impairment import Impairment
+from forcebound.quantities import Range, Unit
 
 Schema: TypeAlias = dict[str, Any]
 
 SUBSTITUTION = {"type": "string", "pattern": r"\$[({]", "description": "$(arg x) or ${env:X}"}
 _FILE_KIND = {"type": "string", "pattern": r"\.py(:[A-Za-z_][A-Za-z0-9_]*)?$"}  # of the user's own
+_TYPES: Mapping[Any, Schema] = {
+    bool: {"type": "boolean"},
+    float: {"type": "number"},
+    int: {"type": "integer"},
+    str: {"type": "string"},
+    Path: {"type": "string", "format": "path"},
+    type(None): {"type": "null"},
+}
 _SCALAR = {"type": ["string", "number", "boolean", "null"]}
 
 
@@ -86,11 +98,9 @@ def _kinds(section: str) -> Schema:
 
 def properties(fields: Mapping[str, Field]) -> Schema:
     """Return the schema of each of some fields, by name."""
-    schema = Form("", fields).adapter.json_schema()
-    definitions = schema.get("$defs", {})
     found = {}
     for name, field in fields.items():
-        value = _inlined(schema["properties"][name], definitions)
+        value = _schema(field.hint)
         if field.name == "law":
             value = {"anyOf": [{"enum": sorted(LAWS)}, _FILE_KIND]}
         described: Schema = {"anyOf": [value, SUBSTITUTION]}
@@ -100,12 +110,43 @@ def properties(fields: Mapping[str, Field]) -> Schema:
     return found
 
 
-def _inlined(schema: Any, definitions: Schema) -> Any:
-    """Return a schema with what it refers to in place of the references."""
-    if isinstance(schema, list):
-        return [_inlined(entry, definitions) for entry in schema]
-    if not isinstance(schema, Mapping):
-        return schema
-    if "$ref" in schema:
-        return _inlined(definitions[schema["$ref"].rpartition("/")[2]], definitions)
-    return {name: _inlined(entry, definitions) for name, entry in schema.items()}
+def _schema(hint: Any) -> Schema:
+    """Return the schema of a type."""
+    origin, arguments = get_origin(hint), get_args(hint)
+    if origin is Annotated:
+        return _noted(arguments[0], arguments[1:])
+    if origin in (Union, UnionType):
+        return {"anyOf": [_schema(one) for one in arguments]}
+    if origin is Literal:
+        return {"enum": list(arguments)}
+    if origin in (tuple, list, Sequence):
+        if origin is tuple and arguments[-1] is not ...:
+            items = [_schema(one) for one in arguments]
+            many = {"minItems": len(items), "maxItems": len(items)}
+            return {"type": "array", "prefixItems": items, **many}
+        return {"type": "array", "items": _schema(arguments[0])}
+    if origin in (dict, Mapping):
+        return {"type": "object", "additionalProperties": _schema(arguments[1])}
+    if dataclasses.is_dataclass(hint):
+        fields = fields_of(hint if isinstance(hint, type) else type(hint))
+        described = {"properties": {n: _inner(one) for n, one in fields.items()}}
+        required = [n for n, one in fields.items() if one.required]
+        words = {"description": inspect.getdoc(hint)} | ({"required": required} if required else {})
+        return {"type": "object", "additionalProperties": False, **described, **words}
+    return dict(_TYPES.get(hint, {}))
+
+
+def _inner(field: Field) -> Schema:
+    value = _schema(field.hint)
+    if not field.required and isinstance(field.default, str | int | float | None):
+        value["default"] = field.default
+    return value
+
+
+def _noted(hint: Any, notes: Sequence[Any]) -> Schema:
+    """The schema of a type with notes: text with a unit could have no other limits than words."""
+    symbols = [note.symbol for note in notes if isinstance(note, Unit)]
+    found = _schema(hint) if not symbols else {"anyOf": [_TYPES[float], _TYPES[str]]}
+    words = [note.describe() for note in notes if isinstance(note, Unit)]
+    words += [note.describe("".join(symbols)) for note in notes if isinstance(note, Range)]
+    return found | ({"description": "; ".join(words)} if words else {})

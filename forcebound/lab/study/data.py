@@ -9,11 +9,10 @@ import io
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
+from datetime import datetime
 from itertools import zip_longest
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeAlias, TypeVar, cast
-
-from pydantic import AllowInfNan, AwareDatetime
 
 from forcebound.errors import ConfigError
 from forcebound.files import MAX_TABLE, content_of, read_bytes, read_text, reason, text_of
@@ -25,13 +24,25 @@ from forcebound.lab.engine import Row
 from forcebound.lab.study.measures import Measures
 from forcebound.lab.study.order import next_trial
 from forcebound.lab.study.plan import StudyFile
-from forcebound.quantities import Range
+from forcebound.quantities import CheckedText, Range
 
 Kind: TypeAlias = Literal["person", "rehearsal", "simulated"]  # rehearsal: without a device
 _Document = TypeVar("_Document")
 _Number: TypeAlias = Annotated[int, Range(at_least=0, at_most=1_000_000)]
 _Count: TypeAlias = Annotated[int, Range(at_least=1, at_most=1_000_000)]
-_MEASURED: Any = Annotated[float | None, AllowInfNan(False)]
+_MEASURED: Any = Annotated[float, Range()] | None
+
+
+def _check_time(text: str) -> None:
+    try:
+        is_aware = datetime.fromisoformat(text).tzinfo is not None
+    except ValueError:
+        is_aware = False
+    if not is_aware:
+        raise ConfigError(f"expected a time with its zone, got {shortened(text)!r}")
+
+
+_TIME: Any = Annotated[str, CheckedText(_check_time)]
 
 TRIALS, ABOUT, STUDY = "trials.csv", "participant.json", "study.yaml"  # of a participant
 REGISTER = "study.json"  # of all of them
@@ -48,11 +59,11 @@ _HINTS: dict[str, Any] = {
     **dict.fromkeys(("counted_interval", "answer"), Literal[1, 2]),
     "chose_counted": Literal[0, 1],
     "response_time": _MEASURED,
-    **dict.fromkeys(("started", "answered"), AwareDatetime),
+    **dict.fromkeys(("started", "answered"), _TIME),
     **{f"{name}_{interval}": hint for interval in (1, 2) for name, hint in _OF_TOUCH.items()},
 }
 COLUMNS = tuple(_HINTS)
-_TEXTS = (str, AwareDatetime)  # the others are numbers, or empty
+_TEXTS = (str, _TIME)  # the others are numbers, or empty
 _ROW = Form("the row", {name: Field(name, hint, True) for name, hint in _HINTS.items()})
 
 

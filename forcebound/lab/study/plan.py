@@ -8,8 +8,6 @@ from functools import cache, cached_property, lru_cache
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeAlias
 
-from pydantic import Discriminator
-
 from forcebound.errors import ConfigError
 from forcebound.files import read_text
 from forcebound.graph.document import MAX_BYTES, find, missing
@@ -183,7 +181,7 @@ class StudyFile:
     forcebound: Literal[1]
     question: str
     conditions: dict[str, _Condition]
-    method: Annotated[Pairs | ConstantStimuli | Staircase, Discriminator("kind")]
+    method: Pairs | ConstantStimuli | Staircase
     blocks: dict[str, Block]
     description: str = ""
     launch: str = ""

@@ -37,12 +37,11 @@ _Draw: TypeAlias = tuple[random.Random, int]  # what draws, and how many
 
 
 class _NumberAndUnit:
-    """Lets pydantic read an end of a range."""
+    """Of a type: an end of a range, as a number and its unit."""
 
-    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
-        from pydantic_core import core_schema
-
-        return core_schema.no_info_plain_validator_function(lambda v: split_quantity(str(v)))
+    def read(self, value: Any, symbol: str) -> tuple[float, str]:
+        """Return number and unit."""
+        return split_quantity(str(value))
 
 
 _COUNT = Annotated[int, Range(at_least=1, at_most=MAX_CASES)]
