@@ -19,6 +19,8 @@ from forcebound.quantities import AS_WRITTEN, Note, Unit
 
 Values: TypeAlias = dict[str, Any]  # of a mapping of a file, by their keys
 
+#: A value that is wrong: what it is not allowed to be, and what was expected in its place.
+_Refusal: TypeAlias = tuple[Value, list[str], list[str]]
 _REFUSED: Final = object()  # in place of a value that is wrong
 _SEQUENCES: Mapping[Any, type] = {tuple: tuple, list: list, Sequence: tuple}
 _MAPPINGS = (dict, Mapping)
@@ -106,11 +108,11 @@ def _inside(value: Value, error: ConfigError) -> Value:
 class _Reader:
     """Reads values as types, and keeps what it refuses: by place, whatever a union has tried."""
 
-    refusals: dict[Place, tuple[Value, str, list[str], list[str]]] = field(default_factory=dict)
+    refusals: dict[tuple[Place, str], _Refusal] = field(default_factory=dict)
 
     def note(self, problems: Problems) -> None:
-        """Note all that was refused: one problem for each place."""
-        for place, (value, label, refused, expected) in self.refusals.items():
+        """Note all that was refused: one problem for each place and name there."""
+        for (place, label), (value, refused, expected) in self.refusals.items():
             message = f"{label}: expected {' or '.join(expected)}, got {value}"
             if refused:  # and words that are permitted beside a quantity
                 literals = [one for one in expected if one.startswith("'")]
@@ -142,7 +144,7 @@ class _Reader:
         for name, known in fields.items():
             if known.required and name not in value.entries:
                 at = value.place if label else value.key or value.place
-                self._refuse(value, owner, f"{owner} needs {name!r}", at)
+                self._refuse(value, f"{owner}.{name}", f"{owner} needs {name!r}", at)
         return values
 
     def read(self, hint: Any, value: Value, label: str) -> Any:
@@ -195,10 +197,10 @@ class _Reader:
                 return found
             tried.append(self.refusals)
         self.refusals = before
-        for place, (at, name, refused, expected) in (one for r in tried for one in r.items()):
-            kept = before.setdefault(place, (at, name, [], []))
-            kept[2].extend(refused)
-            kept[3].extend(expected)
+        for key, (at, refused, expected) in (one for each in tried for one in each.items()):
+            kept = before.setdefault(key, (at, [], []))
+            kept[1].extend(refused)
+            kept[2].extend(expected)
         return _REFUSED
 
     def _literal(self, words: Sequence[Any], value: Value, label: str) -> Any:
@@ -251,12 +253,11 @@ class _Reader:
         return content
 
     def _expect(self, value: Value, label: str, words: str) -> object:
-        self.refusals.setdefault(value.place, (value, label, [], []))[3].append(words)
+        self.refusals.setdefault((value.place, label), (value, [], []))[2].append(words)
         return _REFUSED
 
     def _refuse(self, value: Value, label: str, words: str, place: Place | None = None) -> object:
-        entry = (value, label, list[str](), list[str]())
-        self.refusals.setdefault(place or value.place, entry)[2].append(words)
+        self.refusals.setdefault((place or value.place, label), (value, [], []))[1].append(words)
         return _REFUSED
 
 
