@@ -216,9 +216,11 @@ def _ears(polygon: Array, normal: Array) -> list[tuple[int, int, int]] | None:
     while len(left) > 2:
         for ear in zip(left[-1:] + left[:-1], left, left[1:] + left[:1], strict=True):
             a, b, c = flat[list(ear)]
-            rest = flat[left][~np.isin(flat[left], (a, b, c))]
-            within = (turn(a, b, rest) >= 0) & (turn(b, c, rest) >= 0) & (turn(c, a, rest) >= 0)
-            if turn(a, b, c) >= -FLAT * abs(normal[axis]) and not within.any():
+            if turn(a, b, c) < -FLAT * abs(normal[axis]):
+                continue
+            p = flat[left]
+            within = (turn(a, b, p) >= 0) & (turn(b, c, p) >= 0) & (turn(c, a, p) >= 0)
+            if not (within & (p != a) & (p != b) & (p != c)).any():
                 break
         else:
             return None
