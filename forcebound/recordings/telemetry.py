@@ -18,7 +18,7 @@ if TYPE_CHECKING:  # a launcher starts without numpy
 
 # Fields by the type of their column. Those of the ledger are left to verification.
 _SAMPLE = {
-    "int64": ("time_ns", "seq", "device_seq", "deadline_misses"),
+    "int64": ("time_ns", "seq", "device_seq", "deadline_misses", "read_ns", "write_ns"),
     "float64": (
         "elapsed",
         "force_limit",
@@ -42,9 +42,9 @@ _CONTACT = {"int64": ("device_seq", "device_time_ns"), "vector": ("proxy", "norm
 class TelemetryColumns:
     """The telemetry of a run, one array per field; ``n`` samples, oldest first.
 
-    ``None`` in a packet is NaN here (-1 in ``device_seq``). Contacts are those of the state of the
-    same tick, whenever the environment answered it. A device that was lost and returned begins to
-    count again; here the counts go on.
+    ``None`` in a packet is NaN here (-1 in ``device_seq`` and the stamps). Contacts are those of
+    the state of the same tick, whenever the environment answered it. A device that was lost and
+    returned begins to count again; here the counts go on.
     """
 
     time: NDArray[np.float64]  # (n,), s since the first sample with an engaged force
@@ -67,6 +67,8 @@ class TelemetryColumns:
     given_energy: NDArray[np.float64]  # (n,), J, so far to the energy partner; NaN: has none
     received_energy: NDArray[np.float64]  # (n,), J, so far from it; likewise
     deadline_misses: NDArray[np.int64]  # (n,), ticks skipped so far
+    read_ns: NDArray[np.int64]  # (n,), ns, when the reading was latched; -1: not recorded
+    write_ns: NDArray[np.int64]  # (n,), ns, from when on the force acts; likewise
     is_answered: NDArray[np.bool_]  # (n,), whether the environment's answer to this tick is known
     proxy: NDArray[np.float64]  # (n, axes), m; NaN without a contact
     normal: NDArray[np.float64]  # (n, axes), outward unit normal at the proxy; NaN likewise

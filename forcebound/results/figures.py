@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from forcebound.results import cells, ticks
 from forcebound.results import samples as need
-from forcebound.results.bounder import Limited, causes_of_little_force
+from forcebound.results.bounder import Limited
 from forcebound.results.cells import (
     HZ,
     MJ,
@@ -247,10 +247,7 @@ def _sources(run: Samples) -> dict[str, int]:
 
 
 def _little_force(run: Samples) -> list[dict[str, Any]]:
-    if not run.time.size:
-        return []
-    causes = causes_of_little_force(run.run.slice(run.since), run.device, run.report)
-    return [{"cause": c.code, "data": dict(c.data), "advice": c.remedy} for c in causes]
+    return [{"cause": c.code, "data": dict(c.data), "advice": c.remedy} for c in run.causes]
 
 
 #: Figures that rest on the report of the bounder; a sweep has none of them.

@@ -16,8 +16,6 @@ ALL = 0.995  # of the stiffness
 MISSED_SHARE = 1e-3  # of the ticks; fewer are not worth a word
 STAYS = "pressing"  # the hand that a passive wall brings to rest; others move by themselves
 
-WHOLE = ("dissipation", "law_not_certified")  # causes of little force beside no other
-
 
 def verdict(summary: Summary, document: Mapping[str, Any]) -> list[str]:
     """Return the lines.
@@ -130,9 +128,8 @@ def _reason(s: Summary) -> str:
     if not s["little_force"]:
         return ""
     cause, more = s["little_force"][0], len(s["little_force"]) - 1
-    partly = "" if cause["cause"] in WHOLE else ", among other causes"
     others = f" ({more} more: --all)" if more else ""
-    return f"Why the law gave little{partly}: {cause['advice']}.{others}"
+    return f"Why not more: {cause['advice']}.{others}"
 
 
 def _times(count: int) -> str:
