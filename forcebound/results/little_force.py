@@ -61,7 +61,10 @@ def causes_of_little_force(run: "Samples") -> list[Cause]:
         return []
     if not {"force", "surface", "stiffness", "contact"}.isdisjoint(run.lacks()):
         return []
-    twin = Twin(run)
+    try:
+        twin = Twin(run)
+    except ConfigError:
+        return []
     lost, found = twin.asked - twin.felt, list[Cause]()
     if lost <= (1.0 - WHOLE) * twin.asked:
         return []
@@ -71,7 +74,7 @@ def causes_of_little_force(run: "Samples") -> list[Cause]:
     found.sort(key=takes, reverse=True)
     rest = lost - sum(map(takes, found))
     if law != "none" and (rest > 0.5 * lost or not found):
-        found.append(_dissipation(twin, rest, LAWS[law].is_certified))
+        found.append(_dissipation(twin, rest, LAWS[law].is_certified and not found))
     return found
 
 
@@ -203,11 +206,11 @@ def _of_the_device(twin: Twin) -> Iterator[_Suspect]:
         yield _Suspect("energy_cap", why, change, "device.energy_cap: auto", change)
 
 
-def _dissipation(twin: Twin, rest: float, is_certified: bool) -> Cause:
+def _dissipation(twin: Twin, rest: float, seeks_rate: bool) -> Cause:
     """What is left: damping and friction of the device, and what the hand has put in."""
     advice = f"more damping, or an environment of {_n_mm(twin.felt)}, which would feel the same"
     rate, gives = 1.0 / twin.stated.period, twin.felt
-    for factor in (2.0, 0.5) if is_certified else ():
+    for factor in (2.0, 0.5) if seeks_rate else ():
         if factor * rate <= FASTEST and factor * rate * twin.busy < 1.0:
             with suppress(ConfigError):
                 felt = min(twin.would_feel(Change(rate=factor)), twin.asked)

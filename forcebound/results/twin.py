@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from forcebound.errors import ConfigError
 from forcebound.haptics.devices import DEVICES, DeviceModel
 from forcebound.haptics.hands.hands import SoftGrip
 from forcebound.haptics.laws import Dissipation, ForceBounder
@@ -61,6 +62,7 @@ class Twin:
     """
 
     def __init__(self, run: "Samples") -> None:
+        """Take a run; ConfigError if its device has no twin here."""
         self._columns = columns = run.run.slice(run.since & (run.run.time <= STEADY_WINDOW[1]))
         touch = touch_of_run(columns, run.events, run.config)
         assert touch is not None
@@ -68,8 +70,8 @@ class Twin:
         self._touch, self._stiffness = touch, np.nan_to_num(touch.stiffness)
         has_stamps = bool((columns.read_ns >= 0).all())
         read_ns = columns.read_ns if has_stamps else columns.time_ns
-        self.time: Floats = (read_ns - read_ns[0]).astype(np.float64) * 1e-9
-        self.write_delay: Floats = (columns.write_ns - read_ns) * (1e-9 * has_stamps)
+        self.time: Floats = np.asarray((read_ns - read_ns[0]) * 1e-9, np.float64)
+        self.write_delay: Floats = np.asarray(has_stamps * (columns.write_ns - read_ns) * 1e-9)
         self.busy = 2.0 * float(np.median(self.write_delay))
         device: dict[str, Any] = {
             k: tuple(v) if isinstance(v, list) else v for k, v in run.device.items()
@@ -81,6 +83,12 @@ class Twin:
             own = {each.name for each in fields(kind) if each.init} & device.keys()
             self._model = kind(**{name: device[name] for name in own})
         self._kinematics = None if self._model is None else self._model.kinematics()
+        is_arm, place = (
+            bool(np.isfinite(columns.torques).any()),
+            tuple(columns.position[-1].tolist()),
+        )
+        if is_arm and (self._model is None or self._model.angles(place) is None):
+            raise ConfigError("the joints of this arm cannot be computed from places of its tip")
         self.stated = self._state(device)
         motors = columns.applied_force if self._kinematics is None else columns.torques
         self._first: Vector = tuple(motors[0].tolist())
@@ -128,6 +136,8 @@ class Twin:
 
     def would_feel(self, change: Change) -> float:
         """Return the stiffness that the hand would have felt, in N/m."""
+        if change.is_punctual:  # what the twin errs is of late ticks
+            return self._run(change)
         if self._error is None:
             self._error = self.felt - self._run(Change())
         return max(self._run(change) + self._error, 0.0)
@@ -199,7 +209,7 @@ class Twin:
         (bounder, stated), kinematics = self._bounder(change), self._kinematics
         mass, spring, damping, friction = self._hand
         steps = stated.of_axes("resolution", len(self._first))
-        applied: Vector = tuple(self._columns.applied_force[0].tolist())
+        applied = last = tuple(self._columns.applied_force[0].tolist())
         zero, depths, before = (0.0,) * len(applied), [], 0.0
         away, speed = list(zero), list(zero)
         for time, position, place, was, command, impulse, *rest in ticks:
@@ -226,9 +236,13 @@ class Twin:
                 bounder.credit(self._before)
             else:
                 asked = shorten(asked, size, stated.saturation * ramp)
+                if stated.watchdog == "reporting" and dt > stated.hold_limit:
+                    dropped = before - dt + delay + stated.hold_limit
+                    bounder.report_cut(round(dropped * 1e9), last)
                 motors = bounder.bound(time_ns, reading, asked)
                 bounder.settle(motors, time_ns + round(delay * 1e9))
                 applied = tuple([math.hypot(*motors) / (size or math.inf) * f for f in command])
+            last = reading
             yield sum(map(mul, applied, inward)), depths[-1]
 
     def _read(self, was: Vector, now: Vector, steps: Vector) -> tuple[Vector, Vector]:
