@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 
 
 SMOOTH = 10  # ticks to either side, over which a recorded speed is a mean
+ENOUGH = 3.0  # s of a long run that touches then, for the sake of speed
 WAY = 1e-4  # m, over which joints turn as at a point
 
 
@@ -50,7 +51,7 @@ class Change:
 
 
 class Twin:
-    """A run with an engaged force and a surface of known stiffness, up to the steady window's end.
+    """A run with an engaged force and a surface of known stiffness, for some seconds.
 
     Attributes:
         stated: What the law relied on.
@@ -63,7 +64,9 @@ class Twin:
 
     def __init__(self, run: "Samples") -> None:
         """Take a run; ConfigError if its device has no twin here."""
-        self._columns = columns = run.run.slice(run.since & (run.run.time <= STEADY_WINDOW[1]))
+        is_long = run.run.time[-1] >= STEADY_WINDOW[1] and run.contact[run.time <= ENOUGH][-1]
+        until = ENOUGH if is_long else STEADY_WINDOW[1]
+        self._columns = columns = run.run.slice(run.since & (run.run.time <= until))
         touch = touch_of_run(columns, run.events, run.config)
         assert touch is not None
         assert touch.stiffness is not None
