@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 WHOLE = 0.95  # of the asked stiffness; who feels it has lost nothing
 WORTH = 0.1  # of the felt stiffness; less is not worth a word, if it is not most of the loss
+LEAST = 0.005  # of the asked stiffness, worth a word where nothing is felt
 LATE = 1.3  # periods
 SHORT_LIMIT = 0.02  # s, in which the boards that ship end a force
 ALLOWANCES = (1e-3, 2e-3, 5e-3, 0.01, 0.02, 0.05)  # J
@@ -68,9 +69,10 @@ def causes_of_little_force(run: "Samples") -> list[Cause]:
     lost, found = twin.asked - twin.felt, list[Cause]()
     if lost <= (1.0 - WHOLE) * twin.asked:
         return []
+    least = max(min(WORTH * twin.felt, 0.5 * lost), LEAST * twin.asked)
     for suspect in _suspects(twin, run, law):
         with suppress(ConfigError):  # numbers that do not go together
-            found += _judged(twin, suspect, min(WORTH * twin.felt, 0.5 * lost))
+            found += _judged(twin, suspect, least)
     found.sort(key=takes, reverse=True)
     rest = lost - sum(map(takes, found))
     if law != "none" and (rest > 0.5 * lost or not found):
@@ -90,7 +92,8 @@ def split_by_causes(
     split = dict(shares)
     left = split.pop("law", 0.0)
     for cause in causes:
-        name, part = cause.code.replace("_", " "), min(takes(cause) / lost, left)
+        name = cause.code.replace("_", " ")
+        part = min(takes(cause) / lost - split.get(name, 0.0), left)
         if part > 0.0 and cause.code not in NOT_THE_LAWS:
             split[name] = split.get(name, 0.0) + part
             left -= part
