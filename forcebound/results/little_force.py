@@ -182,13 +182,17 @@ def _of_the_clock(twin: Twin, run: "Samples") -> Iterator[_Suspect]:
 def _of_the_device(twin: Twin) -> Iterator[_Suspect]:
     stated = twin.stated
     if stated.watchdog == "none":
-        limit, change = min(stated.watchdog_limit, SHORT_LIMIT), Change({"allowance": 1e6})
+        # Punctual, since with a shorter limit late holds cost next to nothing.
+        limit = min(stated.watchdog_limit, SHORT_LIMIT)
+        change = Change({"allowance": 1e6}, is_punctual=True)
         why = f"without a watchdog each force is planned for {1e3 * stated.watchdog_limit:.3g} ms"
         why += f" (device.watchdog_limit) less an allowance of {1e3 * stated.allowance:.3g} mJ"
-        most, given = stated.allowance, Change({"watchdog_limit": limit})
+        most, given = stated.allowance, Change({"watchdog_limit": limit}, is_punctual=True)
+        nearly = WHOLE * min(twin.would_feel(change), twin.asked)
         for most in (one for one in ALLOWANCES if one > stated.allowance):
-            given = Change({"watchdog_limit": limit, "allowance": most})
-            if twin.would_feel(given) >= WHOLE * min(twin.would_feel(change), twin.asked):
+            numbers = {"watchdog_limit": limit, "allowance": most}
+            given = Change(numbers, is_punctual=True)
+            if twin.would_feel(given) >= nearly:
                 break
         remedy = f"watchdog_limit: {1e3 * limit:.3g} ms, allowance: {1e3 * most:.3g} mJ"
         yield _Suspect("watchdog_limit", why, change, remedy, given)
