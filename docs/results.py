@@ -190,6 +190,10 @@ MEANINGS = {
         "forces that took effect longer after their reading than `device.write_delay`: the "
         "certificate planned for less. Only shown if there are any"
     ),
+    "reads_and_writes_s": (
+        "what the device's own reads and writes take of each tick (median of twice the time from "
+        "reading to write); more than a period misses ticks, and the verdict says so"
+    ),
     "longest_write_delay_ms": "the longest such time",
     "largest_allowance_j": (
         "the most that holds beyond the hold limit can have given the hand (`device.allowance`)"
@@ -203,9 +207,9 @@ MEANINGS = {
         "how many of its numbers are measured, from a data sheet, or assumed (`device.sources`)"
     ),
     "little_force": (
-        "[causes](#causes-of-little-force) of a stiffness felt that is less than 95 % of that asked, "
-        "each `cause` with the `advice` in the lines below the table; `data` has what it `takes` and "
-        "what its remedy `gives`, in N/m"
+        "[causes](#causes-of-little-force) of a stiffness felt that is less than 95 % of that "
+        "asked, each `cause` with the `advice` in the lines below the table; `data` has what it "
+        "`takes` and what its remedy `gives`, in N/m"
     ),
     "rejected_packets": (
         "packets that the device rejected, by reason ([protocol.md](protocol.md))"

@@ -13,6 +13,7 @@ from forcebound.observe.findings import Finding, note, problem
 from forcebound.observe.observation import Observations
 from forcebound.results.bounder import Cause, Limited
 from forcebound.results.samples import Samples
+from forcebound.results.ticks import reads_and_writes
 from forcebound.roles import DEVICE
 from forcebound.run.process.recorder import COMPLETE
 
@@ -103,6 +104,10 @@ def _lateness(seen: Observations) -> tuple[Cause, ...]:
     device = seen.of(DeviceStatus).last
     facts = [] if device is None else device.realtime
     causes = [Cause(fact.code, fact.sentence) for fact in facts if fact.is_hindrance]
+    busy = (reads_and_writes(seen.telemetry) or 0.0) * seen.config.device.servo.rate
+    if busy > 1.0:
+        advice = f"the device's own reads and writes take {busy:.2g} periods: a lower device.rate"
+        causes.append(Cause("slow_device", advice))
     if seen.neighbours:
         graphs = ", ".join(seen.neighbours)
         advice = f"core {seen.core} is shared with {graphs}: set realtime.cores"

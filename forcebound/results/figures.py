@@ -260,6 +260,7 @@ _OF_THE_BOUNDER = (
         "late_writes", "writes later than stated", cells.late_writes, _of("report", "late_writes")
     ),
     Figure("longest_write_delay_ms", "", None, ticks.longest_write_delay),
+    Figure("reads_and_writes_s", "", None, lambda run: ticks.reads_and_writes(run.columns)),
     Figure(
         "largest_allowance_j",
         "largest allowance used",

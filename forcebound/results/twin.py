@@ -73,8 +73,9 @@ class Twin:
         self._touch, self._stiffness = touch, np.nan_to_num(touch.stiffness)
         has_stamps = bool((columns.read_ns >= 0).all())
         read_ns = columns.read_ns if has_stamps else columns.time_ns
-        self.time: Floats = np.asarray((read_ns - read_ns[0]) * 1e-9, np.float64)
-        self.write_delay: Floats = np.asarray(has_stamps * (columns.write_ns - read_ns) * 1e-9)
+        self.time: Floats = 1e-9 * (read_ns - read_ns[0]).astype(np.float64)
+        self.write_delay: Floats = (columns.write_ns - read_ns).astype(np.float64)
+        self.write_delay *= 1e-9 * has_stamps
         self.busy = 2.0 * float(np.median(self.write_delay))
         device: dict[str, Any] = {
             k: tuple(v) if isinstance(v, list) else v for k, v in run.device.items()

@@ -39,7 +39,7 @@ def verdict(summary: Summary, document: Mapping[str, Any]) -> list[str]:
         lines += [_reason(summary)]
     else:
         lines = ["No force: it never engaged."]
-    failures = "; ".join(_failures(summary))
+    failures = "; ".join(_failures(summary, document))
     return [line for line in (*lines, failures and f"Faults: {failures}.") if line]
 
 
@@ -140,7 +140,7 @@ def _counted(count: int, noun: str) -> str:
     return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
 
 
-def _failures(s: Summary) -> Iterator[str]:
+def _failures(s: Summary, document: Mapping[str, Any]) -> Iterator[str]:
     for kind, count in s["faults"].items():
         if kind != "ticks_missed":  # they are counted below
             yield f"{kind.replace('_', ' ')} {_times(count)}"
@@ -150,9 +150,19 @@ def _failures(s: Summary) -> Iterator[str]:
     missed = s["deadline_misses"] or 0
     share = missed / (missed + s["samples"] or 1)
     if share > MISSED_SHARE:
-        yield f"{_counted(missed, 'tick')} missed ({share:.1%})"
+        yield f"{_counted(missed, 'tick')} missed ({share:.1%}){_of_the_device(s, document)}"
     if s["refused_readings"]:
         yield f"{_counted(s['refused_readings'], 'reading')} refused"
     lost_packets = lost(s)
     if lost_packets != "0":
         yield f"lost or damaged, as the links are set: {lost_packets}"
+
+
+def _of_the_device(s: Summary, document: Mapping[str, Any]) -> str:
+    """Why the device itself misses ticks; empty: it does not."""
+    busy, rate = s["reads_and_writes_s"] or 0.0, (document.get("device") or {}).get("rate", 0.0)
+    if busy * rate <= 1.0:
+        return ""
+    return (
+        f", since its reads and writes take {1e3 * busy:.2g} ms of a period of {1e3 / rate:.2g} ms"
+    )
