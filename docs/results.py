@@ -15,6 +15,7 @@ A result begins with a verdict of at most five lines (`simulate`, `launch`, `plo
 Not passive: the hand received up to 194 mJ that it had not put in.
 Not at rest: it moves at 110 mm/s at the end, and turned round 222 times after first contact.
 Stiffness felt: 7.91 N/mm of 10 N/mm (79%, a mean, since the hand moved); the rest was taken by: saturation 100%.
+Why not more: the motors saturate at 8.5 N (device.saturation): motors of twice that would give some 10 N/mm in place of 7.9 N/mm.
 ```
 
 * **Failed** comes first: why the run has exit status 1, such as the line of an environment's, controller's, law's or
@@ -31,8 +32,10 @@ Stiffness felt: 7.91 N/mm of 10 N/mm (79%, a mean, since the hand moved); the re
   that costs force alone. Other late holds are priced or dropped, and break none ([theory.md](theory.md), 3.2).
 * **At rest**: slower than 1 mm/s over the last 0.5 s.
 * **Stiffness felt** is the displayed stiffness of the table, less what a watchdog dropped between two writes, in the unit
-  of the launch file. Of a body that moves (`mass_spring`, `bodies`) it is that of the spring between hand and body. The [shares](#what-takes-stiffness) of what took the rest add up to 100 %.
-* **Why the law gave little**: the first cause of `little_force`, with a remedy.
+  of the launch file. Of a body that moves (`mass_spring`, `bodies`) it is that of the spring between hand and body. The
+  [shares](#what-takes-stiffness) of what took the rest add up to 100 %.
+* **Why not more**: the first of the [causes](#causes-of-little-force), with a remedy and the stiffness that it would
+  give; only if less than 95 % of a known stiffness was felt.
 * **Faults**: faults by kind, rejected and lost packets, ticks missed (from 0.1 % on); only if there are any. A run that
   reaches its end with faults has exit status 0, unless it *failed*.
 
@@ -200,6 +203,10 @@ MEANINGS = {
         "forces that took effect longer after their reading than `device.write_delay`: the "
         "certificate planned for less. Only shown if there are any"
     ),
+    "reads_and_writes_s": (
+        "what the device's own reads and writes take of each tick (median of twice the time from "
+        "reading to write); more than a period misses ticks, and the verdict says so"
+    ),
     "longest_write_delay_ms": "the longest such time",
     "largest_allowance_j": (
         "the most that holds beyond the hold limit can have given the hand (`device.allowance`)"
@@ -218,8 +225,9 @@ MEANINGS = {
         "`count` of how many (`of`)"
     ),
     "little_force": (
-        "why the law gave less than commanded most of the time, each `cause` with its `data` "
-        "and the `advice` in the lines below the table"
+        "[causes](#causes-of-little-force) of a stiffness felt that is less than 95 % of that "
+        "asked, each `cause` with the `advice` in the lines below the table; `data` has what it "
+        "`takes` and what its remedy `gives`, in N/m"
     ),
     "rejected_packets": (
         "packets that the device rejected, by reason ([protocol.md](protocol.md))"
@@ -236,17 +244,44 @@ smaller took what is missing: without an earlier one the hand would have felt no
 
 | share | what is missing where |
 |---|---|
-| law | the law cut the force |
+| *a cause*, little dissipation | the law cut the force: what it lacked, see below; `law` where that is not known |
 | saturation | the motor could not give more, and the law left that as it was |
-| late answers | nothing cut it: the answer in use is of an earlier, shallower place |
+| engage ramp | nothing cut it: the force still came over `device.engage_time` |
+| late answers | nothing cut it: the answer in use is of an earlier, shallower place. And what they take by emptying the ledger |
 | missing answers | no answer was in use: none had come, or it was older than `device.age_limit` |
-| missed ticks | a silent or reporting watchdog had dropped the force of a late tick until the next write; and, with `device.hold_limit: auto`, what a certified law gives less with the same ledger because late ticks lengthen the hold limit |
+| missed ticks | a silent or reporting watchdog had dropped the force of a late tick until the next write; and what a certified law gives less because ticks were late |
 | controller or environment | neither: the controller changes the answer, or the environment is more than a spring |
 
-**What cannot be separated.** Late answers and missed ticks also take stiffness through the law: they empty its ledger.
-That is in the law's share, since only another run could tell how much it is; compare with `delay:="0 ms"` in
-`forcebound simulate`. Of a run whose law was changed, the share of missed ticks has only the dropped force. Of a hand
-that moves, the stiffness felt is a mean and means little.
+Of a run whose law was changed, the share of missed ticks has only the dropped force. Of a hand that moves, the
+stiffness felt is a mean and means little.
+
+## Causes of little force
+
+What would the hand have felt without a delay, with another watchdog limit, at another rate? The program computes that:
+the *twin* of a run (`forcebound/results/twin.py`) feeds the bounder the recorded readings and commands once more, with
+one number changed, and moves the hand by what the other force does to its mass, damping and stiffness (those of the
+simulated hand; of a person, those of a soft grip). With the numbers of the run the twin is the run. A cause *takes* what
+the twin without it feels more, and its remedy *gives* what the twin with the remedy feels.
+
+| cause | what it is | remedy, whose stiffness is named |
+|---|---|---|
+| `watchdog_limit` | no watchdog, so a force must be safe for `device.watchdog_limit`, but for `device.allowance` | a limit of 20 ms at most, and the smallest allowance that gives nearly all |
+| `write_delay` | a force acts later than its reading, as stated (`device.write_delay`) or recorded | half of it |
+| `lag`, `presliding`, `gain_error`, `weight_error`, `resolution` | numbers of the device, with their price ([prices.md](prices.md)) | half of it |
+| `hold_limit` | a fixed `device.hold_limit` | `auto` |
+| `missed_ticks` | ticks that were late or missed; if the device's own reads and writes take more than a period, that is said | punctual ticks; else a `device.rate` that the device can keep |
+| `late_answers` | half of the answers are older than a period, or some are missing | answers at once |
+| `energy_cap` | the ledger may not keep more | `auto` |
+| `fading` | `certified_fading` forgets what the hand has put in | `certified` |
+| `law_not_certified` | another law gives less than `certified` would | `certified` |
+| `saturation` | of the motors | motors of twice that |
+| `engage_ramp` | the force was still coming | a longer run |
+| `dissipation` | what is left: the law gives what the device's damping and friction, and the motion of the hand, pay for | half or twice `device.rate`, if one of them gives more; else more damping, or a softer environment, which would feel the same |
+
+The avoidable causes come first, by what each takes; `dissipation` comes last, where it is more than half of the loss. A
+cause that takes less than a tenth of the stiffness felt is left out, unless it is half of the loss. In the cases of
+`tests/test_little_force.py`, each run again with the remedy, the stiffness named is within 10 % of that felt. Without a
+known stiffness, and for hands that exchange energy, no cause is named.
 
 ## The energy of the motor
 

@@ -20,7 +20,7 @@ COMMAND = re.compile(rf"(?<!`)\bforcebound (?:{'|'.join(sorted(main.commands))})
 
 # Files whose texts hold commands that are whole lines, or titles, rather than advice in a sentence.
 ADVISING = {
-    "results/bounder.py",
+    "results/little_force.py",
     "observe/doctor.py",
     "observe/doctor_loop.py",
     "observe/machine.py",

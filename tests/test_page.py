@@ -186,7 +186,7 @@ def test_the_page_gets_the_promise_that_a_device_breaks_now(law: str, is_named: 
         ]
         for delay in (500_000, 400_000)
     )
-    found = controls.broken({"left": late, "right": punctual})
+    found = controls.broken({"left": (late, ()), "right": (punctual, ())})
     assert found["right"] == ""
     assert ("9 of 9 forces acted later than device.write_delay" in found["left"]) == is_named
 

@@ -17,6 +17,7 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Annotated, ClassVar, Literal
 
 from forcebound.errors import DeviceError
@@ -78,6 +79,10 @@ class Haply2DIY(FiveBarNumbers, SerialJoints):
 
     def five_bar(self) -> FiveBar:
         """Return the simulated arm with this geometry, whose kinematics is that of the device."""
+        return self._five_bar
+
+    @cached_property
+    def _five_bar(self) -> FiveBar:
         base = WIRINGS[self.version].base
         return FiveBar(**self.simulated_joints(), base=base, origin=self.origin)
 

@@ -109,6 +109,9 @@ class ODrive(SerialJoints):
     def kinematics(self) -> ArmKinematics:
         return self.knob().kinematics()
 
+    def angles(self, position: Vector) -> Vector:
+        return tuple([x / self.lever for x in position])
+
     def open(self, operator: Operator | None, hold_limit: float) -> "OpenODrive":
         zero = b"\n" + zero_torque(self.joints)  # the first ends a line that was cut short
         baud = self.baud or 115_200

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterator
 
 import numpy as np
-from msgspec.structs import replace
 
 from forcebound.graph.graph import GraphConfig
 from forcebound.graph.names import LAW, of_hand
@@ -12,7 +11,9 @@ from forcebound.messages.control import DeviceStatus, RecorderStatus
 from forcebound.messages.topology import LINKS, in_hand
 from forcebound.observe.findings import Finding, note, problem
 from forcebound.observe.observation import Observations
-from forcebound.results.bounder import Cause, Limited, causes_of_little_force
+from forcebound.results.bounder import Cause, Limited
+from forcebound.results.samples import Samples
+from forcebound.results.ticks import reads_and_writes
 from forcebound.roles import DEVICE
 from forcebound.run.process.recorder import COMPLETE
 
@@ -103,6 +104,10 @@ def _lateness(seen: Observations) -> tuple[Cause, ...]:
     device = seen.of(DeviceStatus).last
     facts = [] if device is None else device.realtime
     causes = [Cause(fact.code, fact.sentence) for fact in facts if fact.is_hindrance]
+    busy = (reads_and_writes(seen.telemetry) or 0.0) * seen.config.device.servo.rate
+    if busy > 1.0:
+        advice = f"the device's own reads and writes take {busy:.2g} periods: a lower device.rate"
+        causes.append(Cause("slow_device", advice))
     if seen.neighbours:
         graphs = ", ".join(seen.neighbours)
         advice = f"core {seen.core} is shared with {graphs}: set realtime.cores"
@@ -151,8 +156,8 @@ def _law(seen: Observations) -> Iterator[Finding]:
         command = f"forcebound param set {of_hand(seen.hand, LAW)}:=certified"
         yield note("no_law", seen.name(DEVICE), words, command=command)
         return
-    section = to_document(seen.config)["device"]
-    force = Limited(seen.telemetry, section)
+    document = to_document(seen.config)
+    force = Limited(seen.telemetry, document["device"])
     if not force:
         return
     share = float(force.limited.sum() / force.pushing.sum())
@@ -162,12 +167,9 @@ def _law(seen: Observations) -> Iterator[Finding]:
         f"of {commanded:.2g} N commanded it applies {applied:.2g} N"
     )
     status = seen.of(DeviceStatus).last
-    report = None
-    if status is not None:
-        overruns = seen.of(DeviceStatus).growth(lambda one: one.bounder.overruns)
-        report = replace(status.bounder, overruns=overruns)
-    causes = tuple(causes_of_little_force(seen.telemetry, section, report))
-    yield note("law_limits", seen.name(DEVICE), words, causes=causes)
+    run = Samples(seen.telemetry, document)
+    run.report = None if status is None else status.bounder
+    yield note("law_limits", seen.name(DEVICE), words, causes=tuple(run.causes))
 
 
 LOOP_RULES: tuple[Callable[[Observations], Iterator[Finding]], ...] = (

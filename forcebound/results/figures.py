@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from forcebound.results import cells, ticks
 from forcebound.results import samples as need
-from forcebound.results.bounder import Limited, causes_of_little_force
+from forcebound.results.bounder import Limited
 from forcebound.results.cells import (
     HZ,
     MJ,
@@ -244,10 +244,7 @@ def _sources(run: Samples) -> dict[str, int]:
 
 
 def _little_force(run: Samples) -> list[dict[str, Any]]:
-    if not run.time.size:
-        return []
-    causes = causes_of_little_force(run.run.slice(run.since), run.device, run.report)
-    return [{"cause": c.code, "data": dict(c.data), "advice": c.remedy} for c in causes]
+    return [{"cause": c.code, "data": dict(c.data), "advice": c.remedy} for c in run.causes]
 
 
 #: Figures that rest on the report of the bounder; a sweep has none of them.
@@ -260,6 +257,7 @@ _OF_THE_BOUNDER = (
         "late_writes", "writes later than stated", cells.late_writes, _of("report", "late_writes")
     ),
     Figure("longest_write_delay_ms", "", None, ticks.longest_write_delay),
+    Figure("reads_and_writes_s", "", None, lambda run: ticks.reads_and_writes(run.columns)),
     Figure(
         "largest_allowance_j",
         "largest allowance used",

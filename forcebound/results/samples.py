@@ -15,9 +15,10 @@ from forcebound.haptics.laws import LAWS
 from forcebound.haptics.laws.hold_limit import FLOOR
 from forcebound.messages.packets import Event
 from forcebound.recordings.telemetry import TelemetryColumns
-from forcebound.results.bounder import bounder_report, saturated
+from forcebound.results.bounder import Cause, bounder_report, saturated
 from forcebound.results.contact import Settling, final_speed, settling, steady_window
 from forcebound.results.energy import Fall, Holds, Observed, largest_fall, observe
+from forcebound.results.little_force import causes_of_little_force
 from forcebound.results.spectrum import Impedance, Vibration, displayed_impedance, vibration
 from forcebound.results.surface import Floats, Mask, Touch, scale_of, touch_of_run
 
@@ -40,7 +41,11 @@ class Samples:
     """A run and what its figures are made of; arrays are of the samples with an engaged force."""
 
     def __init__(
-        self, run: TelemetryColumns, config: Mapping[str, Any], events: Sequence[Event] = ()
+        self,
+        run: TelemetryColumns,
+        config: Mapping[str, Any],
+        events: Sequence[Event] = (),
+        explains: bool = True,
     ) -> None:
         """Take a run.
 
@@ -48,11 +53,12 @@ class Samples:
             run: Telemetry of the run, all samples.
             config: The launch file as resolved for the run, in SI numbers.
             events: Of the run; they say when its surface was moved or changed.
+            explains: Whether causes of little force are looked for, which takes a second or more.
 
         Raises:
             ConfigError: If the launch file describes a surface that does not fit the run.
         """
-        self.run, self.config, self.events = run, config, events
+        self.run, self.config, self.events, self._explains = run, config, events, explains
         engaged = run.engagement > 0.0
         self.since: Mask = run.time >= 0.0 if engaged.any() else engaged  # since it engaged, (all,)
         self.columns = columns = run.slice(engaged)
@@ -171,6 +177,11 @@ class Samples:
             return shortest, shortest
         plans = is_certified(law(self.config))
         return self.report.hold_limit, shortest if plans else self.report.hold_limit
+
+    @cached_property
+    def causes(self) -> list[Cause]:
+        """See :func:`.little_force.causes_of_little_force`."""
+        return causes_of_little_force(self) if self._explains else []
 
     @cached_property
     def wall_error(self) -> Floats | None:

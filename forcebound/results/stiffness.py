@@ -16,8 +16,9 @@ the hand yields.) And with ``device.hold_limit: auto`` a certified law plans its
 ticks: it gives at most f_c + 2 sqrt(b G / L) for a ledger of G, so with the *same ledger* it would
 have given up to sqrt(L / L_0) F_a on a punctual clock.
 
-What delay or missed ticks take by emptying the ledger is in the law's part: a recording cannot tell
-it apart, since a law with another ledger would have moved the hand elsewhere.
+The law's part is then split by what the law lacked (:mod:`forcebound.results.little_force`): what
+each cause takes in the twin of the run, also by emptying the ledger, and little dissipation for the
+rest.
 """
 
 from typing import NamedTuple
@@ -25,6 +26,7 @@ from typing import NamedTuple
 import numpy as np
 
 from forcebound.results.contact import steady_window
+from forcebound.results.little_force import split_by_causes
 from forcebound.results.samples import Samples
 from forcebound.results.surface import Floats
 
@@ -64,6 +66,7 @@ def felt_stiffness(run: Samples) -> Stiffness | None:
     loss, is_cut = asked - applied, by_law | by_motor
     before = np.where(is_cut, np.minimum(loss, 0.0), loss)
     missing = np.where(is_answered, 0.0, before)
+    ramp = np.where(is_answered & ~is_cut, (1.0 - columns.engagement) * answered, 0.0)
     late = np.where(is_cut, np.clip(asked - answered, before, 0.0), asked - answered)
     late = np.where(is_answered, late, 0.0)
     lost = {
@@ -72,15 +75,19 @@ def felt_stiffness(run: Samples) -> Stiffness | None:
         "late answers": late,
         "missing answers": missing,
         "missed ticks": dropped + planned,
-        "controller or environment": before - late - missing,
+        "engage ramp": ramp,
+        "controller or environment": before - late - missing - ramp,
     }
     weights = np.where(chosen, interval, 0.0)
 
     def mean(force: Floats) -> float:
         return float(np.average(force[chosen] / run.depth[chosen], weights=weights[chosen]))
 
+    felt, stiffness = mean(applied - dropped), mean(asked)
     shares = _shares({name: float(weights @ part) for name, part in lost.items()})
-    return Stiffness(mean(asked), mean(applied - dropped), shares)
+    if shares is not None and "law" in shares and run.causes:
+        shares = split_by_causes(shares, run.causes, stiffness - felt)
+    return Stiffness(stiffness, felt, shares)
 
 
 def _shares(lost: dict[str, float]) -> dict[str, float] | None:

@@ -24,7 +24,10 @@ _OF_A_PHASE = ("loop_delay_ms", "reply_age_ms", "peak_force_n")
 
 
 def summarize(
-    columns: TelemetryColumns, config: Mapping[str, Any], events: Sequence[Event] = ()
+    columns: TelemetryColumns,
+    config: Mapping[str, Any],
+    events: Sequence[Event] = (),
+    explains: bool = True,
 ) -> dict[str, Any]:
     """Return the figures of a run by key, ready for JSON; ``docs/results.md`` lists them.
 
@@ -34,11 +37,12 @@ def summarize(
         columns: Telemetry of the run.
         config: The launch file as resolved for the run, in SI numbers.
         events: Of the run.
+        explains: Whether causes of little force are looked for, which takes a second or more.
 
     Raises:
         ConfigError: If the launch file describes a surface that does not fit the run.
     """
-    run = Samples(columns, config, events)
+    run = Samples(columns, config, events, explains)
     lacks = run.lacks()
     figures: dict[str, Any] = {}
     undefined = {}

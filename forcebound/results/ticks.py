@@ -100,3 +100,13 @@ def hold_limits(run: Samples) -> dict[str, float | None]:
 def longest_write_delay(run: Samples) -> float | None:
     """Return the longest time from a reading to its force, in ms."""
     return None if run.report is None else run.report.longest_write_delay * 1e3
+
+
+def reads_and_writes(columns: TelemetryColumns) -> float | None:
+    """Return what the device's own reads and writes take of a tick, in s; None: not recorded.
+
+    Half of the ticks take more. The state is read, too, as long before as reading and write take.
+    """
+    if not columns.read_ns.size or (columns.read_ns < 0).any():
+        return None
+    return 2e-9 * float(np.median(columns.write_ns - columns.read_ns))

@@ -22,8 +22,6 @@ WALL = "wall"  # in place of a hand: nobody holds this device
 BODIES = ("bodies", "mass_spring")  # environments whose stiffness is not that of what is touched
 BETWEEN = "Spring between hand and body"  # which has it
 
-WHOLE = ("dissipation", "law_not_certified")  # causes of little force beside no other
-
 
 def verdict(summary: Summary, document: Mapping[str, Any]) -> list[str]:
     """Return the lines.
@@ -49,7 +47,7 @@ def verdict(summary: Summary, document: Mapping[str, Any]) -> list[str]:
         ]
     elif not failed:
         lines = ["No force: it never engaged."]
-    failures = "; ".join(_failures(summary))
+    failures = "; ".join(_failures(summary, document))
     return [line for line in (*lines, failures and f"Faults: {failures}.") if line]
 
 
@@ -191,9 +189,8 @@ def _reason(s: Summary) -> str:
     if not s["little_force"]:
         return ""
     cause, more = s["little_force"][0], len(s["little_force"]) - 1
-    partly = "" if cause["cause"] in WHOLE else ", among other causes"
     others = f" ({more} more: --all)" if more else ""
-    return f"Why the law gave little{partly}: {cause['advice']}.{others}"
+    return f"Why not more: {cause['advice']}.{others}"
 
 
 def _times(count: int) -> str:
@@ -204,7 +201,7 @@ def _counted(count: int, noun: str) -> str:
     return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
 
 
-def _failures(s: Summary) -> Iterator[str]:
+def _failures(s: Summary, document: Mapping[str, Any]) -> Iterator[str]:
     counted = ("ticks_missed", *(["readings_refused"] if s["refused_readings"] else []))
     for kind, count in s["faults"].items():
         if kind not in counted:  # below
@@ -215,9 +212,19 @@ def _failures(s: Summary) -> Iterator[str]:
     missed = s["deadline_misses"] or 0
     share = missed / (missed + s["samples"] or 1)
     if share > MISSED_SHARE:
-        yield f"{_counted(missed, 'tick')} missed ({share:.1%})"
+        yield f"{_counted(missed, 'tick')} missed ({share:.1%}){_of_the_device(s, document)}"
     if s["refused_readings"] and all(map(is_uncovered, s["broken_promises"])):
         yield f"{_counted(s['refused_readings'], 'reading')} refused"
     lost_packets = lost(s)
     if lost_packets != "0":
         yield f"lost or damaged, as the links are set: {lost_packets}"
+
+
+def _of_the_device(s: Summary, document: Mapping[str, Any]) -> str:
+    """Why the device itself misses ticks; empty: it does not."""
+    busy, rate = s["reads_and_writes_s"] or 0.0, (document.get("device") or {}).get("rate", 0.0)
+    if busy * rate <= 1.0:
+        return ""
+    return (
+        f", since its reads and writes take {1e3 * busy:.2g} ms of a period of {1e3 / rate:.2g} ms"
+    )

@@ -80,6 +80,7 @@ class RunResult:
     failure: str = ""  # why it ended before, or not in order
     energy_before: float = 0.0  # J, of the device, what was taken from the true energy
     times_real_time: float = 1.0  # how fast the loop ran, without start and evaluation
+    explains: bool = True  # the summary looks for causes of little force, a second or more
 
     @classmethod
     def from_recording(
@@ -199,7 +200,7 @@ class RunResult:
         from forcebound.results.verdict import verdict
 
         summary = {
-            **summarize(self.columns, self.document, self.events),
+            **summarize(self.columns, self.document, self.events, self.explains),
             "hand": self.columns.hand,
             "law": self.label,
             "phases": summarize_phases(self.columns, self.events, self.document),

@@ -73,7 +73,7 @@ def _of_hand(hand: str, result: RunResult) -> Row:
     """Return parameters and figures of a hand, by their names: ``left.peak_force_n``."""
     document = {k: value for k, value in result.document.items() if k not in NO_PARAMETERS}
     own = {k: value for k, value in document.items() if k in HAND_SECTIONS}
-    own = _flat(own) | _flat(_figures(result.summary))
+    own = _flat(own) | _flat(_figures(replace(result, explains=False).summary))
     of_all = _flat({k: value for k, value in document.items() if k not in HAND_SECTIONS})
     return of_all | {of_hand(hand, name): value for name, value in own.items()}
 

@@ -1,12 +1,12 @@
 """What a page may do: change parameters, nodes, links; record; move the hand."""
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import msgspec
-from msgspec.structs import replace
 
 from forcebound.errors import ConfigError, ForceboundError
 from forcebound.graph.graph import GraphConfig, HandConfig
@@ -19,13 +19,14 @@ from forcebound.haptics.hands import Operator
 from forcebound.haptics.hands.hands import WallInPlace
 from forcebound.haptics.hands.pointer import PointerHand
 from forcebound.messages.control import DeviceStatus, GetStatus, Point, Pointed
-from forcebound.messages.packets import Telemetry, Vector
+from forcebound.messages.packets import Vector
 from forcebound.messages.topology import HAND, endpoint
 from forcebound.network.sockets import Network
 from forcebound.observe.control import ANSWER_TIMEOUT, ask_all, start_node, stop_node
 from forcebound.observe.formatting import as_written, meanings_of, ranges
 from forcebound.observe.kernels import Kernels
 from forcebound.observe.page.feed import Message
+from forcebound.observe.page.reason import Reason, Recent
 from forcebound.observe.page.recording import PageRecording
 from forcebound.observe.tuning import (
     configuration,
@@ -35,7 +36,6 @@ from forcebound.observe.tuning import (
     set_parameters,
 )
 from forcebound.recordings.telemetry import TelemetryColumns
-from forcebound.results.bounder import causes_of_little_force
 from forcebound.results.promises import broken_promises, in_words, is_uncovered
 from forcebound.results.samples import Samples
 from forcebound.roles import DEVICE, ENVIRONMENT
@@ -61,8 +61,8 @@ class Controls:
         self.energies_before = {
             hand: known[hand].energy_before if hand in known else 0.0 for hand in hands
         }
+        self._reasons = {hand: Reason() for hand in hands}
         self._devices: dict[str, Document] = {}  # sections of hands, with the law of now
-        self._overruns = dict.fromkeys(hands, 0)  # of hold limits, at the last look
         (loaded, *others) = {hand.device.servo.law for hand in hands.values()}
         self._kernels = Kernels(run_dir, "" if others else loaded)
         self._kernels.begin((BROKEN[LAW], SAFE[LAW]))
@@ -106,32 +106,35 @@ class Controls:
                 message[key] |= {_full_name(hand, name): text for name, text in texts.items()}
         return message | {"wall": _wall(config)}
 
-    def reasons(self, samples: Mapping[str, Sequence[Telemetry]]) -> dict[str, str]:
-        """Return why the law gives each hand little force in its samples; "": it does not."""
+    def reasons(self, recent: Mapping[str, Recent]) -> dict[str, str]:
+        """Return why the law gives each hand little force; "": it does not, or the hand moves."""
         known = self._statuses(STATUS_TIMEOUT)
+        self._devices = {
+            hand: {**to_document(self._config.of(hand))["device"], "law": status.law}
+            for hand, status in known.items()
+        }
         return {
-            hand: self._reason(hand, known[hand], own) if hand in known and own else ""
-            for hand, own in samples.items()
+            hand: self._reasons[hand].look(own, partial(self._run, hand, known[hand]))
+            if hand in known
+            else ""
+            for hand, own in recent.items()
         }
 
-    def _reason(self, hand: str, status: DeviceStatus, samples: Sequence[Telemetry]) -> str:
-        bounder = status.bounder
-        lately = replace(bounder, overruns=max(bounder.overruns - self._overruns[hand], 0))
-        self._overruns[hand] = bounder.overruns
-        device = {**to_document(self._config.of(hand))["device"], "law": status.law}
-        self._devices[hand] = device
-        columns = TelemetryColumns.from_packets(samples)
-        causes = causes_of_little_force(columns, device, lately, little=1.0)
-        return causes[0].advice if causes else ""
+    def _run(self, hand: str, status: DeviceStatus, columns: TelemetryColumns) -> Samples:
+        document = to_document(configuration(self._run_dir, with_code=False).of(hand))
+        document["device"]["law"] = status.law
+        run = Samples(columns, document)
+        run.report = status.bounder
+        return run
 
-    def broken(self, samples: Mapping[str, Sequence[Telemetry]]) -> dict[str, str]:
-        """Return why no certificate covers each hand in its samples; "": its law's does.
+    def broken(self, recent: Mapping[str, Recent]) -> dict[str, str]:
+        """Return why no certificate covers each hand lately; "": its law's does.
 
         After :meth:`reasons`, which notes the law of now.
         """
         found = {}
-        for hand in samples.keys() & self._devices.keys():
-            columns = TelemetryColumns.from_packets(samples[hand])
+        for hand in recent.keys() & self._devices.keys():
+            columns = TelemetryColumns.from_packets(recent[hand][0])
             promises = broken_promises(Samples(columns, {"device": self._devices[hand]}))
             found[hand] = "; ".join(map(in_words, filter(is_uncovered, promises)))
         return found

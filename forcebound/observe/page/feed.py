@@ -25,6 +25,7 @@ from forcebound.messages.packets import (
     Telemetry,
 )
 from forcebound.messages.topology import HAND, in_hand
+from forcebound.observe.page.reason import Recent
 from forcebound.observe.page.scene_files import content
 from forcebound.observe.streams import fields_of_packet
 from forcebound.recordings.schema import declared_signals
@@ -34,7 +35,7 @@ from forcebound.run.run_directory import RunDocument
 #: To or from the pages, as JSON.
 Message: TypeAlias = dict[str, Any]
 
-RECENT = 1000  # samples from which the cause of little force is judged
+RECENT = 5000  # samples from which the cause of little force is judged
 SHOWN = ("telemetry", "environment_reply", "scene", "event")
 SAMPLES = {
     "position": "position",
@@ -146,14 +147,22 @@ class HandFeed:
         self._held: dict[str, float | None] = dict.fromkeys(signals)
         self._published: dict[int, dict[str, float | None]] = {}  # by the tick that they answer
         self._law = _LawStart(0, energy_before, 0.0)
-        self.recent: deque[Telemetry] = deque(maxlen=RECENT)
+        self._recent: deque[Telemetry] = deque(maxlen=RECENT)
+        self._replies: deque[EnvironmentReply] = deque(maxlen=RECENT)
+
+    @property
+    def recent(self) -> Recent:
+        """The newest packets, from which the cause of little force is judged."""
+        return tuple(self._recent), tuple(self._replies)
 
     def take(self, packet: Packet) -> None:
         """Take a packet in."""
         if isinstance(packet, Telemetry):
             self._samples.append(packet)
         elif isinstance(packet, DeviceState | ForceCommand | EnvironmentReply):
-            self._contact = packet if isinstance(packet, EnvironmentReply) else self._contact
+            if isinstance(packet, EnvironmentReply):
+                self._contact = packet
+                self._replies.append(packet)
             if self._held:
                 self._take_signals(packet)
 
@@ -167,7 +176,7 @@ class HandFeed:
         contact, self._contact = self._contact, None
         if not samples:
             return None
-        self.recent.extend(samples)
+        self._recent.extend(samples)
         energies = [self._energy_under_law(sample) for sample in samples]
         kept = slice((len(samples) - 1) % keep, None, keep)
         signals = self._signals_at(samples)

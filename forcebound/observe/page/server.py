@@ -22,13 +22,13 @@ import tornado.websocket
 
 from forcebound.errors import ConfigError, ForceboundError
 from forcebound.messages.events import LAW_CHANGED, PARAMETERS_SET
-from forcebound.messages.packets import Telemetry
 from forcebound.messages.topology import HAND
 from forcebound.observe.listing import list_graphs
 from forcebound.observe.page.access import Access, hosts_of
 from forcebound.observe.page.controls import Controls, Pointer
 from forcebound.observe.page.feed import Feed, Message, request_of
 from forcebound.observe.page.pace import Limit, Pace
+from forcebound.observe.page.reason import Recent
 from forcebound.observe.runs import Watch
 
 PAGE = Path(__file__).parent / "static"
@@ -127,7 +127,7 @@ class Server:
                 is_free = looking is None or looking.done()
                 if self.pages and is_free and started >= next_nodes:
                     next_nodes = started + PROCESSES_PERIOD
-                    recent = {name: tuple(one.recent) for name, one in graph.feed.hands.items()}
+                    recent = {name: one.recent for name, one in graph.feed.hands.items()}
                     look = partial(self._look_at_nodes, graph, recent)
                     looking = loop.run_in_executor(self.workers, look)
                 period = FRAME * graph.pace.slowness
@@ -197,12 +197,12 @@ class Server:
         page, own = stamp
         page.tell(json.dumps({"type": "taken", "stamp": own}))
 
-    def _look_at_nodes(self, graph: "_Graph", samples: Mapping[str, tuple[Telemetry, ...]]) -> None:
+    def _look_at_nodes(self, graph: "_Graph", recent: Mapping[str, Recent]) -> None:
         """Tell the pages of processes and little force; in a thread, since it takes time."""
         looked = time.monotonic()
         try:
             (listed,) = list_graphs(0.3, graph.run_dir)
-            reasons, broken = graph.controls.reasons(samples), graph.controls.broken(samples)
+            reasons, broken = graph.controls.reasons(recent), graph.controls.broken(recent)
         except (ForceboundError, ValueError):
             return  # it ended just now
         message = {"type": "nodes", "time": looked, "reasons": reasons, "broken": broken}

@@ -73,7 +73,7 @@ export class State {
       return { kind: "unstable", head: `${isFed ? "Unstable" : "Not passive"}: ${this.holder} received ${joule(-energy)}.`,
         more: `${this.broken && `${this.broken}. `}Law ${this.law}${isFed ? ": the hand swings, and each swing takes energy out of the motor" : ""}.${late}` };
     }
-    if (late && isShort && this.law !== "none") {
+    if (late && isShort && this.law !== "none" && (!this.reason || this.reason.includes("ticks come late"))) {
       return { kind: "late", head: `Late ticks: the ${surface} feels softer.`, more: `${share}.${late}` };
     }
     const isPassive = this.law === "none" ? "No law. Passive so far." : isTrue ? "Passive." : "Passive, as far as readings tell.";
