@@ -65,7 +65,7 @@ def _found(holds: Holds, run: Samples) -> Iterator[tuple[str, str, float, Floats
     delay, stated = (holds.write - holds.read)[matters], device.get("write_delay", math.inf)
     yield "write_delay", "s", stated, delay, delay > stated + ROUNDING
     limit = device.get("watchdog_limit", "auto")
-    is_lost = any(event.event == "device_lost" for event in run.events)  # at zero, meanwhile
+    is_lost = any(event.event == "device_lost" for event in run.events)  # at zero then
     if device.get("watchdog") == "none" and limit != "auto" and not is_lost:
         lasted = np.diff(holds.write)[acts[:-1]]
         yield "watchdog_limit", "s", limit, lasted, lasted > limit + ROUNDING

@@ -10,8 +10,8 @@ import numpy as np
 from forcebound.compiled import jit, new_records
 from forcebound.haptics.laws import Dissipation, ForceBounder
 from forcebound.haptics.laws.bounder import shorten
-from forcebound.lab.paths import path
-from forcebound.lab.paths.path import Account, Manner, plan_of
+from forcebound.lab.paths import interval
+from forcebound.lab.paths.path import PLACES, Account, Manner, plan_of
 from forcebound.lab.paths.truth import Floats
 
 Vector = tuple[float, ...]
@@ -95,7 +95,7 @@ class Transfers(Protocol):
 
 @cache
 def _tick() -> Any:
-    return jit(path.tick)
+    return jit(interval.tick)
 
 
 def run(
@@ -242,7 +242,7 @@ def _hold_limits(case: AttackedDevice, genes: Floats) -> Floats:
     """Return the hold limit of the force of each row, s."""
     limits = np.full(len(genes), case.stated.hold_limit)
     if case.hold_limits:
-        choice = np.abs(genes[:, path.PLACES["cut"]] * 7.0).astype(int)
+        choice = np.abs(genes[:, PLACES["cut"]] * 7.0).astype(int)
         every = np.array([case.stated.hold_limit, *case.hold_limits])
         limits = every[choice % len(every)]
     return limits
