@@ -2,8 +2,8 @@
 
 A run has a row of genes for each interval between two readings. :func:`plan_of` turns them into
 times, moves and commands; ``interval.py`` lets the device go through one interval. The hand knows
-the force before it moves: its moves are shares of the move that costs it least (``strike``), and on top
-of them multiples of the encoder's error (``micro``), a speed, and a turn within the hold.
+the force before it moves: its moves are shares of the move that costs it least (``strike``), and on
+top of them multiples of the encoder's error (``micro``), a speed, and a turn within the hold.
 """
 
 import math

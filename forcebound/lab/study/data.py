@@ -30,7 +30,8 @@ Kind: TypeAlias = Literal["person", "rehearsal", "simulated"]  # rehearsal: with
 _Document = TypeVar("_Document")
 _Number: TypeAlias = Annotated[int, Range(at_least=0, at_most=1_000_000)]
 _Count: TypeAlias = Annotated[int, Range(at_least=1, at_most=1_000_000)]
-_MEASURED: Any = Annotated[float, Range()] | None
+_FINITE: Any = Annotated[float, Range()]
+_MEASURED = _FINITE | None
 
 
 def _check_time(text: str) -> None:
