@@ -219,6 +219,7 @@ def test_the_messages_of_a_flood_do_not_count_and_those_of_a_pointer_do() -> Non
         limit = Limit()
         count = sum(limit.permits(1000.0 + i / rate) for i in range(10 * rate))
         assert count == pytest.approx(permitted, abs=2)
+        assert limit.is_flooded == (rate == 10_000)
 
 
 @pytest.mark.parametrize("level", ["NaN", "1e999", '"\\ud800"', "Infinity"])

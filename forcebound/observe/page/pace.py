@@ -3,6 +3,7 @@
 SLOWEST = 8  # times as long at most, while ticks are missed
 LATE = 0.01  # share of missed ticks in a second from which on pages back off
 MOST_MESSAGES = 500  # a second, from a page; one that drags a hand sends a message a picture
+FLOOD = 2000  # messages that did not count, after which a page is no page
 BURST = 0.2  # s, whose messages may come at once
 CALM = 2  # seconds without, after which they come back by one step
 
@@ -39,6 +40,12 @@ class Limit:
 
     def __init__(self) -> None:
         self._next = 0.0  # s, from when on a message counts
+        self._refused = 0
+
+    @property
+    def is_flooded(self) -> bool:
+        """Whether so many did not count that the page must go."""
+        return self._refused > FLOOD
 
     def permits(self, now: float) -> bool:
         """Return whether a message that comes at ``now``, in s, counts."""
@@ -46,4 +53,5 @@ class Limit:
         is_permitted = due <= now
         if is_permitted:
             self._next = due + 1.0 / MOST_MESSAGES
+        self._refused += not is_permitted
         return is_permitted

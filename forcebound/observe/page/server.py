@@ -371,7 +371,9 @@ class _Page(_Handler, tornado.websocket.WebSocketHandler):
 
     async def on_message(self, message: str | bytes) -> None:
         request = request_of(message) if self._limit.permits(time.monotonic()) else None
-        if request is None:  # perhaps a flood, of which tornado reads on and on
+        if self._limit.is_flooded:
+            self.close(1008, "too many messages")
+        if request is None:  # perhaps of a flood: tornado reads on and on
             await asyncio.sleep(0)  # the others' turn
         elif self.may_change:
             self.server.receive(self, request)
@@ -384,9 +386,8 @@ class _Page(_Handler, tornado.websocket.WebSocketHandler):
     def tell(self, text: str) -> None:
         """Send a message unless the page has stopped reading."""
         stream = None if self.ws_connection is None else self.ws_connection.stream
-        if stream is None or stream.closed():
-            return
-        if len(getattr(stream, "_write_buffer", ())) > MOST_WAITING:
+        waiting = len(getattr(stream, "_write_buffer", ()))
+        if stream is None or stream.closed() or waiting > MOST_WAITING:
             return
         try:
             sent = self.write_message(text)
