@@ -134,6 +134,7 @@ class BounderReport(Struct, frozen=True, kw_only=True):
     overruns: int = 0  # holds longer than the hold limit
     refused_readings: int = 0
     late_writes: int = 0  # forces that took effect later after their reading than stated
+    crowded_writes: int = 0  # forces that were zero, since too many before them did not act yet
     largest_allowance: float = 0.0  # J, the most that late holds can have leaked
     allowance_repaid: bool = True
     hold_limit: float  # s, mean

@@ -241,6 +241,7 @@ class BoundedDevice:
             overruns=before.overruns + bounder.overruns,
             refused_readings=self.refused_readings,
             late_writes=before.late_writes + bounder.late_writes,
+            crowded_writes=before.crowded_writes + bounder.crowded_writes,
             largest_allowance=max(before.largest_allowance, bounder.largest_allowance),
             allowance_repaid=before.allowance_repaid and bounder.allowance_repaid,
             hold_limit=self._held / self._writes if self._writes else self._use_limit,

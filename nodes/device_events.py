@@ -71,6 +71,8 @@ class DeviceEvents:
             f"hold limit {periods:.3g} periods on average, {report.overruns} overruns,"
             f" {report.refused_readings} refused readings"
         )
+        if report.crowded_writes:
+            message += f", {report.crowded_writes} forces zero behind others that did not act yet"
         if report.largest_allowance:
             repaid = "repaid" if report.allowance_repaid else "not repaid"
             message += f", late holds can have leaked {report.largest_allowance:.2g} J, {repaid}"
