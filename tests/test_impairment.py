@@ -207,7 +207,7 @@ def test_what_cannot_be_is_refused_with_its_field(make: Callable[[], object], fi
 LARGEST = [
     Impairment(delay=DAY, jitter=DAY, distribution="pareto", limit=2**63 - 1, rate=1.0),
     Impairment(jitter=DAY, distribution="normal", outages=(Outage(DAY, DAY), Outage(0.0, 1e-9))),
-    Impairment(delay=5e-324, jitter=5e-324, loss=5e-324, rate=1e308, reorder=1.0, duplicate=1.0),
+    Impairment(delay=5e-324, jitter=5e-324, loss=5e-324, rate=1e30, reorder=1.0, duplicate=1.0),
 ]
 
 
