@@ -12,6 +12,7 @@ import numpy as np
 
 from forcebound.errors import ConfigError
 from forcebound.haptics.laws import LAWS
+from forcebound.haptics.laws.bounder import LARGEST_READING
 from forcebound.haptics.laws.hold_limit import FLOOR
 from forcebound.results.bounder import Cause
 from forcebound.results.twin import Change, Twin
@@ -62,6 +63,9 @@ def causes_of_little_force(run: "Samples") -> list[Cause]:
         return []
     if not {"force", "surface", "stiffness", "contact"}.isdisjoint(run.lacks()):
         return []
+    columns = (run.run.position, run.run.commanded_force)
+    if not all(np.abs(column).max() < LARGEST_READING for column in columns):
+        return []  # of a damaged recording
     try:
         twin = Twin(run)
     except ConfigError:
