@@ -80,7 +80,7 @@ def test_the_table_has_a_column_for_each_law(changed: RunResult) -> None:
 
 def test_a_force_that_never_engages_ends_with_status_1(tmp_path: Path) -> None:
     file = tmp_path / "slow.yaml"
-    file.write_text("forcebound: 1\ninclude: stiff_wall.yaml\ndevice: {engage_time: 1e9}\n")
+    file.write_text("forcebound: 1\ninclude: stiff_wall.yaml\ndevice: {engage_time: 80000}\n")
     done = CliRunner().invoke(main, ["simulate", str(file), "--duration", "500ms"])
     assert done.exit_code == 1
     assert "engage_time" in done.output

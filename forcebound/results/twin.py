@@ -84,7 +84,7 @@ class Twin:
         self._model: DeviceModel | None = None
         if DEVICES.is_shipped(str(device.get("kind"))):
             kind: Any = DEVICES[device["kind"]]
-            own = {each.name for each in fields(kind) if each.init} & device.keys()
+            own = {each.name for each in fields(kind) if each.init} & device.keys() - {"truth"}
             self._model = kind(**{name: device[name] for name in own})
         self._kinematics = None if self._model is None else self._model.kinematics()
         is_arm, place = (
