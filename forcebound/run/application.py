@@ -28,13 +28,14 @@ from forcebound.run.simulation import Simulation
 class Tuner:
     """Applies parameters to the nodes and links of a running process, or of a simulation.
 
-    Of two requests that overtake each other, the newer one counts.
+    Of two requests that overtake each other, the newer one counts; none from before ``begun_ns``,
+    which the configuration has, unless the launcher has taken it back since.
     """
 
-    def __init__(self, config: GraphConfig) -> None:
+    def __init__(self, config: GraphConfig, begun_ns: int = 0) -> None:
         self._config = config
         self._known = parameters(config)
-        self._time_ns = 0
+        self._time_ns = begun_ns
 
     def __call__(self, graph: Runner | Simulation, request: Configure) -> Parameters:
         """Apply newer parameters; return the changes there but for the law.

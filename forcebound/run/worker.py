@@ -43,6 +43,8 @@ from forcebound.run.run_directory import (
 )
 from forcebound.stop import Stop
 
+BEGUN_NS = time.monotonic_ns()  # of this process, before it reads its configuration
+
 _logger = logging.getLogger(__name__)
 
 
@@ -167,7 +169,7 @@ def _run(
         share = hands.index(node.hand) / len(hands)
         node.phase_ns = round(share * 1e9 / config.hands[node.hand].device.servo.rate)
     links = build_links(config)  # a perfect link needs no model: its socket keeps the newest
-    tuner = Tuner(config)
+    tuner = Tuner(config, BEGUN_NS)
     status = run_process(node, name, run_dir, links, settings, stop, tuner, ends, run.graph)
     if isinstance(node, EnvironmentNode):
         _logger.info("queries answered by %s: %d", node.name, node.answered)
