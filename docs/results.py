@@ -26,9 +26,10 @@ Why not more: the motors saturate at 8.5 N (device.saturation): motors of twice 
   whether a certificate covers it. *Never gave* is said only if the [error](#the-energy-of-the-motor) of that energy
   allows it. *Passive but for* an energy: the stated `device.allowance`.
 * **Not covered by the certificate** stands in its place where a certified law ran and the device broke a promise that
-  the run shows (`broken_promises`): a force that acted later than `device.write_delay`, or, without a watchdog, lasted
-  longer than `device.watchdog_limit`. It says how often, the median and the largest of these, and what to state. What
-  was measured follows. Readings that imply more than `device.largest_speed` are named first, too, but they are refused:
+  the run shows (`broken_promises`): a force that acted later than `device.write_delay`, for which the ledger had not
+  enough, or, without a watchdog, one that lasted longer than `device.watchdog_limit`. It says how often, the median and
+  the largest of these, and what to state. What was measured follows. *Covered by the certificate all the same*: forces
+  acted later than stated, and the ledger had enough for each of them ([theory.md](theory.md), 3.1). Readings that imply more than `device.largest_speed` are named first, too, but they are refused:
   that costs force alone. Other late holds are priced or dropped, and break none ([theory.md](theory.md), 3.2).
 * **At rest**: slower than 1 mm/s over the last 0.5 s.
 * **Stiffness felt** is the displayed stiffness of the table, less what a watchdog dropped between two writes, in the unit
@@ -222,7 +223,7 @@ MEANINGS = {
     "broken_promises": (
         "promises of the device that the run breaks, of a certified law: `promise` (a key of "
         "`device`), the `stated` number, the `typical` (median) and `largest` beyond it in `unit`, "
-        "`count` of how many (`of`)"
+        "`count` of how many (`of`), and whether the certificate covers it all the same (`is_paid`)"
     ),
     "little_force": (
         "[causes](#causes-of-little-force) of a stiffness felt that is less than 95 % of that "

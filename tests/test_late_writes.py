@@ -51,15 +51,19 @@ class Hand:
             self.lowest = min(self.lowest, self.energy)
 
 
-def lowest_energy(law: str, delays: "np.ndarray", stated: float, intervals: "np.ndarray") -> float:
+def attacked(
+    law: str, delays: "np.ndarray", stated: float, intervals: "np.ndarray", **fields: object
+) -> tuple[float, float]:
     """Return the lowest energy of a hand that moves in at 4 m/s, then takes what it can.
+
+    And the most that late writes can have given.
 
     ``delays``: from each reading to the effect of its force, ``intervals`` between readings, in s.
     """
     asks = intervals < delays  # where the next reading comes before the force acts
     asks |= not asks.any()
     limit = float(intervals.max() + stated + 1e-4)  # no force is cut
-    bounder = ForceBounder(law, described(hold_limit=limit, write_delay=stated))
+    bounder = ForceBounder(law, described(hold_limit=limit, write_delay=stated, **fields))
     hand = Hand()
     readings = np.concatenate([[0.0], np.cumsum(intervals)])
     effects: list[tuple[float, float]] = []
@@ -81,8 +85,9 @@ def lowest_energy(law: str, delays: "np.ndarray", stated: float, intervals: "np.
             time = end
             if effects and effects[0][0] <= time:
                 hand.target = hand.force = effects.pop(0)[1]
-    assert bounder.late_writes == 0
-    return hand.lowest
+    assert (bounder.late_writes == 0) == (stated >= delays.max())
+    assert (bounder.largest_allowance == 0.0) or bounder.late_writes > 0
+    return hand.lowest, bounder.largest_allowance
 
 
 @pytest.mark.parametrize("law", CERTIFIED)
@@ -99,7 +104,26 @@ def test_a_force_on_its_way_is_paid_for(
     delays = 1e-3 * delay * (1.0 - varies * random.random(200))
     shifts = jitter * random.choice([-1.0, 1.0], 201)  # of the ticks, early or late
     intervals = 1e-3 * (1.0 + np.diff(shifts))
-    lowest = lowest_energy(law, delays, 1e-3 * delay, intervals)
+    lowest, _ = attacked(law, delays, 1e-3 * delay, intervals)
+    assert lowest >= -ENERGY_TOLERANCE
+
+
+@pytest.mark.parametrize("law", CERTIFIED)
+@pytest.mark.parametrize("stated", [0.0, 4e-4, 1e-3])
+def test_what_a_write_that_is_later_than_stated_can_have_given_is_known(
+    law: str, stated: float
+) -> None:
+    delays, intervals = np.full(200, 1.9e-3), np.full(200, 1e-3)
+    lowest, owed = attacked(law, delays, stated, intervals)
+    assert lowest >= -owed
+    assert lowest < -1e-6 or stated > 0.0
+
+
+def test_a_late_write_is_paid_where_a_force_was_planned_for_longer() -> None:
+    delays, intervals = np.full(200, 1.9e-3), np.full(200, 1e-3)
+    watchdog = {"watchdog": "none", "watchdog_limit": 0.1}
+    lowest, owed = attacked("certified", delays, 4e-4, intervals, **watchdog)
+    assert owed == 0.0
     assert lowest >= -ENERGY_TOLERANCE
 
 

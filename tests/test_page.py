@@ -12,6 +12,7 @@ import pytest
 from builders import MS, telemetry_packet
 
 import forcebound.observe.page
+from forcebound.messages.control import BounderReport
 from forcebound.observe.page.controls import Controls
 
 PAGE = Path(forcebound.observe.page.__file__).parent / "static"
@@ -178,7 +179,8 @@ def test_what_explains_the_state(
 def test_the_page_gets_the_promise_that_a_device_breaks_now(law: str, is_named: bool) -> None:
     controls = Controls.__new__(Controls)  # without a graph
     device = {"law": law, "rate": 1000.0, "write_delay": 4e-4}
-    vars(controls).update(_devices={"left": device, "right": device})
+    report = BounderReport(hold_limit=1e-3, longest_hold_limit=1e-3, largest_allowance=1e-4)
+    vars(controls).update(_devices=dict.fromkeys(("left", "right"), (device, report)))
     late, punctual = (
         [
             telemetry_packet(n, applied_force=(1.0,), read_ns=n * MS, write_ns=n * MS + delay)

@@ -82,11 +82,11 @@ TRUTH = ("true_energy_min_j", "energy_left_j", "final_speed_m_per_s", "at_rest")
 GAVE = {"observed_energy_min_j": -0.003}
 LATE_WRITES = {
     "promise": "write_delay", "unit": "s", "stated": 0.003, "count": 1055, "of": 1056,
-    "typical": 0.005, "largest": 0.017,
+    "typical": 0.005, "largest": 0.017, "is_paid": False,
 }  # fmt: skip
 TOO_FAST = {
     "promise": "largest_speed", "unit": "m/s", "stated": 5.0, "count": 7, "of": 1056,
-    "typical": 6.0, "largest": 8.0,
+    "typical": 6.0, "largest": 8.0, "is_paid": True,
 }  # fmt: skip
 
 
@@ -102,6 +102,7 @@ TOO_FAST = {
         ({**GAVE, "law": "left: certified"}, "Unknown", "3 mJ"),  # without its launch file
         ({**GAVE, "largest_allowance_j": 0.002}, "Passive by the certificate but for", "2 mJ"),
         ({"broken_promises": [LATE_WRITES]}, "Not covered by the certificate: 1,055 of", "17 ms"),
+        ({"broken_promises": [{**LATE_WRITES, "is_paid": True}]}, "Covered", "17 ms"),
         ({"broken_promises": [TOO_FAST], **GAVE}, "7 of 1,056 readings were refused", "Passive by"),
     ],
 )
@@ -139,7 +140,8 @@ def test_forces_later_than_stated_are_named_first_and_no_certificate_covers_the_
     assert broken["typical"] == pytest.approx(float(np.median(waits)), rel=0.05)
     assert broken["count"] >= np.count_nonzero(waits > delay) > 0.9 * waits.size
     assert broken["count"] <= summary["late_writes"]
-    assert line.startswith("Not covered by the certificate")
+    is_paid = summary["largest_allowance_j"] <= result.document["device"]["allowance"]
+    assert line.startswith("Covered" if is_paid else "Not covered by the certificate")
     assert "Passive" not in line
 
 

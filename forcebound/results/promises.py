@@ -1,7 +1,8 @@
 """Promises of a device that a run shows to be broken: the certificate rests on them.
 
-A force that acts later after its reading than ``device.write_delay`` is covered by no certificate;
-nor, without a watchdog, is one that lasts longer than ``device.watchdog_limit``. A reading that
+A force that acts later after its reading than ``device.write_delay`` is covered only if the ledger
+had enough for it all the same (docs/theory.md, 3.1). Without a watchdog, one that lasts longer than
+``device.watchdog_limit`` is covered by no certificate. A reading that
 implies more than ``device.largest_speed`` is refused: that costs force, but nothing else. Holds
 beyond the hold limit are priced, or dropped by the watchdog (docs/theory.md, 3.2): they break none.
 """
@@ -32,14 +33,15 @@ _WORDS = {
 
 def is_uncovered(broken: Mapping[str, Any]) -> bool:
     """Whether no certificate covers a run that breaks a promise."""
-    return bool(broken["promise"] != COSTS_FORCE)
+    return not broken["is_paid"]
 
 
 def broken_promises(run: Samples) -> list[dict[str, Any]]:
     """Return the promises that a run breaks, ready for JSON; none without a certified law.
 
     Each has its ``promise``, a key of ``device``; the ``stated`` number, and the ``typical`` and
-    the ``largest`` of those beyond it, in ``unit``; the ``count`` of these, and ``of`` how many.
+    the ``largest`` of those beyond it, in ``unit``; the ``count`` of these, and ``of`` how many;
+    and whether it ``is_paid``: the certificate covers the run all the same.
     """
     if not run.time.size or not is_certified(law(run.config)):
         return []
@@ -52,10 +54,17 @@ def broken_promises(run: Samples) -> list[dict[str, Any]]:
             "of": int(beyond.size),
             "typical": float(np.median(values[beyond])),
             "largest": float(values[beyond].max()),
+            "is_paid": name == COSTS_FORCE or (name == "write_delay" and _is_paid(run)),
         }
         for name, unit, stated, values, beyond in _found(run.holds, run)
         if beyond.any()
     ]
+
+
+def _is_paid(run: Samples) -> bool:
+    """Whether the ledger had enough for each late write, but for the allowance that is stated."""
+    allowance: float = run.device.get("allowance", 0.0)
+    return run.report is not None and run.report.largest_allowance <= allowance
 
 
 def _found(holds: Holds, run: Samples) -> Iterator[tuple[str, str, float, Floats, Mask]]:
@@ -94,6 +103,8 @@ def _refused_speeds(holds: Holds, time: Floats, largest: float) -> Floats:
 def in_words(broken: Mapping[str, Any]) -> str:
     """Return a broken promise as a part of a sentence: how often, by how much, what to do."""
     what, remedy = _WORDS[broken["promise"]]
+    if broken["is_paid"] and broken["promise"] == "write_delay":
+        remedy = "the ledger had enough for each of them"
     factor, unit = (1e3, "ms") if broken["unit"] == "s" else (1.0, broken["unit"])
     values = [broken[key] for key in ("stated", "typical", "largest")]
     numbers = (*values, ROUNDED_UP * values[-1])

@@ -9,7 +9,7 @@ from typing import Any
 
 from forcebound.haptics.laws import ENERGY_TOLERANCE
 from forcebound.results.cells import MM, Summary, energy, lost
-from forcebound.results.promises import in_words, is_uncovered
+from forcebound.results.promises import COSTS_FORCE, in_words, is_uncovered
 from forcebound.results.samples import is_certified
 from forcebound.units import in_unit
 
@@ -62,9 +62,13 @@ def _passivity(s: Summary, document: Mapping[str, Any]) -> str:
     lowest, device = s["true_energy_min_j"], document.get("device") or {}
     known = _motor(s) if lowest is None else _received(s, device, _held(document))
     promises = s["broken_promises"]
-    costly = "".join(f"{in_words(one)}. " for one in promises if not is_uncovered(one))
+    costly = "".join(f"{in_words(one)}. " for one in promises if one["promise"] == COSTS_FORCE)
+    paid = [one for one in promises if not is_uncovered(one) and one["promise"] != COSTS_FORCE]
     if broken := "; ".join(map(in_words, filter(is_uncovered, promises))):
         first = f"Not covered by the certificate: {broken}. In this run {known}."
+    elif paid:
+        words = "; ".join(map(in_words, paid))
+        first = f"Covered by the certificate all the same: {words}. In this run {known}."
     elif lowest is None:
         first = _passivity_without_truth(s, device, known)
     elif lowest >= -ENERGY_TOLERANCE:

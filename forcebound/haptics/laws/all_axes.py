@@ -127,8 +127,9 @@ def _limit(law: BoundingLaw) -> Limit:
                 gain = gain_at(ledger, end)
                 held = Write(0.0, gain * ledger.held_price, 0.0)
                 strongest = gain if ledger.axes == 1 else 1.0 + ledger.gain
+                before = cost_before(ledger, strongest, ledger.write_delay)
                 available = energy(ledger.state[end], held, device) - ledger.spent
-                ledger.available[end] = available - cost_before(ledger, strongest)
+                ledger.available[end] = available - before
             if ledger.axes > 1 and ledger.gain > 0.0:
                 least = min(ledger.available[0], ledger.available[1]) - spread_price(ledger)
                 ledger.available[0] = ledger.available[1] = least
@@ -194,7 +195,7 @@ def begin(ledger: Ledger) -> None:
     ledger.waiting = ledger.crowded = 0
     ledger.is_unsure = ledger.was_unsure = False
     ledger.quiet = ledger.inserted = 0.0
-    ledger.is_dropped, ledger.is_waiting = True, False
+    ledger.is_dropped, ledger.is_waiting, ledger.is_late = True, False, False
 
 
 def closing_of(ledger: Ledger, closing: int) -> int:

@@ -14,13 +14,13 @@ from forcebound.haptics.laws.dissipation import WATCHDOGS, Dissipation
 from forcebound.haptics.laws.exchange import compiled_exchange
 from forcebound.haptics.laws.law import LAWS, BoundingLaw, check_law
 from forcebound.haptics.laws.ledger import Ledger
+from forcebound.haptics.laws.timeline import HALF_NS
 from forcebound.haptics.parts.user_module import describe_user_error
 from forcebound.messages.packets import MAX_AXES
 
 Vector: TypeAlias = tuple[float, ...]
 
 SHORTEST_NS = 1000  # a reading sooner after the last proves nothing
-HALF_NS = 0.5e-9  # s
 LARGEST_READING = 1e6  # m; a reading beyond is none
 ROUNDING = 1e-15  # more than the relative error of scaling a vector and taking its length
 SMALLEST_LIMIT = 1e-290  # N; below it numbers lose the precision that ROUNDING relies on
@@ -107,7 +107,7 @@ class ForceBounder:
 
     @property
     def largest_allowance(self) -> float:
-        """Most energy that a late hold can have given the hand, in J."""
+        """Most energy that a late hold, or a late write, can have given the hand, in J."""
         return float(self._ledger.largest_leak)
 
     @property

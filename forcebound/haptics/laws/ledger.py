@@ -71,15 +71,17 @@ class Ledger:
     budget: float  # J, that it was planned for
     given: float  # J, the most that it can have given since it took effect
     is_dropped: bool
+    is_late: bool  # it took effect later than the write delay: its budget is what was left then
     is_unsure: bool  # the watchdog may have dropped a force since the last reading
     was_unsure: bool  # the same, of a force that another one has replaced since
     quiet: float  # s, since a force may have been dropped last
-    largest_leak: float  # J, the most that a late hold can have given
+    largest_leak: float  # J, the most that a late hold, or a late write, can have given
     # The forces that were written and will act, in order.
     waiting: int  # number of them
     until_write: Annotated[list[float], PLACES]  # s
     waiting_limit: Annotated[list[float], PLACES]  # s, hold limit
     waiting_budget: Annotated[list[float], PLACES]  # J
+    waiting_late: Annotated[list[float], PLACES]  # s, later than the write delay
     crowded: int  # decisions for which there was no place: a zero force was allowed
     axis: Annotated[list[Axis], MAX_AXES]
 

@@ -10,6 +10,8 @@ from forcebound.haptics.laws.ledger import GUARDING, NONE, PLACES, SILENT, Ledge
 from forcebound.haptics.laws.sample import AxisConstants
 from forcebound.haptics.laws.waveform import retarget, run, wait
 
+HALF_NS = 0.5e-9  # s; times are whole nanoseconds
+
 
 def advance(ledger: Ledger, duration: float) -> None:
     """Let ``duration`` pass, in s: forces take effect and are dropped on the way."""
@@ -41,8 +43,14 @@ def advance_to_reading(ledger: Ledger, duration: float) -> None:
 def send(ledger: Ledger, delay: float, limit: float, budget: float) -> None:
     """Let the force of ``trial`` act after ``delay``, in s, in place of all that would act later.
 
-    ``limit`` is its hold limit, in s, and ``budget`` what it was planned for, in J.
+    ``limit`` is its hold limit, in s, and ``budget`` what it was planned for, in J; if it is later
+    than was planned, the forces before it take more of that.
     """
+    late = max(delay - ledger.write_delay, 0.0)
+    if late > HALF_NS:
+        largest = 1.0 + ledger.gain
+        budget -= cost_before(ledger, largest, delay)
+        budget += cost_before(ledger, largest, ledger.write_delay)
     while ledger.waiting > 0 and ledger.until_write[ledger.waiting - 1] >= delay:
         ledger.waiting -= 1
     place = ledger.waiting
@@ -53,7 +61,7 @@ def send(ledger: Ledger, delay: float, limit: float, budget: float) -> None:
     for k in range(ledger.axes):
         ledger.axis[k].waiting[place] = ledger.axis[k].trial
     ledger.until_write[place], ledger.waiting_limit[place] = delay, limit
-    ledger.waiting_budget[place] = budget
+    ledger.waiting_budget[place], ledger.waiting_late[place] = budget, late
     ledger.waiting += 1
     if delay <= 0.0:
         take_effect(ledger)
@@ -72,10 +80,13 @@ def _run_motors(ledger: Ledger, piece: float) -> None:
     ledger.since += piece
     ledger.quiet += piece
     ledger.until_cut -= piece
-    if ledger.watchdog == NONE and ledger.age > ledger.held_limit and not ledger.is_dropped:
+    is_overdue = ledger.watchdog == NONE and ledger.age > ledger.held_limit
+    if (is_overdue or ledger.is_late) and not ledger.is_dropped:
         # What is left of the force when it ends decays, as if it lasted half the lag longer.
         given = ledger.given + acting_cost(ledger, 0.5 * ledger.lag, 1.0 + ledger.gain)
-        ledger.largest_leak = max(ledger.largest_leak, given - max(ledger.budget, 0.0))
+        budget = ledger.budget if ledger.is_late else max(ledger.budget, 0.0)
+        if given > 0.0:  # else friction has paid for it
+            ledger.largest_leak = max(ledger.largest_leak, given - budget)
     if may_be_dropped(ledger):
         ledger.is_unsure, ledger.quiet = True, 0.0
         cost += dropped_cost(ledger, piece)
@@ -98,6 +109,7 @@ def take_effect(ledger: Ledger) -> None:
     """Let the first of the waiting forces act."""
     ledger.was_unsure = ledger.was_unsure or ledger.is_unsure
     limit, ledger.budget = ledger.waiting_limit[0], ledger.waiting_budget[0]
+    ledger.is_late = ledger.waiting_late[0] > HALF_NS
     for k in range(ledger.axes):
         axis = ledger.axis[k]
         axis.held = axis.waiting[0]
@@ -107,6 +119,7 @@ def take_effect(ledger: Ledger) -> None:
         ledger.until_write[place] = ledger.until_write[place + 1]
         ledger.waiting_limit[place] = ledger.waiting_limit[place + 1]
         ledger.waiting_budget[place] = ledger.waiting_budget[place + 1]
+        ledger.waiting_late[place] = ledger.waiting_late[place + 1]
         for k in range(ledger.axes):
             ledger.axis[k].waiting[place] = ledger.axis[k].waiting[place + 1]
     ledger.age = ledger.given = 0.0
@@ -136,12 +149,11 @@ def acting_cost(ledger: Ledger, duration: float, gain: float) -> float:
     return cost_of_strengths(ledger, duration)
 
 
-def cost_before(ledger: Ledger, gain: float) -> float:
-    """Return the most that can be given before a force written now takes effect, in J.
+def cost_before(ledger: Ledger, gain: float, delay: float) -> float:
+    """Return the most that can be given until a force written now acts, after ``delay``, in J.
 
-    It does so after the write delay, at the latest; until then those before it act in turn.
+    Until then those before it act in turn.
     """
-    delay = ledger.write_delay
     first = min(delay, ledger.until_cut)
     if ledger.waiting > 0:
         first = min(first, ledger.until_write[0])

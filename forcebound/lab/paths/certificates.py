@@ -39,6 +39,13 @@ def write_delay(draft: Draft) -> None:
     draft.case["write_delay"] = draft.fields["write_delay"]
 
 
+def later_than_stated(draft: Draft) -> None:
+    """Writes take effect up to 2.5 T after the reading, and a shorter time is stated."""
+    write_delay(draft)
+    draft.fields["write_delay"] *= draft.random.choice([0.0, 0.3, 0.8])
+    draft.case["owes"] = True
+
+
 def presliding(draft: Draft) -> None:
     """Friction yields elastically."""
     axes = draft.axes
@@ -220,6 +227,10 @@ CERTIFICATES = {
     "plain": Certificate("quantised readings, any clock", (), "resolution"),
     "write_delay": Certificate(
         "writes up to 2.5 T after the reading", (write_delay,), "write_delay"
+    ),
+    "owed": Certificate(
+        "writes later than stated: what the bounder says that they can have given",
+        (later_than_stated,),
     ),
     "presliding": Certificate("elastic friction", (presliding,), "presliding"),
     "gain": Certificate("gain error to 20 %", (gain,), "gain_error"),

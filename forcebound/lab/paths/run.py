@@ -38,6 +38,7 @@ class AttackedDevice:
     allowance: float = 0.0  # J, that a late hold may leak
     write_delay: float = 0.0  # s, largest time from reading to writing
     hold_limits: tuple[float, ...] = ()  # s, among which the hold limit changes
+    owes: bool = False  # writes are later than stated: the bounder says what they can have given
     #: The estimate of the law is compared with the truth, and nothing else: for a weight that acts
     #: after a cut, which no law can prevent.
     ledger_only: bool = False
@@ -186,6 +187,8 @@ class Walk:
             # Known once the late force is replaced, which may be after the next reading.
             self._hidden = min(self._hidden, self._before + bounder.largest_allowance)
             self._before = float(account.lowest)
+        if case.owes:
+            self._hidden = min(self._hidden, float(account.lowest) + bounder.largest_allowance)
         if calls.is_taken:
             self._excess = max(self._excess, bounder.estimated_energy - float(account.energy))
         calls.set_holds(index, account)
@@ -205,6 +208,8 @@ def _result(
     case: AttackedDevice, account: Any, hidden: float, excess: float, samples: int
 ) -> PathResult:
     lowest = min(float(account.struck), float(account.lowest))
+    if case.owes:
+        lowest = hidden
     late = case.late > 0.0  # then any hold so far may have been late
     counted = min(float(account.fallen), hidden) if late else lowest
     return PathResult(
@@ -329,7 +334,7 @@ class _Calls:
 
     def settle(self, index: int, time_ns: int, force: Vector) -> None:
         """Settle, with the time of the write if it differs from that of the reading."""
-        if self.case.stated.write_delay > 0.0:
+        if self.case.stated.write_delay > 0.0 or self.case.owes:
             self.bounder.settle(force, time_ns + self.writes[index])
         else:
             self.bounder.settle(force)

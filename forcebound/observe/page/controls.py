@@ -18,7 +18,7 @@ from forcebound.haptics.environments.fixtures import WithFixtures
 from forcebound.haptics.hands import Operator
 from forcebound.haptics.hands.hands import WallInPlace
 from forcebound.haptics.hands.pointer import PointerHand
-from forcebound.messages.control import DeviceStatus, GetStatus, Point, Pointed
+from forcebound.messages.control import BounderReport, DeviceStatus, GetStatus, Point, Pointed
 from forcebound.messages.packets import Vector
 from forcebound.messages.topology import HAND, endpoint
 from forcebound.network.sockets import Network
@@ -62,7 +62,8 @@ class Controls:
             hand: known[hand].energy_before if hand in known else 0.0 for hand in hands
         }
         self._reasons = {hand: Reason() for hand in hands}
-        self._devices: dict[str, Document] = {}  # sections of hands, with the law of now
+        # Sections of hands, with the law of now, and the reports of their bounders.
+        self._devices: dict[str, tuple[Document, BounderReport]] = {}
         (loaded, *others) = {hand.device.servo.law for hand in hands.values()}
         self._kernels = Kernels(run_dir, "" if others else loaded)
         self._kernels.begin((BROKEN[LAW], SAFE[LAW]))
@@ -110,7 +111,10 @@ class Controls:
         """Return why the law gives each hand little force; "": it does not, or the hand moves."""
         known = self._statuses(STATUS_TIMEOUT)
         self._devices = {
-            hand: {**to_document(self._config.of(hand))["device"], "law": status.law}
+            hand: (
+                {**to_document(self._config.of(hand))["device"], "law": status.law},
+                status.bounder,
+            )
             for hand, status in known.items()
         }
         return {
@@ -135,8 +139,10 @@ class Controls:
         found = {}
         for hand in recent.keys() & self._devices.keys():
             columns = TelemetryColumns.from_packets(recent[hand][0])
-            promises = broken_promises(Samples(columns, {"device": self._devices[hand]}))
-            found[hand] = "; ".join(map(in_words, filter(is_uncovered, promises)))
+            device, report = self._devices[hand]
+            run = Samples(columns, {"device": device})
+            run.report = report
+            found[hand] = "; ".join(map(in_words, filter(is_uncovered, broken_promises(run))))
         return found
 
     def _statuses(self, timeout: float) -> dict[str, DeviceStatus]:
