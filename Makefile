@@ -55,7 +55,7 @@ examples: $(STAMP)
 
 # Some 15 minutes on two idle cores.
 audit: $(STAMP)
-	$(BIN)/forcebound audit --runs 500 --search 500 --output docs/audit.md
+	$(BIN)/forcebound audit --runs 1000 --search 1000 --output docs/audit.md
 	$(BIN)/forcebound audit worlds --runs 100 --search 100 --output docs/audit-worlds.md
 
 # All figures with date, commit and machine, on one page; some ten minutes on an idle machine.
