@@ -1,8 +1,8 @@
 """Points and triangles in OBJ, STL and PLY files: as the format says, or refused with the place.
 
-trimesh reads PLY and binary STL; what it would take for another solid is looked for before and after. Of
-OBJ, two statements matter here, vertices and faces, and they are read here: each of six libraries
-gave another solid without a word, or crashed, on files that usual programs write.
+trimesh reads PLY and binary STL; what it would take for another solid is looked for before and
+after. Of OBJ, two statements matter here, vertices and faces, and they are read here: each of six
+libraries gave another solid without a word, or crashed, on files that usual programs write.
 """
 
 import io
