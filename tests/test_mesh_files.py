@@ -80,6 +80,13 @@ def test_a_triangle_wound_the_other_way_is_said(tmp_path: Path) -> None:
     )
 
 
+def test_triangles_that_face_both_ways_are_said(tmp_path: Path) -> None:
+    vertices, faces = BOX
+    path = saved((vertices, np.concatenate([faces, faces[:, ::-1]])), tmp_path / "two_sided.ply")
+    refused(path, "both ways", "may_be_open")
+    assert not read_mesh(path, may_be_open=True).is_closed
+
+
 def test_what_looks_like_millimetres_is_said(tmp_path: Path) -> None:
     path = saved((1e3 * BOX[0], BOX[1]), tmp_path / "mm.stl")
     refused(path, "125 x 125 x 125 m", "looks like millimetres", "`scale: 0.001`")

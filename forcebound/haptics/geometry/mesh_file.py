@@ -12,7 +12,7 @@ import numpy as np
 
 from forcebound.errors import ConfigError
 from forcebound.files import content_of, read_bytes, reason
-from forcebound.haptics.geometry.mesh_formats import triangles_in
+from forcebound.haptics.geometry.mesh_formats import FLAT, triangles_in
 
 Array: TypeAlias = "np.ndarray[Any, Any]"
 
@@ -76,8 +76,7 @@ def read_mesh(file: Path, scale: float | None = None, may_be_open: bool = False)
             f"{file} is not closed: {fault}, so the tip could get inside; close it with a mesh"
             " editor, or use the kind `mesh` with `may_be_open: true`"
         )
-    around = mesh.triangles - mesh.bounds.mean(axis=0)  # a scan may be far from its origin
-    if fault is None and np.linalg.det(around).sum() < 0.0:  # inside out
+    if fault is None and _volumes(mesh).sum() < 0.0:  # inside out
         mesh.invert()
     return Mesh(np.array(mesh.vertices), np.array(mesh.faces), fault is None, digest)
 
@@ -156,7 +155,10 @@ def _opening(mesh: Any) -> str | None:
     (single,) = np.nonzero(np.bincount(which) % 2)
     (uneven,) = np.nonzero(np.bincount(which, np.where(mesh.edges[:, 0] == low, 1, -1)))
     if len(uneven) == 0:
-        return None
+        volumes = _volumes(mesh)
+        is_empty = abs(volumes.sum()) < FLAT * abs(volumes).sum()
+        both = "its triangles face both ways (each surface is there twice, or a part is inside out)"
+        return both if is_empty else None
     edge = edges[[*single, *uneven][0]]
     ends = [edge // len(mesh.vertices), edge % len(mesh.vertices)]
     x, y, z = mesh.vertices[ends].mean(axis=0)
@@ -164,6 +166,13 @@ def _opening(mesh: Any) -> str | None:
     if len(single):
         return f"{len(single)} edges belong to one triangle alone, {near}"
     return f"triangles at {len(uneven)} edges do not agree which side is outside, {near}"
+
+
+def _volumes(mesh: Any) -> Array:
+    """Return what each triangle and the middle enclose, x 6; a scan may be far from its origin."""
+    around = mesh.triangles - mesh.bounds.mean(axis=0)
+    volumes: Array = np.linalg.det(around)
+    return volumes
 
 
 def smoothed(mesh: Mesh) -> Array:

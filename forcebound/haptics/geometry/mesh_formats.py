@@ -1,8 +1,8 @@
 """Points and triangles in OBJ, STL and PLY files: as the format says, or refused with the place.
 
-trimesh reads STL and PLY; what it would take for another solid is looked for before and after. Of
-OBJ, two statements matter here, vertices and faces, and they are read here: each of six libraries
-gave another solid without a word, or crashed, on files that usual programs write.
+trimesh reads PLY and binary STL; what it would take for another solid is looked for before and
+after. Of OBJ, two statements matter here, vertices and faces, and they are read here: each of six
+libraries gave another solid without a word, or crashed, on files that usual programs write.
 """
 
 import io
@@ -30,6 +30,7 @@ _FACET = re.compile(
     rb"facet\s+normal(\s+\S+){3}\s+outer\s+loop(\s+vertex(\s+[-+.\de]+){3}){3}\s+endloop\s+endfacet\s",
     re.IGNORECASE,
 )
+_VERTEX = re.compile(rb"\bvertex\s+(\S+)\s+(\S+)\s+(\S+)", re.IGNORECASE)
 _NAME = re.compile(rb"^([ \t]*(?:end)?solid)\b.*", re.IGNORECASE | re.MULTILINE)
 _NO_NUMBER = re.compile(rb"[^-+.\dEe\sNnAaIiFf]")  # nan and inf are some
 _ELEMENT = re.compile(rb"^element[ \t]+(\w+)[ \t]+(\d+)", re.MULTILINE)
@@ -94,13 +95,15 @@ def _statements(data: bytes) -> Iterator[tuple[int, list[str]]]:
         elif words := begun.split():
             yield number, words
             begun = ""
+    if begun:
+        yield number, begun.split()
 
 
 def _stl(file: Path, data: bytes) -> tuple[Array, Array]:
     """Read an STL file; its first word does not say whether it is text, since many lie."""
-    import trimesh
+    from trimesh.exchange.stl import load_stl_binary
 
-    data, kind = data.removeprefix(b"\xef\xbb\xbf"), "stl"
+    data = data.removeprefix(b"\xef\xbb\xbf")
     count = int.from_bytes(data[80:84], "little")
     rest = len(data) - 84 - 50 * count
     if 0 < rest < 50:
@@ -110,19 +113,21 @@ def _stl(file: Path, data: bytes) -> tuple[Array, Array]:
         expected = f"{84 + 50 * count:,} bytes for the {count:,} triangles of its header"
         raise _wrong(file, f"{expected} (or text that begins with solid)", f"{len(data):,}")
     elif rest:
-        kind, count = "stl_ascii", 0
-        data = re.sub(b"\r\n?", b"\n", _NAME.sub(rb"\1", data))  # a name may be vertex
+        count = 0
+        data = _NAME.sub(rb"\1", re.sub(b"\r\n?", b"\n", data))  # a name may be vertex
         for count, found in enumerate(_FACET_BEGINS.finditer(data), 1):  # noqa: B007
             if not _FACET.match(data, found.start(1)):
                 line = data.count(b"\n", 0, found.start(1)) + 1
                 expected = "a facet of 3 vertices, each of 3 numbers with a decimal point"
                 raise _wrong(f"{file}:{line}", expected, data[found.start(1) :][:LONGEST])
-    loaded = trimesh.load(io.BytesIO(data), file_type=kind, process=False)
-    parts: Any = getattr(loaded, "geometry", {"": loaded}).values()
-    corners = np.concatenate([np.zeros((0, 3, 3)), *(one.vertices[one.faces] for one in parts)])
-    if len(corners) != count:
-        raise _wrong(file, f"{count:,} triangles between solid and endsolid", f"{len(corners):,}")
-    return corners, np.arange(3 * count)
+        if not data.rstrip().lower().endswith(b"endsolid"):
+            raise _wrong(file, "endsolid after the last facet, as in a whole file", "none")
+        corners = np.fromiter(map(float, chain.from_iterable(_VERTEX.findall(data))), float)
+        if len(corners) != 9 * count:
+            got = f"{len(corners) // 3:,} in {count:,} lines that begin with facet"
+            raise _wrong(file, "3 vertices for each facet, which begins a line", got)
+        return corners, np.arange(3 * count)
+    return load_stl_binary(io.BytesIO(data)).get("vertices", ()), np.arange(3 * count)
 
 
 def _ply(file: Path, data: bytes) -> tuple[Array, Any]:
@@ -153,7 +158,7 @@ def _ply(file: Path, data: bytes) -> tuple[Array, Any]:
             if (faces["f0"] != faces["f1"].shape[1]).any():
                 raise ValueError("faces of several kinds")
             faces = faces["f1"]
-    except ValueError as error:
+    except (ValueError, LookupError, UnboundLocalError) as error:  # trimesh's own
         expected = "as many bytes as its header says, and faces of one kind unless it is text"
         raise _wrong(file, expected, f"another file ({error}): export triangles") from error
     return points, _cut(points, faces, lambda face: f"{file}: face {face + 1}")
