@@ -255,7 +255,12 @@ def test_a_row_that_was_removed_is_named_with_what_was_expected_there(
 
 @pytest.mark.parametrize(
     ("column", "value", "expected"),
-    [("answer", "3", "1 or 2"), ("speed_1", "fast", "a number"), ("block", "fst", "'slow'")],
+    [
+        ("answer", "3", "1 or 2"),
+        ("speed_1", "fast", "a number"),
+        ("speed_1", 400 * "9", "a number"),
+        ("block", "fst", "'slow'"),
+    ],
 )
 def test_a_cell_is_named_with_what_was_expected_and_what_came(
     column: str, value: str, expected: str, made: tuple[Study, Path], tmp_path: Path
@@ -272,7 +277,7 @@ def test_a_cell_is_named_with_what_was_expected_and_what_came(
     with pytest.raises(ConfigError) as caught:
         load_data(folder)
     assert f"{file}:2.{column}: expected {expected}" in str(caught.value)
-    assert f"got {value!r}" in str(caught.value)
+    assert f"got {value[:50]!r}"[:-1] in str(caught.value)
 
 
 def test_a_number_is_never_given_twice(made: tuple[Study, Path], tmp_path: Path) -> None:
