@@ -110,9 +110,11 @@ def take_effect(ledger: Ledger) -> None:
     ledger.was_unsure = ledger.was_unsure or ledger.is_unsure
     limit, ledger.budget = ledger.waiting_limit[0], ledger.waiting_budget[0]
     ledger.is_late = ledger.waiting_late[0] > HALF_NS
+    is_none = True  # then nobody needs to know whether it was dropped
     for k in range(ledger.axes):
         axis = ledger.axis[k]
         axis.held = axis.waiting[0]
+        is_none = is_none and axis.held == axis.constants.dropped
         retarget(axis.motor, axis.held, ledger.lag, ledger.since == 0.0)
     ledger.waiting -= 1
     for place in range(ledger.waiting):
@@ -123,7 +125,7 @@ def take_effect(ledger: Ledger) -> None:
         for k in range(ledger.axes):
             ledger.axis[k].waiting[place] = ledger.axis[k].waiting[place + 1]
     ledger.age = ledger.given = 0.0
-    ledger.is_dropped = False
+    ledger.is_dropped = is_none
     ledger.held_limit = limit
     if ledger.watchdog == SILENT:
         ledger.until_cut = limit * (1.0 + ledger.tolerance)

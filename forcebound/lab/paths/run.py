@@ -276,9 +276,9 @@ class _Calls:
         plan["write"][chances < case.lost_writes] = math.inf
         self.is_wrong = (chances < case.wrong_readings).tolist()
         self.slack = 2.0 * float(np.linalg.norm(case.devices[0].error))
-        # With a delay, the law waits with readings of which it does not know what force acted.
+        # With a delay or a lag, the law waits with readings if it does not know what force acted.
         is_unsure = case.watchdog == "reporting" or case.tolerance > 0.0
-        self.waits = case.write_delay > 0.0 and is_unsure
+        self.waits = is_unsure and (case.write_delay > 0.0 or case.stated.lag > 0.0)
         self._take(0, reading)
 
     def _take(self, time_ns: int, reading: Vector) -> None:
