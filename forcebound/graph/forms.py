@@ -243,8 +243,9 @@ class _Reader:
 
     def _scalar(self, kind: Any, value: Value, label: str) -> Any:
         content: Any = value.content
-        if kind is float and type(content) is int and content.bit_length() < 1024:
-            return float(content)
+        if kind is float and type(content) is int:
+            is_float = content.bit_length() < 1024
+            return float(content) if is_float else self._expect(value, label, _SCALARS[float])
         if kind is Path and isinstance(content, str):
             path = Path(content)  # from the folder of the file that has it
             return (value.folder / path).absolute() if value.place.line else path

@@ -122,7 +122,8 @@ def _stl(file: Path, data: bytes) -> tuple[Array, Array]:
                 raise _wrong(f"{file}:{line}", expected, data[found.start(1) :][:LONGEST])
         if not data.rstrip().lower().endswith(b"endsolid"):
             raise _wrong(file, "endsolid after the last facet, as in a whole file", "none")
-        corners = np.fromiter(map(float, chain.from_iterable(_VERTEX.findall(data))), float)
+        words = chain.from_iterable(found.groups() for found in _VERTEX.finditer(data))
+        corners = np.fromiter(map(float, words), float)
         if len(corners) != 9 * count:
             got = f"{len(corners) // 3:,} in {count:,} lines that begin with facet"
             raise _wrong(file, "3 vertices for each facet, which begins a line", got)
