@@ -33,6 +33,7 @@ _FACET = re.compile(
 _VERTEX = re.compile(rb"\bvertex\s+(\S+)\s+(\S+)\s+(\S+)", re.IGNORECASE)
 _NAME = re.compile(rb"^([ \t]*(?:end)?solid)\b.*", re.IGNORECASE | re.MULTILINE)
 _NO_NUMBER = re.compile(rb"[^-+.\dEe\sNnAaIiFf]")  # nan and inf are some
+_REALS = (b"float", b"double", b"float32", b"float64")  # of a PLY file
 _ELEMENT = re.compile(rb"^element[ \t]+(\w+)[ \t]+(\d+)", re.MULTILINE)
 
 _logger = logging.getLogger(__name__)
@@ -147,6 +148,7 @@ def _ply(file: Path, data: bytes) -> tuple[Array, Any]:
         rows = [row for row in body.splitlines() if row.strip()]
         if len(rows) != sum(counts.values()):
             raise _wrong(file, f"a row for each of {counts} in its header", f"{len(rows):,} rows")
+        _check_rows(file, head, rows)
         body = b"\n" + b"\n".join(rows)
     ascii_head = head.decode("ascii", "replace").encode("ascii", "replace")  # of any comments
     head = re.sub(rb"\bvertex_index\b", b"vertex_indices", ascii_head)
@@ -163,6 +165,33 @@ def _ply(file: Path, data: bytes) -> tuple[Array, Any]:
         expected = "as many bytes as its header says, and faces of one kind unless it is text"
         raise _wrong(file, expected, f"another file ({error}): export triangles") from error
     return points, _cut(points, faces, lambda face: f"{file}: face {face + 1}")
+
+
+def _check_rows(file: Path, head: bytes, rows: Sequence[bytes]) -> None:
+    """Refuse a row of a PLY text that has not the numbers which its header says."""
+    first = 0
+    for element in re.split(rb"^\s*element\s+", head, flags=re.MULTILINE)[1:]:
+        (_, count, *_), *properties = [
+            line.split() for line in element.splitlines() if line.split()
+        ]
+        kinds = [words[1:] for words in properties if words[0] == b"property"]
+        last = first + int(count)
+        for number, row in enumerate(rows[first:last], first + 1):
+            cells, used = row.split(), 0
+            for kind, *types in kinds:
+                many = cells[used : used + 1]
+                used += 1
+                if kind == b"list" and many and many[0].isdigit():
+                    listed = cells[used : used + int(many[0])]
+                    is_whole = types[1] not in _REALS
+                    used += int(many[0]) if not is_whole or all(map(_is_whole, listed)) else 0
+            if used != len(cells):
+                raise _wrong(f"{file}: row {number}", "the numbers that the header says", row)
+        first = last
+
+
+def _is_whole(cell: bytes) -> bool:
+    return cell.removeprefix(b"-").isdigit()
 
 
 def _cut(points: Array, faces: Sequence[Sequence[int]], place: Callable[[int], str]) -> Array:
