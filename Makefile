@@ -53,10 +53,10 @@ endurance: $(STAMP)
 examples: $(STAMP)
 	examples/build.sh; built=$$?; $(BIN)/pytest -m examples -rs && exit $$built
 
-# Some 15 minutes on two idle cores.
+# Some ten minutes on two idle cores.
 audit: $(STAMP)
 	$(BIN)/forcebound audit --runs 1000 --search 1000 --output docs/audit.md
-	$(BIN)/forcebound audit worlds --runs 100 --search 100 --output docs/audit-worlds.md
+	$(BIN)/forcebound audit worlds --runs 60 --search 60 --output docs/audit-worlds.md
 
 # All figures with date, commit and machine, on one page; some ten minutes on an idle machine.
 bench: $(STAMP)
