@@ -204,7 +204,7 @@ class BoundedDevice:
 
     def _note(self, applied: Vector, read_ns: int, write_ns: int) -> None:
         self._read_ns = read_ns - self._ahead_ns
-        if any(applied):
+        if applied != self._zero:
             self._is_zero = False
         elif not self._is_zero:
             settling_ns = round(SETTLED * self._dissipation.lag * 1e9)

@@ -83,16 +83,21 @@ class _User:
 
     def passed(self, elapsed: float, now_ns: int) -> float:
         """Return the time of a query for the world, in s: ``elapsed`` if that is plausible."""
-        before = self.time
-        self.credit = min(self.credit + DRIFT * 1e-9 * (now_ns - self.asked_ns), SLACK)
-        most = before + self.credit
-        if elapsed - self.cut < before:
+        before, time = self.time, elapsed - self.cut
+        credit = self.credit + DRIFT * 1e-9 * (now_ns - self.asked_ns)
+        if credit > SLACK:
+            credit = SLACK
+        most = before + credit
+        if time < before:
             self.cut = max(elapsed - before, 0.0)
-        elif elapsed - self.cut > most:
+            time = min(elapsed - self.cut, most)
+        elif time > most:
             self.cut = elapsed - most
-        self.time, self.asked_ns = min(elapsed - self.cut, most), now_ns
-        self.credit -= max(self.time - before, 0.0)
-        return self.time
+            time = min(elapsed - self.cut, most)
+        if time > before:
+            credit -= time - before
+        self.time, self.asked_ns, self.credit = time, now_ns, credit
+        return time
 
 
 class EnvironmentNode(Node):

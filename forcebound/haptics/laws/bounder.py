@@ -161,7 +161,8 @@ class ForceBounder:
         if not magnitude < math.inf:
             raise ValueError(f"commanded forces must be finite, got {commanded} N")
         before = self._position
-        self._insert(jitter_ns)
+        if jitter_ns != self._inserted_ns:
+            self._insert(jitter_ns)
         is_clear = jitter_ns == 0 or self._postpone(read_ns, jitter_ns)
         limit, damping, dt = self._sample(read_ns, position, magnitude, is_clear=is_clear)
         force = commanded
@@ -245,8 +246,7 @@ class ForceBounder:
         self._ledger.is_unsure = self._ledger.was_unsure  # whatever its age was at the report
 
     def _insert(self, jitter_ns: int) -> None:
-        if jitter_ns != self._inserted_ns:
-            self._inserted_ns, self._ledger.inserted = jitter_ns, jitter_ns / 1e9
+        self._inserted_ns, self._ledger.inserted = jitter_ns, jitter_ns / 1e9
 
     def _postpone(self, read_ns: int, jitter_ns: int) -> bool:
         """Let what happens after a reading wait for the time that was inserted before the reading.
