@@ -118,9 +118,9 @@ def test_without_transfer_a_certified_follower_does_no_work_and_with_it_both_are
     on_its_way = 1e-3  # J, at most
     assert net["leader"] == pytest.approx(given["leader"] - given["follower"], abs=on_its_way)
     assert 0.0 < net["leader"] < given["leader"]
-    (told,) = [one for one in coupling_lines(together) if "transfer" in one]
-    assert energy(net["leader"]) in told
-    assert "follower" not in told
+    (shown,) = [one for one in coupling_lines(together) if "transfer" in one]
+    assert energy(net["leader"]) in shown
+    assert "follower" not in shown
 
 
 def test_the_same_run_has_the_same_bits() -> None:
