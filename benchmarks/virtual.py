@@ -31,8 +31,8 @@ def run(duration: float, rate: float) -> Result:
 
 def _graph(name: str, rate: float) -> GraphConfig:
     config = load(name)
-    servo = replace(config.device.servo, rate=rate)
-    return config.with_hand(device=replace(config.device, servo=servo))
+    servo = replace(config.only.servo, rate=rate)
+    return config.with_hand(servo=servo)
 
 
 def _ticks(config: GraphConfig, timing: Timing) -> Round:

@@ -9,10 +9,10 @@ from typing import Any, get_args
 
 from forcebound.graph.fields import fields_of
 from forcebound.graph.graph import (
-    BESIDE_MODEL,
     KINDS,
     PHASE_KEYS,
     RUN_KEYS,
+    SECTION_SETTINGS,
     EnvironmentConfig,
     GraphConfig,
     Phase,
@@ -88,8 +88,9 @@ def _lines() -> Iterator[str]:
         if section == "device":
             yield from _table(ServoSettings, "Beside the keys of its kind, those of the servo:")
         elif section == "environment":
-            yield from _table(EnvironmentConfig, "Beside the keys of its kind:", BESIDE_MODEL)
-            yield from _inner(EnvironmentConfig, BESIDE_MODEL)
+            own = tuple(SECTION_SETTINGS[section])
+            yield from _table(EnvironmentConfig, "Beside the keys of its kind:", own)
+            yield from _inner(EnvironmentConfig, own)
             yield from ("", "### `surface`", *_table(Surface))
         for name in sorted(table):
             yield from ("", f"### `kind: {name}`", *_table(table[name], known=known, at=name))

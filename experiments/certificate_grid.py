@@ -124,18 +124,17 @@ PAGE = Path(__file__).with_name("prices.md")  # all but the tables
 def config_of(case: Row) -> GraphConfig:
     """Return the graph of a case; with ``number`` its device states and has them."""
     config = load("stiff_wall", [one.format(case[k]) for k, one in ARGUMENTS.items() if k in case])
-    device, model = config.device, config.device.model
-    device = replace(device, servo=replace(device.servo, hold_limit=case["hold_limit"]))
+    device, servo = config.only.device, replace(config.only.servo, hold_limit=case["hold_limit"])
     if "number" in case:
         numbers: Any = {"watchdog": "silent", **PRICES.get(case["number"], {})}
         numbers["truth"] = MISTAKES.get(case["number"])
-        device = replace(device, model=replace(model, **numbers))
+        device = replace(device, **numbers)
     if case.get("hand") == "taken":
         environment = replace(config.environment, model=PULLING)
         config = replace(config.with_hand(operator=PULLED), environment=environment, duration=3.8)
     elif case.get("hand") == "taps":
         config = config.with_hand(operator=TAPS)
-    return config.with_hand(device=device)
+    return config.with_hand(device=device, servo=servo)
 
 
 def motion_of(columns: TelemetryColumns, model: Any) -> Row:
@@ -175,7 +174,7 @@ def measure(cases: Sequence[Row]) -> list[Row]:
                 "contact_bounces": summary["contact_bounces"],
                 ENERGY: summary[ENERGY],
                 FALL: summary[FALL],
-                **motion_of(outcome.result.columns, config.device.model),
+                **motion_of(outcome.result.columns, config.only.device),
             }
         )
     return rows

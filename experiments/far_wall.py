@@ -89,7 +89,7 @@ def touching_hand(folder: Path) -> TrajectoryHand:
 def figures(config: GraphConfig) -> tuple[Figures, TelemetryColumns]:
     """Return the figures of a run, and its telemetry."""
     columns = run_virtual(config, DURATION).columns
-    touches_twice = isinstance(config.operator, TrajectoryHand)
+    touches_twice = isinstance(config.only.operator, TrajectoryHand)
     depth = columns.position[:, 0] - SURFACE
     since = columns.elapsed >= AGAIN if touches_twice else columns.elapsed > 0.0
     stiffness = displayed_stiffness(columns.time, columns.applied_force[:, 0], depth)

@@ -36,10 +36,10 @@ def case(law: str, watchdog: str, hold_limit: float | str) -> GraphConfig:
     """Return the press of one cell."""
     config = load("stiff_wall", [f"law:={law}", f"hold_limit:={hold_limit}"])
     allowance = ALLOWANCE if watchdog == "none" else 0.0
-    servo = replace(config.device.servo, allowance=allowance)
-    model: Any = config.device.model
+    servo = replace(config.only.servo, allowance=allowance)
+    model: Any = config.only.device
     model = replace(model, watchdog=watchdog, **WATCHDOGS[watchdog])
-    return config.with_hand(device=replace(config.device, model=model, servo=servo))
+    return config.with_hand(device=model, servo=servo)
 
 
 def cell(values: list[float]) -> str:

@@ -97,7 +97,7 @@ def draw(picture: Path) -> None:
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
     config = load("touch_mesh")
-    model, hand = config.environment.model, config.operator
+    model, hand = config.environment.model, config.only.operator
     assert isinstance(model, TriangleMesh)
     assert hand is not None
     world, tips, proxies = model.open(3), [], []

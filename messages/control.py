@@ -38,7 +38,7 @@ class Configure(Request, frozen=True, tag="configure"):
     """Continue with these parameters."""
 
     time_ns: int  # when they were written into the launch document; an older request is ignored
-    parameters: Parameters  # all of the graph
+    parameters: Parameters  # all of the node, by name
     units: dict[str, str] = {}  # in which quantities of it were written, by name; for people
 
 

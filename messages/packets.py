@@ -23,7 +23,7 @@ from typing import Annotated, Any, Final, Literal, NamedTuple, TypeAlias, get_ty
 from msgspec import UNSET, Meta, Struct, UnsetType
 from msgspec.inspect import type_info
 
-VERSION: Final = 4  # of the wire format; every packet carries it
+VERSION: Final = 5  # of the wire format; every packet carries it
 
 MAX_AXES = 6
 MAX_COUNT = 2**63 - 1  # the largest 64-bit integer that every language has
@@ -102,12 +102,12 @@ class _Wire(Struct, frozen=True, kw_only=True, tag_field="packet", gc=False):
     with a default can be added to a packet without a new version.
     """
 
-    version: Literal[4] = VERSION
+    version: Literal[5] = VERSION
     hand: Annotated[
         str,
         Meta(max_length=MAX_NAME),
-        _means("to whose loop it belongs; empty: the only one, or all"),
-    ] = ""
+        _means("to whose loop it belongs; hand: the only one, or all"),
+    ] = "hand"
 
 
 class DeviceState(_Wire, frozen=True, tag="device_state"):

@@ -6,7 +6,8 @@ are, which packets they exchange, or where their sockets are, asks the :class:`G
 of ``run.json``.
 
 To add a hand is to name it: its nodes and streams then carry the name, ``left/device`` and
-``left/device_state``. The only hand of a graph has no name.
+``left/device_state``. The only hand of a graph is called ``hand``, and its nodes and streams are
+``device`` and ``device_state``.
 
 The hands of a graph may be on several machines (docs/remote.md). The graph of a machine has the
 nodes of the hands there; and where the environment serves hands of other machines, the streams
@@ -35,8 +36,10 @@ from forcebound.roles import CONTROLLER, DEVICE, ENVIRONMENT, LAUNCHER, RECORDER
 
 T = TypeVar("T")
 
-HAND = ""  # name of the only hand of a graph
-HANDS = "hands"  # key of a document of several hands: what belongs to each, by its name
+HAND = "hand"  # name of the only hand of a graph, which the names of its nodes leave out
+HANDS = "hands"  # key of a document: what belongs to each hand, by its name
+#: Sections of a launch file that belong to a hand.
+HAND_SECTIONS = ("device", "operator", "controller", "links", "remote")
 HERE = "here"  # key of a document: names of the hands on this machine; without it, all
 
 # What each role sends, and which role needs it; None: only observers do. The first four are the
@@ -156,9 +159,9 @@ class Graph(Struct, frozen=True):
         return tuple(dict.fromkeys(stream.name for stream in self.streams))
 
 
-def in_hand(hand: str | None, name: str) -> str:
-    """Return the name of a node or stream that belongs to a hand; None or empty: the name alone."""
-    return f"{hand}/{name}" if hand else name
+def node_name(hand: str | None, role: str) -> str:
+    """Return the name of a hand's node with a role, or of its stream with a topic; None: of all."""
+    return role if hand in (None, HAND) else f"{hand}/{role}"
 
 
 def graph_of(
@@ -179,7 +182,7 @@ def graph_of(
     nodes: dict[str, NodeSpec] = {}
     for role in (*ROLES, LAUNCHER):
         for hand in (None,) if role in (ENVIRONMENT, RECORDER, LAUNCHER) else here:
-            nodes[in_hand(hand, role)] = NodeSpec(role, hand, f"c{len(nodes)}")
+            nodes[node_name(hand, role)] = NodeSpec(role, hand, f"c{len(nodes)}")
     streams: list[Stream] = []
 
     def add(
@@ -193,11 +196,11 @@ def graph_of(
         if not (is_here or (serves and ENVIRONMENT in (sender, receiver))):
             return
         topic, socket = TOPIC_OF[packet], f"s{len(streams)}"
-        name = in_hand(hand, topic)
+        name = node_name(hand, topic)
         streams.append(Stream(name, topic, hand, sender, receiver, socket, is_forwarded))
 
     def name_of(role: str, hand: str | None) -> str:
-        return role if role in nodes else in_hand(hand, role)
+        return role if role in nodes else node_name(hand, role)
 
     for packet, (sender, receiver) in _SENT.items():
         for hand in (None,) if packet is Scene else hands:
@@ -209,36 +212,40 @@ def graph_of(
         add(Event, None, name)
     for pair in exchanges:
         for giver, receiver in (pair, pair[::-1]):
-            add(EnergyTransfer, giver, in_hand(giver, DEVICE), in_hand(receiver, DEVICE))
+            add(EnergyTransfer, giver, node_name(giver, DEVICE), node_name(receiver, DEVICE))
     return Graph(nodes, tuple(streams))
 
 
 ONE_HAND = graph_of()
 
 
-def hand_sections(document: dict[str, Any]) -> dict[str, dict[str, Any]]:
-    """Return the mappings of a document that have the sections of a hand, by its name."""
-    return dict(document[HANDS]) if HANDS in document else {HAND: document}
+def nested(document: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a resolved launch file with its hands by name; one of before may have them flat."""
+    if HANDS in document:
+        return dict(document)
+    of_all = {name: value for name, value in document.items() if name not in HAND_SECTIONS}
+    return {**of_all, HANDS: {HAND: {n: document[n] for n in HAND_SECTIONS if n in document}}}
 
 
-def hands_here(document: dict[str, Any]) -> tuple[str, ...]:
-    """Return the names of the hands of a document that are on its machine."""
-    hands = tuple(hand_sections(document))
-    return tuple(hand for hand in hands if hand in document.get(HERE, hands))
+def flat(document: Mapping[str, Any], hand: str = HAND) -> dict[str, Any]:
+    """Return a resolved launch file as that of one of its hands alone, with its sections on top.
 
-
-def hand_document(document: dict[str, Any], hand: str) -> dict[str, Any]:
-    """Return a document as if it had this hand alone; KeyError if there is no such hand."""
+    One that has no such hand stays as it is. Names of parameters in it are as of an only hand.
+    """
+    hands = document.get(HANDS, {})
+    if hand not in hands:
+        return dict(document)
     of_all = {name: value for name, value in document.items() if name not in (HANDS, HERE)}
-    hands = hand_sections(document)
-    flat = {**of_all, **hands[hand]}
-    if HANDS not in document:
-        return flat
-    if "phases" in flat:
-        flat["phases"] = [{**p, "set": hand_values(p["set"], hand, hands)} for p in flat["phases"]]
-    if "units" in flat:
-        flat["units"] = hand_values(flat["units"], hand, hands)
-    return flat
+    found = {**of_all, **hands[hand]}
+    if hand == HAND:
+        return found
+    if "phases" in found:
+        found["phases"] = [
+            {**p, "set": hand_values(p["set"], hand, hands)} for p in found["phases"]
+        ]
+    if "units" in found:
+        found["units"] = hand_values(found["units"], hand, hands)
+    return found
 
 
 def hand_values(values: Mapping[str, T], hand: str, hands: Iterable[str]) -> dict[str, T]:

@@ -32,7 +32,7 @@ from forcebound.messages.packets import (
     Packet,
     Vector,
 )
-from forcebound.messages.topology import HAND, in_hand
+from forcebound.messages.topology import HAND, node_name
 from forcebound.nodes import Node, close_part
 from forcebound.nodes.lease import LEASE_NS, Lease
 from forcebound.nodes.publishing import Signals
@@ -64,7 +64,7 @@ class ControllerNode(Node):
         self._controller = controller
         self._queries = 0
         self._commands = 0
-        self.events = EventLog(in_hand(hand, CONTROLLER))
+        self.events = EventLog(node_name(hand, CONTROLLER))
         self._signals = Signals(controller, signals, self.events, self.reject)
         self._lease = Lease(self.events, lease_ns, dead_lease_ns)
         self._reply_ns: int | None = None  # device's clock: state that the newest reply answers

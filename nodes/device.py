@@ -45,7 +45,7 @@ from forcebound.messages.packets import (
     Telemetry,
     Vector,
 )
-from forcebound.messages.topology import HAND, in_hand
+from forcebound.messages.topology import HAND, node_name
 from forcebound.nodes import Node, close_part
 from forcebound.nodes.bounded_device import BoundedDevice
 from forcebound.nodes.device_events import DeviceEvents
@@ -121,7 +121,7 @@ class DeviceNode(Node):
         self._read_ns = 0
         self._lateness = lateness
         self.deadline_misses = 0
-        self.events = EventLog(in_hand(hand, DEVICE))
+        self.events = EventLog(node_name(hand, DEVICE))
         self._signals = Signals(device, signals, self.events, self.reject)
         # Of a simulated device and of hardware of this package, verification knows it.
         is_unknown = self._bounded.takes_limit and device.truth() is None
@@ -170,7 +170,7 @@ class DeviceNode(Node):
         self.engage()
         return Engaged()
 
-    def take_law(self, law: str) -> None:
+    def set(self, law: str) -> None:
         """Let another law bound as soon as no force is held; the force returns over the ramp.
 
         ConfigError, and no change, for a law that does not come with forcebound.

@@ -153,7 +153,7 @@ class EnvironmentNode(Node):
             return self._step_ns
         return None if self._answering is None else self._done_ns
 
-    def change(
+    def set(
         self, model: EnvironmentModel, computation: Impairment, trace: DelayTrace | None = None
     ) -> None:
         """Answer from the next query on with other parameters, or in another time.

@@ -121,7 +121,7 @@ def run_slow(
     """
     config = load("stiff_wall", [f"law:={law}", f"stiffness:={stiffness} N/m"])
     model = SlowRail(**numbers)
-    servo = replace(config.device.servo, rate=RATE)
+    servo = replace(config.only.servo, rate=RATE)
     rail, packets = OpenRail(model), list[Packet]()
     node = DeviceNode(rail, dissipation_of(model, servo), servo, clock=lambda: rail.now_ns)
     node.engage()

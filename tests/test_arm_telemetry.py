@@ -20,7 +20,7 @@ def shipped_arms() -> list[str]:
     """Shipped launch files whose device has joints, and lives in virtual time, too."""
     names = [name.removesuffix(".yaml") for name in shipped()]
     configs = {name: load(name) for name in names}
-    models = {name: one.device.model for name, one in configs.items() if len(one.hands) == 1}
+    models = {name: one.only.device for name, one in configs.items() if len(one.hands) == 1}
     return [
         name
         for name, model in models.items()
@@ -37,9 +37,9 @@ def test_there_are_arms() -> None:
 def test_the_applied_force_is_that_of_the_torques(name: str, law: str, tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     config = load(name, [f"law:={law}"])
-    given: Any = config.device.model
+    given: Any = config.only.device
     model = replace(given, saturation=WEAKER * given.saturation)
-    config = config.with_hand(device=replace(config.device, model=model))
+    config = config.with_hand(device=model)
     run_virtual(config, 1.0, path)
     kinematics = model.kinematics()
     saturated = 0

@@ -10,10 +10,11 @@ import pytest
 
 from forcebound.errors import ConfigError
 from forcebound.graph.graph import GraphConfig, PartSpec
-from forcebound.graph.loader import change, from_document, load
+from forcebound.graph.loader import from_document, load
+from forcebound.graph.model import restore
 from forcebound.graph.names import LAW
-from forcebound.graph.parameters import describe, differences, parameters, processes_of
-from forcebound.graph.resolved import restore, to_document
+from forcebound.graph.parameters import change, describe, differences, node_of, parameters
+from forcebound.graph.resolved import to_document
 from forcebound.messages.control import Configure
 from forcebound.messages.packets import EnvironmentQuery, Event
 from forcebound.messages.topology import ONE_HAND
@@ -174,7 +175,7 @@ def test_a_device_takes_a_law_and_no_other_process_does(config: GraphConfig) -> 
     device = build_device(config.only)
     settings = with_law(config, "none")
     other = process([EnvironmentNode(config.environment.model)])
-    assert processes_of([LAW], config) == {"device"}
+    assert node_of(LAW, config) == "device"
     assert Tuner(config)(other, settings) == {}
     assert Tuner(config)(process([device]), settings) == {}  # it reports when it has taken it
     packets = [packet for time_ns in (0, 400_000) for packet in device.step(time_ns, ())]

@@ -11,8 +11,8 @@ from builders import MS, query
 from fakes import press
 from launch_texts import GOOD, problems_of, written
 
-from forcebound.graph.loader import change, from_document, load
-from forcebound.graph.parameters import parameters
+from forcebound.graph.loader import from_document, load
+from forcebound.graph.parameters import change, parameters
 from forcebound.graph.resolved import to_document
 from forcebound.haptics.environments.walls import Wall
 from forcebound.messages.control import Configure
@@ -75,11 +75,11 @@ def test_a_failed_computation_is_not_answered_and_the_next_one_is() -> None:
 def test_the_node_changes_while_it_runs_and_the_computation_in_work_keeps_its_time() -> None:
     node = EnvironmentNode(Wall(), ComputationTime(Impairment(0.003)))
     node.step(0, [query(0)])
-    node.change(Wall(), Impairment(0.001))
+    node.set(Wall(), Impairment(0.001))
     assert node.wake_ns == 3 * MS
     node.step(3 * MS, [query(1)])
     assert node.wake_ns == 4 * MS
-    node.change(Wall(), Impairment(trace=Path("t.csv")), DelayTrace((0.0,), (0.0,)))
+    node.set(Wall(), Impairment(trace=Path("t.csv")), DelayTrace((0.0,), (0.0,)))
     assert len(node.step(4 * MS, [query(2)])) == 2
 
 

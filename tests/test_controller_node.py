@@ -98,8 +98,7 @@ def test_the_lease_of_an_environment_that_is_gone_is_shorter_and_the_next_one_ha
 
 def test_the_lease_outlasts_the_age_limit_so_that_the_force_is_zero_between_environments() -> None:
     config = load("stiff_wall.yaml")
-    servo = dataclasses.replace(config.device.servo, age_limit=3.0)
-    device = dataclasses.replace(config.device, servo=servo)
-    assert lease_ns(config.with_hand(device=device).only) >= 6_000 * MS
-    assert lease_ns(config.only) > 1e9 * config.device.servo.age_limit
-    assert dead_lease_ns(config.only) > 1e9 * config.device.servo.age_limit
+    servo = dataclasses.replace(config.only.servo, age_limit=3.0)
+    assert lease_ns(config.with_hand(servo=servo).only) >= 6_000 * MS
+    assert lease_ns(config.only) > 1e9 * config.only.servo.age_limit
+    assert dead_lease_ns(config.only) > 1e9 * config.only.servo.age_limit

@@ -16,7 +16,8 @@ from waiting import TIMEOUT
 from forcebound.cli import main
 from forcebound.errors import ConfigError
 from forcebound.graph.graph import GraphConfig
-from forcebound.graph.loader import change, from_document, load
+from forcebound.graph.loader import from_document, load
+from forcebound.graph.parameters import change
 from forcebound.graph.resolved import to_document
 from forcebound.messages.codec import encode
 from forcebound.messages.packets import EnvironmentReply, Packet, Telemetry

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from forcebound.errors import ConfigError
 from forcebound.graph.loader import from_document
-from forcebound.graph.resolved import restore, to_document, with_parts
+from forcebound.graph.model import always, restore
+from forcebound.graph.resolved import to_document
 from forcebound.haptics.devices.phantom import PhantomPremium15
 from forcebound.haptics.devices.plant import Axis, Moving, advance_extended
 from forcebound.haptics.devices.simulated import SimulatedDevice
@@ -268,5 +269,5 @@ def test_a_launch_file_states_true_values() -> None:
         "environment": {"kind": "wall"},
     }
     config = from_document(document | {"controller": {"kind": "direct"}})
-    assert config.device.model == PhantomPremium15(friction=(0.1,), truth=TrueAxes(gain=1.03))
-    assert with_parts(restore(to_document(config))) == config
+    assert config.only.device == PhantomPremium15(friction=(0.1,), truth=TrueAxes(gain=1.03))
+    assert restore(to_document(config), always) == config

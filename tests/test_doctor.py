@@ -79,8 +79,8 @@ def test_a_stopped_environment_is_no_problem_while_another_one_serves() -> None:
 
 def jittered() -> GraphConfig:
     config = graph()
-    jitter = replace(config.links["environment_query"], jitter=1e-3)
-    return config.with_hand(links={**config.links, "environment_query": jitter})
+    jitter = replace(config.only.links["environment_query"], jitter=1e-3)
+    return config.with_hand(links={**config.only.links, "environment_query": jitter})
 
 
 REPLIES = ("device_state", "environment_reply")

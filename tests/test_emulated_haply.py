@@ -108,7 +108,7 @@ def test_the_driver_knows_where_the_tip_is_and_turns_the_motors_its_way(
 def test_a_bounded_wall_gives_the_hand_nothing_by_the_emulators_truth(truth: TruthFile) -> None:
     model = Haply2DIY()
     device, line = opened(model, truth)
-    bounder = ForceBounder("certified", dissipation_of(model, load("haply_2diy").device.servo), 2)
+    bounder = ForceBounder("certified", dissipation_of(model, load("haply_2diy").only.servo), 2)
     bounder.start(device.stamps()[0], device.read(0))
     truth.announce()
     truth.engage(line.time_ns)

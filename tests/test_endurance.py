@@ -13,7 +13,6 @@ import pytest
 from live_graph import live_graph
 
 from forcebound.graph.loader import load
-from forcebound.graph.parameters import parameters
 from forcebound.graph.phases import timetable
 from forcebound.messages.control import Configure
 from forcebound.messages.packets import TOPIC_OF, Packet, Telemetry
@@ -110,8 +109,8 @@ def an_hour(file: str | Path, report: Callable[[str], None]) -> None:
     tuner, sizes = Tuner(config), []
     for minute in range(HOUR_NS // MINUTE_NS):
         if parts:  # each minute another phase, again and again
-            new = parts[minute % len(parts)].config
-            tuner(simulation, Configure(minute, parameters(new)))
+            values = parts[minute % len(parts)].values
+            tuner(simulation, Configure(minute, values))
         simulation.run((minute + 1) * MINUTE_NS)
         gc.collect()
         sizes.append(resident())

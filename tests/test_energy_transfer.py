@@ -13,7 +13,7 @@ from msgspec.structs import replace
 
 from forcebound.errors import ConfigError
 from forcebound.graph.checks import check_energy_partner
-from forcebound.graph.graph import DeviceConfig
+from forcebound.graph.graph import HandConfig
 from forcebound.graph.servo import ServoSettings
 from forcebound.haptics.devices.phantom import PhantomPremium15
 from forcebound.haptics.hands.hands import SinusoidalHand
@@ -303,8 +303,8 @@ def test_a_hand_without_a_partner_takes_no_energy_and_sends_no_packet() -> None:
 def test_a_running_hand_with_a_partner_takes_no_law_that_cannot_exchange() -> None:
     node, _ = device_node(law="certified", energy_partner="right")
     with pytest.raises(ConfigError):
-        node.take_law("none")
-    node.take_law("tdpa")
+        node.set("none")
+    node.set("tdpa")
 
 
 def test_a_new_law_begins_a_new_ledger_with_the_totals_going_on() -> None:
@@ -313,7 +313,7 @@ def test_a_new_law_begins_a_new_ledger_with_the_totals_going_on() -> None:
     sent: list[Packet] = []
     for n in range(40):
         if n == 20:
-            node.take_law("certified_fading")
+            node.set("certified_fading")
         sent += node.step(node.wake_ns, [])
     transfers = [one for one in sent if isinstance(one, EnergyTransfer)]
     ledgers = list(dict.fromkeys(one.ledger for one in transfers))
@@ -333,13 +333,13 @@ def test_a_recording_is_verified_with_the_energy_that_came_and_went(
     assert found[-1].received_energy
     partner = {"left": "right", "right": "left"}[hand]
     servo = ServoSettings(energy_partner=partner, age_limit=1.0)
-    config = DeviceConfig(PhantomPremium15(), servo)
+    config = HandConfig(PhantomPremium15(), servo)
     for extra in (0.0, GRAIN):
         path = tmp_path / f"{extra}.mcap"
         with Recorder(path, {"launch": "{}"}) as recorder:
             for packet in packets:
                 if isinstance(packet, Telemetry | ForceCommand) and packet.hand == hand:
-                    one = replace(packet, hand="")
+                    one = replace(packet, hand="hand")
                     if isinstance(one, Telemetry) and one.seq >= 400:
                         one = replace(one, received_energy=(one.received_energy or 0.0) + extra)
                     recorder.write(one)

@@ -8,7 +8,8 @@ from launch_texts import problems_of, written
 
 from forcebound.errors import ConfigError
 from forcebound.graph.loader import load
-from forcebound.graph.resolved import restore, to_document, with_parts
+from forcebound.graph.model import always, restore
+from forcebound.graph.resolved import to_document
 from forcebound.haptics.environments import open_environment
 from forcebound.haptics.environments.contract import check
 from forcebound.haptics.environments.fixtures import (
@@ -113,7 +114,7 @@ environment:
 
 def test_a_launch_file_names_fixtures_and_the_hand_rests_on_the_limit(tmp_path: Path) -> None:
     config = load(written(tmp_path, FILE), ["law:=none", "approach_speed:=35 mm/s"])
-    assert with_parts(restore(to_document(config))) == config
+    assert restore(to_document(config), always) == config
     result = run_virtual(config)
     depth = result.columns.true_position[-1, 0] - 0.005
     assert depth == pytest.approx(

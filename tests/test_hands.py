@@ -15,13 +15,14 @@ from run_starts import LIMITS
 import forcebound
 from forcebound.errors import ConfigError
 from forcebound.graph.graph import GraphConfig, RealtimeConfig
-from forcebound.graph.loader import change, load
-from forcebound.graph.parameters import parameters, processes_of
-from forcebound.graph.resolved import restore, run_document, to_document
+from forcebound.graph.loader import load
+from forcebound.graph.model import restore
+from forcebound.graph.parameters import change, node_of, parameters
+from forcebound.graph.resolved import run_document, to_document
 from forcebound.lab.sweep.plan import load_sweep
 from forcebound.lab.sweep.runner import run_cases
 from forcebound.messages.control import ResumeDevice
-from forcebound.messages.topology import Graph, hand_document
+from forcebound.messages.topology import Graph, flat
 from forcebound.observe.doctor import examine
 from forcebound.observe.observation import observe
 from forcebound.recordings.recording import read
@@ -118,9 +119,9 @@ def test_a_configuration_travels_whole(config: GraphConfig) -> None:
     again = restore(run_document(config))
     assert parameters(again) == parameters(config)
     assert tuple(again.hands) == ("left", "right")
-    assert config.of("left").device.servo.law == "certified"
+    assert config.of("left").only.servo.law == "certified"
     with pytest.raises(ConfigError, match="left, right"):
-        _ = config.device
+        _ = config.only.device
 
 
 def test_a_hand_alone_keeps_its_phases_and_units(tmp_path: Path) -> None:
@@ -133,7 +134,7 @@ def test_a_hand_alone_keeps_its_phases_and_units(tmp_path: Path) -> None:
         assert dict(alone.phases[0].settings) == shared | own
         assert alone.units["device.rate"] == "kHz"
         assert not any(name.startswith(("left", "right")) for name in alone.units)
-        document = hand_document(to_document(config), hand)
+        document = flat(to_document(config), hand)
         assert document["phases"][0]["set"] == shared | own
         assert document["units"] == dict(alone.units)
 
@@ -141,9 +142,12 @@ def test_a_hand_alone_keeps_its_phases_and_units(tmp_path: Path) -> None:
 def test_parameters_begin_with_the_hand(config: GraphConfig) -> None:
     delay = "right.links.environment_query.delay"
     assert parameters(config)[delay] == 0.002
-    assert processes_of([delay, "left.device.law"], config) == {"environment", "left/device"}
+    assert {node_of(one, config) for one in (delay, "left.device.law")} == {
+        "environment",
+        "left/device",
+    }
     changed = change(config, {delay: 0.0, "left.device.law": "tdpa"})
-    assert [hand.device.servo.law for hand in changed.hands.values()] == ["tdpa", "none"]
+    assert [hand.servo.law for hand in changed.hands.values()] == ["tdpa", "none"]
     with pytest.raises(ConfigError, match=r"left\.device\.law or right\.device\.law"):
         change(config, {"device.law": "none"})
 
@@ -209,7 +213,7 @@ def test_one_recorded_hand_runs_again_with_the_recorded_replies(
     assert "--environment" in alone.stderr
     again = replayed(recording, tmp_path / "one.mcap", "--hand", "left", "--environment")
     first = results_of(recording)["left"].columns
-    assert np.allclose(again[""].columns.commanded_force, first.commanded_force, atol=1e-12)
+    assert np.allclose(again["hand"].columns.commanded_force, first.commanded_force, atol=1e-12)
 
 
 def test_recorded_replies_are_those_to_the_hand_of_the_name(

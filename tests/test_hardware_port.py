@@ -161,7 +161,7 @@ def test_the_numbers_of_another_board_are_refused_where_boards_can_be_told() -> 
 
 @pytest.mark.parametrize("number", ["0012", "1E5"])
 def test_a_serial_number_that_looks_like_a_number_is_taken_as_it_is_written(number: str) -> None:
-    model: Any = load("haply_2diy.yaml", [f"device:={number}"]).device.model
+    model: Any = load("haply_2diy.yaml", [f"device:={number}"]).only.device
     assert model.port == number
 
 

@@ -34,7 +34,7 @@ def written(folder: Path) -> Any:
 def load_with(folder: Path, launch_file: str) -> Any:
     path = folder / f"my_{launch_file}"
     path.write_text(USE.format(launch_file))
-    return load(path).device.model
+    return load(path).only.device
 
 
 def test_the_file_holds_bounds_and_where_they_come_from(folder: Path) -> None:

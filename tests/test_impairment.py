@@ -243,7 +243,7 @@ ALL = """{delay: 2 ms, jitter: 500 us, distribution: paretonormal, correlation: 
 
 def test_a_launch_file_takes_all_of_it(tmp_path: Path) -> None:
     config = load(written(tmp_path, GOOD.replace("{delay: 2 ms}", ALL)))
-    assert config.links["environment_query"] == Impairment(
+    assert config.only.links["environment_query"] == Impairment(
         delay=0.002,
         jitter=0.0005,
         distribution="paretonormal",

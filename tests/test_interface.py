@@ -67,7 +67,7 @@ def test_a_run_has_figures_with_units_and_telemetry() -> None:
     assert run.telemetry["applied_force"][-1, 0] == pytest.approx(1000.0 * depth)
     assert np.isnan(run.figures.tangential_share)
     assert "one axis" in run.figures.tangential_share.reason
-    assert run.hands[""] is run
+    assert run.hands["hand"] is run
     with pytest.raises(AttributeError, match="displayed_stiffness"):
         _ = run.figures.displayed_stifness
     with pytest.raises(KeyError, match="position"):

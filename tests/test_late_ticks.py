@@ -112,7 +112,7 @@ def test_without_a_watchdog_a_launch_file_must_bound_the_hold(tmp_path: Path) ->
     with pytest.raises(ConfigError, match=r"needs a watchdog_limit .* finite, got inf s: state"):
         load(str(file))
     file.write_text(text + "watchdog: none, watchdog_limit: 10 ms, allowance: 20 mJ}\n")
-    assert load(str(file)).device.servo.allowance == pytest.approx(0.02)
+    assert load(str(file)).only.servo.allowance == pytest.approx(0.02)
 
 
 def test_a_watchdog_that_may_cut_every_hold_is_refused(tmp_path: Path) -> None:
@@ -124,7 +124,7 @@ def test_a_watchdog_that_may_cut_every_hold_is_refused(tmp_path: Path) -> None:
         load(str(file))
     for enough in ("1.25", "auto"):
         file.write_text(f"{text}{early}{enough}}}\n")
-        assert load(str(file)).device.servo.hold_limit in (1.25, "auto")
+        assert load(str(file)).only.servo.hold_limit in (1.25, "auto")
 
 
 # The hold limit

@@ -11,9 +11,10 @@ from launch_texts import GOOD, problems_of, written
 from forcebound.errors import ConfigError
 from forcebound.graph.document import shipped
 from forcebound.graph.fields import fields_of
-from forcebound.graph.graph import BESIDE_MODEL, KINDS
+from forcebound.graph.graph import KINDS, SECTION_SETTINGS
 from forcebound.graph.loader import arguments_of, from_document, load
-from forcebound.graph.resolved import restore, run_document, to_document, with_parts
+from forcebound.graph.model import always, restore
+from forcebound.graph.resolved import run_document, to_document
 from forcebound.graph.schema import json_schema
 from forcebound.graph.servo import ServoSettings
 from forcebound.graph.tree import scalar
@@ -48,11 +49,13 @@ def test_the_common_arguments_do_what_they_say(name: str) -> None:
         ],
     )
     document = to_document(config)
-    assert config.device.servo.law == "none"
+    assert config.only.servo.law == "none"
     assert document["environment"]["stiffness"] == 3000.0
     assert document["operator"]["approach_speed"] == 0.035
-    assert config.links["environment_query"].delay == config.links["environment_reply"].delay
-    assert config.links["environment_reply"].delay == 0.004
+    assert (
+        config.only.links["environment_query"].delay == config.only.links["environment_reply"].delay
+    )
+    assert config.only.links["environment_reply"].delay == 0.004
     assert config.environment.compute_delay == 0.001
     assert config.seed == 7
 
@@ -63,7 +66,7 @@ def test_a_resolved_document_is_a_launch_file_in_plain_json(
     config = load(shipped_name)
     document = to_document(config)
     text = json.dumps(document, allow_nan=False)
-    assert with_parts(restore(json.loads(text))) == config
+    assert restore(json.loads(text), always) == config
     assert load(written(tmp_path, text)) == config
     assert accepts(schema, document)
     assert accepts(schema, as_plain(shipped_name))
@@ -97,7 +100,11 @@ def test_what_is_no_resolved_document_is_refused(change: dict[str, Any]) -> None
 
 
 def model_in(environment: dict[str, Any]) -> dict[str, Any]:
-    return {name: value for name, value in environment.items() if name not in BESIDE_MODEL}
+    return {
+        name: value
+        for name, value in environment.items()
+        if name not in SECTION_SETTINGS["environment"]
+    }
 
 
 def test_the_stiff_wall_is_the_experiment_of_the_paper() -> None:
@@ -141,11 +148,11 @@ def test_a_file_on_disk_goes_before_a_shipped_one(
 
 def test_what_is_not_said_keeps_its_default(tmp_path: Path) -> None:
     config = load(written(tmp_path, GOOD))
-    assert config.device.servo == ServoSettings()
+    assert config.only.servo == ServoSettings()
     assert config.environment.compute_delay == 0.0
     assert config.realtime.cores == "auto"
     assert to_document(config)["controller"] == {"kind": "direct"}
-    assert set(config.links) == {"environment_query"}
+    assert set(config.only.links) == {"environment_query"}
 
 
 @pytest.mark.parametrize(
@@ -240,9 +247,9 @@ def test_the_including_file_wins_key_by_key(tmp_path: Path) -> None:
         "top.yaml",
     )
     config = load(path)
-    assert (config.duration, config.seed, config.device.servo.law) == (2.0, 1, "none")
-    assert config.operator is not None
-    assert config.operator.mass == 0.3
+    assert (config.duration, config.seed, config.only.servo.law) == (2.0, 1, "none")
+    assert config.only.operator is not None
+    assert config.only.operator.mass == 0.3
     assert {a.name: (a.default, a.help) for a in arguments_of(path)}["law"] == (
         "none",
         "bounding law",
@@ -283,7 +290,7 @@ def test_no_parameter_of_a_device_shares_its_name_with_a_servo_setting() -> None
     for kind in KINDS["device"].values():
         assert not set(fields_of(kind)) & {"kind", *fields_of(ServoSettings)}
     for kind in KINDS["environment"].values():
-        assert not set(fields_of(kind)) & {"kind", *BESIDE_MODEL}
+        assert not set(fields_of(kind)) & {"kind", *SECTION_SETTINGS["environment"]}
 
 
 @pytest.fixture(scope="module")
@@ -355,5 +362,5 @@ def test_the_schema_refuses_what_the_loader_refuses(
 
 def test_a_resolved_document_may_be_older_than_a_setting() -> None:
     document = run_document(load("stiff_wall"))
-    del document["device"]["velocity_cutoff"]
-    assert restore(document).device.servo == load("stiff_wall").device.servo
+    del document["hands"]["hand"]["device"]["velocity_cutoff"]
+    assert restore(document).only.servo == load("stiff_wall").only.servo

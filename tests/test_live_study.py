@@ -373,8 +373,8 @@ def test_a_person_moves_what_is_at_a_port(file: str, settings: list[str], mover:
 
 def test_a_live_clock_gets_the_hold_limit_that_lateness_asks_for(study: Study) -> None:
     simulated = study.config(study.pairs[0][0])
-    assert simulated.device.servo.hold_limit == 1
-    assert played(simulated, 0.010).device.servo.hold_limit == "auto"
+    assert simulated.only.servo.hold_limit == 1
+    assert played(simulated, 0.010).only.servo.hold_limit == "auto"
 
 
 def test_a_wall_that_changes_with_time_is_refused() -> None:
@@ -421,7 +421,7 @@ def test_between_two_touches_there_is_no_force_and_each_has_its_ledger(tmp_path:
         graph.close()
     graph.clear()  # as after a graph that has failed in the middle of a touch
     first, between, second = (
-        results_of(tmp_path / f"{name}.mcap")[""] for name in ("first", "between", "second")
+        results_of(tmp_path / f"{name}.mcap")["hand"] for name in ("first", "between", "second")
     )
     for touch in (first, second):
         assert np.abs(touch.columns.commanded_force).max() > 0.0

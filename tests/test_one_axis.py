@@ -10,7 +10,6 @@ import pytest
 
 from forcebound.graph.graph import GraphConfig
 from forcebound.graph.loader import load
-from forcebound.graph.names import HAND_SECTIONS
 from forcebound.haptics.environments import ENVIRONMENTS
 from forcebound.haptics.hands.hands import SinusoidalHand
 from forcebound.haptics.hands.paths import TrajectoryHand
@@ -18,6 +17,7 @@ from forcebound.haptics.hands.pointer import PointerHand
 from forcebound.haptics.laws import LAWS
 from forcebound.lab import one_axis, runs
 from forcebound.lab.runs import coverage, run_all, unserved
+from forcebound.messages.topology import HAND_SECTIONS
 from forcebound.network.impairment import GilbertElliott, Impairment, Outage
 from forcebound.run.virtual import run_virtual
 
@@ -31,13 +31,13 @@ def pressed(*arguments: str, seconds: float = 0.25) -> GraphConfig:
 
 
 def with_servo(config: GraphConfig, **changed: Any) -> GraphConfig:
-    servo = replace(config.device.servo, **changed)
-    return config.with_hand(device=replace(config.device, servo=servo))
+    servo = replace(config.only.servo, **changed)
+    return config.with_hand(servo=servo)
 
 
 def with_model(config: GraphConfig, **changed: Any) -> GraphConfig:
-    model = replace(config.device.model, **changed)
-    return config.with_hand(device=replace(config.device, model=model))
+    model = replace(config.only.device, **changed)
+    return config.with_hand(device=model)
 
 
 def with_links(config: GraphConfig, impairment: Impairment) -> GraphConfig:

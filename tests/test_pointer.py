@@ -108,7 +108,7 @@ def test_a_hand_that_follows_no_pointer_says_so() -> None:
 def test_law_changes_at_zero_force_and_begins_a_new_ledger() -> None:
     device = node("law:=certified")
     before = run(device, 0, 50)
-    device.take_law("none")
+    device.set("none")
     after = run(device, 50 * MS, 50)
     [event] = [p for p in after if getattr(p, "event", "") == "law_changed"]
     assert event.data["law"] == "none"

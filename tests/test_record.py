@@ -41,7 +41,7 @@ def test_a_new_recording_has_a_name_of_its_own(tmp_path: Path) -> None:
 
 def test_any_hand_of_a_later_recording_is_followed_from_its_beginning(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
-    hand = load("stiff_wall").operator
+    hand = load("stiff_wall").only.operator
     run_virtual(load("stiff_wall"), 0.3, path)
     whole = read(path)
     later = whole.packets("telemetry")[100:]
@@ -51,9 +51,9 @@ def test_any_hand_of_a_later_recording_is_followed_from_its_beginning(tmp_path: 
     part = read(path)
     config = graph_of(part, feeds=("hand",))
     assert hand is not None
-    assert isinstance(config.operator, TrajectoryHand)
+    assert isinstance(config.only.operator, TrajectoryHand)
     then = 0.1 + part.telemetry.elapsed[0]
-    assert config.operator.target(0.1)[0] == pytest.approx(hand.target(then)[0], abs=1e-4)
+    assert config.only.operator.target(0.1)[0] == pytest.approx(hand.target(then)[0], abs=1e-4)
     assert duration_of(part, config) == pytest.approx(0.2, abs=2e-3)
 
 

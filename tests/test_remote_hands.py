@@ -13,7 +13,8 @@ from waiting import free_port, until
 from forcebound.errors import ConfigError
 from forcebound.graph.graph import GraphConfig
 from forcebound.graph.loader import from_document, load
-from forcebound.graph.resolved import restore, to_document
+from forcebound.graph.model import restore
+from forcebound.graph.resolved import to_document
 from forcebound.messages.codec import decode, encode
 from forcebound.messages.events import EventLog, is_of
 from forcebound.messages.packets import EnvironmentReply, Packet

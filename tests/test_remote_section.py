@@ -26,10 +26,10 @@ def remote_file(folder: Path, remote: str) -> Path:
 
 def test_a_launch_file_says_where_graph_and_environment_meet(tmp_path: Path) -> None:
     config = load(remote_file(tmp_path, "{address: '::1', port: 8000, listens: environment}"))
-    assert config.remote is not None
-    assert config.remote.end("graph").listens is False
-    assert config.remote.end("environment").listens is True
-    assert config.remote.end("environment").port == 8000
+    assert config.only.remote is not None
+    assert config.only.remote.end("graph").listens is False
+    assert config.only.remote.end("environment").listens is True
+    assert config.only.remote.end("environment").port == 8000
 
 
 def test_the_section_survives_the_way_to_the_processes(tmp_path: Path) -> None:
@@ -77,8 +77,8 @@ def test_a_wrong_section_is_a_problem_of_the_launch_file(
 )
 def test_an_address_is_a_number_or_a_name(tmp_path: Path, address: str) -> None:
     config = load(remote_file(tmp_path, f"{{address: '{address}', insecure: true}}"))
-    assert config.remote is not None
-    assert config.remote.address == address
+    assert config.only.remote is not None
+    assert config.only.remote.address == address
 
 
 def test_on_loopback_only_this_user_takes_part_unless_insecure_is_set(
@@ -178,7 +178,7 @@ def test_the_launch_file_of_the_page_is_complete(tmp_path: Path, key_folder: Pat
 
 
 def load_remote(file: Path) -> RemoteConfig:
-    remote = load(file).remote
+    remote = load(file).only.remote
     assert remote is not None
     return remote
 

@@ -15,7 +15,7 @@ from invoking import invoke
 from msgspec.structs import replace
 
 from forcebound.errors import ConfigError
-from forcebound.graph.graph import DeviceConfig
+from forcebound.graph.graph import HandConfig
 from forcebound.graph.loader import load
 from forcebound.graph.servo import ServoSettings, dissipation_of
 from forcebound.haptics.devices import Device, DeviceModel
@@ -97,10 +97,10 @@ def test_recorded_inputs_give_the_recorded_forces_to_the_bit(
 def test_late_ticks_and_a_watchdog_s_cuts_are_heard_again(tmp_path: Path, watchdog: str) -> None:
     path = tmp_path / "run.mcap"
     config = load("stiff_wall")
-    model: Any = config.device.model
+    model: Any = config.only.device
     limit = 5e-3 if watchdog == "none" else "auto"
     model = with_fields(model, watchdog=watchdog, watchdog_limit=limit)
-    config = config.with_hand(device=DeviceConfig(model, config.device.servo))
+    config = config.with_hand(device=model)
     run_virtual(config, 0.6, path, late_ticks=LateTicks(rate=40.0))
     assert verified(path).is_same
     cuts = [p for p in read(path).packets("telemetry") if getattr(p, "cut_ns", None) is not None]
@@ -218,7 +218,7 @@ def test_the_recording_states_whether_a_device_takes_a_hold_limit(
             received = [answer(one, (3.0,), one.seq) for one in states]
             for packet in (*sent, *received):
                 recorder.write(packet)
-    found = verify(read(path), DeviceConfig(model, servo))
+    found = verify(read(path), HandConfig(model, servo))
     assert found.is_same
     assert found.commands > 250
     assert any(packet.applied_force != (0.0,) for packet in telemetry(path))
@@ -278,7 +278,7 @@ def test_the_recorded_network_is_met_again(tmp_path: Path) -> None:
 
 def test_the_target_of_a_recorded_hand_is_found_from_its_force(tmp_path: Path) -> None:
     path = recorded(tmp_path / "run.mcap", "stiff_wall", duration=0.6)
-    hand, recorded_hand = load("stiff_wall").operator, TrajectoryHand(path)
+    hand, recorded_hand = load("stiff_wall").only.operator, TrajectoryHand(path)
     assert hand is not None
     for time in (0.05, 0.2, 0.35, 0.5):
         assert recorded_hand.target(time)[0] == pytest.approx(hand.target(time)[0], abs=1e-4)
@@ -294,7 +294,7 @@ def test_a_pointer_s_hand_becomes_one_that_follows_its_path(tmp_path: Path) -> N
     launch["operator"] = {"kind": "pointer", "mass": 0.1, "stiffness": 500.0, "damping": 1.0}
     with Recorder(path, {"launch": json.dumps(launch)}) as recorder:
         recorder.write(telemetry_packet(1, true_position=(0.0,), hand_force=(1.0,)))
-    hand = graph_of(read(path), feeds=("hand",)).operator
+    hand = graph_of(read(path), feeds=("hand",)).only.operator
     assert isinstance(hand, TrajectoryHand)
     assert (hand.file, hand.mass, hand.stiffness, hand.damping) == (path, 0.1, 500.0, 1.0)
     assert hand.target(0.0) == (1.0 / 500.0,)
@@ -307,7 +307,7 @@ def test_a_device_at_a_port_is_only_used_if_the_user_says_so(tmp_path: Path) -> 
     rewritten(path, launch)
     with pytest.raises(ConfigError, match="recorded on a device at a serial port; name a simulat"):
         graph_of(read(path))
-    assert graph_of(read(path), ["device:=five_bar"]).device.servo.law == "certified"
+    assert graph_of(read(path), ["device:=five_bar"]).only.servo.law == "certified"
 
 
 def test_wrong_settings_are_named(tmp_path: Path) -> None:

@@ -109,7 +109,7 @@ def test_the_fit_sees_the_table_and_five_numbers_halved_or_doubled_are_worse(run
 
 def test_the_launch_file_holds_the_fitted_hand() -> None:
     ours, shipped = load("paper_wall", HIGH), load("paper_wall")
-    assert (ours.operator, ours.environment) == (shipped.operator, shipped.environment)
+    assert (ours.only.operator, ours.environment) == (shipped.only.operator, shipped.environment)
 
 
 def test_no_certified_law_gives_energy_in_any_experiment(runs: Runs) -> None:

@@ -90,8 +90,8 @@ def test_a_force_that_never_engages_ends_with_status_1(tmp_path: Path) -> None:
 @pytest.mark.parametrize("controller", ["direct", "local_model", "virtual_coupling"])
 def test_a_run_without_an_answer_is_idle(controller: str) -> None:
     config = load("stiff_wall", [f"controller:={controller}"])
-    deaf = replace(config.links["environment_reply"], loss=1.0)
-    links = {**config.links, "environment_reply": deaf}
+    deaf = replace(config.only.links["environment_reply"], loss=1.0)
+    links = {**config.only.links, "environment_reply": deaf}
     assert run_virtual(config.with_hand(links=links), 0.3).failed
     assert not run_virtual(config, 0.3).failed
 

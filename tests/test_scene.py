@@ -234,7 +234,7 @@ def test_what_is_no_scene_is_said_once_and_costs_no_answer(objects: tuple[Any, .
 def test_other_parameters_open_a_new_environment_whose_scene_is_told() -> None:
     node = EnvironmentNode(Floor(objects=(7,)))
     answer(node, 0)
-    node.change(Floor(), Impairment(0.0))
+    node.set(Floor(), Impairment(0.0))
     assert scenes(answer(node, 40 * MS)) == [Scene(0, 40 * MS, (BALL,), {"": (0.01,)})]
 
 

@@ -17,8 +17,9 @@ from launch_texts import written
 from forcebound.errors import ConfigError, RunError
 from forcebound.graph.graph import GraphConfig
 from forcebound.graph.loader import load
+from forcebound.graph.model import always, restore
 from forcebound.graph.parameters import parameters
-from forcebound.graph.resolved import restore, to_document, with_parts
+from forcebound.graph.resolved import to_document
 from forcebound.haptics.environments import open_environment
 from forcebound.messages.control import (
     Answer,
@@ -72,7 +73,7 @@ def test_a_run_directory_without_nodes_keeps_the_change_for_them(
     done = set_parameters(tmp_path, {"environment.stiffness": 500})
     assert done.values == {"environment.stiffness": 500.0}
     check_notes(done, "no environment is running")
-    model = with_parts(restore(json.loads(file.read_text()))).environment.model
+    model = restore(json.loads(file.read_text()), always).environment.model
     force = open_environment(model, 1).force("", (0.012,), (0.0,), 0.0)
     assert force == pytest.approx((1.0,))
     with pytest.raises(ConfigError, match="which is a time"):
@@ -104,7 +105,7 @@ def test_an_outage_lasts_a_day_at_most(config: GraphConfig, tmp_path: Path) -> N
     for time_text in ("1e308 s", "25 h", "nan s", "0 s"):
         with pytest.raises(ConfigError, match=r"s and <= 86400 s|expected a time"):
             cut_links(tmp_path, time_text, ())
-    assert not any(link.outages for link in configuration(tmp_path).links.values())
+    assert not any(link.outages for link in configuration(tmp_path).only.links.values())
 
 
 def test_a_change_is_tried_on_a_copy(config: GraphConfig) -> None:
@@ -120,7 +121,7 @@ def test_the_parameters_before_a_change_hold_again_and_then_those_of_the_launch_
     config: GraphConfig, tmp_path: Path
 ) -> None:
     begin(tmp_path, config)
-    back = partial(take_back, to_document(config), tmp_path, "environment")
+    back = partial(take_back, config, tmp_path, "environment")
     name = "environment.stiffness"
     first = to_document(config)["environment"]["stiffness"]
     for value in (500.0, 600.0):
@@ -128,7 +129,7 @@ def test_the_parameters_before_a_change_hold_again_and_then_those_of_the_launch_
     assert back() == {name: 500.0}
     assert back() == {name: first}
     assert back() == {}
-    links = configuration(tmp_path).links  # of another node: it has not failed
+    links = configuration(tmp_path).only.links  # of another node: it has not failed
     assert links["environment_reply"].delay == pytest.approx(6e-4)
     set_parameters(tmp_path, {name: 700.0})
     long_ago = time.time() - 60.0

@@ -400,7 +400,7 @@ def test_a_stateless_environment_publishes_nothing_of_a_run_before() -> None:
 def test_a_changed_environment_goes_on_publishing() -> None:
     node = EnvironmentNode(Membrane(stiffness=1000.0, skin=0.0))
     first = answers(node, 0.001)
-    node.change(Membrane(stiffness=500.0, skin=0.0), Impairment())
+    node.set(Membrane(stiffness=500.0, skin=0.0), Impairment())
     second = [
         p for p in node.step(5_000_000, [query(5, 0.0005)]) if isinstance(p, EnvironmentReply)
     ]

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from forcebound.errors import ConfigError
-from forcebound.graph.loader import change, load
-from forcebound.graph.parameters import parameters
-from forcebound.graph.resolved import restore, to_document, with_parameters, with_parts
+from forcebound.graph.loader import load
+from forcebound.graph.model import always, restore
+from forcebound.graph.parameters import change, parameters, with_values
+from forcebound.graph.resolved import to_document
 from forcebound.run.virtual import run_virtual
 
 SURFACE = 'environment: { kind: solid, surface: { texture: "relief.npy" } }'
@@ -64,11 +65,11 @@ def test_parameters_within_a_section_have_names_of_their_own() -> None:
     new = change(config, {"environment.surface.friction": 0.3, "environment.stiffness": "2 N/mm"})
     assert parameters(new)["environment.surface.friction"] == 0.3
     assert parameters(new)["environment.surface.static_friction"] == 0.6
-    same = with_parameters(
+    same = with_values(
         config, {"environment.surface.friction": 0.3, "environment.stiffness": 2000.0}
     )
-    assert with_parts(same) == new
-    assert with_parts(restore(to_document(new))) == new
+    assert same == new
+    assert restore(to_document(new), always) == new
 
 
 def test_a_running_graph_takes_over_a_parameter_within_a_section(tmp_path: Path) -> None:

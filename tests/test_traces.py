@@ -208,7 +208,7 @@ def traced(folder: Path, trace: str = WIFI, link: str = "trace: wifi.csv") -> Pa
 
 def test_a_launch_file_names_a_trace_relative_to_itself(tmp_path: Path) -> None:
     config = load(traced(tmp_path))
-    assert config.links["environment_query"] == Impairment(trace=tmp_path / "wifi.csv")
+    assert config.only.links["environment_query"] == Impairment(trace=tmp_path / "wifi.csv")
     assert from_document(json.loads(json.dumps(to_document(config)))) == config
     (link,) = build_links(config).values()
     link.accept(0, press("none", 0.002)[0])

@@ -148,7 +148,7 @@ def test_a_wall_in_place_of_the_hand_only_pushes_and_gives_back_what_it_got() ->
 def test_a_wall_in_place_of_the_hand_acts_across_the_first_axis_alone() -> None:
     config = load("three_axes", ["law:=none", "stiffness:=0 N/m"])
     wall = WallInPlace(gap=0.0, stiffness=500.0)
-    model = config.device.model
+    model = config.only.device
     device = model.open(wall, 0.01)
     device.engage(0)
     device.read(1_000_000)
@@ -166,7 +166,7 @@ def test_a_wall_in_place_of_the_hand_acts_across_the_first_axis_alone() -> None:
 def test_an_arm_takes_no_wall_in_place_of_the_hand() -> None:
     config = load("five_bar_wall")
     with pytest.raises(DeviceError, match="independent axes"):
-        config.device.model.open(WallInPlace(), 0.01)
+        config.only.device.open(WallInPlace(), 0.01)
 
 
 def test_the_figures_follow_the_verdicts_of_the_hands() -> None:

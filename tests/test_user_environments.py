@@ -13,9 +13,11 @@ from live_graph import live_graph
 
 from forcebound.errors import ConfigError
 from forcebound.graph.graph import GraphConfig
-from forcebound.graph.loader import change, from_document, load
+from forcebound.graph.loader import from_document, load
+from forcebound.graph.model import restore
+from forcebound.graph.parameters import change, with_values
 from forcebound.graph.phases import timetable
-from forcebound.graph.resolved import member_document, restore, run_document, to_document
+from forcebound.graph.resolved import part_document, run_document, to_document
 from forcebound.haptics.environments import open_environment
 from forcebound.messages.packets import Vector
 from forcebound.run.build import build_node
@@ -103,8 +105,9 @@ def test_its_code_runs_in_no_other_process(tmp_path: Path) -> None:
     config = restore(document)
     assert config.environment.compute_delay == 0.001
     late, soft = timetable(config)
-    assert late.config.environment.compute_delay == 0.002
-    assert member_document("environment", soft.config.environment.model)["rest"] == 0.001
+    assert with_values(config, late.values).environment.compute_delay == 0.002
+    soft_model = with_values(config, soft.values).environment.model
+    assert part_document("environment", soft_model)["rest"] == 0.001
     for kind in ("device", "controller"):
         build_node(kind, config).close()
     with pytest.raises(ConfigError, match="not_read"):
@@ -239,7 +242,7 @@ def test_a_file_can_be_mended_after_an_error(tmp_path: Path) -> None:
 
 def test_a_class_that_no_launch_file_can_name_is_refused_with_what_to_do() -> None:
     with pytest.raises(ConfigError, match="keep the class in a file and name it in a launch file"):
-        member_document("environment", object())
+        part_document("environment", object())
 
 
 # --- the command and the template ----------------------------------------------------------------

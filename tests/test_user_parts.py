@@ -16,7 +16,8 @@ from msgspec import structs
 
 from forcebound.errors import ConfigError, DeviceError
 from forcebound.graph.loader import load, load_tried
-from forcebound.graph.resolved import restore, to_document, with_parts
+from forcebound.graph.model import always, restore
+from forcebound.graph.resolved import to_document
 from forcebound.messages.packets import EnvironmentQuery, EnvironmentReply
 from forcebound.network.impairment import Impairment
 from forcebound.nodes.environment import EnvironmentNode
@@ -120,7 +121,7 @@ def test_a_recording_holds_the_text_of_the_file_and_processes_restore_it(
     config = load(write_page(page, tmp_path))
     assert run_metadata(config)[f"{page}_source"] == block(page, "python")
     document = json.loads(json.dumps(to_document(config)))
-    assert with_parts(restore(document)) == config
+    assert restore(document, always) == config
 
 
 def test_a_hand_of_ones_own_holds_the_device(tmp_path: Path) -> None:
@@ -129,8 +130,8 @@ def test_a_hand_of_ones_own_holds_the_device(tmp_path: Path) -> None:
     launch = "forcebound: 1\ninclude: stiff_wall.yaml\noperator: {kind: my_hand.py, mass: 0.2}\n"
     path.write_text(launch)
     config = load(path)
-    assert config.operator is not None
-    assert config.operator.mass == 0.2
+    assert config.only.operator is not None
+    assert config.only.operator.mass == 0.2
     result = run_virtual(config, duration=1.0)
     assert result.summary["peak_force_n"] > 0.0
 
@@ -240,9 +241,9 @@ def test_a_change_of_parameters_keeps_the_state_or_opens_again(
     first = answer_of(node, 0.02, 0.0)
     moved = [answer_of(node, 0.02, 0.01 * k) for k in range(1, 201)][-1]
     assert moved < first
-    node.change(model, Impairment(delay=0.0))  # another computation time: the same instance
+    node.set(model, Impairment(delay=0.0))  # another computation time: the same instance
     assert answer_of(node, 0.02, 2.0) == pytest.approx(moved, rel=1e-3)
-    node.change(dataclasses.replace(model, damping=5.0), Impairment())
+    node.set(dataclasses.replace(model, damping=5.0), Impairment())
     after = answer_of(node, 0.02, 2.0)
     assert (after < 0.9 * first) == has_change
 

@@ -259,7 +259,7 @@ def check_part(recording: Recording) -> None:
     assert found.verified + found.unknown == found.ticks
     assert found.unknown > 0
     assert found.verified > 100
-    hand = graph_of(recording, feeds=("hand",)).operator
+    hand = graph_of(recording, feeds=("hand",)).only.operator
     assert isinstance(hand, TrajectoryHand)
     first = recording.telemetry.true_position[0, 0]
     assert hand.target(0.0)[0] == pytest.approx(first, abs=0.02)
@@ -479,7 +479,7 @@ def test_a_newer_request_for_a_law_replaces_those_that_wait(
     controls = Controls.__new__(Controls)  # without a graph
     done: list[str] = []
     actions = {"break": lambda _: kernels.wait("none"), "safe": lambda _: done.append("safe")}
-    own = {"_config": Mock(hands_here=[""]), "_law_requests": 0, "_newest": {}}
+    own = {"_config": Mock(hands_here=["hand"]), "_law_requests": 0, "_newest": {}}
     vars(controls).update(own, _kernels=kernels, _actions=actions)
     counts = [controls.receive({"do": do}) for do in ("break", "safe")]
     delays = controls.receive({"do": "set", "settings": {"links.environment_query.delay": "5 ms"}})

@@ -218,14 +218,14 @@ def report(
     else:
         from forcebound.results.coupling import coupling_lines
 
-        labels = [hand for hand in results if hand]
+        labels = [hand for hand in results if hand != HAND]
         lines = list(coupling_lines(together)) if together else []
         show_results(list(results.values()), labels, lines, shows_all=shows_all)
         if record is not None:
             show(f"recording: {record}")
     for hand, result in results.items():
         if result.failed:
-            raise RunError(f"{hand}: {result.failed}" if hand else result.failed)
+            raise RunError(f"{hand}: {result.failed}" if hand != HAND else result.failed)
 
 
 def _coupling(results: "Mapping[str, RunResult]") -> dict[str, Any]:

@@ -265,7 +265,7 @@ def _verify(run: Path, hand: str | None, settings: Sequence[str], as_json: bool)
         print_json(documents.get(HAND, {"hands": documents}))
     else:
         for name, one in found.items():
-            show("\n".join([*([f"{name}:"] if name else []), *_lines(one)]))
+            show("\n".join([*([f"{name}:"] if name != HAND else []), *_lines(one)]))
     sys.exit(0 if all(one.is_same for one in found.values()) else 1)
 
 

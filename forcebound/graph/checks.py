@@ -7,21 +7,19 @@ import logging
 from collections.abc import Callable, Mapping
 from functools import partial
 from importlib import import_module
-from typing import Any
+from typing import Any, TypeAlias
 
 from forcebound.errors import ConfigError
-from forcebound.graph.document import hands_of
-from forcebound.graph.forms import Values, note_error
+from forcebound.graph.forms import Values
 from forcebound.graph.graph import (
     KINDS,
-    DeviceConfig,
     EnvironmentConfig,
     GraphConfig,
+    HandConfig,
     RemoteConfig,
 )
-from forcebound.graph.problems import Problems
 from forcebound.graph.servo import ServoSettings, dissipation_of
-from forcebound.graph.tree import Value
+from forcebound.haptics.devices import DeviceModel
 from forcebound.haptics.hands import Operator
 from forcebound.haptics.laws import LAWS, ForceBounder
 from forcebound.haptics.parts.contract import Findings
@@ -39,39 +37,41 @@ END_OF_APPROACH = 1e6  # s; the slowest approach is over
 _logger = logging.getLogger(__name__)
 
 
-def check_together(made: Values, root: Value, problems: Problems, asks: bool) -> None:
+#: Notes what is wrong with a section of a hand, or of the graph: ""; by hand, section and error.
+Note: TypeAlias = Callable[[str, str, ConfigError], None]
+
+
+def check_together(made: Values, note: Note, asks: bool) -> None:
     """Check sections that could be made; ``asks``: whether to call a user's own parts once."""
-    environment, written = made.get("environment"), hands_of(root)
-    devices: dict[str, DeviceConfig] = {}
+    environment = made.get("environment")
+    sound: dict[str, Values] = {}  # hands so far
     remotes: dict[str, RemoteConfig] = {}
     for name, sections in made[HANDS].items():
-        check = partial(_check, written[name], problems)
+        check = partial(_check, note, name)
         if _check_hand(sections, environment, asks, check):
-            check("device", _check_beside, name, sections["device"], devices)
-            devices[name] = sections["device"]
+            check("device", _check_beside, name, sections["device"], sound)
+            sound[name] = sections
         if sections.get("remote") is not None:
             check("remote", _check_meeting, name, sections["remote"], remotes)
             remotes[name] = sections["remote"]
-    servos = {name: device.servo for name, device in devices.items()}
-    for name in servos if len(devices) == len(made[HANDS]) else ():
-        check = partial(_check, written[name], problems)
-        check("device", check_energy_partner, name, servos)
-    if environment is not None and len(devices) == len(made[HANDS]) > 0:
-        check = partial(_check, root, problems)
-        check("environment", environment.served.check_hands, tuple(devices))
+    if len(sound) < len(made[HANDS]):
+        return
+    servos = {name: sections["servo"] for name, sections in sound.items()}
+    for name in servos:
+        _check(note, name, "device", check_energy_partner, name, servos)
+    if environment is not None and sound:
+        _check(note, "", "environment", environment.served.check_hands, tuple(sound))
         if asks:
-            axes = next(iter(devices.values())).model.axes
-            check("environment", _ask, "environment", environment.model, axes)
+            axes = next(iter(sound.values()))["device"].axes
+            _check(note, "", "environment", _ask, "environment", environment.model, axes)
 
 
-def _check(
-    root: Value, problems: Problems, section: str, what: Callable[..., None], *arguments: Any
-) -> bool:
+def _check(note: Note, hand: str, section: str, what: Callable[..., None], *arguments: Any) -> bool:
     """Note the ConfigError of a check of a section; return whether there was none."""
     try:
         what(*arguments)
     except ConfigError as error:
-        note_error(error, section, root.entries[section], problems, is_named=True)
+        note(hand, section, error)
         return False
     return True
 
@@ -81,33 +81,33 @@ def _check_hand(
 ) -> bool:
     """Check the sections of one hand that could be made; return whether its device is sound."""
     device, controller, operator = map(made.get, ("device", "controller", "operator"))
-    if device is None or not check("device", _check_device, device):
+    if device is None or not check("device", _check_device, device, made["servo"]):
         return False
-    axes = device.model.axes
+    axes = device.axes
     if operator is not None:
         check("operator", _check_path, operator, axes)
     answers_states = controller is not None and controller.answers_states
     if environment is not None and not answers_states:
-        check("device", _check_delays, device.servo, environment, made["links"])
+        check("device", _check_delays, made["servo"], environment, made["links"])
     if asks:
-        check("device", _ask_law, device)
+        check("device", _ask_law, device, made["servo"])
         if controller is not None:
             check("controller", _ask, "controller", controller, axes)
     return True
 
 
-def _check_beside(hand: str, own: DeviceConfig, before: Mapping[str, DeviceConfig]) -> None:
+def _check_beside(hand: str, device: DeviceModel, before: Mapping[str, Values]) -> None:
     """Check the device of a hand beside those of the hands before it."""
-    model = own.model
-    for name, other in before.items():
-        if other.model.axes != model.axes:
+    for name, sections in before.items():
+        other: DeviceModel = sections["device"]
+        if other.axes != device.axes:
             raise ConfigError(
-                f"{hand} has {model.axes} axes, {name} {other.model.axes}: one environment answers"
+                f"{hand} has {device.axes} axes, {name} {other.axes}: one environment answers"
                 " both, so they need the same number",
                 field="axes",
             )
-        if model.port and model.port == other.model.port:
-            raise ConfigError(f"{hand} and {name} are both at the port {model.port}", field="port")
+        if device.port and device.port == other.port:
+            raise ConfigError(f"{hand} and {name} are both at the port {device.port}", field="port")
 
 
 def _check_meeting(hand: str, own: RemoteConfig, before: Mapping[str, RemoteConfig]) -> None:
@@ -125,13 +125,13 @@ def _host(remote: RemoteConfig) -> object:
     return numeric_address(remote.address) or remote.address
 
 
-def _check_device(device: DeviceConfig) -> None:
+def _check_device(device: DeviceModel, servo: ServoSettings) -> None:
     """Check the number of axes, and that laws have what they rely on."""
-    axes = device.model.axes
+    axes = device.axes
     if not isinstance(axes, int) or not 1 <= axes <= MAX_AXES:
         raise ConfigError(f"axes must be 1 to {MAX_AXES}, got {axes!r}")
     with user_code("the numbers of the device"):
-        dissipation_of(device.model, device.servo)
+        dissipation_of(device, servo)
 
 
 def _check_path(operator: Operator, axes: int) -> None:
@@ -181,15 +181,14 @@ def check_energy_partner(hand: str, hands: Mapping[str, ServoSettings]) -> None:
     raise ConfigError(f"energy_partner: {problem}, got {partner!r}", field="energy_partner")
 
 
-def _ask_law(device: DeviceConfig) -> None:
+def _ask_law(device: DeviceModel, servo: ServoSettings) -> None:
     """Call a user's law once."""
-    law, model = device.servo.law, device.model
-    if LAWS.is_shipped(law):
+    if LAWS.is_shipped(servo.law):
         return
     with user_code("law", "law"):
-        bounder = ForceBounder(law, dissipation_of(model, device.servo), model.axes)
-        bounder.bound(device.servo.period_ns, (0.0,) * model.axes, (1.0,) * model.axes)
-        bounder.settle((0.0,) * model.axes)
+        bounder = ForceBounder(servo.law, dissipation_of(device, servo), device.axes)
+        bounder.bound(servo.period_ns, (0.0,) * device.axes, (1.0,) * device.axes)
+        bounder.settle((0.0,) * device.axes)
 
 
 def _ask(section: str, model: Any, axes: int) -> None:
@@ -206,29 +205,25 @@ def _ask(section: str, model: Any, axes: int) -> None:
 
 def warn(config: GraphConfig) -> None:
     """Log what is not wrong but worth knowing before a run."""
-    for name in config.hands:
-        _warn_hand(config.of(name))
+    for hand in config.hands.values():
+        _warn_uncertified(hand)
+        kind = KINDS["operator"].kind_of(type(hand.operator))
+        if hand.operator is not None and kind is not None and KINDS["operator"].is_shipped(kind):
+            _warn_far(hand.operator, config.duration)
+        servo = hand.servo
+        damping = dissipation_of(hand.device, servo).least_damping
+        period = servo.period_ns * 1e-9
+        with user_code("controller: cautions"):
+            cautions = hand.controller.cautions(damping, period, servo.reply_wait * period)
+        for caution in cautions:
+            _logger.warning("controller: %s", caution)
 
 
-def _warn_hand(config: GraphConfig) -> None:
-    _warn_uncertified(config)
-    kind = KINDS["operator"].kind_of(type(config.operator))
-    if config.operator is not None and kind is not None and KINDS["operator"].is_shipped(kind):
-        _warn_far(config.operator, config.duration)
-    servo = config.device.servo
-    damping = dissipation_of(config.device.model, servo).least_damping
-    period = servo.period_ns * 1e-9
-    with user_code("controller: cautions"):
-        cautions = config.controller.cautions(damping, period, servo.reply_wait * period)
-    for caution in cautions:
-        _logger.warning("controller: %s", caution)
-
-
-def _warn_uncertified(config: GraphConfig) -> None:
+def _warn_uncertified(hand: HandConfig) -> None:
     """Log which parts in the device's process, beside the bounder, do not ship with forcebound."""
-    law, device = config.device.servo.law, config.device.model
+    law = hand.servo.law
     uncertified = [] if LAWS.is_shipped(law) else [("law", law)]
-    for section, part in (("device", device), ("operator", config.operator)):
+    for section, part in (("device", hand.device), ("operator", hand.operator)):
         kind = KINDS[section].kind_of(type(part))
         if part is not None and (kind is None or not KINDS[section].is_shipped(kind)):
             uncertified.append((section, kind or type(part).__name__))

@@ -16,10 +16,9 @@ from pathlib import Path
 from forcebound.errors import ConfigError
 from forcebound.files import read_text
 from forcebound.graph.arguments import Substitution
-from forcebound.graph.names import HAND_SECTIONS
 from forcebound.graph.problems import Place, Problems, nearest_file
 from forcebound.graph.tree import Value, parse
-from forcebound.messages.topology import HAND, HANDS
+from forcebound.messages.topology import HAND, HAND_SECTIONS, HANDS
 
 MAX_BYTES = 256_000  # a launch file is a page or two; more is a mistake, and slow to read
 DEVICE_FILE = "the file of the device"
@@ -128,16 +127,18 @@ def _with_included_hands(
     return root.with_entries(entries)
 
 
-def hands_of(root: Value) -> Mapping[str, Value]:
-    """Return the mappings that have the sections of a hand, by its name."""
-    return root.entries[HANDS].entries if HANDS in root.entries else {HAND: root}
+def with_named_hands(root: Value) -> Value:
+    """Return a launch file with its hands by name; sections on top are those of an only one."""
+    if HANDS in root.entries:
+        return root
+    sections = {name: root.entries[name] for name in HAND_SECTIONS if name in root.entries}
+    hands = Value({HAND: root.with_entries(sections)}, root.place, root.key)
+    return root.with_entries({**root.without(*HAND_SECTIONS).entries, HANDS: hands})
 
 
 def with_hands(root: Value, change: Callable[[Value], Value]) -> Value:
-    """Return a launch file with these mappings changed."""
-    if HANDS not in root.entries:
-        return change(root)
-    hands = {name: change(value) for name, value in hands_of(root).items()}
+    """Return a launch file with hands by name, with each of them changed."""
+    hands = {name: change(value) for name, value in root.entries[HANDS].entries.items()}
     return root.with_entries({**root.entries, HANDS: root.entries[HANDS].with_entries(hands)})
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from forcebound.errors import ConfigError
+from forcebound.graph.fields import Field, fields_of
 from forcebound.graph.names import Document
 from forcebound.graph.servo import ServoSettings, dissipation_of
 from forcebound.haptics.controllers import CONTROLLERS, ControllerModel
@@ -37,15 +38,15 @@ KINDS: Mapping[str, Table[Any]] = {
     "environment": ENVIRONMENTS,
 }
 
+#: Words of a link in which an environment gives the time that it computes: compute_delay.
+COMPUTATION = ("delay", "jitter", "distribution", "correlation", "trace")
+
 RUN_KEYS = ("description", "seed", "duration", HERE)  # fields of GraphConfig that are no sections
 
 
 @dataclass(frozen=True)
 class PartSpec:
-    """A part as it travels between processes: only a process that runs it makes it.
-
-    :func:`forcebound.graph.resolved.made` does.
-    """
+    """A part that is not made here: only the process that runs it does."""
 
     kind: str  # of its section's table
     values: Document  # its parameters, plain JSON values in SI units
@@ -63,25 +64,6 @@ class DeviceFacts:
     def of(cls, model: DeviceModel, servo: ServoSettings) -> "DeviceFacts":
         """Return those of a device at the rate of its servo."""
         return cls(model.axes, dissipation_of(model, servo), model.workspace)
-
-
-@dataclass(frozen=True)
-class DeviceConfig:
-    """The device, and how its servo runs."""
-
-    model: DeviceModel
-    servo: ServoSettings
-    stated: DeviceFacts | None = field(default=None, compare=False)  # of a model not made here
-
-    @property
-    def axes(self) -> int:
-        """Number of axes."""
-        return self.model.axes if self.stated is None else self.stated.axes
-
-    @property
-    def facts(self) -> DeviceFacts:
-        """What processes need that do not make the device."""
-        return self.stated or DeviceFacts.of(self.model, self.servo)
 
 
 @dataclass(frozen=True)
@@ -119,9 +101,8 @@ class EnvironmentConfig:
     @property
     def computation(self) -> Impairment:
         """The time that it computes, in the words of a link."""
-        start = "compute_"
-        names = (name for name in BESIDE_MODEL if name.startswith(start))
-        return Impairment(**{name.removeprefix(start): getattr(self, name) for name in names})
+        values = {name: getattr(self, f"compute_{name}") for name in COMPUTATION}
+        return Impairment(**values)
 
     @property
     def served(self) -> EnvironmentModel:
@@ -129,10 +110,11 @@ class EnvironmentConfig:
         return self.model if self.fixtures is None else WithFixtures(self.model, self.fixtures)
 
 
-# Keys of the section `environment` that are not the model's own.
-BESIDE_MODEL = tuple(
-    field.name for field in dataclasses.fields(EnvironmentConfig) if field.name != "model"
-)
+#: Section of a part -> keys that are settings of the section, and not of the part.
+SECTION_SETTINGS: Mapping[str, Mapping[str, Field]] = {
+    "device": fields_of(ServoSettings),
+    "environment": {n: f for n, f in fields_of(EnvironmentConfig).items() if n != "model"},
+}
 
 
 @dataclass(frozen=True)
@@ -189,28 +171,43 @@ class HandConfig:
     """One hand's loop: what it holds, who holds it, what answers it, and the links in between.
 
     Attributes:
+        device: What it holds.
+        servo: How the device's node runs, and which law bounds the force.
+        operator: Who holds the device; None: nobody.
+        controller: What makes queries of readings, and forces of answers.
         links: Impairments by topic; a topic that is not named has a perfect link.
         remote: Where it meets its environment; None: on this machine.
+        stated: Numbers of a device that this process does not make.
     """
 
-    device: DeviceConfig
-    operator: Operator | None  # None: no hand holds the device
-    controller: ControllerModel
+    device: DeviceModel
+    servo: ServoSettings = field(default_factory=ServoSettings)
+    operator: Operator | None = None
+    controller: ControllerModel = field(default_factory=lambda: CONTROLLERS["direct"]())
     links: Mapping[str, Impairment] = field(default_factory=dict)
     remote: RemoteConfig | None = None
+    stated: DeviceFacts | None = field(default=None, compare=False)
+
+    @property
+    def axes(self) -> int:
+        """Number of axes."""
+        return self.device.axes if self.stated is None else self.stated.axes
+
+    @property
+    def facts(self) -> DeviceFacts:
+        """What processes need that do not make the device."""
+        return self.stated or DeviceFacts.of(self.device, self.servo)
 
 
 @dataclass(frozen=True)
 class GraphConfig:
     """Everything that a run is made of; each part an object, or the :class:`PartSpec` of one.
 
-    ``device``, ``operator``, ``controller``, ``links`` and ``remote`` are those of the only hand.
-
     Attributes:
         description: In a sentence.
         seed: Of everything random.
         duration: From the moment when the force engages; with phases, theirs together.
-        hands: By name; the only hand of a file without a section ``hands`` has none: "".
+        hands: By name; that of a file without a section ``hands`` is called ``hand``.
         phases: One after the other, from the moment when the force engages.
         here: Names of the hands on this machine, as `launch --hand` sets it; null: all.
         units: In which quantities were written, by the name of the parameter; for people.
@@ -232,10 +229,10 @@ class GraphConfig:
     def __post_init__(self) -> None:
         for name in self.here or ():
             if name not in self.hands:
-                known = ", ".join(filter(None, self.hands)) or "one without a name"
+                known = ", ".join(self.hands)
                 raise ConfigError(f"no hand {name!r}; the hands are: {known}", field=HERE)
         for name, hand in self.hands_here.items():
-            partner = hand.device.servo.energy_partner
+            partner = hand.servo.energy_partner
             if partner in self.hands and partner not in self.hands_here:
                 message = f"{name} exchanges energy with {partner}: they need one machine"
                 raise ConfigError(message, field=HERE)
@@ -244,7 +241,7 @@ class GraphConfig:
     def graph(self) -> Graph:
         """Its nodes and streams, as far as they are on this machine."""
         hands = self.hands_here
-        partners = ((name, hand.device.servo.energy_partner) for name, hand in hands.items())
+        partners = ((name, hand.servo.energy_partner) for name, hand in hands.items())
         pairs = [(name, partner) for name, partner in partners if name < partner in hands]
         return graph_of(tuple(self.hands), self.here, self.has_environment, pairs)
 
@@ -278,37 +275,12 @@ class GraphConfig:
             raise ConfigError(f"which hand? This graph has {', '.join(self.hands)}")
         return next(iter(self.hands.values()))
 
-    @property
-    def device(self) -> DeviceConfig:
-        """Of the only hand."""
-        return self.only.device
-
-    @property
-    def operator(self) -> Operator | None:
-        """Of the only hand."""
-        return self.only.operator
-
-    @property
-    def controller(self) -> ControllerModel:
-        """Of the only hand."""
-        return self.only.controller
-
-    @property
-    def links(self) -> Mapping[str, Impairment]:
-        """Of the only hand."""
-        return self.only.links
-
-    @property
-    def remote(self) -> RemoteConfig | None:
-        """Of the only hand."""
-        return self.only.remote
-
     def on_one_machine(self) -> "GraphConfig":
         """Return the configuration with all hands on this machine, as in virtual time."""
         return self if self.here is None else dataclasses.replace(self, here=None)
 
     def of(self, hand: str) -> "GraphConfig":
-        """Return the configuration with this hand alone, without its name; KeyError if unknown."""
+        """Return the configuration with this hand alone, as its only one; KeyError if unknown."""
         phases = tuple(
             dataclasses.replace(phase, settings=hand_values(phase.settings, hand, self.hands))
             for phase in self.phases

@@ -8,13 +8,11 @@
 Each step notes its problems and passes on what is sound, so that all of them are seen at once.
 """
 
-import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 from forcebound.bounded_child import tried
 from forcebound.errors import ConfigError, ForceboundError
@@ -22,23 +20,20 @@ from forcebound.graph import checks
 from forcebound.graph.arguments import Argument, Arguments, Substitution
 from forcebound.graph.document import (
     find,
-    hands_of,
     missing,
     read,
     with_device_file,
     with_hands,
+    with_named_hands,
 )
-from forcebound.graph.graph import KINDS, GraphConfig, HandConfig
-from forcebound.graph.model import PHASES, read_sections
-from forcebound.graph.names import Document, ParameterName
-from forcebound.graph.parameters import parameters, takeable_laws, unknown_parameter
+from forcebound.graph.graph import KINDS, GraphConfig
+from forcebound.graph.model import read_graph
+from forcebound.graph.names import Document
 from forcebound.graph.phases import read_phases
-from forcebound.graph.problems import Problems, unknown
-from forcebound.graph.resolved import to_document
-from forcebound.graph.tree import Value, from_plain, units_of
+from forcebound.graph.problems import Problems
+from forcebound.graph.tree import Value, from_plain
 from forcebound.haptics.parts.user_module import file_of, names_file
-from forcebound.messages.control import Parameters
-from forcebound.messages.topology import HANDS
+from forcebound.messages.topology import HANDS, flat
 
 
 def load(path: str | Path, overrides: Sequence[str] = ()) -> GraphConfig:
@@ -113,7 +108,7 @@ def _filled(template: Value, overrides: Sequence[str], problems: Problems) -> Va
     substitution = Substitution(arguments.values(overrides), problems)
     filled = substitution.apply(template.without("arguments"))
     arguments.note_unused(overrides, substitution.used)
-    return with_hands(filled, partial(with_device_file, problems=problems))
+    return with_hands(with_named_hands(filled), partial(with_device_file, problems=problems))
 
 
 def arguments_of(path: str | Path) -> list[Argument]:
@@ -129,39 +124,7 @@ def arguments_of(path: str | Path) -> list[Argument]:
 
 def from_document(document: Document) -> GraphConfig:
     """Return the configuration of a resolved document that may have been changed."""
-    return _build(from_plain(document, "document"), Problems())
-
-
-def change(config: GraphConfig, settings: Parameters) -> GraphConfig:
-    """Return the configuration with other parameters, checked as a launch file is.
-
-    The new values are by name, in SI units or text with their unit. ConfigError if there is no such
-    parameter, or it cannot have this value.
-    """
-    known = parameters(config)
-    for name, value in settings.items():
-        if name not in known:
-            raise ConfigError(unknown_parameter(name, config))
-        if ParameterName.parse(name).is_law:
-            _check_law(name, value, known[name])
-    document = to_document(config)
-    for name, value in settings.items():
-        ParameterName.parse(name).put(document, value)
-    try:
-        with _sane(", ".join(settings)):
-            return from_document(document)
-    except ConfigError as error:  # the places are names of parameters: they need no other words
-        raise ConfigError(re.sub(r"^document: ", "", str(error), flags=re.MULTILINE)) from None
-
-
-def _check_law(name: str, law: Any, present: str) -> None:
-    """Refuse a law that a running device cannot take."""
-    if law == present or law in takeable_laws():
-        return
-    message = unknown("law", str(law), takeable_laws())
-    if names_file(str(law)):
-        message = "a law of your own needs a launch of its own: law:=FILE.py"
-    raise ConfigError(f"{name}: {message}")
+    return _build(with_named_hands(from_plain(flat(document), "document")), Problems())
 
 
 @contextmanager
@@ -188,7 +151,7 @@ def _read(path: str | Path, problems: Problems) -> Value:
 def user_files(root: Value) -> list[Path]:
     """Return the files of the user's own that a launch file names."""
     kinds = []
-    for part in (root, *hands_of(root).values()):
+    for part in (root, *root.entries[HANDS].entries.values()):
         sections = part.entries
         kinds += [sections[name].entries.get("kind") for name in KINDS if name in sections]
         if "device" in sections:
@@ -199,18 +162,8 @@ def user_files(root: Value) -> list[Path]:
 
 def _build(root: Value, problems: Problems, asks: bool = True) -> GraphConfig:
     """Return what the tree says; ``asks``: whether to call a user's own parts once."""
-    written = root.entries.get("units", Value(None, root.place)).entries  # of a resolved document
-    units = {name: unit.text for name, unit in written.items()}
-    root = root.without("units") if units else root
-    units |= {name.removeprefix(f"{HANDS}."): unit for name, unit in units_of(root)}
-    made = read_sections(root, problems)
-    checks.check_together(made, root, problems, asks)
-    problems.raise_if_any()
-    phases = made.pop(PHASES, ())
-    hands = {name: HandConfig(**sections) for name, sections in made.pop(HANDS).items()}
-    config = GraphConfig(**{"duration": 1.0, **made}, hands=hands, units=units)
-    if not phases:
-        return config
-    phases = read_phases(root, phases, config, partial(_build, asks=asks), problems)
-    problems.raise_if_any()
-    return replace(config, phases=phases, duration=sum(phase.duration for phase in phases))
+    config = read_graph(root, problems, check=partial(checks.check_together, asks=asks))
+    if config.phases:
+        config = read_phases(root, config, problems, asks)
+        problems.raise_if_any()
+    return config

@@ -1,48 +1,48 @@
 """The sections of a launch file, made one by one; a problem in one does not hide those of others.
 
-A part is made by itself, too: :func:`member_of` from words of the command line, :func:`device_of`
-from the file of a device.
+One reader reads launch files, what :mod:`forcebound.graph.resolved` writes, and parts by
+themselves: :func:`member_of` from words of the command line, :func:`device_of` from the file of a
+device.
 """
 
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
-from typing import Annotated, Any
+from types import MappingProxyType
+from typing import Annotated, Any, TypeAlias
 
 from forcebound.errors import ConfigError
-from forcebound.graph.document import device_section, hands_of
+from forcebound.graph.checks import Note
+from forcebound.graph.document import device_section, with_named_hands
 from forcebound.graph.fields import Field, fields_of
-from forcebound.graph.forms import Form, Values, check_hint, note_error
+from forcebound.graph.forms import Form, Values, check_hint, note_error, read_as
 from forcebound.graph.graph import (
-    BESIDE_MODEL,
     FORMAT,
     KINDS,
     PHASE_KEYS,
     RUN_KEYS,
-    DeviceConfig,
+    SECTION_SETTINGS,
+    DeviceFacts,
     EnvironmentConfig,
     GraphConfig,
+    HandConfig,
+    PartSpec,
     Phase,
     RealtimeConfig,
     RemoteConfig,
 )
-from forcebound.graph.names import HAND_SECTIONS, split_setting
+from forcebound.graph.names import Document, ParameterName, split_setting
 from forcebound.graph.problems import Place, Problems, unknown
-from forcebound.graph.resolved import check_plain
-from forcebound.graph.servo import ServoSettings
-from forcebound.graph.tree import Value, scalar
+from forcebound.graph.resolved import FACTS, check_plain
+from forcebound.graph.servo import ServoSettings, check_law
+from forcebound.graph.tree import Value, from_plain, scalar, units_of
 from forcebound.haptics.laws import LAWS
 from forcebound.haptics.parts.user_module import describe_user_error, user_code
-from forcebound.messages.topology import HANDS, IMPAIRABLE
+from forcebound.messages.topology import HAND, HAND_SECTIONS, HANDS, IMPAIRABLE
 from forcebound.network.impairment import Impairment
 from forcebound.quantities import CheckedText
 from forcebound.results.delay_traces import trace_of
-
-
-def _check_law(law: str) -> None:
-    if law not in LAWS:
-        raise ConfigError(unknown("law", law, LAWS))
 
 
 def _check_format(version: Any) -> None:
@@ -50,13 +50,10 @@ def _check_format(version: Any) -> None:
         raise ConfigError(f"this version reads launch files of format {FORMAT}, not {version}")
 
 
+#: Whether this process makes a part, by its section and kind; of others it keeps the values.
+Makes: TypeAlias = Callable[[str, str], bool]
+
 PHASES = "phases"
-_LAW = Field("law", Annotated[str, CheckedText(_check_law)], False, ServoSettings.law)
-#: Sections of a part -> settings that stand beside the parameters of its kind.
-BESIDE: Mapping[str, Mapping[str, Field]] = {
-    "device": {**fields_of(ServoSettings), "law": _LAW},
-    "environment": fields_of(EnvironmentConfig, BESIDE_MODEL),
-}
 _RUN = {
     "forcebound": Field("forcebound", Annotated[int, CheckedText(_check_format)], True),
     **fields_of(GraphConfig, RUN_KEYS),
@@ -74,20 +71,59 @@ _UNREAD = ("arguments", "include", "identified")  # no run reads these
 _TAKEN = ("forcebound", *KINDS, "links", *SETTINGS, *RUN_KEYS, *_UNREAD, PHASES, HANDS, "units")
 
 
-def read_sections(root: Value, problems: Problems) -> Values:
+def always(section: str, kind: str) -> bool:
+    """Make every part."""
+    return True
+
+
+def never(section: str, kind: str) -> bool:
+    """Make no part."""
+    return False
+
+
+def read_graph(
+    root: Value,
+    problems: Problems,
+    makes: Makes = always,
+    check: Callable[[Values, Note], None] = lambda made, note: None,
+) -> GraphConfig:
+    """Return the configuration that a tree describes, its phases as they are written.
+
+    ``check`` notes what does not go together among the sections that could be made. ConfigError
+    with all problems.
+    """
+    root = with_named_hands(root)
+    written = root.entries.get("units", Value(None, root.place)).entries  # of a resolved document
+    units = {name: unit.text for name, unit in written.items()}
+    root = root.without("units")
+    units |= {str(ParameterName.parse(name)): unit for name, unit in units_of(root)}
+    made = read_sections(root, problems, makes)
+
+    def note(hand: str, section: str, error: ConfigError) -> None:
+        sections = root.entries[HANDS].entries[hand] if hand else root
+        note_error(error, section, sections.entries[section], problems, is_named=True)
+
+    check(made, note)
+    problems.raise_if_any()
+    hands = {name: HandConfig(**sections) for name, sections in made.pop(HANDS).items()}
+    phases = tuple(made.pop(PHASES, ()))
+    return GraphConfig(**{"duration": 1.0, **made}, hands=hands, phases=phases, units=units)
+
+
+def read_sections(root: Value, problems: Problems, makes: Makes = always) -> Values:
     """Return what could be made of a launch file: its sections by name, and the keys of the run.
 
-    The phases have no settings yet; ``hands`` has the sections of each hand.
+    ``hands`` has the sections of each hand.
     """
     has_phases = PHASES in root.entries
-    of_hands = (HANDS, *HAND_SECTIONS) if HANDS in root.entries else HAND_SECTIONS
-    others = ("environment", "realtime", *of_hands, *_UNREAD, PHASES, *(["duration"] * has_phases))
+    sections = ("environment", "realtime", HANDS, *HAND_SECTIONS, *_UNREAD, PHASES)
+    others = (*sections, *(["duration"] * has_phases))
     made = (_FILE_OF_PHASES if has_phases else _FILE).read(root, problems, others) or {}
     made.pop("forcebound", None)
     environment = root.entries.get("environment", Value({}, root.place, root.key))
-    if (section := _section("environment", environment, problems, is_whole=True)) is not None:
-        made["environment"] = section
-    made[HANDS] = _hands(root, problems)
+    if (found := read_section("environment", environment, problems, makes)) is not None:
+        made["environment"] = found
+    made[HANDS] = _hands(root, problems, makes)
     if "realtime" in root.entries:
         made["realtime"] = _settings("realtime", root.entries["realtime"], problems)
     if has_phases:
@@ -95,29 +131,32 @@ def read_sections(root: Value, problems: Problems) -> Values:
     return made
 
 
-def _hands(root: Value, problems: Problems) -> dict[str, Values]:
+def _hands(root: Value, problems: Problems, makes: Makes) -> dict[str, Values]:
     """What could be made of the sections of each hand, by its name."""
-    named = root.entries.get(HANDS)
-    if named is not None:
-        for section in HAND_SECTIONS:
-            if section in root.entries:
-                value = root.entries[section]
-                words = f"{section} belongs to a hand: move it below {HANDS}: and a name"
-                problems.add(words, value.key or value.place)
-        if not named.entries and not named.is_broken:
-            problems.add(f"{HANDS}: expected the name of a hand and its sections", named.place)
-        if len(named.entries) > MOST_HANDS:
-            words = f"{HANDS}: expected at most {MOST_HANDS}, got {len(named.entries)}"
-            problems.add(words, named.key or named.place)
-        for name, value in named.entries.items():
-            if not _NAME_OF_HAND.fullmatch(name) or name in _TAKEN:
-                words = "expected a word of letters, digits and _ that is no section of a file"
-                problems.add(f"{HANDS}: {words}, got {name!r}", value.key or value.place)
-            Form(f"{HANDS}.{name}", {}).read(value, problems, HAND_SECTIONS)
-    return {name: _hand(value, problems) for name, value in hands_of(root).items()}
+    named = root.entries[HANDS]
+    for section in HAND_SECTIONS:
+        if section in root.entries:
+            value = root.entries[section]
+            words = f"{section} belongs to a hand: move it below {HANDS}: and a name"
+            problems.add(words, value.key or value.place)
+    if not named.entries and not named.is_broken:
+        problems.add(f"{HANDS}: expected the name of a hand and its sections", named.place)
+    if len(named.entries) > MOST_HANDS:
+        words = f"{HANDS}: expected at most {MOST_HANDS}, got {len(named.entries)}"
+        problems.add(words, named.key or named.place)
+    for name, value in named.entries.items():
+        if not _NAME_OF_HAND.fullmatch(name) or name in _TAKEN:
+            words = "expected a word of letters, digits and _ that is no section of a file"
+            problems.add(f"{HANDS}: {words}, got {name!r}", value.key or value.place)
+        if name == HAND and len(named.entries) > 1:
+            words = f"{HAND!r} is the name of an only hand; this graph has {len(named.entries)}"
+            problems.add(f"{HANDS}: {words}", value.key or value.place)
+        own = HAND_SECTIONS if makes is always else (*HAND_SECTIONS, FACTS)
+        Form(f"{HANDS}.{name}", {}).read(value, problems, own)
+    return {name: _hand(value, problems, makes) for name, value in named.entries.items()}
 
 
-def _hand(root: Value, problems: Problems) -> Values:
+def _hand(root: Value, problems: Problems, makes: Makes) -> Values:
     made: Values = {}
     empty = Value({}, root.place, root.key)
     for name in HAND_SECTIONS:
@@ -128,15 +167,17 @@ def _hand(root: Value, problems: Problems) -> Values:
             made[name] = _settings(name, value, problems) if name in root.entries else None
         elif not value.entries and value.content in (None, {}) and name in _WITHOUT:
             made[name] = _WITHOUT[name]()
-        elif (section := _section(name, value, problems, is_whole=True)) is not None:
-            made[name] = section
+        elif (found := read_section(name, value, problems, makes)) is not None:
+            made |= found if name == "device" else {name: found}
+    if FACTS in root.entries and makes is not always:
+        made["stated"] = read_as(DeviceFacts, root.entries[FACTS], FACTS)
     return made
 
 
 def _links(value: Value, problems: Problems) -> dict[str, Impairment]:
     Form("links", {}).read(value, problems, IMPAIRABLE)
     links = {
-        topic: _made(_LINK[topic], link, problems, _link)
+        topic: read_link(topic, link, problems)
         for topic, link in value.entries.items()
         if topic in IMPAIRABLE
     }
@@ -156,36 +197,117 @@ def _phases(value: Value, problems: Problems) -> list[Phase]:
         problems.add(f"{PHASES}: expected {expected}, got {value}", value.place, value.related)
         return []
     read = (PHASE.read(entry, problems) for entry in value.content)
-    return [Phase(one["name"], one["duration"]) for one in read if one is not None]
+    return [
+        Phase(one["name"], one["duration"], one.get("set") or {}) for one in read if one is not None
+    ]
 
 
-def _section(name: str, value: Value, problems: Problems, is_whole: bool) -> Any:
-    """The section of a part, whole or the part alone; None with a problem noted."""
-    kind = _class_of(name, value, problems)
-    if kind is None:
+def read_section(name: str, value: Value, problems: Problems, makes: Makes = always) -> Any:
+    """Return the section of a part, with its settings; None with a problem noted."""
+    finish = _FINISH.get(name, _part_alone)
+    return _part(name, value, problems, SECTION_SETTINGS.get(name, {}), finish, makes)
+
+
+def _part_alone(part: Any, settings: Values, written: Value) -> Any:
+    return part
+
+
+def _part(
+    section: str,
+    value: Value,
+    problems: Problems,
+    settings: Mapping[str, Field] = MappingProxyType({}),
+    finish: Callable[[Any, Values, Value], Any] = _part_alone,
+    makes: Makes = always,
+) -> Any:
+    """What ``finish`` makes of a part and its settings; None with a problem noted."""
+    kind: Value | None = value.entries.get("kind")
+    make: Callable[..., Any] = PartSpec
+    if kind is not None and kind.text in KINDS[section] and not makes(section, kind.text):
+        form = Form(section, settings)
+        own = {name: one.plain for name, one in value.entries.items() if name not in settings}
+    else:
+        found = _class_of(section, value, problems)
+        if found is None:
+            return None
+        make, form, own = found, _form(section, found, tuple(settings.values())), {}
+    values = form.read(value, problems, own)
+    if values is None:
         return None
-    make = _MAKE.get(name) if is_whole else None
-    form = _form(name, kind, is_whole)
-    return _made(form, value, problems, lambda v, at: make(kind, v, at) if make else _part(kind, v))
+    beside = {name: values.pop(name) for name in settings if name in values}
+    try:
+        if own:
+            part = PartSpec(own.pop("kind"), own)
+        else:
+            values.pop("kind")
+            with user_code(""):
+                part = make(**values)
+            check_plain(part)
+        return finish(part, beside, value)
+    except ConfigError as error:
+        note_error(error, section, value, problems)
+    return None
 
 
 @lru_cache(maxsize=256)
-def _form(section: str, kind: type, is_whole: bool) -> Form:
-    beside = BESIDE.get(section, {}) if is_whole else {}
+def _form(section: str, kind: type, settings: tuple[Field, ...]) -> Form:
+    beside = {field.name: field for field in settings}
     return Form(section, {"kind": Field("kind", str), **fields_of(kind), **beside})
 
 
-def _made(
-    form: Form, value: Value, problems: Problems, make: Callable[[Values, Value], Any]
-) -> Any:
-    """What is made of a mapping; None with a problem noted."""
+def _device(model: Any, settings: Values, written: Value) -> Values:
+    if "law" in settings:
+        with user_code("", "law"):
+            settings["law"] = LAWS.resolve(settings["law"], written.entries["law"].folder)
+    return {"device": model, "servo": ServoSettings(**settings)}
+
+
+def _environment(model: Any, settings: Values, written: Value) -> EnvironmentConfig:
+    environment = EnvironmentConfig(model, **settings)
+    if isinstance(model, PartSpec):
+        return environment  # another process reads its files
+    with user_code("compute_trace", "compute_trace"):
+        trace_of(environment.computation)
+    try:
+        model.check_files()
+    except ConfigError as error:
+        raise ConfigError(str(error), field=error.field or "file") from error
+    return environment
+
+
+#: Section of a part -> what is made of the part, its settings, and both as they are written.
+_FINISH: Mapping[str, Callable[[Any, Values, Value], Any]] = {
+    "device": _device,
+    "environment": _environment,
+}
+
+
+def _built(form: Form, value: Value, problems: Problems, build: Callable[[Values], Any]) -> Any:
+    """What is built of the values of a mapping; None with a problem noted."""
     values = form.read(value, problems)
     if values is not None:
         try:
-            return make(values, value)
+            return build(values)
         except ConfigError as error:
             note_error(error, form.name, value, problems)
     return None
+
+
+def _settings(name: str, value: Value, problems: Problems) -> Any:
+    form, kind = _SETTINGS[name]
+    return _built(form, value, problems, lambda values: kind(**values))
+
+
+def read_link(topic: str, value: Value, problems: Problems) -> Any:
+    """Return the link of a topic; None with a problem noted."""
+    return _built(_LINK[topic], value, problems, _impairment)
+
+
+def _impairment(values: Values) -> Impairment:
+    impairment = Impairment(**values)
+    with user_code("trace", "trace"):
+        trace_of(impairment)
+    return impairment
 
 
 def _class_of(section: str, value: Value, problems: Problems) -> type | None:
@@ -207,7 +329,7 @@ def _class_of(section: str, value: Value, problems: Problems) -> type | None:
         try:
             found: type = table[table.resolve(kind.content, kind.folder)]
             if not table.is_shipped(kind.content):
-                _check_fields(found, frozenset({"kind", *BESIDE.get(section, ())}))
+                _check_fields(found, frozenset({"kind", *SECTION_SETTINGS.get(section, ())}))
             return found
         except ConfigError as error:
             problems.add(f"{section}: {error}", kind.place, kind.related)
@@ -236,56 +358,33 @@ def _check_fields(kind: type, taken: frozenset[str]) -> None:
             ) from None
 
 
-def _part(kind: type, values: Values) -> Any:
-    """A part of its values; ConfigError whatever its code raises."""
-    values.pop("kind", None)
-    with user_code(""):
-        part = kind(**values)
-    check_plain(part)
+def read_part(section: str, value: Value, problems: Problems) -> Any:
+    """Return the part of a section, without the section's settings; ConfigError with problems."""
+    part = _part(section, value, problems)
+    problems.raise_if_any()
     return part
 
 
-def _device(kind: type, values: Values, written: Value) -> DeviceConfig:
-    servo = {name: values.pop(name) for name in BESIDE["device"] if name in values}
-    if "law" in servo:
-        with user_code("", "law"):
-            servo["law"] = LAWS.resolve(servo["law"], written.entries["law"].folder)
-    return DeviceConfig(_part(kind, values), ServoSettings(**servo))
+def part_of(section: str, document: Document) -> Any:
+    """Return the part of a section of a document; ConfigError if it cannot be made."""
+    return read_part(section, from_plain(document, section), Problems())
 
 
-def _environment(kind: type, values: Values, written: Value) -> EnvironmentConfig:
-    beside = {name: values.pop(name) for name in BESIDE["environment"] if name in values}
-    model = _part(kind, values)
-    environment = EnvironmentConfig(model, **beside)
-    with user_code("compute_trace", "compute_trace"):
-        trace_of(environment.computation)
+def restore(document: Document, makes: Makes = never) -> GraphConfig:
+    """Return the configuration of an unchanged resolved document.
+
+    What goes together was checked before. A part that this process does not make is a
+    :class:`PartSpec`.
+
+    Raises:
+        ConfigError: If it is no such document, or a file that it names is gone.
+    """
+    problems = Problems()
     try:
-        model.check_files()
-    except ConfigError as error:
-        raise ConfigError(str(error), field=error.field or "file") from error
-    return environment
-
-
-def _settings(name: str, value: Value, problems: Problems) -> Any:
-    form, kind = _SETTINGS[name]
-    return _made(form, value, problems, lambda values, written: kind(**values))
-
-
-def _link(values: Values, written: Value) -> Impairment:
-    impairment = Impairment(**values)
-    with user_code("trace", "trace"):
-        trace_of(impairment)
-    return impairment
-
-
-_MAKE: Mapping[str, Callable[..., Any]] = {"device": _device, "environment": _environment}
-
-
-def make_part(section: str, value: Value, problems: Problems, is_whole: bool = False) -> Any:
-    """Return the part of a section alone, or the whole section; ConfigError with problems."""
-    made = _section(section, value, problems, is_whole)
-    problems.raise_if_any()
-    return made
+        return read_graph(from_plain(document, "document"), problems, makes)
+    except (ConfigError, KeyError, TypeError) as error:
+        field = error.field if isinstance(error, ConfigError) else None
+        raise ConfigError(f"this is no resolved launch document: {error}", field=field) from error
 
 
 def member_of(section: str, kind: str, overrides: Sequence[str] = ()) -> Any:
@@ -302,14 +401,14 @@ def member_of(section: str, kind: str, overrides: Sequence[str] = ()) -> Any:
             problems.add(f"{name!r} is given twice, or is no parameter", place)
         else:
             entries[name] = Value(scalar(word), place, text=word)
-    return make_part(section, Value(entries, Place(section)), problems)
+    return read_part(section, Value(entries, Place(section)), problems)
 
 
 def device_of(path: Path, without: Collection[str]) -> Any:
     """Return the device of a file, as :func:`member_of` does, but for some of its parameters."""
     problems = Problems()
     section = device_section(path, problems)
-    return make_part("device", section.without(*without), problems)
+    return read_part("device", section.without(*without), problems)
 
 
 def law_of(kind: str) -> str:
@@ -318,7 +417,7 @@ def law_of(kind: str) -> str:
     Raises:
         ConfigError: If there is no such law.
     """
-    _check_law(kind)
+    check_law(kind)
     law = LAWS.resolve(kind, Path())
     LAWS[law]  # a file is loaded, and checked
     return law

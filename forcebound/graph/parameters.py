@@ -7,40 +7,49 @@ several hands ``left.device.law``.
 
 import difflib
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 from typing import Any
 
-from forcebound.graph.graph import GraphConfig
-from forcebound.graph.names import LAW, Document, ParameterName, of_hand
-from forcebound.graph.problems import shortened
-from forcebound.graph.resolved import to_document
+from forcebound.errors import ConfigError
+from forcebound.graph.checks import check_together
+from forcebound.graph.forms import Values
+from forcebound.graph.graph import GraphConfig, PartSpec
+from forcebound.graph.model import always, never, read_link, read_section
+from forcebound.graph.names import LAW, ParameterName, parameter_name
+from forcebound.graph.problems import Place, Problems, shortened, unknown
+from forcebound.graph.resolved import environment_document, to_document
+from forcebound.graph.tree import Value, from_plain
 from forcebound.haptics.laws import LAWS
 from forcebound.haptics.parts.plain import plain
+from forcebound.haptics.parts.user_module import names_file
 from forcebound.messages.control import Parameters
 from forcebound.messages.topology import (
+    HAND,
+    HANDS,
     IMPAIRABLE,
     LINKS,
     ONE_HAND,
     TRANSFER,
-    hand_sections,
-    in_hand,
+    node_name,
 )
 from forcebound.network.impairment import Impairment
 from forcebound.roles import DEVICE, ENVIRONMENT
 from forcebound.units import in_unit
 
+PERFECT = Impairment()
 SECTIONS = ("links", "environment")  # of a launch file, whose entries are parameters
 
 
-def parameters(config: GraphConfig | Document) -> Parameters:
-    """Return all that can be changed, by name, as plain JSON in SI units; of a document, too."""
-    document = config if isinstance(config, Mapping) else to_document(config)
+def parameters(config: GraphConfig) -> Parameters:
+    """Return all that can be changed, by name, as plain JSON in SI units."""
     found: Parameters = {}
-    for hand, sections in hand_sections(document).items():
-        found[of_hand(hand, LAW)] = sections["device"]["law"]
-        for topic in IMPAIRABLE if sections["device"].get("energy_partner") else LINKS:
-            link = plain(Impairment()) | sections["links"].get(topic, {})
-            found |= {of_hand(hand, f"links.{topic}.{name}"): v for name, v in link.items()}
-    environment = {n: v for n, v in document["environment"].items() if n != "kind"}
+    for name, hand in config.hands.items():
+        found[parameter_name(name, LAW)] = hand.servo.law
+        for topic in IMPAIRABLE if hand.servo.energy_partner else LINKS:
+            link = plain(hand.links.get(topic, PERFECT))
+            found |= {parameter_name(name, f"links.{topic}.{key}"): v for key, v in link.items()}
+    environment = environment_document(config.environment)
+    del environment["kind"]
     return found | dict(_leaves("environment", environment))
 
 
@@ -56,17 +65,105 @@ def _leaves(place: str, section: Mapping[str, Any]) -> Iterator[tuple[str, Any]]
         yield from _leaves(full, value) if isinstance(value, Mapping) else ((full, value),)
 
 
-def differences(old: GraphConfig | Document, new: GraphConfig | Document) -> Parameters:
+def differences(old: GraphConfig, new: GraphConfig) -> Parameters:
     """Return the parameters of ``new`` that ``old`` does not have with this value."""
     before = parameters(old)
     return {n: v for n, v in parameters(new).items() if n not in before or v != before[n]}
 
 
+def change(config: GraphConfig, settings: Parameters) -> GraphConfig:
+    """Return the configuration with other parameters, checked as a launch file is.
+
+    The new values are by name, in SI units or text with their unit. ConfigError, with every
+    problem, if there is no such parameter, or it cannot have this value.
+    """
+    problems = Problems()
+    known = parameters(config)
+    for name, value in settings.items():
+        if name not in known:
+            raise ConfigError(unknown_parameter(name, config))
+        if ParameterName.parse(name).is_law:
+            _check_law(name, value, known[name])
+    changed = with_values(config, settings)
+
+    def note(hand: str, section: str, error: ConfigError) -> None:
+        place = parameter_name(hand or HAND, ".".join(filter(None, (section, error.field))))
+        problems.add(f"{place}: {error}", Place(""))
+
+    check_together(sections_of(changed), note, asks=True)
+    problems.raise_if_any()
+    return changed
+
+
+def with_values(config: GraphConfig, settings: Parameters) -> GraphConfig:
+    """Return the configuration with other parameters, by name; each alone is checked.
+
+    ConfigError if one cannot have its value, with every problem.
+    """
+    problems = Problems()
+    values = {name: from_plain(value, name, ".") for name, value in settings.items()}
+    try:
+        changed = with_written(config, values, problems)
+    except (ValueError, OverflowError, RecursionError, OSError) as error:
+        words = f"{', '.join(settings)}: it holds what no launch file has: {error}"
+        raise ConfigError(words) from error
+    problems.raise_if_any()
+    return changed
+
+
+def with_written(
+    config: GraphConfig, values: Mapping[str, Value], problems: Problems
+) -> GraphConfig:
+    """Return the configuration with parameters as they are written, by name; notes problems."""
+    hands, environment = dict(config.hands), config.environment
+    written: dict[tuple[str, tuple[str, ...]], Value] = {}  # sections that change, by hand
+    for name, value in values.items():
+        place = ParameterName.parse(name)
+        if place.is_law:
+            hand = hands[place.hand]
+            hands[place.hand] = replace(hand, servo=replace(hand.servo, law=value.plain))
+            continue
+        section = place.keys[: 2 if place.topic else 1]
+        if (place.hand, section) not in written:
+            document = environment_document(environment)
+            if place.topic:
+                document = plain(hands[place.hand].links.get(place.topic, PERFECT))
+            full = parameter_name(place.hand, ".".join(section))
+            written[place.hand, section] = from_plain(document, full, ".")
+        before = written[place.hand, section]
+        written[place.hand, section] = before.with_entry(place.keys[len(section) :], value)
+    for (hand_name, (section_name, *topics)), value in written.items():
+        if not topics:
+            makes = never if isinstance(environment.model, PartSpec) else always
+            environment = read_section(section_name, value, problems, makes) or environment
+        elif (link := read_link(topics[0], value, problems)) is not None:
+            hand = hands[hand_name]
+            hands[hand_name] = replace(hand, links={**hand.links, topics[0]: link})
+    return replace(config, hands=hands, environment=environment)
+
+
+def sections_of(config: GraphConfig) -> Values:
+    """Return the sections of a configuration, as the reader makes them, for checks."""
+    hands = {name: vars(hand) for name, hand in config.hands.items()}
+    return {"environment": config.environment, HANDS: hands}
+
+
+def _check_law(name: str, law: Any, present: str) -> None:
+    """Refuse a law that a running device cannot take."""
+    if law == present or law in takeable_laws():
+        return
+    message = unknown("law", str(law), takeable_laws())
+    if names_file(str(law)):
+        message = "a law of your own needs a launch of its own: law:=FILE.py"
+    raise ConfigError(f"{name}: {message}")
+
+
 def unknown_parameter(name: str, config: GraphConfig) -> str:
     """Return the message for a name that is no parameter: the nearest ones, or why it is none."""
-    known, hands = parameters(config), [hand for hand in config.hands if hand]
-    if hands and ParameterName.parse(name).hand not in hands:
-        near = [of_hand(hand, name) for hand in hands if of_hand(hand, name) in known]
+    known = parameters(config)
+    if ParameterName.parse(name).hand not in config.hands:
+        near = [parameter_name(hand, name) for hand in config.hands]
+        near = [full for full in near if full in known and full != name]
         if near:
             return f"whose {name}? It belongs to a hand: {' or '.join(near)}"
     if name not in SECTIONS and _is_fixed(name, config):
@@ -90,10 +187,10 @@ def _is_fixed(name: str, config: GraphConfig) -> bool:
     if place.section in ("operator", "remote", "phases"):  # which a graph need not have
         return True
     found: Any = to_document(config)
-    for step in place.path:
-        if not isinstance(found, Mapping) or step not in found:
+    for key in place.path:
+        if not isinstance(found, Mapping) or key not in found:
             return False
-        found = found[step]
+        found = found[key]
     return True
 
 
@@ -101,15 +198,22 @@ def _sections() -> str:
     return f"{', '.join((LAW, *(f'links.{topic}' for topic in LINKS)))} and environment"
 
 
-def processes_of(names: Iterable[str], config: GraphConfig) -> set[str]:
-    """Return the processes that parameters belong to: of a link, the one that receives."""
+def node_of(name: str, config: GraphConfig) -> str:
+    """Return the node that a parameter belongs to: of a link, the one that receives."""
+    place = ParameterName.parse(name)
     receivers = {stream.topic: str(stream.receiver) for stream in ONE_HAND.links}
-    found = set()
-    for name in map(ParameterName.parse, names):
-        role, hand = receivers.get(name.topic or "", name.section), name.hand
-        if name.topic == TRANSFER:
-            role, hand = DEVICE, config.hands[hand].device.servo.energy_partner
-        found.add(role if role == ENVIRONMENT else in_hand(hand, role))
+    role, hand = receivers.get(place.topic or "", place.section), place.hand
+    if place.topic == TRANSFER:
+        role, hand = DEVICE, config.hands[hand].servo.energy_partner
+    return role if role == ENVIRONMENT else node_name(hand, role)
+
+
+def by_node(config: GraphConfig, names: Iterable[str] | None = None) -> dict[str, Parameters]:
+    """Return the parameters of each node, by its name; of those in ``names`` alone, if given."""
+    found: dict[str, Parameters] = {}
+    for name, value in parameters(config).items():
+        if names is None or name in names:
+            found.setdefault(node_of(name, config), {})[name] = value
     return found
 
 

@@ -12,83 +12,70 @@ read alone. What a phase makes of the launch file is checked as a launch file is
 starts.
 """
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from forcebound.errors import ConfigError
+from forcebound.graph.checks import check_together
 from forcebound.graph.graph import GraphConfig, Phase
-from forcebound.graph.names import LAW, ParameterName
-from forcebound.graph.parameters import describe, differences, parameters, unknown_parameter
+from forcebound.graph.names import LAW, ParameterName, parameter_name
+from forcebound.graph.parameters import (
+    describe,
+    differences,
+    parameters,
+    sections_of,
+    unknown_parameter,
+    with_written,
+)
 from forcebound.graph.problems import Problems
-from forcebound.graph.resolved import with_parameters
 from forcebound.graph.tree import Value
+from forcebound.messages.control import Parameters
+from forcebound.messages.topology import HAND
 
 _KEEPS_LAW = f"a phase cannot set {LAW}; while the graph runs, `forcebound param set` changes it"
 
 
-def read_phases(
-    root: Value,
-    heads: Sequence[Phase],
-    config: GraphConfig,
-    build: Callable[[Value, Problems], GraphConfig],
-    problems: Problems,
-) -> tuple[Phase, ...]:
-    """Return the phases of a launch file ``root``; what is wrong is added to ``problems``.
+def read_phases(root: Value, config: GraphConfig, problems: Problems, asks: bool) -> GraphConfig:
+    """Return a configuration with the settings of its phases; what is wrong is noted.
 
-    ``config`` is its configuration without phases; ``build`` reads a launch file, and raises
-    ConfigError with the problems noted.
+    ``root`` is its launch file; ``asks``: whether to call a user's own parts once.
     """
     listed = root.entries["phases"].content
     assert isinstance(listed, tuple)  # checked with the rest of the file
-    plain = root.without("phases")
-    plain = plain.with_entries({"duration": Value(1.0, root.place), **plain.entries})
+    first, known = replace(config, phases=()), parameters(config)
     phases: list[Phase] = []
-    for head, value in zip(heads, listed, strict=True):
-        changed = _overlaid(plain, value.entries.get("set"), config, problems)
-        if changed is None:
-            continue
-        found = Problems()
-        try:
-            settled = differences(config, build(changed, found))
-        except ConfigError:
-            problems.extend(found)
-        else:
-            phases.append(replace(head, settings=settled))
-    return tuple(phases)
+    for phase, written in zip(config.phases, listed, strict=True):
+        settings = written.entries.get("set", Value({}, written.place, written.key))
+        _check_names(settings, known, config, problems)
+        named = {name: one for name, one in settings.entries.items() if name in known}
+        changed = with_written(first, named, problems)
+
+        def note(hand: str, section: str, error: ConfigError, at: Value = settings) -> None:
+            problems.add(f"{parameter_name(hand or HAND, section)}: {error}", at.key or at.place)
+
+        check_together(sections_of(changed), note, asks)
+        phases.append(replace(phase, settings=differences(first, changed)))
+    duration = sum(phase.duration for phase in phases)
+    return replace(config, phases=tuple(phases), duration=duration)
 
 
-def _overlaid(
-    root: Value, settings: Value | None, config: GraphConfig, problems: Problems
-) -> Value | None:
-    """The launch file with some parameters at their places; None with problems noted."""
-    known = parameters(config)
-    is_known = True
-    for name, value in ({} if settings is None else settings.entries).items():
-        place = ParameterName.parse(name)
-        if place.is_law or name not in known:
-            message = _KEEPS_LAW if place.is_law else unknown_parameter(name, config)
-            problems.add(message, value.key or value.place)
-            is_known = False
-        else:
-            root = _placed(root, place.path, value)
-    return root if is_known else None
-
-
-def _placed(tree: Value, path: Sequence[str], value: Value) -> Value:
-    """A tree with ``value`` at ``path``."""
-    if not path:
-        return value
-    inner = tree.entries.get(path[0], Value({}, value.place, value.key))
-    return tree.with_entries({**tree.entries, path[0]: _placed(inner, path[1:], value)})
+def _check_names(
+    settings: Value, known: Parameters, config: GraphConfig, problems: Problems
+) -> None:
+    """Note names that are no parameters of a phase."""
+    for name, value in settings.entries.items():
+        if ParameterName.parse(name).is_law:
+            problems.add(_KEEPS_LAW, value.key or value.place)
+        elif name not in known:
+            problems.add(unknown_parameter(name, config), value.key or value.place)
 
 
 @dataclass(frozen=True)
-class Part:
+class ScheduledPhase:
     """A phase of a run with its beginning."""
 
     name: str
     start_ns: int  # since the force engaged
-    config: GraphConfig  # that holds in it
+    values: Parameters  # all that hold in it, but the laws, which stay
     message: str
 
     @property
@@ -97,14 +84,14 @@ class Part:
         return {"name": self.name}
 
 
-def timetable(config: GraphConfig) -> list[Part]:
+def timetable(config: GraphConfig) -> list[ScheduledPhase]:
     """Return the phases of a graph with their beginnings."""
-    parts: list[Part] = []
-    plain = replace(config, phases=())
+    scheduled: list[ScheduledPhase] = []
+    first = {n: v for n, v in parameters(config).items() if not ParameterName.parse(n).is_law}
     start_ns = 0
     for phase in config.phases:
         settings = describe(phase.settings, config.units) or "as the launch file says"
         message = f"phase {phase.name}: {settings}"
-        parts.append(Part(phase.name, start_ns, with_parameters(plain, phase.settings), message))
+        scheduled.append(ScheduledPhase(phase.name, start_ns, first | phase.settings, message))
         start_ns += round(phase.duration * 1e9)
-    return parts
+    return scheduled

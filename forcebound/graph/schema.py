@@ -12,11 +12,10 @@ from types import UnionType
 from typing import Annotated, Any, Literal, TypeAlias, Union, get_args, get_origin
 
 from forcebound.graph.fields import Field, fields_of
-from forcebound.graph.graph import FORMAT, KINDS, RUN_KEYS, GraphConfig
-from forcebound.graph.model import BESIDE, PHASE, PHASES, SETTINGS
-from forcebound.graph.names import HAND_SECTIONS
+from forcebound.graph.graph import FORMAT, KINDS, RUN_KEYS, SECTION_SETTINGS, GraphConfig
+from forcebound.graph.model import PHASE, PHASES, SETTINGS
 from forcebound.haptics.laws import LAWS
-from forcebound.messages.topology import HANDS, IMPAIRABLE
+from forcebound.messages.topology import HAND_SECTIONS, HANDS, IMPAIRABLE
 from forcebound.network.impairment import Impairment
 from forcebound.quantities import Range, Unit
 
@@ -83,7 +82,7 @@ def _mapping(properties: Schema) -> Schema:
 
 def _kinds(section: str) -> Schema:
     """One alternative for each kind; the kind itself may come from an included file."""
-    beside = properties(BESIDE.get(section, {}))
+    beside = properties(SECTION_SETTINGS.get(section, {}))
     if section == "device":
         beside["include"] = {"type": ["string", "null"]}
     alternatives = []

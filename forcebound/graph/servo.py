@@ -6,13 +6,15 @@ from functools import cached_property
 from typing import Annotated, Literal
 
 from forcebound.errors import ConfigError
+from forcebound.graph.problems import unknown
 from forcebound.haptics.devices import DeviceModel
-from forcebound.haptics.laws import Dissipation
+from forcebound.haptics.laws import LAWS, Dissipation
 from forcebound.haptics.laws.dissipation import StatedNumbers
 from forcebound.haptics.laws.hold_limit import FIXED, FLOOR
 from forcebound.quantities import (
     NOT_NEGATIVE,
     POSITIVE,
+    CheckedText,
     Energy,
     Frequency,
     Range,
@@ -23,6 +25,12 @@ from forcebound.quantities import (
 
 SLOWEST, FASTEST = 0.1, 1e6  # Hz; beyond, a period in whole ns is coarse, or no servo
 LONGEST_HOLD = 1e6  # periods
+
+
+def check_law(law: str) -> None:
+    """Raise ConfigError if there is no such law."""
+    if law not in LAWS:
+        raise ConfigError(unknown("law", law, LAWS))
 
 
 @dataclass(frozen=True)
@@ -47,7 +55,7 @@ class ServoSettings:
             and gets what that hand can spare; empty: none.
     """
 
-    law: str = "certified"
+    law: Annotated[str, CheckedText(check_law)] = "certified"
     rate: Annotated[Frequency, Range(at_least=SLOWEST, at_most=FASTEST)] = 1000.0
     reply_wait: Annotated[Ratio, Range(at_least=0, below=1)] = 0.4
     hold_limit: Literal["auto"] | Annotated[Ratio, Range(at_least=1, at_most=LONGEST_HOLD)] = "auto"

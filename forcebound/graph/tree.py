@@ -6,7 +6,7 @@ scalars follow the core schema of YAML 1.2 (:func:`scalar`): ``yes`` is text, ``
 
 import re
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -73,6 +73,13 @@ class Value:
         """Return this mapping with other entries."""
         return replace(self, content=entries)
 
+    def with_entry(self, keys: Sequence[str], value: "Value") -> "Value":
+        """Return this mapping with a value under a path of keys."""
+        if not keys:
+            return value
+        inner = self.entries.get(keys[0], Value({}, value.place, value.key))
+        return self.with_entries({**self.entries, keys[0]: inner.with_entry(keys[1:], value)})
+
     def without(self, *names: str) -> "Value":
         """Return this mapping without some of its entries."""
         return self.with_entries({n: v for n, v in self.entries.items() if n not in names})
@@ -105,20 +112,18 @@ def units_of(value: Value, name: str = "") -> Iterator[tuple[str, str]]:
                 yield name, unit
 
 
-def from_plain(content: Any, name: str) -> Value:
+def from_plain(content: Any, name: str, join: str = ": ") -> Value:
     """Return the tree of plain JSON values; places say the path within, ``name`` first."""
     place = Place(name)
     if isinstance(content, Mapping):
-        join = "." if ":" in name else ": "
         entries = {
-            str(key): replace(from_plain(value, f"{name}{join}{key}"), key=place)
+            str(key): replace(from_plain(value, f"{name}{join}{key}", "."), key=place)
             for key, value in content.items()
         }
         return Value(entries, place)
     if isinstance(content, list | tuple):
-        return Value(
-            tuple(from_plain(value, f"{name}[{i}]") for i, value in enumerate(content)), place
-        )
+        inside = (from_plain(one, f"{name}[{i}]", ".") for i, one in enumerate(content))
+        return Value(tuple(inside), place)
     return Value(content, place, text=str(content))
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from forcebound.ending import end
 from forcebound.errors import DeviceError
 from forcebound.folders import runtime_folder
-from forcebound.graph.resolved import member_document
+from forcebound.graph.resolved import part_document
 from forcebound.haptics.devices import DeviceModel
 from forcebound.haptics.hands import Operator
 
@@ -45,8 +45,8 @@ def start(kind: str, model: DeviceModel, operator: Operator | None) -> Emulator:
         raise DeviceError("there is no private folder for an emulator: set XDG_RUNTIME_DIR")
     link = folder / f"{kind}-{os.getpid()}-{os.urandom(4).hex()}"
     parts = {
-        "device": member_document("device", model),
-        "operator": None if operator is None else member_document("operator", operator),
+        "device": part_document("device", model),
+        "operator": None if operator is None else part_document("operator", operator),
     }
     command = [sys.executable, "-m", "forcebound", "emulate", kind]
     process = subprocess.Popen(

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from forcebound.errors import ConfigError, RunError
 from forcebound.graph.graph import GraphConfig
-from forcebound.graph.loader import change
+from forcebound.graph.parameters import change
 from forcebound.haptics.devices.simulated import pad
 from forcebound.haptics.hands import Operator
 from forcebound.haptics.hands.hands import coordinates
@@ -79,9 +79,9 @@ class HapticEnv(gymnasium.Env[dict[str, Any], Numbers]):
         check_has_virtual_time(config)
         if len(config.hands) > 1:
             raise ConfigError(f"HapticEnv has one hand; this graph has {', '.join(config.hands)}")
-        hand, axes = _pointed(config.operator), config.device.axes
+        hand, axes = _pointed(config.only.operator), config.only.axes
         self.config = config.with_hand(operator=hand)
-        self._step_ns = frame_skip * config.device.servo.period_ns
+        self._step_ns = frame_skip * config.only.servo.period_ns
         self._seed = config.seed
         self._graph: VirtualGraph | None = None
         start = np.array(pad(coordinates(hand.start), axes))
@@ -151,9 +151,9 @@ class HapticEnv(gymnasium.Env[dict[str, Any], Numbers]):
     def _begin(self, config: GraphConfig) -> None:
         self._episode, self._targets = config, list[Vector]()
         self._ticks: list[Telemetry] = []
-        self._law = config.device.servo.law
+        self._law = config.only.servo.law
         self._graph = VirtualGraph(config, self._take, (DeviceState, Telemetry, Event))
-        self._graph.run(config.device.servo.period_ns)
+        self._graph.run(config.only.servo.period_ns)
 
     def _go_to(self, target: Vector) -> None:
         assert self._graph is not None

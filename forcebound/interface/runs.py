@@ -15,18 +15,18 @@ from numpy.typing import NDArray
 from forcebound.errors import ConfigError, RunError
 from forcebound.files import recording_file
 from forcebound.graph import checks
-from forcebound.graph.graph import BESIDE_MODEL, KINDS, GraphConfig
+from forcebound.graph.graph import KINDS, SECTION_SETTINGS, GraphConfig
 from forcebound.graph.loader import build, read_template
 from forcebound.graph.names import Document
 from forcebound.graph.problems import unknown
-from forcebound.graph.resolved import check_plain, member_document
-from forcebound.graph.servo import ServoSettings
+from forcebound.graph.resolved import check_plain, part_document
 from forcebound.graph.tree import Value, from_plain
 from forcebound.haptics.laws import LAWS, BoundingLaw
 from forcebound.haptics.parts import Table
 from forcebound.interface.figures import Figures
 from forcebound.lab.workers import progress_bar
 from forcebound.messages.packets import Event
+from forcebound.messages.topology import HAND
 from forcebound.quantities import POSITIVE
 from forcebound.recordings.telemetry import TelemetryColumns
 from forcebound.run.results import RunResult, results_of
@@ -35,12 +35,6 @@ from forcebound.units import parse_quantity
 
 #: A launch file: its path, the name of one that comes with forcebound, or its content.
 LaunchFile: TypeAlias = str | Path | Mapping[str, Any]
-
-#: Keys of a section that are not of its part.
-_BESIDE = {
-    "environment": BESIDE_MODEL,
-    "device": tuple(field.name for field in fields(ServoSettings)),
-}
 
 
 class Telemetry(Mapping[str, NDArray[Any]]):
@@ -127,7 +121,7 @@ class Run:
 
     @property
     def hands(self) -> Mapping[str, "Run"]:
-        """The run of each hand by the hand's name; the only hand of a graph has the name ``""``."""
+        """The run of each hand by the hand's name; an only hand without a name is ``"hand"``."""
         if len(self._results) == 1:
             return dict.fromkeys(self._results, self)
         results = self._results.items()
@@ -169,7 +163,7 @@ class Run:
     def __repr__(self) -> str:
         lines: list[str] = []
         for hand, result in self._results.items():
-            lines += [*([f"{hand}:"] if hand else []), *result.summary["verdict"]]
+            lines += [*([f"{hand}:"] if hand != HAND else []), *result.summary["verdict"]]
         return "\n".join(lines)
 
 
@@ -203,7 +197,7 @@ def simulate(
         results = run_virtual_hands(config, record=path, progress=progress)
     for hand, result in results.items():
         if result.failed:
-            raise RunError(f"{hand}: {result.failed}" if hand else result.failed)
+            raise RunError(f"{hand}: {result.failed}" if hand != HAND else result.failed)
     return Run(results, path)
 
 
@@ -329,7 +323,7 @@ def with_parts(template: Value, parts: Mapping[str, Any]) -> Value:
             content: Document = {"law": known_law(part)}
         else:
             content = _known_part(section, part)
-            kept = {key: kept[key] for key in kept if key in _BESIDE.get(section, ())}
+            kept = {key: kept[key] for key in kept if key in SECTION_SETTINGS.get(section, ())}
         entries[section] = replace(template, content={**kept, **from_plain(content, name).entries})
     return template.with_entries(entries)
 
@@ -361,7 +355,7 @@ def _known_part(section: str, part: Any) -> Document:
         part = part()
     _known(KINDS[section], type(part), type(part).__name__)
     check_plain(part)
-    return member_document(section, part)
+    return part_document(section, part)
 
 
 @contextmanager

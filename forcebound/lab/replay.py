@@ -23,26 +23,29 @@ from typing import Any, TypeAlias, cast
 
 from forcebound.errors import ConfigError
 from forcebound.files import content_of
-from forcebound.graph.graph import BESIDE_MODEL, KINDS, DeviceConfig, GraphConfig, HandConfig
+from forcebound.graph.graph import COMPUTATION, KINDS, SECTION_SETTINGS, GraphConfig, HandConfig
 from forcebound.graph.loader import from_document
-from forcebound.graph.model import law_of, make_part
-from forcebound.graph.names import ParameterName, of_hand, split_setting
+from forcebound.graph.model import law_of, read_section
+from forcebound.graph.names import (
+    OF_GRAPH,
+    ParameterName,
+    parameter_name,
+    put,
+    split_setting,
+)
 from forcebound.graph.problems import Problems, unknown
-from forcebound.graph.servo import ServoSettings
 from forcebound.graph.tree import from_plain, scalar
 from forcebound.haptics.hands.hands import SoftGrip
 from forcebound.haptics.hands.paths import began
 from forcebound.haptics.laws import LAWS
 from forcebound.messages.packets import TOPIC_OF, Telemetry
-from forcebound.messages.topology import HAND, HANDS, HERE, LINKS, hand_document, hand_sections
+from forcebound.messages.topology import HAND, HANDS, HERE, LINKS, flat, nested
 from forcebound.recordings.recording import Recording
 
 Document: TypeAlias = dict[str, Any]  # of a launch file
 
-_GRIP, _SERVO = (
-    tuple(field.name for field in dataclasses.fields(kind)) for kind in (SoftGrip, ServoSettings)
-)
-_COMPUTATION = tuple(name for name in BESIDE_MODEL if name.startswith("compute_"))
+_GRIP = tuple(field.name for field in dataclasses.fields(SoftGrip))
+_COMPUTATION = tuple(f"compute_{name}" for name in COMPUTATION)
 
 
 def graph_of(
@@ -62,7 +65,7 @@ def graph_of(
             serial port of its own, which only the user may, or its hands need what is not fed.
     """
     document, several = _document(recording), len(recording.hands) > 1
-    is_part = several and HANDS not in document
+    is_part = several and HAND in document[HANDS]
     if document.pop(HERE, None) is not None:  # other machines have recorded the others
         document[HANDS] = {hand: document[HANDS][hand] for hand in recording.hands}
         is_part = True
@@ -78,13 +81,13 @@ def graph_of(
     named = {_set(document, setting) for setting in settings}
     if "environment" in feeds and "environment" in named:
         raise ConfigError("environment:=KIND and --environment exclude each other: give one")
-    for hand in hand_sections(document):
-        own = {name.removeprefix(of_hand(hand, "")) if hand else name for name in named}
-        _check_code(recording, hand_document(document, hand), own, KINDS)
+    for hand in document[HANDS]:
+        own = {name.removeprefix(parameter_name(hand, "")) for name in named}
+        _check_code(recording, flat(document, hand), own, KINDS)
     config = from_document(document)
     for hand, parts in config.hands.items():
-        if of_hand(hand, "device") not in named and parts.device.model.simulated_in is not None:
-            device = of_hand(hand, "device")
+        if parameter_name(hand, "device") not in named and parts.device.simulated_in is not None:
+            device = parameter_name(hand, "device")
             raise ConfigError(
                 f"{recording.path} was recorded on a device at a serial port; name a simulated one,"
                 f" such as {device}:=five_bar, or this one: {device}:=KIND {device}.port:=PORT"
@@ -92,8 +95,8 @@ def graph_of(
     return config
 
 
-def device_of(recording: Recording, settings: Sequence[str] = ()) -> DeviceConfig:
-    """Return the device of a recording and its servo.
+def device_of(recording: Recording, settings: Sequence[str] = ()) -> HandConfig:
+    """Return the device of a recording and its servo, with nobody at it.
 
     ``settings`` are those of :func:`graph_of` for law and device.
 
@@ -107,11 +110,13 @@ def device_of(recording: Recording, settings: Sequence[str] = ()) -> DeviceConfi
             raise ConfigError(
                 f"{name} does not enter the verification: expected law, device or device.KEY"
             )
-    _check_code(recording, document, named, ("device",))
+    sections = document[HANDS][HAND]
+    _check_code(recording, sections, named, ("device",))
+    problems = Problems()
     with content_of(recording.path):
-        section = from_plain(document["device"], "device")
-        device: DeviceConfig = make_part("device", section, Problems(), is_whole=True)
-    return device
+        found = read_section("device", from_plain(sections["device"], "device"), problems)
+        problems.raise_if_any()
+    return HandConfig(**found)
 
 
 def duration_of(recording: Recording, config: GraphConfig) -> float:
@@ -122,7 +127,7 @@ def duration_of(recording: Recording, config: GraphConfig) -> float:
 def _duration(recording: Recording, hand: HandConfig) -> float:
     longest = max((tick.elapsed for tick in _ticks(recording)), default=0.0)
     longest -= began(_ticks(recording))
-    period = hand.device.servo.period_ns * 1e-9
+    period = hand.servo.period_ns * 1e-9
     return (longest // period + 1.0) * period
 
 
@@ -132,8 +137,8 @@ def _ticks(recording: Recording) -> Iterator[Telemetry]:
 
 def _document(recording: Recording) -> Document:
     """The launch file of a recording, to be changed."""
-    document: Document = json.loads(json.dumps(recording.launch))
-    for sections in hand_sections(document).values():
+    document = nested(json.loads(json.dumps(recording.launch)))
+    for sections in document[HANDS].values():
         if "device" not in sections:
             raise ConfigError(f"{recording.path} holds no launch file")
         sections["device"].pop("late_ticks", None)  # of recordings before format 4
@@ -144,19 +149,21 @@ def _feed(document: Document, recording: Recording, feeds: Collection[str]) -> N
     """Feed parts of the graph from the recording; phases do not change them."""
     file, fed = str(recording.path.absolute()), []
     if "network" in feeds:
-        document["links"] = {topic: {"trace": file, "trace_hop": topic} for topic in LINKS}
+        traces = {topic: {"trace": file, "trace_hop": topic} for topic in LINKS}
+        document[HANDS][HAND]["links"] = traces
         for name in _COMPUTATION:
             document["environment"].pop(name, None)
         fed += [r"links\.", r"environment\.compute_"]
     recordings = recording.by_hand
     if "environment" in feeds:
         kept = _kept(document, "environment", _COMPUTATION)
-        whose = {} if HANDS in document else {"hand": recording.hand}
+        whose = {"hand": recording.hand} if HAND in document[HANDS] else {}
         document["environment"] = {"kind": "recorded", "file": file, **whose, **kept}
         fed.append(r"environment\.(?!compute_)")
-    for name, sections in hand_sections(document).items():
+    for name, sections in document[HANDS].items():
         sections.pop("remote", None)  # the environment runs here
-        one, hand = recordings[name or recording.hand], sections.get("operator", {})
+        one = recordings[recording.hand if name == HAND else name]
+        hand = sections.get("operator", {})
         if "hand" in feeds and (not hand or hand["kind"] == "pointer" or began(_ticks(one)) > 0.0):
             kept = _kept(sections, "operator", _GRIP)
             path = {"kind": "trajectory", "file": file, "hand": one.hand}
@@ -174,24 +181,24 @@ def _set(document: Document, setting: str) -> str:
     """Put a setting into the document; return its name."""
     name, text = split_setting(setting)
     place = ParameterName.parse(name)
-    hands, section = hand_sections(document), ".".join(place.own)
-    is_of_all = place.section in ("environment", "realtime")
-    if HAND not in hands and not is_of_all and place.hand not in hands:
-        names = " or ".join(of_hand(hand, section) for hand in hands)
+    hands, section = document[HANDS], ".".join(place.keys)
+    is_of_all = place.section in OF_GRAPH
+    if not is_of_all and place.hand not in hands and HAND not in hands:
+        names = " or ".join(parameter_name(hand, section) for hand in hands)
         raise ConfigError(f"whose {section}? It belongs to a hand: {names}")
     sections = document if is_of_all else hands.get(place.hand, {})
     if section == "law":
         sections["device"]["law"] = law_of(text)
     elif section in KINDS:
-        own = {"environment": BESIDE_MODEL, "device": _SERVO}.get(section, ())  # not the kind's
+        own = tuple(SECTION_SETTINGS.get(section, ()))  # not the kind's
         kind = {"kind": KINDS[section].resolve(text, Path())}
         sections[section] = _kept(sections, section, own) | kind
     else:
         known = [*KINDS, "links", "realtime"]
-        if len(place.own) < 2 or place.section not in known:
+        if len(place.keys) < 2 or place.section not in known:
             settings = ["law", *KINDS, *(f"{section}.KEY" for section in known)]
             raise ConfigError(unknown("setting", name, settings))
-        place.put(document, scalar(text))
+        put(document, place.path, scalar(text))
     return name
 
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from forcebound.errors import RunError
 from forcebound.graph.document import shipped
-from forcebound.graph.graph import DeviceConfig, EnvironmentConfig, GraphConfig, HandConfig
+from forcebound.graph.graph import EnvironmentConfig, GraphConfig, HandConfig
 from forcebound.graph.loader import load
 from forcebound.graph.resolved import kind_of, to_document
 from forcebound.graph.servo import ServoSettings, dissipation_of
@@ -73,7 +73,7 @@ def run_all(configs: Sequence[GraphConfig]) -> list[Ran]:
 
 def _run(config: GraphConfig) -> Ran:
     try:
-        rate = sum(hand.device.servo.rate for hand in config.hands.values())
+        rate = sum(hand.servo.rate for hand in config.hands.values())
         if config.duration * rate > MAX_TICKS:
             raise RunError(f"a case has at most {MAX_TICKS} ticks; use a shorter duration")
         if len(config.hands) == 1 and not any(unserved(config)):
@@ -87,8 +87,8 @@ def _run(config: GraphConfig) -> Ran:
 
 def unserved(config: GraphConfig) -> Iterator[str]:
     """Yield what of a graph the loop does not serve; nothing if it serves all of it."""
-    device: Any = config.device.model
-    environment, hand, servo = config.environment, config.operator, config.device.servo
+    device: Any = config.only.device
+    environment, hand, servo = config.environment, config.only.operator, config.only.servo
     if type(device) is not PhantomPremium15:
         yield f"the device {kind_of('device', device)}"
     elif device.axes != 1:
@@ -102,14 +102,14 @@ def unserved(config: GraphConfig) -> Iterator[str]:
         yield f"the operator {kind_of('operator', hand)}"
     elif not isinstance(hand, Hashable):
         yield "an operator that may change"
-    if type(config.controller) is not DirectController:
-        yield f"the controller {kind_of('controller', config.controller)}"
+    if type(config.only.controller) is not DirectController:
+        yield f"the controller {kind_of('controller', config.only.controller)}"
     kind = kind_of("environment", environment.model)
     if kind not in ENVIRONMENTS:
         yield f"the environment {kind}"
     yield from ["fixtures"] if environment.fixtures is not None else []
     yield from ["phases"] if config.phases else []
-    if any(link.rate for link in config.links.values()):
+    if any(link.rate for link in config.only.links.values()):
         yield "a link with a rate"  # the size of a packet matters
     if safety.stages_of(servo) != STAGES:
         yield "a stage of the safety chain"
@@ -124,9 +124,9 @@ def run_compiled(config: GraphConfig) -> RunResult | None:
     Raises:
         RunError: If the run is too short to have a sample.
     """
-    servo, timing = config.device.servo, timing_of(config)
+    servo, timing = config.only.servo, timing_of(config)
     trace = np.zeros((timing.seq.size, len(TRACE)))
-    device = LAWS[servo.law].device(dissipation_of(config.device.model, servo))
+    device = LAWS[servo.law].device(dissipation_of(config.only.device, servo))
     run = loop(servo.law)
     if (
         run(system_of(config), device, course_of(config, timing), trace, NO_MOTION)
@@ -141,8 +141,8 @@ def run_compiled(config: GraphConfig) -> RunResult | None:
 
 def system_of(config: GraphConfig) -> System:
     """Return device, hand and environment of a graph that the loop serves."""
-    model: Any = config.device.model
-    hand, servo = config.operator or NoHand(), config.device.servo
+    model: Any = config.only.device
+    hand, servo = config.only.operator or NoHand(), config.only.servo
     relied_on = dissipation_of(model, servo)
     place = config.environment.model
     environment, fields = ENVIRONMENTS[kind_of("environment", place)]
@@ -165,7 +165,7 @@ def system_of(config: GraphConfig) -> System:
 
 def course_of(config: GraphConfig, timing: TelemetryColumns) -> Course:
     """Return what in a run of a graph does not depend on forces, with its :func:`timing_of`."""
-    servo, hand = config.device.servo, config.operator or NoHand()
+    servo, hand = config.only.servo, config.only.operator or NoHand()
     ticks = timing.seq.size
     targets = _targets if getattr(hand, "file", None) is None else _targets.__wrapped__
     nothing = np.zeros(ticks)
@@ -195,11 +195,11 @@ def timing_of(config: GraphConfig) -> TelemetryColumns:
     Raises:
         RunError: If the run is too short to have a sample.
     """
-    links, computation = tuple(sorted(config.links.items())), config.environment.computation
+    links, computation = tuple(sorted(config.only.links.items())), config.environment.computation
     ways = [way for _, way in links] + [computation]
     is_fixed = all(way == Impairment(way.delay) for way in ways)
     reads_file = any(way.trace for way in ways)
-    servo = replace(config.device.servo, law="none", velocity_cutoff=100.0, energy_cap="auto")
+    servo = replace(config.only.servo, law="none", velocity_cutoff=100.0, energy_cap="auto")
     environment = replace(config.environment, model=Wall(), fixtures=None)
     timing = _timing.__wrapped__ if reads_file else _timing
     return timing(0 if is_fixed else config.seed, config.duration, servo, environment, links)
@@ -213,8 +213,7 @@ def _timing(
     environment: EnvironmentConfig,
     links: tuple[tuple[str, Impairment], ...],
 ) -> TelemetryColumns:
-    device = DeviceConfig(PhantomPremium15(watchdog="silent"), servo)
-    hand = HandConfig(device, None, DirectController(), dict(links))
+    hand = HandConfig(PhantomPremium15(watchdog="silent"), servo, links=dict(links))
     return run_virtual(GraphConfig(seed, duration, {HAND: hand}, environment)).columns
 
 

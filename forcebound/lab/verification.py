@@ -22,7 +22,7 @@ from itertools import pairwise
 from typing import cast
 
 from forcebound.errors import ConfigError
-from forcebound.graph.graph import DeviceConfig
+from forcebound.graph.graph import HandConfig
 from forcebound.graph.servo import dissipation_of
 from forcebound.haptics.devices import Device, DeviceModel
 from forcebound.messages.events import LAW_CHANGED, TAKES_HOLD_LIMIT
@@ -53,12 +53,12 @@ class Verified:
         return is_whole and not self.differing and not self.unknown_commands
 
 
-def verify(recording: Recording, device: DeviceConfig) -> Verified:
+def verify(recording: Recording, hand: HandConfig) -> Verified:
     """Return whether the inputs in a recording give its forces.
 
     Args:
         recording: With the ``TOPICS``.
-        device: Of the recorded launch file.
+        hand: Device and servo of the recorded launch file.
 
     Raises:
         ConfigError: If the recording does not hold the bounder's inputs from the beginning.
@@ -71,7 +71,7 @@ def verify(recording: Recording, device: DeviceConfig) -> Verified:
         )
     commands = cast("list[ForceCommand]", recording.packets(TOPIC_OF[ForceCommand]))
     events = cast("list[Event]", recording.packets(TOPIC_OF[Event]))
-    return _Rerun(device, events, commands).run(packets)
+    return _Rerun(hand, events, commands).run(packets)
 
 
 def _lives(packets: Sequence[Telemetry]) -> Iterator[Sequence[Telemetry]]:
@@ -123,13 +123,13 @@ class _Rerun:
     """The recorded inputs through the bounder once more."""
 
     def __init__(
-        self, device: DeviceConfig, events: Sequence[Event], commands: Sequence[ForceCommand]
+        self, hand: HandConfig, events: Sequence[Event], commands: Sequence[ForceCommand]
     ) -> None:
-        self._config, self._law = device, device.servo.law
+        self._model, self._servo, self._law = hand.device, hand.servo, hand.servo.law
         changes = [each for each in events if each.event == LAW_CHANGED]
         self._laws: dict[int, str] = {each.time_ns: each.data["law"] for each in changes}
         # A custom device reports it where its force engages or its law changes.
-        self._takes_limit = hasattr(device.model, "body") or any(
+        self._takes_limit = hasattr(hand.device, "body") or any(
             TAKES_HOLD_LIMIT in each.data for each in events
         )
         self._commands: dict[int, list[ForceCommand]] = {}  # by the tick that they answer
@@ -140,7 +140,7 @@ class _Rerun:
         """Return what the packets give."""
         self._found = Verified(len(packets))
         for life in _lives(packets):
-            self._device = _RecordedDevice(self._config.model, self._takes_limit, life[0])
+            self._device = _RecordedDevice(self._model, self._takes_limit, life[0])
             self._begin()
             if not self._live(life):
                 break
@@ -148,8 +148,8 @@ class _Rerun:
 
     def _begin(self) -> None:
         """Begin the ledger of a device that starts; its law is the last one of its former life."""
-        servo = self._config.servo
-        dissipation = dissipation_of(self._config.model, servo)
+        servo = self._servo
+        dissipation = dissipation_of(self._model, servo)
         self._chain = SafetyChain(self._device.axes, servo)
         learns = servo.hold_limit == "auto"
         self._exchanges = bool(servo.energy_partner)

@@ -16,6 +16,7 @@ from typing import Annotated, Any, Literal, TypeVar
 
 from forcebound.errors import ConfigError
 from forcebound.folders import runtime_folder
+from forcebound.messages.topology import HAND
 from forcebound.network import keys
 from forcebound.network.addresses import Host, check_free, numeric_address, resolve
 from forcebound.network.keys import KeyPair
@@ -154,7 +155,9 @@ def check_ends(sections: Mapping[str, RemoteSection], role: Role) -> None:
         try:
             section.check_here(role)
         except ConfigError as error:
-            problems += [f"{hand}.{line}" if hand else line for line in str(error).splitlines()]
+            problems += [
+                f"{hand}.{line}" if hand != HAND else line for line in str(error).splitlines()
+            ]
     if problems:
         raise ConfigError("\n".join(problems))
 

@@ -1,7 +1,7 @@
 """Requests to the processes of a running graph; stopping and starting a node."""
 
 import time
-from collections.abc import Collection
+from collections.abc import Mapping
 from pathlib import Path
 
 from forcebound.errors import ConfigError, RunError
@@ -16,7 +16,7 @@ from forcebound.messages.control import (
     StartNode,
     StopNode,
 )
-from forcebound.messages.topology import HAND, endpoint, in_hand
+from forcebound.messages.topology import HAND, endpoint, node_name
 from forcebound.network import sockets
 from forcebound.network.sockets import Network
 from forcebound.roles import DEVICE, LAUNCHER
@@ -32,21 +32,23 @@ def ask(
     run_dir: Path, name: str, request: Request, timeout: float = ANSWER_TIMEOUT
 ) -> Answer | None:
     """Return the answer of a process of a running graph; None if there is none in ``timeout`` s."""
-    return ask_all(run_dir, (name,), request, timeout)[name]
+    return ask_all(run_dir, {name: request}, timeout)[name]
 
 
 def ask_all(
-    run_dir: Path, names: Collection[str], request: Request, timeout: float
+    run_dir: Path, requests: Mapping[str, Request], timeout: float
 ) -> dict[str, Answer | None]:
-    """Return the answers of several processes to one request, asked at once; see :func:`ask`."""
-    answers: dict[str, Answer | None] = dict.fromkeys(names)
+    """Return the answers of processes to a request each, asked at once; see :func:`ask`."""
+    answers: dict[str, Answer | None] = dict.fromkeys(requests)
     with Network() as network:
         nodes = graph_in(run_dir).nodes
-        waiting = {name: network.control_client(endpoint(run_dir, nodes[name])) for name in names}
-        unsent = set(names)
+        waiting = {
+            name: network.control_client(endpoint(run_dir, nodes[name])) for name in requests
+        }
+        unsent = set(requests)
         end = time.monotonic() + timeout
         while True:
-            unsent -= {name for name in unsent if waiting[name].ask(request)}
+            unsent -= {name for name in unsent if waiting[name].ask(requests[name])}
             answers |= {name: client.answer() for name, client in waiting.items()}
             waiting = {name: waiting[name] for name in waiting if answers[name] is None}
             unsent &= waiting.keys()
@@ -126,7 +128,7 @@ def await_law(run_dir: Path, law: str, hand: str = HAND) -> None:
     end = time.monotonic() + ANSWER_TIMEOUT
     while (status := device_status(run_dir, hand=hand)) is None or status.law != law:
         if time.monotonic() > end:
-            device = in_hand(hand, "device")
+            device = node_name(hand, "device")
             raise RunError(f"the {device} will take the law {law}, but still holds a force")
         sockets.wait((), POLL_NS)
 

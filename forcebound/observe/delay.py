@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from forcebound.errors import ConfigError, RunError
 from forcebound.files import RECORDING_SUFFIX
 from forcebound.messages.packets import TOPIC_OF, Telemetry
-from forcebound.messages.topology import hand_document, in_hand
+from forcebound.messages.topology import flat, node_name
 from forcebound.network.trace import DelayTrace
 from forcebound.observe.control import chosen_hand
 from forcebound.observe.runs import find, while_running
@@ -132,7 +132,7 @@ def measure(
     hops = Hops() if links else None
     with while_running(run_dir):
         hand = chosen_hand(run_dir, hand)
-        document = hand_document(read_launch_document(run_dir), hand)
+        document = flat(read_launch_document(run_dir), hand)
         seconds = DURATION if duration is None else duration
         columns = watch(run_dir, seconds, (hand,), hops)[hand]
     if not columns.time.size:
@@ -156,7 +156,7 @@ def watch(
     """
     packets: dict[str, list[Telemetry]] = {hand: [] for hand in hands}
     topics = HOPS[-1:] if hops is None else HOPS
-    names = [in_hand(hand, topic) for hand in hands for topic in topics]
+    names = [node_name(hand, topic) for hand in hands for topic in topics]
     for _, packet, _ in packets_of(run_dir, names, duration):
         if hops is not None:
             hops.add(TOPIC_OF[type(packet)], packet)

@@ -12,7 +12,7 @@ from functools import partial
 from itertools import product
 from typing import Any, TypeAlias
 
-from forcebound.graph.names import of_hand
+from forcebound.graph.names import parameter_name
 from forcebound.messages.control import (
     ControllerStatus,
     EnvironmentStatus,
@@ -20,7 +20,7 @@ from forcebound.messages.control import (
     ProcessStatus,
     RemoteStatus,
 )
-from forcebound.messages.topology import Stream, in_hand
+from forcebound.messages.topology import HAND, Stream, node_name
 from forcebound.network.notices import KINDS
 from forcebound.observe.doctor_loop import LESS_DELAY, LOOP_RULES
 from forcebound.observe.findings import Finding, note, problem
@@ -175,7 +175,7 @@ def _all_lost(receiving: Seen[Any], link: Stream, receiver: str) -> Finding:
 def _parameters_of(link: str) -> str:
     """Return the command that shows the parameters of a link, by the name of its stream."""
     hand, _, topic = link.rpartition("/")
-    return f"forcebound param get {of_hand(hand, f'links.{topic}')}"
+    return f"forcebound param get {parameter_name(hand, f'links.{topic}')}"
 
 
 def _nothing_arrives(seen: Observations, link: Stream, sender: str, receiver: str) -> Finding:
@@ -206,7 +206,7 @@ def _nothing_arrives(seen: Observations, link: Stream, sender: str, receiver: st
 
 def _queries(seen: Observations) -> float:
     """Return how many queries of the hand the environment gets, in 1/s."""
-    return seen.of(EnvironmentStatus).rate_of(in_hand(seen.hand, "environment_query"))
+    return seen.of(EnvironmentStatus).rate_of(node_name(seen.hand, "environment_query"))
 
 
 def _second_replies(status: ControllerStatus) -> int:
@@ -260,7 +260,7 @@ def _remote_link(
     seen: Observations, name: str, hand: str, remote: RemoteStatus
 ) -> Iterator[Finding]:
     where = f"remote link of the {name}"
-    if hand and name == ENVIRONMENT:
+    if hand != HAND and name == ENVIRONMENT:
         where += f" to {hand}"
     if not remote.connected:
         is_served = _delivered(seen, "force_command") > 0  # then others may come later
@@ -287,7 +287,7 @@ def _notices(status: NodeStatus, hand: str, kind: str) -> int:
 def _rejected(seen: Observations) -> Iterator[Finding]:
     is_reordered = any(
         link.jitter or link.reorder or link.duplicate or link.trace
-        for link in seen.config.links.values()
+        for link in seen.config.only.links.values()
     )
     for name, process in seen.processes.items():
         for reason in () if process.last is None else process.last.rejected:

@@ -5,10 +5,10 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from forcebound.graph.graph import GraphConfig
-from forcebound.graph.names import LAW, of_hand
+from forcebound.graph.names import LAW, parameter_name
 from forcebound.graph.resolved import to_document
 from forcebound.messages.control import DeviceStatus, RecorderStatus
-from forcebound.messages.topology import LINKS, in_hand
+from forcebound.messages.topology import LINKS, node_name
 from forcebound.observe.findings import Finding, note, problem
 from forcebound.observe.observation import Observations
 from forcebound.results.bounder import Cause, Limited
@@ -37,7 +37,7 @@ def _force(seen: Observations) -> Iterator[Finding]:
     unanswered = (telemetry.device_seq < 0) & (telemetry.elapsed > 0.0)
     if not unanswered.any():
         return
-    limit = seen.config.device.servo.age_limit
+    limit = seen.config.only.servo.age_limit
     why = f"no answer younger than the age limit of {1e3 * limit:g} ms"
     recent = telemetry.time_ns >= telemetry.time_ns[-1] - NOW * 1e9
     if unanswered[recent].all():
@@ -57,28 +57,28 @@ def _delay(seen: Observations) -> Iterator[Finding]:
     delays = seen.telemetry.loop_delay[~np.isnan(seen.telemetry.loop_delay)]
     if delays.size == 0:
         return
-    servo = seen.config.device.servo
+    servo = seen.config.only.servo
     p50, p99 = np.percentile(delays, (50, 99)).tolist()
     words = f"loop delay p50 {1e3 * p50:.1f} ms, p99 {1e3 * p99:.1f} ms"
     injected = _injected_delay(seen.config)
     if p99 > NEAR_AGE_LIMIT * servo.age_limit:
         words += f": near the age limit of {1e3 * servo.age_limit:g} ms"
         words += ", beyond which there is no force"
-        command = f"forcebound param get {of_hand(seen.hand, 'links')}"
+        command = f"forcebound param get {parameter_name(seen.hand, 'links')}"
         yield problem(
-            "delay_near_age_limit", in_hand(seen.hand, "loop"), words, LESS_DELAY, command
+            "delay_near_age_limit", node_name(seen.hand, "loop"), words, LESS_DELAY, command
         )
-    elif injected is None or seen.config.remote is not None:
+    elif injected is None or seen.config.only.remote is not None:
         return
     elif p50 > injected + LATE_PERIODS / servo.rate:
         words += f"; injected are at most {1e3 * injected:.1f} ms"
         words += f", the period is {1e3 / servo.rate:g} ms"
-        yield problem("late_loop", in_hand(seen.hand, "loop"), words, causes=_lateness(seen))
+        yield problem("late_loop", node_name(seen.hand, "loop"), words, causes=_lateness(seen))
 
 
 def _injected_delay(config: GraphConfig) -> float | None:
     """Return what links and environment add to the loop at most, in s; None: hard to say."""
-    ways = [config.links[topic] for topic in LINKS if topic in config.links]
+    ways = [config.only.links[topic] for topic in LINKS if topic in config.only.links]
     ways += [config.environment.computation] * 2  # a query may have to wait for the one before
     if any(not way.is_plain or way.loss for way in ways):
         return None
@@ -104,7 +104,7 @@ def _lateness(seen: Observations) -> tuple[Cause, ...]:
     device = seen.of(DeviceStatus).last
     facts = [] if device is None else device.realtime
     causes = [Cause(fact.code, fact.sentence) for fact in facts if fact.is_hindrance]
-    busy = (reads_and_writes(seen.telemetry) or 0.0) * seen.config.device.servo.rate
+    busy = (reads_and_writes(seen.telemetry) or 0.0) * seen.config.only.servo.rate
     if busy > 1.0:
         advice = f"the device's own reads and writes take {busy:.2g} periods: a lower device.rate"
         causes.append(Cause("slow_device", advice))
@@ -124,7 +124,7 @@ def _lateness(seen: Observations) -> tuple[Cause, ...]:
 
 def _recorder(seen: Observations) -> Iterator[Finding]:
     recorder, recording = seen.of(RecorderStatus), seen.recording
-    telemetry = in_hand(seen.hand, "telemetry")
+    telemetry = node_name(seen.hand, "telemetry")
     if recorder.last is None:
         return
     state = recorder.last.recording
@@ -150,10 +150,10 @@ def _recorder(seen: Observations) -> Iterator[Finding]:
 
 
 def _law(seen: Observations) -> Iterator[Finding]:
-    law = seen.config.device.servo.law
+    law = seen.config.only.servo.law
     if law == "none":
         words = "law none: nothing protects the hand from what environment and network do"
-        command = f"forcebound param set {of_hand(seen.hand, LAW)}:=certified"
+        command = f"forcebound param set {parameter_name(seen.hand, LAW)}:=certified"
         yield note("no_law", seen.name(DEVICE), words, command=command)
         return
     document = to_document(seen.config)

@@ -88,11 +88,11 @@ def _place(config: GraphConfig, name: str) -> tuple[type | None, Any]:
     }
     hand = config.hands.get(place.hand)
     if hand is not None:
-        beside["device"] = (type(hand.device.model), ServoSettings)
+        beside["device"] = (type(hand.device), ServoSettings)
         beside["operator"] = (type(hand.operator),) if hand.operator is not None else ()
         beside["controller"] = (type(hand.controller),)
     kinds = beside.get(place.section, (GraphConfig,))
-    for step in () if place.section == "links" else place.own[1:-1]:
+    for step in () if place.section == "links" else place.keys[1:-1]:
         kinds = tuple(part for kind in kinds for part in _inside(kind, step))
     for kind in kinds:
         field = fields_of(kind).get(place.last)

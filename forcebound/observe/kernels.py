@@ -14,9 +14,8 @@ from pathlib import Path
 
 from forcebound import realtime
 from forcebound.errors import ConfigError
-from forcebound.graph.resolved import restore
 from forcebound.haptics.laws import ForceBounder
-from forcebound.run.run_directory import RunDocument, read_launch_document
+from forcebound.run.run_directory import RunDocument, read_configuration
 
 POLL_S = 0.05  # between two looks at what compiles
 COMPILE_TIMEOUT_S = 60.0  # s, for a busy machine; then the device compiles itself what is missing
@@ -64,9 +63,9 @@ class Kernels:
 
 def compile_kernels(run_dir: Path, laws: Iterable[str]) -> None:
     """Compile the kernels of laws for the devices of a graph, into the cache on disk."""
-    hands = restore(read_launch_document(run_dir)).hands.values()
+    hands = read_configuration(run_dir).hands.values()
     for law in laws:
-        for facts in (hand.device.facts for hand in hands):
+        for facts in (hand.facts for hand in hands):
             ForceBounder(law, facts.dissipation, facts.axes)
 
 

@@ -17,7 +17,7 @@ from forcebound import realtime
 from forcebound.errors import ConfigError
 from forcebound.graph.graph import GraphConfig
 from forcebound.messages.control import ProcessStatus
-from forcebound.messages.topology import HAND, Graph, in_hand
+from forcebound.messages.topology import HAND, Graph, node_name
 from forcebound.observe.delay import watch
 from forcebound.observe.runs import running, while_running
 from forcebound.observe.snapshot import UNKNOWN, Process, snapshot
@@ -93,7 +93,7 @@ class Observations:
 
     def name(self, role: str) -> str:
         """Return the name of the hand's process with a role, also of one on another machine."""
-        return in_hand(self.hand, role)
+        return node_name(self.hand, role)
 
     def process(self, name: str) -> Seen[Any]:
         """Return a process of this machine; one that is not here answers nothing."""

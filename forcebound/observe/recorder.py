@@ -18,7 +18,7 @@ from forcebound.errors import RunError
 from forcebound.files import RECORDING_SUFFIX, check_writable
 from forcebound.graph.resolved import FACTS
 from forcebound.messages.packets import TOPIC_OF, Telemetry
-from forcebound.messages.topology import in_hand
+from forcebound.messages.topology import node_name
 from forcebound.network import sockets
 from forcebound.observe.control import device_status
 from forcebound.observe.runs import Watch
@@ -111,7 +111,7 @@ def _begun(run_dir: Path, run: RunDocument, file: Path, reader: Reader) -> "Reco
         devices = {hand: device_status(run_dir, hand=hand) for hand in run.graph.hands}
         launch = {key: value for key, value in document.items() if key != FACTS}
         now = {
-            in_hand(hand, ENERGY_BEFORE): repr(0.0 if one is None else one.energy_before)
+            node_name(hand, ENERGY_BEFORE): repr(0.0 if one is None else one.energy_before)
             for hand, one in devices.items()
         }
         now["launch"] = json.dumps(launch, sort_keys=True)

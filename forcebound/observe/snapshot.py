@@ -86,7 +86,7 @@ def snapshot(run_dir: Path) -> GraphStatus:
     run = RunDocument.read(run_dir)
     nodes = run.graph.nodes
     known = [name for name, node in nodes.items() if is_bound(run_dir, node)]
-    answers = ask_all(run_dir, known, GetStatus(), STATUS_TIMEOUT)
+    answers = ask_all(run_dir, dict.fromkeys(known, GetStatus()), STATUS_TIMEOUT)
     status = answers.get(LAUNCHER)
     states = dict.fromkeys(answers, ProcessState(UNKNOWN))
     states |= status.nodes if isinstance(status, LauncherStatus) else {}

@@ -86,11 +86,11 @@ def wall_at_hand(config: GraphConfig) -> float:
 
 def mover_of(config: GraphConfig) -> Mover:
     """Return what moves the hand of a graph."""
-    device = config.device.model
+    device = config.only.device
     if device.port:  # an emulator follows no pointer
         return "itself" if device.port == "emulated" else "person"
     is_simulated = KINDS["device"].is_shipped(kind_of("device", device))
-    return "pointer" if is_simulated or config.operator is not None else "person"
+    return "pointer" if is_simulated or config.only.operator is not None else "person"
 
 
 def played(config: GraphConfig, line: float) -> GraphConfig:
@@ -107,9 +107,9 @@ def played(config: GraphConfig, line: float) -> GraphConfig:
         config = config.with_hand(operator=hand)
     elif mover == "person":
         config = config.with_hand(operator=None)
-    if config.device.servo.hold_limit == 1:
-        servo = replace(config.device.servo, hold_limit="auto")
-        config = config.with_hand(device=replace(config.device, servo=servo))
+    if config.only.servo.hold_limit == 1:
+        servo = replace(config.only.servo, hold_limit="auto")
+        config = config.with_hand(servo=servo)
     return replace(config, duration=LONGEST, seed=1, phases=())
 
 
@@ -127,7 +127,7 @@ class StudyGraph:
         for config in configs:
             wall_at_hand(config)
         self.movers = {mover_of(config) for config in configs}
-        laws = {config.device.servo.law for config in configs}
+        laws = {config.only.servo.law for config in configs}
         self._laws = sorted(law for law in {*laws, *SPARE} if LAWS.is_shipped(law))
         self._graph: Running | None = None
         self._fixed: dict[str, Any] = {}
@@ -239,7 +239,7 @@ class StudyGraph:
 
 
 def _law(config: GraphConfig) -> str:
-    return config.device.servo.law
+    return config.only.servo.law
 
 
 def _fixed(config: GraphConfig) -> dict[str, Any]:

@@ -9,22 +9,23 @@ machine has a document of its own, which the nodes there read.
 
 import json
 import os
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from forcebound.errors import ConfigError, RunError
-from forcebound.graph.graph import GraphConfig
-from forcebound.graph.loader import change
-from forcebound.graph.names import LAW, ParameterName, of_hand, split_setting
+from forcebound.graph.graph import KINDS, GraphConfig
+from forcebound.graph.model import always, restore
+from forcebound.graph.names import LAW, ParameterName, parameter_name, split_setting
 from forcebound.graph.parameters import (
+    change,
     differences,
+    node_of,
     parameters,
-    processes_of,
     unknown_parameter,
 )
 from forcebound.graph.problems import Problems
-from forcebound.graph.resolved import restore, to_document, with_parts
+from forcebound.graph.resolved import to_document
 from forcebound.graph.tree import parse
 from forcebound.messages.control import (
     Configure,
@@ -33,8 +34,8 @@ from forcebound.messages.control import (
     Parameters,
     Refused,
 )
-from forcebound.messages.topology import HAND, HANDS, in_hand
-from forcebound.observe.control import ANSWER_TIMEOUT, ask_all, await_law
+from forcebound.messages.topology import HAND, HANDS, node_name
+from forcebound.observe.control import ANSWER_TIMEOUT, ask, ask_all, await_law
 from forcebound.observe.kernels import Kernels
 from forcebound.observe.snapshot import GraphStatus, other_environment, snapshot
 from forcebound.observe.streams import unknown_stream
@@ -44,9 +45,10 @@ from forcebound.run.application import try_out
 from forcebound.run.run_directory import (
     RunDocument,
     graph_in,
-    read_launch_document,
+    read_configuration,
+    requests,
     updating,
-    write_launch_document,
+    write_configuration,
 )
 from forcebound.units import parse_quantity
 
@@ -63,7 +65,8 @@ class Change:
 
 def configuration(run_dir: Path, with_code: bool = True) -> GraphConfig:
     """Return the present configuration of a graph; ``with_code``: also parts in users' files."""
-    return with_parts(restore(read_launch_document(run_dir)), of_users=with_code)
+    is_made = always if with_code else lambda section, kind: KINDS[section].is_shipped(kind)
+    return read_configuration(run_dir, is_made)
 
 
 def find_parameters(config: GraphConfig, names: Sequence[str]) -> Parameters:
@@ -87,14 +90,16 @@ def every_parameter(config: GraphConfig) -> Parameters:
     """Return all values by name: those that can be changed, and what is fixed during a run."""
     fixed: Parameters = {}
     document = to_document(config)
-    of_hands = document.pop(HANDS, {}).items()
-    of_hands = {of_hand(hand, name): one for hand, own in of_hands for name, one in own.items()}
-    for section, value in {**document, **of_hands}.items():
-        if section == "units" or section.rpartition(".")[2] == "links":
-            continue
-        if isinstance(value, Mapping):
+    sections = {
+        parameter_name(hand, section): value
+        for hand, own in document.pop(HANDS).items()
+        for section, value in own.items()
+        if section != "links"
+    }
+    for section, value in {**document, **sections}.items():
+        if isinstance(value, Mapping) and section != "units":
             fixed |= {f"{section}.{name}": entry for name, entry in value.items()}
-        elif section != "forcebound":
+        elif section not in ("forcebound", "units"):
             fixed[section] = value
     return parameters(config) | fixed
 
@@ -106,8 +111,8 @@ def found_elsewhere(run_dir: Path, config: GraphConfig, names: Iterable[str]) ->
 
 def changed_parameters(run_dir: Path) -> Parameters:
     """Return the parameters of a graph that were changed since its launch, with their values."""
-    started = json.loads(RunDocument.read(run_dir).metadata["launch"])
-    return differences(started, configuration(run_dir))
+    started = restore(json.loads(RunDocument.read(run_dir).metadata["launch"]))
+    return differences(started, read_configuration(run_dir))
 
 
 def read_settings(texts: Sequence[str]) -> Parameters:
@@ -140,7 +145,7 @@ def cut_links(run_dir: Path, time: str, links: Sequence[str]) -> tuple[float, tu
     asked = ("environment_query", "environment_reply")
     chosen = tuple(links) or tuple(name for name, one in known.items() if one.topic in asked)
     cut = (known[name] for name in chosen)
-    names = [of_hand(one.hand or HAND, f"links.{one.topic}.outages") for one in cut]
+    names = [parameter_name(one.hand or HAND, f"links.{one.topic}.outages") for one in cut]
     # The same outages once more would be no change.
     set_parameters(run_dir, {name: [] for name in names})
     set_parameters(run_dir, {name: [{"start": 0.0, "duration": seconds}] for name in names})
@@ -160,13 +165,14 @@ def set_parameters(run_dir: Path, settings: Parameters, kernels: Kernels | None 
             command does not end its change.
     """
     now, graph = configuration(run_dir), snapshot(run_dir)
-    concerned = sorted(processes_of(settings, now))
+    known = parameters(now)
+    concerned = sorted({node_of(name, now) for name in settings if name in known})
     _check_files(graph.run, settings, now)
     other = other_environment(graph) if ENVIRONMENT in concerned else None
     laws = [name for name in map(ParameterName.parse, settings) if name.is_law]
     hands = change(now, settings).hands if laws else {}
     for name in laws:
-        _prepare_law(hands[name.hand].device.servo.law, name.hand, graph, kernels)
+        _prepare_law(hands[name.hand].servo.law, name.hand, graph, kernels)
     with updating(run_dir, ANSWER_TIMEOUT) as is_alone:
         if not is_alone:
             raise RunError(
@@ -177,10 +183,11 @@ def set_parameters(run_dir: Path, settings: Parameters, kernels: Kernels | None 
         new = change(old, settings)
         _check_reach(_elsewhere(settings, graph, new))
         try_out(new, settings)
-        request = write_launch_document(run_dir, new)
+        write_configuration(run_dir, new)
     # Also those for which the document has the values already: they may not have had the request.
     down = {node: why for node in concerned if (why := _why_down(node, graph))}
-    _configure(graph, [node for node in concerned if node not in down], request)
+    sent = requests(new, settings)
+    _configure(graph, {node: sent[node] for node in concerned if node not in down})
     notes = list(down.values())
     if other is not None:
         waits = "this environment, which waits: it has the change, which is felt when it serves"
@@ -190,11 +197,11 @@ def set_parameters(run_dir: Path, settings: Parameters, kernels: Kernels | None 
         )
         notes.append(f"{other} serves the graph, and not {here if graph.run.is_graph else waits}")
     values = differences(old, new)
-    for hand in (name.hand for name in laws if of_hand(name.hand, LAW) in values):
-        if in_hand(hand, DEVICE) in down:
+    for hand in (name.hand for name in laws if parameter_name(name.hand, LAW) in values):
+        if node_name(hand, DEVICE) in down:
             continue
-        await_law(run_dir, values[of_hand(hand, LAW)], hand)
-        ramp = f"the force returns over {1e3 * new.hands[hand].device.servo.engage_time:.3g} ms"
+        await_law(run_dir, values[parameter_name(hand, LAW)], hand)
+        ramp = f"the force returns over {1e3 * new.hands[hand].servo.engage_time:.3g} ms"
         notes.append(f"the law was taken without force, with a new ledger; {ramp}")
     return Change(values, tuple(notes))
 
@@ -215,10 +222,10 @@ def _check_files(run: RunDocument, settings: Parameters, now: GraphConfig) -> No
 
 def _prepare_law(law: str, hand: str, graph: GraphStatus, kernels: Kernels | None) -> None:
     """Get ready for a law that the device of a hand is to take."""
-    device = graph.processes.get(in_hand(hand, DEVICE))
+    device = graph.processes.get(node_name(hand, DEVICE))
     if device is not None and device.state == "lost":
         resume = f"`forcebound device resume {hand}`".replace(" `", "`")
-        raise ConfigError(f"{of_hand(hand, LAW)}: the device is lost; first, {resume}")
+        raise ConfigError(f"{parameter_name(hand, LAW)}: the device is lost; first, {resume}")
     status = None if device is None else device.answer
     if kernels is not None and isinstance(status, DeviceStatus) and status.law != law:
         kernels.wait(law)
@@ -235,9 +242,9 @@ def _why_down(node: str, graph: GraphStatus) -> str:
     return f"{node} has ended" if process.state == "ended" else ""
 
 
-def _configure(graph: GraphStatus, nodes: Collection[str], request: Configure) -> None:
-    """Send the launch document of now to nodes."""
-    answers = ask_all(graph.run_dir, nodes, request, ANSWER_TIMEOUT)
+def _configure(graph: GraphStatus, sent: Mapping[str, Configure]) -> None:
+    """Send nodes the parameters of now."""
+    answers = ask_all(graph.run_dir, sent, ANSWER_TIMEOUT)
     for node, answer in answers.items():
         if isinstance(answer, Refused):
             raise RunError(f"{node} did not take the change: {answer.error}")
@@ -250,7 +257,7 @@ def _configure(graph: GraphStatus, nodes: Collection[str], request: Configure) -
             f"{listed} did not answer: no change there; suspended (Ctrl-Z), or just ending?"
         )
     for node in silent:
-        ask_all(graph.run_dir, [LAUNCHER], ConfigureNode(node, request), ANSWER_TIMEOUT)
+        ask(graph.run_dir, LAUNCHER, ConfigureNode(node, sent[node]), ANSWER_TIMEOUT)
     raise RunError(
         f"{listed} did not answer; the change is kept until it continues (if it is suspended) or"
         " restarts"
@@ -260,9 +267,8 @@ def _configure(graph: GraphStatus, nodes: Collection[str], request: Configure) -
 def _elsewhere(names: Iterable[str], graph: GraphStatus, config: GraphConfig) -> dict[str, str]:
     """Return the parameters that belong to nodes on another machine, with those."""
     here = graph.nodes_here(config)
-    return {
-        name: node for name in names for node in processes_of([name], config) if node not in here
-    }
+    nodes = {name: node_of(name, config) for name in names}
+    return {name: node for name, node in nodes.items() if node not in here}
 
 
 def _check_reach(elsewhere: Mapping[str, str]) -> None:

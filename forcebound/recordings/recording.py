@@ -48,12 +48,14 @@ from forcebound.messages.packets import (
 )
 from forcebound.messages.topology import (
     HAND,
+    HANDS,
+    HERE,
     ONE_HAND,
     Graph,
     Stream,
-    hand_document,
-    hands_here,
-    in_hand,
+    flat,
+    nested,
+    node_name,
 )
 from forcebound.recordings.schema import (
     ABSENT,
@@ -164,7 +166,7 @@ class Recording:
     Attributes:
         path: Its file.
         metadata: Texts by key, as given to the :class:`Recorder`.
-        hands: Names of the hands that it records; the only one may have none: "".
+        hands: Names of the hands that it records; an only one without a name is ``hand``.
     """
 
     def __init__(
@@ -177,10 +179,10 @@ class Recording:
         self.path = path
         self.metadata = metadata
         self._topics = topics
-        self.hands = hands_here(self._document)
+        document = self._document
+        self.hands = tuple(h for h in document[HANDS] if h in document.get(HERE, document[HANDS]))
         if hand is not None and hand not in self.hands:
-            known = ", ".join(filter(None, self.hands)) or "one without a name"
-            raise ConfigError(f"{path} has no hand {hand!r}; it has {known}")
+            raise ConfigError(f"{path} has no hand {hand!r}; it has {', '.join(self.hands)}")
         self._hand = self.hands[0] if hand is None and len(self.hands) == 1 else hand
         self._complete: bool | None = None  # known when it was read to its end
 
@@ -276,7 +278,7 @@ class Recording:
 
     def _stream(self, topic: str) -> str:
         """The name of the stream with this hand's packets of a topic."""
-        return topic if topic in OF_ALL else in_hand(self.hand, topic)
+        return topic if topic in OF_ALL else node_name(self.hand, topic)
 
     def _messages(self, topics: Collection[str]) -> Iterator[tuple[str, bytes]]:
         """Yield stream and data of each message until the end, or the damage; note which it was."""
@@ -305,7 +307,7 @@ class Recording:
     @property
     def energy_before(self) -> float:
         """True energy when the law began with which the recording begins, in J; 0: with the run."""
-        return float(self.metadata.get(in_hand(self.hand, ENERGY_BEFORE), 0.0))
+        return float(self.metadata.get(node_name(self.hand, ENERGY_BEFORE), 0.0))
 
     @cached_property
     def launch(self) -> dict[str, Any]:
@@ -313,14 +315,14 @@ class Recording:
 
         As if it had the chosen hand alone; if none was chosen, with all hands.
         """
-        return self._document if self._hand is None else hand_document(self._document, self._hand)
+        return self._document if self._hand is None else flat(self._document, self._hand)
 
     @cached_property
     def _document(self) -> dict[str, Any]:
         text = self.metadata.get("launch", "{}")
         try:
             msgspec.json.decode(text, type=_RecordedLaunch)
-            document: dict[str, Any] = msgspec.json.decode(text)
+            document = nested(msgspec.json.decode(text))
         except (msgspec.MsgspecError, ValueError, RecursionError) as error:
             raise ConfigError(
                 f"{self.path}: its launch file is none of this version ({error})"

@@ -11,6 +11,7 @@ from operator import attrgetter
 from typing import TYPE_CHECKING, Any, Self
 
 from forcebound.messages.packets import EnvironmentReply, Telemetry
+from forcebound.messages.topology import HAND
 
 if TYPE_CHECKING:  # a launcher starts without numpy
     import numpy as np
@@ -79,7 +80,7 @@ class TelemetryColumns:
     proxy: NDArray[np.float64]  # (n, axes), m; NaN without a contact
     normal: NDArray[np.float64]  # (n, axes), outward unit normal at the proxy; NaN likewise
     rejected: Mapping[str, int]  # packets rejected by the end of the run, by reason
-    hand: str = ""  # name of the hand; empty: the only one
+    hand: str = HAND  # its name
 
     @staticmethod
     def from_packets(
@@ -168,7 +169,7 @@ class TelemetryCollector:
             columns["elapsed"] = np.where(life > 0, elapsed[start] + time, elapsed)
             columns["seq"] = seq = seq + ticks[life]
         contacts = _contacts(seq, replies)
-        counts, hand = dict(self._rejected), self._last.hand if self else ""
+        counts, hand = dict(self._rejected), self._last.hand if self else HAND
         return TelemetryColumns(time=time, rejected=counts, hand=hand, **columns, **contacts)
 
 

@@ -1,6 +1,6 @@
 """Application of changed parameters to nodes and links, live and in virtual time.
 
-:func:`forcebound.graph.loader.change` makes the configuration that holds them.
+:func:`forcebound.graph.parameters.change` makes the configuration that holds them.
 """
 
 import time
@@ -9,18 +9,16 @@ from contextlib import contextmanager
 
 from forcebound.errors import ConfigError
 from forcebound.graph.graph import GraphConfig
-from forcebound.graph.names import LAW, ParameterName, of_hand
-from forcebound.graph.parameters import parameters
-from forcebound.graph.resolved import with_parameters
+from forcebound.graph.names import ParameterName, parameter_name
+from forcebound.graph.parameters import PERFECT, parameters, with_values
 from forcebound.messages.control import Configure, Parameters
 from forcebound.messages.packets import Scene
-from forcebound.messages.topology import HAND, in_hand
+from forcebound.messages.topology import node_name
 from forcebound.network.chances import ComputationTime
-from forcebound.network.impairment import Impairment
 from forcebound.nodes.device import DeviceNode
 from forcebound.nodes.environment import EnvironmentNode
 from forcebound.results.delay_traces import trace_of
-from forcebound.run.build import build_link, served
+from forcebound.run.build import build_link
 from forcebound.run.process.runner import Runner
 from forcebound.run.simulation import Simulation
 
@@ -44,13 +42,9 @@ class Tuner:
         """
         if request.time_ns < self._time_ns:
             return {}
-        here = tuple(_prefixes(graph))
-        changed = {
-            name: value
-            for name, value in request.parameters.items()
-            if name.startswith(here) and value != self._known.get(name)
-        }
-        config = with_parameters(self._config, changed)
+        known = self._known.items()
+        changed = {n: v for n, v in request.parameters.items() if (n, v) not in known}
+        config = with_values(self._config, changed)
         _apply(changed, config, graph)
         self._config = config
         self._known |= changed
@@ -66,8 +60,8 @@ def try_out(config: GraphConfig, changed: Iterable[str]) -> None:
     names = [ParameterName.parse(name) for name in changed]
     now_ns = time.monotonic_ns()
     for hand, topic in {(name.hand, name.topic) for name in names if name.topic is not None}:
-        impairment = config.hands[hand].links.get(topic, Impairment())
-        with _refusing(of_hand(hand, f"links.{topic}")):
+        impairment = config.hands[hand].links.get(topic, PERFECT)
+        with _refusing(parameter_name(hand, f"links.{topic}")):
             link = build_link(topic, impairment, config.seed)
             link.accept(now_ns, Scene(0, now_ns, ()))
             link.due(now_ns)
@@ -87,33 +81,23 @@ def _refusing(place: str) -> Iterator[None]:
         raise ConfigError(f"{place}: cannot work with these values: {error!r}") from error
 
 
-def _prefixes(graph: Runner | Simulation) -> Iterator[str]:
-    """Prefixes of the parameters that belong to the nodes of a graph or process."""
-    for node in graph.nodes:
-        for stream in graph.graph.received(node.events.node):
-            yield of_hand(stream.hand or HAND, f"links.{stream.topic}.")
-        if isinstance(node, EnvironmentNode):
-            yield "environment."
-        if isinstance(node, DeviceNode):
-            yield of_hand(node.hand, LAW)
-
-
 def _apply(changed: Parameters, new: GraphConfig, graph: Runner | Simulation) -> None:
     names = [ParameterName.parse(name) for name in changed]
+    environment, computation = new.environment, new.environment.computation
     if any(name.section == "environment" for name in names):  # first, since it may be refused
         for node in graph.nodes:
             if isinstance(node, EnvironmentNode):
-                computation = new.environment.computation
-                node.change(served(new.environment), computation, trace_of(computation))
+                node.set(environment.served, computation, trace_of(computation))
     for hand, topic in sorted(
         {(name.hand, name.topic) for name in names if name.topic is not None}
     ):
-        stream = in_hand(hand, topic)
-        impairment, link = new.hands[hand].links.get(topic, Impairment()), graph.link(stream)
+        stream = node_name(hand, topic)
+        impairment, link = new.hands[hand].links.get(topic, PERFECT), graph.link(stream)
         if link is not None:
             link.change(impairment, trace_of(impairment))
-        elif impairment != Impairment():
+        elif impairment != PERFECT:
             graph.set_link(stream, build_link(stream, impairment, new.seed))
+    laws = {name.hand for name in names if name.is_law}
     for node in graph.nodes:
-        if isinstance(node, DeviceNode) and of_hand(node.hand, LAW) in changed:
-            node.take_law(new.hands[node.hand].device.servo.law)
+        if isinstance(node, DeviceNode) and node.hand in laws:
+            node.set(new.hands[node.hand].servo.law)

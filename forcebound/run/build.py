@@ -1,19 +1,16 @@
 """Nodes and links of a graph, made from its configuration."""
 
 from collections.abc import Callable
-from dataclasses import replace
 
 from forcebound.errors import ConfigError, DeviceError
-from forcebound.graph.graph import KINDS, EnvironmentConfig, GraphConfig, HandConfig
-from forcebound.graph.resolved import made
+from forcebound.graph.graph import KINDS, GraphConfig, HandConfig
 from forcebound.graph.servo import dissipation_of
 from forcebound.haptics.devices import Device
 from forcebound.haptics.devices.guard import guarded
 from forcebound.haptics.devices.simulated import SimulatedDevice
-from forcebound.haptics.environments import EnvironmentModel
 from forcebound.haptics.parts.user_module import describe_user_error
 from forcebound.messages.packets import Packet
-from forcebound.messages.topology import HAND, in_hand
+from forcebound.messages.topology import HAND, node_name
 from forcebound.network.chances import ComputationTime
 from forcebound.network.impairment import Impairment
 from forcebound.network.link import Link, link_seed
@@ -32,7 +29,7 @@ def build_node(
     environment_name: str = ENVIRONMENT,
     clock: Callable[[], int] | None = None,
 ) -> Node:
-    """Return a node of a graph with its parts, which are made if need be.
+    """Return a node of a graph with its parts.
 
     The graph knows an environment process from others by ``environment_name``. ``clock`` gives the
     time, in ns, of a device without stamps; None: virtual time. ConfigError or DeviceError if a
@@ -40,10 +37,10 @@ def build_node(
     """
     node = config.graph.nodes[name]
     if node.role == ENVIRONMENT:
-        model, computation = served(config.environment), config.environment.computation
+        model, computation = config.environment.served, config.environment.computation
         seed = link_seed(config.seed, "computation")
         times = ComputationTime(computation, seed, trace_of(computation))
-        axes = next(iter(config.hands.values())).device.axes  # all have as many
+        axes = next(iter(config.hands.values())).axes  # all have as many
         return EnvironmentNode(model, times, environment_name, axes, list(config.hands))
     hand_name = node.hand or HAND
     hand = config.hands[hand_name]
@@ -51,12 +48,11 @@ def build_node(
         return build_device(hand, clock, name=hand_name)
     if node.role == CONTROLLER:
         try:
-            model = made(CONTROLLER, hand.controller)
-            controller = model.open(hand.device.axes)
+            controller = hand.controller.open(hand.axes)
         except Exception as error:
             raise ConfigError(f"controller: open: {describe_user_error(error)}") from error
         leases = lease_ns(hand), dead_lease_ns(hand)
-        return ControllerNode(controller, *leases, hand_name, model.signals)
+        return ControllerNode(controller, *leases, hand_name, hand.controller.signals)
     raise KeyError(name)
 
 
@@ -70,7 +66,7 @@ def dead_lease_ns(hand: HandConfig) -> int:
 
     The force of its last answer is at zero after the age limit.
     """
-    return round(2e9 * hand.device.servo.age_limit)
+    return round(2e9 * hand.servo.age_limit)
 
 
 def build_device(
@@ -80,10 +76,9 @@ def build_device(
     name: str = HAND,
 ) -> DeviceNode:
     """Return the device node of a hand with its device, opened; DeviceError if that fails."""
-    model, servo = made(DEVICE, hand.device.model), hand.device.servo
+    model, servo, operator = hand.device, hand.servo, hand.operator
     hands = KINDS["operator"]
     try:
-        operator = made("operator", hand.operator)
         device = model.open(operator, servo.opening_hold)
     except Exception as error:
         words = str(error) if isinstance(error, DeviceError) else describe_user_error(error)
@@ -103,7 +98,7 @@ def build_device(
 def build_links(config: GraphConfig) -> dict[str, Link[Packet]]:
     """Return the impaired links by stream; the others are perfect."""
     return {
-        in_hand(name, topic): build_link(in_hand(name, topic), impairment, config.seed)
+        node_name(name, topic): build_link(node_name(name, topic), impairment, config.seed)
         for name, hand in config.hands.items()
         for topic, impairment in hand.links.items()
         if impairment != Impairment()
@@ -113,8 +108,3 @@ def build_links(config: GraphConfig) -> dict[str, Link[Packet]]:
 def build_link(stream: str, impairment: Impairment, seed: int) -> Link[Packet]:
     """Return the link of a stream in a graph with this seed."""
     return Link(impairment, link_seed(seed, stream), trace_of(impairment))
-
-
-def served(environment: EnvironmentConfig) -> EnvironmentModel:
-    """Return the model of an environment with its fixtures, made if need be."""
-    return replace(environment, model=made(ENVIRONMENT, environment.model)).served

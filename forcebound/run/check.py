@@ -16,7 +16,7 @@ from forcebound.bounded_child import tried
 from forcebound.errors import ConfigError
 from forcebound.graph.model import law_of, member_of
 from forcebound.graph.names import Document
-from forcebound.graph.resolved import member_document
+from forcebound.graph.resolved import part_document
 from forcebound.haptics.controllers import contract as controllers
 from forcebound.haptics.devices import DeviceModel
 from forcebound.haptics.devices import contract as devices
@@ -134,7 +134,7 @@ def check_here(
         return _checked({"kind": law}, laws.check(law))
     expected = dict(map(_expected, rest))
     model = member_of(section, kind, arguments)
-    part = member_document(section, model)
+    part = part_document(section, model)
     if section == "environment":
         return _check_environment(part, progress, model, axes, expected)
     checked = _checked(part, CONTRACTS[section].check(model))

@@ -295,8 +295,9 @@ class Lifecycle:
         if self.phase is Phase.RUNNING and status == LOST:
             self.lost.add(node)
             self.returning.discard(node)
-            resume = f"device resume {self._graph.nodes[node].hand or ''}".rstrip()
-            advice = ADVICE.replace("device resume", resume)
+            hand = self._graph.nodes[node].hand or HAND
+            named = "" if hand == HAND else f" {hand}"
+            advice = ADVICE.replace("device resume", f"device resume{named}")
             return [Announce("device_lost", node, advice, is_fault=True)]
         if node in self._leaving:
             pass  # the run ended first

@@ -14,10 +14,9 @@ from forcebound import realtime
 from forcebound.errors import ConfigError, DeviceError, RunError
 from forcebound.files import check_writable
 from forcebound.graph.graph import GraphConfig, HandConfig
-from forcebound.graph.names import LAW, of_hand
-from forcebound.graph.parameters import differences, processes_of
-from forcebound.graph.phases import Part, timetable
-from forcebound.graph.resolved import restore, to_document, with_parameters
+from forcebound.graph.names import parameter_name
+from forcebound.graph.parameters import differences, node_of, with_values
+from forcebound.graph.phases import ScheduledPhase, timetable
 from forcebound.haptics.environments import may_report_contacts
 from forcebound.messages.control import Configure, Parameters
 from forcebound.messages.packets import (
@@ -26,7 +25,7 @@ from forcebound.messages.packets import (
     ForceCommand,
     Telemetry,
 )
-from forcebound.messages.topology import hand_sections, in_hand
+from forcebound.messages.topology import node_name
 from forcebound.network.ends import check_ends
 from forcebound.roles import ENVIRONMENT, LAUNCHER
 from forcebound.run.actions import Limits
@@ -41,11 +40,12 @@ from forcebound.run.run_directory import (
     RunDocument,
     is_held,
     own_run_directories,
-    read_launch_document,
+    read_configuration,
+    requests,
     run_directory,
     run_folders,
     updating,
-    write_launch_document,
+    write_configuration,
 )
 from forcebound.run.screen import Screen
 from forcebound.run.supervisor import Supervisor
@@ -96,7 +96,7 @@ def run_live(
     core = realtime.choose_core(config.realtime.cores, taken=_taken_cores())
     with run_directory() as run_dir:
         recording = run_dir / RECORDING if record is None else record.absolute()
-        write_launch_document(run_dir, config)
+        write_configuration(run_dir, config)
         recorded = list(config.graph.names)
         if record is None:  # a summary needs few
             contacts = [REPLY] if may_report_contacts(config.environment.model) else []
@@ -129,11 +129,11 @@ def _supervisor(
     screen: Screen,
     start_cores: Collection[int],
 ) -> Supervisor:
-    graph, started = config.graph, to_document(config)
+    graph = config.graph
     elsewhere = {LAUNCHER} if config.has_environment else {LAUNCHER, ENVIRONMENT}
     commands = {name: node_command(name, run_dir) for name in graph.nodes if name not in elsewhere}
     awaited = {
-        in_hand(hand, topic)
+        node_name(hand, topic)
         for hand, section in config.hands_here.items()
         for topic in REMOTE_TOPICS
         if section.remote is not None
@@ -147,8 +147,8 @@ def _supervisor(
         phases=timetable(config),
         begin=partial(_begin, run_dir),
         remote_topics=awaited,
-        changes=partial(_changes, started, run_dir),
-        revert=partial(take_back, started, run_dir),
+        changes=partial(_changes, config, run_dir),
+        revert=partial(take_back, config, run_dir),
         start_cores=start_cores,
         graph=graph,
     )
@@ -191,7 +191,7 @@ def check_here(config: GraphConfig, record: Path | None = None) -> None:
     ]
     for name, hand in config.hands_here.items():
         checks += [partial(_check_rate, name, hand), partial(_check_links, name, hand)]
-        checks.append(hand.device.model.check_here)
+        checks.append(hand.device.check_here)
     meetings = {name: hand.remote for name, hand in config.hands_here.items() if hand.remote}
     checks += [
         partial(check_ends, meetings, "graph"),
@@ -211,11 +211,11 @@ def check_here(config: GraphConfig, record: Path | None = None) -> None:
 
 
 def _check_rate(name: str, hand: HandConfig) -> None:
-    rate = hand.device.servo.rate
+    rate = hand.servo.rate
     if not SLOWEST <= rate <= FASTEST:
         raise ConfigError(
-            f"{of_hand(name, 'device.rate')}: a live run keeps {SLOWEST:g} Hz to {FASTEST:g} Hz,"
-            f" got {rate:g} Hz; virtual time keeps any: `forcebound simulate`"
+            f"{parameter_name(name, 'device.rate')}: a live run keeps {SLOWEST:g} Hz to"
+            f" {FASTEST:g} Hz, got {rate:g} Hz; virtual time keeps any: `forcebound simulate`"
         )
 
 
@@ -225,35 +225,36 @@ def _check_links(name: str, hand: HandConfig) -> None:
     for topic, impairment in hand.links.items():
         if max(impairment.loss, impairment.corrupt) == 1.0 or impairment.delay >= end:
             raise ConfigError(
-                f"{of_hand(name, f'links.{topic}')}: no packet gets through in the first {end:g} s,"
-                " so a live run does not start; lose them later, with phases: or"
+                f"{parameter_name(name, f'links.{topic}')}: no packet gets through in the first"
+                f" {end:g} s, so a live run does not start; lose them later, with phases: or"
                 " `forcebound param set`"
             )
 
 
-def _begin(run_dir: Path, part: Part) -> Mapping[str, Configure]:
+def _begin(run_dir: Path, phase: ScheduledPhase) -> Mapping[str, Configure]:
     """Write what holds in a phase; return the request for each process that it concerns."""
     with updating(run_dir, PHASE_TIMEOUT):  # a suspended command must not block the launcher
-        before = read_launch_document(run_dir)
-        sections = hand_sections(before).items()
-        laws = {of_hand(hand, LAW): section["device"]["law"] for hand, section in sections}
-        config = with_parameters(part.config, laws)  # they stay
-        request = write_launch_document(run_dir, config)
+        before = read_configuration(run_dir)
+        config = with_values(before, phase.values)
+        write_configuration(run_dir, config)
     # Unaffected processes are not disturbed, least of all the servo.
-    return dict.fromkeys(sorted(processes_of(differences(before, config), config)), request)
+    return requests(config, differences(before, config))
 
 
-def _changes(started: Parameters, run_dir: Path, node: str) -> Parameters:
+def _changes(started: GraphConfig, run_dir: Path, node: str) -> Parameters:
     """Return the parameters of a node that differ from the launch file."""
     try:
-        document = read_launch_document(run_dir)
+        config = read_configuration(run_dir)
     except ConfigError:
         return {}  # the node has reported that it cannot read it
-    changed, config = differences(started, document), restore(document)
-    return {n: value for n, value in changed.items() if node in processes_of([n], config)}
+    return _of_node(node, differences(started, config), config)
 
 
-def take_back(started: Parameters, run_dir: Path, node: str) -> Parameters:
+def _of_node(node: str, values: Parameters, config: GraphConfig) -> Parameters:
+    return {name: value for name, value in values.items() if node_of(name, config) == node}
+
+
+def take_back(started: GraphConfig, run_dir: Path, node: str) -> Parameters:
     """Take back the last change of a node's parameters; if there was none, all that is changed.
 
     Returns the values that hold again, by name; none if nothing has changed lately.
@@ -261,15 +262,12 @@ def take_back(started: Parameters, run_dir: Path, node: str) -> Parameters:
     if time.time() - (run_dir / LAUNCH_FILE).stat().st_mtime > LATELY:
         return {}
     with suppress(ConfigError), updating(run_dir, PHASE_TIMEOUT):  # of a file that is gone
-        now = read_launch_document(run_dir)
-        config, before = restore(now), started
+        now, before = read_configuration(run_dir), started
         with suppress(ConfigError):  # nothing was changed yet
-            before = read_launch_document(run_dir, BEFORE_FILE)
+            before = read_configuration(run_dir, name=BEFORE_FILE)
         for earlier in (before, started):
-            changed = differences(now, earlier)
-            own = {n: value for n, value in changed.items() if node in processes_of([n], config)}
-            if own:
-                write_launch_document(run_dir, with_parameters(config, own))
+            if own := _of_node(node, differences(now, earlier), now):
+                write_configuration(run_dir, with_values(now, own))
                 (run_dir / BEFORE_FILE).unlink()
                 return own
     return {}

@@ -19,7 +19,7 @@ from forcebound.graph.resolved import to_document
 from forcebound.haptics.parts.user_module import source_of
 from forcebound.messages.events import BOUNDER_REPORTED, CODE_FAILED, LAW_CHANGED
 from forcebound.messages.packets import TOPIC_OF, EnvironmentReply, Event, Meaning, Telemetry
-from forcebound.messages.topology import SIGNAL_TOPICS, hand_sections, in_hand
+from forcebound.messages.topology import HAND, HANDS, SIGNAL_TOPICS, node_name
 from forcebound.recordings.telemetry import TelemetryColumns
 
 _logger = logging.getLogger(__name__)
@@ -41,15 +41,15 @@ def run_metadata(config: GraphConfig) -> dict[str, str]:
         "seed": str(config.seed),
     }
     signals: dict[str, dict[str, Meaning]] = {}
-    for hand, sections in hand_sections(document).items():
+    for hand, sections in document[HANDS].items():
         parts = {"environment": document["environment"], **sections}
         kinds = {section: parts[section]["kind"] for section in KINDS if section in parts}
         for section, kind in {**kinds, "law": parts["device"]["law"]}.items():
             source = source_of(kind)
             if source is not None:  # the file may change before the recording is read
-                metadata[in_hand(hand, f"{section}_source")] = source
+                metadata[node_name(hand, f"{section}_source")] = source
         signals |= {
-            in_hand(hand, topic): {
+            node_name(hand, topic): {
                 each.name: Meaning(each.label or each.name, each.unit) for each in declared
             }
             for section, topic in SIGNAL_TOPICS.items()
@@ -110,7 +110,7 @@ class RunResult:
         """The hand and the law of the run, for titles; if it changed, the laws in their order."""
         first = str(self.document.get("device", {}).get("law", "unknown law"))
         laws = ", then ".join((first, *(event.data["law"] for event in self._changes)))
-        return f"{self.columns.hand}: {laws}" if self.columns.hand else laws
+        return f"{self.columns.hand}: {laws}" if self.columns.hand != HAND else laws
 
     @property
     def _changes(self) -> list[Event]:

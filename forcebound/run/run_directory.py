@@ -26,8 +26,9 @@ from forcebound.errors import ConfigError
 from forcebound.files import printable, read_bytes
 from forcebound.folders import is_own, runtime_folder, runtime_folders
 from forcebound.graph.graph import GraphConfig
+from forcebound.graph.model import Makes, never, restore
 from forcebound.graph.names import Document
-from forcebound.graph.parameters import parameters
+from forcebound.graph.parameters import by_node, node_of
 from forcebound.graph.resolved import run_document
 from forcebound.messages.control import Configure
 from forcebound.messages.packets import TOPIC_OF, EnvironmentReply, Event, Telemetry
@@ -104,18 +105,32 @@ def read_launch_document(run_dir: Path, name: str = LAUNCH_FILE) -> Document:
     return document
 
 
-def write_launch_document(run_dir: Path, config: GraphConfig) -> Configure:
-    """Write the configuration for processes that start and for commands that read the run.
+def read_configuration(run_dir: Path, makes: Makes = never, name: str = LAUNCH_FILE) -> GraphConfig:
+    """Return what a graph runs with, with the parts that this process ``makes``.
 
-    Returns the request that brings a running process to it.
+    ConfigError if it cannot be read.
     """
+    return restore(read_launch_document(run_dir, name), makes)
+
+
+def write_configuration(run_dir: Path, config: GraphConfig) -> None:
+    """Write the configuration for processes that start and for commands that read the run."""
     unfinished = run_dir / f"{LAUNCH_FILE}.{os.getpid()}"  # others may write, too
     with suppress(FileNotFoundError):  # the first one
         unfinished.write_bytes((run_dir / LAUNCH_FILE).read_bytes())
         unfinished.replace(run_dir / BEFORE_FILE)
     unfinished.write_text(json.dumps(run_document(config)), encoding="utf-8")
     unfinished.replace(run_dir / LAUNCH_FILE)
-    return Configure(time.monotonic_ns(), parameters(config), dict(config.units))
+
+
+def requests(config: GraphConfig, changed: Iterable[str]) -> dict[str, Configure]:
+    """Return what brings each node that some parameters belong to to a configuration, by node.
+
+    All parameters of the node, since an earlier request may not have reached it.
+    """
+    now_ns, units, values = time.monotonic_ns(), dict(config.units), by_node(config)
+    nodes = sorted({node_of(name, config) for name in changed})
+    return {node: Configure(now_ns, values.get(node, {}), units) for node in nodes}
 
 
 @contextmanager

@@ -25,7 +25,7 @@ from forcebound import realtime
 from forcebound.ending import end_group
 from forcebound.errors import RunError
 from forcebound.graph.parameters import describe
-from forcebound.graph.phases import Part
+from forcebound.graph.phases import ScheduledPhase
 from forcebound.messages import control, packets
 from forcebound.messages.codec import encode
 from forcebound.messages.events import PARAMETERS_SET, PHASE_BEGINS, EventLog, Kind
@@ -74,8 +74,8 @@ class Supervisor:
     duration_ns: int | None
     limits: Limits | None = None
     screen: Screen = field(default_factory=Screen)
-    phases: Sequence[Part] = ()
-    begin: Callable[[Part], Mapping[str, control.Configure]] = lambda _: {}
+    phases: Sequence[ScheduledPhase] = ()
+    begin: Callable[[ScheduledPhase], Mapping[str, control.Configure]] = lambda _: {}
     remote_topics: Collection[str] = ()
     changes: Callable[[str], control.Parameters] = lambda _: {}
     revert: Callable[[str], control.Parameters] = lambda _: {}
@@ -162,11 +162,11 @@ class Supervisor:
         if self._began_ns is None:
             self._began_ns = now_ns
         while self._coming and now_ns >= self._began_ns + self._coming[0].start_ns:
-            part = self._coming.popleft()
-            for name, request in self.begin(part).items():
+            phase = self._coming.popleft()
+            for name, request in self.begin(phase).items():
                 if name in self._clients:  # a stopped one reads the document when it starts
                     self._clients[name].ask(request)
-            self._emit(PHASE_BEGINS, part.message, part.data)
+            self._emit(PHASE_BEGINS, phase.message, phase.data)
 
     def _start(self, name: str) -> None:
         # A session of its own also is a share of its own of the processor: a recorder needs none.

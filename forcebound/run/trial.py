@@ -22,12 +22,11 @@ def try_start(config: GraphConfig) -> None:
 
     A graph with a device of the user's own, which may be hardware, or at a port is passed over.
     """
-    devices = [hand.device for hand in config.hands.values()]
-    for model in (device.model for device in devices):
+    for model in (hand.device for hand in config.hands.values()):
         is_shipped = KINDS["device"].is_shipped(kind_of("device", model))
         if model.simulated_in is not None or not is_shipped:
             return
-    some_ticks = max((TICKS + 1.0) / device.servo.rate for device in devices)
+    some_ticks = max((TICKS + 1.0) / hand.servo.rate for hand in config.hands.values())
     duration = min(config.duration, some_ticks)
     try:
         with np.errstate(all="ignore"):

@@ -10,14 +10,13 @@ from pathlib import Path
 from forcebound.errors import ConfigError, RunError
 from forcebound.graph.graph import GraphConfig
 from forcebound.graph.names import Document
-from forcebound.graph.parameters import parameters
 from forcebound.graph.phases import timetable
 from forcebound.graph.resolved import kind_of, to_document
 from forcebound.haptics.environments import may_report_contacts
 from forcebound.messages.control import Configure
 from forcebound.messages.events import PHASE_BEGINS, EventLog, is_of
 from forcebound.messages.packets import TOPIC_OF, EnvironmentReply, Event, Packet, Telemetry
-from forcebound.messages.topology import hand_document
+from forcebound.messages.topology import flat
 from forcebound.realtime import without_garbage_collection
 from forcebound.recordings.recording import Recorder
 from forcebound.recordings.telemetry import TelemetryCollector
@@ -52,7 +51,7 @@ class VirtualGraph:
         config = config.on_one_machine()
         self.devices = {}
         for name, hand in config.hands.items():
-            lateness = None if late_ticks is None else late_ticks.of(hand.device.servo)
+            lateness = None if late_ticks is None else late_ticks.of(hand.servo)
             self.devices[name] = build_device(hand, lateness=lateness, name=name)
         graph, links = config.graph, build_links(config)
         others = [build_node(n, config) for n in graph.loop if graph.nodes[n].role != DEVICE]
@@ -76,10 +75,11 @@ class VirtualGraph:
     def run(self, until_ns: int) -> None:
         """Let everything happen that is due before ``until_ns``; begin the phases that are due."""
         while self._phases and self._phases[0].start_ns < until_ns:
-            part = self._phases.popleft()
-            self._simulation.run(part.start_ns)
-            self._tuner(self._simulation, Configure(part.start_ns, parameters(part.config)))
-            self._observe(self._launcher.emit(part.start_ns, PHASE_BEGINS, part.message, part.data))
+            phase = self._phases.popleft()
+            start_ns = phase.start_ns
+            self._simulation.run(start_ns)
+            self._tuner(self._simulation, Configure(start_ns, phase.values))
+            self._observe(self._launcher.emit(start_ns, PHASE_BEGINS, phase.message, phase.data))
         self._simulation.run(until_ns)
 
     def report_end(self) -> None:
@@ -186,10 +186,10 @@ def run_virtual_hands(
 def check_has_virtual_time(config: GraphConfig) -> None:
     """Raise ConfigError if the device is at a port, where time is real; it names what to use."""
     for hand in config.hands.values():
-        instead = hand.device.model.simulated_in
+        instead = hand.device.simulated_in
         if instead is None:
             continue
-        kind = kind_of("device", hand.device.model)
+        kind = kind_of("device", hand.device)
         raise ConfigError(
             f"the device {kind} is at a serial port, emulated or not, and has no virtual time:"
             f" use `forcebound launch`, or `forcebound simulate {instead}`"
@@ -226,7 +226,7 @@ class _Observer:
         return {
             hand: RunResult(
                 samples.columns(),
-                hand_document(document, hand),
+                flat(document, hand),
                 [event for event in self.events if is_of(event, hand)],
             )
             for hand, samples in self.samples.items()

@@ -21,7 +21,6 @@ from forcebound import realtime
 from forcebound.errors import ConfigError, DeviceError, GuardianError
 from forcebound.graph.document import folder_of
 from forcebound.graph.graph import GraphConfig
-from forcebound.graph.resolved import made, restore
 from forcebound.messages.control import ProcessStatus, RecorderStatus
 from forcebound.messages.topology import HAND
 from forcebound.network.ends import RemoteEnd, check_ends
@@ -37,9 +36,9 @@ from forcebound.run.results import run_metadata
 from forcebound.run.run_directory import (
     RECORDING,
     RunDocument,
-    read_launch_document,
+    read_configuration,
     run_directory,
-    write_launch_document,
+    write_configuration,
 )
 from forcebound.stop import Stop
 
@@ -61,7 +60,7 @@ def run_node(name: str, run_dir: Path) -> int:
         realtime.die_with_parent(ROLES[run.graph.nodes[name].role].death_signal)
         try:
             if _has_launcher(run):  # it may have ended before the line above
-                config = restore(read_launch_document(run_dir))
+                config = _configuration(name, run, run_dir)
                 return _run_or_lose(name, config, run, run_dir, stop)
         except (ConfigError, DeviceError):
             raise
@@ -105,9 +104,16 @@ def serve_environment(file: Path, arguments: Sequence[str] = ()) -> None:
                 is_graph=False,
                 graph=config.graph,
             )
-            write_launch_document(run_dir, config)  # for `forcebound param`
+            write_configuration(run_dir, config)  # for `forcebound param`
             run.write(run_dir)
             _run(ENVIRONMENT, config, run, run_dir, stop, ends)
+
+
+def _configuration(name: str, run: RunDocument, run_dir: Path) -> GraphConfig:
+    """Return the configuration of a run with the parts of one of its processes, alone."""
+    node = run.graph.nodes[name]
+    sections = {DEVICE: ("device", "operator")}.get(node.role, (node.role,))
+    return read_configuration(run_dir, lambda section, kind: section in sections)
 
 
 def _run_or_lose(
@@ -118,8 +124,7 @@ def _run_or_lose(
         _run(name, config, run, run_dir, stop)
     except DeviceError as failure:
         hand = config.hands[run.graph.nodes[name].hand or HAND]
-        on_loss = made(DEVICE, hand.device.model).on_loss
-        if on_loss != "wait" and not isinstance(failure, GuardianError):
+        if hand.device.on_loss != "wait" and not isinstance(failure, GuardianError):
             raise
         _logger.error("%s", failure)
         return LOST
@@ -167,7 +172,7 @@ def _run(
     hands = list(config.hands_here)
     if isinstance(node, DeviceNode) and len(hands) > 1:  # one answer after the other
         share = hands.index(node.hand) / len(hands)
-        node.phase_ns = round(share * 1e9 / config.hands[node.hand].device.servo.rate)
+        node.phase_ns = round(share * 1e9 / config.hands[node.hand].servo.rate)
     links = build_links(config)  # a perfect link needs no model: its socket keeps the newest
     tuner = Tuner(config, BEGUN_NS)
     status = run_process(node, name, run_dir, links, settings, stop, tuner, ends, run.graph)

@@ -32,7 +32,7 @@ from forcebound.messages.packets import Contact, SceneObject, Vector
 def check_hand(name: str, hands: tuple[str, ...], field: str) -> None:
     """Raise ConfigError, about a field, if there is no hand of this name."""
     if name not in hands:
-        known = ", ".join(filter(None, hands)) or "one, without a name"
+        known = ", ".join(hands)
         raise ConfigError(f"there is no hand {name!r}; the graph has {known}", field=field)
 
 

@@ -38,6 +38,7 @@ from forcebound.haptics.geometry.vectors import (
     z_onto,
 )
 from forcebound.messages.packets import Contact, SceneObject, Vector
+from forcebound.messages.topology import HAND
 from forcebound.quantities import (
     NOT_NEGATIVE,
     POSITIVE,
@@ -300,7 +301,7 @@ class HandFixtures:
             total = add(total, fixture.force(position, velocity))
         return total
 
-    def scene(self, hand: str = "") -> tuple[SceneObject, ...]:
+    def scene(self, hand: str = HAND) -> tuple[SceneObject, ...]:
         """Return what there is to draw, under names that begin with that of a hand."""
         names = self._named().items()
         drawn = (fixture.drawn(f"{hand} {name}".strip()) for name, fixture in names)

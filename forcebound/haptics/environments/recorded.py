@@ -15,7 +15,7 @@ from forcebound.errors import ConfigError
 from forcebound.files import content_of, version_of
 from forcebound.haptics.environments import Environment, EnvironmentModel
 from forcebound.messages.packets import TOPIC_OF, Contact, DeviceState, EnvironmentReply, Vector
-from forcebound.messages.topology import in_hand
+from forcebound.messages.topology import HAND, node_name
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class RecordedEnvironment(EnvironmentModel):
     def check_hands(self, hands: tuple[str, ...]) -> None:
         known = _read(self.file, version_of(self.file))
         missing = [name for name in hands if (self.hand or name) not in known]
-        if missing and "" not in known:
+        if missing and HAND not in known:
             got = self.hand or missing[0]
             expected = f"expected one of {', '.join(known)}, the hands of {self.file}"
             raise ConfigError(f"hand: {expected}; got {got!r}", field="hand")
@@ -83,7 +83,7 @@ class _OpenRecorded(Environment):
 
     def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
         name = self._hand or user
-        times, answers = self._answers[name if name in self._answers else ""]
+        times, answers = self._answers[name if name in self._answers else HAND]
         self._replies[user] = None
         if not times[0] <= elapsed <= times[-1]:
             return (0.0,) * self._axes
@@ -117,11 +117,11 @@ def _read(file: Path, version: tuple[int, int]) -> dict[str, _Answers]:
             if not isinstance(content, tuple) and content.name == mcap_file.METADATA_NAME:
                 launch = msgspec.json.decode(content.metadata.get("launch", "{}"), type=_Launch)
                 hands = launch.hands
-    return {hand: _answers_to(hand, file) for hand in hands or ("",)}
+    return {hand: _answers_to(hand, file) for hand in hands or (HAND,)}
 
 
 def _answers_to(hand: str, file: Path) -> _Answers:
-    asked_on, answered_on = in_hand(hand, _STATES), in_hand(hand, _REPLIES)
+    asked_on, answered_on = node_name(hand, _STATES), node_name(hand, _REPLIES)
     states: list[_State] = []
     replies: list[_Reply] = []
     with content_of(file):

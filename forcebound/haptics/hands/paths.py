@@ -27,7 +27,7 @@ from forcebound.errors import ConfigError
 from forcebound.files import RECORDING_SUFFIX, content_of, read_rows
 from forcebound.haptics.hands.hands import PressingButtons, SoftGrip, StraightWay, straight_way
 from forcebound.messages.packets import MAX_AXES, TOPIC_OF, Telemetry, Vector
-from forcebound.messages.topology import in_hand
+from forcebound.messages.topology import HAND, node_name
 from forcebound.quantities import POSITIVE, Length, Speed
 
 
@@ -167,9 +167,10 @@ def read_recording(file: Path, name: str = "") -> dict[float, Vector]:
     ``name`` is that of the hand, of several. If the recording begins later than that, the times
     count from its beginning.
     """
+    name = name or HAND
     hand, ticks = _Hand(), []
     with content_of(file):
-        for content in mcap_file.readable(file, (in_hand(name, TOPIC_OF[Telemetry]),)):
+        for content in mcap_file.readable(file, (node_name(name, TOPIC_OF[Telemetry]),)):
             if isinstance(content, tuple):
                 ticks.append(msgspec.json.decode(content[1], type=_Tick))
             elif content.name == mcap_file.METADATA_NAME:

@@ -13,9 +13,8 @@ from typing import Any
 from forcebound import realtime
 from forcebound.errors import ConfigError
 from forcebound.folders import runtime_folder
-from forcebound.graph.graph import PartSpec
+from forcebound.graph.model import part_of
 from forcebound.graph.names import Document
-from forcebound.graph.resolved import made
 from forcebound.haptics.devices.true_values import true_axes
 from forcebound.haptics.hands import Operator
 from forcebound.hardware.emulators.emulation import Board, Emulation
@@ -107,7 +106,7 @@ def launch_file_parts(file: str, arguments: Sequence[str]) -> tuple[Any, Operato
     from forcebound.graph.loader import load  # a driver that starts an emulator reads none
 
     config = load(file, arguments)
-    return config.device.model, config.operator
+    return config.only.device, config.only.operator
 
 
 def given_parts(text: str) -> tuple[Any, Operator | None]:
@@ -117,4 +116,4 @@ def given_parts(text: str) -> tuple[Any, Operator | None]:
 
 
 def _part(section: str, values: Document | None) -> Any:
-    return None if values is None else made(section, PartSpec(values.pop("kind"), values))
+    return None if values is None else part_of(section, values)

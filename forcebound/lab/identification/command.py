@@ -72,7 +72,7 @@ def target_of(name: str, arguments: Sequence[str]) -> Target:
     """
     if find(Path(name)) is not None or (name.endswith((".yaml", ".yml")) and name not in DEVICES):
         config = load_tried(name, arguments)
-        return Target(config.device.model, config.device.servo.rate, name)
+        return Target(config.only.device, config.only.servo.rate, name)
     return Target(member_of("device", name, arguments), 1000.0)
 
 

@@ -19,7 +19,7 @@ from forcebound.files import read_text
 from forcebound.graph.document import DEVICE_FILE, MAX_BYTES
 from forcebound.graph.fields import fields_of
 from forcebound.graph.problems import Problems
-from forcebound.graph.resolved import member_document
+from forcebound.graph.resolved import part_document
 from forcebound.graph.tree import parse
 from forcebound.haptics.devices import DeviceModel
 from forcebound.lab.identification.estimators import Bounded
@@ -172,7 +172,7 @@ def document_of(
         included: Launch file that it is for; None: none.
     """
     identified, numbers = identified_model(model, found), numbers_of(model, found)
-    values = member_document("device", identified)
+    values = part_document("device", identified)
     kind: type = type(model)
     defaults = {name: field.default for name, field in fields_of(kind).items()}
     kept = {name for name in defaults if getattr(identified, name) != defaults[name]}

@@ -192,8 +192,8 @@ MEASURES = (
 
 def dissipation(contact: Contact) -> Dissipation:
     """Return the dissipation on which the law of a run relied."""
-    device = from_document(contact.run.document).device
-    return dissipation_of(device.model, device.servo)
+    hand = from_document(contact.run.document).only
+    return dissipation_of(hand.device, hand.servo)
 
 
 class Runs:

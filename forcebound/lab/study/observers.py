@@ -108,7 +108,7 @@ def _approaching(
     study: Study, block: Block, config: GraphConfig, speed: float, lead: float, phase: float
 ) -> GraphConfig:
     """Return the graph of a touch whose hand approaches; ``speed`` is that of its target."""
-    operator: Any = config.operator
+    operator: Any = config.only.operator
     wall = wall_of(config)
     assert wall is not None, "the study's file was checked"
     if not hasattr(operator, "approach_speed"):
@@ -137,7 +137,7 @@ def _target_speed(study: Study, block: str) -> float:
     """
     config, own = study.config(study.pairs[0][0]), study.blocks[block]  # the same before contact
     if own.band is None:
-        return float(getattr(config.operator, "approach_speed", 0.1))
+        return float(getattr(config.only.operator, "approach_speed", 0.1))
     asked, found = 0.5 * sum(own.band), dict[float, float]()
     for speed in (asked * share for share in TRIED):
         graphs = (

@@ -308,7 +308,7 @@ def _check(study: Study, root: Value, problems: Problems) -> None:
         place = root.entries["conditions"].entries[stimulus.condition].place
         try:
             config = study.config(stimulus)
-            fastest = getattr(config.device.model, "largest_speed", None)
+            fastest = getattr(config.only.device, "largest_speed", None)
         except ConfigError as error:
             problems.add(f"{stimulus.condition} {stimulus.level}: {error}", place)
             continue

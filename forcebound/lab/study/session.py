@@ -281,7 +281,7 @@ class Session:
         assert step.config is not None
         # What is random in a live graph is drawn from its own seed.
         seed = step.config.seed if self.kind == "simulated" else None
-        return step.trial, step.interval, step.config.device.servo.law, seed
+        return step.trial, step.interval, step.config.only.servo.law, seed
 
     def answer(self, interval: Literal[1, 2], response_time: float | None = None) -> None:
         """Take the answer; when this returns, its row is on the disk.

@@ -12,12 +12,13 @@ from pathlib import Path
 from forcebound.errors import ConfigError, ForceboundError
 from forcebound.graph.graph import GraphConfig
 from forcebound.graph.loader import build
-from forcebound.graph.names import HAND_SECTIONS, of_hand
+from forcebound.graph.names import parameter_name
 from forcebound.graph.problems import unknown
 from forcebound.lab.engine import Campaign, Progress, Row, run
 from forcebound.lab.runs import run_all
 from forcebound.lab.sweep.plan import Sweep, load_sweep
 from forcebound.lab.workers import cluster_executor, local_executor, progress_bar
+from forcebound.messages.topology import HAND, HAND_SECTIONS
 from forcebound.results.figures import REPORTED
 from forcebound.run.results import RunResult
 from forcebound.units import split_quantity, to_si
@@ -62,7 +63,9 @@ def run_cases(sweep: Sweep, cases: Sequence[tuple[int, tuple[str, ...]]]) -> lis
             rows[place]["error"] = f"{type(ran.error).__name__}: {ran.error}"
         elif failures:
             (hand, why), *_ = failures.items()
-            rows[place]["error"] = f"RunError: {hand}: {why}" if hand else f"RunError: {why}"
+            rows[place]["error"] = (
+                f"RunError: {hand}: {why}" if hand != HAND else f"RunError: {why}"
+            )
         else:
             for hand, result in ran.results.items():
                 rows[place] |= _of_hand(hand, result)
@@ -75,7 +78,7 @@ def _of_hand(hand: str, result: RunResult) -> Row:
     own = {k: value for k, value in document.items() if k in HAND_SECTIONS}
     own = _flat(own) | _flat(_figures(replace(result, explains=False).summary))
     of_all = _flat({k: value for k, value in document.items() if k not in HAND_SECTIONS})
-    return of_all | {of_hand(hand, name): value for name, value in own.items()}
+    return of_all | {parameter_name(hand, name): value for name, value in own.items()}
 
 
 def _figures(summary: Row) -> Row:

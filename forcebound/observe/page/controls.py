@@ -10,7 +10,7 @@ import msgspec
 
 from forcebound.errors import ConfigError, ForceboundError
 from forcebound.graph.graph import GraphConfig, HandConfig
-from forcebound.graph.names import LAW, Document, ParameterName, of_hand
+from forcebound.graph.names import LAW, Document, ParameterName, parameter_name
 from forcebound.graph.parameters import takeable_laws
 from forcebound.graph.resolved import to_document
 from forcebound.haptics.environments import StatelessEnvironment
@@ -56,7 +56,7 @@ class Controls:
         self.recording = PageRecording(run_dir, recordings)
         self._config = configuration(run_dir, with_code=False)
         hands = self._config.hands_here
-        self.period = min(hand.device.servo.period_ns for hand in hands.values()) * 1e-9  # s
+        self.period = min(hand.servo.period_ns for hand in hands.values()) * 1e-9  # s
         known = self._statuses(ANSWER_TIMEOUT)
         self.energies_before = {
             hand: known[hand].energy_before if hand in known else 0.0 for hand in hands
@@ -64,7 +64,7 @@ class Controls:
         self._reasons = {hand: Reason() for hand in hands}
         # Sections of hands, with the law of now, and the reports of their bounders.
         self._devices: dict[str, tuple[Document, BounderReport]] = {}
-        (loaded, *others) = {hand.device.servo.law for hand in hands.values()}
+        (loaded, *others) = {hand.servo.law for hand in hands.values()}
         self._kernels = Kernels(run_dir, "" if others else loaded)
         self._kernels.begin((BROKEN[LAW], SAFE[LAW]))
         self._law_requests = 0
@@ -87,7 +87,7 @@ class Controls:
             "type": "hello",
             "name": RunDocument.read(self._run_dir).file,
             "description": self._config.description,
-            "axes": next(iter(hands.values())).device.facts.axes,  # all have as many
+            "axes": next(iter(hands.values())).facts.axes,  # all have as many
             "laws": takeable_laws(),
             "hands": [_described(name, hand) for name, hand in hands.items()],
         }
@@ -149,7 +149,7 @@ class Controls:
         """Return the status of the device of each hand that answers; ConfigError without a run."""
         graph = RunDocument.read(self._run_dir).graph
         devices = {graph.of_role(DEVICE, hand): hand for hand in self._config.hands_here}
-        answers = ask_all(self._run_dir, devices, GetStatus(), timeout)
+        answers = ask_all(self._run_dir, dict.fromkeys(devices, GetStatus()), timeout)
         return {
             devices[node]: answer
             for node, answer in answers.items()
@@ -166,7 +166,7 @@ class Controls:
         names = list(map(str, settings)) if isinstance(settings, Mapping) else []
         laws = [name for name in names if ParameterName.parse(name).is_law]
         if request.get("do") in ("break", "safe"):
-            laws = [of_hand(hand, LAW) for hand in self._config.hands_here]
+            laws = [parameter_name(hand, LAW) for hand in self._config.hands_here]
         if not laws:
             return lambda: True
         self._law_requests += 1
@@ -201,7 +201,7 @@ class Controls:
     def _set_all(self, settings: Mapping[str, str]) -> None:
         """Change parameters of every hand."""
         hands = self._config.hands_here
-        self._set({of_hand(hand, name): v for hand in hands for name, v in settings.items()})
+        self._set({parameter_name(hand, name): v for hand in hands for name, v in settings.items()})
 
     def _cut(self, time: str) -> None:
         cut_links(self._run_dir, time, ())
@@ -274,12 +274,12 @@ def _wall(config: GraphConfig) -> float | None:
 
 def _full_name(hand: str, name: str) -> str:
     """The name in the whole graph of a parameter of a graph with one of its hands alone."""
-    return name if ParameterName.parse(name).section == ENVIRONMENT else of_hand(hand, name)
+    return name if ParameterName.parse(name).section == ENVIRONMENT else parameter_name(hand, name)
 
 
 def _described(name: str, hand: HandConfig) -> Message:
     """What a page needs to know of a hand."""
-    facts, servo = hand.device.facts, hand.device.servo
+    facts, servo = hand.facts, hand.servo
     return {
         "name": name,
         "period": servo.period_ns * 1e-9,

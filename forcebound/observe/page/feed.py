@@ -24,7 +24,7 @@ from forcebound.messages.packets import (
     Scene,
     Telemetry,
 )
-from forcebound.messages.topology import HAND, in_hand
+from forcebound.messages.topology import HAND, node_name
 from forcebound.observe.page.reason import Recent
 from forcebound.observe.page.scene_files import content
 from forcebound.observe.streams import fields_of_packet
@@ -121,7 +121,7 @@ class Feed:
 
     def _event(self, event: Event) -> Message:
         sender = self._nodes.get(event.node)
-        hand = "" if sender is None else sender.hand or ""
+        hand = HAND if sender is None else sender.hand or HAND
         if "energy_before" in event.data:
             energy = float(event.data["energy_before"])
             self.hands[hand].begin_law(event.time_ns, energy, str(event.data.get("law", "")))
@@ -191,7 +191,7 @@ class HandFeed:
     def _take_signals(self, packet: DeviceState | ForceCommand | EnvironmentReply) -> None:
         tick = packet.seq if isinstance(packet, DeviceState) else packet.device_seq
         topic, numbers = TOPIC_OF[type(packet)], packet.signals or {}
-        stream = f"{in_hand(self._hand, topic)}."
+        stream = f"{node_name(self._hand, topic)}."
         own = [name for name in self._held if name.startswith(stream)]
         values = {name: _finite(numbers.get(name.removeprefix(stream))) for name in own}
         self._published.setdefault(tick, {}).update(values)

@@ -183,7 +183,7 @@ class Runner:
             for notice in remote.watch(time_ns):
                 event = cast(Kind, f"{REMOTE}{notice.kind}")
                 message, data = notice.message, notice.data
-                if hand and remote.end.role == "environment":  # a controller has one hand
+                if hand != HAND and remote.end.role == "environment":  # a controller has one hand
                     message, data = f"{hand}: {message}", {**data, "hand": hand}
                 self.emit(event, message, data, is_fault=notice.is_problem)
 

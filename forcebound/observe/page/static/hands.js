@@ -4,7 +4,7 @@
 const COLOURS = ["true", "commanded", "text", "pink", "energy", "second", "sky", "olive"];
 
 /** The name of a parameter that belongs to a hand. */
-export const ofHand = (hand, name) => (hand ? `${hand}.${name}` : name);
+export const ofHand = (hand, name) => (hand === "hand" ? name : `${hand}.${name}`); // "hand" is an only one
 
 /** The hands of a graph, each with its colour; `described` comes from the server. */
 export const coloured = (described) => described.map((hand, i) => ({ ...hand, colour: described.length > 1 ? COLOURS[i] : null }));
