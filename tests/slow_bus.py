@@ -15,6 +15,7 @@ from forcebound.graph.servo import dissipation_of
 from forcebound.haptics.devices import Device, DeviceModel
 from forcebound.haptics.hands import Operator
 from forcebound.messages.packets import DeviceState, Event, ForceCommand, Packet, Telemetry, Vector
+from forcebound.messages.topology import flat
 from forcebound.nodes.device import DeviceNode
 from forcebound.recordings.telemetry import TelemetryColumns
 from forcebound.run.results import RunResult
@@ -136,7 +137,7 @@ def run_slow(
                 received.append(_answer(packet, rail.now_ns, stiffness))
     packets += node.last_events(rail.now_ns)
     columns = TelemetryColumns.from_packets([p for p in packets if isinstance(p, Telemetry)])
-    document = to_document(config)
+    document = flat(to_document(config))
     stated = {field.name: getattr(model, field.name) for field in fields(model)}
     document["device"] |= stated | {"rate": RATE}
     return rail, RunResult(columns, document, [p for p in packets if isinstance(p, Event)])

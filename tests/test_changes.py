@@ -181,13 +181,13 @@ def test_a_device_takes_a_law_and_no_other_process_does(config: GraphConfig) -> 
     packets = [packet for time_ns in (0, 400_000) for packet in device.step(time_ns, ())]
     assert [packet.data["law"] for packet in packets if isinstance(packet, Event)] == ["none"]
     for damaged in ("my_law.py", 3):
-        with pytest.raises(ConfigError, match=r"no law of one's own|no parameters of this graph"):
+        with pytest.raises(ConfigError, match=r"no law of one's own|text"):
             Tuner(config)(process([device]), with_law(config, damaged))
 
 
 def test_a_damaged_request_changes_nothing(config: GraphConfig) -> None:
     one = process([EnvironmentNode(config.environment.model)])
-    with pytest.raises(ConfigError, match="cannot be made"):
+    with pytest.raises(ConfigError, match="expected a stiffness"):
         Tuner(config)(one, Configure(5, {"environment.stiffness": "soft"}))
 
 

@@ -21,10 +21,11 @@ from forcebound.errors import ConfigError
 from forcebound.graph.loader import load
 from forcebound.graph.resolved import to_document
 from forcebound.mcap_file import MAGIC, MAX_RECORD
+from forcebound.messages.topology import flat
 from forcebound.recordings.recording import read
 from forcebound.results.delay_traces import read_trace
 
-LAUNCH = to_document(load("stiff_wall"))
+LAUNCH = flat(to_document(load("stiff_wall")))
 MIB = 1 << 20
 
 

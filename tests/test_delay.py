@@ -21,7 +21,7 @@ from forcebound.graph.parameters import change
 from forcebound.graph.resolved import to_document
 from forcebound.messages.codec import encode
 from forcebound.messages.packets import EnvironmentReply, Packet, Telemetry
-from forcebound.messages.topology import HAND, LINKS
+from forcebound.messages.topology import HAND, LINKS, flat
 from forcebound.network.sockets import Network
 from forcebound.network.trace import DelayTrace
 from forcebound.observe.delay import DelayFigures, Measured, Percentiles, measure, watch
@@ -172,7 +172,7 @@ def test_its_hops_give_a_run_the_loop_delays_of_the_recording(tmp_path: Path) ->
     config = change(load("stiff_wall"), FAR)
     first = run_virtual(config, 0.2, tmp_path / "run.mcap").columns
     links = {topic: {"trace": str(tmp_path / "run.mcap"), "trace_hop": topic} for topic in LINKS}
-    again = run_virtual(from_document(to_document(config) | {"links": links}), 0.2).columns
+    again = run_virtual(from_document(flat(to_document(config)) | {"links": links}), 0.2).columns
     known = first.seq < 180  # of later ticks the answers were still on their way
     np.testing.assert_array_equal(again.device_seq[known], first.device_seq[known])
     np.testing.assert_array_equal(again.loop_delay[known], first.loop_delay[known])

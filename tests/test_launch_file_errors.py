@@ -14,6 +14,7 @@ from forcebound.graph.graph import GraphConfig
 from forcebound.graph.loader import from_document, load, load_tried
 from forcebound.graph.problems import unknown
 from forcebound.graph.resolved import to_document
+from forcebound.messages.topology import flat
 
 
 @pytest.mark.parametrize(
@@ -232,7 +233,7 @@ def test_a_damaged_document_names_the_path_to_the_value(
     change: dict[str, Any], message: str
 ) -> None:
     with pytest.raises(ConfigError) as caught:
-        from_document({**to_document(load("stiff_wall")), **change})
+        from_document({**flat(to_document(load("stiff_wall"))), **change})
     assert message in str(caught.value)
 
 

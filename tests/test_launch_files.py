@@ -18,7 +18,7 @@ from forcebound.graph.resolved import run_document, to_document
 from forcebound.graph.schema import json_schema
 from forcebound.graph.servo import ServoSettings
 from forcebound.graph.tree import scalar
-from forcebound.messages.topology import IMPAIRABLE, ONE_HAND
+from forcebound.messages.topology import IMPAIRABLE, ONE_HAND, flat
 
 # --- what ships ----------------------------------------------------------------------------------
 
@@ -51,7 +51,7 @@ def test_the_common_arguments_do_what_they_say(name: str) -> None:
     document = to_document(config)
     assert config.only.servo.law == "none"
     assert document["environment"]["stiffness"] == 3000.0
-    assert document["operator"]["approach_speed"] == 0.035
+    assert document["hands"]["hand"]["operator"]["approach_speed"] == 0.035
     assert (
         config.only.links["environment_query"].delay == config.only.links["environment_reply"].delay
     )
@@ -79,9 +79,10 @@ def test_a_node_process_loads_no_parser_of_launch_files_or_recordings(
     document = written(tmp_path, json.dumps(run_document(load("stress"))), "launch.json")
     program = (
         "import json, sys\n"
-        "from forcebound.graph.resolved import restore\n"
+        "from forcebound.graph.model import restore\n"
         "from forcebound.run import worker\n"
-        "config = restore(json.load(open(sys.argv[1])))\n"
+        "makes = worker.parts_of(sys.argv[2])\n"
+        "config = restore(json.load(open(sys.argv[1])), makes)\n"
         "worker.build_node(sys.argv[2], config)\n"
         "worker.Tuner(config)\n"
         "parsers = {'mcap', 'ruamel.yaml'}\n"
@@ -94,7 +95,7 @@ def test_a_node_process_loads_no_parser_of_launch_files_or_recordings(
 
 @pytest.mark.parametrize("change", [{"seed": None}, {"device": {}}, {"links": 3}])
 def test_what_is_no_resolved_document_is_refused(change: dict[str, Any]) -> None:
-    damaged = {**to_document(load("stiff_wall")), **change}
+    damaged = {**flat(to_document(load("stiff_wall"))), **change}
     with pytest.raises(ConfigError, match="no resolved launch document"):
         restore({name: value for name, value in damaged.items() if value is not None})
 
@@ -115,7 +116,7 @@ def test_the_stiff_wall_is_the_experiment_of_the_paper() -> None:
         "position": 0.01,
     }
     assert document["environment"]["compute_delay"] == 0.0
-    assert document["operator"] == {
+    assert document["hands"]["hand"]["operator"] == {
         "kind": "pressing",
         "mass": 0.275,
         "stiffness": 950.0,
@@ -151,7 +152,7 @@ def test_what_is_not_said_keeps_its_default(tmp_path: Path) -> None:
     assert config.only.servo == ServoSettings()
     assert config.environment.compute_delay == 0.0
     assert config.realtime.cores == "auto"
-    assert to_document(config)["controller"] == {"kind": "direct"}
+    assert flat(to_document(config))["controller"] == {"kind": "direct"}
     assert set(config.only.links) == {"environment_query"}
 
 
@@ -188,7 +189,7 @@ def test_a_value_can_be_written_in_many_ways(
 ) -> None:
     monkeypatch.setenv("FB_SEED", "42")
     monkeypatch.delenv("FB_NONE", raising=False)
-    found: Any = to_document(load(written(tmp_path, GOOD.replace(old, new, 1))))
+    found: Any = flat(to_document(load(written(tmp_path, GOOD.replace(old, new, 1)))))
     for key in path:
         found = found[key]
     assert found == value
@@ -205,7 +206,7 @@ def test_a_path_is_relative_to_the_file_that_says_it(tmp_path: Path) -> None:
     written(tmp_path / "paths", "t,x\n0,0\n1,0.01\n", "hand.csv")
     text = GOOD.replace("{kind: pressing}", "{kind: trajectory, file: paths/hand.csv}")
     config = load(written(tmp_path, text))
-    assert to_document(config)["operator"]["file"] == str(tmp_path / "paths" / "hand.csv")
+    assert flat(to_document(config))["operator"]["file"] == str(tmp_path / "paths" / "hand.csv")
     assert from_document(to_document(config)) == config
 
 

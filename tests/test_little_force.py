@@ -12,6 +12,7 @@ from forcebound.graph.resolved import to_document
 from forcebound.messages.control import BounderReport
 from forcebound.messages.events import BOUNDER_REPORTED, EventLog
 from forcebound.messages.packets import Telemetry
+from forcebound.messages.topology import flat
 from forcebound.observe.page.feed import RECENT
 from forcebound.observe.page.reason import REST, Reason
 from forcebound.recordings.telemetry import TelemetryColumns
@@ -168,9 +169,10 @@ def test_the_page_names_one_cause_for_as_long_as_a_hand_is_at_rest(tmp_path: Pat
     )
     graph.run(8_000_000_000)
     reason, seen = Reason(), []
+    document = flat(to_document(config))
     for end in range(REST, len(packets), REST):
         recent = packets[max(end - RECENT, 0) : end], ()
-        seen.append(reason.look(recent, lambda columns: Samples(columns, to_document(config))))
+        seen.append(reason.look(recent, lambda columns: Samples(columns, document)))
     causes = [one.partition(" (")[0] for one in seen]
     assert causes[0] == ""  # it moves
     assert set(causes[2:]) == {"without a watchdog each force is planned for 100 ms"}

@@ -234,7 +234,7 @@ def test_a_recording_chooses_no_code(tmp_path: Path) -> None:
     config = load("stiff_wall")
     metadata = run_metadata(config)
     launch = json.loads(metadata["launch"])
-    launch["device"]["law"] = "/nowhere/law.py:Law"
+    launch["hands"]["hand"]["device"]["law"] = "/nowhere/law.py:Law"
     path = tmp_path / "run.mcap"
     Recorder(path, metadata | {"launch": json.dumps(launch)}).close()
     with pytest.raises(ConfigError, match=r"names code of its own, /nowhere/law.py:Law"):

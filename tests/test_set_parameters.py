@@ -5,7 +5,7 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -217,12 +217,12 @@ class Answering:
             (run_dir / ONE_HAND.nodes[name].socket).touch()
 
     def __call__(
-        self, run_dir: Path, names: Collection[str], request: Request, timeout: float
+        self, run_dir: Path, requests: Mapping[str, Request], timeout: float
     ) -> dict[str, Answer | None]:
         assert run_dir == self._run_dir
         assert timeout > 0.0
-        self.asked += [(name, request) for name in names]
-        return {name: self._answers[name] for name in names}
+        self.asked += requests.items()
+        return {name: self._answers[name] for name in requests}
 
     @property
     def configured(self) -> set[str]:

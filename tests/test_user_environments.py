@@ -14,13 +14,13 @@ from live_graph import live_graph
 from forcebound.errors import ConfigError
 from forcebound.graph.graph import GraphConfig
 from forcebound.graph.loader import from_document, load
-from forcebound.graph.model import restore
+from forcebound.graph.model import never, restore
 from forcebound.graph.parameters import change, with_values
 from forcebound.graph.phases import timetable
 from forcebound.graph.resolved import part_document, run_document, to_document
 from forcebound.haptics.environments import open_environment
 from forcebound.messages.packets import Vector
-from forcebound.run.build import build_node
+from forcebound.run.build import build_node, parts_of
 from forcebound.run.results import run_metadata
 from forcebound.run.virtual import run_virtual
 
@@ -102,16 +102,16 @@ def test_its_code_runs_in_no_other_process(tmp_path: Path) -> None:
         {"name": "soft", "duration": 1.0, "set": {"environment.rest": 0.001}},
     ]
     document["environment"] |= {"kind": str(tmp_path / "not_read.py"), "compute_delay": 0.001}
-    config = restore(document)
+    config = restore(document, never)
     assert config.environment.compute_delay == 0.001
     late, soft = timetable(config)
     assert with_values(config, late.values).environment.compute_delay == 0.002
     soft_model = with_values(config, soft.values).environment.model
     assert part_document("environment", soft_model)["rest"] == 0.001
     for kind in ("device", "controller"):
-        build_node(kind, config).close()
+        build_node(kind, restore(document, parts_of(kind))).close()
     with pytest.raises(ConfigError, match="not_read"):
-        build_node("environment", config)
+        restore(document, parts_of("environment"))
 
 
 def test_another_process_knows_it_again(tmp_path: Path) -> None:

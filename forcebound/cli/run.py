@@ -29,6 +29,7 @@ from forcebound.cli.view import check_tornado
 from forcebound.ending import end
 from forcebound.errors import ConfigError
 from forcebound.files import check_writable
+from forcebound.messages.topology import flat
 from forcebound.roles import ENVIRONMENT
 
 if TYPE_CHECKING:
@@ -194,7 +195,7 @@ def _configuration(
     if not check:
         return config
     also(config)
-    print_json(to_document(config)) if as_json else show(f"{file}: correct")
+    print_json(flat(to_document(config))) if as_json else show(f"{file}: correct")
     return None
 
 

@@ -7,6 +7,7 @@ device.
 
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from types import MappingProxyType
@@ -107,7 +108,9 @@ def read_graph(
     problems.raise_if_any()
     hands = {name: HandConfig(**sections) for name, sections in made.pop(HANDS).items()}
     phases = tuple(made.pop(PHASES, ()))
-    return GraphConfig(**{"duration": 1.0, **made}, hands=hands, phases=phases, units=units)
+    if phases:
+        made["duration"] = sum(phase.duration for phase in phases)
+    return GraphConfig(**made, hands=hands, phases=phases, units=units)
 
 
 def read_sections(root: Value, problems: Problems, makes: Makes = always) -> Values:
@@ -151,8 +154,7 @@ def _hands(root: Value, problems: Problems, makes: Makes) -> dict[str, Values]:
         if name == HAND and len(named.entries) > 1:
             words = f"{HAND!r} is the name of an only hand; this graph has {len(named.entries)}"
             problems.add(f"{HANDS}: {words}", value.key or value.place)
-        own = HAND_SECTIONS if makes is always else (*HAND_SECTIONS, FACTS)
-        Form(f"{HANDS}.{name}", {}).read(value, problems, own)
+        Form(f"{HANDS}.{name}", {}).read(value, problems, HAND_SECTIONS)
     return {name: _hand(value, problems, makes) for name, value in named.entries.items()}
 
 
@@ -169,8 +171,6 @@ def _hand(root: Value, problems: Problems, makes: Makes) -> Values:
             made[name] = _WITHOUT[name]()
         elif (found := read_section(name, value, problems, makes)) is not None:
             made |= found if name == "device" else {name: found}
-    if FACTS in root.entries and makes is not always:
-        made["stated"] = read_as(DeviceFacts, root.entries[FACTS], FACTS)
     return made
 
 
@@ -379,12 +379,17 @@ def restore(document: Document, makes: Makes = never) -> GraphConfig:
     Raises:
         ConfigError: If it is no such document, or a file that it names is gone.
     """
-    problems = Problems()
     try:
-        return read_graph(from_plain(document, "document"), problems, makes)
+        root = from_plain(document, "document")
+        facts = root.entries.get(FACTS, Value({}, root.place)).entries
+        config = read_graph(root.without(FACTS), Problems(), makes)
+        hands = dict(config.hands)
+        for name, stated in facts.items():
+            hands[name] = replace(hands[name], stated=read_as(DeviceFacts, stated, FACTS))
     except (ConfigError, KeyError, TypeError) as error:
         field = error.field if isinstance(error, ConfigError) else None
         raise ConfigError(f"this is no resolved launch document: {error}", field=field) from error
+    return replace(config, hands=hands)
 
 
 def member_of(section: str, kind: str, overrides: Sequence[str] = ()) -> Any:

@@ -54,8 +54,7 @@ def read_phases(root: Value, config: GraphConfig, problems: Problems, asks: bool
 
         check_together(sections_of(changed), note, asks)
         phases.append(replace(phase, settings=differences(first, changed)))
-    duration = sum(phase.duration for phase in phases)
-    return replace(config, phases=tuple(phases), duration=duration)
+    return replace(config, phases=tuple(phases))
 
 
 def _check_names(

@@ -23,7 +23,7 @@ from forcebound.graph.names import Document
 from forcebound.haptics.parts.plain import plain, plain_value
 from forcebound.messages.topology import HANDS, HERE
 
-FACTS = "facts"  # key of a hand in a run's document: numbers for processes without the device
+FACTS = "facts"  # key of a run's document: numbers of the devices, by hand, for all processes
 
 
 def to_document(config: GraphConfig) -> Document:
@@ -72,10 +72,8 @@ def environment_document(environment: EnvironmentConfig) -> Document:
 
 def run_document(config: GraphConfig) -> Document:
     """Return the document for the processes of a run: with facts of the devices."""
-    document = to_document(config)
-    for name, hand in config.hands.items():
-        document[HANDS][name][FACTS] = plain(hand.facts)
-    return document
+    facts = {name: plain(hand.facts) for name, hand in config.hands.items()}
+    return {**to_document(config), FACTS: facts}
 
 
 def kind_of(section: str, part: object) -> str:

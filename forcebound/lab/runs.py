@@ -32,7 +32,7 @@ from forcebound.haptics.hands.pointer import PointerHand
 from forcebound.haptics.laws import LAWS
 from forcebound.haptics.laws.dissipation import PER_AXIS
 from forcebound.lab.one_axis import ENVIRONMENTS, NO_MOTION, TRACE, Course, Floats, System, loop
-from forcebound.messages.topology import HAND
+from forcebound.messages.topology import HAND, flat
 from forcebound.network.impairment import Impairment
 from forcebound.nodes import safety
 from forcebound.recordings.telemetry import TelemetryColumns
@@ -136,7 +136,7 @@ def run_compiled(config: GraphConfig) -> RunResult | None:
     columns: dict[str, Any] = {}
     for name, column in zip(TRACE, trace.T.copy(), strict=True):
         columns[name] = column.reshape(getattr(timing, name).shape)
-    return RunResult(replace(timing, **columns), to_document(config))
+    return RunResult(replace(timing, **columns), flat(to_document(config)))
 
 
 def system_of(config: GraphConfig) -> System:

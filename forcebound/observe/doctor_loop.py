@@ -8,7 +8,7 @@ from forcebound.graph.graph import GraphConfig
 from forcebound.graph.names import LAW, parameter_name
 from forcebound.graph.resolved import to_document
 from forcebound.messages.control import DeviceStatus, RecorderStatus
-from forcebound.messages.topology import LINKS, node_name
+from forcebound.messages.topology import LINKS, flat, node_name
 from forcebound.observe.findings import Finding, note, problem
 from forcebound.observe.observation import Observations
 from forcebound.results.bounder import Cause, Limited
@@ -156,7 +156,7 @@ def _law(seen: Observations) -> Iterator[Finding]:
         command = f"forcebound param set {parameter_name(seen.hand, LAW)}:=certified"
         yield note("no_law", seen.name(DEVICE), words, command=command)
         return
-    document = to_document(seen.config)
+    document = flat(to_document(seen.config))
     force = Limited(seen.telemetry, document["device"])
     if not force:
         return

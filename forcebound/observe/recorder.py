@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 from forcebound.errors import RunError
 from forcebound.files import RECORDING_SUFFIX, check_writable
-from forcebound.graph.resolved import FACTS
+from forcebound.graph.resolved import to_document
 from forcebound.messages.packets import TOPIC_OF, Telemetry
 from forcebound.messages.topology import node_name
 from forcebound.network import sockets
@@ -24,7 +24,7 @@ from forcebound.observe.control import device_status
 from forcebound.observe.runs import Watch
 from forcebound.run.process.reader import Reader
 from forcebound.run.process.recorder import COMPLETE, FailSafeSink
-from forcebound.run.run_directory import RunDocument, read_launch_document
+from forcebound.run.run_directory import RunDocument, read_configuration
 from forcebound.stop import Stop
 
 if TYPE_CHECKING:
@@ -107,18 +107,17 @@ def _begun(run_dir: Path, run: RunDocument, file: Path, reader: Reader) -> "Reco
     from forcebound.recordings.recording import ENERGY_BEFORE, Recorder  # slow to import
 
     while True:
-        document = read_launch_document(run_dir)
+        config = read_configuration(run_dir)
         devices = {hand: device_status(run_dir, hand=hand) for hand in run.graph.hands}
-        launch = {key: value for key, value in document.items() if key != FACTS}
         now = {
             node_name(hand, ENERGY_BEFORE): repr(0.0 if one is None else one.energy_before)
             for hand, one in devices.items()
         }
-        now["launch"] = json.dumps(launch, sort_keys=True)
+        now["launch"] = json.dumps(to_document(config), sort_keys=True)
         offset_ns = time.time_ns() - time.monotonic_ns()
         recorder = Recorder(str(file.absolute()), run.metadata | now, offset_ns, run.graph)
         reader.forget()
-        if read_launch_document(run_dir) == document:
+        if read_configuration(run_dir) == config:
             return recorder
         recorder.abandon()  # a value has changed, and the event of that may be lost
 

@@ -24,6 +24,7 @@ from forcebound.lab.study.plan import Study, wall_of
 from forcebound.messages.control import EmitEvent
 from forcebound.messages.events import TrialEvent
 from forcebound.messages.packets import TOPIC_OF, DeviceState
+from forcebound.messages.topology import flat
 from forcebound.observe.control import ask
 from forcebound.observe.kernels import Kernels
 from forcebound.observe.page.controls import Pointer
@@ -74,7 +75,7 @@ class Sample(NamedTuple):
 
 def wall_at_hand(config: GraphConfig) -> float:
     """Return where the hand feels the wall, in m; ConfigError if it moves."""
-    scale, wall = scale_of(to_document(config)), wall_of(config)
+    scale, wall = scale_of(flat(to_document(config))), wall_of(config)
     if (
         wall is None
         or scale is None

@@ -120,7 +120,9 @@ class Recorder(AbstractContextManager["Recorder"]):
             f"forcebound.{packet.__name__}", "jsonschema", json.dumps(described).encode()
         )
         channel = self._writer.register_channel(f"/{stream.name}", "json", schema_id)
-        names = tuple(field_types(packet))
+        # Of an only hand the field is left out, as a reader supplies it.
+        is_only = stream.hand in (None, HAND)
+        names = tuple(name for name in field_types(packet) if not (is_only and name == "hand"))
         return channel, names, attrgetter(*names)
 
     def write(self, packet: Packet) -> None:

@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 from forcebound.errors import ConfigError, DeviceError
 from forcebound.graph.graph import KINDS, GraphConfig, HandConfig
+from forcebound.graph.model import Makes
 from forcebound.graph.servo import dissipation_of
 from forcebound.haptics.devices import Device
 from forcebound.haptics.devices.guard import guarded
@@ -21,6 +22,12 @@ from forcebound.nodes.environment import EnvironmentNode
 from forcebound.nodes.lease import LEASE_NS
 from forcebound.results.delay_traces import trace_of
 from forcebound.roles import CONTROLLER, DEVICE, ENVIRONMENT
+
+
+def parts_of(role: str) -> Makes:
+    """Return which parts of a configuration the process of a node makes: only its own."""
+    sections = ("device", "operator") if role == DEVICE else (role,)
+    return lambda section, kind: section in sections
 
 
 def build_node(

@@ -26,9 +26,9 @@ from forcebound.messages.topology import HAND
 from forcebound.network.ends import RemoteEnd, check_ends
 from forcebound.nodes.device import DeviceNode
 from forcebound.nodes.environment import EnvironmentNode
-from forcebound.roles import CONTROLLER, DEVICE, ENVIRONMENT, LOST, RECORDER, ROLES
+from forcebound.roles import CONTROLLER, ENVIRONMENT, LOST, RECORDER, ROLES
 from forcebound.run.application import Tuner
-from forcebound.run.build import build_links, build_node
+from forcebound.run.build import build_links, build_node, parts_of
 from forcebound.run.children import name_begins
 from forcebound.run.process.recorder import COMPLETE, record
 from forcebound.run.process.runner import run as run_process
@@ -60,7 +60,7 @@ def run_node(name: str, run_dir: Path) -> int:
         realtime.die_with_parent(ROLES[run.graph.nodes[name].role].death_signal)
         try:
             if _has_launcher(run):  # it may have ended before the line above
-                config = _configuration(name, run, run_dir)
+                config = read_configuration(run_dir, parts_of(run.graph.nodes[name].role))
                 return _run_or_lose(name, config, run, run_dir, stop)
         except (ConfigError, DeviceError):
             raise
@@ -107,13 +107,6 @@ def serve_environment(file: Path, arguments: Sequence[str] = ()) -> None:
             write_configuration(run_dir, config)  # for `forcebound param`
             run.write(run_dir)
             _run(ENVIRONMENT, config, run, run_dir, stop, ends)
-
-
-def _configuration(name: str, run: RunDocument, run_dir: Path) -> GraphConfig:
-    """Return the configuration of a run with the parts of one of its processes, alone."""
-    node = run.graph.nodes[name]
-    sections = {DEVICE: ("device", "operator")}.get(node.role, (node.role,))
-    return read_configuration(run_dir, lambda section, kind: section in sections)
 
 
 def _run_or_lose(

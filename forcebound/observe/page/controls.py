@@ -12,7 +12,7 @@ from forcebound.errors import ConfigError, ForceboundError
 from forcebound.graph.graph import GraphConfig, HandConfig
 from forcebound.graph.names import LAW, Document, ParameterName, parameter_name
 from forcebound.graph.parameters import takeable_laws
-from forcebound.graph.resolved import to_document
+from forcebound.graph.resolved import hand_document, to_document
 from forcebound.haptics.environments import StatelessEnvironment
 from forcebound.haptics.environments.fixtures import WithFixtures
 from forcebound.haptics.hands import Operator
@@ -20,7 +20,7 @@ from forcebound.haptics.hands.hands import WallInPlace
 from forcebound.haptics.hands.pointer import PointerHand
 from forcebound.messages.control import BounderReport, DeviceStatus, GetStatus, Point, Pointed
 from forcebound.messages.packets import Vector
-from forcebound.messages.topology import HAND, endpoint
+from forcebound.messages.topology import HAND, endpoint, flat
 from forcebound.network.sockets import Network
 from forcebound.observe.control import ANSWER_TIMEOUT, ask_all, start_node, stop_node
 from forcebound.observe.formatting import as_written, meanings_of, ranges
@@ -112,7 +112,7 @@ class Controls:
         known = self._statuses(STATUS_TIMEOUT)
         self._devices = {
             hand: (
-                {**to_document(self._config.of(hand))["device"], "law": status.law},
+                {**hand_document(self._config.hands[hand])["device"], "law": status.law},
                 status.bounder,
             )
             for hand, status in known.items()
@@ -125,7 +125,7 @@ class Controls:
         }
 
     def _run(self, hand: str, status: DeviceStatus, columns: TelemetryColumns) -> Samples:
-        document = to_document(configuration(self._run_dir, with_code=False).of(hand))
+        document = flat(to_document(configuration(self._run_dir, with_code=False)), hand)
         document["device"]["law"] = status.law
         run = Samples(columns, document)
         run.report = status.bounder
