@@ -235,7 +235,7 @@ def _begin(run_dir: Path, phase: ScheduledPhase) -> Mapping[str, Configure]:
     """Write what holds in a phase; return the request for each process that it concerns."""
     with updating(run_dir, PHASE_TIMEOUT):  # a suspended command must not block the launcher
         before = read_configuration(run_dir)
-        config = with_values(before, phase.values)
+        config = with_values(replace(before, phases=()), phase.values)
         write_configuration(run_dir, config)
     # Unaffected processes are not disturbed, least of all the servo.
     return requests(config, differences(before, config))
