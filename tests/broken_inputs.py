@@ -93,7 +93,7 @@ def _phase(given: Mapping[str, Any]) -> None:
     loader.load(Path.cwd() / FILE)
 
 
-def _set(given: Mapping[str, Any]) -> None:
+def _set(given: dict[str, Any]) -> None:
     """Parameters that ``forcebound param set`` changes, of the graph of the launch file."""
     loader.change(loader.load(Path.cwd() / FILE), given)
 
