@@ -16,12 +16,13 @@ between it and these.
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 from msgspec import Struct
 
 from forcebound.messages.packets import (
     TOPIC_OF,
+    TOPICS,
     DeviceState,
     EnergyTransfer,
     EnvironmentQuery,
@@ -35,6 +36,9 @@ from forcebound.messages.packets import (
 from forcebound.roles import CONTROLLER, DEVICE, ENVIRONMENT, LAUNCHER, RECORDER, ROLES
 
 T = TypeVar("T")
+
+#: Class of a stream's packets, and the hand that they name.
+Route: TypeAlias = tuple[type[Packet], str]
 
 HAND = "hand"  # name of the only hand of a graph, which the names of its nodes leave out
 HANDS = "hands"  # key of a document: what belongs to each hand, by its name
@@ -145,6 +149,14 @@ class Graph(Struct, frozen=True):
         streams = (s for s in self.streams if s.topic == topic and s.hand == hand)
         return next(stream for stream in streams if stream.is_forwarded)
 
+    def routes(self, node: str) -> "dict[Route, Stream]":
+        """Return the streams that a node sends or needs, by the class and hand of their packets."""
+        return {
+            (TOPICS[stream.topic], stream.hand or HAND): stream
+            for stream in self.streams
+            if node in (stream.sender, stream.receiver) and not stream.is_forwarded
+        }
+
     def received(self, receiver: str) -> tuple[Stream, ...]:
         """Return the streams that a process needs."""
         return tuple(stream for stream in self.links if stream.receiver == receiver)
@@ -232,8 +244,8 @@ def flat(document: Mapping[str, Any], hand: str = HAND) -> dict[str, Any]:
 
     One that has no such hand stays as it is. Names of parameters in it are as of an only hand.
     """
-    hands = document.get(HANDS, {})
-    if hand not in hands:
+    hands = document.get(HANDS)
+    if not isinstance(hands, Mapping) or hand not in hands:
         return dict(document)
     of_all = {name: value for name, value in document.items() if name not in (HANDS, HERE)}
     found = {**of_all, **hands[hand]}

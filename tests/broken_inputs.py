@@ -33,7 +33,7 @@ from ruamel.yaml.nodes import MappingNode, ScalarNode, SequenceNode
 import forcebound
 from forcebound.cli import main
 from forcebound.errors import ForceboundError
-from forcebound.graph import loader
+from forcebound.graph import loader, parameters
 
 GOLDEN = Path(__file__).parent / "golden" / "broken_inputs"
 CASES, SAID, MUTATIONS = GOLDEN / "cases.yaml", GOLDEN / "said.txt", GOLDEN / "mutations.txt.xz"
@@ -95,7 +95,7 @@ def _phase(given: Mapping[str, Any]) -> None:
 
 def _set(given: dict[str, Any]) -> None:
     """Parameters that ``forcebound param set`` changes, of the graph of the launch file."""
-    loader.change(loader.load(Path.cwd() / FILE), given)
+    parameters.change(loader.load(Path.cwd() / FILE), given)
 
 
 def _document(given: Mapping[str, Any]) -> None:
@@ -151,7 +151,7 @@ def said_of(case: Case, folder: Path) -> str:
     except (Exception, SystemExit) as error:  # what no input may raise
         said = f"RAISED {type(error).__name__}: {error}"
     said = (said or SOUND).replace(f"{folder}{os.sep}", "").replace(str(folder), "FOLDER")
-    said = said.replace(str(SHIPPED), "SHIPPED")
+    said = said.replace(str(SHIPPED), "SHIPPED").replace(str(SHIPPED.parents[1]), "CHECKOUT")
     return "\n".join(line.rstrip() for line in said.splitlines())
 
 

@@ -44,9 +44,9 @@ class Before:
     refused: Mapping[str, str] = field(default_factory=dict)  # by command, with what words
 
 
-DELAY = Before({"": Hand(2.6214630041100246, 0.01239, 0.002)})
+DELAY = Before({"hand": Hand(2.6214630041100246, 0.01239, 0.002)})
 PHASES = Before(
-    {"": Hand(3.0639217565969368, 0.01188)},
+    {"hand": Hand(3.0639217565969368, 0.01188)},
     "A wall that a delay makes hard to hold.",
     phases=(("quiet", 0.1, {}), ("late", 0.05, LATE)),
 )
@@ -59,14 +59,14 @@ BEFORE = {
         PHASES.hands, PHASES.description, phases=PHASES.phases, refused=OLD_LINK
     ),
     "e666a49b-phases": PHASES,
-    "e666a49b-delay": Before({"": Hand(2.910558310839071, 0.01233, 0.002)}),
+    "e666a49b-delay": Before({"hand": Hand(2.910558310839071, 0.01233, 0.002)}),
     "e666a49b-spring": Before(
-        {"": Hand(5.756035112023552, 0.00957)},
+        {"hand": Hand(5.756035112023552, 0.00957)},
         "A spring of the user's own.",
         {"kind": "/tmp/wall/my_spring.py:MySpring", "stiffness": 2000.0, "rest": 0.0},
         refused={"replay": "my_spring.py"},
     ),
-    "e666a49b-live": Before({"": Hand(2.8782103469606546, 0.01242, 0.002, rows=226)}),
+    "e666a49b-live": Before({"hand": Hand(2.8782103469606546, 0.01242, 0.002, rows=226)}),
     "ba0a9bc8-two": Before(
         {
             "left": Hand(3.0639217565969368, 0.01188),
@@ -179,7 +179,9 @@ def test_it_is_drawn(before: Before, path: Path, tmp_path: Path) -> None:
 def test_it_is_written_as_tables(before: Before, path: Path, tmp_path: Path) -> None:
     check(before, path, "export", "--csv", tmp_path)
     for name, known in before.hands.items():
-        with (tmp_path / name / "telemetry.csv").open(newline="") as lines:
+        with (tmp_path / (name if name != "hand" else "") / "telemetry.csv").open(
+            newline=""
+        ) as lines:
             rows = list(csv.DictReader(lines))
         assert len(rows) >= known.rows - 1
         assert max(float(row["applied_force[0]"]) for row in rows) == known.peak_force
@@ -189,7 +191,7 @@ def test_it_is_verified_to_the_bit(before: Before, path: Path) -> None:
     said = check(before, path, "replay --verify", "--json")
     if said:
         document = json.loads(said)
-        for one in document.get("hands", {"": document}).values():
+        for one in document.get("hands", {"hand": document}).values():
             assert one["is_same"]
             assert one["verified"] == one["ticks"] > 140
 
@@ -200,7 +202,7 @@ def test_it_runs_once_more(before: Before, path: Path) -> None:
         document = json.loads(said)
         for name, one in fb.read(path).hands.items():
             recorded = abs(one.telemetry["applied_force"]).max()
-            found = document.get("hands", {"": document})[name]["peak_force_n"]
+            found = document.get("hands", {"hand": document})[name]["peak_force_n"]
             assert found == pytest.approx(recorded, rel=0.1)
 
 

@@ -33,13 +33,20 @@ def reply(seq: int, environment: str, force: float) -> EnvironmentReply:
     return EnvironmentReply(seq, seq * MS, seq, seq * MS, seq, seq * MS, (force,), environment)
 
 
+RECEIVED = {
+    route: one
+    for route, one in ONE_HAND.routes("controller").items()
+    if one.receiver == "controller"
+}
+
+
 class Graph:
     """A controller behind a peer that listens; its time passes with its turns."""
 
     def __init__(self, peer: Peer, links: dict[str, Link[Packet]]) -> None:
         self.node = ControllerNode(DirectController())
         self.node.events.is_logged = False
-        self.inbox = Inbox(ONE_HAND.received("controller"), links, self._reject, self.node.admit)
+        self.inbox = Inbox(RECEIVED, links, self._reject, self.node.admit)
         self.forwarded: list[bytes] = []
         self.inbox.listen_remotely(EnvironmentReply, HAND, peer.link.channel, self.forwarded.append)
         self.peer = peer

@@ -157,7 +157,8 @@ def export(run: Path, csv: Path, overwrite: bool, hand: str | None) -> None:
     from forcebound.recordings.export import export as write_tables
 
     for name, recording in _read(run, hand).by_hand.items():
-        for file in write_tables(recording, csv / name, overwrite):
+        folder = csv if name == HAND else csv / name
+        for file in write_tables(recording, folder, overwrite):
             show(str(file))
 
 

@@ -151,7 +151,7 @@ def _read(path: str | Path, problems: Problems) -> Value:
 def user_files(root: Value) -> list[Path]:
     """Return the files of the user's own that a launch file names."""
     kinds = []
-    for part in (root, *root.entries[HANDS].entries.values()):
+    for part in (*root.entries[HANDS].entries.values(), root):
         sections = part.entries
         kinds += [sections[name].entries.get("kind") for name in KINDS if name in sections]
         if "device" in sections:

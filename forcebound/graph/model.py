@@ -96,7 +96,7 @@ def read_graph(
     root = with_named_hands(root)
     written = root.entries.get("units", Value(None, root.place)).entries  # of a resolved document
     units = {name: unit.text for name, unit in written.items()}
-    root = root.without("units")
+    root = root.without("units") if units else root
     units |= {str(ParameterName.parse(name)): unit for name, unit in units_of(root)}
     made = read_sections(root, problems, makes)
 

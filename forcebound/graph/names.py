@@ -44,7 +44,8 @@ class ParameterName:
     @property
     def path(self) -> tuple[str, ...]:
         """The keys from the top of a launch file with its hands by name."""
-        return self.keys if self.section not in HAND_SECTIONS else (HANDS, self.hand, *self.keys)
+        is_of_all = self.hand == HAND and self.section not in HAND_SECTIONS
+        return self.keys if is_of_all else (HANDS, self.hand, *self.keys)
 
     @property
     def last(self) -> str:

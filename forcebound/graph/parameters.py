@@ -78,17 +78,20 @@ def change(config: GraphConfig, settings: Parameters) -> GraphConfig:
     problem, if there is no such parameter, or it cannot have this value.
     """
     problems = Problems()
-    known = parameters(config)
-    for name, value in settings.items():
+    known, values = parameters(config), {}
+    for written, value in settings.items():
+        place = ParameterName.parse(written)
+        name = str(place)
         if name not in known:
-            raise ConfigError(unknown_parameter(name, config))
-        if ParameterName.parse(name).is_law:
+            raise ConfigError(unknown_parameter(written, config))
+        if place.is_law:
             _check_law(name, value, known[name])
-    changed = with_values(config, settings)
+        values[name] = value
+    changed = with_values(config, values)
 
     def note(hand: str, section: str, error: ConfigError) -> None:
         place = parameter_name(hand or HAND, ".".join(filter(None, (section, error.field))))
-        problems.add(f"{place}: {error}", Place(""))
+        problems.add(str(error), Place(place))
 
     check_together(sections_of(changed), note, asks=True)
     problems.raise_if_any()

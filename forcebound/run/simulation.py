@@ -21,8 +21,8 @@ from typing import Annotated, TypeAlias
 from forcebound.errors import ConfigError
 from forcebound.graph.servo import ServoSettings
 from forcebound.messages.codec import encode
-from forcebound.messages.packets import TOPIC_OF, TOPICS, Packet
-from forcebound.messages.topology import HAND, ONE_HAND, Graph
+from forcebound.messages.packets import TOPIC_OF, Packet
+from forcebound.messages.topology import ONE_HAND, Graph, Route
 from forcebound.network.link import Link
 from forcebound.nodes import Node
 from forcebound.quantities import NOT_NEGATIVE, Frequency, Time, check_ranges
@@ -30,7 +30,7 @@ from forcebound.quantities import NOT_NEGATIVE, Frequency, Time, check_ranges
 _ARRIVAL, _WAKE = 0, 1  # order of entries of the same time
 
 # Name of a stream, index of the node that receives it, its link, whether the node wakes on arrival.
-_Route: TypeAlias = tuple[str, int, Link[Packet] | None, bool]
+_Delivery: TypeAlias = tuple[str, int, Link[Packet] | None, bool]
 
 
 @dataclass(frozen=True)
@@ -99,8 +99,8 @@ class Simulation:
         self._observed = frozenset(observed)
         self._mail: list[dict[str, Packet]] = [{} for _ in nodes]  # delivered, not taken
         self._links: list[list[Link[Packet]]] = [[] for _ in nodes]
-        self._routes: dict[type[Packet], dict[str, _Route]] = {}  # by class and hand
-        self._keys: dict[str, tuple[type[Packet], str]] = {}  # of the streams, likewise
+        self._deliveries: dict[Route, _Delivery] = {}
+        self._routes: dict[str, Route] = {}  # by the name of the stream
         self._heap: list[tuple[int, int, int, int]] = []  # time, kind, number, node
         self._number = 0
         self._due: list[list[int | None]] = [[None] * len(nodes), [None] * len(nodes)]  # by kind
@@ -108,27 +108,27 @@ class Simulation:
         self.time_ns = 0
         names = [node.events.node for node in nodes]
         for index, node in enumerate(nodes):
-            for stream in graph.received(names[index]):
+            for route, stream in graph.routes(names[index]).items():
+                if stream.receiver != names[index]:
+                    continue
                 if stream.sender not in names:
                     raise ConfigError(f"no node of the graph publishes {stream.name}")
-                kind, hand = self._keys[stream.name] = (TOPICS[stream.topic], stream.hand or HAND)
                 link = links.get(stream.name)
-                route = (stream.name, index, link, node.wakes_on_arrival)
-                self._routes.setdefault(kind, {})[hand] = route
+                self._routes[stream.name] = route
+                self._deliveries[route] = (stream.name, index, link, node.wakes_on_arrival)
                 if link is not None:
                     self._links[index].append(link)
             self._schedule(_WAKE, index, node.wake_ns)
 
     def link(self, stream: str) -> Link[Packet] | None:
         """Return the model of the link of a stream; None if it is perfect."""
-        kind, hand = self._keys[stream]
-        return self._routes[kind][hand][2]
+        return self._deliveries[self._routes[stream]][2]
 
     def set_link(self, stream: str, link: Link[Packet]) -> None:
         """Impair a link that was perfect."""
-        kind, hand = self._keys[stream]
-        name, index, _, wakes_on_arrival = self._routes[kind][hand]
-        self._routes[kind][hand] = (name, index, link, wakes_on_arrival)
+        route = self._routes[stream]
+        name, index, _, wakes_on_arrival = self._deliveries[route]
+        self._deliveries[route] = (name, index, link, wakes_on_arrival)
         self._links[index].append(link)
 
     def run(self, until_ns: int) -> None:
@@ -147,7 +147,7 @@ class Simulation:
         self.time_ns = until_ns
 
     def _step(self, index: int, time_ns: int) -> None:
-        node, observed, routes = self.nodes[index], self._observed, self._routes
+        node, observed, deliveries = self.nodes[index], self._observed, self._deliveries
         mail = self._mail[index]
         received = list(mail.values())
         mail.clear()
@@ -158,10 +158,10 @@ class Simulation:
             kind = type(packet)
             if kind in observed:
                 self._observe(packet)
-            by_hand = routes.get(kind)
-            if by_hand is None:
+            delivery = deliveries.get((kind, packet.hand))
+            if delivery is None:
                 continue
-            name, receiver, model, wakes_on_arrival = by_hand[packet.hand]
+            name, receiver, model, wakes_on_arrival = delivery
             if model is not None:
                 if model.has_rate:
                     model.accept(time_ns, packet, len(encode(packet)))

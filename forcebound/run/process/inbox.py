@@ -14,12 +14,12 @@ Strategy:
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple
 
 from forcebound.errors import PacketError
 from forcebound.messages.codec import decode
-from forcebound.messages.packets import TOPIC_OF, TOPICS, Packet
-from forcebound.messages.topology import HAND, Stream, endpoint
+from forcebound.messages.packets import TOPIC_OF, Packet
+from forcebound.messages.topology import Route, Stream, endpoint
 from forcebound.network import sockets
 from forcebound.network.link import Link
 from forcebound.network.sockets import Network
@@ -32,14 +32,35 @@ HERE = ""  # source of packets of this machine
 
 _clock = time.monotonic_ns
 
-_Names: TypeAlias = dict[type[Packet], dict[str, str]]  # of streams, by class and hand
+
+class _Expected:
+    """The streams whose packets may come over a socket."""
+
+    def __init__(self, streams: Mapping[Route, Stream]) -> None:
+        self._names = {route: stream.name for route, stream in streams.items()}
+        kinds = {kind for kind, _ in streams}
+        self.kind = next(iter(kinds)) if len(kinds) == 1 else None
+        # Of a socket with one stream nothing is looked up.
+        (self._hand, self._only), *others = [
+            (hand, name) for (_, hand), name in self._names.items()
+        ]
+        if others:
+            self._only = ""
+
+    def stream_of(self, packet: Packet) -> str:
+        """Return the name of a packet's stream; "" if it is none of these."""
+        if self._only:
+            return self._only if packet.hand == self._hand else ""
+        return self._names.get((type(packet), packet.hand), "")
+
+    def __str__(self) -> str:
+        return ", ".join(self._names.values())
 
 
 class _Remote(NamedTuple):
     """The link to another machine, over which packets of one class and hand come."""
 
-    expected: type[Packet]
-    names: _Names
+    expected: _Expected
     channel: Channel
     forward: Callable[[bytes], Any]
 
@@ -55,19 +76,16 @@ class Inbox:
 
     def __init__(
         self,
-        streams: Sequence[Stream],
+        streams: Mapping[Route, Stream],
         links: Mapping[str, Link[Packet]],
         reject: Callable[[str, str], None],
         admit: Callable[[Packet, str, int], bool],
         elsewhere: Collection[str] = (),
     ) -> None:
         self._streams = streams
-        self.received = {stream.name: 0 for stream in streams if stream.name not in elsewhere}
-        self._names: _Names = {}
-        for stream in streams:
-            self._names.setdefault(TOPICS[stream.topic], {})[stream.hand or HAND] = stream.name
-        self._expected = next(iter(self._names)) if len(self._names) == 1 else None
-        names = {stream.name for stream in streams}
+        names = [stream.name for stream in streams.values()]
+        self.received = {name: 0 for name in names if name not in elsewhere}
+        self._expected = _Expected(streams)
         self.links = {name: link for name, link in links.items() if name in names}
         self._reject = reject
         self._admit = admit
@@ -76,7 +94,7 @@ class Inbox:
 
     def listen(self, network: Network, run_dir: Path, without: Collection[str] = ()) -> None:
         """Receive from the processes of this machine, but for the streams of some hands."""
-        streams = [stream for stream in self._streams if stream.hand not in without]
+        streams = [stream for (_, hand), stream in self._streams.items() if hand not in without]
         if streams:
             self._local = network.subscriber(*(endpoint(run_dir, s) for s in streams))
 
@@ -87,8 +105,8 @@ class Inbox:
 
         Packets of other hands are rejected: a peer may not speak for another hand.
         """
-        names = {expected: {hand: self._names[expected][hand]}}
-        self._remotes.append(_Remote(expected, names, channel, forward))
+        only = _Expected({(expected, hand): self._streams[expected, hand]})
+        self._remotes.append(_Remote(only, channel, forward))
 
     def link(self, stream: str) -> Link[Packet] | None:
         """Return the model of the link of a stream; None if it is perfect."""
@@ -121,10 +139,10 @@ class Inbox:
         if time_ns - begun_ns < SLEPT_NS:
             newest: dict[str, Packet] = {}
             for each in (data, *local.receive()):
-                self._accept(each, self._expected, self._names, HERE, time_ns, newest)
+                self._accept(each, self._expected, HERE, time_ns, newest)
             return time_ns, list(newest.values())
-        packet = self._decoded(data, self._expected, self._names, HERE, time_ns)
-        return time_ns, () if packet is None else (packet,)
+        found = self._decoded(data, self._expected, HERE, time_ns)
+        return time_ns, () if found is None else (found[1],)
 
     def _sleep(self, wake_ns: int | None, stop_descriptor: int) -> None:
         """Wait for descriptors until the next time of the node or of a link."""
@@ -143,10 +161,10 @@ class Inbox:
         newest: dict[str, Packet] = {}
         if self._local is not None:
             for data in self._local.receive():
-                self._accept(data, self._expected, self._names, HERE, time_ns, newest)
-        for expected, names, channel, forward in self._remotes:
+                self._accept(data, self._expected, HERE, time_ns, newest)
+        for expected, channel, forward in self._remotes:
             for source, data in channel.receive():
-                if self._accept(data, expected, names, source, time_ns, newest):
+                if self._accept(data, expected, source, time_ns, newest):
                     forward(data)
         received = list(newest.values())
         for link in self.links.values():
@@ -156,17 +174,16 @@ class Inbox:
     def _accept(
         self,
         data: bytes,
-        expected: type[Packet] | None,
-        names: _Names,
+        expected: _Expected,
         source: str,
         time_ns: int,
         newest: dict[str, Packet],
     ) -> bool:
         """Decode a frame, and give its packet to its link or, where that is perfect, to newest."""
-        packet = self._decoded(data, expected, names, source, time_ns)
-        if packet is None:
+        found = self._decoded(data, expected, source, time_ns)
+        if found is None:
             return False
-        name = names[type(packet)][packet.hand]
+        name, packet = found
         link = self.links.get(name)
         if link is None:
             newest[name] = packet
@@ -175,27 +192,18 @@ class Inbox:
         return True
 
     def _decoded(
-        self,
-        data: bytes,
-        expected: type[Packet] | None,
-        names: _Names,
-        source: str,
-        time_ns: int,
-    ) -> Packet | None:
-        """Return the packet in a frame; None, and counted, if it is rejected.
-
-        ``names`` has the streams that may come this way.
-        """
+        self, data: bytes, expected: _Expected, source: str, time_ns: int
+    ) -> tuple[str, Packet] | None:
+        """Return stream and packet of a frame; None, and counted, if it is rejected."""
         try:
-            packet = decode(data, expected)
-            name = names[type(packet)][packet.hand]
+            packet = decode(data, expected.kind)
         except PacketError as error:
             self._reject(error.reason, str(error))
             return None
-        except KeyError:
-            known = ", ".join(name for by_hand in names.values() for name in by_hand.values())
+        name = expected.stream_of(packet)
+        if not name:
             got = f"{TOPIC_OF[type(packet)]} of hand {packet.hand!r}"
-            self._reject("unexpected", f"expected {known}, got {got}")
+            self._reject("unexpected", f"expected {expected}, got {got}")
             return None
         self.received[name] = self.received.get(name, 0) + 1
-        return packet if self._admit(packet, source, time_ns) else None
+        return (name, packet) if self._admit(packet, source, time_ns) else None

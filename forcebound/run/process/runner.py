@@ -48,13 +48,12 @@ from forcebound.messages.control import (
 from forcebound.messages.events import PARAMETERS_SET, REMOTE, Kind
 from forcebound.messages.packets import (
     TOPIC_OF,
-    TOPICS,
     EnvironmentQuery,
     EnvironmentReply,
     Event,
     Packet,
 )
-from forcebound.messages.topology import HAND, ONE_HAND, Graph, endpoint
+from forcebound.messages.topology import HAND, ONE_HAND, Graph, Route, endpoint
 from forcebound.network import sockets
 from forcebound.network.ends import RemoteEnd
 from forcebound.network.link import Link
@@ -102,12 +101,13 @@ class Runner:
         self._remotes = remotes
         self._run_dir = run_dir
         self.graph = graph
-        self._publish: dict[type[Packet], dict[str, Callable[[bytes], object]]] = {}  # by hand
-        for stream in graph.streams:
-            if stream.sender == name and not stream.is_forwarded:
-                send = network.publisher(endpoint(run_dir, stream)).send
-                self._publish.setdefault(TOPICS[stream.topic], {})[stream.hand or HAND] = send
-        received = graph.received(name)
+        routes = graph.routes(name)
+        self._publish: dict[Route, Callable[[bytes], object]] = {
+            route: network.publisher(endpoint(run_dir, stream)).send
+            for route, stream in routes.items()
+            if stream.sender == name
+        }
+        received = {route: one for route, one in routes.items() if one.receiver == name}
         self._inbox = Inbox(received, links, self._reject, node.admit, graph.elsewhere)
         self.link, self.set_link = self._inbox.link, self._inbox.set_link
         served = [hand for hand, remote in remotes.items() if remote.end.role == "environment"]
@@ -149,7 +149,7 @@ class Runner:
         """Publish an event, and log it; see :meth:`forcebound.messages.events.EventLog.emit`."""
         time_ns = time.monotonic_ns()
         emitted = self._node.events.emit(time_ns, event, message, data, is_fault=is_fault)
-        self._publish[Event][HAND](encode(emitted))
+        self._publish[Event, HAND](encode(emitted))
 
     def wait(self, stop_descriptor: int) -> None:
         """Sleep until a node that wakes on arrival is due, or a descriptor is readable; step it."""
@@ -166,7 +166,7 @@ class Runner:
         if received or (wake_ns is not None and wake_ns <= time_ns):
             publish = self._publish
             for packet in self._node.step(time_ns, received):
-                publish[type(packet)][packet.hand](encode(packet))
+                publish[type(packet), packet.hand](encode(packet))
             self.steps += 1
         if time_ns >= self._look_ns:
             self.look(time_ns)
@@ -215,13 +215,13 @@ class Runner:
         came: type[Packet] = EnvironmentReply
         if remote.end.role == "environment":
             sent, came = came, sent
-        here, there = self._publish[sent][hand], remote.send
+        here, there = self._publish[sent, hand], remote.send
 
         def both(data: bytes) -> None:
             there(data)
             here(data)
 
-        self._publish[sent][hand] = both
+        self._publish[sent, hand] = both
         forwarded = self.graph.forwarded(TOPIC_OF[came], hand)
         forward = self._network.publisher(endpoint(self._run_dir, forwarded)).send
         self._inbox.listen_remotely(came, hand, remote.channel, forward)
@@ -253,7 +253,7 @@ class Runner:
         counted = self._inbox.link_counts().items()
         events = [self._node.events.link_counts(now_ns, *link) for link in counted]
         for event in (*events, *self._node.last_events(now_ns)):
-            self._publish[Event][HAND](encode(event))
+            self._publish[Event, HAND](encode(event))
 
     def _reject(self, reason: str, why: str) -> None:
         self._node.reject(reason)
