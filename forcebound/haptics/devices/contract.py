@@ -61,9 +61,9 @@ def check(model: DeviceModel, ticks: int = 100, hold_limit: float = 1.25e-3) -> 
         if not isinstance(device, Device):
             raise TypeError(f"expected a forcebound.haptics.devices.Device, got {device!r}")
         try:
+            device.published.declare(model.signals)
             _use(device, model, ticks, found)
             absent = _use_extras(device, model, ticks * PERIOD_NS, found)
-            found.check_signals(device, model.signals)
         finally:
             device.close()
         with found.noting("reopens", "an open device", "open(None, ...) after close()"):
