@@ -21,8 +21,8 @@ from forcebound.errors import ConfigError
 from forcebound.graph.loader import load
 from forcebound.graph.resolved import to_document
 from forcebound.mcap_file import MAGIC, MAX_RECORD
+from forcebound.recordings.delay_traces import read_trace
 from forcebound.recordings.recording import read
-from forcebound.results.delay_traces import read_trace
 
 LAUNCH = to_document(load("stiff_wall"))
 MIB = 1 << 20

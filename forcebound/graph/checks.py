@@ -30,7 +30,7 @@ from forcebound.messages.packets import MAX_AXES
 from forcebound.messages.topology import HANDS
 from forcebound.network.addresses import numeric_address
 from forcebound.network.impairment import Impairment
-from forcebound.results.delay_traces import shortest_of
+from forcebound.recordings.delay_traces import shortest_of
 
 FAR = 2.0  # m; no hand reaches so far
 TRIED = 20  # times at which the target is evaluated

@@ -19,7 +19,7 @@ from forcebound.network.chances import ComputationTime
 from forcebound.network.impairment import Impairment
 from forcebound.nodes.device import DeviceNode
 from forcebound.nodes.environment import EnvironmentNode
-from forcebound.results.delay_traces import trace_of
+from forcebound.recordings.delay_traces import trace_of
 from forcebound.run.build import build_link, served
 from forcebound.run.process.runner import Runner
 from forcebound.run.simulation import Simulation

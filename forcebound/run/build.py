@@ -22,7 +22,7 @@ from forcebound.nodes.controller import ControllerNode
 from forcebound.nodes.device import DeviceNode
 from forcebound.nodes.environment import EnvironmentNode
 from forcebound.nodes.lease import LEASE_NS
-from forcebound.results.delay_traces import trace_of
+from forcebound.recordings.delay_traces import trace_of
 from forcebound.roles import CONTROLLER, DEVICE, ENVIRONMENT
 
 
