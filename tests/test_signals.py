@@ -17,7 +17,7 @@ from forcebound.cli import main
 from forcebound.errors import ConfigError
 from forcebound.graph.loader import load
 from forcebound.haptics.controllers.direct import DirectController
-from forcebound.haptics.devices.guard import guarded
+from forcebound.haptics.devices.guard import GuardedDevice
 from forcebound.haptics.devices.phantom import PhantomPremium15
 from forcebound.haptics.environments import StatelessEnvironment
 from forcebound.haptics.environments.membrane import Membrane
@@ -166,7 +166,7 @@ def test_a_controller_and_a_device_publish_with_their_packets(tmp_path: Path) ->
 def test_a_guarded_device_publishes() -> None:
     device = PhantomPremium15().open(None, 1e-3)
     rejected: list[str] = []
-    published = Signals(guarded(device), (Signal("one"),), EventLog("device"), rejected.append)
+    published = Signals(GuardedDevice(device), (Signal("one"),), EventLog("device"), rejected.append)
     device.signal("one", 1.0)
     assert published.numbers() == {"one": 1.0}
     with pytest.raises(SignalError):

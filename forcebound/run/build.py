@@ -8,7 +8,7 @@ from forcebound.graph.graph import KINDS, EnvironmentConfig, GraphConfig, HandCo
 from forcebound.graph.resolved import made
 from forcebound.graph.servo import dissipation_of
 from forcebound.haptics.devices import Device
-from forcebound.haptics.devices.guard import guarded
+from forcebound.haptics.devices.guard import GuardedDevice
 from forcebound.haptics.devices.simulated import SimulatedDevice
 from forcebound.haptics.environments import EnvironmentModel
 from forcebound.haptics.parts.user_module import describe_user_error
@@ -94,7 +94,7 @@ def build_device(
     is_shipped = operator is None or (kind is not None and hands.is_shipped(kind))
     # A simulated one cannot fail in a hand of ours, and runs in sweeps.
     if not (isinstance(device, SimulatedDevice) and is_shipped):
-        device = guarded(device)
+        device = GuardedDevice(device)
     signals = model.signals
     dissipation = dissipation_of(model, servo)
     return DeviceNode(device, dissipation, servo, clock, lateness, name, signals)
