@@ -15,7 +15,7 @@ from msgspec import UNSET
 
 from forcebound.cli import main
 from forcebound.errors import ConfigError
-from forcebound.graph.loader import load
+from forcebound.graph.loader import load, load_tried
 from forcebound.haptics.controllers.direct import DirectController
 from forcebound.haptics.devices.guard import GuardedDevice
 from forcebound.haptics.devices.phantom import PhantomPremium15
@@ -166,7 +166,9 @@ def test_a_controller_and_a_device_publish_with_their_packets(tmp_path: Path) ->
 def test_a_guarded_device_publishes() -> None:
     device = PhantomPremium15().open(None, 1e-3)
     rejected: list[str] = []
-    published = Signals(GuardedDevice(device), (Signal("one"),), EventLog("device"), rejected.append)
+    published = Signals(
+        GuardedDevice(device), (Signal("one"),), EventLog("device"), rejected.append
+    )
     device.signal("one", 1.0)
     assert published.numbers() == {"one": 1.0}
     with pytest.raises(SignalError):
@@ -279,7 +281,7 @@ def test_a_wrong_name_or_value_is_found_before_a_run_and_by_the_check(
 ) -> None:
     (gel.parent / "gel.py").write_text(SOURCE.replace('"depth", depth', value))
     with pytest.raises(ConfigError, match="signal"):
-        load(gel)
+        load_tried(gel)
     checked = CliRunner().invoke(
         main, ["check", "environment", str(gel.parent / "gel.py"), "--json"]
     )
