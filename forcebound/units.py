@@ -64,6 +64,15 @@ def in_unit(value: float, unit: str, digits: int = 15) -> str:
     return f"{text} {unit}".rstrip()
 
 
+def energy_in_words(joules: float) -> str:
+    """Return an energy with three digits: ``13.9 J``, ``194 mJ``, ``0.4 uJ``."""
+    name, factor = next(
+        ((name, factor) for name, factor in (("J", 1.0), ("mJ", 1e3)) if joules * factor >= 0.9995),
+        ("uJ", 1e6),
+    )
+    return f"{joules * factor:.3g} {name}"
+
+
 @cache
 def to_si(text: str) -> float | None:
     """Return a quantity of any dimension that parameters have, in SI; None if it is none."""

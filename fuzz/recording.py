@@ -20,9 +20,9 @@ import_module("forcebound.haptics.devices")  # before: numba cannot compile what
 with atheris.instrument_imports(  # pyright: ignore[reportAttributeAccessIssue]
     include=[
         "forcebound.results",
-        "forcebound.results.delay_traces",
+        "forcebound.recordings.delay_traces",
         "forcebound.haptics.environments.recorded",
-        "forcebound.results.hops",
+        "forcebound.recordings.hops",
         "forcebound.mcap_file",
         "forcebound.recordings.recording",
         "mcap",
@@ -33,8 +33,8 @@ with atheris.instrument_imports(  # pyright: ignore[reportAttributeAccessIssue]
     from forcebound.haptics.environments.recorded import RecordedEnvironment
     from forcebound.messages.packets import TOPICS
     from forcebound.messages.topology import LINKS
+    from forcebound.recordings.delay_traces import as_link_trace, of_recording, read_trace
     from forcebound.recordings.recording import read
-    from forcebound.results.delay_traces import as_link_trace, of_recording, read_trace
     from forcebound.results.plots import figure
     from forcebound.results.tables import phase_rows, summary_rows
     from forcebound.run.results import RunResult

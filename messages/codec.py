@@ -27,8 +27,6 @@ them.
 
 import reprlib
 from collections.abc import Callable, Mapping
-from itertools import chain
-from math import isfinite
 from operator import attrgetter
 from typing import Any, NamedTuple
 
@@ -71,15 +69,7 @@ def _check_contact(reply: EnvironmentReply) -> None:
         raise PacketError("value", message)
 
 
-def _check_objects(scene: Scene) -> None:
-    for each in scene.objects:
-        for text in (each.name, each.file):
-            if text is not None and not text.isprintable():
-                raise _name_text_error(scene, "objects", text)
-        numbers = (each.position, each.orientation, each.size, *each.points)
-        if not all(map(isfinite, chain.from_iterable(numbers))):
-            message = f"scene: objects must have finite numbers, got {reprlib.repr(each)}"
-            raise PacketError("value", message)
+def _check_proxies(scene: Scene) -> None:
     for hand in scene.proxies:
         if not hand.isprintable():
             raise _name_text_error(scene, "proxies", hand)
@@ -87,7 +77,7 @@ def _check_objects(scene: Scene) -> None:
 
 _CHECKS: dict[type[Packet], Callable[[Any], None]] = {
     EnvironmentReply: _check_contact,
-    Scene: _check_objects,
+    Scene: _check_proxies,
 }
 
 

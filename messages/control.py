@@ -163,7 +163,6 @@ class RemoteStatus(Struct, kw_only=True):
     connected: bool
     secure: bool = True
     peers: list[str] = []
-    connections: int = 0
     counts: dict[str, int] = {}  # notices by kind, also those that were not reported
 
 

@@ -13,8 +13,8 @@ Kind: TypeAlias = TrialEvent | Literal[
     "phase", "parameter_set", "law_changed", "bounder_reported", "link_counted",
     "force_engages", "force_released", "ticks_missed", "readings_refused", "packets_refused",
     "environment_awaited", "environment_serves", "environment_lost", "environment_refused",
-    "serving", "environment_failed", "controller_failed", "signal_refused", "scene_failed",
-    "scene_cut", "process_started", "process_ended", "device_lost",
+    "serving", "environment_failed", "controller_failed", "scene_failed", "scene_cut",
+    "process_started", "process_ended", "device_lost",
 ]  # fmt: skip
 REMOTE = "remote_"  # kinds of events of a remote link begin so; then the kind of the notice
 PHASE_BEGINS: Final = "phase"  # a part of a scripted run begins; its data has the name

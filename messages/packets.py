@@ -1,7 +1,8 @@
 """Packets: one frozen class each, and the table of topics.
 
 The classes are msgspec structs: compiled code creates, encodes and checks them, because each tick
-needs four. Creating a packet checks nothing; decoding does.
+needs four. Creating a packet checks nothing; decoding does. Only the objects of a scene, which no
+tick needs, are checked when they are made, too.
 
 Every packet carries ``seq`` (counts from 0 at its sender) and ``time_ns`` (the sender's own
 monotonic clock). An answer echoes ``device_seq`` and ``device_time_ns`` of the device state that it
@@ -17,7 +18,10 @@ axes. Positions grow *into* the environment; a force is positive when it *resist
 positive direction (``docs/theory.md``, section 1).
 """
 
+import reprlib
 from collections.abc import Mapping
+from itertools import chain
+from math import isfinite
 from typing import Annotated, Any, Final, Literal, NamedTuple, TypeAlias, get_type_hints
 
 from msgspec import UNSET, Meta, Struct, UnsetType
@@ -81,6 +85,9 @@ class SceneObject(Struct, frozen=True, omit_defaults=True, gc=False):
     x, y and z; of a cylinder its radius, and its length along its own z; of a mesh the length of
     its file's unit; of the others nothing. A plane passes through ``position``, its own z is its
     outward normal. The points of a path are joined in their order.
+
+    Raises:
+        ValueError: If a number is not finite, or a name has a control character.
     """
 
     name: _Name  # no other object of the scene has it
@@ -93,6 +100,13 @@ class SceneObject(Struct, frozen=True, omit_defaults=True, gc=False):
     file: _Text | None = None  # of a mesh or points; a path on the environment's machine
     digest: _Digest | None = None  # sha256 of the file
     points: Annotated[tuple[Point, ...], Meta(max_length=MAX_LENGTH)] = ()  # m, of a path
+
+    def __post_init__(self) -> None:
+        if not (self.name.isprintable() and (self.file or "").isprintable()):
+            raise ValueError(f"expected printable text on one line, got {reprlib.repr(self.name)}")
+        numbers = (self.position, self.orientation, self.size, *self.points)
+        if not all(map(isfinite, chain.from_iterable(numbers))):
+            raise ValueError(f"expected finite numbers, got {reprlib.repr(numbers)} of {self.name}")
 
 
 class _Wire(Struct, frozen=True, kw_only=True, tag_field="packet", gc=False):

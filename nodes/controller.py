@@ -27,7 +27,6 @@ from forcebound.messages.packets import (
     DeviceState,
     EnvironmentQuery,
     EnvironmentReply,
-    Event,
     ForceCommand,
     Packet,
     Vector,
@@ -87,9 +86,6 @@ class ControllerNode(Node):
             return True
         self.reject("second_environment")
         return False
-
-    def last_events(self, time_ns: int) -> Sequence[Event]:
-        return self._signals.last_events(time_ns)
 
     def status(self) -> ControllerStatus:
         return ControllerStatus(

@@ -202,8 +202,7 @@ class DeviceNode(Node):
             _logger.warning("could not write the last zero force to the device: %s", error)
 
     def last_events(self, time_ns: int) -> Sequence[Event]:
-        bounder = self._reports.bounder(time_ns, self._bounded.report())
-        return [bounder, *self._signals.last_events(time_ns)]
+        return [self._reports.bounder(time_ns, self._bounded.report())]
 
     def close(self) -> None:
         close_part(self._device.close, DEVICE)

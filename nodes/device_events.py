@@ -6,7 +6,7 @@ from forcebound.graph.servo import ServoSettings
 from forcebound.messages.control import BounderReport
 from forcebound.messages.events import BOUNDER_REPORTED, LAW_CHANGED, STATE_INTERVAL_NS, EventLog
 from forcebound.messages.packets import Event, Packet
-from forcebound.results.cells import energy as energy_in_words
+from forcebound.units import energy_in_words
 
 REFUSAL_INTERVAL_NS = 1_000_000_000  # between two events about refused readings
 WINDOW_NS = 1_000_000_000  # in which missed ticks are counted

@@ -246,9 +246,6 @@ class EnvironmentNode(Node):
             replies.append(self.events.emit(time_ns, "environment_failed", message, is_fault=True))
         return replies
 
-    def last_events(self, time_ns: int) -> Sequence[Event]:
-        return self._signals.last_events(time_ns)
-
     def status(self) -> EnvironmentStatus:
         return EnvironmentStatus(
             rejected=dict(self.rejected),

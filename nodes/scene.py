@@ -7,10 +7,12 @@ late subscribers receive it. It is made in a step of its own, after an answer ha
 import logging
 from collections.abc import Mapping, Sequence
 
+from msgspec.structs import replace
+
 from forcebound.haptics.environments import Environment
 from forcebound.haptics.parts import overridden
 from forcebound.haptics.parts.user_module import describe_user_error
-from forcebound.messages.codec import MAX_SCENE_BYTES, decode, encode
+from forcebound.messages.codec import MAX_SCENE_BYTES, encode
 from forcebound.messages.events import EventLog
 from forcebound.messages.packets import MAX_LENGTH, Packet, Scene, SceneObject, Vector
 
@@ -78,15 +80,10 @@ class SceneSource:
         return [scene, *self._count(time_ns, len(objects) - len(scene.objects))]
 
     def _fitting(self, scene: Scene) -> Scene:
-        """Return the scene as a receiver decodes it, without the last objects if it is too long."""
-        data = encode(scene)
-        while len(data) > MAX_SCENE_BYTES:
-            half = scene.objects[: len(scene.objects) // 2]
-            scene = Scene(scene.seq, scene.time_ns, half, scene.proxies)
-            data = encode(scene)
-        checked = decode(data, Scene)
-        assert isinstance(checked, Scene)
-        return checked
+        """Return the scene, without the last objects if it is too long."""
+        while len(encode(scene)) > MAX_SCENE_BYTES:
+            scene = replace(scene, objects=scene.objects[: len(scene.objects) // 2])
+        return scene
 
     def _count(self, time_ns: int, left_out: int) -> list[Packet]:
         """Return an event if other objects than before do not fit."""

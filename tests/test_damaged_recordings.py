@@ -22,8 +22,8 @@ from forcebound.graph.loader import load
 from forcebound.graph.resolved import to_document
 from forcebound.mcap_file import MAGIC, MAX_RECORD
 from forcebound.messages.topology import flat
+from forcebound.recordings.delay_traces import read_trace
 from forcebound.recordings.recording import read
-from forcebound.results.delay_traces import read_trace
 
 LAUNCH = flat(to_document(load("stiff_wall")))
 MIB = 1 << 20

@@ -25,10 +25,10 @@ from forcebound.messages.topology import HAND, LINKS, flat
 from forcebound.network.sockets import Network
 from forcebound.network.trace import DelayTrace
 from forcebound.observe.delay import DelayFigures, Measured, Percentiles, measure, watch
+from forcebound.recordings.delay_traces import hop_delays, loop_delays, read_trace
+from forcebound.recordings.hops import Hops
 from forcebound.recordings.recording import Recorder, read
 from forcebound.recordings.telemetry import TelemetryColumns
-from forcebound.results.delay_traces import hop_delays, loop_delays, read_trace
-from forcebound.results.hops import Hops
 from forcebound.run.run_directory import RUN_FILE, RunDocument
 from forcebound.run.virtual import run_virtual
 

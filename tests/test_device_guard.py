@@ -7,7 +7,7 @@ import pytest
 from fakes import FakeDevice
 
 from forcebound.errors import DeviceError
-from forcebound.haptics.devices.guard import guarded
+from forcebound.haptics.devices.guard import GuardedDevice
 from forcebound.messages.packets import Vector
 
 
@@ -50,7 +50,7 @@ class Extended(FakeDevice):
 def test_the_guard_passes_on_what_a_device_has() -> None:
     device = Extended()
     device.is_exchange = True
-    guard = guarded(device)
+    guard = GuardedDevice(device)
     assert guard.set_hold_limit(2e-3) == 1.5e-3
     assert device.hold_limit == 2e-3
     assert guard.cut() == (5, (0.1,))
@@ -63,7 +63,7 @@ def test_the_guard_passes_on_what_a_device_has() -> None:
 
 
 def test_the_guard_of_a_device_with_the_defaults_has_none() -> None:
-    guard = guarded(FakeDevice())
+    guard = GuardedDevice(FakeDevice())
     answers = guard.set_hold_limit(1e-3), guard.cut(), guard.stamps(), guard.fresh_reading()
     assert (*answers, guard.latch_jitter(), guard.kinematics) == (None,) * 6
 
@@ -89,11 +89,11 @@ def test_the_guard_names_the_method_whose_answer_is_wrong(
     setattr(device, attribute, answer)
     arguments = {"set_hold_limit": (2e-3,), "read": (0,)}.get(method, ())
     with pytest.raises(DeviceError, match=f"failed in {method}"):
-        getattr(guarded(device), method)(*arguments)
+        getattr(GuardedDevice(device), method)(*arguments)
 
 
 def test_the_guard_reports_kinematics_that_fail() -> None:
-    kinematics = guarded(Extended()).kinematics
+    kinematics = GuardedDevice(Extended()).kinematics
     assert kinematics is not None
     with pytest.raises(DeviceError, match=r"failed in torque: .*dead centre"):
         kinematics.torque((math.pi / 2,), (1.0,))

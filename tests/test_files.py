@@ -15,8 +15,8 @@ from forcebound.haptics.hands.paths import TrajectoryHand
 from forcebound.lab.sweep.plan import load_sweep
 from forcebound.lab.table import read_table
 from forcebound.network.keys import list_keys, new_key, public_key
+from forcebound.recordings.delay_traces import read_trace
 from forcebound.recordings.recording import read
-from forcebound.results.delay_traces import read_trace
 
 # s; on a machine under load, far more than a refusal needs; a test must not wait for ever.
 pytestmark = pytest.mark.timeout(60)

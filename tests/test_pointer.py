@@ -15,9 +15,9 @@ from forcebound.haptics.hands.pointer import PointerHand
 from forcebound.messages.control import Point, Pointed, Refused
 from forcebound.network.sockets import Network
 from forcebound.nodes.device import DeviceNode
-from forcebound.results.cells import energy
 from forcebound.run.build import build_device
 from forcebound.run.process.runner import Runner
+from forcebound.units import energy_in_words
 
 HAND = PointerHand(start=(0.01, -0.01), reach=0.05, smoothing=0.01, speed=0.5)
 
@@ -116,5 +116,5 @@ def test_law_changes_at_zero_force_and_begins_a_new_ledger() -> None:
     at = after.index(event)
     assert not any(after[at - 1].applied_force)
     given = after[at - 1].true_energy
-    assert event.message.endswith(f"under certified the hand has put in {energy(given)}")
+    assert event.message.endswith(f"under certified the hand has put in {energy_in_words(given)}")
     assert float(event.data["energy_before"]) == device.status().energy_before

@@ -214,16 +214,40 @@ def test_what_does_not_fit_is_left_out_and_said_once() -> None:
 NO_OBJECTS = [
     (7,),
     (replace(BALL, position=(0.0, 0.0)),),
-    (replace(BALL, size=(math.nan,)),),
-    (replace(BALL, name="\x1b[2J"),),
     (replace(BALL, digest="abc"),),
     (replace(BALL, position=np.zeros(3)),),
 ]
 
 
-@pytest.mark.parametrize("objects", NO_OBJECTS)
-def test_what_is_no_scene_is_said_once_and_costs_no_answer(objects: tuple[Any, ...]) -> None:
-    node = EnvironmentNode(Floor(objects=objects))
+WRONG: list[dict[str, Any]] = [
+    {"size": (math.nan,)},
+    {"points": ((0.0, math.inf, 0.0),)},
+    {"name": "\x1b[2J"},
+    {"file": "a\nb"},
+]
+
+
+@pytest.mark.parametrize("changes", WRONG)
+def test_an_object_without_finite_numbers_and_printable_names_cannot_be_made(
+    changes: dict[str, Any],
+) -> None:
+    with pytest.raises(ValueError, match=r"finite|printable"):
+        replace(BALL, **changes)
+
+
+class Misdrawn(OpenFloor):
+    """A floor whose scene cannot be made, or not be sent."""
+
+    def scene(self) -> tuple[Any, ...]:
+        return (replace(BALL, **self.objects[0]),)
+
+
+@pytest.mark.parametrize("changes", [*WRONG, {"position": np.zeros(3)}])
+def test_what_is_no_scene_is_said_once_and_costs_no_answer(
+    changes: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Floor, "open", lambda model, axes: Misdrawn(model, axes))
+    node = EnvironmentNode(Floor(objects=(changes,)))
     reply, event = answer(node, 0)
     assert isinstance(reply, EnvironmentReply)
     assert isinstance(event, Event)
@@ -232,7 +256,7 @@ def test_what_is_no_scene_is_said_once_and_costs_no_answer(objects: tuple[Any, .
 
 
 def test_other_parameters_open_a_new_environment_whose_scene_is_told() -> None:
-    node = EnvironmentNode(Floor(objects=(7,)))
+    node = EnvironmentNode(Floor(objects=(object(),)))
     answer(node, 0)
     node.set(Floor(), Impairment(0.0))
     assert scenes(answer(node, 40 * MS)) == [Scene(0, 40 * MS, (BALL,), {"": (0.01,)})]

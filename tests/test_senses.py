@@ -13,7 +13,7 @@ from forcebound.errors import DeviceError
 from forcebound.graph.servo import ServoSettings
 from forcebound.haptics.controllers.direct import DirectController
 from forcebound.haptics.devices.contract import check
-from forcebound.haptics.devices.guard import guarded
+from forcebound.haptics.devices.guard import GuardedDevice
 from forcebound.haptics.devices.phantom import PhantomPremium15
 from forcebound.haptics.devices.simulated import SimulatedDevice
 from forcebound.haptics.hands import Operator
@@ -81,10 +81,10 @@ def test_without_a_force_sensor_packets_are_as_long_as_without_the_field() -> No
 
 
 def test_a_guarded_device_tells_them_as_plain_numbers() -> None:
-    state = first_state(guarded(Stylus(orientation=[0, 1, 0, 0], buttons=True)))
+    state = first_state(GuardedDevice(Stylus(orientation=[0, 1, 0, 0], buttons=True)))
     assert (state.orientation, state.buttons) == ((0.0, 1.0, 0.0, 0.0), 1)
     assert type(state.buttons) is int
-    neither = first_state(guarded(FakeDevice()))
+    neither = first_state(GuardedDevice(FakeDevice()))
     assert (neither.orientation, neither.buttons) == (None, None)
 
 
@@ -100,7 +100,7 @@ WRONG: list[tuple[dict[str, Any], str]] = [
 @pytest.mark.parametrize(("sensed", "said"), WRONG)
 def test_what_no_device_can_sense_is_a_device_error(sensed: dict[str, Any], said: str) -> None:
     with pytest.raises(DeviceError, match=said):
-        first_state(guarded(Stylus(**sensed)))
+        first_state(GuardedDevice(Stylus(**sensed)))
 
 
 @dataclass(frozen=True, kw_only=True)

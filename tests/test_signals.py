@@ -15,14 +15,14 @@ from msgspec import UNSET
 
 from forcebound.cli import main
 from forcebound.errors import ConfigError
-from forcebound.graph.loader import load
+from forcebound.graph.loader import load, load_tried
 from forcebound.haptics.controllers.direct import DirectController
-from forcebound.haptics.devices.guard import guarded
+from forcebound.haptics.devices.guard import GuardedDevice
 from forcebound.haptics.devices.phantom import PhantomPremium15
 from forcebound.haptics.environments import StatelessEnvironment
 from forcebound.haptics.environments.membrane import Membrane
 from forcebound.haptics.environments.walls import Wall
-from forcebound.haptics.parts.signals import Signal
+from forcebound.haptics.parts.signals import Signal, SignalError
 from forcebound.messages.codec import encode
 from forcebound.messages.events import PUBLISHED, EventLog, Kind
 from forcebound.messages.packets import EnvironmentReply, Event, ForceCommand, Vector
@@ -33,9 +33,7 @@ from forcebound.nodes.publishing import Signals
 from forcebound.observe.page.feed import Feed
 from forcebound.recordings.recording import Recorder, read
 from forcebound.recordings.schema import declared_signals
-from forcebound.recordings.telemetry import TelemetryColumns
 from forcebound.results.signals import curves_of
-from forcebound.results.summary import summarize
 from forcebound.run.virtual import run_virtual
 
 SOURCE = """
@@ -168,13 +166,25 @@ def test_a_controller_and_a_device_publish_with_their_packets(tmp_path: Path) ->
 def test_a_guarded_device_publishes() -> None:
     device = PhantomPremium15().open(None, 1e-3)
     rejected: list[str] = []
-    published = Signals(guarded(device), (Signal("one"),), EventLog("device"), rejected.append)
+    published = Signals(
+        GuardedDevice(device), (Signal("one"),), EventLog("device"), rejected.append
+    )
     device.signal("one", 1.0)
     assert published.numbers() == {"one": 1.0}
-    device.signal("two", 1.0)
+    with pytest.raises(SignalError):
+        device.signal("two", 1.0)
     assert published.numbers() == {"one": 1.0}
-    assert rejected == ["signal"]
-    assert [event.event for event in published.events(0)] == ["signal_refused"]
+    device.signal("one", math.nan)
+    assert published.numbers() is UNSET
+    device.event("warm", "the motor is warm")
+    assert [event.event for event in published.events(0)] == ["warm"]
+
+
+def test_a_number_that_was_published_before_its_names_were_known_is_checked_then() -> None:
+    part = DirectController()
+    part.signal("two", 1.0)
+    with pytest.raises(SignalError, match="two"):
+        Signals(part, (Signal("one"),), EventLog("controller"), lambda reason: None)
 
 
 @pytest.mark.parametrize("mark", [pytest.param(None, marks=PROCESSES_OF_THEIR_OWN)])
@@ -271,7 +281,7 @@ def test_a_wrong_name_or_value_is_found_before_a_run_and_by_the_check(
 ) -> None:
     (gel.parent / "gel.py").write_text(SOURCE.replace('"depth", depth', value))
     with pytest.raises(ConfigError, match="signal"):
-        load(gel)
+        load_tried(gel)
     checked = CliRunner().invoke(
         main, ["check", "environment", str(gel.parent / "gel.py"), "--json"]
     )
@@ -307,10 +317,10 @@ def talkative(*said: tuple[Any, Any], happened: tuple[str, ...] = ()) -> Environ
 
 
 @pytest.mark.parametrize("value", ["2", 10**400, None])
-def test_what_is_no_number_is_dropped(value: Any) -> None:
+def test_what_is_no_number_is_a_failure_and_no_answer(value: Any) -> None:
     node = talkative(("one", value))
-    assert signals_of(answers(node, 0.0)) == [UNSET]
-    assert node.rejected == {"signal": 1}
+    assert signals_of(answers(node, 0.0)) == []
+    assert node.faults == 1
 
 
 def test_a_text_of_any_characters_can_be_sent() -> None:
@@ -319,17 +329,18 @@ def test_a_text_of_any_characters_can_be_sent() -> None:
     assert [encode(packet) for packet in answers(node, 0.0)]
 
 
-def test_in_the_loop_a_wrong_name_is_dropped_counted_and_reported_once() -> None:
-    node = talkative(("one", 1.0), ("three", 3.0), ("two", Odd()))
+@pytest.mark.parametrize("wrong", [("three", 3.0), ("two", Odd())])
+def test_in_the_loop_a_wrong_signal_is_a_failure_that_is_counted_and_reported_once(
+    wrong: tuple[Any, Any],
+) -> None:
+    node = talkative(("one", 1.0), wrong)
     sent = answers(node, 0.0, 0.0)
-    assert signals_of(sent) == [{"one": 1.0}] * 2
-    assert node.rejected == {"signal": 4}
+    assert signals_of(sent) == []
+    assert node.faults == 2
     [fault] = [packet for packet in sent if isinstance(packet, Event) and packet.is_fault]
-    assert fault.event == "signal_refused"
-    assert "three" in fault.message
-    columns = TelemetryColumns.from_packets([])
-    summary = summarize(columns, {}, [fault, *node.last_events(10_000_000)])
-    assert summary["faults"] == {"signal_refused": 4}
+    assert fault.event == "environment_failed"
+    assert wrong[0] in fault.message
+    assert node.rejected == {}
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf])

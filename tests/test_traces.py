@@ -19,7 +19,7 @@ from forcebound.graph.resolved import to_document
 from forcebound.network.impairment import Impairment, Outage
 from forcebound.network.link import Link
 from forcebound.network.trace import DelayTrace, read_csv
-from forcebound.results.delay_traces import read_trace, shortest_of
+from forcebound.recordings.delay_traces import read_trace, shortest_of
 from forcebound.run.build import build_links
 from forcebound.run.virtual import run_virtual
 

@@ -14,10 +14,10 @@ from forcebound.graph.loader import load
 from forcebound.haptics.devices.plant import Axis, Moving, advance_extended
 from forcebound.haptics.hands.hands import WallInPlace
 from forcebound.haptics.laws import ENERGY_TOLERANCE
-from forcebound.results.cells import energy
 from forcebound.results.coupling import coupling, coupling_lines
 from forcebound.run.results import RunResult
 from forcebound.run.virtual import run_virtual_hands
+from forcebound.units import energy_in_words
 
 FRICTION = 0.12  # N, of a device
 
@@ -119,7 +119,7 @@ def test_without_transfer_a_certified_follower_does_no_work_and_with_it_both_are
     assert net["leader"] == pytest.approx(given["leader"] - given["follower"], abs=on_its_way)
     assert 0.0 < net["leader"] < given["leader"]
     (shown,) = [one for one in coupling_lines(together) if "transfer" in one]
-    assert energy(net["leader"]) in shown
+    assert energy_in_words(net["leader"]) in shown
     assert "follower" not in shown
 
 

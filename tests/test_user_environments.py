@@ -13,7 +13,7 @@ from live_graph import live_graph
 
 from forcebound.errors import ConfigError
 from forcebound.graph.graph import GraphConfig
-from forcebound.graph.loader import from_document, load
+from forcebound.graph.loader import from_document, load, load_tried
 from forcebound.graph.model import never, restore
 from forcebound.graph.parameters import change, with_values
 from forcebound.graph.phases import timetable
@@ -218,8 +218,6 @@ def test_a_problem_in_the_launch_file_has_its_place(
         ("rest: Length = 0.0", "rest: float = float('nan')", "rest cannot be written down"),
         ("rest: Length", "rest: compile", "a launch file cannot give 'rest' of the type"),
         (" = 500.0\n    rest: Length = 0.0", "\n    rest: Length", "environment needs 'rest'"),
-        ("return (", "return 1 / 0, (", "my_spring.py:15: return 1 / 0"),
-        ("return (", "return 'x', (", "expected a tuple with 1 number in N, one per axis; got 2"),
         (
             "    def force",
             "    def __post_init__(self) -> None:\n        self.rest[0]\n\n    def force",
@@ -233,6 +231,24 @@ def test_a_problem_in_the_users_file_is_told_with_its_line(
     problems = problems_of(own(tmp_path, SPRING.replace(old, new, 1)))
     assert message in problems
     assert "graph.yaml:" in problems
+
+
+@pytest.mark.parametrize(
+    ("answer", "message"),
+    [
+        ("1 / 0, (", "my_spring.py:15: return 1 / 0"),
+        ("'x', (", "expected a tuple with 1 number in N, one per axis; got 2"),
+    ],
+)
+def test_a_wrong_answer_is_found_where_a_command_tries_the_file_and_not_by_loading_it(
+    tmp_path: Path, answer: str, message: str
+) -> None:
+    path = own(tmp_path, SPRING.replace("return (", f"return {answer}", 1))
+    load(path)
+    with pytest.raises(ConfigError) as caught:
+        load_tried(path)
+    assert message in str(caught.value)
+    assert "graph.yaml:" in str(caught.value)
 
 
 def test_a_file_can_be_mended_after_an_error(tmp_path: Path) -> None:

@@ -13,12 +13,12 @@ from slow_bus import run_slow
 from forcebound.graph.loader import load
 from forcebound.messages.events import LAW_CHANGED
 from forcebound.messages.packets import Event
-from forcebound.results.cells import energy
 from forcebound.results.contact import steady_window
 from forcebound.results.verdict import verdict
 from forcebound.run.results import RunResult
 from forcebound.run.simulation import LateTicks
 from forcebound.run.virtual import run_virtual
+from forcebound.units import energy_in_words
 
 LATE = LateTicks(rate=200.0, shortest=1e-3, longest=3e-3)
 
@@ -70,11 +70,11 @@ def test_a_law_that_plans_for_late_ticks_shares_with_them(tmp_path: Path) -> Non
 def test_a_passive_run_at_rest_and_one_that_is_neither(tmp_path: Path) -> None:
     calm = result_of(tmp_path, "").summary
     assert calm["verdict"][0].startswith("Passive:")
-    assert energy(calm["energy_left_j"]) in calm["verdict"][0]
+    assert energy_in_words(calm["energy_left_j"]) in calm["verdict"][0]
     assert calm["verdict"][1].startswith("At rest")
     wild = result_of(tmp_path, "arguments: {law: none}").summary
     assert wild["verdict"][0].startswith("Not passive:")
-    assert energy(-wild["true_energy_min_j"]) in wild["verdict"][0]
+    assert energy_in_words(-wild["true_energy_min_j"]) in wild["verdict"][0]
     assert wild["verdict"][1].startswith("Not at rest")
 
 

@@ -250,7 +250,7 @@ def delay(
     """
     from forcebound.network.trace import check_output
     from forcebound.observe.delay import measure
-    from forcebound.results.delay_traces import as_link_trace
+    from forcebound.recordings.delay_traces import as_link_trace
 
     if output is not None:
         check_output(output)

@@ -28,7 +28,7 @@ from forcebound.messages.packets import MAX_AXES
 from forcebound.messages.topology import HANDS
 from forcebound.network.addresses import numeric_address
 from forcebound.network.impairment import Impairment
-from forcebound.results.delay_traces import shortest_of
+from forcebound.recordings.delay_traces import shortest_of
 
 FAR = 2.0  # m; no hand reaches so far
 TRIED = 20  # times at which the target is evaluated
@@ -41,7 +41,7 @@ _logger = logging.getLogger(__name__)
 Note: TypeAlias = Callable[[str, str, ConfigError], None]
 
 
-def check_together(made: Values, note: Note, asks: bool) -> None:
+def check_together(made: Values, note: Note, asks: bool = False) -> None:
     """Check sections that could be made; ``asks``: whether to call a user's own parts once."""
     environment = made.get("environment")
     sound: dict[str, Values] = {}  # hands so far

@@ -61,8 +61,8 @@ def load_tried(
     """Return the same as :func:`load`, for a command in the foreground, after a further ``trial``.
 
     Files of the user's own are loaded, and the graph is tried, in a process of its own first, where
-    they may hang or exit. This process then loads them, too, and calls nothing. The log says what
-    is not certified. ConfigError also if the user's code was too slow or ended its process.
+    they may hang or exit; their parts are asked there alone. The log says what is not certified.
+    ConfigError also if the user's code was too slow or ended its process.
     """
     problems = Problems()
     with _sane(path):
@@ -71,7 +71,7 @@ def load_tried(
     if files:
         tried(partial(_try, path, overrides, trial), files, TRIAL_S)
     with _sane(path):
-        config = _build(filled, problems, asks=not files)
+        config = _build(filled, problems)
     if trial is not None and not files:
         trial(config)
     checks.warn(config)
@@ -79,8 +79,10 @@ def load_tried(
 
 
 def _try(path: str | Path, overrides: Sequence[str], trial: Trial | None) -> bytes:
-    """Load a launch file for its problems alone, in the process of :func:`load_tried`."""
-    config = load(path, overrides)
+    """Load a launch file for its problems alone, and ask the user's parts once."""
+    problems = Problems()
+    with _sane(path):
+        config = _build(_filled(_read(path, problems), overrides, problems), problems, asks=True)
     if trial is not None:
         trial(config)
     return b""
@@ -160,10 +162,10 @@ def user_files(root: Value) -> list[Path]:
     return list(dict.fromkeys(file_of(kind.text, kind.folder) for kind in named))
 
 
-def _build(root: Value, problems: Problems, asks: bool = True) -> GraphConfig:
+def _build(root: Value, problems: Problems, asks: bool = False) -> GraphConfig:
     """Return what the tree says; ``asks``: whether to call a user's own parts once."""
     config = read_graph(root, problems, check=partial(checks.check_together, asks=asks))
     if config.phases:
-        config = read_phases(root, config, problems, asks)
+        config = read_phases(root, config, problems)
         problems.raise_if_any()
     return config

@@ -43,7 +43,7 @@ from forcebound.haptics.parts.user_module import describe_user_error, user_code
 from forcebound.messages.topology import HAND, HAND_SECTIONS, HANDS, IMPAIRABLE
 from forcebound.network.impairment import Impairment
 from forcebound.quantities import CheckedText
-from forcebound.results.delay_traces import trace_of
+from forcebound.recordings.delay_traces import trace_of
 
 
 def _check_format(version: Any) -> None:

@@ -93,7 +93,7 @@ def change(config: GraphConfig, settings: Parameters) -> GraphConfig:
         place = parameter_name(hand or HAND, ".".join(filter(None, (section, error.field))))
         problems.add(str(error), Place(place))
 
-    check_together(sections_of(changed), note, asks=True)
+    check_together(sections_of(changed), note)
     problems.raise_if_any()
     return changed
 

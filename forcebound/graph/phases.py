@@ -34,10 +34,10 @@ from forcebound.messages.topology import HAND
 _KEEPS_LAW = f"a phase cannot set {LAW}; while the graph runs, `forcebound param set` changes it"
 
 
-def read_phases(root: Value, config: GraphConfig, problems: Problems, asks: bool) -> GraphConfig:
+def read_phases(root: Value, config: GraphConfig, problems: Problems) -> GraphConfig:
     """Return a configuration with the settings of its phases; what is wrong is noted.
 
-    ``root`` is its launch file; ``asks``: whether to call a user's own parts once.
+    ``root`` is its launch file.
     """
     listed = root.entries["phases"].content
     assert isinstance(listed, tuple)  # checked with the rest of the file
@@ -52,7 +52,7 @@ def read_phases(root: Value, config: GraphConfig, problems: Problems, asks: bool
         def note(hand: str, section: str, error: ConfigError, at: Value = settings) -> None:
             problems.add(f"{parameter_name(hand or HAND, section)}: {error}", at.key or at.place)
 
-        check_together(sections_of(changed), note, asks)
+        check_together(sections_of(changed), note)
         phases.append(replace(phase, settings=differences(first, changed)))
     return replace(config, phases=tuple(phases))
 

@@ -6,7 +6,7 @@ What can be fed from the recording in place of the graph's own:
   other (a pointer, a person on hardware, none, a hand in a recording that begins later) becomes one
   that follows the recorded path; see :mod:`forcebound.haptics.hands.paths`.
 * ``network``: the recorded delays and losses of each link, in place of those of links and
-  environment; see :func:`forcebound.results.delay_traces.hop_delays`.
+  environment; see :func:`forcebound.recordings.delay_traces.hop_delays`.
 * ``environment``: the recorded replies, whatever the hand does; see
   :mod:`forcebound.haptics.environments.recorded`.
 

@@ -1,59 +1,39 @@
-"""Notices of the link to another machine: their kinds, and a limit for the log."""
+"""Notices of the link to another machine, and a limit for the log."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from forcebound.network.limits import HEARTBEAT_TIMEOUT_MS, MAX_FRAME
-
 BURST = 2  # notices of one kind in a window; further ones are counted
 WINDOW_NS = 10_000_000_000
 
 
-class Kind(NamedTuple):
-    """A kind of notice."""
+class Problem(NamedTuple):
+    """A kind of notice after which the user should do something."""
 
     meaning: str  # what has happened
-    action: str = ""  # what to do; empty if it is no problem
+    action: str
     command: str = ""  # of a shell; capital letters stand for values that the user knows
 
-    @property
-    def is_problem(self) -> bool:
-        """Whether the user should do something about it."""
-        return bool(self.action)
 
-
-KINDS: Mapping[str, Kind] = {
-    "opened": Kind("this end listens or connects"),
-    "connected": Kind("a peer is connected; packets pass from now on"),
-    "disconnected": Kind("a peer has gone"),
-    "refused_here": Kind(
+PROBLEMS: Mapping[str, Problem] = {
+    "refused_here": Problem(
         "a peer was refused: its key is not in our list",
         "to admit it, add its key to remote.environment_keys (at an environment: graph_key)",
     ),
-    "refused_there": Kind(
+    "refused_there": Problem(
         "we were refused: our key is not in the list of the other end",
         "add our public key there",
         "forcebound keys show NAME",
     ),
-    "wrong_key": Kind(
-        "one end expects another public key than the other one has",
-        "copy the present public key of each machine to the other one",
+    "handshake_failed": Problem(
+        "a handshake failed: no connection",
+        "use the same remote: section and version on both machines, with the present public key of"
+        " each; the log of the end that connects knows more. If only the end that listens reports"
+        " it, a browser or a port scan may connect to this port",
         "forcebound keys show NAME",
     ),
-    "other_security": Kind(
-        "one end uses keys and the other does not", "use the same remote: section on both machines"
-    ),
-    "handshake_failed": Kind(
-        "a peer was silent, or did not send a valid handshake",
-        "does the other end use keys, too (the same remote: section), and the same version? The end"
-        " that listens cannot distinguish a peer without keys from another program; the peer's log"
-        " can. Otherwise a browser or a port scan may connect to this port",
-    ),
-    "too_many_connections": Kind(
-        "the port has as many connections as it accepts", "end the peers that do not belong here"
-    ),
-    "no_answer": Kind(
+    "no_answer": Problem(
         "nothing answers at the address",
         "start the other end; check remote.address, remote.port and firewalls",
     ),
@@ -64,22 +44,23 @@ KINDS: Mapping[str, Kind] = {
 class Notice:
     """Something happened to a connection."""
 
-    kind: str  # a key of KINDS
-    message: str  # what happened, and what to do
+    kind: str  # a key of PROBLEMS, or opened, connected, disconnected
+    detail: str  # whom it concerns, and how one knows; without a problem, all that there is to say
     data: Mapping[str, str] = field(default_factory=dict)  # such as address, key, name
 
     @property
     def is_problem(self) -> bool:
         """Whether the user should do something about it."""
-        return KINDS[self.kind].is_problem
+        return self.kind in PROBLEMS
 
-
-def gone(peer: str, address: str) -> str:
-    """Return the sentence for a peer that has gone."""
-    return (
-        f"{peer} at {address} has gone: it left, was silent for {HEARTBEAT_TIMEOUT_MS} ms, or sent "
-        f"a message of over {MAX_FRAME} bytes"
-    )
+    @property
+    def message(self) -> str:
+        """What has happened, and what to do."""
+        problem = PROBLEMS.get(self.kind)
+        if problem is None:
+            return self.detail
+        remedy = f"{problem.action} (`{problem.command}`)" if problem.command else problem.action
+        return f"{problem.meaning}: {self.detail}; {remedy}"
 
 
 class NoticeLimit:
@@ -98,9 +79,9 @@ class NoticeLimit:
                 del self._windows[kind]
                 more = number - BURST
                 if more > 0:
-                    start = f"{more} more like this within {WINDOW_NS // 10**9} s: "
+                    start = f"{more} more like this within {WINDOW_NS // 10**9} s; the last: "
                     data = {**last.data, "suppressed": str(more - 1)}
-                    admitted.append(Notice(kind, start + last.message, data))
+                    admitted.append(Notice(kind, start + last.detail, data))
         for notice in notices:
             kind = notice.kind
             self.counts[kind] = self.counts.get(kind, 0) + 1

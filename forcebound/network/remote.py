@@ -26,7 +26,6 @@ from forcebound.network.listener import Listener
 from forcebound.network.notices import Notice, NoticeLimit
 from forcebound.network.sockets import Network
 
-EVENT_LIMIT = 200  # events handled in one call of watch; about 2 ms
 LOOK_NS = 1_000_000_000  # watch is due this often: to greet, and in case a descriptor stayed silent
 
 
@@ -75,7 +74,6 @@ class RemoteLink:
             secure=self.end.key is not None,
             connected=self.connected,
             peers=self._peer.peers,
-            connections=self._peer.connections,
             counts=dict(self._limit.counts),
         )
 
@@ -87,7 +85,7 @@ class RemoteLink:
         """
         notices, self._first = self._first, []
         try:
-            notices += self._peer.take(time_ns, EVENT_LIMIT)
+            notices += self._peer.take(time_ns)
         except (zmq.ZMQError, OSError) as error:  # none is known; the loop must go on in any case
             notices.append(Notice("handshake_failed", f"a socket of the remote link: {error}"))
         due_ns, longest_ns = self._peer.due_ns, time_ns + LOOK_NS

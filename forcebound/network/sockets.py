@@ -47,15 +47,12 @@ from forcebound.network.limits import (
     REQUEST_QUEUE,
     TCP_CONNECT_MS,
     TCP_RECEIVE_QUEUE,
-    TCP_RECONNECT_MAX_MS,
     TCP_SEND_QUEUE,
 )
 from forcebound.network.streams import Publisher, Subscriber
 
 MONITORED = (
-    zmq.EVENT_CONNECTED
-    | zmq.EVENT_CONNECT_DELAYED
-    | zmq.EVENT_CONNECT_RETRIED
+    zmq.EVENT_CLOSED
     | zmq.EVENT_ACCEPTED  # not ACCEPT_FAILED: out of descriptors, it comes 100 000 times a second
     | zmq.EVENT_DISCONNECTED
     | zmq.EVENT_HANDSHAKE_SUCCEEDED
@@ -137,7 +134,6 @@ def _options(kind: int, endpoint: str) -> dict[int, int]:
         options |= {
             zmq.HEARTBEAT_IVL: HEARTBEAT_MS,
             zmq.HEARTBEAT_TIMEOUT: HEARTBEAT_TIMEOUT_MS,
-            zmq.RECONNECT_IVL_MAX: TCP_RECONNECT_MAX_MS,
             zmq.CONNECT_TIMEOUT: TCP_CONNECT_MS,
             zmq.SNDHWM: TCP_SEND_QUEUE,
             zmq.RCVHWM: TCP_RECEIVE_QUEUE,

@@ -91,6 +91,7 @@ class Greeting(NamedTuple):
 
     route: bytes  # its routing id
     descriptor: int  # of its connection
+    address: str  # of its machine, without a port
     key: str  # its public key in Z85; empty without keys
 
     @property
@@ -173,7 +174,8 @@ class Channel:
             key = str(frames[0].get("User-Id"))
         except zmq.ZMQError:  # it has none
             key = ""
-        greeting = Greeting(route, int(frames[0].get(zmq.SRCFD)), key)
+        address = str(frames[0].get("Peer-Address")).removeprefix("::ffff:")
+        greeting = Greeting(route, int(frames[0].get(zmq.SRCFD)), address, key)
         self.greetings.append(greeting)
         self._sources[route] = greeting.source
         return greeting.source, [frame.bytes for frame in frames]

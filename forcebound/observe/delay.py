@@ -17,9 +17,9 @@ from forcebound.network.trace import DelayTrace
 from forcebound.observe.control import chosen_hand
 from forcebound.observe.runs import find, while_running
 from forcebound.observe.streams import packets_of
+from forcebound.recordings.delay_traces import loop_delays, of_recording
+from forcebound.recordings.hops import HOPS, Hops
 from forcebound.recordings.telemetry import TelemetryColumns
-from forcebound.results.delay_traces import loop_delays, of_recording
-from forcebound.results.hops import HOPS, Hops
 from forcebound.run.run_directory import read_launch_document
 
 DURATION = 5.0  # s, how long a running graph is watched
@@ -67,7 +67,7 @@ class DelayFigures(Struct, frozen=True, omit_defaults=True):
 class Measured:
     """The loop delays of a graph."""
 
-    trace: DelayTrace  # see :func:`forcebound.results.delay_traces.loop_delays`
+    trace: DelayTrace  # see :func:`forcebound.recordings.delay_traces.loop_delays`
     document: Mapping[str, Any]  # launch file of the graph, as resolved
     is_complete: bool = True  # False: a recording that was cut off
     hops: Hops | None = None  # None: not asked for

@@ -21,7 +21,7 @@ from forcebound.messages.control import (
     RemoteStatus,
 )
 from forcebound.messages.topology import HAND, Stream, node_name
-from forcebound.network.notices import KINDS
+from forcebound.network.notices import PROBLEMS
 from forcebound.observe.doctor_loop import LESS_DELAY, LOOP_RULES
 from forcebound.observe.findings import Finding, note, problem
 from forcebound.observe.observation import SUSPENDED, Observations, Seen
@@ -271,13 +271,12 @@ def _remote_link(
             command = "forcebound launch FILE"
         report = note if is_served else problem
         yield report("remote_not_connected", where, words, "start the other end", command)
-    for code, kind in KINDS.items():
-        count = remote.counts.get(code, 0)
-        if kind.is_problem and count:
-            recent = seen.processes[name].growth(partial(_notices, hand=hand, kind=code))
-            words = f"{kind.meaning} ({code}: {count} times, {recent} just now)"
+    for kind, (meaning, action, command) in PROBLEMS.items():
+        if count := remote.counts.get(kind, 0):
+            recent = seen.processes[name].growth(partial(_notices, hand=hand, kind=kind))
+            words = f"{meaning} ({kind}: {count} times, {recent} just now)"
             report = problem if recent or not remote.connected else note
-            yield report(f"remote_{code}", where, words, kind.action, kind.command)
+            yield report(f"remote_{kind}", where, words, action, command)
 
 
 def _notices(status: NodeStatus, hand: str, kind: str) -> int:

@@ -27,15 +27,6 @@ class Unit(NamedTuple):
         return f"{number:.{self.digits}f} {self.name}".rstrip()
 
 
-def energy(joules: float) -> str:
-    """Return an energy with three digits: ``13.9 J``, ``194 mJ``, ``0.4 uJ``."""
-    name, factor = next(
-        ((name, factor) for name, factor in (("J", 1.0), ("mJ", 1e3)) if joules * factor >= 0.9995),
-        ("uJ", 1e6),
-    )
-    return f"{joules * factor:.3g} {name}"
-
-
 NUMBER, HZ, DB = (Unit(name, digits=0) for name in ("", "Hz", "dB"))
 S, N, W = (Unit(name) for name in ("s", "N", "W"))
 MM, MM_S, MJ = (Unit(name, 1e3) for name in ("mm", "mm/s", "mJ"))

@@ -10,9 +10,10 @@ import numpy as np
 
 from forcebound.haptics.laws import ENERGY_TOLERANCE
 from forcebound.recordings.telemetry import TelemetryColumns
-from forcebound.results.cells import MM, N_MM, N, Summary, energy
+from forcebound.results.cells import MM, N_MM, N, Summary
 from forcebound.results.contact import displayed_stiffness
 from forcebound.results.surface import Floats
+from forcebound.units import energy_in_words
 
 APART = 0.005  # m, between leader and follower at the start, where nothing is said
 
@@ -43,10 +44,10 @@ def coupling_lines(figures: Summary) -> Iterator[str]:
     if lowest is not None and lowest >= -ENERGY_TOLERANCE:
         yield "Together: passive; the devices never gave more energy than they got."
     elif lowest is not None:
-        got = energy(-lowest)
+        got = energy_in_words(-lowest)
         yield f"Together: not passive; the devices gave up to {got} more than they got."
     net = figures["net_given_energy_j"].items()
-    if given := [f"{energy(one)} from {hand}" for hand, one in net if one and one > 0.0]:
+    if given := [f"{energy_in_words(one)} from {hand}" for hand, one in net if one and one > 0.0]:
         yield f"Together: net energy transfer of {', '.join(given)}."
     if "position_error_rms_m" not in figures:
         return

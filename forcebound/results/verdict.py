@@ -8,10 +8,10 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from forcebound.haptics.laws import ENERGY_TOLERANCE
-from forcebound.results.cells import MM, Summary, energy, lost
+from forcebound.results.cells import MM, Summary, lost
 from forcebound.results.promises import COSTS_FORCE, in_words, is_uncovered
 from forcebound.results.samples import is_certified
-from forcebound.units import in_unit
+from forcebound.units import energy_in_words, in_unit
 
 MOST_LAWS = 4  # lines, of a run that changed its law: the last ones
 ALL = 0.995  # of the stiffness
@@ -77,7 +77,7 @@ def _passivity(s: Summary, document: Mapping[str, Any]) -> str:
         first = f"{known[0].upper()}{known[1:]}."
     else:
         allowed = device.get("allowance", 0.0) if _is_certified(s, device) else 0.0
-        within = f"Passive but for device.allowance ({energy(allowed)})"
+        within = f"Passive but for device.allowance ({energy_in_words(allowed)})"
         first = f"{'Not passive' if lowest < -allowed else within}: {known}."
     return costly + first
 
@@ -98,8 +98,8 @@ def _received(s: Summary, device: Mapping[str, Any], hand: str) -> str:
         words = f"{hand} never received energy that it had not put in"
         if left is None or left <= 0.0:
             return words
-        return f"{words}; since contact, {energy(left)} or more were left"
-    received = f"{hand} received up to {energy(-lowest)}"
+        return f"{words}; since contact, {energy_in_words(left)} or more were left"
+    received = f"{hand} received up to {energy_in_words(-lowest)}"
     if partner := device.get("energy_partner"):
         return f"{received} more than it put in, from the ledger of {partner}"
     return f"{received} that it had not put in"
@@ -111,9 +111,9 @@ def _motor(s: Summary) -> str:
     if given + error <= ENERGY_TOLERANCE:
         return "the motor never gave more energy than it took"
     if given <= error:
-        return f"the motor gave at most {energy(given + error)} more than it took"
-    about = f" (± {energy(error)})" if error > ENERGY_TOLERANCE else ""
-    return f"the motor gave up to {energy(given)}{about} more than it took"
+        return f"the motor gave at most {energy_in_words(given + error)} more than it took"
+    about = f" (± {energy_in_words(error)})" if error > ENERGY_TOLERANCE else ""
+    return f"the motor gave up to {energy_in_words(given)}{about} more than it took"
 
 
 def _given(s: Summary) -> tuple[float, float]:
@@ -127,7 +127,7 @@ def _passivity_without_truth(s: Summary, device: Mapping[str, Any], motor: str) 
     if not _is_certified(s, device):
         return f"Unknown if passive: {motor}; the device's own friction may have taken that."
     leaked = s["largest_allowance_j"]
-    but = f" but for at most {energy(leaked)} (device.allowance)" if leaked else ""
+    but = f" but for at most {energy_in_words(leaked)} (device.allowance)" if leaked else ""
     trust = "if the device's numbers are right"
     if device.get("watchdog") == "silent" and s["hold_limit_overruns"]:
         trust += f" and its watchdog dropped {_counted(s['hold_limit_overruns'], 'late force')}"

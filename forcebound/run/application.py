@@ -17,7 +17,7 @@ from forcebound.messages.topology import node_name
 from forcebound.network.chances import ComputationTime
 from forcebound.nodes.device import DeviceNode
 from forcebound.nodes.environment import EnvironmentNode
-from forcebound.results.delay_traces import trace_of
+from forcebound.recordings.delay_traces import trace_of
 from forcebound.run.build import build_link
 from forcebound.run.process.runner import Runner
 from forcebound.run.simulation import Simulation

@@ -7,7 +7,7 @@ from forcebound.graph.graph import KINDS, GraphConfig, HandConfig
 from forcebound.graph.model import Makes
 from forcebound.graph.servo import dissipation_of
 from forcebound.haptics.devices import Device
-from forcebound.haptics.devices.guard import guarded
+from forcebound.haptics.devices.guard import GuardedDevice
 from forcebound.haptics.devices.simulated import SimulatedDevice
 from forcebound.haptics.parts.user_module import describe_user_error
 from forcebound.messages.packets import Packet
@@ -20,7 +20,7 @@ from forcebound.nodes.controller import ControllerNode
 from forcebound.nodes.device import DeviceNode
 from forcebound.nodes.environment import EnvironmentNode
 from forcebound.nodes.lease import LEASE_NS
-from forcebound.results.delay_traces import trace_of
+from forcebound.recordings.delay_traces import trace_of
 from forcebound.roles import CONTROLLER, DEVICE, ENVIRONMENT
 
 
@@ -96,7 +96,7 @@ def build_device(
     is_shipped = operator is None or (kind is not None and hands.is_shipped(kind))
     # A simulated one cannot fail in a hand of ours, and runs in sweeps.
     if not (isinstance(device, SimulatedDevice) and is_shipped):
-        device = guarded(device)
+        device = GuardedDevice(device)
     signals = model.signals
     dissipation = dissipation_of(model, servo)
     return DeviceNode(device, dissipation, servo, clock, lateness, name, signals)

@@ -14,7 +14,6 @@ from forcebound.run.results import RunResult
 from forcebound.run.virtual import run_virtual_hands
 
 TICKS = 20
-FAILURES = (*CODE_FAILED, "signal_refused")  # of the user's code
 
 
 def try_start(config: GraphConfig) -> None:
@@ -43,7 +42,7 @@ def try_start(config: GraphConfig) -> None:
 
 def _check_result(result: RunResult) -> None:
     for event in result.events:
-        if event.event in FAILURES:
+        if event.event in CODE_FAILED:
             raise ConfigError(f"in a trial of {TICKS} ticks {event.message}")
     columns = result.columns
     for name in ("position", "applied_force", "estimated_energy"):

@@ -11,7 +11,7 @@ from typing import Any
 
 from forcebound.errors import DeviceError
 from forcebound.haptics.devices import Device, DeviceModel
-from forcebound.haptics.devices.guard import guarded
+from forcebound.haptics.devices.guard import GuardedDevice
 from forcebound.haptics.parts.contract import SIGNALS, VALUE, Findings, Report
 from forcebound.haptics.parts.user_module import describe_user_error
 from forcebound.messages.packets import MAX_AXES, MAX_COUNT
@@ -61,9 +61,9 @@ def check(model: DeviceModel, ticks: int = 100, hold_limit: float = 1.25e-3) -> 
         if not isinstance(device, Device):
             raise TypeError(f"expected a forcebound.haptics.devices.Device, got {device!r}")
         try:
+            device.published.declare(model.signals)
             _use(device, model, ticks, found)
             absent = _use_extras(device, model, ticks * PERIOD_NS, found)
-            found.check_signals(device, model.signals)
         finally:
             device.close()
         with found.noting("reopens", "an open device", "open(None, ...) after close()"):
@@ -109,7 +109,7 @@ def _use(device: Device, model: DeviceModel, ticks: int, found: Findings) -> Non
 
 def _use_extras(device: Device, model: DeviceModel, time_ns: int, found: Findings) -> list[str]:
     """Check the optional members from ``time_ns`` on; return the promises of absent ones."""
-    guard, zero = guarded(device), (0.0,) * model.axes
+    guard, zero = GuardedDevice(device), (0.0,) * model.axes
 
     def stamps() -> object:
         guard.write(time_ns, zero)

@@ -2,55 +2,79 @@
 
 import math
 from collections.abc import Callable
-from types import SimpleNamespace
-from typing import Any, cast
+from functools import partial
+from typing import Any, TypeVar
 
 from forcebound.errors import DeviceError, GuardianError
-from forcebound.haptics.devices import Device
+from forcebound.haptics.devices import Device, Kinematics
 from forcebound.haptics.parts.contract import is_unit
 from forcebound.haptics.parts.user_module import describe_user_error
 from forcebound.messages.packets import MAX_COUNT, Quaternion, Vector
 
-_METHODS = [name for name, value in vars(Device).items() if callable(value) and name[0] != "_"]
+T = TypeVar("T", int, float)
 _NEEDED = ("read", "write", "position", "torque")  # they never return None
+_OTHERS = [
+    name
+    for name, value in vars(Device).items()
+    if callable(value) and name[0] != "_" and name not in (*_NEEDED, "close")
+]
 
 
-def guarded(device: Device) -> Device:
-    """Return the device; its failures are DeviceErrors that name the method, its answers checked.
+class GuardedDevice(Device):
+    """Another device, whose failures are DeviceErrors that name the method, its answers checked.
 
     ``close`` alone passes on what it raises. DeviceError if it does not have its attributes.
     """
-    try:
-        kinematics, axes = device.kinematics, device.axes
-        is_exchange = device.is_exchange
-    except Exception as error:
-        raise _failure("its attributes", error) from error
-    place, effort = ("m", "N") if kinematics is None else ("rad", "N m")
 
-    def cut(answer: Any) -> tuple[int, Vector]:
-        time_ns, reading = answer
-        return int(time_ns), _vector(reading, axes, place)
+    def __init__(self, device: Device) -> None:
+        try:
+            self.axes, kinematics = device.axes, device.kinematics
+            self.is_exchange = device.is_exchange
+        except Exception as error:
+            raise _failure("its attributes", error) from error
+        self.published = device.published
+        place, effort = ("m", "N") if kinematics is None else ("rad", "N m")
+        if kinematics is not None:
+            self.kinematics = _GuardedKinematics(kinematics, self.axes)
+        reading = partial(_vector, axes=self.axes, unit=place)
+        checks: dict[str, Callable[[Any], Any]] = {
+            "fresh_reading": reading,
+            "cut": lambda answer: (int(answer[0]), reading(*answer[1:])),
+            "stamps": lambda answer: tuple(map(int, answer)),
+            "latch_jitter": partial(_number, int, 0, "how much later a reading may be, in ns"),
+            "set_hold_limit": partial(_number, float, math.ulp(0.0), "the hold limit, in s"),
+            "orientation": _orientation,
+            "buttons": partial(_number, int, 0, "a bit for each button"),
+            "measured_force": lambda answer: _vector(answer, None, "N"),
+        }
+        held = partial(_vector, axes=self.axes, unit=effort)
+        self._read: Callable[[int], Vector] = _guarded(device, "read", reading)
+        self._write: Callable[[int, Vector], Vector] = _guarded(device, "write", held)
+        self.close = device.close  # type: ignore[method-assign]
+        for name in _OTHERS:
+            setattr(self, name, _guarded(device, name, checks.get(name)))
 
-    checks: dict[str, Callable[[Any], Any]] = {
-        "read": lambda answer: _vector(answer, axes, place),
-        "write": lambda answer: _vector(answer, axes, effort),
-        "fresh_reading": lambda answer: _vector(answer, axes, place),
-        "cut": cut,
-        "stamps": lambda answer: tuple(map(int, answer)),
-        "latch_jitter": _jitter,
-        "set_hold_limit": _seconds,
-        "orientation": _orientation,
-        "buttons": _buttons,
-        "measured_force": lambda answer: _vector(answer, None, "N"),
-    }
-    methods = {name: _guarded(device, name, checks.get(name)) for name in _METHODS}
-    if kinematics is not None:
-        position = _guarded(kinematics, "position", lambda answer: _vector(answer, None, "m"))
-        torque = _guarded(kinematics, "torque", lambda answer: _vector(answer, axes, "N m"))
-        kinematics = cast(Any, SimpleNamespace(position=position, torque=torque))
-    methods["close"] = device.close
-    own = {"axes": axes, "kinematics": kinematics, "is_exchange": is_exchange}
-    return cast(Device, SimpleNamespace(**own, published=device.published, **methods))
+    def read(self, time_ns: int) -> Vector:
+        """Return the checked readings."""
+        return self._read(time_ns)
+
+    def write(self, time_ns: int, force: Vector) -> Vector:
+        """Return the checked force that is applied."""
+        return self._write(time_ns, force)
+
+
+class _GuardedKinematics(Kinematics):
+    def __init__(self, kinematics: Kinematics, axes: int) -> None:
+        place = partial(_vector, axes=None, unit="m")
+        effort = partial(_vector, axes=axes, unit="N m")
+        self._position: Callable[[Vector], Vector] = _guarded(kinematics, "position", place)
+        self._torque: Callable[[Vector, Vector], Vector] = _guarded(kinematics, "torque", effort)
+
+    def position(self, angles: Vector) -> Vector:
+        return self._position(angles)
+
+    def torque(self, angles: Vector, force: Vector) -> Vector:
+        return self._torque(angles, force)
 
 
 def _guarded(part: Any, name: str, check: Callable[[Any], Any] | None) -> Callable[..., Any]:
@@ -75,16 +99,11 @@ def _vector(answer: Any, axes: int | None, unit: str) -> Vector:
     return vector
 
 
-def _seconds(answer: Any) -> float:
-    if not 0.0 < answer < math.inf:
-        raise DeviceError(f"expected the hold limit that was set, > 0 s, got {answer!r}")
-    return float(answer)
-
-
-def _jitter(answer: Any) -> int:
-    if not answer >= 0:
-        raise DeviceError(f"expected how much later a reading may be, >= 0 ns, got {answer!r}")
-    return int(answer)
+def _number(kind: type[T], least: float, what: str, answer: Any) -> T:
+    number = kind(answer)
+    if not least <= number <= MAX_COUNT:
+        raise DeviceError(f"expected {what}, {least:.0f} to {MAX_COUNT}, got {answer!r}")
+    return number
 
 
 def _orientation(answer: Any) -> Quaternion:
@@ -92,13 +111,6 @@ def _orientation(answer: Any) -> Quaternion:
     if not is_unit((w, x, y, z)):
         raise DeviceError(f"expected 4 numbers of length 1 (w x y z), got {answer!r}")
     return w, x, y, z
-
-
-def _buttons(answer: Any) -> int:
-    buttons = int(answer)
-    if not 0 <= buttons <= MAX_COUNT:
-        raise DeviceError(f"expected 0 to {MAX_COUNT}, a bit for each button, got {answer!r}")
-    return buttons
 
 
 def _failure(method: str, error: Exception) -> DeviceError:

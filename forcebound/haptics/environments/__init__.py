@@ -181,6 +181,7 @@ def open_environment(
     """
     with _users_code(f"open({axes})"):
         opened = model.open(axes)
+        opened.published.declare(model.signals)
         if users:
             opened.expect(users)
         return opened

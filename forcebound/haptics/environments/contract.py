@@ -158,7 +158,6 @@ def _answers(
             _check_scene(environment, f"scene() after the last query, {axes} axes", found)
             if len(questions) > 1:  # a launch file asks only once, at rest
                 _check_users(environment, axes, found)
-        found.check_signals(environment, model.signals)
         environment.close()
     return answers
 

@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from forcebound.haptics.parts.signals import Publisher, Signal
+from forcebound.haptics.parts.signals import SignalError
 from forcebound.haptics.parts.user_module import describe_user_error
 
 SIGNALS = {"signals": "publishes numbers, under the names that `signals` of its model declares"}
@@ -81,6 +81,7 @@ class Findings:
         try:
             yield
         except (Exception, SystemExit) as error:
+            promise = "signals" if isinstance(error, SignalError) else promise
             self.add(promise, expected, describe_user_error(error, anywhere=True), where)
 
     def check_value(self, model: Any) -> None:
@@ -116,14 +117,6 @@ class Findings:
         elif not all(map(math.isfinite, answer)):
             self.add(finite, "finite numbers", repr(answer), where)
         return fault is None
-
-    def check_signals(self, part: Publisher, declared: Collection[Signal]) -> None:
-        """Check the numbers that an open part has published."""
-        names = [signal.name for signal in declared]
-        for name, value in part.published.numbers.items():
-            if name not in names or not isinstance(value, numbers.Real):
-                expected = f"a number, under one of the names {names}"
-                self.add("signals", expected, f"{name!r}: {shown(value)}", "signal()")
 
     def check_repeats(self, one: Sequence[Any], other: Sequence[Any], where: str) -> None:
         """Check that the answers of two runs are the same (promise "pure")."""

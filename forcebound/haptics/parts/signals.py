@@ -9,6 +9,7 @@ import re
 from collections.abc import Collection
 from dataclasses import dataclass
 from functools import cached_property
+from math import isfinite
 from typing import Any, ClassVar
 
 from forcebound.errors import ConfigError
@@ -64,12 +65,37 @@ class Publishing:
             raise ConfigError(f"class {cls.__name__}: signals: expected {expected}, got {got}")
 
 
+class SignalError(ConfigError):
+    """A part has published a number that its model does not declare, or what is no number."""
+
+
 class Published:
     """What an open part has published."""
 
     def __init__(self) -> None:
-        self.numbers: dict[str, float] = {}  # that hold now
+        self.numbers: dict[str, float] = {}  # that hold now, all finite
         self.events: list[tuple[str, str, bool]] = []  # not sent yet: kind, message, is it a fault
+        self._names: frozenset[str] | None = None  # of the numbers that it takes; None: any
+
+    def declare(self, signals: Collection[Signal]) -> None:
+        """Take no other numbers than these; SignalError if there is another one already."""
+        self._names = frozenset(signal.name for signal in signals)
+        for name, value in self.numbers.items():
+            self.take(name, value)
+
+    def take(self, name: str, value: float) -> None:
+        """Take a number; SignalError if it is not declared, or no number."""
+        if self._names is not None and name not in self._names:
+            known = ", ".join(sorted(self._names)) or "none"
+            raise SignalError(f"expected a signal that `signals` declares ({known}), got {name!r}")
+        try:
+            is_finite = isfinite(value)
+        except Exception:  # of any kind, by a value of any type
+            raise SignalError(f"signal {name!r}: expected a number, got {value!r}") from None
+        if is_finite:
+            self.numbers[name] = float(value)
+        else:
+            self.numbers.pop(name, None)
 
 
 class Publisher:
@@ -81,8 +107,11 @@ class Publisher:
         return Published()
 
     def signal(self, name: str, value: float) -> None:
-        """Publish a number that the model declares; it holds until the next one, NaN ends it."""
-        self.published.numbers[name] = value
+        """Publish a number that the model declares; it holds until the next one, NaN ends it.
+
+        SignalError if it is not declared, or no number.
+        """
+        self.published.take(name, value)
 
     def event(self, event: str, message: str = "", *, is_fault: bool = False) -> None:
         """Publish an event of the run: its kind, in a word or two, and a message for people."""

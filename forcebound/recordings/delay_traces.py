@@ -13,8 +13,8 @@ from forcebound.messages.packets import TOPIC_OF, Telemetry
 from forcebound.messages.topology import LINKS
 from forcebound.network.impairment import LOOP, Impairment
 from forcebound.network.trace import DelayTrace, read_csv
+from forcebound.recordings.hops import Hops
 from forcebound.recordings.telemetry import TelemetryColumns
-from forcebound.results.hops import Hops
 
 if TYPE_CHECKING:
     import numpy as np
