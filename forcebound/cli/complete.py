@@ -4,19 +4,54 @@ Nothing here may raise or write: the user presses a key and waits.
 """
 
 import functools
+import re
 from collections.abc import Callable, Iterable
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
-from click.shell_completion import CompletionItem
+from click.shell_completion import BashComplete, CompletionItem, ZshComplete
 
 from forcebound.files import RECORDING_SUFFIX
 from forcebound.roles import CONTROLLER, ENVIRONMENT
 
 if TYPE_CHECKING:
     from forcebound.messages.topology import Graph
+
+
+class Bash(BashComplete):
+    """Completion in bash, which also cuts a word at ``:`` and ``=``: ``law``, ``:=``, ``cert``."""
+
+    source_template = BashComplete.source_template.replace(
+        "COMPREPLY+=($value)",
+        "COMPREPLY+=($value)\n            [[ $value == *[=/] ]] && compopt -o nospace",
+    )
+    _before = ""  # the part of the word that bash keeps
+
+    def get_completion_args(self) -> tuple[list[str], str]:
+        """Return the words before the one that is begun, and this one, none of them cut."""
+        before, begun = super().get_completion_args()
+        *words, word = re.sub(r"\n([:=]+)(\n(?!$))?", r"\1", "\n".join([*before, begun])).split(
+            "\n"
+        )
+        self._before = word.removesuffix(begun.lstrip(":="))
+        return words, word
+
+    def format_completion(self, item: "CompletionItem[Any]") -> str:
+        """Return an offer without what bash keeps."""
+        return f"{item.type},{item.value.removeprefix(self._before)}"
+
+
+class Zsh(ZshComplete):
+    """Completion in zsh, which goes on without a blank after ``law:=`` and ``folder/``."""
+
+    source_template = ZshComplete.source_template.replace(
+        "compadd -U -V unsorted -a completions",
+        "compadd -U -V unsorted -S '' -- ${(M)completions:#*[=/]}\n"
+        "        compadd -U -V unsorted -- ${completions:#*[=/]}",
+    )
+
 
 Offer = Callable[[click.Context, click.Parameter, str], list[CompletionItem]]
 
