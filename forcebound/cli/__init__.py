@@ -15,7 +15,7 @@ from typing import Any
 import click
 from click.shell_completion import CompletionItem, add_completion_class
 
-from forcebound.cli.common import Group, show
+from forcebound.cli.common import Group, command, show
 from forcebound.cli.complete import Bash, Zsh
 from forcebound.errors import ConfigError, ForceboundError
 from forcebound.files import printable
@@ -27,56 +27,53 @@ __all__ = ["main"]
 #: Commands in the order of the help, under what they are for: where each is made, and its line.
 COMMANDS = {
     "Run a graph": {
-        "demo": ("demo:demo", "Press a simulated hand into a wall, live, in 20 s."),
-        "launch": ("run:launch", "Run a launch file in real time, as processes."),
-        "simulate": ("run:simulate", "Run a launch file in virtual time."),
-        "node": ("node:node", "Serve a graph on another machine."),
-        "new": ("start:new", "Make a folder to begin with."),
+        "demo": ("demo", "Press a simulated hand into a wall, live, in 20 s."),
+        "launch": ("run", "Run a launch file in real time, as processes."),
+        "simulate": ("run", "Run a launch file in virtual time."),
+        "node": ("node", "Serve a graph on another machine."),
+        "new": ("start", "Make a folder to begin with."),
     },
     "Look at a running graph": {
-        "view": ("view:view", "Open a live page of the running graph."),
+        "view": ("view", "Open a live page of the running graph."),
         "list": ("look:list_graphs", "List the graphs that run here, with their nodes."),
-        "graph": ("topics:graph", "Show the graph with its measured rates."),
-        "echo": ("topics:echo", "Print the packets of a topic."),
-        "hz": ("topics:hz", "Measure how often topics are sent, and their bytes."),
-        "delay": ("topics:delay", "Show the loop delay of a recording or graph."),
-        "log": ("topics:log", "Print events of a graph as they come."),
-        "doctor": ("look:doctor", "Diagnose the running graph, or this machine if none runs."),
-        "bridge": ("topics:bridge", "Show a running graph in another program."),
+        "graph": ("topics", "Show the graph with its measured rates."),
+        "echo": ("topics", "Print the packets of a topic."),
+        "hz": ("topics", "Measure how often topics are sent, and their bytes."),
+        "delay": ("topics", "Show the loop delay of a recording or graph."),
+        "log": ("topics", "Print events of a graph as they come."),
+        "doctor": ("look", "Diagnose the running graph, or this machine if none runs."),
+        "bridge": ("topics", "Show a running graph in another program."),
     },
     "Change a running graph": {
-        "param": ("change:param", "Show and change parameters of a running graph."),
-        "stop": ("change:stop", "Stop a node: zero force."),
-        "start": ("change:start", "Start a node that was stopped."),
-        "outage": ("change:outage", "Cut a link from now for a time."),
+        "param": ("change", "Show and change parameters of a running graph."),
+        "stop": ("change", "Stop a node: zero force."),
+        "start": ("change", "Start a node that was stopped."),
+        "outage": ("change", "Cut a link from now for a time."),
     },
     "Recordings": {
-        "record": ("recordings:record", "Record a running graph from now on."),
-        "plot": ("recordings:plot", "Draw recordings side by side."),
-        "export": ("recordings:export", "Write the topics of a recording as tables."),
-        "replay": (
-            "recordings:replay",
-            "Verify a recording, or run it once more with other parts.",
-        ),
-        "recover": ("recordings:recover", "Make a complete recording of a cut one."),
+        "record": ("recordings", "Record a running graph from now on."),
+        "plot": ("recordings", "Draw recordings side by side."),
+        "export": ("recordings", "Write the topics of a recording as tables."),
+        "replay": ("recordings", "Verify a recording, or run it once more with other parts."),
+        "recover": ("recordings", "Make a complete recording of a cut one."),
     },
     "Devices, and parts of your own": {
-        "device": ("parts:device", "List serial ports; go on with a lost device."),
-        "emulate": ("parts:emulate", "Play a device on a pseudo-terminal."),
-        "identify": ("parts:identify", "Measure the numbers that a device's certificate rests on."),
-        "check": ("parts:check", "Check a part against its contract."),
+        "device": ("parts", "List serial ports; go on with a lost device."),
+        "emulate": ("parts", "Play a device on a pseudo-terminal."),
+        "identify": ("parts", "Measure the numbers that a device's certificate rests on."),
+        "check": ("parts", "Check a part against its contract."),
     },
     "Studies": {
-        "sweep": ("study:sweep", "Run a graph over a grid of its parameters."),
+        "sweep": ("study", "Run a graph over a grid of its parameters."),
         "map": ("study:draw_map", "Draw the map of a sweep's result."),
-        "audit": ("study:audit", "Attack the laws in simulation."),
-        "reproduce": ("study:reproduce", "Repeat the paper's experiments."),
-        "study": ("user_study:study", "Run a study with people, or simulated observers."),
+        "audit": ("study", "Attack the laws in simulation."),
+        "reproduce": ("study", "Repeat the paper's experiments."),
+        "study": ("user_study", "Run a study with people, or simulated observers."),
     },
     "This machine": {
-        "completion": ("start:completion", "Let the Tab key complete commands and arguments."),
-        "keys": ("start:keys", "Create and show the keys for a link to another machine."),
-        "schema": ("start:schema", "Print the JSON schema of launch files."),
+        "completion": ("start", "Let the Tab key complete commands and arguments."),
+        "keys": ("start", "Create and show the keys for a link to another machine."),
+        "schema": ("start", "Print the JSON schema of launch files."),
     },
 }
 #: The same by the names of commands.
@@ -90,8 +87,9 @@ class _Commands(UserDict[str, Any]):
     """Commands by name, each imported when it is asked for."""
 
     def __getitem__(self, name: str) -> Any:
-        module, _, command = PLACES[name][0].partition(":")
-        return getattr(import_module(f"forcebound.cli.{module}"), command)
+        module, _, function = PLACES[name][0].partition(":")
+        made = getattr(import_module(f"forcebound.cli.{module}"), function or name)
+        return made if isinstance(made, click.Command) else command(name)(made)
 
 
 class _Group(Group):

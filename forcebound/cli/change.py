@@ -1,22 +1,57 @@
 """Commands that change a running graph: its nodes, parameters, links."""
 
+from collections.abc import Iterable
 from contextlib import closing
 from pathlib import Path
 
+import click
+
 from forcebound.cli import complete
 from forcebound.cli import options as opt
-from forcebound.cli.common import Group, print_json, show
+from forcebound.cli.common import Group, command, print_json, show
+from forcebound.graph.names import ParameterName
+from forcebound.graph.parameters import takeable_laws
 from forcebound.messages.control import Parameters
 from forcebound.observe import control, tuning
 from forcebound.observe.formatting import as_written, ranges
 from forcebound.observe.kernels import Kernels
 from forcebound.observe.snapshot import other_environment, snapshot
-from forcebound.roles import ENVIRONMENT
+from forcebound.roles import CONTROLLER, ENVIRONMENT
 
-_node = opt.argument(shell_complete=complete.nodes)
+_links = complete.offering(
+    lambda context, _: (stream.name for stream in complete.graph_of(context).links)
+)
 
 
-@opt.command()
+@complete.offering
+def _nodes(context: click.Context, begun: str) -> Iterable[str]:
+    """Nodes of the running graph that can be stopped."""
+    graph = complete.graph_of(context)
+    return (name for name in graph.loop if graph.nodes[name].role in (ENVIRONMENT, CONTROLLER))
+
+
+@complete.offering
+def _parameters(context: click.Context, begun: str) -> Iterable[str]:
+    """Parameters of the running graph, also those that are fixed."""
+    return tuning.every_parameter(tuning.configuration(context.params["run"], with_code=False))
+
+
+@complete.offering
+def _changes(context: click.Context, begun: str) -> Iterable[str]:
+    """Parameters of the running graph, each ``name:=``, and its value; for the law all choices."""
+    config = tuning.configuration(context.params["run"], with_code=False)
+    known = tuning.find_parameters(config, ())
+    name, sign, _ = begun.partition(":=")
+    if not sign:
+        return [f"{one}:=" for one in known]
+    if ParameterName.parse(name).is_law:
+        return [f"{name}:={law}" for law in takeable_laws()]
+    return [f"{name}:={complete.one_word(as_written(config, {name: known[name]})[name])}"]
+
+
+_node = opt.argument(_nodes)
+
+
 def stop(node: str = _node, run: Path = opt.graph) -> None:
     r"""Stop NODE (environment or controller) of a running graph: zero force.
 
@@ -32,7 +67,6 @@ def stop(node: str = _node, run: Path = opt.graph) -> None:
     show(f"{node} is stopped; {effect}")
 
 
-@opt.command()
 def start(node: str = _node, run: Path = opt.graph) -> None:
     r"""Start NODE (environment or controller) of a running graph after a stop.
 
@@ -46,7 +80,7 @@ def start(node: str = _node, run: Path = opt.graph) -> None:
 param = Group("param", help="Show and change the parameters of a running graph, its law included.")
 
 
-@opt.command("list", param, short_help="List what can be changed during a run.")
+@command("list", param, short_help="List what can be changed during a run.")
 def list_parameters(
     changed: bool = opt.flag("Only the changed ones."),
     run: Path = opt.run,
@@ -65,11 +99,9 @@ def list_parameters(
         _print(run, found, as_json, with_ranges=True)
 
 
-@opt.command("get", param, short_help="Show parameters, or a whole section.")
+@command("get", param, short_help="Show parameters, or a whole section.")
 def get_parameters(
-    names: tuple[str, ...] = opt.arguments(
-        required=True, metavar="NAME...", shell_complete=complete.parameters
-    ),
+    names: tuple[str, ...] = opt.arguments("NAME...", _parameters, required=True),
     run: Path = opt.run,
     as_json: bool = opt.as_json,
 ) -> None:
@@ -82,11 +114,9 @@ def get_parameters(
     _print(run, tuning.find_parameters(tuning.configuration(run), names), as_json)
 
 
-@opt.command("set", param, short_help="Change parameters.")
+@command("set", param, short_help="Change parameters.")
 def set_parameters(
-    settings: tuple[str, ...] = opt.arguments(
-        required=True, metavar="NAME:=VALUE...", shell_complete=complete.changes
-    ),
+    settings: tuple[str, ...] = opt.arguments("NAME:=VALUE...", _changes, required=True),
     run: Path = opt.run,
     as_json: bool = opt.as_json,
 ) -> None:
@@ -121,10 +151,9 @@ def _print(run: Path, values: Parameters, as_json: bool, *, with_ranges: bool = 
         show(f"{name}: {text}  # {remarks[name]}" if remarks.get(name) else f"{name}: {text}")
 
 
-@opt.command()
 def outage(
     time: str = opt.argument(),
-    links: tuple[str, ...] = opt.arguments(metavar="[LINK]...", shell_complete=complete.links),
+    links: tuple[str, ...] = opt.arguments("[LINK]...", _links),
     run: Path = opt.run,
     as_json: bool = opt.as_json,
 ) -> None:

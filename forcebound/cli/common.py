@@ -2,25 +2,22 @@
 
 import json
 import os
-import sys
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from collections.abc import Callable, Iterable
+from contextlib import nullcontext, suppress
 from functools import partial
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any, TypeVar
+from inspect import Parameter, signature
+from typing import Any, TypeAlias, TypeVar
 
 import click
 
 from forcebound.errors import ConfigError
 from forcebound.files import printable
 
-if TYPE_CHECKING:
-    from forcebound.run.screen import Screen
-
 T = TypeVar("T")
+Function: TypeAlias = Callable[..., None]
 
 UNKNOWN = "–"  # in place of a figure
-SLOW = 1.0  # s, after which a command shows its progress
 
 
 class Group(click.Group):
@@ -38,14 +35,29 @@ class Group(click.Group):
         return super().resolve_command(ctx, args)
 
 
-def slow_bar(name: str, as_json: bool) -> AbstractContextManager[Callable[[int, int], None]]:
-    """Give a function that shows progress, if it takes long and somebody looks.
+def command(
+    name: str | None = None,
+    group: Any = None,
+    cls: type[click.Command] = click.Command,
+    **settings: Any,
+) -> Callable[[Function], click.Command]:
+    """Make a command from a function, and add it to a :class:`Group` if one is given.
 
-    It takes what is done, and the total.
+    The defaults of the function make its parameters (:mod:`forcebound.cli.options`).
     """
-    from forcebound.run.progress import progress_bar
 
-    return progress_bar(name, after=SLOW, shown=sys.stderr.isatty() and not as_json)
+    def make(function: Function) -> click.Command:
+        for parameter in reversed([*signature(function).parameters.values()]):
+            if parameter.default is not Parameter.empty:
+                function = parameter.default(parameter.name)(function)
+        # Examples keep their lines by click's mark, which a raw docstring spells in two letters.
+        words = (function.__doc__ or "").replace("\\b\n", "\b\n")
+        made = click.command(name, cls, help=words, **settings)(function)
+        if group is not None:
+            group.add_command(made)
+        return made
+
+    return make
 
 
 def show(text: str, err: bool = False) -> None:
@@ -57,16 +69,8 @@ def show(text: str, err: bool = False) -> None:
         click.echo(printable(text), err=err)
 
 
-@contextmanager
-def status_line(as_json: bool) -> "Iterator[Screen]":
-    """A screen that says what a launcher is doing, if somebody looks; empty at the end."""
-    from forcebound.run.screen import Screen
-
-    screen = Screen(has_status=sys.stderr.isatty() and not as_json)
-    try:
-        yield screen
-    finally:
-        screen.status("")
+#: Shows a line on standard error.
+say = partial(show, err=True)
 
 
 def check_tornado() -> None:

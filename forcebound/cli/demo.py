@@ -8,7 +8,8 @@ from pathlib import Path
 import click
 
 from forcebound.cli import options as opt
-from forcebound.cli.common import show, status_line
+from forcebound.cli.common import show
+from forcebound.cli.outcome import status_line
 from forcebound.errors import RunError
 from forcebound.graph.loader import load
 from forcebound.haptics.laws import ENERGY_TOLERANCE
@@ -40,14 +41,8 @@ do it by hand, in a browser (extra view):  {command} launch pointer_wall --view
 """
 
 
-@opt.command()
 def demo(
-    folder: Path = opt.output(
-        "Folder for two recordings and a picture.",
-        type=opt.FOLDER,
-        default=Path("results/demo"),
-        show_default=True,
-    ),
+    folder: Path = opt.folder("Folder for two recordings and a picture.", Path("results/demo")),
 ) -> None:
     r"""Press a simulated hand into a late, stiff wall, without a law and with the certified one.
 

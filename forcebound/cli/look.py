@@ -21,7 +21,6 @@ MEASURE_S = 12.0  # of all contestants together, without their start
 COLOURS = {"problem": "red", "note": "yellow", "fine": "green"}
 
 
-@opt.command("list")
 def list_graphs(
     watch: bool = opt.flag("Repeat each second while a graph runs."),
     run: Path | None = opt.given_run,
@@ -72,7 +71,6 @@ def _show_graphs(graphs: list[ListedGraph]) -> None:
         print_rows(HEAD, rows)
 
 
-@opt.command()
 def doctor(
     measure: bool = opt.flag(f"Also measure this machine: {MEASURE_S:g} s."),
     run: Path | None = opt.given_run,

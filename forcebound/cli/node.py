@@ -10,10 +10,9 @@ from forcebound.roles import ENVIRONMENT
 from forcebound.run.worker import run_node, serve_environment
 
 
-@opt.command()
 def node(
     name: str = opt.argument(metavar="environment"),
-    file: str = opt.argument(shell_complete=complete.launch_files),
+    file: str = opt.argument(complete.launch_files),
     arguments: tuple[str, ...] = opt.file_settings,
     run_dir: Path | None = opt.option("Of a launcher.", type=opt.PATH, hidden=True),
 ) -> None:

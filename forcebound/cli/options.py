@@ -2,19 +2,18 @@
 
 ::
 
-    @command()
     def outage(time: str = argument(), run: Path = run, twice: bool = flag("Two times.")) -> None:
 """
 
 from collections.abc import Callable
 from functools import partial, reduce
-from inspect import Parameter, signature
 from pathlib import Path
-from typing import Any, TypeAlias, TypeVar
+from typing import Any
 
 import click
 
 from forcebound.cli import complete
+from forcebound.cli.common import Function
 from forcebound.errors import ConfigError
 from forcebound.files import recording_file
 from forcebound.quantities import Range
@@ -25,35 +24,6 @@ FILE = click.Path(path_type=Path, dir_okay=False)
 FOLDER = click.Path(path_type=Path, file_okay=False)
 COUNT = click.IntRange(min=1)
 NUMBER = click.IntRange(min=0)
-PORT = click.IntRange(0, 65535)
-
-Made = TypeVar("Made", bound=click.Command)
-Function: TypeAlias = Callable[..., None]
-
-
-def command_of(
-    cls: type[Made], name: str | None = None, group: click.Group | None = None, **settings: Any
-) -> Callable[[Function], Made]:
-    """Make a command of this class from a function, and add it to a group if one is given.
-
-    Its parameters are in the help in the order of the signature.
-    """
-
-    def make(function: Function) -> Made:
-        for parameter in reversed([*signature(function).parameters.values()]):
-            if parameter.default is not Parameter.empty:
-                function = parameter.default(parameter.name)(function)
-        # Examples keep their lines by click's mark, which a raw docstring spells in two letters.
-        words = (function.__doc__ or "").replace("\\b\n", "\b\n")
-        made = click.command(name, cls, help=words, **settings)(function)
-        if group is not None:
-            group.add_command(made)
-        return made
-
-    return make
-
-
-command = partial(command_of, click.Command)
 
 
 def option(words: str, *names: str, **settings: Any) -> Any:
@@ -69,9 +39,14 @@ def option(words: str, *names: str, **settings: Any) -> Any:
     return add
 
 
-def argument(**settings: Any) -> Any:
-    """Return an argument, as :func:`option`."""
-    return lambda name: click.argument(name, **settings)
+def argument(offers: complete.Offer | None = None, **settings: Any) -> Any:
+    """Return an argument, as :func:`option`, and what a shell offers for it."""
+    return lambda name: click.argument(name, shell_complete=offers, **settings)
+
+
+def arguments(metavar: str, offers: complete.Offer | None = None, **settings: Any) -> Any:
+    """Return an argument of any number of values."""
+    return argument(offers, nargs=-1, metavar=metavar, **settings)
 
 
 def several(**parameters: Any) -> Callable[[Function], Function]:
@@ -92,12 +67,17 @@ flag = partial(option, is_flag=True)
 repeated = partial(option, multiple=True)
 number = partial(option, type=NUMBER, show_default=True)
 duration = partial(option, type=seconds, metavar="TIME")
-arguments = partial(argument, nargs=-1)
+file = partial(option, type=FILE)
+port = partial(option, type=click.IntRange(0, 65535), default=0)
 
 
-def output(words: str, **settings: Any) -> Any:
+def output(words: str, default: Path | None = None, **settings: Any) -> Any:
     """Return an option for a file to write, or for what ``type`` says."""
-    return option(words, "-o", "--output", **{"type": FILE, **settings})
+    given = {"type": FILE, "default": default, "show_default": default is not None, **settings}
+    return option(words, "-o", "--output", **given)
+
+
+folder = partial(output, type=FOLDER)
 
 
 def recording(words: str, *names: str, **settings: Any) -> Any:
@@ -115,17 +95,19 @@ def recording(words: str, *names: str, **settings: Any) -> Any:
             raise click.BadParameter(f"{path} exists: choose another name, or add --overwrite")
         return path
 
-    file = option(words, *names, type=FILE, callback=check, metavar="RUN.mcap", **settings)
+    written = file(words, *names, callback=check, metavar="RUN.mcap", **settings)
     # Eager: read before the name of the recording, in any order on the command line.
     overwrite = flag("Replace an existing recording.", is_eager=True)
-    return lambda name: several(**{name: file, "overwrite": overwrite})
+    return lambda name: several(**{name: written, "overwrite": overwrite})
 
 
-def _running(require_graph: bool) -> Callable[..., Path]:
+def running(require_graph: bool, named: str = "--run GRAPH") -> Callable[..., Path]:
+    """Return a callback that finds the run of a graph which is meant; it ends with the graph."""
+
     def find_run(context: click.Context, _: click.Parameter, run: Path | None) -> Path:
         from forcebound.observe.runs import find, while_running  # not for each command
 
-        run_dir = find(run, require_graph=require_graph)
+        run_dir = find(run, require_graph=require_graph, option=named)
         context.with_resource(while_running(run_dir))
         return run_dir
 
@@ -141,8 +123,8 @@ _run = partial(
 )
 #: GRAPH as given; the directory of a run; that of a run which is more than an environment.
 given_run = _run()
-run = _run(callback=_running(require_graph=False))
-graph = _run(callback=_running(require_graph=True))
+run = _run(callback=running(require_graph=False))
+graph = _run(callback=running(require_graph=True))
 as_json = flag("Print one JSON document.", "--json")
 as_json_lines = flag("Print one JSON document per line.", "--json")
 shows_all = flag("Print the table of all figures, too.", "--all")
@@ -152,8 +134,7 @@ record = recording("Record the run in this file.")
 hand = option(
     "Only this hand, if there are several.", metavar="NAME", shell_complete=complete.hands
 )
-settings = arguments(metavar="[NAME:=VALUE]...")
-file_settings = arguments(metavar="[NAME:=VALUE]...", shell_complete=complete.settings)
-topics = arguments(metavar="[TOPIC]...", shell_complete=complete.topics)
+settings = arguments("[NAME:=VALUE]...")
+file_settings = arguments("[NAME:=VALUE]...", complete.settings)
 workers = option("Number of processes; 0: only this one. Default: one per core.", type=NUMBER)
 opens = option("Whether to open a browser.", "--open/--no-open", default=True)

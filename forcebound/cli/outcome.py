@@ -1,12 +1,13 @@
 """Runs of a graph, and their results in the terminal."""
 
-from collections.abc import Mapping, Sequence
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import click
 
-from forcebound.cli.common import print_json, show, slow_bar, status_line
+from forcebound.cli.common import print_json, show
 from forcebound.errors import RunError
 from forcebound.graph.graph import GraphConfig
 from forcebound.messages.topology import HAND
@@ -14,52 +15,50 @@ from forcebound.results.coupling import coupling, coupling_lines
 from forcebound.results.printing import print_rows
 from forcebound.results.tables import phase_rows, summary_table
 from forcebound.run.live import run_live
+from forcebound.run.progress import progress_bar
 from forcebound.run.results import RunResult
+from forcebound.run.screen import Screen
+
+SLOW = 1.0  # s, after which a command shows its progress
 
 
-def show_live_run(
+@contextmanager
+def status_line(as_json: bool) -> Iterator[Screen]:
+    """A screen that says what a launcher is doing, if somebody looks; empty at the end."""
+    screen = Screen(has_status=sys.stderr.isatty() and not as_json)
+    try:
+        yield screen
+    finally:
+        screen.status("")
+
+
+def show_run(
     config: GraphConfig,
     duration: float | None,
     record: Path | None,
     as_json: bool,
     shows_all: bool,
-    file: str,
+    command: str | None = None,
     folder: Path = Path(),
 ) -> None:
-    """Run a graph in real time, and show the result; see :func:`report`."""
-    with status_line(as_json) as screen:
-        results = run_live(config, duration, record, None, file, screen, folder)
-        screen.status("computing the figures")
-        for result in results.values():
-            _ = result.summary
-    report(results, record, as_json, shows_all)
+    """Run a graph, show its results by hand; RunError, once they are shown, if the run failed.
 
-
-def show_virtual_run(
-    config: GraphConfig,
-    duration: float | None,
-    record: Path | None,
-    as_json: bool,
-    shows_all: bool,
-) -> None:
-    """Run a graph in virtual time, and show the result; see :func:`report`."""
-    from forcebound.run.virtual import run_virtual_hands  # a live run does not need it
-
-    with slow_bar("ms of virtual time", as_json) as tell:
-        results = run_virtual_hands(config, duration, record, may_end_early=True, progress=tell)
-    speed = next(iter(results.values())).times_real_time
-    show(f"virtual time: {speed:.0f} times real time", err=True)
-    report(results, record, as_json, shows_all)
-
-
-def report(
-    results: Mapping[str, RunResult], record: Path | None, as_json: bool, shows_all: bool
-) -> None:
-    """Show the results of a run, by hand; RunError, once they are shown, if the run failed."""
+    It runs in real time if there is the ``command`` of a live run, else in virtual time.
+    """
+    if command is None:
+        results = _run_virtual(config, duration, record, as_json)
+    else:
+        with status_line(as_json) as screen:
+            results = run_live(config, duration, record, None, command, screen, folder)
+            screen.status("computing the figures")
+            for result in results.values():
+                _ = result.summary
     if any(result.interrupted for result in results.values()):
         show("forcebound: interrupted; result up to here", err=True)
     summaries = {hand: result.summary for hand, result in results.items()}
-    together = _coupling(results)
+    columns = {hand: result.columns for hand, result in results.items()}
+    documents = {hand: result.document for hand, result in results.items()}
+    together = coupling(columns, documents) if len(results) > 1 else {}
     if as_json:
         print_json(summaries.get(HAND, {"hands": summaries, "coupling": together}))
     else:
@@ -73,13 +72,17 @@ def report(
             raise RunError(f"{hand}: {result.failed}" if hand else result.failed)
 
 
-def _coupling(results: Mapping[str, RunResult]) -> dict[str, Any]:
-    if len(results) < 2:
-        return {}
-    return coupling(
-        {hand: result.columns for hand, result in results.items()},
-        {hand: result.document for hand, result in results.items()},
-    )
+def _run_virtual(
+    config: GraphConfig, duration: float | None, record: Path | None, as_json: bool
+) -> Mapping[str, RunResult]:
+    from forcebound.run.virtual import run_virtual_hands  # a live run does not need it
+
+    is_shown = sys.stderr.isatty() and not as_json
+    with progress_bar("ms of virtual time", after=SLOW, shown=is_shown) as progress:
+        results = run_virtual_hands(config, duration, record, may_end_early=True, progress=progress)
+    speed = next(iter(results.values())).times_real_time
+    show(f"virtual time: {speed:.0f} times real time", err=True)
+    return results
 
 
 def show_results(

@@ -10,7 +10,7 @@ import click
 
 from forcebound.cli import complete
 from forcebound.cli import options as opt
-from forcebound.cli.common import UNKNOWN, Group, print_document, print_json, show
+from forcebound.cli.common import UNKNOWN, Group, command, print_document, print_json, say, show
 from forcebound.errors import ConfigError, RunError
 from forcebound.hardware.emulators import program
 from forcebound.hardware.emulators.faults import parse_fault
@@ -31,7 +31,7 @@ device = Group(
 )
 
 
-@opt.command("list", device)
+@command("list", device)
 def list_devices(as_json: bool = opt.as_json) -> None:
     r"""List the serial ports of this machine, with the likely device at each.
 
@@ -42,25 +42,20 @@ def list_devices(as_json: bool = opt.as_json) -> None:
     if as_json:
         print_json(ports)
         return
-    rows = [
-        (
-            port.path,
-            port.seems or UNKNOWN,
-            port.serial_number or UNKNOWN,
-            port.description or UNKNOWN,
-            "yes" if port.is_permitted else "no: `forcebound doctor`",
-        )
-        for port in ports
-    ]
+    rows = []
+    for port in ports:
+        known = (port.path, port.seems, port.serial_number, port.description)
+        opening = "yes" if port.is_permitted else "no: `forcebound doctor`"
+        rows.append((*(one or UNKNOWN for one in known), opening))
     if rows:
         print_rows(("port", "seems to be", "serial number", "description", "may be opened"), rows)
     else:
         show("no serial port has a device; plug it in, or try `forcebound emulate haply_2diy`")
 
 
-@opt.command("resume", device, short_help="Let a graph go on with a device that was lost.")
+@command("resume", device, short_help="Let a graph go on with a device that was lost.")
 def resume(
-    hand: str | None = opt.argument(required=False, shell_complete=complete.hands),
+    hand: str | None = opt.argument(complete.hands, required=False),
     run: Path = opt.graph,
 ) -> None:
     r"""Let a running graph open its lost device again (on_loss: wait), of HAND if it has several.
@@ -75,13 +70,11 @@ def resume(
     show("the device is back; its force engages")
 
 
-@opt.command()
 def emulate(
     kind: str = opt.argument(type=click.Choice(list(EMULATED))),
     arguments: tuple[str, ...] = opt.settings,
-    link: Path | None = opt.option(
-        "Path of the port. Default: a name in your runtime folder, which is printed.",
-        type=opt.FILE,
+    link: Path | None = opt.file(
+        "Path of the port. Default: a name in your runtime folder, which is printed."
     ),
     faults: tuple[str, ...] = opt.repeated(
         "short, noise, nan: spoil one reply, or those of a time; lost; reset; stall; unplug; "
@@ -116,13 +109,12 @@ def emulate(
     program.run(kind, (model, operator), link, planned, until_unused, show, advice)
 
 
-@opt.command()
 def identify(
     device: str | None = opt.argument(required=False),
     arguments: tuple[str, ...] = opt.settings,
-    output: Path = opt.output("File to write.", default=Path("device.yaml"), show_default=True),
-    checked: Path | None = opt.option(
-        "Test whether a device has changed.", "--check", type=opt.FILE, metavar="DEVICE.yaml"
+    output: Path = opt.output("File to write.", Path("device.yaml")),
+    checked: Path | None = opt.file(
+        "Test whether a device has changed.", "--check", metavar="DEVICE.yaml"
     ),
     reach: str | None = opt.option("How far an axis may move to either side, e.g. 30mm or 20deg."),
     force: str | None = opt.option("Largest force of an axis, e.g. 2N or '0.05 N m'."),
@@ -144,7 +136,6 @@ def identify(
     forcebound identify --check device.yaml
     """
     command = _identification()
-    say = partial(show, err=True)
 
     def ready(line: str) -> None:
         say(line)
@@ -194,10 +185,9 @@ class Progress:
         show(f"{done} of {total} answers" if total else doing, err=True)
 
 
-@opt.command()
 def check(
     part: str = opt.argument(type=click.Choice(CHECKED)),
-    kind: str = opt.argument(metavar="FILE[:NAME]", shell_complete=complete.parts),
+    kind: str = opt.argument(complete.parts, metavar="FILE[:NAME]"),
     arguments: tuple[str, ...] = opt.settings,
     axes: tuple[int, ...] = opt.repeated(
         "Number of axes of an environment; repeatable. Default: 1 to 6.",

@@ -11,14 +11,13 @@ import click
 from forcebound.cli import complete
 from forcebound.cli import options as opt
 from forcebound.cli.common import print_json, show
-from forcebound.cli.outcome import show_live_run, show_results, show_virtual_run
+from forcebound.cli.outcome import show_results, show_run
 from forcebound.files import content_of
 from forcebound.lab import verification
 from forcebound.lab.replay import device_of, duration_of, graph_of
 from forcebound.messages.packets import TOPIC_OF, TOPICS, Telemetry
 from forcebound.messages.topology import HAND
 from forcebound.observe.recorder import free_name, record_running
-from forcebound.observe.runs import find, while_running
 from forcebound.recordings.export import export as write_tables
 from forcebound.recordings.recording import Recording, read
 from forcebound.recordings.recovery import recover as write_recovered
@@ -29,14 +28,12 @@ from forcebound.results.tables import difference_text
 from forcebound.run.results import results_of
 from forcebound.stop import Stop
 
-_run = opt.argument(metavar="RUN.mcap", type=opt.FILE, shell_complete=complete.recordings)
+_recorded = opt.running(require_graph=True, named="`forcebound record GRAPH`")
+_run = opt.argument(complete.recordings, metavar="RUN.mcap", type=opt.FILE)
 
 
-@opt.command()
 def record(
-    graph: Path | None = opt.argument(
-        required=False, type=opt.PATH, shell_complete=complete.graphs
-    ),
+    graph: Path = opt.argument(complete.graphs, required=False, type=opt.PATH, callback=_recorded),
     output: Path | None = opt.recording(
         "File to write. Default: a new one here, named after graph and time.", "-o", "--output"
     ),
@@ -52,23 +49,19 @@ def record(
     forcebound record
     forcebound record stiff_wall -o run.mcap --duration 10s
     """
-    run_dir = find(graph, require_graph=True, option="`forcebound record GRAPH`")
 
     def begin(name: str) -> None:
         if not as_json:
             show(f"recording {name} to {file}; Ctrl-C ends it")
 
-    with while_running(run_dir), Stop() as stop:
-        file = output or free_name(Path(), run_dir)
-        found = record_running(run_dir, file, duration, begin, stop)
+    with Stop() as stop:
+        file = output or free_name(Path(), graph)
+        found = record_running(graph, file, duration, begin, stop)
     print_json(found) if as_json else show(str(found))
 
 
-@opt.command()
 def plot(
-    runs: tuple[str, ...] = opt.arguments(
-        required=True, metavar="RUN.mcap...", shell_complete=complete.recordings
-    ),
+    runs: tuple[str, ...] = opt.arguments("RUN.mcap...", complete.recordings, required=True),
     output: Path | None = opt.output(
         "Picture file, .png or .svg. Default: name of the first recording, .png."
     ),
@@ -118,7 +111,6 @@ def _read(run: Path, hand: str | None, topics: Sequence[str] | None = None) -> R
     return recording
 
 
-@opt.command()
 def export(
     run: Path = _run,
     csv: Path = opt.option(
@@ -140,7 +132,6 @@ def export(
             show(str(file))
 
 
-@opt.command()
 def recover(
     run: Path = _run,
     output: Path = opt.recording("The recording to write.", "-o", "--output", required=True),
@@ -162,7 +153,6 @@ def recover(
     show(f"recording: {output}")
 
 
-@opt.command()
 def replay(
     run: Path = _run,
     arguments: tuple[str, ...] = opt.settings,
@@ -206,11 +196,8 @@ def replay(
     fed = {"hand": True, "network": network, "environment": environment}
     config = graph_of(recording, arguments, [feed for feed, is_fed in fed.items() if is_fed])
     seconds = duration_of(recording, config) if duration is None else duration
-    if live:
-        words = " ".join((str(run), *arguments))
-        show_live_run(config, seconds, record, as_json, shows_all, words)
-    else:
-        show_virtual_run(config, seconds, record, as_json, shows_all)
+    words = " ".join((str(run), *arguments)) if live else None
+    show_run(config, seconds, record, as_json, shows_all, words)
 
 
 def _verify(run: Path, hand: str | None, settings: Sequence[str], as_json: bool) -> NoReturn:

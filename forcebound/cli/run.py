@@ -14,7 +14,7 @@ import click
 from forcebound.cli import complete
 from forcebound.cli import options as opt
 from forcebound.cli.common import check_tornado, print_json, show
-from forcebound.cli.outcome import show_live_run, show_virtual_run
+from forcebound.cli.outcome import show_run
 from forcebound.ending import end
 from forcebound.files import check_writable
 from forcebound.graph.document import descriptions, folder_of
@@ -38,14 +38,11 @@ def _named_file(context: click.Context, parameter: click.Parameter, file: str | 
     raise click.MissingParameter(message, context, parameter)
 
 
-_file = opt.argument(
-    metavar="FILE", required=False, callback=_named_file, shell_complete=complete.launch_files
-)
+_file = opt.argument(complete.launch_files, metavar="FILE", required=False, callback=_named_file)
 _check = opt.flag("Only check the launch file.")
 _show_args = opt.flag("List the arguments of the file.")
 
 
-@opt.command()
 def launch(
     file: str = _file,
     arguments: tuple[str, ...] = opt.file_settings,
@@ -70,13 +67,13 @@ def launch(
     """
     if has_view:
         check_tornado()
-    here = partial(check_here, record=record)
-    config = _configuration(file, arguments, check, show_args, as_json, also=here, hands=hands)
+    also = partial(check_here, record=record)
+    config = _configuration(file, arguments, check, show_args, as_json, hands=hands, also=also)
     if config is not None:
         words = " ".join((file, *arguments, *(f"--hand {hand}" for hand in hands)))
         with _page() if has_view else nullcontext():
             folder = folder_of(Path(file))
-            show_live_run(config, duration, record, as_json, shows_all, words, folder)
+            show_run(config, duration, record, as_json, shows_all, words, folder)
 
 
 @contextmanager
@@ -92,7 +89,6 @@ def _page() -> Iterator[None]:
         end(page, PAGE_END_TIMEOUT_S)
 
 
-@opt.command()
 def simulate(
     file: str = _file,
     arguments: tuple[str, ...] = opt.file_settings,
@@ -115,7 +111,7 @@ def simulate(
         check_writable(record, "the recording")
     config = _configuration(file, arguments, check, show_args, as_json, seed)
     if config is not None:
-        show_virtual_run(config, duration, record, as_json, shows_all)
+        show_run(config, duration, record, as_json, shows_all)
 
 
 def _configuration(
@@ -125,8 +121,8 @@ def _configuration(
     show_args: bool,
     as_json: bool,
     seed: int | None = None,
-    also: Callable[[GraphConfig], None] = lambda config: None,
     hands: tuple[str, ...] = (),
+    also: Callable[[GraphConfig], None] = lambda config: None,
 ) -> GraphConfig | None:
     """Return the configuration of a launch file; None if it was only checked or shown."""
     if show_args:

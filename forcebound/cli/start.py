@@ -8,7 +8,7 @@ import click
 from click.shell_completion import get_completion_class
 
 from forcebound.cli import options as opt
-from forcebound.cli.common import Group, print_json, show
+from forcebound.cli.common import Group, command, print_json, show
 from forcebound.errors import ConfigError
 from forcebound.folders import home_folder
 from forcebound.network.keys import key_folder, list_keys, new_key, public_key
@@ -30,7 +30,6 @@ SHELLS = {
 }
 
 
-@opt.command()
 def completion(
     shell: str = opt.argument(type=click.Choice(SHELLS)),
     only_prints: bool = opt.flag("Print the script; install nothing.", "--print"),
@@ -53,7 +52,6 @@ def completion(
     show(f"{file}: {words}")
 
 
-@opt.command()
 def new(folder: Path = opt.argument(type=opt.PATH)) -> None:
     r"""Create FOLDER with a launch file and a sample environment to edit.
 
@@ -75,7 +73,7 @@ def new(folder: Path = opt.argument(type=opt.PATH)) -> None:
 keys = Group("keys", help="Create and show the keys for a link to another machine.")
 
 
-@opt.command("new", keys)
+@command("new", keys)
 def new_keys(name: str = opt.argument(), as_json: bool = opt.as_json) -> None:
     r"""Create the key pair NAME; the secret stays on this machine.
 
@@ -90,7 +88,7 @@ def new_keys(name: str = opt.argument(), as_json: bool = opt.as_json) -> None:
     show(f"copy {folder / name}.key to the other machine's key folder; the secret stays here")
 
 
-@opt.command("list", keys)
+@command("list", keys)
 def list_all_keys(as_json: bool = opt.as_json) -> None:
     r"""List the keys on this machine.
 
@@ -109,7 +107,7 @@ def list_all_keys(as_json: bool = opt.as_json) -> None:
         show(f"no keys in {key_folder()}; create one with `forcebound keys new NAME`", err=True)
 
 
-@opt.command("show", keys)
+@command("show", keys)
 def show_key(name: str = opt.argument(), as_json: bool = opt.as_json) -> None:
     r"""Print the public key NAME, for the other machine.
 
@@ -120,7 +118,6 @@ def show_key(name: str = opt.argument(), as_json: bool = opt.as_json) -> None:
     print_json({"name": name, "public": public}) if as_json else show(public)
 
 
-@opt.command()
 def schema() -> None:
     r"""Print the JSON schema of launch files, for completion in an editor.
 

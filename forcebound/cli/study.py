@@ -11,7 +11,7 @@ from rich.console import Console
 
 from forcebound.cli import complete
 from forcebound.cli import options as opt
-from forcebound.cli.common import Group, print_document, print_json, show
+from forcebound.cli.common import Function, Group, command, print_document, print_json, say, show
 from forcebound.errors import RunError
 from forcebound.lab import audit as of_laws
 from forcebound.lab import audit_replay
@@ -21,7 +21,7 @@ from forcebound.lab.sweep.runner import run_file
 from forcebound.lab.views import energy
 
 
-def _campaign(of_each: str, runs: int, *only: str) -> Callable[[opt.Function], opt.Function]:
+def _campaign(of_each: str, runs: int, *only: str) -> Callable[[Function], Function]:
     """Return the options of an audit: laws, numbers of runs, seed, report, and parts to select."""
     return opt.several(
         runs=opt.number(f"Random runs of {of_each}.", default=runs),
@@ -32,9 +32,8 @@ def _campaign(of_each: str, runs: int, *only: str) -> Callable[[opt.Function], o
         seed=opt.number("Seed of the runs.", default=1),
         workers=opt.workers,
         out=opt.output("Write the report to this file.", metavar="REPORT.md"),
-        rows=opt.option(
+        rows=opt.file(
             "Keep all runs in this file; an audit that was interrupted goes on.",
-            type=opt.FILE,
             metavar="RUNS.parquet",
         ),
         as_json=opt.as_json,
@@ -65,7 +64,7 @@ def _attack(
     sys.exit(0 if of_laws.holds(document) else 1)
 
 
-@opt.command_of(Group, invoke_without_command=True, short_help="Attack the laws in simulation.")
+@command(cls=Group, invoke_without_command=True, short_help="Attack the laws in simulation.")
 @_campaign("each law, and of it with each certificate", 1000, "certificate")
 def audit(as_json: bool, **campaign: Any) -> None:
     r"""Attack the laws and their certificates; exit status 1 if a certified law leaks energy.
@@ -80,7 +79,7 @@ def audit(as_json: bool, **campaign: Any) -> None:
         _attack(of_laws.run, of_laws.lines, as_json, campaign)
 
 
-@opt.command("replay", audit, short_help="Repeat one run of an audit.")
+@command("replay", audit, short_help="Repeat one run of an audit.")
 def replay(
     law: str = opt.argument(),
     case: str = opt.argument(),
@@ -96,7 +95,7 @@ def replay(
     print_document(audit_replay.run_again(law, case, duration, out), as_json, audit_replay.lines)
 
 
-@opt.command("worlds", audit, short_help="Attack the laws through worlds, in two and three axes.")
+@command("worlds", audit, short_help="Attack the laws through worlds, in two and three axes.")
 @_campaign("each law with each world and controller", 100, "world", "controller")
 def worlds(as_json: bool, **campaign: Any) -> None:
     r"""Attack the certified laws through every world and controller; status 1 if one leaks.
@@ -109,7 +108,7 @@ def worlds(as_json: bool, **campaign: Any) -> None:
     _attack(of_worlds.run, of_worlds.lines, as_json, campaign)
 
 
-@opt.command("sensitivity", audit, short_help="Show what a wrong number of a device costs.")
+@command("sensitivity", audit, short_help="Show what a wrong number of a device costs.")
 def sensitivity(
     kind: str = opt.option(
         "Kind of device.", "--device", default="phantom_premium_1_5", show_default=True
@@ -129,15 +128,9 @@ def sensitivity(
     print_document(document, as_json, lambda _: lines)
 
 
-@opt.command()
 def reproduce(
-    names: tuple[str, ...] = opt.arguments(metavar="[NAME]..."),
-    out: Path = opt.output(
-        "Folder for pictures and numbers.",
-        type=opt.FOLDER,
-        default=Path("results/reproduce"),
-        show_default=True,
-    ),
+    names: tuple[str, ...] = opt.arguments("[NAME]..."),
+    out: Path = opt.folder("Folder for pictures and numbers.", Path("results/reproduce")),
     as_json: bool = opt.as_json,
 ) -> None:
     r"""Repeat the paper's experiments: table1, fig4 to fig21, eq41_42. Default: all.
@@ -149,7 +142,7 @@ def reproduce(
     from forcebound.lab.paper.reproduce import reproduce, tables  # half a second
     from forcebound.lab.paper.setup import Runs
 
-    done = reproduce(names, out, Runs(lambda line: show(line, err=True)))
+    done = reproduce(names, out, Runs(say))
     if as_json:
         print_json(done.document)
         return
@@ -158,9 +151,8 @@ def reproduce(
     show(f"pictures and numbers: {out}")
 
 
-@opt.command()
 def sweep(
-    file: str = opt.argument(shell_complete=complete.sweeps),
+    file: str = opt.argument(complete.sweeps),
     arguments: tuple[str, ...] = opt.settings,
     output: Path | None = opt.output("Parquet file to write. Default: name of the sweep file."),
     workers: int | None = opt.option("Number of processes. Default: one per core.", type=opt.COUNT),
@@ -190,7 +182,6 @@ def sweep(
         raise RunError(f"every case failed; the first: {document['first_error']}")
 
 
-@opt.command("map")
 def draw_map(
     result: Path = opt.argument(type=opt.FILE),
     output: Path | None = opt.output(

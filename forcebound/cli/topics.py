@@ -4,9 +4,8 @@ import csv
 import json
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from datetime import datetime
-from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -17,35 +16,38 @@ from msgspec.structs import asdict
 
 from forcebound.cli import complete
 from forcebound.cli import options as opt
-from forcebound.cli.common import UNKNOWN, Group, print_json, print_json_line, show
-from forcebound.messages.packets import Event
+from forcebound.cli.common import UNKNOWN, Group, command, print_json, print_json_line, say, show
+from forcebound.messages.packets import TOPICS, Event, field_types
 from forcebound.network.trace import check_output
-from forcebound.observe import bridges, drawing
+from forcebound.observe import bridges, drawing, streams
 from forcebound.observe.delay import SHARES, Bin, LinkDelays, measure
-from forcebound.observe.streams import (
-    StreamFigures,
-    check_fields,
-    fields_of_packet,
-    measure_streams,
-    packets_of,
-    streams_of,
-)
 from forcebound.results.delay_traces import as_link_trace
 from forcebound.results.printing import print_rows
 
 BAR = 40  # characters, of the longest bar of a histogram
 
+_topics = complete.offering(lambda context, _: complete.graph_of(context).names)
+
+
+@complete.offering
+def _fields(context: click.Context, begun: str) -> Iterable[str]:
+    """Fields of the topic that is already there."""
+    # An option without its value ends the parsing, before arguments have their names.
+    topic = context.params.get("topic") or context.args[0]
+    return field_types(TOPICS[topic.rpartition("/")[2]])
+
+
+_some_topics = opt.arguments("[TOPIC]...", _topics)
 _measuring = opt.duration("Measuring time. Default: 2s.", "--duration", default="2s")
 
 
-@opt.command()
 def echo(
-    topic: str = opt.argument(shell_complete=complete.topics),
+    topic: str = opt.argument(_topics),
     fields: tuple[str, ...] = opt.repeated(
         "Only this field; repeatable.",
         "--field",
         metavar="NAME",
-        shell_complete=complete.fields,
+        shell_complete=_fields,
     ),
     count: int | None = opt.option("End after so many packets.", type=opt.COUNT),
     as_csv: bool = opt.flag("One row each, a column for each entry.", "--csv"),
@@ -64,11 +66,11 @@ def echo(
     """
     if as_csv + as_line + as_json > 1:
         raise click.UsageError("choose one of --csv, --line, --json")
-    check_fields(streams_of(run, (topic,))[topic], fields)
+    streams.check_fields(streams.streams_of(run, (topic,))[topic], fields)
     write = _csv_writer() if as_csv else _show_block
     write = _show_line if as_line else print_json_line if as_json else write
-    for received in islice(packets_of(run, (topic,), duration), count):
-        values = fields_of_packet(received.packet)
+    for received in islice(streams.packets_of(run, (topic,), duration), count):
+        values = streams.fields_of_packet(received.packet)
         write({name: values[name] for name in fields or values if name in values})
 
 
@@ -114,9 +116,8 @@ def _text(value: Any) -> str:
     return UNKNOWN if value is None else str(value)
 
 
-@opt.command()
 def hz(
-    topics: tuple[str, ...] = opt.topics,
+    topics: tuple[str, ...] = _some_topics,
     run: Path = opt.run,
     duration: float = _measuring,
     as_json: bool = opt.as_json,
@@ -129,7 +130,7 @@ def hz(
     forcebound hz
     forcebound hz telemetry force_command --duration 10s --json
     """
-    figures = measure_streams(run, topics, duration)
+    figures = streams.measure_streams(run, topics, duration)
     if as_json:
         print_json(figures)
         return
@@ -138,7 +139,7 @@ def hz(
     print_rows(head, [(topic, *_stream(one)) for topic, one in figures.items()])
 
 
-def _stream(figures: StreamFigures) -> tuple[str, ...]:
+def _stream(figures: streams.StreamFigures) -> tuple[str, ...]:
     one = figures.interval_ms
     times = () if one is None else (one.mean, one.min, one.max, one.deviation)
     shown = [f"{time:.3f} ms" for time in times] or [UNKNOWN] * 4
@@ -148,7 +149,6 @@ def _stream(figures: StreamFigures) -> tuple[str, ...]:
     return (f"{figures.rate_hz:.1f} Hz", *shown, *counts, bandwidth, mean)
 
 
-@opt.command()
 def graph(
     mermaid: bool = opt.flag("As a Mermaid flowchart."),
     run: Path = opt.run,
@@ -168,7 +168,6 @@ def graph(
         show(drawing.as_mermaid(edges) if mermaid else drawing.as_text(edges))
 
 
-@opt.command()
 def log(
     quiet: bool = opt.flag("Faults only.", "-q", "--quiet"),
     verbose: bool = opt.flag("Print their data, too.", "-v", "--verbose"),
@@ -185,22 +184,21 @@ def log(
     """
     ahead_ns = time.time_ns() - time.monotonic_ns()
 
-    for _, packet, _ in packets_of(run, ("event",), duration):
+    for _, packet, _ in streams.packets_of(run, ("event",), duration):
         if not isinstance(packet, Event) or (quiet and not packet.is_fault):
             continue
         time_s = (packet.time_ns + ahead_ns) * 1e-9
         at = datetime.fromtimestamp(time_s).isoformat(" ", "milliseconds")
         if as_json:
-            print_json_line({"time": at, **fields_of_packet(packet)})
+            print_json_line({"time": at, **streams.fields_of_packet(packet)})
         else:
             more = f"  {_text(packet.data)}" if verbose and packet.data else ""
             kind = "FAULT" if packet.is_fault else "event"
             show(f"{at}  {kind}  {packet.node}: {packet.message}{more}")
 
 
-@opt.command()
 def delay(
-    run: Path | None = opt.argument(required=False, type=opt.PATH, shell_complete=complete.runs),
+    run: Path | None = opt.argument(complete.runs, required=False, type=opt.PATH),
     output: Path | None = opt.output(
         "Write the delays as a trace for a link.", metavar="TRACE.csv"
     ),
@@ -267,15 +265,9 @@ def _port(default: int) -> Any:
     return opt.option(words, type=click.IntRange(1, 65535), default=default)
 
 
-def _serve(
-    program: bridges.Bridge, run: Path, topics: Sequence[str], port: int, duration: float | None
-) -> None:
-    bridges.serve(program, run, topics, port, duration, partial(show, err=True))
-
-
-@opt.command("plotjuggler", bridge, short_help="Publish topics for PlotJuggler.")
+@command("plotjuggler", bridge, short_help="Publish topics for PlotJuggler.")
 def plotjuggler(
-    topics: tuple[str, ...] = opt.topics,
+    topics: tuple[str, ...] = _some_topics,
     run: Path = opt.run,
     port: int = _port(9872),
     duration: float | None = opt.ending,
@@ -288,12 +280,13 @@ def plotjuggler(
     forcebound bridge plotjuggler
     forcebound bridge plotjuggler telemetry device_state --run stiff_wall
     """
-    _serve(bridges.plotjuggler, run, topics or bridges.telemetry_of(run), port, duration)
+    topics = topics or bridges.telemetry_of(run)
+    bridges.serve(bridges.plotjuggler, run, topics, port, duration, say)
 
 
-@opt.command("foxglove", bridge, short_help="Serve topics to Foxglove.")
+@command("foxglove", bridge, short_help="Serve topics to Foxglove.")
 def foxglove(
-    topics: tuple[str, ...] = opt.topics,
+    topics: tuple[str, ...] = _some_topics,
     run: Path = opt.run,
     port: int = _port(8765),
     duration: float | None = opt.ending,
@@ -306,4 +299,4 @@ def foxglove(
     \b
     forcebound bridge foxglove
     """
-    _serve(bridges.foxglove, run, topics, port, duration)
+    bridges.serve(bridges.foxglove, run, topics, port, duration, say)

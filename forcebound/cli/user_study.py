@@ -9,7 +9,7 @@ import click
 
 from forcebound.cli import complete
 from forcebound.cli import options as opt
-from forcebound.cli.common import Group, check_tornado, show
+from forcebound.cli.common import Group, check_tornado, command, show
 from forcebound.cli.view import shown
 from forcebound.errors import ConfigError
 from forcebound.interface.live import launch_unrecorded
@@ -26,14 +26,14 @@ if TYPE_CHECKING:
     from forcebound.observe.page.study import StudyServer
 
 SIMULATED = re.compile(r"simulated:([1-9][0-9]{0,2})")
-_file = opt.argument(shell_complete=complete.studies)
+_file = opt.argument(complete.studies)
 
 study = Group(
     "study", help="Run a user study: check its file, run it with a participant, analyse the data."
 )
 
 
-@opt.command("new", study, short_help="Make a study file to change.")
+@command("new", study, short_help="Make a study file to change.")
 def new(path: Path = opt.argument(type=opt.FILE)) -> None:
     r"""Make a study file to change: the paper's.
 
@@ -49,7 +49,7 @@ def new(path: Path = opt.argument(type=opt.FILE)) -> None:
     show(f"study file: {path}; then: `forcebound study check {path}`")
 
 
-@opt.command("check", study)
+@command("check", study)
 def check(file: str = _file) -> None:
     r"""Check a study file, and say what a participant will meet.
 
@@ -72,7 +72,7 @@ def check(file: str = _file) -> None:
         show(f"participant {number + 1}: {', '.join(blocks_of(plan, number))}")
 
 
-@opt.command("run", study, short_help="Run a study with one participant, or simulated ones.")
+@command("run", study, short_help="Run a study with one participant, or simulated ones.")
 def run(
     file: str = _file,
     participant: str = opt.option(
@@ -80,9 +80,7 @@ def run(
         required=True,
         metavar="ID",
     ),
-    folder: Path | None = opt.output(
-        "Folder for the data. Default: name of the study.", type=opt.FOLDER
-    ),
+    folder: Path | None = opt.folder("Folder for the data. Default: name of the study."),
     seed: int = opt.number("Seed of the simulated observers.", default=1),
     weber: float = opt.number(
         "Their Weber fraction of stiffness, at 84 % right answers.",
@@ -96,7 +94,7 @@ def run(
     ),
     records: bool = opt.flag("Record each simulated touch; slow.", "--record"),
     workers: int | None = opt.workers,
-    port: int = opt.option("Port of the page. Default: any free.", type=opt.PORT, default=0),
+    port: int = opt.port("Port of the page. Default: any free."),
     opens: bool = opt.opens,
     lsl: str | None = opt.option(
         "Send markers to the Lab Streaming Layer; without a value, this machine alone finds them.",
@@ -175,7 +173,7 @@ def run_live_study(
     asyncio.run(lead())
 
 
-@opt.command("analyse", study, short_help="Analyse the data of a study.")
+@command("analyse", study, short_help="Analyse the data of a study.")
 def analyse(folder: Path = opt.argument(type=opt.FOLDER)) -> None:
     r"""Analyse the data of a study: report.md and report.png, in its folder.
 

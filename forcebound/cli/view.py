@@ -66,11 +66,10 @@ def shown(access: Access, run: Path | None, opens: bool) -> Iterator[None]:
         yield
 
 
-@opt.command()
 def view(
     run: Path | None = opt.given_run,
     waits: bool = opt.flag("Also wait for the first graph.", "--wait"),
-    port: int = opt.option("Port. Default: any free one.", type=opt.PORT, default=0),
+    port: int = opt.port("Port. Default: any free one."),
     listen: str = opt.option(
         "Address of this machine that others may call, too. Default: this machine only.",
         default="127.0.0.1",
