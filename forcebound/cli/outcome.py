@@ -11,9 +11,7 @@ from forcebound.cli.common import print_json, show
 from forcebound.errors import RunError
 from forcebound.graph.graph import GraphConfig
 from forcebound.messages.topology import HAND
-from forcebound.results.coupling import coupling, coupling_lines
 from forcebound.results.printing import print_rows
-from forcebound.results.tables import phase_rows, summary_table
 from forcebound.run.live import run_live
 from forcebound.run.progress import progress_bar
 from forcebound.run.results import RunResult
@@ -55,6 +53,8 @@ def show_run(
                 _ = result.summary
     if any(result.interrupted for result in results.values()):
         show("forcebound: interrupted; result up to here", err=True)
+    from forcebound.results.coupling import coupling, coupling_lines  # no start waits for it
+
     summaries = {hand: result.summary for hand, result in results.items()}
     columns = {hand: result.columns for hand, result in results.items()}
     documents = {hand: result.document for hand, result in results.items()}
@@ -96,6 +96,8 @@ def show_results(
 
     The lines that are of all hands ``together`` follow the verdicts.
     """
+    from forcebound.results.tables import phase_rows, summary_table  # no start waits for it
+
     for number, result in enumerate(results):
         if labels:
             show(f"{labels[number]}:")
