@@ -24,7 +24,8 @@ from forcebound.stop import INTERRUPTED
 
 __all__ = ["main"]
 
-#: Commands in the order of the help, under what they are for: where each is made, and its line.
+#: Commands in the order of the help, under what they are for: the module of each, with its function
+#: if that has another name, and a line for the help.
 COMMANDS = {
     "Run a graph": {
         "demo": ("demo", "Press a simulated hand into a wall, live, in 20 s."),

@@ -12,9 +12,9 @@ from forcebound.cli import complete
 from forcebound.cli import options as opt
 from forcebound.cli.common import UNKNOWN, Group, command, print_document, print_json, say, show
 from forcebound.errors import ConfigError, RunError
+from forcebound.hardware import ports
 from forcebound.hardware.emulators import program
 from forcebound.hardware.emulators.faults import parse_fault
-from forcebound.hardware.ports import listed
 from forcebound.observe.control import resume_device
 from forcebound.results.printing import print_rows
 from forcebound.run.check import check_part, lines
@@ -38,12 +38,12 @@ def list_devices(as_json: bool = opt.as_json) -> None:
     \b
     forcebound device list --json
     """
-    ports = listed()
+    listed = ports.listed()
     if as_json:
-        print_json(ports)
+        print_json(listed)
         return
     rows = []
-    for port in ports:
+    for port in listed:
         known = (port.path, port.seems, port.serial_number, port.description)
         opening = "yes" if port.is_permitted else "no: `forcebound doctor`"
         rows.append((*(one or UNKNOWN for one in known), opening))
