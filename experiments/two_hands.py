@@ -24,8 +24,9 @@ from forcebound.graph.graph import GraphConfig
 from forcebound.graph.loader import load
 from forcebound.haptics.hands.hands import ChirpHand, PressingHand
 from forcebound.lab.views import table
-from forcebound.lab.workers import completed, local_executor, progress_bar
+from forcebound.lab.workers import completed, local_executor
 from forcebound.results.spectrum import displayed_impedance
+from forcebound.run.progress import progress_bar
 from forcebound.run.virtual import run_virtual_hands
 
 PLAIN, TRANSFER = "leader_follower", "leader_follower_transfer"

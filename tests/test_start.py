@@ -59,6 +59,8 @@ def offered(tmp_path: Path, line: str) -> list[str]:
         ("forcebound simulate stiff", ["stiff_wall"]),
         ("forcebound simulate stiff_wall la", ["law:="]),
         ("forcebound simulate stiff_wall law:=cert", ["certified", "certified_fading"]),
+        ("forcebound simulate stiff_wall stiffness:=", ["10N/mm"]),
+        ("forcebound simulate stiff_wall delay:=2ms stiffn", ["stiffness:="]),
         ("forcebound simulate no_such_file x", []),
         ("forcebound simulate sub/", ["sub/my_wall.yaml"]),
         ("forcebound plot r", ["run.mcap"]),

@@ -1,4 +1,4 @@
-"""Command line. Heavy imports happen inside the commands that need them.
+"""Command line. The module of a command is imported when the command is called.
 
 Exit status: 0 done, 1 the run failed, 2 the input was wrong, 130 Ctrl-C. With ``--json`` a command
 prints one JSON document on standard output and nothing else there.
@@ -8,25 +8,15 @@ import errno
 import logging
 import os
 import sys
-from itertools import chain
+from collections import UserDict
+from importlib import import_module
 from typing import Any
 
 import click
+from click.shell_completion import CompletionItem, add_completion_class
 
-from forcebound.cli import (
-    change,
-    demo,
-    look,
-    parts,
-    recordings,
-    run,
-    start,
-    study,
-    topics,
-    user_study,
-    view,
-)
-from forcebound.cli.common import Group, show
+from forcebound.cli.common import Group, command, show
+from forcebound.cli.complete import Bash, Zsh
 from forcebound.errors import ConfigError, ForceboundError
 from forcebound.files import printable
 from forcebound.results.printing import LONGEST_CELL
@@ -34,37 +24,73 @@ from forcebound.stop import INTERRUPTED
 
 __all__ = ["main"]
 
-#: Commands in the order of the help, under what they are for.
-COMMANDS: dict[str, tuple[click.Command, ...]] = {
-    "Run a graph": (demo.demo, run.launch_graph, run.simulate, run.node, start.new),
-    "Look at a running graph": (
-        view.view,
-        look.list_graphs,
-        topics.draw_graph,
-        topics.echo,
-        topics.hz,
-        topics.delay,
-        topics.log,
-        look.doctor,
-        topics.bridge,
-    ),
-    "Change a running graph": (change.param, change.stop, change.start, change.outage),
-    "Recordings": (
-        recordings.record,
-        recordings.plot,
-        recordings.export,
-        recordings.replay,
-        recordings.recover,
-    ),
-    "Devices, and parts of your own": (parts.device, parts.emulate, parts.identify, parts.check),
-    "Studies": (study.sweep, study.draw_map, study.audit, study.reproduce, user_study.study),
-    "This machine": (start.completion, start.keys, start.schema),
+#: Commands in the order of the help, under what they are for: the module of each, with its function
+#: if that has another name, and a line for the help.
+COMMANDS = {
+    "Run a graph": {
+        "demo": ("demo", "Press a simulated hand into a wall, live, in 20 s."),
+        "launch": ("run", "Run a launch file in real time, as processes."),
+        "simulate": ("run", "Run a launch file in virtual time."),
+        "node": ("node", "Serve a graph on another machine."),
+        "new": ("start", "Make a folder to begin with."),
+    },
+    "Look at a running graph": {
+        "view": ("view", "Open a live page of the running graph."),
+        "list": ("look:list_graphs", "List the graphs that run here, with their nodes."),
+        "graph": ("topics", "Show the graph with its measured rates."),
+        "echo": ("topics", "Print the packets of a topic."),
+        "hz": ("topics", "Measure how often topics are sent, and their bytes."),
+        "delay": ("topics", "Show the loop delay of a recording or graph."),
+        "log": ("topics", "Print events of a graph as they come."),
+        "doctor": ("look", "Diagnose the running graph, or this machine if none runs."),
+        "bridge": ("topics", "Show a running graph in another program."),
+    },
+    "Change a running graph": {
+        "param": ("change", "Show and change parameters of a running graph."),
+        "stop": ("change", "Stop a node: zero force."),
+        "start": ("change", "Start a node that was stopped."),
+        "outage": ("change", "Cut a link from now for a time."),
+    },
+    "Recordings": {
+        "record": ("recordings", "Record a running graph from now on."),
+        "plot": ("recordings", "Draw recordings side by side."),
+        "export": ("recordings", "Write the topics of a recording as tables."),
+        "replay": ("recordings", "Verify a recording, or run it once more with other parts."),
+        "recover": ("recordings", "Make a complete recording of a cut one."),
+    },
+    "Devices, and parts of your own": {
+        "device": ("parts", "List serial ports; go on with a lost device."),
+        "emulate": ("parts", "Play a device on a pseudo-terminal."),
+        "identify": ("parts", "Measure the numbers that a device's certificate rests on."),
+        "check": ("parts", "Check a part against its contract."),
+    },
+    "Studies": {
+        "sweep": ("study", "Run a graph over a grid of its parameters."),
+        "map": ("study:draw_map", "Draw the map of a sweep's result."),
+        "audit": ("study", "Attack the laws in simulation."),
+        "reproduce": ("study", "Repeat the paper's experiments."),
+        "study": ("user_study", "Run a study with people, or simulated observers."),
+    },
+    "This machine": {
+        "completion": ("start", "Let the Tab key complete commands and arguments."),
+        "keys": ("start", "Create and show the keys for a link to another machine."),
+        "schema": ("start", "Print the JSON schema of launch files."),
+    },
 }
-
-LONGEST_HELP = 64  # characters, beside the name of a command on 80
+#: The same by the names of commands.
+PLACES = {name: place for commands in COMMANDS.values() for name, place in commands.items()}
 
 #: Errors of any write that are no bugs.
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
+
+
+class _Commands(UserDict[str, Any]):
+    """Commands by name, each imported when it is asked for."""
+
+    def __getitem__(self, name: str) -> Any:
+        module, _, function = PLACES[name][0].partition(":")
+        made = getattr(import_module(f"forcebound.cli.{module}"), function or name)
+        return made if isinstance(made, click.Command) else command(name)(made)
 
 
 class _Group(Group):
@@ -74,11 +100,15 @@ class _Group(Group):
         """Write the commands under what they are for."""
         width = max(map(len, self.commands))
         for purpose, commands in COMMANDS.items():
-            rows = [
-                (f"{one.name:{width}}", one.get_short_help_str(LONGEST_HELP)) for one in commands
-            ]
+            rows = [(f"{name:{width}}", words) for name, (_, words) in commands.items()]
             with formatter.section(purpose):
                 formatter.write_dl(rows)
+
+    def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
+        """Offer the commands, none of which is imported for that."""
+        known = [CompletionItem(name, help=words) for name, (_, words) in PLACES.items()]
+        offered = [one for one in known if one.value.startswith(incomplete)]
+        return offered + click.Command.shell_complete(self, ctx, incomplete)
 
     def main(self, *args: Any, **kwargs: Any) -> Any:
         try:
@@ -111,7 +141,11 @@ class _Printable(logging.Formatter):
         return printable(super().format(record))
 
 
-@click.group(cls=_Group, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(
+    cls=_Group,
+    commands=_Commands(PLACES),
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
 @click.version_option(package_name="forcebound", prog_name="forcebound")
 def main() -> None:
     """Force feedback over a network that provably stays passive."""
@@ -120,13 +154,5 @@ def main() -> None:
     logging.basicConfig(handlers=[handler], level=logging.INFO)
 
 
-def _keep_lines(command: click.Command) -> None:
-    """Let the help keep the lines of examples: raw docstrings spell click's mark in two letters."""
-    command.help = (command.help or "").replace("\\b\n", "\b\n")
-    for part in command.commands.values() if isinstance(command, click.Group) else ():
-        _keep_lines(part)
-
-
-for _command in chain.from_iterable(COMMANDS.values()):
-    main.add_command(_command)
-_keep_lines(main)
+add_completion_class(Bash)
+add_completion_class(Zsh)

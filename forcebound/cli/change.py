@@ -1,74 +1,97 @@
 """Commands that change a running graph: its nodes, parameters, links."""
 
+from collections.abc import Iterable
+from contextlib import closing
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
 from forcebound.cli import complete
-from forcebound.cli.common import Group, graph_option, json_option, print_json, run_option, show
-from forcebound.roles import ENVIRONMENT
+from forcebound.cli import options as opt
+from forcebound.cli.common import Group, command, print_json, show
+from forcebound.graph.names import ParameterName
+from forcebound.graph.parameters import takeable_laws
+from forcebound.messages.control import Parameters
+from forcebound.observe import control, tuning
+from forcebound.observe.formatting import as_written, ranges
+from forcebound.observe.kernels import Kernels
+from forcebound.observe.snapshot import other_environment, snapshot
+from forcebound.roles import CONTROLLER, ENVIRONMENT
 
-if TYPE_CHECKING:
-    from forcebound.messages.control import Parameters
+_links = complete.offering(
+    lambda context, _: (stream.name for stream in complete.graph_of(context).links)
+)
 
-node_argument = click.argument("node", metavar="NODE", shell_complete=complete.nodes)
+
+@complete.offering
+def _nodes(context: click.Context, begun: str) -> Iterable[str]:
+    """Nodes of the running graph that can be stopped."""
+    graph = complete.graph_of(context)
+    return (name for name in graph.loop if graph.nodes[name].role in (ENVIRONMENT, CONTROLLER))
 
 
-@click.command(short_help="Stop a node: zero force.")
-@node_argument
-@graph_option
-def stop(node: str, run: Path) -> None:
+@complete.offering
+def _parameters(context: click.Context, begun: str) -> Iterable[str]:
+    """Parameters of the running graph, also those that are fixed."""
+    return tuning.every_parameter(tuning.configuration(context.params["run"], with_code=False))
+
+
+@complete.offering
+def _changes(context: click.Context, begun: str) -> Iterable[str]:
+    """Parameters of the running graph, each ``name:=``, and its value; for the law all choices."""
+    config = tuning.configuration(context.params["run"], with_code=False)
+    known = tuning.find_parameters(config, ())
+    name, sign, _ = begun.partition(":=")
+    if not sign:
+        return [f"{one}:=" for one in known]
+    if ParameterName.parse(name).is_law:
+        return [f"{name}:={law}" for law in takeable_laws()]
+    return [f"{name}:={complete.one_word(as_written(config, {name: known[name]})[name])}"]
+
+
+_node = opt.argument(_nodes)
+
+
+def stop(node: str = _node, run: Path = opt.graph) -> None:
     r"""Stop NODE (environment or controller) of a running graph: zero force.
 
     \b
     forcebound stop environment
     forcebound stop left/controller
     """
-    from forcebound.observe.control import stop_node
-    from forcebound.observe.snapshot import other_environment, snapshot
-
     serving = other_environment(snapshot(run)) if node == ENVIRONMENT else None
-    stop_node(run, node)
+    control.stop_node(run, node)
     effect = "the device applies zero force until replies arrive again"
     if serving is not None:
         effect = f"{serving} serves as before"
     show(f"{node} is stopped; {effect}")
 
 
-@click.command(short_help="Start a node that was stopped.")
-@node_argument
-@graph_option
-def start(node: str, run: Path) -> None:
+def start(node: str = _node, run: Path = opt.graph) -> None:
     r"""Start NODE (environment or controller) of a running graph after a stop.
 
     \b
     forcebound start environment
     """
-    from forcebound.observe.control import start_node
-
-    start_node(run, node)
+    control.start_node(run, node)
     show(f"{node} runs")
 
 
-@click.group(short_help="Show and change parameters of a running graph.", cls=Group)
-def param() -> None:
-    """Show and change the parameters of a running graph, its law included."""
+param = Group("param", help="Show and change the parameters of a running graph, its law included.")
 
 
-@param.command("list", short_help="List what can be changed during a run.")
-@click.option("--changed", is_flag=True, help="Only the changed ones.")
-@run_option
-@json_option
-def list_parameters(changed: bool, run: Path, as_json: bool) -> None:
+@command("list", param, short_help="List what can be changed during a run.")
+def list_parameters(
+    changed: bool = opt.flag("Only the changed ones."),
+    run: Path = opt.run,
+    as_json: bool = opt.as_json,
+) -> None:
     r"""List the parameters that can be changed during a run, with their values and ranges.
 
     \b
     forcebound param list
     forcebound param list --changed --json
     """
-    from forcebound.observe import tuning
-
     if changed:
         _print(run, tuning.changed_parameters(run), as_json)
     else:
@@ -76,31 +99,27 @@ def list_parameters(changed: bool, run: Path, as_json: bool) -> None:
         _print(run, found, as_json, with_ranges=True)
 
 
-@param.command("get", short_help="Show parameters, or a whole section.")
-@click.argument(
-    "names", nargs=-1, required=True, metavar="NAME...", shell_complete=complete.parameters
-)
-@run_option
-@json_option
-def get_parameters(names: tuple[str, ...], run: Path, as_json: bool) -> None:
+@command("get", param, short_help="Show parameters, or a whole section.")
+def get_parameters(
+    names: tuple[str, ...] = opt.arguments("NAME...", _parameters, required=True),
+    run: Path = opt.run,
+    as_json: bool = opt.as_json,
+) -> None:
     r"""Show parameters, or a whole section; also what is fixed while the graph runs.
 
     \b
     forcebound param get environment.stiffness device.law
     forcebound param get links
     """
-    from forcebound.observe import tuning
-
     _print(run, tuning.find_parameters(tuning.configuration(run), names), as_json)
 
 
-@param.command("set", short_help="Change parameters.")
-@click.argument(
-    "settings", nargs=-1, required=True, metavar="NAME:=VALUE...", shell_complete=complete.changes
-)
-@run_option
-@json_option
-def set_parameters(settings: tuple[str, ...], run: Path, as_json: bool) -> None:
+@command("set", param, short_help="Change parameters.")
+def set_parameters(
+    settings: tuple[str, ...] = opt.arguments("NAME:=VALUE...", _changes, required=True),
+    run: Path = opt.run,
+    as_json: bool = opt.as_json,
+) -> None:
     r"""Change parameters of a running graph, until it ends.
 
     A new law begins without force and with a new ledger; the force returns over device.engage_time.
@@ -111,11 +130,6 @@ def set_parameters(settings: tuple[str, ...], run: Path, as_json: bool) -> None:
     forcebound param set environment.stiffness:="2 N/mm" --run stiff_wall
     forcebound param set left.device.law:=certified
     """
-    from contextlib import closing
-
-    from forcebound.observe import tuning
-    from forcebound.observe.kernels import Kernels
-
     with closing(Kernels(run)) as kernels:
         change = tuning.set_parameters(run, tuning.read_settings(settings), kernels)
     _print(run, change.values, as_json)
@@ -125,27 +139,24 @@ def set_parameters(settings: tuple[str, ...], run: Path, as_json: bool) -> None:
         show(f"note: {note}", err=True)
 
 
-def _print(run: Path, values: "Parameters", as_json: bool, *, with_ranges: bool = False) -> None:
-    from forcebound.observe.formatting import as_written, ranges
-    from forcebound.observe.tuning import configuration, found_elsewhere
-
+def _print(run: Path, values: Parameters, as_json: bool, *, with_ranges: bool = False) -> None:
     if as_json:
         print_json(values)
         return
-    config = configuration(run)
+    config = tuning.configuration(run)
     remarks = ranges(config, values) if with_ranges else {}
-    elsewhere = found_elsewhere(run, config, values)
+    elsewhere = tuning.found_elsewhere(run, config, values)
     remarks |= dict.fromkeys(elsewhere, "belongs to another machine; value of the launch file here")
     for name, text in as_written(config, values, config.units).items():
         show(f"{name}: {text}  # {remarks[name]}" if remarks.get(name) else f"{name}: {text}")
 
 
-@click.command(short_help="Cut a link from now for a time.")
-@click.argument("time", metavar="TIME")
-@click.argument("links", nargs=-1, metavar="[LINK]...", shell_complete=complete.links)
-@run_option
-@json_option
-def outage(time: str, links: tuple[str, ...], run: Path, as_json: bool) -> None:
+def outage(
+    time: str = opt.argument(),
+    links: tuple[str, ...] = opt.arguments("[LINK]...", _links),
+    run: Path = opt.run,
+    as_json: bool = opt.as_json,
+) -> None:
     r"""Lose every packet of LINK for TIME. Default: environment_query, environment_reply.
 
     With several hands, a link has the name of its hand; the default is both links of each.
@@ -155,9 +166,7 @@ def outage(time: str, links: tuple[str, ...], run: Path, as_json: bool) -> None:
     forcebound outage 2s force_command
     forcebound outage 2s left/force_command
     """
-    from forcebound.observe.tuning import cut_links
-
-    seconds, cut = cut_links(run, time, links)
+    seconds, cut = tuning.cut_links(run, time, links)
     if as_json:
         print_json({"links": cut, "duration_s": seconds})
     else:

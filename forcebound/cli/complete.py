@@ -4,19 +4,53 @@ Nothing here may raise or write: the user presses a key and waits.
 """
 
 import functools
+import re
 from collections.abc import Callable, Iterable
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
-from click.shell_completion import CompletionItem
+from click.shell_completion import BashComplete, CompletionItem, ZshComplete
 
 from forcebound.files import RECORDING_SUFFIX
-from forcebound.roles import CONTROLLER, ENVIRONMENT
 
 if TYPE_CHECKING:
     from forcebound.messages.topology import Graph
+
+
+class Bash(BashComplete):
+    """Completion in bash, which also cuts a word at ``:`` and ``=``: ``law``, ``:=``, ``cert``."""
+
+    source_template = BashComplete.source_template.replace(
+        "COMPREPLY+=($value)",
+        "COMPREPLY+=($value)\n            [[ $value == *[=/] ]] && compopt -o nospace",
+    )
+    _before = ""  # the part of the word that bash keeps
+
+    def get_completion_args(self) -> tuple[list[str], str]:
+        """Return the words before the one that is begun, and this one, none of them cut."""
+        before, begun = super().get_completion_args()
+        *words, word = re.sub(r"\n([:=]+)(\n(?!$))?", r"\1", "\n".join([*before, begun])).split(
+            "\n"
+        )
+        self._before = word.removesuffix(begun.lstrip(":="))
+        return words, word
+
+    def format_completion(self, item: "CompletionItem[Any]") -> str:
+        """Return an offer without what bash keeps."""
+        return f"{item.type},{item.value.removeprefix(self._before)}"
+
+
+class Zsh(ZshComplete):
+    """Completion in zsh, which goes on without a blank after ``law:=`` and ``folder/``."""
+
+    source_template = ZshComplete.source_template.replace(
+        "compadd -U -V unsorted -a completions",
+        "compadd -U -V unsorted -S '' -- ${(M)completions:#*[=/]}\n"
+        "        compadd -U -V unsorted -- ${completions:#*[=/]}",
+    )
+
 
 Offer = Callable[[click.Context, click.Parameter, str], list[CompletionItem]]
 
@@ -77,24 +111,13 @@ recordings = _files("", RECORDING_SUFFIX)
 laws = _of("haptics.laws", "LAWS")
 
 
-def _graph(context: click.Context) -> "Graph":
+def graph_of(context: click.Context) -> "Graph":
     """The running graph that is meant; one of one hand if it is not known."""
     from forcebound.messages.topology import ONE_HAND
     from forcebound.run.run_directory import graph_in
 
     run = context.params.get("run")
     return ONE_HAND if run is None else graph_in(run)
-
-
-topics = offering(lambda context, _: _graph(context).names)
-links = offering(lambda context, _: (stream.name for stream in _graph(context).links))
-
-
-@offering
-def nodes(context: click.Context, begun: str) -> Iterable[str]:
-    """Nodes of the running graph that can be stopped."""
-    graph = _graph(context)
-    return (name for name in graph.loop if graph.nodes[name].role in (ENVIRONMENT, CONTROLLER))
 
 
 @offering
@@ -128,45 +151,9 @@ def settings(context: click.Context, begun: str) -> Iterable[str]:
         return [f"{one}:=" for one in known]
     tables: dict[str, Iterable[object]] = {"law": LAWS, "controller": CONTROLLERS}
     values = tables.get(name) or known[name].choices or [known[name].default]
-    return [f"{name}:={_one_word(value)}" for value in values]
+    return [f"{name}:={one_word(value)}" for value in values]
 
 
-def _one_word(value: object) -> str:
+def one_word(value: object) -> str:
     """Return a value as a shell takes it without quotes: 2ms."""
     return str(value).replace(" ", "")
-
-
-@offering
-def fields(context: click.Context, begun: str) -> Iterable[str]:
-    """Fields of the topic that is already there."""
-    from forcebound.messages.packets import TOPICS, field_types
-
-    # An option without its value ends the parsing, before arguments have their names.
-    topic = context.params.get("topic") or context.args[0]
-    return field_types(TOPICS[topic.rpartition("/")[2]])
-
-
-@offering
-def parameters(context: click.Context, begun: str) -> Iterable[str]:
-    """Parameters of the running graph, also those that are fixed."""
-    from forcebound.observe.tuning import configuration, every_parameter
-
-    return every_parameter(configuration(context.params["run"], with_code=False))
-
-
-@offering
-def changes(context: click.Context, begun: str) -> Iterable[str]:
-    """Parameters of the running graph, each ``name:=``, and its value; for the law all choices."""
-    from forcebound.graph.names import ParameterName
-    from forcebound.graph.parameters import takeable_laws
-    from forcebound.observe.formatting import as_written
-    from forcebound.observe.tuning import configuration, find_parameters
-
-    config = configuration(context.params["run"], with_code=False)
-    known = find_parameters(config, ())
-    name, sign, _ = begun.partition(":=")
-    if not sign:
-        return [f"{one}:=" for one in known]
-    if ParameterName.parse(name).is_law:
-        return [f"{name}:={law}" for law in takeable_laws()]
-    return [f"{name}:={_one_word(as_written(config, {name: known[name]})[name])}"]

@@ -7,9 +7,17 @@ from pathlib import Path
 
 import click
 
-from forcebound.cli.common import FOLDER, output_option, show, status_line
+from forcebound.cli import options as opt
+from forcebound.cli.common import show
+from forcebound.cli.outcome import status_line
 from forcebound.errors import RunError
+from forcebound.graph.loader import load
+from forcebound.haptics.laws import ENERGY_TOLERANCE
+from forcebound.results.plots import figure, save
 from forcebound.results.printing import print_rows
+from forcebound.results.tables import summary_table
+from forcebound.run.live import run_live
+from forcebound.run.results import RunResult
 
 #: Rows of the table that tell the two runs apart.
 TELLING = (
@@ -33,27 +41,14 @@ do it by hand, in a browser (extra view):  {command} launch pointer_wall --view
 """
 
 
-@click.command(short_help="Press a simulated hand into a wall, live, in 20 s.")
-@output_option(
-    "folder",
-    type=FOLDER,
-    default=Path("results/demo"),
-    show_default=True,
-    help="Folder for two recordings and a picture.",
-)
-def demo(folder: Path) -> None:
+def demo(
+    folder: Path = opt.folder("Folder for two recordings and a picture.", Path("results/demo")),
+) -> None:
     r"""Press a simulated hand into a late, stiff wall, without a law and with the certified one.
 
     \b
     forcebound demo
     """
-    from forcebound.graph.loader import load
-    from forcebound.haptics.laws import ENERGY_TOLERANCE
-    from forcebound.results.plots import figure, save
-    from forcebound.results.tables import summary_table
-    from forcebound.run.live import run_live
-    from forcebound.run.results import RunResult
-
     folder.mkdir(parents=True, exist_ok=True)
     results: list[RunResult] = []
     for law in ("none", "certified"):

@@ -4,36 +4,31 @@ import math
 import sys
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
-from forcebound.cli.common import (
-    UNKNOWN,
-    duration_option,
-    given_run_option,
-    json_option,
-    print_json,
-    print_json_line,
-    show,
-)
+from forcebound.cli import options as opt
+from forcebound.cli.common import UNKNOWN, print_json, print_json_line, show
 from forcebound.files import printable
+from forcebound.observe import doctor as doctor_of_graph
+from forcebound.observe import listing, machine, runs
+from forcebound.observe.listing import ListedGraph
+from forcebound.observe.observation import observe
 from forcebound.results.printing import print_rows
-
-if TYPE_CHECKING:
-    from forcebound.observe.listing import ListedGraph
 
 HEAD = ("node", "state", "pid", "processor", "memory", "restarts")
 MEASURE_S = 12.0  # of all contestants together, without their start
 COLOURS = {"problem": "red", "note": "yellow", "fine": "green"}
 
 
-@click.command("list", short_help="List the graphs that run here, with their nodes.")
-@click.option("--watch", is_flag=True, help="Repeat each second while a graph runs.")
-@given_run_option()
-@duration_option(help="Time after which --watch ends. Default: with the last graph.")
-@json_option
-def list_graphs(watch: bool, run: Path | None, duration: float | None, as_json: bool) -> None:
+def list_graphs(
+    watch: bool = opt.flag("Repeat each second while a graph runs."),
+    run: Path | None = opt.given_run,
+    duration: float | None = opt.duration(
+        "Time after which --watch ends. Default: with the last graph."
+    ),
+    as_json: bool = opt.as_json,
+) -> None:
     r"""List the running graphs: nodes, states, processor, memory, restarts.
 
     With --watch and --json, one document per line.
@@ -42,16 +37,13 @@ def list_graphs(watch: bool, run: Path | None, duration: float | None, as_json: 
     forcebound list
     forcebound list --watch --run stiff_wall --duration 10s
     """
-    from forcebound.observe.listing import list_graphs as find_graphs
-    from forcebound.observe.runs import find
-
-    only = None if run is None else find(run)
+    only = None if run is None else runs.find(run)
     if not watch:
-        graphs = find_graphs(only=only)
+        graphs = listing.list_graphs(only=only)
         print_json(graphs) if as_json else _show_graphs(graphs)
         return
     end = math.inf if duration is None else time.monotonic() + duration
-    while time.monotonic() < end and (graphs := find_graphs(1.0, only)):
+    while time.monotonic() < end and (graphs := listing.list_graphs(1.0, only)):
         if as_json:
             print_json_line(graphs)
         else:
@@ -59,7 +51,7 @@ def list_graphs(watch: bool, run: Path | None, duration: float | None, as_json: 
             _show_graphs(graphs)
 
 
-def _show_graphs(graphs: "list[ListedGraph]") -> None:
+def _show_graphs(graphs: list[ListedGraph]) -> None:
     if not graphs:
         show("no graph of yours runs on this machine; start one with `forcebound launch FILE`")
     for graph in graphs:
@@ -79,11 +71,11 @@ def _show_graphs(graphs: "list[ListedGraph]") -> None:
         print_rows(HEAD, rows)
 
 
-@click.command()
-@click.option("--measure", is_flag=True, help=f"Also measure this machine: {MEASURE_S:g} s.")
-@given_run_option()
-@json_option
-def doctor(measure: bool, run: Path | None, as_json: bool) -> None:
+def doctor(
+    measure: bool = opt.flag(f"Also measure this machine: {MEASURE_S:g} s."),
+    run: Path | None = opt.given_run,
+    as_json: bool = opt.as_json,
+) -> None:
     r"""Diagnose the running graph, or this machine if none runs.
 
     With --measure, also how late wake-ups of a servo are at 1 kHz, and how long the loop of a graph
@@ -97,12 +89,9 @@ def doctor(measure: bool, run: Path | None, as_json: bool) -> None:
     forcebound doctor --measure
     forcebound doctor --run stiff_wall --json
     """
-    from forcebound.observe import doctor, machine, runs
-    from forcebound.observe.observation import observe
-
     times = machine.processor_times()
     graph = None if run is None and not runs.running() else runs.find(run)
-    findings = machine.examine() if graph is None else doctor.examine(*observe(graph))
+    findings = machine.examine() if graph is None else doctor_of_graph.examine(*observe(graph))
     is_well = all(finding.severity != "problem" for finding in findings)
     measured = _measured() if measure else {}
     time.sleep(machine.STEAL_S)

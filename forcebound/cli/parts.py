@@ -9,19 +9,15 @@ from typing import Any, TextIO
 import click
 
 from forcebound.cli import complete
-from forcebound.cli.common import (
-    FILE,
-    Group,
-    arguments_argument,
-    graph_option,
-    json_option,
-    output_option,
-    print_document,
-    print_json,
-    show,
-)
+from forcebound.cli import options as opt
+from forcebound.cli.common import UNKNOWN, Group, command, print_document, print_json, say, show
 from forcebound.errors import ConfigError, RunError
+from forcebound.hardware import ports
+from forcebound.hardware.emulators import program
+from forcebound.hardware.emulators.faults import parse_fault
+from forcebound.observe.control import resume_device
 from forcebound.results.printing import print_rows
+from forcebound.run.check import check_part, lines
 
 #: Kinds of emulators, and the launch file of each: its hand holds an emulator started by hand.
 EMULATED = {"haply_2diy": "haply_2diy", "odrive": "odrive_knob"}
@@ -30,46 +26,38 @@ WATCHDOG_LIMIT = "100 ms"
 
 CHECKED = ("law", "device", "operator", "controller", "environment")
 
+device = Group(
+    "device", help="List devices on serial ports; let a graph continue with one that was lost."
+)
 
-@click.group(cls=Group, short_help="List serial ports; go on with a lost device.")
-def device() -> None:
-    """List devices on serial ports; let a graph continue with one that was lost."""
 
-
-@device.command("list")
-@json_option
-def list_devices(as_json: bool) -> None:
+@command("list", device)
+def list_devices(as_json: bool = opt.as_json) -> None:
     r"""List the serial ports of this machine, with the likely device at each.
 
     \b
     forcebound device list --json
     """
-    from forcebound.hardware.ports import listed
-
-    ports = listed()
+    listed = ports.listed()
     if as_json:
-        print_json(ports)
+        print_json(listed)
         return
-    rows = [
-        (
-            port.path,
-            port.seems or "–",
-            port.serial_number or "–",
-            port.description or "–",
-            "yes" if port.is_permitted else "no: `forcebound doctor`",
-        )
-        for port in ports
-    ]
+    rows = []
+    for port in listed:
+        known = (port.path, port.seems, port.serial_number, port.description)
+        opening = "yes" if port.is_permitted else "no: `forcebound doctor`"
+        rows.append((*(one or UNKNOWN for one in known), opening))
     if rows:
         print_rows(("port", "seems to be", "serial number", "description", "may be opened"), rows)
     else:
         show("no serial port has a device; plug it in, or try `forcebound emulate haply_2diy`")
 
 
-@device.command(short_help="Let a graph go on with a device that was lost.")
-@click.argument("hand", required=False, shell_complete=complete.hands)
-@graph_option
-def resume(run: Path, hand: str | None) -> None:
+@command("resume", device, short_help="Let a graph go on with a device that was lost.")
+def resume(
+    hand: str | None = opt.argument(complete.hands, required=False),
+    run: Path = opt.graph,
+) -> None:
     r"""Let a running graph open its lost device again (on_loss: wait), of HAND if it has several.
 
     First plug it in, switch it on, and hold it in its home pose.
@@ -78,39 +66,25 @@ def resume(run: Path, hand: str | None) -> None:
     forcebound device resume --run haply_2diy
     forcebound device resume left
     """
-    from forcebound.observe.control import resume_device
-
     resume_device(run, hand)
     show("the device is back; its force engages")
 
 
-@click.command(short_help="Play a device on a pseudo-terminal.")
-@click.argument("kind", type=click.Choice(list(EMULATED)))
-@arguments_argument()
-@click.option(
-    "--link",
-    type=FILE,
-    help="Path of the port. Default: a name in your runtime folder, which is printed.",
-)
-@click.option(
-    "--fault",
-    "faults",
-    multiple=True,
-    metavar="KIND[:at=TIME][,for=TIME]",
-    help="short, noise, nan: spoil one reply, or those of a time; lost; reset; stall; unplug; "
-    "reversed. TIME counts from the first reply; default: at=1s. Repeatable.",
-)
-@click.option("--no-hand", is_flag=True, help="Without a hand, as `forcebound identify` needs it.")
-@click.option("--until-unused", is_flag=True, help="End when the port is closed.")
-@click.option("--parts", type=click.File(), hidden=True, help="Device and hand, as JSON.")
 def emulate(
-    kind: str,
-    arguments: tuple[str, ...],
-    link: Path | None,
-    faults: tuple[str, ...],
-    no_hand: bool,
-    until_unused: bool,
-    parts: TextIO | None,
+    kind: str = opt.argument(type=click.Choice(list(EMULATED))),
+    arguments: tuple[str, ...] = opt.settings,
+    link: Path | None = opt.file(
+        "Path of the port. Default: a name in your runtime folder, which is printed."
+    ),
+    faults: tuple[str, ...] = opt.repeated(
+        "short, noise, nan: spoil one reply, or those of a time; lost; reset; stall; unplug; "
+        "reversed. TIME counts from the first reply; default: at=1s. Repeatable.",
+        "--fault",
+        metavar="KIND[:at=TIME][,for=TIME]",
+    ),
+    no_hand: bool = opt.flag("Without a hand, as `forcebound identify` needs it."),
+    until_unused: bool = opt.flag("End when the port is closed."),
+    parts: TextIO | None = opt.option("Device and hand, as JSON.", type=click.File(), hidden=True),
 ) -> None:
     r"""Emulate a device on a pseudo-terminal, for tests without hardware.
 
@@ -120,9 +94,6 @@ def emulate(
     forcebound emulate haply_2diy approach_speed:=50mm/s
     forcebound emulate haply_2diy --fault short:at=3s --fault stall:at=5s,for=50ms
     """
-    from forcebound.hardware.emulators import program
-    from forcebound.hardware.emulators.faults import parse_fault
-
     planned = [parse_fault(text) for text in faults]
     link = program.default_link(kind) if link is None else link.absolute()
     advice = ""
@@ -138,31 +109,21 @@ def emulate(
     program.run(kind, (model, operator), link, planned, until_unused, show, advice)
 
 
-@click.command(short_help="Measure the numbers that a device's certificate rests on.")
-@click.argument("device", required=False)
-@arguments_argument()
-@output_option(default=Path("device.yaml"), show_default=True, help="File to write.")
-@click.option(
-    "--check",
-    "checked",
-    type=FILE,
-    metavar="DEVICE.yaml",
-    help="Test whether a device has changed.",
-)
-@click.option("--reach", help="How far an axis may move to either side, e.g. 30mm or 20deg.")
-@click.option("--force", help="Largest force of an axis, e.g. 2N or '0.05 N m'.")
-@click.option("--weight", help="Mass that you hang on each axis, e.g. 100g, to measure the gain.")
-@click.option("--lever", help="Radius at which it pulls at a joint, e.g. 40mm.")
-@click.option("--yes", is_flag=True, help="Do not wait for Enter before the device moves.")
-@json_option
 def identify(
-    device: str | None,
-    arguments: tuple[str, ...],
-    output: Path,
-    checked: Path | None,
-    yes: bool,
-    as_json: bool,
-    **wishes: str | None,
+    device: str | None = opt.argument(required=False),
+    arguments: tuple[str, ...] = opt.settings,
+    output: Path = opt.output("File to write.", Path("device.yaml")),
+    checked: Path | None = opt.file(
+        "Test whether a device has changed.", "--check", metavar="DEVICE.yaml"
+    ),
+    reach: str | None = opt.option("How far an axis may move to either side, e.g. 30mm or 20deg."),
+    force: str | None = opt.option("Largest force of an axis, e.g. 2N or '0.05 N m'."),
+    weight: str | None = opt.option(
+        "Mass that you hang on each axis, e.g. 100g, to measure the gain."
+    ),
+    lever: str | None = opt.option("Radius at which it pulls at a joint, e.g. 40mm."),
+    yes: bool = opt.flag("Do not wait for Enter before the device moves."),
+    as_json: bool = opt.as_json,
 ) -> None:
     r"""Measure DEVICE, a kind of device or a launch file, and write what it may state.
 
@@ -175,7 +136,6 @@ def identify(
     forcebound identify --check device.yaml
     """
     command = _identification()
-    say = partial(show, err=True)
 
     def ready(line: str) -> None:
         say(line)
@@ -192,7 +152,9 @@ def identify(
         return
     if device is None:
         raise ConfigError("name a device: a kind such as five_bar, or a launch file")
-    document = command.run(device, arguments, output, say, ready, **wishes)
+    document = command.run(
+        device, arguments, output, say, ready, reach=reach, force=force, weight=weight, lever=lever
+    )
     print_document(document, as_json, command.lines)
 
 
@@ -223,24 +185,20 @@ class Progress:
         show(f"{done} of {total} answers" if total else doing, err=True)
 
 
-@click.command(short_help="Check a part against its contract.")
-@click.argument("part", type=click.Choice(CHECKED))
-@click.argument("kind", metavar="FILE[:NAME]", shell_complete=complete.parts)
-@arguments_argument()
-@click.option(
-    "--axes",
-    type=click.IntRange(1, 6),
-    multiple=True,
-    help="Number of axes of an environment; repeatable. Default: 1 to 6.",
-)
-@click.option(
-    "--rest",
-    multiple=True,
-    metavar="POSITION=FORCE",
-    help="Expected force of an environment at rest on the first axis, e.g. 0mm=0N; repeatable.",
-)
-@json_option
-def check(part: str, kind: str, as_json: bool, **options: Any) -> None:
+def check(
+    part: str = opt.argument(type=click.Choice(CHECKED)),
+    kind: str = opt.argument(complete.parts, metavar="FILE[:NAME]"),
+    arguments: tuple[str, ...] = opt.settings,
+    axes: tuple[int, ...] = opt.repeated(
+        "Number of axes of an environment; repeatable. Default: 1 to 6.",
+        type=click.IntRange(1, 6),
+    ),
+    rest: tuple[str, ...] = opt.repeated(
+        "Expected force of an environment at rest on the first axis, e.g. 0mm=0N; repeatable.",
+        metavar="POSITION=FORCE",
+    ),
+    as_json: bool = opt.as_json,
+) -> None:
     r"""Check a part, of a Python file or an installed kind, against its contract.
 
     An environment gets some thousand queries, at random and at the limits, fewer if it is slow; the
@@ -253,11 +211,9 @@ def check(part: str, kind: str, as_json: bool, **options: Any) -> None:
     forcebound check environment my_environment.py --axes 1 --rest 0mm=0N
     forcebound check law my_law.py
     """
-    from forcebound.run.check import check_part, lines
-
-    if part != "environment" and (options["axes"] or options["rest"]):
+    if part != "environment" and (axes or rest):
         raise click.UsageError("--axes and --rest are for environments")
-    checked = check_part(part, kind, **options, progress=Progress().show)
+    checked = check_part(part, kind, arguments, axes, rest, progress=Progress().show)
     print_document(checked, as_json, partial(lines, part))
     if not checked.passed:
         raise RunError(f"{kind} breaks its contract")

@@ -4,50 +4,42 @@ import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn
+from typing import NoReturn
 
 import click
 
 from forcebound.cli import complete
-from forcebound.cli.common import (
-    FILE,
-    FOLDER,
-    PATH,
-    all_option,
-    arguments_argument,
-    duration_option,
-    hand_option,
-    json_option,
-    output_option,
-    print_json,
-    record_option,
-    recording_option,
-    run_duration_option,
-    show,
-    show_live_run,
-    show_results,
-    show_virtual_run,
-)
+from forcebound.cli import options as opt
+from forcebound.cli.common import print_json, show
+from forcebound.cli.outcome import show_results, show_run
 from forcebound.files import content_of
+from forcebound.lab import verification
+from forcebound.lab.replay import device_of, duration_of, graph_of
+from forcebound.messages.packets import TOPIC_OF, TOPICS, Telemetry
 from forcebound.messages.topology import HAND
+from forcebound.observe.recorder import free_name, record_running
+from forcebound.recordings.export import export as write_tables
+from forcebound.recordings.recording import Recording, read
+from forcebound.recordings.recovery import recover as write_recovered
+from forcebound.results.perception import differences
+from forcebound.results.plots import check_picture, figure, save
+from forcebound.results.signals import curves_of
+from forcebound.results.tables import difference_text
+from forcebound.run.results import results_of
+from forcebound.stop import Stop
 
-if TYPE_CHECKING:
-    from forcebound.lab.verification import Verified
-    from forcebound.recordings.recording import Recording
-
-_run_argument = click.argument(
-    "run", metavar="RUN.mcap", type=FILE, shell_complete=complete.recordings
-)
+_recorded = opt.running(require_graph=True, named="`forcebound record GRAPH`")
+_run = opt.argument(complete.recordings, metavar="RUN.mcap", type=opt.FILE)
 
 
-@click.command(short_help="Record a running graph from now on.")
-@click.argument("graph", required=False, type=PATH, shell_complete=complete.graphs)
-@recording_option(
-    "-o", "--output", help="File to write. Default: a new one here, named after graph and time."
-)
-@duration_option(help="Time after which it ends. Default: with the graph.")
-@json_option
-def record(graph: Path | None, output: Path | None, duration: float | None, as_json: bool) -> None:
+def record(
+    graph: Path = opt.argument(complete.graphs, required=False, type=opt.PATH, callback=_recorded),
+    output: Path | None = opt.recording(
+        "File to write. Default: a new one here, named after graph and time.", "-o", "--output"
+    ),
+    duration: float | None = opt.ending,
+    as_json: bool = opt.as_json,
+) -> None:
     r"""Record every packet of a running graph, until Ctrl-C or its end.
 
     The file is one of `forcebound launch --record`, without what was before. `forcebound plot`,
@@ -57,36 +49,25 @@ def record(graph: Path | None, output: Path | None, duration: float | None, as_j
     forcebound record
     forcebound record stiff_wall -o run.mcap --duration 10s
     """
-    from forcebound.observe.recorder import free_name, record_running
-    from forcebound.observe.runs import find, while_running
-    from forcebound.stop import Stop
-
-    run_dir = find(graph, require_graph=True, option="`forcebound record GRAPH`")
 
     def begin(name: str) -> None:
         if not as_json:
             show(f"recording {name} to {file}; Ctrl-C ends it")
 
-    with while_running(run_dir), Stop() as stop:
-        file = output or free_name(Path(), run_dir)
-        found = record_running(run_dir, file, duration, begin, stop)
+    with Stop() as stop:
+        file = output or free_name(Path(), graph)
+        found = record_running(graph, file, duration, begin, stop)
     print_json(found) if as_json else show(str(found))
 
 
-@click.command(short_help="Draw recordings side by side.")
-@click.argument(
-    "runs", nargs=-1, required=True, metavar="RUN.mcap...", shell_complete=complete.recordings
-)
-@output_option(help="Picture file, .png or .svg. Default: name of the first recording, .png.")
-@hand_option
-@all_option
-@json_option
 def plot(
-    runs: tuple[str, ...],
-    output: Path | None,
-    hand: str | None,
-    shows_all: bool,
-    as_json: bool,
+    runs: tuple[str, ...] = opt.arguments("RUN.mcap...", complete.recordings, required=True),
+    output: Path | None = opt.output(
+        "Picture file, .png or .svg. Default: name of the first recording, .png."
+    ),
+    hand: str | None = opt.hand,
+    shows_all: bool = opt.shows_all,
+    as_json: bool = opt.as_json,
 ) -> None:
     r"""Draw recordings side by side: position, forces, energy, loop delay.
 
@@ -98,13 +79,6 @@ def plot(
     forcebound plot none.mcap certified.mcap -o both.svg
     forcebound plot two.mcap --hand left
     """
-    from forcebound.recordings.recording import read
-    from forcebound.results.perception import differences
-    from forcebound.results.plots import check_picture, figure, save
-    from forcebound.results.signals import curves_of
-    from forcebound.results.tables import difference_text
-    from forcebound.run.results import results_of
-
     output = Path(runs[0]).with_suffix(".png") if output is None else output
     check_picture(output)
     found = [(run, one) for run in runs for one in results_of(Path(run), hand).items()]
@@ -129,23 +103,22 @@ def plot(
     show(f"picture: {output}")
 
 
-def _read(run: Path, hand: str | None, topics: Sequence[str] | None = None) -> "Recording":
+def _read(run: Path, hand: str | None, topics: Sequence[str] | None = None) -> Recording:
     """Return a recording, with these topics or all, and say if it is incomplete."""
-    from forcebound.messages.packets import TOPICS
-    from forcebound.recordings.recording import read
-
     recording = read(run, tuple(TOPICS) if topics is None else topics, hand)
     if not recording.complete:
         show(f"forcebound: recording incomplete: using the readable part of {run}", err=True)
     return recording
 
 
-@click.command(short_help="Write the topics of a recording as tables.")
-@_run_argument
-@click.option("--csv", type=FOLDER, metavar="DIR", required=True, help="Into this folder, as CSV.")
-@click.option("--overwrite", is_flag=True, help="Replace existing files.")
-@hand_option
-def export(run: Path, csv: Path, overwrite: bool, hand: str | None) -> None:
+def export(
+    run: Path = _run,
+    csv: Path = opt.option(
+        "Into this folder, as CSV.", type=opt.FOLDER, metavar="DIR", required=True
+    ),
+    overwrite: bool = opt.flag("Replace existing files."),
+    hand: str | None = opt.hand,
+) -> None:
     r"""Write each topic of a recording as a table; columns.csv has their units and meanings.
 
     The tables of several hands are in folders of their names in DIR.
@@ -154,26 +127,22 @@ def export(run: Path, csv: Path, overwrite: bool, hand: str | None) -> None:
     forcebound export run.mcap --csv tables
     forcebound export run.mcap --csv tables --overwrite
     """
-    from forcebound.recordings.export import export as write_tables
-
     for name, recording in _read(run, hand).by_hand.items():
         folder = csv if name == HAND else csv / name
         for file in write_tables(recording, folder, overwrite):
             show(str(file))
 
 
-@click.command(short_help="Make a complete recording of a cut one.")
-@_run_argument
-@recording_option("-o", "--output", required=True, help="The recording to write.")
-@json_option
-def recover(run: Path, output: Path, as_json: bool) -> None:
+def recover(
+    run: Path = _run,
+    output: Path = opt.recording("The recording to write.", "-o", "--output", required=True),
+    as_json: bool = opt.as_json,
+) -> None:
     r"""Write the readable part of a cut or damaged recording as a complete one; report the loss.
 
     \b
     forcebound recover cut.mcap -o whole.mcap
     """
-    from forcebound.recordings.recovery import recover as write_recovered
-
     found = write_recovered(run, output)
     if as_json:
         print_json(found)
@@ -185,32 +154,18 @@ def recover(run: Path, output: Path, as_json: bool) -> None:
     show(f"recording: {output}")
 
 
-@click.command(short_help="Verify a recording, or run it once more with other parts.")
-@_run_argument
-@arguments_argument()
-@click.option("--verify", is_flag=True, help="Check that its inputs give its forces, to the bit.")
-@click.option("--network", is_flag=True, help="Use the recorded delays instead of the set ones.")
-@click.option(
-    "--environment", is_flag=True, help="Use the recorded replies; they do not react to the hand."
-)
-@click.option("--live", is_flag=True, help="In real time. Default: in virtual time.")
-@hand_option
-@run_duration_option
-@record_option
-@all_option
-@json_option
 def replay(
-    run: Path,
-    arguments: tuple[str, ...],
-    verify: bool,
-    network: bool,
-    environment: bool,
-    live: bool,
-    hand: str | None,
-    duration: float | None,
-    record: Path | None,
-    shows_all: bool,
-    as_json: bool,
+    run: Path = _run,
+    arguments: tuple[str, ...] = opt.settings,
+    verify: bool = opt.flag("Check that its inputs give its forces, to the bit."),
+    network: bool = opt.flag("Use the recorded delays instead of the set ones."),
+    environment: bool = opt.flag("Use the recorded replies; they do not react to the hand."),
+    live: bool = opt.flag("In real time. Default: in virtual time."),
+    hand: str | None = opt.hand,
+    duration: float | None = opt.run_duration,
+    record: Path | None = opt.record,
+    shows_all: bool = opt.shows_all,
+    as_json: bool = opt.as_json,
 ) -> None:
     r"""Run the graph of a recording once more, its hand fed from the recording.
 
@@ -236,31 +191,22 @@ def replay(
         if live or network or environment or duration or record:
             raise click.UsageError("--verify runs no graph: give it alone, or with NAME:=VALUE")
         _verify(run, hand, arguments, as_json)
-    from forcebound.lab.replay import duration_of, graph_of
-    from forcebound.messages.packets import TOPIC_OF, Telemetry
-
     if record is not None and record.exists() and record.samefile(run):
         raise click.UsageError(f"--record: {record} is the recording itself")
     recording = _read(run, hand, (TOPIC_OF[Telemetry],))
     fed = {"hand": True, "network": network, "environment": environment}
     config = graph_of(recording, arguments, [feed for feed, is_fed in fed.items() if is_fed])
     seconds = duration_of(recording, config) if duration is None else duration
-    if live:
-        words = " ".join((str(run), *arguments))
-        show_live_run(config, seconds, record, as_json, shows_all, words)
-    else:
-        show_virtual_run(config, seconds, record, as_json, shows_all)
+    words = " ".join((str(run), *arguments)) if live else None
+    show_run(config, seconds, record, as_json, shows_all, words)
 
 
 def _verify(run: Path, hand: str | None, settings: Sequence[str], as_json: bool) -> NoReturn:
-    from forcebound.lab.replay import device_of
-    from forcebound.lab.verification import TOPICS, verify
-
     found = {}
-    for name, recording in _read(run, hand, TOPICS).by_hand.items():
+    for name, recording in _read(run, hand, verification.TOPICS).by_hand.items():
         device = device_of(recording, settings)
         with content_of(run):
-            found[name] = verify(recording, device)
+            found[name] = verification.verify(recording, device)
     if as_json:
         documents = {name: asdict(one) | {"is_same": one.is_same} for name, one in found.items()}
         print_json(documents.get(HAND, {"hands": documents}))
@@ -270,7 +216,7 @@ def _verify(run: Path, hand: str | None, settings: Sequence[str], as_json: bool)
     sys.exit(0 if all(one.is_same for one in found.values()) else 1)
 
 
-def _lines(found: "Verified") -> Iterator[str]:
+def _lines(found: verification.Verified) -> Iterator[str]:
     yield f"verified: {found.verified} of {found.ticks} ticks, {found.differing} differ"
     if found.difference:
         yield f"first difference: {found.difference}"

@@ -3,72 +3,58 @@
 import csv
 import json
 import sys
-from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from datetime import datetime
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 from msgspec import to_builtins
 from msgspec.structs import asdict
 
 from forcebound.cli import complete
-from forcebound.cli.common import (
-    COUNT,
-    PATH,
-    UNKNOWN,
-    Command,
-    Group,
-    all_of,
-    duration_option,
-    hand_option,
-    json_lines_option,
-    json_option,
-    output_option,
-    print_json,
-    print_json_line,
-    run_option,
-    show,
-    topics_argument,
-)
+from forcebound.cli import options as opt
+from forcebound.cli.common import UNKNOWN, Group, command, print_json, print_json_line, say, show
+from forcebound.messages.packets import TOPICS, Event, field_types
+from forcebound.network.trace import check_output
+from forcebound.observe import bridges, drawing, streams
+from forcebound.observe.delay import SHARES, Bin, LinkDelays, measure
+from forcebound.recordings.delay_traces import as_link_trace
 from forcebound.results.printing import print_rows
-
-if TYPE_CHECKING:
-    from forcebound.observe.delay import Bin, LinkDelays
-    from forcebound.observe.streams import StreamFigures
 
 BAR = 40  # characters, of the longest bar of a histogram
 
-_measuring_option = duration_option(default="2s", help="Measuring time. Default: 2s.")
-_ending_option = duration_option(help="Time after which it ends. Default: with the graph.")
+_topics = complete.offering(lambda context, _: complete.graph_of(context).names)
 
 
-@click.command(short_help="Print the packets of a topic.")
-@click.argument("topic", shell_complete=complete.topics)
-@click.option(
-    "--field",
-    "fields",
-    multiple=True,
-    metavar="NAME",
-    shell_complete=complete.fields,
-    help="Only this field; repeatable.",
-)
-@click.option("--count", type=COUNT, help="End after so many packets.")
-@click.option("--csv", "as_csv", is_flag=True, help="One row each, a column for each entry.")
-@click.option("--line", "as_line", is_flag=True, help="One line each.")
-@json_lines_option
-@run_option
-@_ending_option
+@complete.offering
+def _fields(context: click.Context, begun: str) -> Iterable[str]:
+    """Fields of the topic that is already there."""
+    # An option without its value ends the parsing, before arguments have their names.
+    topic = context.params.get("topic") or context.args[0]
+    return field_types(TOPICS[topic.rpartition("/")[2]])
+
+
+_some_topics = opt.arguments("[TOPIC]...", _topics)
+_measuring = opt.duration("Measuring time. Default: 2s.", "--duration", default="2s")
+
+
 def echo(
-    topic: str,
-    fields: tuple[str, ...],
-    count: int | None,
-    as_csv: bool,
-    as_line: bool,
-    as_json: bool,
-    run: Path,
-    duration: float | None,
+    topic: str = opt.argument(_topics),
+    fields: tuple[str, ...] = opt.repeated(
+        "Only this field; repeatable.",
+        "--field",
+        metavar="NAME",
+        shell_complete=_fields,
+    ),
+    count: int | None = opt.option("End after so many packets.", type=opt.COUNT),
+    as_csv: bool = opt.flag("One row each, a column for each entry.", "--csv"),
+    as_line: bool = opt.flag("One line each.", "--line"),
+    as_json: bool = opt.as_json_lines,
+    run: Path = opt.run,
+    duration: float | None = opt.ending,
 ) -> None:
     r"""Print the packets of TOPIC as they arrive, until Ctrl-C.
 
@@ -78,15 +64,13 @@ def echo(
     forcebound echo telemetry --csv --duration 5s > telemetry.csv
     forcebound echo left/telemetry
     """
-    from forcebound.observe.streams import check_fields, fields_of_packet, packets_of, streams_of
-
     if as_csv + as_line + as_json > 1:
         raise click.UsageError("choose one of --csv, --line, --json")
-    check_fields(streams_of(run, (topic,))[topic], fields)
+    streams.check_fields(streams.streams_of(run, (topic,))[topic], fields)
     write = _csv_writer() if as_csv else _show_block
     write = _show_line if as_line else print_json_line if as_json else write
-    for received in islice(packets_of(run, (topic,), duration), count):
-        values = fields_of_packet(received.packet)
+    for received in islice(streams.packets_of(run, (topic,), duration), count):
+        values = streams.fields_of_packet(received.packet)
         write({name: values[name] for name in fields or values if name in values})
 
 
@@ -132,12 +116,12 @@ def _text(value: Any) -> str:
     return UNKNOWN if value is None else str(value)
 
 
-@click.command(short_help="Measure how often topics are sent, and their bytes.")
-@topics_argument
-@run_option
-@_measuring_option
-@json_option
-def hz(topics: tuple[str, ...], run: Path, duration: float, as_json: bool) -> None:
+def hz(
+    topics: tuple[str, ...] = _some_topics,
+    run: Path = opt.run,
+    duration: float = _measuring,
+    as_json: bool = opt.as_json,
+) -> None:
     r"""Measure rate and bandwidth of topics. Default: all topics.
 
     Rates and intervals use the senders' time stamps.
@@ -146,9 +130,7 @@ def hz(topics: tuple[str, ...], run: Path, duration: float, as_json: bool) -> No
     forcebound hz
     forcebound hz telemetry force_command --duration 10s --json
     """
-    from forcebound.observe.streams import measure_streams
-
-    figures = measure_streams(run, topics, duration)
+    figures = streams.measure_streams(run, topics, duration)
     if as_json:
         print_json(figures)
         return
@@ -157,7 +139,7 @@ def hz(topics: tuple[str, ...], run: Path, duration: float, as_json: bool) -> No
     print_rows(head, [(topic, *_stream(one)) for topic, one in figures.items()])
 
 
-def _stream(figures: "StreamFigures") -> tuple[str, ...]:
+def _stream(figures: streams.StreamFigures) -> tuple[str, ...]:
     one = figures.interval_ms
     times = () if one is None else (one.mean, one.min, one.max, one.deviation)
     shown = [f"{time:.3f} ms" for time in times] or [UNKNOWN] * 4
@@ -167,20 +149,18 @@ def _stream(figures: "StreamFigures") -> tuple[str, ...]:
     return (f"{figures.rate_hz:.1f} Hz", *shown, *counts, bandwidth, mean)
 
 
-@click.command("graph", short_help="Show the graph with its measured rates.")
-@click.option("--mermaid", is_flag=True, help="As a Mermaid flowchart.")
-@run_option
-@_measuring_option
-@json_option
-def draw_graph(mermaid: bool, run: Path, duration: float, as_json: bool) -> None:
+def graph(
+    mermaid: bool = opt.flag("As a Mermaid flowchart."),
+    run: Path = opt.run,
+    duration: float = _measuring,
+    as_json: bool = opt.as_json,
+) -> None:
     r"""Show nodes and streams, with the measured rates.
 
     \b
     forcebound graph
     forcebound graph --mermaid > graph.md
     """
-    from forcebound.observe import drawing
-
     edges = drawing.measure_edges(run, duration)
     if as_json:
         print_json([edge._asdict() for edge in edges])
@@ -188,13 +168,13 @@ def draw_graph(mermaid: bool, run: Path, duration: float, as_json: bool) -> None
         show(drawing.as_mermaid(edges) if mermaid else drawing.as_text(edges))
 
 
-@click.command(short_help="Print events of a graph as they come.")
-@click.option("-q", "--quiet", is_flag=True, help="Faults only.")
-@click.option("-v", "--verbose", is_flag=True, help="Print their data, too.")
-@run_option
-@_ending_option
-@json_lines_option
-def log(quiet: bool, verbose: bool, run: Path, duration: float | None, as_json: bool) -> None:
+def log(
+    quiet: bool = opt.flag("Faults only.", "-q", "--quiet"),
+    verbose: bool = opt.flag("Print their data, too.", "-v", "--verbose"),
+    run: Path = opt.run,
+    duration: float | None = opt.ending,
+    as_json: bool = opt.as_json_lines,
+) -> None:
     r"""Print the events of a graph with the time of day, until Ctrl-C.
 
     \b
@@ -202,41 +182,30 @@ def log(quiet: bool, verbose: bool, run: Path, duration: float | None, as_json: 
     forcebound log -q --json
     forcebound log -v --run stiff_wall
     """
-    import time
-    from datetime import datetime
-
-    from forcebound.messages.packets import Event
-    from forcebound.observe.streams import fields_of_packet, packets_of
-
     ahead_ns = time.time_ns() - time.monotonic_ns()
 
-    for _, packet, _ in packets_of(run, ("event",), duration):
+    for _, packet, _ in streams.packets_of(run, ("event",), duration):
         if not isinstance(packet, Event) or (quiet and not packet.is_fault):
             continue
         time_s = (packet.time_ns + ahead_ns) * 1e-9
         at = datetime.fromtimestamp(time_s).isoformat(" ", "milliseconds")
         if as_json:
-            print_json_line({"time": at, **fields_of_packet(packet)})
+            print_json_line({"time": at, **streams.fields_of_packet(packet)})
         else:
             more = f"  {_text(packet.data)}" if verbose and packet.data else ""
             kind = "FAULT" if packet.is_fault else "event"
             show(f"{at}  {kind}  {packet.node}: {packet.message}{more}")
 
 
-@click.command(short_help="Show the loop delay of a recording or graph.")
-@click.argument("run", required=False, type=PATH, shell_complete=complete.runs)
-@output_option(metavar="TRACE.csv", help="Write the delays as a trace for a link.")
-@duration_option(help="Measuring time of a running graph. Default: 5s.")
-@click.option("--links", is_flag=True, help="Also of each link.")
-@hand_option
-@json_option
 def delay(
-    run: Path | None,
-    output: Path | None,
-    duration: float | None,
-    links: bool,
-    hand: str | None,
-    as_json: bool,
+    run: Path | None = opt.argument(complete.runs, required=False, type=opt.PATH),
+    output: Path | None = opt.output(
+        "Write the delays as a trace for a link.", metavar="TRACE.csv"
+    ),
+    duration: float | None = opt.duration("Measuring time of a running graph. Default: 5s."),
+    links: bool = opt.flag("Also of each link."),
+    hand: str | None = opt.hand,
+    as_json: bool = opt.as_json,
 ) -> None:
     r"""Show the loop delay of RUN, a recording or a running graph. Default: the running graph.
 
@@ -248,10 +217,6 @@ def delay(
     forcebound delay stiff_wall --links --duration 10s
     forcebound delay run.mcap -o trace.csv
     """
-    from forcebound.network.trace import check_output
-    from forcebound.observe.delay import measure
-    from forcebound.recordings.delay_traces import as_link_trace
-
     if output is not None:
         check_output(output)
     measured = measure(run, duration, links, hand)
@@ -275,16 +240,14 @@ def delay(
         show(f"trace: {output}")
 
 
-def _show_histogram(bins: Sequence["Bin"]) -> None:
+def _show_histogram(bins: Sequence[Bin]) -> None:
     most = max((one.count for one in bins), default=1)
     for one in bins:
         bar = "█" * round(BAR * one.count / most)
         show(f"{one.from_ms:>8.2f} ms {one.count:>7} {bar}".rstrip())
 
 
-def _show_links(links: Mapping[str, "LinkDelays"]) -> None:
-    from forcebound.observe.delay import SHARES
-
+def _show_links(links: Mapping[str, LinkDelays]) -> None:
     rows = []
     for name, link in links.items():
         delays = [getattr(link, share) for share in SHARES]
@@ -294,27 +257,21 @@ def _show_links(links: Mapping[str, "LinkDelays"]) -> None:
     print_rows(head, rows)
 
 
-@click.group(short_help="Show a running graph in another program.", cls=Group)
-def bridge() -> None:
-    """Show a running graph in another program, read-only."""
+bridge = Group("bridge", help="Show a running graph in another program, read-only.")
 
 
-def _serving(port: int) -> Callable[[Command], Command]:
-    """Add topics, graph, a port of this default, and a duration."""
-    kind, words = click.IntRange(1, 65535), f"On loopback. Default: {port}."
-    port_option = click.option("--port", type=kind, default=port, help=words)
-    return all_of(topics_argument, run_option, port_option, _ending_option)
+def _port(default: int) -> Any:
+    words = f"On loopback. Default: {default}."
+    return opt.option(words, type=click.IntRange(1, 65535), default=default)
 
 
-def _serve(program: str, topics: Sequence[str], **options: Any) -> None:
-    from forcebound.observe import bridges
-
-    bridges.serve(getattr(bridges, program), topics=topics, say=partial(show, err=True), **options)
-
-
-@bridge.command(short_help="Publish topics for PlotJuggler.")
-@_serving(9872)
-def plotjuggler(topics: tuple[str, ...], **options: Any) -> None:
+@command("plotjuggler", bridge, short_help="Publish topics for PlotJuggler.")
+def plotjuggler(
+    topics: tuple[str, ...] = _some_topics,
+    run: Path = opt.run,
+    port: int = _port(9872),
+    duration: float | None = opt.ending,
+) -> None:
     r"""Publish topics of a running graph for PlotJuggler, until Ctrl-C. Default: telemetry.
 
     In PlotJuggler: Streaming, ZMQ Subscriber, Start; connect to tcp:// localhost, port 9872, json.
@@ -323,14 +280,17 @@ def plotjuggler(topics: tuple[str, ...], **options: Any) -> None:
     forcebound bridge plotjuggler
     forcebound bridge plotjuggler telemetry device_state --run stiff_wall
     """
-    from forcebound.observe.bridges import telemetry_of
+    topics = topics or bridges.telemetry_of(run)
+    bridges.serve(bridges.plotjuggler, run, topics, port, duration, say)
 
-    _serve("plotjuggler", topics or telemetry_of(options["run"]), **options)
 
-
-@bridge.command(short_help="Serve topics to Foxglove.")
-@_serving(8765)
-def foxglove(topics: tuple[str, ...], **options: Any) -> None:
+@command("foxglove", bridge, short_help="Serve topics to Foxglove.")
+def foxglove(
+    topics: tuple[str, ...] = _some_topics,
+    run: Path = opt.run,
+    port: int = _port(8765),
+    duration: float | None = opt.ending,
+) -> None:
     r"""Serve topics of a running graph to Foxglove, until Ctrl-C. Default: all topics.
 
     In Foxglove or Lichtblick: Open connection, Foxglove WebSocket, ws://localhost:8765. Needs the
@@ -339,4 +299,4 @@ def foxglove(topics: tuple[str, ...], **options: Any) -> None:
     \b
     forcebound bridge foxglove
     """
-    _serve("foxglove", topics, **options)
+    bridges.serve(bridges.foxglove, run, topics, port, duration, say)

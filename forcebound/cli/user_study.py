@@ -1,45 +1,45 @@
 """Commands for studies that people take part in."""
 
+import asyncio
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
 from forcebound.cli import complete
-from forcebound.cli.common import FOLDER, Group, output_option, show
-from forcebound.cli.study import _number_option, workers_option
+from forcebound.cli import options as opt
+from forcebound.cli.common import Group, check_tornado, command, show
+from forcebound.cli.view import shown
 from forcebound.errors import ConfigError
+from forcebound.interface.live import launch_unrecorded
+from forcebound.lab.study.data import Kind
+from forcebound.lab.study.markers import Markers, find_lsl
+from forcebound.lab.study.observers import Observer, run_observers
+from forcebound.lab.study.order import blocks_of, total
+from forcebound.lab.study.plan import SHIPPED, Study, load_study, shipped
+from forcebound.lab.study.session import Session
+from forcebound.observe.live_study import LiveStudy
+from forcebound.observe.study_graph import StudyGraph
 
 if TYPE_CHECKING:
-    from forcebound.lab.study.data import Kind
-    from forcebound.lab.study.plan import Study
-    from forcebound.lab.study.session import Session
     from forcebound.observe.page.study import StudyServer
-    from forcebound.observe.study_graph import StudyGraph
 
 SIMULATED = re.compile(r"simulated:([1-9][0-9]{0,2})")
-_folder_option = output_option(
-    "folder", type=FOLDER, help="Folder for the data. Default: name of the study."
+_file = opt.argument(complete.studies)
+
+study = Group(
+    "study", help="Run a user study: check its file, run it with a participant, analyse the data."
 )
-_file = click.argument("file", shell_complete=complete.studies)
 
 
-@click.group(short_help="Run a study with people, or simulated observers.", cls=Group)
-def study() -> None:
-    """Run a user study: check its file, run it with a participant, analyse the data."""
-
-
-@study.command(short_help="Make a study file to change.")
-@click.argument("path", type=click.Path(path_type=Path, dir_okay=False))
-def new(path: Path) -> None:
+@command("new", study, short_help="Make a study file to change.")
+def new(path: Path = opt.argument(type=opt.FILE)) -> None:
     r"""Make a study file to change: the paper's.
 
     \b
     forcebound study new my_study.yaml
     """
-    from forcebound.lab.study.plan import SHIPPED, shipped
-
     path = path.with_suffix(".yaml")
     try:
         with path.open("x", encoding="utf-8") as file:
@@ -49,17 +49,13 @@ def new(path: Path) -> None:
     show(f"study file: {path}; then: `forcebound study check {path}`")
 
 
-@study.command(short_help="Check a study file, and say what a participant will meet.")
-@_file
-def check(file: str) -> None:
+@command("check", study)
+def check(file: str = _file) -> None:
     r"""Check a study file, and say what a participant will meet.
 
     \b
     forcebound study check friction
     """
-    from forcebound.lab.study.order import blocks_of, total
-    from forcebound.lab.study.plan import load_study
-
     plan = load_study(file)
     trials = total(plan)
     show(f"{plan.name}: {plan.description}")
@@ -76,52 +72,36 @@ def check(file: str) -> None:
         show(f"participant {number + 1}: {', '.join(blocks_of(plan, number))}")
 
 
-@study.command(short_help="Run a study with one participant, or simulated ones.")
-@_file
-@click.option(
-    "--participant",
-    required=True,
-    metavar="ID",
-    help="Identifier, never a name; or simulated:N, so many simulated observers.",
-)
-@_folder_option
-@_number_option("--seed", default=1, help="Seed of the simulated observers.")
-@click.option(
-    "--weber",
-    type=click.FloatRange(0.0, min_open=True),
-    default=0.23,
-    show_default=True,
-    help="Their Weber fraction of stiffness, at 84 % right answers.",
-)
-@click.option(
-    "--lapse",
-    type=click.FloatRange(0.0, 1.0),
-    default=0.02,
-    show_default=True,
-    help="Share of their answers that are guesses.",
-)
-@click.option("--record", "records", is_flag=True, help="Record each simulated touch; slow.")
-@workers_option
-@click.option(
-    "--port", type=click.IntRange(0, 65535), default=0, help="Port of the page. Default: any free."
-)
-@click.option("--open/--no-open", "opens", default=True, help="Whether to open a browser.")
-@click.option(
-    "--lsl",
-    is_flag=False,
-    flag_value="machine",
-    type=click.Choice(["machine", "link", "site", "organization", "global"]),
-    help="Send markers to the Lab Streaming Layer; without a value, this machine alone finds them.",
-)
+@command("run", study, short_help="Run a study with one participant, or simulated ones.")
 def run(
-    file: str,
-    participant: str,
-    folder: Path | None,
-    workers: int | None,
-    port: int,
-    opens: bool,
-    lsl: str | None,
-    **of_observer: Any,
+    file: str = _file,
+    participant: str = opt.option(
+        "Identifier, never a name; or simulated:N, so many simulated observers.",
+        required=True,
+        metavar="ID",
+    ),
+    folder: Path | None = opt.folder("Folder for the data. Default: name of the study."),
+    seed: int = opt.number("Seed of the simulated observers.", default=1),
+    weber: float = opt.number(
+        "Their Weber fraction of stiffness, at 84 % right answers.",
+        type=click.FloatRange(0.0, min_open=True),
+        default=0.23,
+    ),
+    lapse: float = opt.number(
+        "Share of their answers that are guesses.",
+        type=click.FloatRange(0.0, 1.0),
+        default=0.02,
+    ),
+    records: bool = opt.flag("Record each simulated touch; slow.", "--record"),
+    workers: int | None = opt.workers,
+    port: int = opt.port("Port of the page. Default: any free."),
+    opens: bool = opt.opens,
+    lsl: str | None = opt.option(
+        "Send markers to the Lab Streaming Layer; without a value, this machine alone finds them.",
+        is_flag=False,
+        flag_value="machine",
+        type=click.Choice(["machine", "link", "site", "organization", "global"]),
+    ),
 ) -> None:
     r"""Run a study; a participant who stopped goes on with the next trial.
 
@@ -129,8 +109,6 @@ def run(
     forcebound study run friction --participant simulated:10 --seed 1
     forcebound study run my_study.yaml --participant p07
     """
-    from forcebound.lab.study.plan import load_study
-
     plan = load_study(file)
     folder = folder or Path(plan.name)
     simulated = SIMULATED.fullmatch(participant)
@@ -139,22 +117,13 @@ def run(
     if simulated is None:
         run_live_study(plan, participant, folder, port, opens, lsl)
         return
-    from forcebound.lab.study.observers import Observer, run_observers
-
-    observer = Observer(**of_observer)
+    observer = Observer(seed, weber, lapse, records)
     run_observers(observer, file, folder, int(simulated[1]), workers)
     show(f"data: {folder}; then: `forcebound study analyse {folder}`")
 
 
-async def _serve(
-    session: "Session", server: "StudyServer", graph: "StudyGraph", opens: bool
-) -> None:
+async def _serve(session: Session, server: "StudyServer", graph: StudyGraph, opens: bool) -> None:
     """Show a session on pages until it is finished, or stopped."""
-    import asyncio
-
-    from forcebound.cli.view import shown
-    from forcebound.observe.live_study import LiveStudy
-
     server.live = LiveStudy(
         session,
         graph,
@@ -172,7 +141,7 @@ async def _serve(
 
 
 def run_live_study(
-    plan: "Study", participant: str, folder: Path, port: int, opens: bool, lsl: str | None
+    plan: Study, participant: str, folder: Path, port: int, opens: bool, lsl: str | None
 ) -> None:
     """Run a study with a person on the live page, until it is finished, or stopped.
 
@@ -181,16 +150,8 @@ def run_live_study(
     Raises:
         ConfigError: As :class:`Session`; if tornado or pylsl is missing, or a wall moves.
     """
-    import asyncio
-
-    from forcebound.cli.view import check_tornado
-
     check_tornado()
-    from forcebound.interface.live import launch_unrecorded
-    from forcebound.lab.study.markers import Markers, find_lsl
-    from forcebound.lab.study.session import Session
     from forcebound.observe.page.study import StudyServer
-    from forcebound.observe.study_graph import StudyGraph
 
     graph = StudyGraph(plan, launch_unrecorded)
     kind: Kind = "person" if graph.movers == {"person"} else "rehearsal"
@@ -212,9 +173,8 @@ def run_live_study(
     asyncio.run(lead())
 
 
-@study.command(short_help="Analyse the data of a study.")
-@click.argument("folder", type=FOLDER)
-def analyse(folder: Path) -> None:
+@command("analyse", study, short_help="Analyse the data of a study.")
+def analyse(folder: Path = opt.argument(type=opt.FOLDER)) -> None:
     r"""Analyse the data of a study: report.md and report.png, in its folder.
 
     \b

@@ -1,32 +1,30 @@
 """The live page of a running graph."""
 
+import asyncio
 import os
 import tempfile
 import webbrowser
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
-from importlib.util import find_spec
 from pathlib import Path
 from threading import Thread
 from typing import TYPE_CHECKING
 
 import click
 
-from forcebound.cli.common import given_run_option, show
+from forcebound.cli import options as opt
+from forcebound.cli.common import check_tornado, show
 from forcebound.errors import ConfigError, ForceboundError
+from forcebound.folders import runtime_folder
+from forcebound.observe.page.access import Access
+from forcebound.observe.runs import find, find_launched, running
+from forcebound.realtime import on_cores
+from forcebound.run.run_directory import RunDocument
 
 if TYPE_CHECKING:
-    from forcebound.observe.page.access import Access
     from forcebound.observe.page.server import Server
 
 POLL_S = 0.5  # between two looks for the next graph
-
-
-def check_tornado() -> None:
-    """Raise ConfigError, with what to install, where the page's server is not installed."""
-    if find_spec("tornado") is None:
-        raise ConfigError("the page needs tornado: pip install 'forcebound[view]'")
-
 
 REDIRECT = """<!doctype html><meta name="referrer" content="no-referrer">
 <meta http-equiv="refresh" content="0;url={}"><title>forcebound</title>
@@ -41,10 +39,6 @@ def opened_in_browser(address: str, run: Path | None) -> Iterator[None]:
     that leads to the address; it is deleted after the body. A browser may stay in the foreground,
     so a thread waits for it.
     """
-    from forcebound.folders import runtime_folder
-    from forcebound.realtime import on_cores
-    from forcebound.run.run_directory import RunDocument
-
     core = None if run is None else RunDocument.read(run).core
     with tempfile.NamedTemporaryFile("w", suffix=".html", dir=runtime_folder()) as file:  # 0600
         file.write(REDIRECT.format(address))
@@ -59,7 +53,7 @@ def opened_in_browser(address: str, run: Path | None) -> Iterator[None]:
 
 
 @contextmanager
-def shown(access: "Access", run: Path | None, opens: bool) -> Iterator[None]:
+def shown(access: Access, run: Path | None, opens: bool) -> Iterator[None]:
     """Print the addresses of a server, and open its page in a browser if there is a screen."""
     show(f"page:          {access.address(access.token)}")
     show(f"to look only:  {access.address(access.watching)}")
@@ -72,35 +66,25 @@ def shown(access: "Access", run: Path | None, opens: bool) -> Iterator[None]:
         yield
 
 
-@click.command(short_help="Open a live page of the running graph.")
-@given_run_option()
-@click.option("--wait", "waits", is_flag=True, help="Also wait for the first graph.")
-@click.option(
-    "--port", type=click.IntRange(0, 65535), default=0, help="Port. Default: any free one."
-)
-@click.option(
-    "--listen",
-    default="127.0.0.1",
-    metavar="ADDRESS",
-    help="Address of this machine that others may call, too. Default: this machine only.",
-)
-@click.option(
-    "--recordings",
-    type=click.Path(exists=True, file_okay=False, path_type=Path),
-    default=".",
-    metavar="DIR",
-    help="Folder for recordings that the page makes. Default: this one.",
-)
-@click.option("--open/--no-open", "opens", default=True, help="Whether to open a browser.")
-@click.option("--launcher", type=int, hidden=True, help="Show only the graph of this process.")
 def view(
-    run: Path | None,
-    waits: bool,
-    port: int,
-    listen: str,
-    recordings: Path,
-    opens: bool,
-    launcher: int | None,
+    run: Path | None = opt.given_run,
+    waits: bool = opt.flag("Also wait for the first graph.", "--wait"),
+    port: int = opt.port("Port. Default: any free one."),
+    listen: str = opt.option(
+        "Address of this machine that others may call, too. Default: this machine only.",
+        default="127.0.0.1",
+        metavar="ADDRESS",
+    ),
+    recordings: Path = opt.option(
+        "Folder for recordings that the page makes. Default: this one.",
+        type=click.Path(exists=True, file_okay=False, path_type=Path),
+        default=".",
+        metavar="DIR",
+    ),
+    opens: bool = opt.opens,
+    launcher: int | None = opt.option(
+        "Show only the graph of this process.", type=int, hidden=True
+    ),
 ) -> None:
     r"""Show a running graph in a browser, and change it from there, until Ctrl-C.
 
@@ -114,10 +98,6 @@ def view(
     forcebound view
     forcebound view --wait --run pointer_wall --port 8000
     """
-    import asyncio
-
-    from forcebound.observe.runs import find, find_launched
-
     check_tornado()
     from forcebound.observe.page.server import Server
 
@@ -160,10 +140,6 @@ async def _show_graphs(
 
 async def _next(server: "Server", name: Path | None) -> Path | None:
     """Return the next graph; None: the server is to stop. It is reported once if several run."""
-    import asyncio
-
-    from forcebound.observe.runs import find, running
-
     reported = ""
     while not server.is_stopped:
         await asyncio.sleep(POLL_S)

@@ -24,11 +24,11 @@ from forcebound.graph.tree import Value, from_plain
 from forcebound.haptics.laws import LAWS, BoundingLaw
 from forcebound.haptics.parts import Table
 from forcebound.interface.figures import Figures
-from forcebound.lab.workers import progress_bar
 from forcebound.messages.packets import Event
 from forcebound.messages.topology import HAND
 from forcebound.quantities import POSITIVE
 from forcebound.recordings.telemetry import TelemetryColumns
+from forcebound.run.progress import progress_bar
 from forcebound.run.results import RunResult, results_of
 from forcebound.run.virtual import run_virtual_hands
 from forcebound.units import parse_quantity

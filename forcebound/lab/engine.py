@@ -22,7 +22,8 @@ from typing import Any, NamedTuple, Protocol, TypeAlias
 
 from forcebound.errors import ConfigError
 from forcebound.files import read_bytes, reason
-from forcebound.lab.workers import completed, local_executor, progress_bar
+from forcebound.lab.workers import completed, local_executor
+from forcebound.run.progress import progress_bar
 
 #: Plain values by name, ready for JSON; of a result file: numbers, strings, booleans, None.
 Row: TypeAlias = dict[str, Any]

@@ -1,4 +1,4 @@
-"""Executors for divisible work (cores or a dask cluster), and its progress.
+"""Executors for divisible work (cores or a dask cluster).
 
 Take the results from :func:`completed` and do not cancel futures: a future that is cancelled while
 its process ends makes the pool's own thread fail in Python 3.11. An interruption ends the
@@ -10,7 +10,6 @@ import os
 import signal
 import sys
 import threading
-import time
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import (
     BrokenExecutor,
@@ -19,7 +18,7 @@ from concurrent.futures import (
     ProcessPoolExecutor,
     as_completed,
 )
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from multiprocessing import active_children, get_context
 from multiprocessing.context import SpawnContext, SpawnProcess
 from typing import Any, TypeVar
@@ -109,44 +108,6 @@ def _begin_worker(begin: Callable[[], None] | None) -> None:
     die_with_parent(signal.SIGKILL)
     if begin is not None:
         begin()
-
-
-@contextmanager
-def progress_bar(
-    name: str, after: float = 0.0, shown: bool = True
-) -> Iterator[Callable[[int, int], None]]:
-    """Yield a function that shows progress on standard error; it takes what is done, and the total.
-
-    The bar appears with the first call ``after`` some seconds, so that errors in arguments are
-    reported without it; never, if it is not ``shown``.
-    """
-    if not shown:
-        yield lambda done, total: None
-        return
-    began = time.monotonic()
-    from rich import progress
-    from rich.console import Console
-
-    columns = (
-        progress.TextColumn(name),
-        progress.BarColumn(),
-        progress.MofNCompleteColumn(),
-        progress.TimeElapsedColumn(),
-        progress.TextColumn("left:"),
-        progress.TimeRemainingColumn(elapsed_when_finished=False),
-    )
-    bar = progress.Progress(*columns, console=Console(stderr=True))
-    task = bar.add_task(name, total=None)
-    with ExitStack() as stack:
-
-        def show(done: int, total: int) -> None:
-            if time.monotonic() - began < after:
-                return
-            if not bar.live.is_started:
-                stack.enter_context(bar)
-            bar.update(task, completed=done, total=total)
-
-        yield show
 
 
 @contextmanager

@@ -18,7 +18,8 @@ from forcebound.lab.runs import run_all
 from forcebound.lab.study.measures import Measures, measure
 from forcebound.lab.study.plan import Block, Study, load_study, wall_of
 from forcebound.lab.study.session import Session, Step
-from forcebound.lab.workers import completed, local_executor, progress_bar
+from forcebound.lab.workers import completed, local_executor
+from forcebound.run.progress import progress_bar
 from forcebound.run.results import RunResult
 from forcebound.run.virtual import run_virtual
 

@@ -17,9 +17,10 @@ from forcebound.graph.problems import unknown
 from forcebound.lab.engine import Campaign, Progress, Row, run
 from forcebound.lab.runs import run_all
 from forcebound.lab.sweep.plan import Sweep, load_sweep
-from forcebound.lab.workers import cluster_executor, local_executor, progress_bar
+from forcebound.lab.workers import cluster_executor, local_executor
 from forcebound.messages.topology import HAND, HAND_SECTIONS
 from forcebound.results.figures import REPORTED
+from forcebound.run.progress import progress_bar
 from forcebound.run.results import RunResult
 from forcebound.units import split_quantity, to_si
 
