@@ -32,7 +32,6 @@ from numpy.typing import NDArray
 
 from forcebound.haptics.devices.phantom import PhantomPremium15
 from forcebound.haptics.devices.plant import Axis
-from forcebound.haptics.devices.true_values import per_axis
 from forcebound.haptics.laws import LAWS, Dissipation
 from forcebound.lab.one_axis import NO_MOTION, TRACE, WALL, Course, System, loop
 from forcebound.lab.paper.setup import (
@@ -49,9 +48,7 @@ from forcebound.results.contact import displayed_stiffness, initial_rate_hardnes
 Floats = NDArray[np.float64]
 
 DEVICE = PhantomPremium15()
-DAMPING, FRICTION, RESOLUTION = (
-    per_axis(value, 1)[0] for value in (DEVICE.damping, DEVICE.friction, DEVICE.resolution)
-)
+DAMPING, FRICTION, RESOLUTION = (each[0] for each in DEVICE.of_axes(1)[:3])
 PERIOD, PERIOD_NS = 1e-3, 1_000_000  # s, ns
 STIFFNESS = 10_000.0  # N/m, of the wall
 FREQUENCY = 10.0  # Hz, of the tremor

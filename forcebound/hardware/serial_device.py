@@ -4,7 +4,7 @@ import logging
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Generic, Literal, NamedTuple, TypeVar
+from typing import Annotated, ClassVar, Generic, Literal, NamedTuple, TypeVar
 
 from forcebound.errors import DeviceError
 from forcebound.haptics.devices import Device, Truth
@@ -20,10 +20,6 @@ from forcebound.quantities import POSITIVE, Inertia, Name, Range, Time
 # on two cores the longest of 200 000 replies took 33 ms.
 LIMIT, EMULATED_LIMIT = 0.02, 0.1
 FIRST_EXCHANGES = 50  # without force, for the quickest exchange
-SIMULATED = (
-    *("inertia", "damping", "friction", "resolution", "presliding"),
-    *("gain_error", "lag", "substep", "truth"),
-)
 
 Reply = TypeVar("Reply")
 
@@ -62,10 +58,6 @@ class SerialJoints(StatedJoints):
             path = find(self.port, self.board)
             Port(path).close()
             check_serial_number(path, self.serial_number)
-
-    def simulated_joints(self) -> dict[str, Any]:
-        """Return the numbers that a simulated arm takes for the same joints, by name."""
-        return {name: getattr(self, name) for name in SIMULATED}
 
     @property
     def longest_force(self) -> float:

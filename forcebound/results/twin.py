@@ -212,7 +212,7 @@ class Twin:
         """Yield the force into the surface, in N, and the depth there, in m, of each tick."""
         (bounder, stated), kinematics = self._bounder(change), self._kinematics
         mass, spring, damping, friction = self._hand
-        steps = stated.of_axes("resolution", len(self._first))
+        steps = stated.of_axes(len(self._first)).resolution
         applied = last = tuple(self._columns.applied_force[0].tolist())
         zero, depths, before = (0.0,) * len(applied), [], 0.0
         away, speed = list(zero), list(zero)

@@ -1,14 +1,15 @@
 """A simulated device, and the hand on it: its time, its motor and its watchdog."""
 
-import math
-from typing import Any, Protocol
+from abc import abstractmethod
+from typing import Protocol
 
-from forcebound.haptics.devices import Device, Kinematics, Truth
+from forcebound.haptics.devices import Device, DeviceModel, Kinematics, Truth
 from forcebound.haptics.devices.motor import SimulatedMotor
-from forcebound.haptics.devices.true_values import TrueMotor, per_axis
+from forcebound.haptics.devices.true_values import TrueAxes, TrueJoints, TrueNumbers, true_numbers
 from forcebound.haptics.hands import Operator
 from forcebound.haptics.hands.hands import NoHand
 from forcebound.haptics.hands.pointer import PointerHand
+from forcebound.haptics.laws.bounder import saturated
 from forcebound.messages.packets import Vector
 
 
@@ -37,6 +38,36 @@ class Body(Protocol):
         ...
 
 
+class SimulatedModel(DeviceModel):
+    """Parameters of a device whose mechanics is stated: it can be simulated, or emulated."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.true_numbers()  # a number of axes that does not fit is refused here
+
+    @property
+    @abstractmethod
+    def truth(self) -> TrueAxes | TrueJoints | None:
+        """What it truly has, where that differs from what is stated."""
+
+    @property
+    def force_sensor(self) -> bool:
+        """Whether it measures the force of the simulated hand, of its spring and damper."""
+        return False
+
+    def true_numbers(self) -> TrueNumbers:
+        """Return what the simulated device truly has."""
+        return true_numbers(self, self.truth, self.axes)
+
+    @abstractmethod
+    def body(self, true: TrueNumbers, operator: Operator) -> Body:
+        """Return what moves, with these true numbers, in an operator's hand.
+
+        Raises:
+            DeviceError: If the device and this hand do not go together.
+        """
+
+
 class SimulatedDevice(Device):
     """A device with a hand on it, whose time is that of the reads and writes.
 
@@ -45,25 +76,21 @@ class SimulatedDevice(Device):
     written force acts after the write delay; one that is too old is dropped at the very instant it
     gets too old, as the watchdog of a real device's firmware does, or guarded from then on.
 
-    The ``model`` is a ``DeviceModel`` with its ``truth`` (None: as stated) and a method ``body``
-    that returns the :class:`Body` in an operator's hand; without an operator nobody holds it.
+    Without an operator nobody holds it.
     """
 
-    def __init__(self, model: Any, operator: Operator | None, hold_limit: float) -> None:
+    def __init__(self, model: SimulatedModel, operator: Operator | None, hold_limit: float) -> None:
         operator = NoHand() if operator is None else operator
-        truth = model.truth or TrueMotor()
+        true = model.true_numbers()
         self._operator = operator
         self._has_buttons = operator.buttons(0.0) is not None
         self.axes, self._saturation = model.axes, model.saturation
-        self._body: Body = model.body(operator)
+        self._body = model.body(true, operator)
         self.kinematics = self._body.kinematics
-        gain = 1.0 + model.gain_error if truth.gain is None else truth.gain
-        self._gain = per_axis(gain, self.axes)
+        self._gain = true.gain
         self._compensation = self._body.compensation
         self._scales = any(g != 1.0 for g in self._gain) or any(self._compensation)
-        self._motor = SimulatedMotor(
-            model, truth, hold_limit, self._motor_force((0.0,) * self.axes)
-        )
+        self._motor = SimulatedMotor(model, true, hold_limit, self._motor_force((0.0,) * self.axes))
         self._has_sensor = model.force_sensor
         self._reports_cuts = model.watchdog in ("guarding", "reporting")
         self._reading_at_cut = self._body.reading()
@@ -85,10 +112,7 @@ class SimulatedDevice(Device):
 
     def write(self, time_ns: int, force: Vector) -> Vector:
         self._advance_to(time_ns)
-        magnitude = math.hypot(*force)
-        if not magnitude <= self._saturation:
-            scale = self._saturation / magnitude if math.isfinite(magnitude) else 0.0
-            force = tuple([scale * f if math.isfinite(f) else 0.0 for f in force])
+        force = saturated(force, self._saturation)
         reading = self._body.reading() if self._motor.guards else ()
         self._motor.write(time_ns, self._motor_force(force), force, reading)
         return force

@@ -9,29 +9,36 @@ an experiment that asks what a wrong statement costs changes one number here.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, TypeAlias
+from typing import Annotated, NamedTuple, TypeAlias
 
-from forcebound.errors import ConfigError
 from forcebound.haptics.laws.dissipation import (
     DampingOfAxes,
     ForceOfAxes,
     FrictionOfAxes,
     LengthOfAxes,
+    OfAxes,
+    PerAxis,
+    StatedNumbers,
+    per_axis,
 )
 from forcebound.messages.packets import Vector
 from forcebound.quantities import (
     NOT_NEGATIVE,
     POSITIVE,
     PROBABILITY,
+    Angle,
+    JointDamping,
     Range,
     Ratio,
     Time,
+    Torque,
     check_ranges,
 )
 
-RatioOfMotors: TypeAlias = (
-    Annotated[Ratio, NOT_NEGATIVE] | tuple[Annotated[Ratio, NOT_NEGATIVE], ...]
-)
+DampingOfJoints: TypeAlias = OfAxes[Annotated[JointDamping, NOT_NEGATIVE]]
+TorqueOfJoints: TypeAlias = OfAxes[Annotated[Torque, NOT_NEGATIVE]]
+AngleOfJoints: TypeAlias = OfAxes[Annotated[Angle, NOT_NEGATIVE]]
+RatioOfMotors: TypeAlias = OfAxes[Annotated[Ratio, NOT_NEGATIVE]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,33 +110,67 @@ class TrueAxes(TrueMotor):
     weight: ForceOfAxes | None = None
 
 
-def true_value(model: Any, name: str) -> Any:
-    """Return the true value of a number that a model states under ``name``."""
-    value = vars(model.truth or TrueMotor()).get(name)
-    return getattr(model, name) if value is None else value
+@dataclass(frozen=True, kw_only=True)
+class TrueJoints(TrueMotor):
+    """True values of an arm; null: as stated.
+
+    Attributes:
+        damping: Viscous damping of the joints; one number, or one of each, as are the next three.
+        friction: Coulomb friction of each joint by itself.
+        presliding: Angle over which friction yields elastically.
+        resolution: Resolution of the encoder.
+    """
+
+    damping: DampingOfJoints | None = None
+    friction: TorqueOfJoints | None = None
+    presliding: AngleOfJoints | None = None
+    resolution: AngleOfJoints | None = None
 
 
-def true_axes(model: Any, name: str) -> Vector:
-    """Return the true values of a number of each axis."""
-    return per_axis(true_value(model, name), model.axes)
+class TrueNumbers(NamedTuple):
+    """What a simulated device truly has; vectors have one number of each axis.
+
+    Coordinates are those of :class:`forcebound.haptics.laws.dissipation.StatedNumbers`.
+    """
+
+    damping: Vector  # N s/m
+    friction: Vector  # N, of each axis by itself
+    presliding: Vector  # m
+    resolution: Vector  # m
+    weight: Vector  # N
+    gain: Vector  # of what is commanded of the motor
+    lag: float  # s
+    write_delay: float  # s; with a seed the longest
+    watchdog: float  # hold limits after which it drops a force; not with a seed
+    seed: int | None  # of random write delays and times of the watchdog
+    weak_spot: WeakSpot | None
 
 
-def check_counts(model: Any, names: Sequence[str]) -> None:
-    """Check that what a model states, and what is true of it, has a number for each axis, or one.
+def true_numbers(
+    stated: StatedNumbers, truth: TrueAxes | TrueJoints | None, axes: int
+) -> TrueNumbers:
+    """Return what a device truly has: what is stated, at its least favourable end, or its truth.
 
     Raises:
-        ConfigError: If not; it names the field.
+        ConfigError: If a number of axes has neither one entry nor one of each; it names the field.
     """
-    true = vars(model.truth or TrueMotor())
-    numbers = {name: getattr(model, name) for name in names}
-    numbers |= {f"truth: {name}": true.get(name) for name in (*names, "gain")}
-    for name, value in numbers.items():
-        if isinstance(value, tuple) and len(value) != model.axes:
-            axes = model.axes
-            message = f"{name} must be one number, or {axes} (one per axis), got {len(value)}"
-            raise ConfigError(message, field=name)
+    true, each = truth or TrueAxes(), stated.of_axes(axes)
 
+    def of_axes(name: str, value: PerAxis | None, as_stated: Vector) -> Vector:
+        return as_stated if value is None else per_axis(f"truth.{name}", value, axes)
 
-def per_axis(value: float | Vector, axes: int) -> Vector:
-    """Return a number that is alike on every axis, or one of each, as one of each."""
-    return tuple(value) if isinstance(value, tuple) else (value,) * axes
+    weight = true.weight if isinstance(true, TrueAxes) else None
+    latest = 1.0 + (stated.watchdog_tolerance or 0.0)
+    return TrueNumbers(
+        damping=of_axes("damping", true.damping, each.damping),
+        friction=of_axes("friction", true.friction, each.friction),
+        presliding=of_axes("presliding", true.presliding, each.presliding),
+        resolution=of_axes("resolution", true.resolution, each.resolution),
+        weight=of_axes("weight", weight, each.weight),
+        gain=of_axes("gain", true.gain, (1.0 + stated.gain_error,) * axes),
+        lag=stated.lag if true.lag is None else true.lag,
+        write_delay=stated.write_delay if true.write_delay is None else true.write_delay,
+        watchdog=latest if true.watchdog is None else true.watchdog,
+        seed=true.seed if true.random else None,
+        weak_spot=true.weak_spot,
+    )

@@ -101,7 +101,7 @@ class ForceBounder:
         ledger.is_rigid = (axes == 1 or along_path) and not has_presliding and d.lag == 0.0
         ledger.planned_limit = d.hold_limit
         ledger.path_error = math.hypot(*[one.weight_error for one in constants])
-        ledger.resolution = math.hypot(*d.of_axes("resolution", axes))
+        ledger.resolution = math.hypot(*d.of_axes(axes).resolution)
         for k, one in enumerate(constants):
             ledger.axis[k].constants = one
 
@@ -343,3 +343,16 @@ def shorten(force: Vector, magnitude: float, limit: float) -> Vector:
         return (0.0,) * len(force)
     scale = limit / magnitude * (1.0 - ROUNDING)
     return tuple([scale * f for f in force])
+
+
+def saturated(force: Vector, largest: float) -> Vector:
+    """Return what motors give that have a ``largest`` force or torque; the direction is kept.
+
+    Nothing, if it is not finite. The bounder saturates its result, too, since a law may add
+    damping; a device clips for itself, since a motor does.
+    """
+    magnitude = math.hypot(*force)
+    if magnitude <= largest:
+        return force
+    scale = largest / magnitude if math.isfinite(magnitude) else 0.0
+    return tuple([scale * f for f in force]) if scale else (0.0,) * len(force)

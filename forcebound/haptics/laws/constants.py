@@ -28,20 +28,7 @@ def axis_constants(dissipation: Dissipation, axes: int) -> list[AxisConstants]:
     """Return what is known of each axis."""
     along_path = acts_along_path(dissipation, axes)
     constants = []
-    for b, f, resolution, z, weight, error in zip(
-        *[
-            dissipation.of_axes(name, axes)
-            for name in (
-                "damping",
-                "friction",
-                "resolution",
-                "presliding",
-                "weight",
-                "weight_error",
-            )
-        ],
-        strict=True,
-    ):
+    for b, f, resolution, z, weight, error in zip(*dissipation.of_axes(axes), strict=True):
         # The motor carries the weight, so its gain error is an error of the weight too.
         error += dissipation.gain_error * abs(weight)
         r = resolution / 2.0
@@ -60,7 +47,7 @@ def acts_along_path(dissipation: Dissipation, axes: int) -> bool:
     d = dissipation
     if axes == 1 or any(isinstance(one, tuple) for one in (d.damping, d.friction, d.weight_error)):
         return False
-    if d.friction != 0.0 and any(d.of_axes("presliding", axes)):
+    if d.friction != 0.0 and any(d.of_axes(axes).presliding):
         raise ConfigError(
             "presliding of several axes needs the friction of each axis: "
             "one number means friction along the path"
@@ -78,7 +65,7 @@ def energy_cap(dissipation: Dissipation, axes: int, hold_limit: float) -> float:
         return dissipation.energy_cap
     error = max(one.weight_error for one in axis_constants(dissipation, axes))
     force = (1.0 + dissipation.gain_error) * dissipation.saturation + math.sqrt(axes) * error
-    is_rigid = not any(dissipation.of_axes("presliding", axes)) and (
+    is_rigid = not any(dissipation.of_axes(axes).presliding) and (
         axes == 1 or acts_along_path(dissipation, axes)
     )
     friction = dissipation.least_friction if is_rigid else 0.0
@@ -106,9 +93,9 @@ def _guard_price(dissipation: Dissipation, axes: int) -> float:
 def _start_price(dissipation: Dissipation, axes: int) -> float:
     """J that friction may have been credited, or may give back, before a way is sure."""
     if acts_along_path(dissipation, axes):
-        half = [one / 2.0 for one in dissipation.of_axes("resolution", axes)]
+        half = [one / 2.0 for one in dissipation.of_axes(axes).resolution]
         return dissipation.least_friction * math.hypot(*half)
-    frictions = dissipation.of_axes("friction", axes)
+    frictions = dissipation.of_axes(axes).friction
     return sum(
         f * (one.half_resolution + 0.75 * one.presliding) + one.presliding * one.weight_error
         for f, one in zip(frictions, axis_constants(dissipation, axes), strict=True)

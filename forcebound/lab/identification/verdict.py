@@ -66,7 +66,7 @@ def displayed_stiffness(model: DeviceModel, rate: float, start: Vector) -> float
     )
     turn = np.linalg.lstsq(jacobian, DEPTH * axes[0], rcond=None)[0]
     dissipation = dissipation_of(model, servo)
-    step = np.array(dissipation.of_axes("resolution", len(start)))
+    step = np.array(dissipation.of_axes(len(start)).resolution)
     device = BoundedDevice(
         _Prescribed(model, np.array(start), turn, step), servo.law, dissipation, learns=False
     )
