@@ -122,7 +122,7 @@ class Device(Publisher, ABC):
         """Return by how much the last reading may be later than its stamp, in ns.
 
         Beside what shifts all stamps alike. The ledger takes the longest time that can have passed
-        since the reading before, in which the same way dissipates least. None: it is exact.
+        since the reading before, in which the same motion dissipates least. None: it is exact.
         """
         return None
 

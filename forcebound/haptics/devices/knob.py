@@ -1,8 +1,8 @@
 """A knob, simulated: motors that turn, each with a handle of its own.
 
 A joint knows nothing of the others. Its tip is where the hand holds it, at the end of a lever, and
-its position is the way along the arc: lever times angle. So one knob is a device of one axis, and
-the tip of three is a point in space that a hand could not hold with three real ones.
+its position is that along the arc: lever times angle. So one knob is a device of one axis, and the
+tip of three is a point in space that a hand could not hold with three real ones.
 
 The defaults are those of a small brushless motor without gears: assumed, none is measured.
 """
@@ -21,7 +21,7 @@ from forcebound.quantities import POSITIVE, AngularSpeed, Inertia, Length, Range
 def knob_pose(angles: Floats, geometry: Floats, tip: Floats, jacobian: Floats) -> None:
     """Pose of independent joints; see :data:`forcebound.haptics.devices.kinematics.Pose`.
 
-    Angles in rad; the geometry is the length of each lever, in m; the tip, the way along each arc.
+    Angles in rad; the geometry is the length of each lever, in m; the tip, that along each arc.
     """
     for j in range(angles.size):
         for k in range(angles.size):

@@ -48,7 +48,7 @@ class WeakSpot:
     Attributes:
         centre: In the coordinates of the readings: m, or rad of the joints.
         radius: In the same unit.
-        share: Of the friction, and of the way over which it yields, that is left there.
+        share: Of the friction, and of the distance over which it yields, that is left there.
     """
 
     centre: tuple[float, ...]
@@ -98,7 +98,7 @@ class TrueAxes(TrueMotor):
     Attributes:
         damping: Viscous damping; one for all axes, or one of each, as are the next four.
         friction: Coulomb friction of each axis by itself.
-        presliding: Way over which friction yields elastically.
+        presliding: Distance over which friction yields elastically.
         resolution: Resolution of the encoder.
         weight: Of the tip, positive against positive motion.
     """

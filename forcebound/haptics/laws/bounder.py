@@ -313,13 +313,13 @@ class ForceBounder:
             self._candidate = read_ns, position
             return REFUSED
         if self._candidate is not None and self._is_credible(self._candidate, read_ns, position):
-            return RESTART  # so both may be wrong: begin again, without credit for the way
+            return RESTART  # so both may be wrong: begin again, without credit for the motion
         return TAKEN
 
     def _is_credible(self, before: tuple[int, Vector], read_ns: int, position: Vector) -> bool:
-        way = math.dist(before[1], position)
+        distance = math.dist(before[1], position)
         dt = (read_ns - before[0]) / 1e9
-        return way <= self._dissipation.largest_speed * dt + self._slack
+        return distance <= self._dissipation.largest_speed * dt + self._slack
 
 
 def _call(law: str, function: Callable[..., Any], *arguments: Any) -> Any:

@@ -91,7 +91,7 @@ def _guard_price(dissipation: Dissipation, axes: int) -> float:
 
 
 def _start_price(dissipation: Dissipation, axes: int) -> float:
-    """J that friction may have been credited, or may give back, before a way is sure."""
+    """J that friction may have been credited, or may give back, before a displacement is sure."""
     if acts_along_path(dissipation, axes):
         half = [one / 2.0 for one in dissipation.of_axes(axes).resolution]
         return dissipation.least_friction * math.hypot(*half)

@@ -81,7 +81,7 @@ class StatedNumbers:
         guard_period: δ of a guarding watchdog, less than the period: longest time from the last
             look that saw nothing to the force being gone after the next look. A force that has
             moved back before the hold limit is gone at the hold limit.
-        presliding: Way z_m over which friction yields elastically before it slides: the friction
+        presliding: Distance z_m over which friction yields elastically before it slides: friction
             divided by the bristle's stiffness; alike or for each axis.
         gain_error: Largest relative error x of a motor's force, constant in a run: it gives between
             1 - x and 1 + x of what it should. The motors of several axes may differ within that.
