@@ -48,7 +48,8 @@ from forcebound.results.contact import displayed_stiffness, initial_rate_hardnes
 Floats = NDArray[np.float64]
 
 DEVICE = PhantomPremium15()
-DAMPING, FRICTION, RESOLUTION = (each[0] for each in DEVICE.of_axes(1)[:3])
+TRUE = DEVICE.true_numbers()  # as stated
+DAMPING, FRICTION, RESOLUTION = TRUE.damping[0], TRUE.friction[0], TRUE.resolution[0]
 PERIOD, PERIOD_NS = 1e-3, 1_000_000  # s, ns
 STIFFNESS = 10_000.0  # N/m, of the wall
 FREQUENCY = 10.0  # Hz, of the tremor

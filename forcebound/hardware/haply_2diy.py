@@ -43,7 +43,6 @@ from forcebound.hardware.serial_device import (
 from forcebound.messages.packets import Vector
 from forcebound.quantities import Range, Time
 
-KIND = "haply_2diy"
 FIRST = 1.0  # s, what a board may need for its first reply
 HOME_TOLERANCE = math.radians(1.0)  # the arm may move between set-up and first reading
 # Sine of the angle between two links in line: no torque below the first, all of it above the other.
@@ -64,7 +63,7 @@ class Haply2DIY(FiveBarNumbers, SerialJoints):
         address: Of the device on its board.
     """
 
-    board: ClassVar[str] = KIND
+    board: ClassVar[str] = "haply_2diy"
     simulated_in: ClassVar[str] = "five_bar_wall"  # launch file for virtual time
 
     write_delay: Annotated[Time, Range(at_least=0)] = 3e-4  # measured, with the emulator
@@ -77,20 +76,8 @@ class Haply2DIY(FiveBarNumbers, SerialJoints):
 
     def open(self, operator: Operator | None, hold_limit: float) -> "OpenHaply":
         rest = rest_message(self.address, WIRINGS[self.version])
-        line = Line(
-            KIND,
-            self.port,
-            rest,
-            self.longest_force,
-            zero_reply=REPLY_SIZE,
-            model=self,
-            operator=operator,
-        )
-        try:
+        with self.line(rest, operator, reply=REPLY_SIZE) as line:
             return OpenHaply(self, line)
-        except BaseException:
-            line.close()
-            raise
 
 
 class OpenHaply(SerialDevice):

@@ -53,7 +53,6 @@ from forcebound.hardware.serial_device import (
 from forcebound.messages.packets import Vector
 from forcebound.quantities import POSITIVE, AngularSpeed, Range, Time
 
-KIND = "odrive"
 CONTROL_NS = 125_000  # period of the firmware's control loop, 8 kHz
 
 _logger = logging.getLogger(__name__)
@@ -73,7 +72,7 @@ class ODrive(KnobNumbers, SerialJoints):
         baud: Bits a second, for a UART; null: USB, which has no such limit.
     """
 
-    board: ClassVar[str] = KIND
+    board: ClassVar[str] = "odrive"
     simulated_in: ClassVar[str] = "knob_wall"  # launch file for virtual time
 
     resolution: AngleOfJoints = 2.0 * math.tau / 8192  # data sheet of a common encoder
@@ -91,15 +90,8 @@ class ODrive(KnobNumbers, SerialJoints):
 
     def open(self, operator: Operator | None, hold_limit: float) -> "OpenODrive":
         zero = b"\n" + zero_torque(self.joints)  # the first ends a line that was cut short
-        baud = self.baud or 115_200
-        line = Line(
-            KIND, self.port, zero, self.longest_force, baud=baud, model=self, operator=operator
-        )
-        try:
+        with self.line(zero, operator, baud=self.baud or 115_200) as line:
             return OpenODrive(self, line, hold_limit)
-        except BaseException:
-            line.close()
-            raise
 
 
 class OpenODrive(SerialDevice):

@@ -2,7 +2,8 @@
 
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Generic, Literal, NamedTuple, TypeVar
 
@@ -10,6 +11,7 @@ from forcebound.errors import DeviceError
 from forcebound.haptics.devices import Device, Truth
 from forcebound.haptics.devices.arms import StatedJoints
 from forcebound.haptics.devices.kinematics import ArmKinematics
+from forcebound.haptics.hands import Operator
 from forcebound.hardware.line import EMULATED, Line
 from forcebound.hardware.port import Port
 from forcebound.hardware.ports import check_serial_number, find, serial_number
@@ -58,6 +60,21 @@ class SerialJoints(StatedJoints):
             path = find(self.port, self.board)
             Port(path).close()
             check_serial_number(path, self.serial_number)
+
+    @contextmanager
+    def line(
+        self, zero: bytes, operator: Operator | None, baud: int = 115_200, reply: int = 0
+    ) -> Iterator[Line]:
+        """Open the line to the board, which is closed if what follows fails; see :class:`Line`."""
+        name, ends = self.port, self.longest_force
+        line = Line(
+            self.board, name, zero, ends, baud=baud, zero_reply=reply, model=self, operator=operator
+        )
+        try:
+            yield line
+        except BaseException:
+            line.close()
+            raise
 
     @property
     def longest_force(self) -> float:

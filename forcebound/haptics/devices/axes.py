@@ -13,6 +13,7 @@ from forcebound.haptics.devices.plant import Axis, Moving, advance_extended, qua
 from forcebound.haptics.devices.simulated import pad
 from forcebound.haptics.devices.true_values import TrueNumbers
 from forcebound.haptics.hands import Operator
+from forcebound.haptics.laws.dissipation import per_axis
 from forcebound.messages.packets import MAX_AXES, Vector
 
 if TYPE_CHECKING:
@@ -102,7 +103,7 @@ class AxesBody:
             if f > 0.0 and z > 0.0:  # an eighth of a radian of the oscillation on the bristle
                 step = 0.125 * math.sqrt(self._axes.mass * z / f)
                 self._axes.substep = min(self._axes.substep, step)
-        self.compensation: Vector = tuple([-w for w in stated.of_axes(axes).weight])
+        self.compensation: Vector = tuple([-w for w in per_axis("weight", stated.weight, axes)])
         start = pad(operator.target(0.0), axes)
         self._axes.x[:axes], self._axes.motor[:axes] = start, self.compensation
         for axis, x in enumerate(start):

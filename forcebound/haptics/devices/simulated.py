@@ -5,11 +5,12 @@ from typing import Protocol
 
 from forcebound.haptics.devices import Device, DeviceModel, Kinematics, Truth
 from forcebound.haptics.devices.motor import SimulatedMotor
-from forcebound.haptics.devices.true_values import TrueAxes, TrueJoints, TrueNumbers, true_numbers
+from forcebound.haptics.devices.true_values import TrueAxes, TrueJoints, TrueNumbers
 from forcebound.haptics.hands import Operator
 from forcebound.haptics.hands.hands import NoHand
 from forcebound.haptics.hands.pointer import PointerHand
 from forcebound.haptics.laws.bounder import saturated
+from forcebound.haptics.laws.dissipation import PerAxis, StatedAxes, per_axis
 from forcebound.messages.packets import Vector
 
 
@@ -56,8 +57,35 @@ class SimulatedModel(DeviceModel):
         return False
 
     def true_numbers(self) -> TrueNumbers:
-        """Return what the simulated device truly has."""
-        return true_numbers(self, self.truth, self.axes)
+        """Return what it truly has: what is stated, at its least favourable end, or its truth.
+
+        Raises:
+            ConfigError: If a number has neither one entry nor one for each axis; names the field.
+        """
+        true, axes = self.truth or TrueAxes(), self.axes
+
+        def of_axes(name: str, value: PerAxis | None, stated: PerAxis) -> Vector:
+            as_stated = per_axis(name, stated, axes)
+            return as_stated if value is None else per_axis(f"truth.{name}", value, axes)
+
+        weight: Vector = (0.0,) * axes
+        if isinstance(self, StatedAxes) and isinstance(true, TrueAxes):
+            weight = of_axes("weight", true.weight, self.weight)
+            per_axis("weight_error", self.weight_error, axes)
+        latest = 1.0 + (self.watchdog_tolerance or 0.0)
+        return TrueNumbers(
+            damping=of_axes("damping", true.damping, self.damping),
+            friction=of_axes("friction", true.friction, self.friction),
+            presliding=of_axes("presliding", true.presliding, self.presliding),
+            resolution=of_axes("resolution", true.resolution, self.resolution),
+            weight=weight,
+            gain=of_axes("gain", true.gain, 1.0 + self.gain_error),
+            lag=self.lag if true.lag is None else true.lag,
+            write_delay=self.write_delay if true.write_delay is None else true.write_delay,
+            watchdog=latest if true.watchdog is None else true.watchdog,
+            seed=true.seed if true.random else None,
+            weak_spot=true.weak_spot,
+        )
 
     @abstractmethod
     def body(self, true: TrueNumbers, operator: Operator) -> Body:

@@ -17,9 +17,6 @@ from forcebound.haptics.laws.dissipation import (
     FrictionOfAxes,
     LengthOfAxes,
     OfAxes,
-    PerAxis,
-    StatedNumbers,
-    per_axis,
 )
 from forcebound.messages.packets import Vector
 from forcebound.quantities import (
@@ -144,33 +141,3 @@ class TrueNumbers(NamedTuple):
     watchdog: float  # hold limits after which it drops a force; not with a seed
     seed: int | None  # of random write delays and times of the watchdog
     weak_spot: WeakSpot | None
-
-
-def true_numbers(
-    stated: StatedNumbers, truth: TrueAxes | TrueJoints | None, axes: int
-) -> TrueNumbers:
-    """Return what a device truly has: what is stated, at its least favourable end, or its truth.
-
-    Raises:
-        ConfigError: If a number of axes has neither one entry nor one of each; it names the field.
-    """
-    true, each = truth or TrueAxes(), stated.of_axes(axes)
-
-    def of_axes(name: str, value: PerAxis | None, as_stated: Vector) -> Vector:
-        return as_stated if value is None else per_axis(f"truth.{name}", value, axes)
-
-    weight = true.weight if isinstance(true, TrueAxes) else None
-    latest = 1.0 + (stated.watchdog_tolerance or 0.0)
-    return TrueNumbers(
-        damping=of_axes("damping", true.damping, each.damping),
-        friction=of_axes("friction", true.friction, each.friction),
-        presliding=of_axes("presliding", true.presliding, each.presliding),
-        resolution=of_axes("resolution", true.resolution, each.resolution),
-        weight=of_axes("weight", weight, each.weight),
-        gain=of_axes("gain", true.gain, (1.0 + stated.gain_error,) * axes),
-        lag=stated.lag if true.lag is None else true.lag,
-        write_delay=stated.write_delay if true.write_delay is None else true.write_delay,
-        watchdog=latest if true.watchdog is None else true.watchdog,
-        seed=true.seed if true.random else None,
-        weak_spot=true.weak_spot,
-    )

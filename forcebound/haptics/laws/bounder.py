@@ -10,7 +10,7 @@ from forcebound.compiled import jit, new_records
 from forcebound.errors import ConfigError, DeviceError
 from forcebound.haptics.laws.all_axes import REFUSED, RESTART, TAKEN, compiled, cut
 from forcebound.haptics.laws.constants import acts_along_path, axis_constants, energy_cap
-from forcebound.haptics.laws.dissipation import WATCHDOGS, Dissipation
+from forcebound.haptics.laws.dissipation import WATCHDOGS, Dissipation, per_axis
 from forcebound.haptics.laws.exchange import compiled_exchange
 from forcebound.haptics.laws.law import LAWS, BoundingLaw, check_law
 from forcebound.haptics.laws.ledger import Ledger
@@ -101,7 +101,7 @@ class ForceBounder:
         ledger.is_rigid = (axes == 1 or along_path) and not has_presliding and d.lag == 0.0
         ledger.planned_limit = d.hold_limit
         ledger.path_error = math.hypot(*[one.weight_error for one in constants])
-        ledger.resolution = math.hypot(*d.of_axes(axes).resolution)
+        ledger.resolution = math.hypot(*per_axis("resolution", d.resolution, axes))
         for k, one in enumerate(constants):
             ledger.axis[k].constants = one
 

@@ -7,7 +7,7 @@ the certified laws use each; ``docs/assumptions.md`` what a wrong one costs.
 
 import math
 from dataclasses import dataclass
-from typing import Annotated, Literal, NamedTuple, TypeAlias, TypeVar, get_args
+from typing import Annotated, Literal, TypeAlias, TypeVar, get_args
 
 from forcebound.errors import ConfigError
 from forcebound.messages.packets import Vector
@@ -43,17 +43,6 @@ Watchdog: TypeAlias = Literal["guarding", "reporting", "silent", "none"]
 WATCHDOGS: tuple[str, ...] = get_args(Watchdog)
 
 MOST_LATE = 6  # periods, of a write: the ledger has places for as many forces on their way
-
-
-class AxisNumbers(NamedTuple):
-    """What is stated of each axis: one number for each, in the units of the device."""
-
-    damping: Vector
-    friction: Vector
-    resolution: Vector
-    presliding: Vector
-    weight: Vector
-    weight_error: Vector
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,21 +106,6 @@ class StatedNumbers:
                 field="watchdog",
             )
 
-    def of_axes(self, axes: int) -> AxisNumbers:
-        """Return the numbers of each of so many axes.
-
-        Raises:
-            ConfigError: If there are neither one nor so many; it names the field.
-        """
-        return AxisNumbers(
-            damping=per_axis("damping", self.damping, axes),
-            friction=per_axis("friction", self.friction, axes),
-            resolution=per_axis("resolution", self.resolution, axes),
-            presliding=per_axis("presliding", self.presliding, axes),
-            weight=(0.0,) * axes,
-            weight_error=(0.0,) * axes,
-        )
-
 
 @dataclass(frozen=True, kw_only=True)
 class StatedAxes(StatedNumbers):
@@ -146,16 +120,6 @@ class StatedAxes(StatedNumbers):
 
     weight: ForceOfAxes = 0.0
     weight_error: FrictionOfAxes = 0.0
-
-    def of_axes(self, axes: int) -> AxisNumbers:
-        return (
-            super()
-            .of_axes(axes)
-            ._replace(
-                weight=per_axis("weight", self.weight, axes),
-                weight_error=per_axis("weight_error", self.weight_error, axes),
-            )
-        )
 
 
 @dataclass(frozen=True, kw_only=True)

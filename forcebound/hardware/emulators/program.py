@@ -17,6 +17,7 @@ from forcebound.graph.graph import PartSpec
 from forcebound.graph.names import Document
 from forcebound.graph.resolved import made
 from forcebound.haptics.hands import Operator
+from forcebound.haptics.laws.dissipation import per_axis
 from forcebound.hardware.emulators.emulation import Board, Emulation
 from forcebound.hardware.emulators.faults import Fault, Faults
 from forcebound.hardware.emulators.haply_board import HaplyBoard
@@ -45,7 +46,8 @@ def odrive(model: ODrive, operator: Operator | None) -> tuple[Board, Mechanism]:
 
     Their encoders are as fine as it takes to report positions in steps of the resolution.
     """
-    joints, reported = model.joints, model.of_axes(model.joints).resolution
+    joints = model.joints
+    reported = per_axis("resolution", model.resolution, joints)
     knobs = replace(model, resolution=tuple([0.5 * step for step in reported]))
     return ODriveBoard(joints), Mechanism(knobs, operator, (0.0,) * joints)
 
