@@ -245,6 +245,7 @@ class DeviceModel(StatedNumbers, Publishing, ABC):
         return None
 
 
+@dataclass(frozen=True, kw_only=True)
 class AxesModel(DeviceModel, StatedAxes):
     """Parameters of a device of axes, which may carry a weight: of every one that is no arm."""
 
