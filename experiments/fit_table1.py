@@ -32,7 +32,6 @@ from numpy.typing import NDArray
 
 from forcebound.haptics.devices.phantom import PhantomPremium15
 from forcebound.haptics.devices.plant import Axis
-from forcebound.haptics.devices.true_values import per_axis
 from forcebound.haptics.laws import LAWS, Dissipation
 from forcebound.lab.one_axis import NO_MOTION, TRACE, WALL, Course, System, loop
 from forcebound.lab.paper.setup import (
@@ -49,9 +48,8 @@ from forcebound.results.contact import displayed_stiffness, initial_rate_hardnes
 Floats = NDArray[np.float64]
 
 DEVICE = PhantomPremium15()
-DAMPING, FRICTION, RESOLUTION = (
-    per_axis(value, 1)[0] for value in (DEVICE.damping, DEVICE.friction, DEVICE.resolution)
-)
+TRUE = DEVICE.true_numbers()  # as stated
+DAMPING, FRICTION, RESOLUTION = TRUE.damping[0], TRUE.friction[0], TRUE.resolution[0]
 PERIOD, PERIOD_NS = 1e-3, 1_000_000  # s, ns
 STIFFNESS = 10_000.0  # N/m, of the wall
 FREQUENCY = 10.0  # Hz, of the tremor

@@ -6,11 +6,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from forcebound.haptics.devices import Device
-from forcebound.haptics.devices.arms import TrueJoints
 from forcebound.haptics.devices.five_bar import FiveBar
 from forcebound.haptics.devices.phantom import PhantomPremium15
 from forcebound.haptics.devices.simulated import SimulatedDevice
-from forcebound.haptics.devices.true_values import TrueAxes
+from forcebound.haptics.devices.true_values import TrueAxes, TrueJoints
 from forcebound.lab.identification.procedure import Plan
 from forcebound.messages.packets import Vector
 

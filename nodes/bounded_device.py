@@ -25,7 +25,7 @@ from typing import NamedTuple
 from forcebound.haptics.devices import Device
 from forcebound.haptics.devices.kinematics import tip_force
 from forcebound.haptics.laws import Dissipation, ForceBounder
-from forcebound.haptics.laws.bounder import shorten
+from forcebound.haptics.laws.bounder import saturated, shorten
 from forcebound.haptics.laws.hold_limit import FIXED, HoldLimit
 from forcebound.haptics.laws.ledger import SETTLED
 from forcebound.messages.control import BounderReport
@@ -178,7 +178,7 @@ class BoundedDevice:
                 bounder.report_cut(cut[0] + before_ns, cut[1])
             if credit:
                 bounder.credit(credit)
-            asked_for = self._saturated(asked, engagement)
+            asked_for = saturated(asked, self._dissipation.saturation * engagement)
             bounded = bounder.bound(read_ns, reading, asked_for, jitter_ns or 0)
             if offer is not None:
                 given = bounder.debit(offer(bounder.spare(asked_for)))
@@ -258,16 +258,3 @@ class BoundedDevice:
         set_limit = self._device.set_hold_limit(seconds)
         self._use_limit = seconds if set_limit is None else set_limit
         self.bounder.set_hold_limit(self._use_limit)
-
-    def _saturated(self, asked: Vector, engagement: float) -> Vector:
-        """Return no more force or torque than the motors have; the direction is kept.
-
-        The bounder saturates its result, too, since a law may add damping; a device clips for
-        itself, since a motor does.
-        """
-        magnitude, largest = math.hypot(*asked), self._dissipation.saturation * engagement
-        if magnitude <= largest:
-            return asked
-        if not math.isfinite(magnitude):
-            return self._zero
-        return tuple([largest / magnitude * f for f in asked])

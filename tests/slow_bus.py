@@ -12,7 +12,7 @@ from typing import Any, Literal
 from forcebound.graph.loader import load
 from forcebound.graph.resolved import to_document
 from forcebound.graph.servo import dissipation_of
-from forcebound.haptics.devices import Device, DeviceModel
+from forcebound.haptics.devices import AxesModel, Device
 from forcebound.haptics.hands import Operator
 from forcebound.messages.packets import DeviceState, Event, ForceCommand, Packet, Telemetry, Vector
 from forcebound.messages.topology import flat
@@ -26,7 +26,7 @@ STEP_NS = 20_000  # of the motion
 
 
 @dataclass(frozen=True)
-class SlowRail(DeviceModel):
+class SlowRail(AxesModel):
     """A mass on a damped rail that a springy hand presses forward, behind a slow bus."""
 
     axes: int = 1

@@ -406,7 +406,6 @@ def test_a_hold_limit_may_change_from_hold_to_hold() -> None:
     [
         ({"damping": (0.27, 0.3)}, "friction of each axis"),
         ({"gain_error": 1.0}, "gain_error"),
-        ({"friction": (0.1, 0.1), "damping": (0.2, 0.2, 0.2)}, "equally many"),
         ({"largest_speed": 0.0}, "largest_speed"),
         ({"watchdog": "loud"}, "watchdog"),
     ],
@@ -419,7 +418,10 @@ def test_a_description_that_cannot_be_is_refused(wrong: dict[str, Any], words: s
 def test_numbers_that_do_not_fit_the_axes_are_refused() -> None:
     with pytest.raises(ConfigError, match="friction of each axis"):
         ForceBounder("certified", replace(PHANTOM, presliding=1e-5), 2)
-    with pytest.raises(ConfigError, match="2 numbers for 3 axes"):
-        ForceBounder("certified", replace(PHANTOM, friction=(0.1, 0.1)), 3)
+    for axes, field in ((3, "friction"), (2, "damping")):
+        device = replace(PHANTOM, friction=(0.1, 0.1), damping=(0.2, 0.2, 0.2))
+        with pytest.raises(ConfigError, match=f"one number, or {axes}") as raised:
+            ForceBounder("certified", device, axes)
+        assert raised.value.field == field
     with pytest.raises(ConfigError, match="must hold the error of the weight"):
         ForceBounder("certified", replace(PHANTOM, weight_error=0.2))

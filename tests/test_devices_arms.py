@@ -14,12 +14,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from forcebound.errors import ConfigError, DeviceError
-from forcebound.haptics.devices.arms import TrueJoints
 from forcebound.haptics.devices.desktop_arm import DesktopArm
 from forcebound.haptics.devices.five_bar import FiveBar
 from forcebound.haptics.devices.knob import Knob
 from forcebound.haptics.devices.serial_arm import SerialArm
 from forcebound.haptics.devices.simulated import SimulatedDevice
+from forcebound.haptics.devices.true_values import TrueJoints
 from forcebound.haptics.hands import Operator
 from forcebound.haptics.hands.hands import PressingHand
 from forcebound.messages.packets import Vector

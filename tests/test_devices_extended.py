@@ -247,8 +247,8 @@ def test_a_watchdog_may_truly_be_early_or_late(share: float) -> None:
 @pytest.mark.parametrize(
     ("changed", "message"),
     [
-        ({"truth": TrueAxes(damping=(1.0, 2.0))}, "truth: damping must be one number, or 1"),
-        ({"truth": TrueAxes(gain=(1.0, 1.1))}, "truth: gain must be one number, or 1"),
+        ({"truth": TrueAxes(damping=(1.0, 2.0))}, "truth.damping must be one number, or 1"),
+        ({"truth": TrueAxes(gain=(1.0, 1.1))}, "truth.gain must be one number, or 1"),
         ({"friction": (0.1, 0.2, 0.3)}, "friction must be one number, or 1"),
     ],
 )

@@ -13,10 +13,9 @@ from experiments.identified_devices import ARM, KNOB, Altered, Weighted
 from forcebound.errors import DeviceError
 from forcebound.graph.servo import ServoSettings, dissipation_of
 from forcebound.haptics.devices import Device, DeviceModel
-from forcebound.haptics.devices.arms import TrueJoints
 from forcebound.haptics.devices.five_bar import FiveBar
 from forcebound.haptics.devices.phantom import PhantomPremium15
-from forcebound.haptics.devices.true_values import TrueAxes, WeakSpot
+from forcebound.haptics.devices.true_values import TrueAxes, TrueJoints, WeakSpot
 from forcebound.lab.identification import document, estimators, gain
 from forcebound.lab.identification.estimators import Bounded, Point
 from forcebound.lab.identification.procedure import Found, Plan, identify

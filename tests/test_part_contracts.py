@@ -19,7 +19,6 @@ from forcebound.haptics.devices import contract as devices
 from forcebound.haptics.devices.motor import SimulatedMotor
 from forcebound.haptics.devices.phantom import PhantomPremium15
 from forcebound.haptics.devices.simulated import SimulatedDevice
-from forcebound.haptics.devices.true_values import TrueAxes
 from forcebound.haptics.hands import OPERATORS, Operator
 from forcebound.haptics.hands import contract as operators
 from forcebound.haptics.laws import LAWS
@@ -124,7 +123,7 @@ class Held(SimulatedDevice):
     def __init__(self, model: "Odd") -> None:
         super().__init__(model, None, 1.25e-3)
         self._odd = model
-        self._motor = LateMotor(model, TrueAxes(), 1.25e-3, (0.0,))
+        self._motor = LateMotor(model, model.true_numbers(), 1.25e-3, (0.0,))
 
     def set_hold_limit(self, seconds: float) -> Any:
         limit = super().set_hold_limit(seconds)

@@ -18,7 +18,7 @@ from forcebound.errors import ConfigError
 from forcebound.graph.graph import HandConfig
 from forcebound.graph.loader import load
 from forcebound.graph.servo import ServoSettings, dissipation_of
-from forcebound.haptics.devices import Device, DeviceModel
+from forcebound.haptics.devices import AxesModel, Device
 from forcebound.haptics.hands import Operator
 from forcebound.haptics.hands.paths import TrajectoryHand
 from forcebound.lab.replay import device_of, graph_of
@@ -189,7 +189,7 @@ class OwnDevice(FakeDevice):
 
 
 @dataclass(frozen=True, kw_only=True)
-class OwnModel(DeviceModel):
+class OwnModel(AxesModel):
     @property
     def axes(self) -> int:
         return 1

@@ -114,6 +114,17 @@ def test_the_device_of_the_page_slides_to_rest(tmp_path: Path) -> None:
     assert columns.position[-1, 0] == pytest.approx(0.2 * 0.2 / 0.5, rel=0.01)  # m v / b
 
 
+def test_numbers_for_other_axes_than_a_device_has_are_refused_where_they_stand(
+    tmp_path: Path,
+) -> None:
+    path = write_page("device", tmp_path)
+    text = path.read_text().replace("  push:", "  weight: [0.1 N, 0.1 N]\n  push:")
+    path.write_text(text)
+    line = text.splitlines().index("  weight: [0.1 N, 0.1 N]") + 1
+    with pytest.raises(ConfigError, match=rf"my_device.yaml:{line}:\d+: .*weight .* got 2"):
+        load(path)
+
+
 @pytest.mark.parametrize("page", PAGES)
 def test_a_recording_holds_the_text_of_the_file_and_processes_restore_it(
     page: str, tmp_path: Path

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from forcebound.errors import DeviceError
-from forcebound.haptics.devices import Device, DeviceModel
+from forcebound.haptics.devices import AxesModel, Device
 from forcebound.haptics.hands import Operator
 from forcebound.hardware.line import Line
 from forcebound.messages.packets import Vector
@@ -33,7 +33,7 @@ SIZE = 7  # bytes of a message
 
 
 @dataclass(frozen=True)
-class Motor(DeviceModel):
+class Motor(AxesModel):
     """What is known of the device, in SI units; the certificate rests on it.
 
     The hand holds the end of a lever, so ways and forces here are those at the hand.

@@ -22,6 +22,7 @@ from forcebound.graph.servo import ServoSettings, dissipation_of
 from forcebound.haptics.devices import DeviceModel
 from forcebound.haptics.hands import Operator
 from forcebound.haptics.laws import LAWS, ForceBounder
+from forcebound.haptics.laws.constants import axis_constants
 from forcebound.haptics.parts.contract import Findings
 from forcebound.haptics.parts.user_module import kind_of, user_code
 from forcebound.messages.packets import MAX_AXES
@@ -131,7 +132,7 @@ def _check_device(device: DeviceModel, servo: ServoSettings) -> None:
     if not isinstance(axes, int) or not 1 <= axes <= MAX_AXES:
         raise ConfigError(f"axes must be 1 to {MAX_AXES}, got {axes!r}")
     with user_code("the numbers of the device"):
-        dissipation_of(device, servo)
+        axis_constants(dissipation_of(device, servo), axes)
 
 
 def _check_path(operator: Operator, axes: int) -> None:

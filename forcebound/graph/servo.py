@@ -9,7 +9,7 @@ from forcebound.errors import ConfigError
 from forcebound.graph.problems import unknown
 from forcebound.haptics.devices import DeviceModel
 from forcebound.haptics.laws import LAWS, Dissipation
-from forcebound.haptics.laws.dissipation import StatedNumbers
+from forcebound.haptics.laws.dissipation import StatedAxes, StatedNumbers
 from forcebound.haptics.laws.hold_limit import FIXED, FLOOR
 from forcebound.quantities import (
     NOT_NEGATIVE,
@@ -107,7 +107,8 @@ class ServoSettings:
 
 def dissipation_of(model: DeviceModel, servo: ServoSettings) -> Dissipation:
     """Return what laws rely on, for this device at this rate; ConfigError if it does not fit."""
-    stated = {each.name: getattr(model, each.name) for each in fields(StatedNumbers)}
+    kind = StatedAxes if isinstance(model, StatedAxes) else StatedNumbers
+    stated = {each.name: getattr(model, each.name) for each in fields(kind)}
     if model.watchdog == "silent" and model.watchdog_tolerance is None:
         raise ConfigError(
             "a silent watchdog needs watchdog_tolerance, the share of the hold limit by which it"

@@ -17,12 +17,10 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Annotated, ClassVar, Literal
 
 from forcebound.errors import DeviceError
-from forcebound.haptics.devices.five_bar import FiveBar, FiveBarNumbers
-from forcebound.haptics.devices.kinematics import ArmKinematics
+from forcebound.haptics.devices.five_bar import DISTAL, PROXIMAL, FiveBarNumbers
 from forcebound.haptics.hands import Operator
 from forcebound.hardware.hapi import (
     LARGEST_TORQUE,
@@ -45,7 +43,6 @@ from forcebound.hardware.serial_device import (
 from forcebound.messages.packets import Vector
 from forcebound.quantities import Range, Time
 
-KIND = "haply_2diy"
 FIRST = 1.0  # s, what a board may need for its first reply
 HOME_TOLERANCE = math.radians(1.0)  # the arm may move between set-up and first reading
 # Sine of the angle between two links in line: no torque below the first, all of it above the other.
@@ -66,48 +63,21 @@ class Haply2DIY(FiveBarNumbers, SerialJoints):
         address: Of the device on its board.
     """
 
-    board: ClassVar[str] = KIND
+    board: ClassVar[str] = "haply_2diy"
     simulated_in: ClassVar[str] = "five_bar_wall"  # launch file for virtual time
 
     write_delay: Annotated[Time, Range(at_least=0)] = 3e-4  # measured, with the emulator
     version: Literal[2, 3] = 3
     address: Annotated[int, Range(at_least=1, at_most=254)] = 5
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self.five_bar()  # checks the origin
-
-    def five_bar(self) -> FiveBar:
-        """Return the simulated arm with this geometry, whose kinematics is that of the device."""
-        return self._five_bar
-
-    @cached_property
-    def _five_bar(self) -> FiveBar:
-        base = WIRINGS[self.version].base
-        return FiveBar(**self.simulated_joints(), base=base, origin=self.origin)
-
-    def kinematics(self) -> ArmKinematics:
-        return self.five_bar().kinematics()
-
-    def angles(self, position: Vector) -> Vector | None:
-        return self.five_bar().angles(position)
+    @property
+    def links(self) -> tuple[float, float, float]:
+        return PROXIMAL, DISTAL, WIRINGS[self.version].base
 
     def open(self, operator: Operator | None, hold_limit: float) -> "OpenHaply":
         rest = rest_message(self.address, WIRINGS[self.version])
-        line = Line(
-            KIND,
-            self.port,
-            rest,
-            self.longest_force,
-            zero_reply=REPLY_SIZE,
-            model=self,
-            operator=operator,
-        )
-        try:
+        with self.line(rest, operator, reply=REPLY_SIZE) as line:
             return OpenHaply(self, line)
-        except BaseException:
-            line.close()
-            raise
 
 
 class OpenHaply(SerialDevice):
@@ -121,9 +91,7 @@ class OpenHaply(SerialDevice):
         self._model = model
         self._wiring = WIRINGS[model.version]
         self._torque: Vector = (0.0, 0.0)  # on the wire
-        five_bar = model.five_bar()
-        self._proximal = five_bar.proximal
-        self.axes, self.kinematics = 2, five_bar.kinematics()
+        self.axes, self.kinematics = 2, model.kinematics()
         line.send(setup_message(model.address, self._wiring), has_force=False)
         home = [math.radians(angle) for angle in self._wiring.home]
         exchanges.longest_wait = FIRST
@@ -182,7 +150,7 @@ class OpenHaply(SerialDevice):
         if not math.isfinite(math.hypot(*force)):
             return 0.0
         largest = max(map(abs, force))
-        sine = link_sine(self.kinematics.jacobian(self._angles), self._proximal)
+        sine = link_sine(self.kinematics.jacobian(self._angles), PROXIMAL)
         fading = (sine - NO_FORCE_SINE) / (FULL_FORCE_SINE - NO_FORCE_SINE)
         if largest == 0.0 or fading <= 0.0:
             return 0.0

@@ -21,11 +21,10 @@ from typing import Annotated, ClassVar
 
 from forcebound.errors import DeviceError
 from forcebound.haptics.devices import Source
-from forcebound.haptics.devices.arms import AngleOfJoints, DampingOfJoints, TorqueOfJoints
-from forcebound.haptics.devices.kinematics import ArmKinematics
-from forcebound.haptics.devices.knob import Knob
-from forcebound.haptics.devices.true_values import per_axis
+from forcebound.haptics.devices.knob import KnobNumbers
+from forcebound.haptics.devices.true_values import AngleOfJoints
 from forcebound.haptics.hands import Operator
+from forcebound.haptics.laws.bounder import saturated
 from forcebound.hardware.line import Line
 from forcebound.hardware.odrive_lines import (
     CLOSED_LOOP_CONTROL,
@@ -52,16 +51,15 @@ from forcebound.hardware.serial_device import (
     SerialJoints,
 )
 from forcebound.messages.packets import Vector
-from forcebound.quantities import POSITIVE, AngularSpeed, Length, Range, Time, Torque
+from forcebound.quantities import POSITIVE, AngularSpeed, Range, Time
 
-KIND = "odrive"
 CONTROL_NS = 125_000  # period of the firmware's control loop, 8 kHz
 
 _logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, kw_only=True)
-class ODrive(SerialJoints):
+class ODrive(KnobNumbers, SerialJoints):
     """Parameters of motors on an ODrive, each a knob.
 
     Motor and encoder must be calibrated before, with the maker's tool. Damping and friction are
@@ -74,18 +72,13 @@ class ODrive(SerialJoints):
         baud: Bits a second, for a UART; null: USB, which has no such limit.
     """
 
-    board: ClassVar[str] = KIND
+    board: ClassVar[str] = "odrive"
     simulated_in: ClassVar[str] = "knob_wall"  # launch file for virtual time
 
-    damping: DampingOfJoints = 1e-3  # assumed
-    friction: TorqueOfJoints = 1e-2  # assumed
     resolution: AngleOfJoints = 2.0 * math.tau / 8192  # data sheet of a common encoder
-    saturation: Annotated[Torque, POSITIVE] = 0.3  # assumed
     # Assumed: a hand's fastest twist peaks at 33 rad/s (see knob.py), a free motor may be faster.
     largest_speed: Annotated[AngularSpeed, POSITIVE] | None = 200.0
     write_delay: Annotated[Time, Range(at_least=0)] = 6e-4  # measured, with the emulator
-    joints: Annotated[int, Range(at_least=1, at_most=3)] = 1
-    lever: Annotated[Length, POSITIVE] = 0.04
     baud: Annotated[int, Range(at_least=9600)] | None = None
     sources: Mapping[str, Source] = field(
         default_factory=lambda: dict.fromkeys(
@@ -95,34 +88,10 @@ class ODrive(SerialJoints):
         hash=False,
     )
 
-    @property
-    def axes(self) -> int:
-        """Number of motors."""
-        return self.joints
-
-    def knob(self) -> Knob:
-        """Return the simulated knob with this geometry, and an encoder as fine as this needs."""
-        encoder = tuple([0.5 * step for step in per_axis(self.resolution, self.joints)])
-        numbers = {**self.simulated_joints(), "resolution": encoder}
-        return Knob(**numbers, joints=self.joints, lever=self.lever)
-
-    def kinematics(self) -> ArmKinematics:
-        return self.knob().kinematics()
-
-    def angles(self, position: Vector) -> Vector:
-        return tuple([x / self.lever for x in position])
-
     def open(self, operator: Operator | None, hold_limit: float) -> "OpenODrive":
         zero = b"\n" + zero_torque(self.joints)  # the first ends a line that was cut short
-        baud = self.baud or 115_200
-        line = Line(
-            KIND, self.port, zero, self.longest_force, baud=baud, model=self, operator=operator
-        )
-        try:
+        with self.line(zero, operator, baud=self.baud or 115_200) as line:
             return OpenODrive(self, line, hold_limit)
-        except BaseException:
-            line.close()
-            raise
 
 
 class OpenODrive(SerialDevice):
@@ -182,13 +151,7 @@ class OpenODrive(SerialDevice):
             self._switch.go_on()
             self._effect_ns = self._clock()
             return self._zero
-        magnitude = math.hypot(*force)
-        if not magnitude < math.inf:
-            force = self._zero
-        elif magnitude > self._model.saturation:
-            scale = self._model.saturation / magnitude
-            force = tuple([scale * torque for torque in force])
-        force = tuple(map(on_wire, force))
+        force = tuple(map(on_wire, saturated(force, self._model.saturation)))
         axis = self._next
         exchange = self._set(force)
         self._effect_ns = exchange.sent_ns + exchange.excess_ns + CONTROL_NS

@@ -2,14 +2,16 @@
 
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Generic, Literal, NamedTuple, TypeVar
+from typing import Annotated, ClassVar, Generic, Literal, NamedTuple, TypeVar
 
 from forcebound.errors import DeviceError
 from forcebound.haptics.devices import Device, Truth
 from forcebound.haptics.devices.arms import StatedJoints
 from forcebound.haptics.devices.kinematics import ArmKinematics
+from forcebound.haptics.hands import Operator
 from forcebound.hardware.line import EMULATED, Line
 from forcebound.hardware.port import Port
 from forcebound.hardware.ports import check_serial_number, find, serial_number
@@ -20,10 +22,6 @@ from forcebound.quantities import POSITIVE, Inertia, Name, Range, Time
 # on two cores the longest of 200 000 replies took 33 ms.
 LIMIT, EMULATED_LIMIT = 0.02, 0.1
 FIRST_EXCHANGES = 50  # without force, for the quickest exchange
-SIMULATED = (
-    *("inertia", "damping", "friction", "resolution", "presliding"),
-    *("gain_error", "lag", "substep", "truth"),
-)
 
 Reply = TypeVar("Reply")
 
@@ -63,9 +61,20 @@ class SerialJoints(StatedJoints):
             Port(path).close()
             check_serial_number(path, self.serial_number)
 
-    def simulated_joints(self) -> dict[str, Any]:
-        """Return the numbers that a simulated arm takes for the same joints, by name."""
-        return {name: getattr(self, name) for name in SIMULATED}
+    @contextmanager
+    def line(
+        self, zero: bytes, operator: Operator | None, baud: int = 115_200, reply: int = 0
+    ) -> Iterator[Line]:
+        """Open the line to the board, which is closed if what follows fails; see :class:`Line`."""
+        name, ends = self.port, self.longest_force
+        line = Line(
+            self.board, name, zero, ends, baud=baud, zero_reply=reply, model=self, operator=operator
+        )
+        try:
+            yield line
+        except BaseException:
+            line.close()
+            raise
 
     @property
     def longest_force(self) -> float:

@@ -30,7 +30,6 @@ from forcebound.haptics.hands import Operator
 from forcebound.haptics.hands.hands import NoHand, WallInPlace
 from forcebound.haptics.hands.pointer import PointerHand
 from forcebound.haptics.laws import LAWS
-from forcebound.haptics.laws.dissipation import PER_AXIS
 from forcebound.lab.one_axis import ENVIRONMENTS, NO_MOTION, TRACE, Course, Floats, System, loop
 from forcebound.messages.topology import HAND, flat
 from forcebound.network.impairment import Impairment
@@ -95,7 +94,7 @@ def unserved(config: GraphConfig) -> Iterator[str]:
         yield f"{device.axes} axes"
     else:
         yield from (name for name in ZEROS if getattr(device, name))
-        yield from (name for name in PER_AXIS if isinstance(getattr(device, name), tuple))
+        yield from (name for name, value in vars(device).items() if isinstance(value, tuple))
         yield from ["truth"] if device.truth is not None else []
         yield from ["no watchdog"] if device.watchdog == "none" else []
     if isinstance(hand, PointerHand | WallInPlace) or not isinstance(hand, Operator | None):

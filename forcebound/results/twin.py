@@ -23,6 +23,7 @@ from forcebound.haptics.devices import DEVICES, DeviceModel
 from forcebound.haptics.hands.hands import SoftGrip
 from forcebound.haptics.laws import Dissipation, ForceBounder
 from forcebound.haptics.laws.bounder import shorten
+from forcebound.haptics.laws.dissipation import per_axis
 from forcebound.haptics.laws.hold_limit import FLOOR
 from forcebound.messages.packets import Vector
 from forcebound.results.contact import STEADY_WINDOW, steady_window
@@ -212,7 +213,7 @@ class Twin:
         """Yield the force into the surface, in N, and the depth there, in m, of each tick."""
         (bounder, stated), kinematics = self._bounder(change), self._kinematics
         mass, spring, damping, friction = self._hand
-        steps = stated.of_axes("resolution", len(self._first))
+        steps = per_axis("resolution", stated.resolution, len(self._first))
         applied = last = tuple(self._columns.applied_force[0].tolist())
         zero, depths, before = (0.0,) * len(applied), [], 0.0
         away, speed = list(zero), list(zero)

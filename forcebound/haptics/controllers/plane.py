@@ -19,7 +19,7 @@ from forcebound.messages.packets import Contact, Vector
 
 NO_FORCE = 1e-9  # N; less is none
 NEAR = 5e-4  # m; a surface this far before a free place is gone
-PAIR_WAY = 1e-4  # m; of a hand
+PAIR_STEP = 1e-4  # m; of a hand
 PAIR_NS = 50_000_000  # ns; an older answer makes no pair
 TURNED = math.cos(math.radians(30.0))  # a surface that has turned further is another one
 SOFTEST = 1.0  # N/m; less cannot be distinguished from a constant force
@@ -129,17 +129,17 @@ class PlaneEstimator:
 
     ``forgetting`` is the weight of the information before at each new sample, 0 to 1, ``stiffest``
     the largest stiffness it may take, in N/m, ``release`` the time of force-free answers behind the
-    surface after which it is gone, in s, ``pair_way`` the way along u between the two answers of a
-    pair, in m.
+    surface after which it is gone, in s, ``pair_step`` the least step along u between both answers
+    of a pair, in m.
     """
 
     def __init__(
-        self, forgetting: float, stiffest: float, release: float, pair_way: float = PAIR_WAY
+        self, forgetting: float, stiffest: float, release: float, pair_step: float = PAIR_STEP
     ) -> None:
         self._release_ns = round(release * 1e9)
         self._forgetting = forgetting
         self._stiffest = stiffest
-        self._pair_way = pair_way
+        self._pair_step = pair_step
         self.plane: Plane | None = None
         self._free: Asked | None = None  # the last answer without contact
         self._first: tuple[Asked, float] | None = None  # of the next pair, with its force
@@ -211,13 +211,13 @@ class PlaneEstimator:
             self._first = asked, pressed
             return
         before, pressed_before = self._first
-        way = dot(asked.position, inwards) - dot(before.position, inwards)
-        if abs(way) < self._pair_way:
+        step = dot(asked.position, inwards) - dot(before.position, inwards)
+        if abs(step) < self._pair_step:
             if asked.time_ns - before.time_ns > PAIR_NS:
                 self._first = asked, pressed
             return
         speed = dot(asked.velocity, inwards) - dot(before.velocity, inwards)
-        self._spring.add(way, speed, pressed - pressed_before)
+        self._spring.add(step, speed, pressed - pressed_before)
         self._first = asked, pressed
 
     def _take_friction(
@@ -239,7 +239,7 @@ class PlaneEstimator:
     def _guess(self, place: float, inwards: Vector, pressed: float) -> float:
         """A stiffness, in N/m, rather too small: the surface is behind the last free place."""
         if self._free is not None:
-            way = place - dot(self._free.position, inwards)
-            if way > 0.0:
-                return pressed / way
+            distance = place - dot(self._free.position, inwards)
+            if distance > 0.0:
+                return pressed / distance
         return self.plane.stiffness if self.plane is not None else GUESS

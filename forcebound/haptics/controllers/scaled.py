@@ -39,7 +39,7 @@ class Scaled(ControllerModel):
     """Parameters of the scaling controller.
 
     Attributes:
-        motion_scale: s, way in the environment over way of the device.
+        motion_scale: s, motion in the environment over motion of the device.
         force_scale: Force on the hand over force of the environment; auto: as motion_scale, so that
             the power is the same.
         origin: Point of the environment where the device's origin is at the start, on each axis

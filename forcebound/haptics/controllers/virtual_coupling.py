@@ -24,7 +24,7 @@ from forcebound.messages.packets import DeviceState, Vector
 from forcebound.quantities import NOT_NEGATIVE, POSITIVE, Damping, Mass, Stiffness
 
 FORGETTING, STIFFEST = 0.9, 1e6  # of the environment's plane; N/m
-PAIR_WAY = 1e-6  # m; a proxy moves little in a stiff wall
+PAIR_STEP = 1e-6  # m; a proxy moves little in a stiff wall
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class OpenVirtualCoupling(EstimatingController):
         self._speed: Vector = ()  # of the proxy, m/s
 
     def _new_estimator(self) -> PlaneEstimator:
-        return PlaneEstimator(FORGETTING, STIFFEST, self._model.release, PAIR_WAY)
+        return PlaneEstimator(FORGETTING, STIFFEST, self._model.release, PAIR_STEP)
 
     def _force(self, state: DeviceState, dt: float) -> Vector:
         """Move the proxy; return the coupling's force."""

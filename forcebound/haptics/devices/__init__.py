@@ -1,6 +1,6 @@
 """Devices: what the hand holds.
 
-A device is a frozen dataclass of its parameters (:class:`DeviceModel`) whose ``open`` returns the
+A device is a frozen dataclass of its parameters (:class:`AxesModel`) whose ``open`` returns the
 :class:`Device` that the device node reads and writes. Damping and friction are *minimum* values:
 the bounder's guarantee rests on them, so state where they come from (measured, data sheet).
 
@@ -20,12 +20,12 @@ from typing import ClassVar, Literal, NamedTuple, Protocol, TypeAlias
 
 from forcebound.errors import ConfigError
 from forcebound.haptics.hands import Operator
-from forcebound.haptics.laws.dissipation import StatedNumbers
+from forcebound.haptics.laws.dissipation import StatedAxes, StatedNumbers
 from forcebound.haptics.parts import Form, Table
 from forcebound.haptics.parts.signals import Publisher, Publishing
 from forcebound.messages.packets import Quaternion, Vector
 
-__all__ = ["DEVICES", "Device", "DeviceModel", "Kinematics", "Source", "Truth"]
+__all__ = ["DEVICES", "AxesModel", "Device", "DeviceModel", "Kinematics", "Source", "Truth"]
 
 #: Where a number comes from.
 Source: TypeAlias = Literal["measured", "data sheet", "assumed"]
@@ -122,7 +122,7 @@ class Device(Publisher, ABC):
         """Return by how much the last reading may be later than its stamp, in ns.
 
         Beside what shifts all stamps alike. The ledger takes the longest time that can have passed
-        since the reading before, in which the same way dissipates least. None: it is exact.
+        since the reading before, in which the same motion dissipates least. None: it is exact.
         """
         return None
 
@@ -172,6 +172,8 @@ class Device(Publisher, ABC):
 @dataclass(frozen=True, kw_only=True)
 class DeviceModel(StatedNumbers, Publishing, ABC):
     """Parameters of a kind of device: its stated numbers, and those of its own.
+
+    A device that is no arm derives from :class:`AxesModel`.
 
     Attributes:
         sources: By name of a number: measured, data sheet or assumed; for reports.
@@ -241,6 +243,11 @@ class DeviceModel(StatedNumbers, Publishing, ABC):
     def angles(self, position: Vector) -> Vector | None:
         """Return the joint angles of an arm, in rad, for a tip at ``position``, in m."""
         return None
+
+
+@dataclass(frozen=True, kw_only=True)
+class AxesModel(DeviceModel, StatedAxes):
+    """Parameters of a device of axes, which may carry a weight: of every one that is no arm."""
 
 
 DEVICES: Table[type[DeviceModel]] = Table(

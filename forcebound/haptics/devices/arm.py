@@ -1,47 +1,44 @@
 """The body of a simulated arm: joints, kinematics, a hand at the tip."""
 
 from struct import Struct
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from forcebound.errors import DeviceError
-from forcebound.haptics.devices import Truth
+from forcebound.haptics.devices import Kinematics, Truth
 from forcebound.haptics.devices.joints import ANGLE, FRICTION, INERTIA, SPEED, arm_kernel
 from forcebound.haptics.devices.plant import quantise
 from forcebound.haptics.devices.simulated import pad
-from forcebound.haptics.devices.true_values import true_axes, true_value
+from forcebound.haptics.devices.true_values import TrueNumbers
 from forcebound.haptics.hands import Operator
 from forcebound.messages.packets import Vector
 
+if TYPE_CHECKING:
+    from forcebound.haptics.devices.arms import StatedJoints
+
 
 class ArmBody:
-    """An arm, of a SimulatedArm, with a hand at its tip; see ``Body``. Its readings are angles.
+    """An arm with a hand at its tip; see ``Body``. Its readings are angles.
 
     DeviceError if the hand begins where the arm does not reach.
     """
 
-    def __init__(self, model: Any, operator: Operator) -> None:
-        axes = model.axes
+    def __init__(self, stated: "StatedJoints", true: TrueNumbers, operator: Operator) -> None:
+        axes = stated.axes
         if operator.gap >= 0.0:
             raise DeviceError("a wall in place of the hand needs a device of independent axes")
         start = pad(operator.target(0.0), axes)
-        angles = model.angles(start)
+        angles = stated.angles(start)
         if angles is None:
             raise DeviceError(f"the hand begins at {start} m, where the arm does not reach")
-        self.kinematics = model.kinematics()  # asked about readings
-        self._true_kinematics = kinematics = model.kinematics()  # about true angles
+        self.kinematics: Kinematics | None = stated.kinematics()  # asked about readings
+        self._true_kinematics = kinematics = stated.kinematics()  # about true angles
         self.compensation: Vector = (0.0,) * axes
-        self._resolution = true_axes(model, "resolution")
-        self._lag, self._substep = true_value(model, "lag"), model.substep
-        self._plant = np.array(
-            [
-                (model.inertia,) * axes,
-                *(true_axes(model, name) for name in ("damping", "friction", "presliding")),
-            ]
-        )
-        self._sound = self._plant[FRICTION:].copy()
-        self._weak_spot = None if model.truth is None else model.truth.weak_spot
+        self._resolution, self._lag, self._substep = true.resolution, true.lag, stated.substep
+        inertia = (stated.inertia,) * axes
+        self._plant = np.array([inertia, true.damping, true.friction, true.presliding])
+        self._sound, self._weak_spot = self._plant[FRICTION:].copy(), true.weak_spot
         self._hand = np.array([operator.mass, operator.stiffness, operator.damping])
         self._geometry = np.array(kinematics.geometry)
         self._joints = np.zeros((4, axes))

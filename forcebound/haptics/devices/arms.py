@@ -3,69 +3,37 @@
 from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Annotated, ClassVar, TypeAlias
+from typing import TYPE_CHECKING, Annotated
 
 from forcebound.errors import ConfigError
-from forcebound.haptics.devices import DeviceModel, Source
+from forcebound.haptics.devices import Source
 from forcebound.haptics.devices.kinematics import ArmKinematics
-from forcebound.haptics.devices.simulated import SimulatedDevice
-from forcebound.haptics.devices.true_values import TrueMotor, check_counts
+from forcebound.haptics.devices.simulated import SimulatedDevice, SimulatedModel
+from forcebound.haptics.devices.true_values import (
+    AngleOfJoints,
+    DampingOfJoints,
+    TorqueOfJoints,
+    TrueJoints,
+    TrueNumbers,
+)
 from forcebound.haptics.hands import Operator
 from forcebound.haptics.laws import Watchdog
 from forcebound.messages.packets import Vector
-from forcebound.quantities import (
-    NOT_NEGATIVE,
-    POSITIVE,
-    Angle,
-    AngularSpeed,
-    Inertia,
-    JointDamping,
-    Range,
-    Ratio,
-    Time,
-    Torque,
-)
+from forcebound.quantities import POSITIVE, AngularSpeed, Inertia, Range, Ratio, Time, Torque
 
 if TYPE_CHECKING:
     from forcebound.haptics.devices.arm import ArmBody
 
-# One number for all joints alike, or a list of one for each joint.
-DampingOfJoints: TypeAlias = (
-    Annotated[JointDamping, NOT_NEGATIVE] | tuple[Annotated[JointDamping, NOT_NEGATIVE], ...]
-)
-TorqueOfJoints: TypeAlias = (
-    Annotated[Torque, NOT_NEGATIVE] | tuple[Annotated[Torque, NOT_NEGATIVE], ...]
-)
-AngleOfJoints: TypeAlias = (
-    Annotated[Angle, NOT_NEGATIVE] | tuple[Annotated[Angle, NOT_NEGATIVE], ...]
-)
-
-PER_JOINT = ("damping", "friction", "resolution", "presliding")
 ASSUMED: Mapping[str, Source] = dict.fromkeys(
     ("damping", "friction", "resolution", "saturation", "inertia", "largest_speed"), "assumed"
 )
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrueJoints(TrueMotor):
-    """True values of an arm; null: as stated.
-
-    Attributes:
-        damping: Viscous damping of the joints; one number, or one of each, as are the next three.
-        friction: Coulomb friction of each joint by itself.
-        presliding: Angle over which friction yields elastically.
-        resolution: Resolution of the encoder.
-    """
-
-    damping: DampingOfJoints | None = None
-    friction: TorqueOfJoints | None = None
-    presliding: AngleOfJoints | None = None
-    resolution: AngleOfJoints | None = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class StatedJoints(DeviceModel):
+class StatedJoints(SimulatedModel):
     """What an arm states: the numbers of its joints.
+
+    No weight: gravity pulls at a joint as the pose has it, so no constant describes it.
 
     Attributes:
         inertia: Of each joint, with the links that it carries; it does not change with the pose.
@@ -79,10 +47,6 @@ class StatedJoints(DeviceModel):
         substep: Longest integration step.
         truth: What the simulated arm really has, where that differs from what is stated.
     """
-
-    # Gravity pulls at a joint as the pose has it, so no constant of an arm describes it.
-    weight: ClassVar[float] = 0.0  # type: ignore[misc]
-    weight_error: ClassVar[float] = 0.0  # type: ignore[misc]
 
     inertia: Annotated[Inertia, POSITIVE]
     damping: DampingOfJoints
@@ -101,7 +65,21 @@ class StatedJoints(DeviceModel):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_counts(self, PER_JOINT)
+        if self.angles((0.0,) * self.axes) is None:
+            raise ConfigError("origin: the arm does not reach 0 m", field="origin")
+
+    @abstractmethod
+    def kinematics(self) -> ArmKinematics:
+        """Return the kinematics of this geometry."""
+
+    @abstractmethod
+    def angles(self, position: Vector) -> Vector | None:
+        """Return the joint angles, in rad, for a tip at ``position``, in m; None out of reach."""
+
+    def body(self, true: TrueNumbers, operator: Operator) -> "ArmBody":
+        from forcebound.haptics.devices.arm import ArmBody  # numpy, which a launcher does without
+
+        return ArmBody(self, true, operator)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,29 +95,6 @@ class SimulatedArm(StatedJoints):
     watchdog_tolerance: Annotated[Ratio, Range(at_least=0, below=1)] = 0.0
     guard_period: Annotated[Time, POSITIVE] = 50e-6
     force_sensor: bool = False
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.angles((0.0,) * self.axes) is None:
-            raise ConfigError("origin: the arm does not reach 0 m", field="origin")
-
-    @abstractmethod
-    def kinematics(self) -> ArmKinematics:
-        """Return the kinematics of this geometry."""
-
-    @abstractmethod
-    def angles(self, position: Vector) -> Vector | None:
-        """Return the joint angles, in rad, for a tip at ``position``, in m; None out of reach."""
-
-    def body(self, operator: Operator) -> "ArmBody":
-        """Return the body; see :class:`forcebound.haptics.devices.simulated.Body`.
-
-        Raises:
-            DeviceError: If the hand begins where the arm does not reach.
-        """
-        from forcebound.haptics.devices.arm import ArmBody  # numpy, which a launcher does without
-
-        return ArmBody(self, operator)
 
     def open(self, operator: Operator | None, hold_limit: float) -> SimulatedDevice:
         return SimulatedDevice(self, operator, hold_limit)

@@ -3,17 +3,21 @@
 import math
 from collections.abc import Sequence
 from struct import Struct
-from typing import Annotated, Any, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import numpy as np
 
 from forcebound.compiled import jit, new_records, record_type
-from forcebound.haptics.devices import Truth
+from forcebound.haptics.devices import Kinematics, Truth
 from forcebound.haptics.devices.plant import Axis, Moving, advance_extended, quantise
 from forcebound.haptics.devices.simulated import pad
-from forcebound.haptics.devices.true_values import per_axis, true_axes, true_value
+from forcebound.haptics.devices.true_values import TrueNumbers
 from forcebound.haptics.hands import Operator
+from forcebound.haptics.laws.dissipation import per_axis
 from forcebound.messages.packets import MAX_AXES, Vector
+
+if TYPE_CHECKING:
+    from forcebound.haptics.devices.phantom import PhantomPremium15
 
 Numbers: TypeAlias = Annotated[list[float], MAX_AXES]
 
@@ -79,26 +83,27 @@ def advance_axes(records: Sequence[Axes], duration: float) -> float:
 class AxesBody:
     """A mass, moved along axes that know nothing of each other; see ``Body``."""
 
-    kinematics: None = None
+    kinematics: Kinematics | None = None
 
-    def __init__(self, model: Any, operator: Operator) -> None:
-        axes = model.axes
+    def __init__(self, stated: "PhantomPremium15", true: TrueNumbers, operator: Operator) -> None:
+        axes = stated.axes
         self._records = new_records(Axes)
         self._axes: Any = self._records[0]
-        self._axes.count, self._axes.mass = axes, model.mass + operator.mass
+        self._axes.count, self._axes.mass = axes, stated.mass + operator.mass
         self._axes.hand_mass, self._axes.stiffness = operator.mass, operator.stiffness
         self._axes.hand_damping, self._axes.gap = operator.damping, operator.gap
-        self._axes.lag = true_value(model, "lag")
-        for name in ("damping", "friction", "presliding", "weight", "resolution"):
-            self._axes[name][:axes] = true_axes(model, name)
+        self._axes.lag = true.lag
+        self._axes.damping[:axes], self._axes.friction[:axes] = true.damping, true.friction
+        self._axes.presliding[:axes], self._axes.weight[:axes] = true.presliding, true.weight
+        self._axes.resolution[:axes] = true.resolution
         self._sound = self._axes.friction.copy(), self._axes.presliding.copy()
-        self._weak_spot = None if model.truth is None else model.truth.weak_spot
-        self._axes.substep = model.substep
+        self._weak_spot = true.weak_spot
+        self._axes.substep = stated.substep
         for f, z in zip(*self._sound, strict=True):
             if f > 0.0 and z > 0.0:  # an eighth of a radian of the oscillation on the bristle
                 step = 0.125 * math.sqrt(self._axes.mass * z / f)
                 self._axes.substep = min(self._axes.substep, step)
-        self.compensation: Vector = tuple([-w for w in per_axis(model.weight, axes)])
+        self.compensation: Vector = tuple([-w for w in per_axis("weight", stated.weight, axes)])
         start = pad(operator.target(0.0), axes)
         self._axes.x[:axes], self._axes.motor[:axes] = start, self.compensation
         for axis, x in enumerate(start):

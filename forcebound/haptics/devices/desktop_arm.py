@@ -24,14 +24,9 @@ from dataclasses import dataclass, field
 from typing import Annotated
 
 from forcebound.haptics.devices import Source
-from forcebound.haptics.devices.arms import (
-    ASSUMED,
-    AngleOfJoints,
-    DampingOfJoints,
-    SimulatedArm,
-    TorqueOfJoints,
-)
+from forcebound.haptics.devices.arms import ASSUMED, SimulatedArm
 from forcebound.haptics.devices.kinematics import ArmKinematics, Floats, two_links
+from forcebound.haptics.devices.true_values import AngleOfJoints, DampingOfJoints, TorqueOfJoints
 from forcebound.messages.packets import Vector
 from forcebound.quantities import POSITIVE, AngularSpeed, Inertia, Length, Torque
 

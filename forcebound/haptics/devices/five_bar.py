@@ -13,18 +13,15 @@ tip pulls at the elbows along the distal links, so the torques are
 """
 
 import math
+from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated
 
 from forcebound.haptics.devices import Source
-from forcebound.haptics.devices.arms import (
-    AngleOfJoints,
-    DampingOfJoints,
-    SimulatedArm,
-    TorqueOfJoints,
-)
+from forcebound.haptics.devices.arms import SimulatedArm
 from forcebound.haptics.devices.kinematics import ArmKinematics, Floats, link_angle
+from forcebound.haptics.devices.true_values import AngleOfJoints, DampingOfJoints, TorqueOfJoints
 from forcebound.messages.packets import Vector
 from forcebound.quantities import NOT_NEGATIVE, POSITIVE, AngularSpeed, Inertia, Length, Torque
 
@@ -35,6 +32,7 @@ SOURCES: Mapping[str, Source] = {
     "saturation": "data sheet",
     "largest_speed": "assumed",
 }
+PROXIMAL, DISTAL = 0.07, 0.09  # m, links of the Haply 2DIY
 #: Sine of the angle between the distal links below which the tip cannot be held: 6 degrees.
 LEAST_SINE = 0.1
 
@@ -73,7 +71,7 @@ def five_bar_pose(angles: Floats, geometry: Floats, tip: Floats, jacobian: Float
 
 @dataclass(frozen=True, kw_only=True)
 class FiveBarNumbers:
-    """What is stated of a five-bar of the class of the Haply 2DIY and the Pantograph.
+    """Numbers and geometry of a five-bar of the class of the Haply 2DIY and the Pantograph.
 
     Attributes:
         origin: Where the tip is at 0 m, from the middle between the motors.
@@ -90,6 +88,27 @@ class FiveBarNumbers:
     origin: tuple[Length, Length] = (0.0, 0.105)
     sources: Mapping[str, Source] = field(default_factory=lambda: SOURCES, hash=False)
 
+    @property
+    @abstractmethod
+    def links(self) -> tuple[float, float, float]:
+        """Lengths of the links at the motors and at the tip, and distance of the motors, in m."""
+
+    def kinematics(self) -> ArmKinematics:
+        return ArmKinematics(five_bar_pose, (*self.links, *self.origin), 2)
+
+    def angles(self, position: Vector) -> Vector | None:
+        """The elbows are those on the outer sides."""
+        proximal, distal, base = self.links
+        found = []
+        for side in (1.0, -1.0):
+            x = position[0] + self.origin[0] - side * 0.5 * base
+            y = position[1] + self.origin[1]
+            corner = link_angle(proximal, distal, math.hypot(x, y))
+            if corner is None:
+                return None
+            found.append(math.atan2(y, x) - side * corner)
+        return tuple(found)
+
 
 @dataclass(frozen=True, kw_only=True)
 class FiveBar(FiveBarNumbers, SimulatedArm):
@@ -101,22 +120,10 @@ class FiveBar(FiveBarNumbers, SimulatedArm):
         base: Distance of the motors.
     """
 
-    proximal: Annotated[Length, POSITIVE] = 0.07
-    distal: Annotated[Length, POSITIVE] = 0.09
+    proximal: Annotated[Length, POSITIVE] = PROXIMAL
+    distal: Annotated[Length, POSITIVE] = DISTAL
     base: Annotated[Length, NOT_NEGATIVE] = 0.038
 
-    def kinematics(self) -> ArmKinematics:
-        geometry = self.proximal, self.distal, self.base, *self.origin
-        return ArmKinematics(five_bar_pose, geometry, 2)
-
-    def angles(self, position: Vector) -> Vector | None:
-        """The elbows are those on the outer sides."""
-        found = []
-        for side in (1.0, -1.0):
-            x = position[0] + self.origin[0] - side * 0.5 * self.base
-            y = position[1] + self.origin[1]
-            corner = link_angle(self.proximal, self.distal, math.hypot(x, y))
-            if corner is None:
-                return None
-            found.append(math.atan2(y, x) - side * corner)
-        return tuple(found)
+    @property
+    def links(self) -> tuple[float, float, float]:
+        return self.proximal, self.distal, self.base

@@ -21,7 +21,7 @@ sweeps over the joints, each solved exactly, find it.
 **The energy** that flows from the hand into the device is :math:`\int f^T J w\,dt`; summed in
 joints it is what the joints gain in kinetic energy, store in their bristles, lose, and give to the
 motors. Each term of that sum is exact for the step's mean speeds, so the energy is exact to
-rounding, whatever :math:`\bar w` is: what the step leaves out (the third order of the way of the
+rounding, whatever :math:`\bar w` is: what the step leaves out (the third order of the motion of the
 tip, the last digits of the sweeps) changes which hand it was, never what the device got. The law
 promises its bound for any hand. A joint that would turn back within a step stops instead, as in the
 plain plant; the device loses a little more then than it states.

@@ -130,8 +130,8 @@ def two_links(upper: float, lower: float, out: float, up: float) -> tuple[float,
     """Return how two links reach a tip, the elbow above the line from shoulder to tip.
 
     The tip is ``out`` from the shoulder and ``up``, in m, as are the lengths of the links. Returns
-    the angle of the upper link above the level, in rad, and the way out and up from elbow to tip,
-    in m; None if the links do not reach.
+    the angle of the upper link above the level, in rad, and how far the tip is out and up from the
+    elbow, in m; None if the links do not reach.
     """
     corner = link_angle(upper, lower, math.hypot(out, up))
     if corner is None:

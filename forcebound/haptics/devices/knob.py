@@ -1,8 +1,8 @@
 """A knob, simulated: motors that turn, each with a handle of its own.
 
 A joint knows nothing of the others. Its tip is where the hand holds it, at the end of a lever, and
-its position is the way along the arc: lever times angle. So one knob is a device of one axis, and
-the tip of three is a point in space that a hand could not hold with three real ones.
+its position is that along the arc: lever times angle. So one knob is a device of one axis, and the
+tip of three is a point in space that a hand could not hold with three real ones.
 
 The defaults are those of a small brushless motor without gears: assumed, none is measured.
 """
@@ -11,13 +11,9 @@ import math
 from dataclasses import dataclass
 from typing import Annotated
 
-from forcebound.haptics.devices.arms import (
-    AngleOfJoints,
-    DampingOfJoints,
-    SimulatedArm,
-    TorqueOfJoints,
-)
+from forcebound.haptics.devices.arms import SimulatedArm
 from forcebound.haptics.devices.kinematics import ArmKinematics, Floats
+from forcebound.haptics.devices.true_values import AngleOfJoints, DampingOfJoints, TorqueOfJoints
 from forcebound.messages.packets import Vector
 from forcebound.quantities import POSITIVE, AngularSpeed, Inertia, Length, Range, Torque
 
@@ -25,7 +21,7 @@ from forcebound.quantities import POSITIVE, AngularSpeed, Inertia, Length, Range
 def knob_pose(angles: Floats, geometry: Floats, tip: Floats, jacobian: Floats) -> None:
     """Pose of independent joints; see :data:`forcebound.haptics.devices.kinematics.Pose`.
 
-    Angles in rad; the geometry is the length of each lever, in m; the tip, the way along each arc.
+    Angles in rad; the geometry is the length of each lever, in m; the tip, that along each arc.
     """
     for j in range(angles.size):
         for k in range(angles.size):
@@ -35,8 +31,8 @@ def knob_pose(angles: Floats, geometry: Floats, tip: Floats, jacobian: Floats) -
 
 
 @dataclass(frozen=True, kw_only=True)
-class Knob(SimulatedArm):
-    """Parameters of the simulated knob.
+class KnobNumbers:
+    """Numbers and geometry of knobs.
 
     Attributes:
         joints: Number of knobs, each an axis.
@@ -48,10 +44,7 @@ class Knob(SimulatedArm):
     inertia: Annotated[Inertia, POSITIVE] = 1e-4
     damping: DampingOfJoints = 1e-3  # 0.6 N s/m at the hand
     friction: TorqueOfJoints = 1e-2  # 0.25 N at the hand
-    resolution: AngleOfJoints = 2.0 * math.pi / 8192
     saturation: Annotated[Torque, POSITIVE] = 0.3  # 7.5 N at the hand
-    # 4 m/s at the hand: three times a hand's fastest twist, 2.6 rad in 0.15 s (see phantom.py).
-    largest_speed: Annotated[AngularSpeed, POSITIVE] | None = 100.0
 
     @property
     def axes(self) -> int:
@@ -61,5 +54,13 @@ class Knob(SimulatedArm):
         return ArmKinematics(knob_pose, (self.lever,) * self.joints, self.joints)
 
     def angles(self, position: Vector) -> Vector:
-        """Return the joint angles, in rad, for a tip at ``position``, in m."""
         return tuple([x / self.lever for x in position])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Knob(KnobNumbers, SimulatedArm):
+    """Parameters of the simulated knob."""
+
+    resolution: AngleOfJoints = 2.0 * math.pi / 8192
+    # 4 m/s at the hand: three times a hand's fastest twist, 2.6 rad in 0.15 s (see phantom.py).
+    largest_speed: Annotated[AngularSpeed, POSITIVE] | None = 100.0

@@ -4,7 +4,7 @@ import math
 from collections import deque
 from random import Random
 
-from forcebound.haptics.devices.true_values import TrueMotor
+from forcebound.haptics.devices.true_values import TrueNumbers
 from forcebound.haptics.laws.dissipation import StatedNumbers
 from forcebound.messages.packets import Vector
 
@@ -19,18 +19,16 @@ class SimulatedMotor:
     force that has acted for longer than the hold limit that held when it was written. A guarding
     one looks at that very instant, then once in each guard period, and drops the force at the look
     that sees an axis moved back: against the force, from where it was when the force began to act.
-    ``truth`` is where what the device states is not true.
     """
 
     def __init__(
-        self, stated: StatedNumbers, truth: TrueMotor, hold_limit: float, force: Vector
+        self, stated: StatedNumbers, true: TrueNumbers, hold_limit: float, force: Vector
     ) -> None:
         self._zero: Vector = (0.0,) * len(force)
-        delay = stated.write_delay if truth.write_delay is None else truth.write_delay
-        self._delay_ns = round(1e9 * delay)
+        self._delay_ns = round(1e9 * true.write_delay)
         self._tolerance = stated.watchdog_tolerance or 0.0
-        self._share = 1.0 + self._tolerance if truth.watchdog is None else truth.watchdog
-        self._random = Random(truth.seed) if truth.random else None
+        self._share = true.watchdog
+        self._random = None if true.seed is None else Random(true.seed)
         self._fixed_hold: float | None = None
         if stated.watchdog == "none":
             limit = stated.watchdog_limit

@@ -4,24 +4,19 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated
 
-from forcebound.haptics.devices import DeviceModel, Source
+from forcebound.haptics.devices import AxesModel, Source
 from forcebound.haptics.devices.axes import AxesBody
-from forcebound.haptics.devices.simulated import SimulatedDevice
-from forcebound.haptics.devices.true_values import TrueAxes, check_counts
+from forcebound.haptics.devices.simulated import SimulatedDevice, SimulatedModel
+from forcebound.haptics.devices.true_values import TrueAxes, TrueNumbers
 from forcebound.haptics.hands import Operator
 from forcebound.haptics.laws import Watchdog
-from forcebound.haptics.laws.dissipation import (
-    PER_AXIS,
-    DampingOfAxes,
-    FrictionOfAxes,
-    LengthOfAxes,
-)
+from forcebound.haptics.laws.dissipation import DampingOfAxes, FrictionOfAxes, LengthOfAxes
 from forcebound.messages.packets import MAX_AXES
 from forcebound.quantities import POSITIVE, Force, Mass, Range, Ratio, Speed, Time
 
 
 @dataclass(frozen=True, kw_only=True)
-class PhantomPremium15(DeviceModel):
+class PhantomPremium15(SimulatedModel, AxesModel):
     """Parameters of the simulated PHANToM Premium 1.5.
 
     Every axis is alike and independent of the others, unless a number is given for each axis.
@@ -60,12 +55,8 @@ class PhantomPremium15(DeviceModel):
         hash=False,
     )
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_counts(self, PER_AXIS)
-
-    def body(self, operator: Operator) -> AxesBody:
-        return AxesBody(self, operator)
+    def body(self, true: TrueNumbers, operator: Operator) -> AxesBody:
+        return AxesBody(self, true, operator)
 
     def open(self, operator: Operator | None, hold_limit: float) -> SimulatedDevice:
         return SimulatedDevice(self, operator, hold_limit)

@@ -21,7 +21,7 @@ what accelerates that mass, and its work is the muscle's less the hand's kinetic
 
 **Presliding.** Friction is a stop operator: a bristle of stiffness :math:`\sigma = f_c / z_m`
 yields by :math:`z`, :math:`|z| \le z_m`, before the contact slides (R. Bouc 1967; Prandtl's element
-of 1928). Over a step of way :math:`dx` its work is what the bristle stores and what slides,
+of 1928). Over a displacement :math:`dx` its work is what the bristle stores and what slides,
 
 .. math::
 
@@ -31,7 +31,7 @@ of 1928). Over a step of way :math:`dx` its work is what the bristle stores and 
 so its mean force is :math:`W / dx`: :math:`\sigma (z_0 + dx / 2)` while it sticks, and
 :math:`s f_c - \sigma (z_m - s z_0)^2 / (2\,dx)` once it slides in direction :math:`s`. Put into the
 implicit midpoint rule, this is a linear or a quadratic equation for the mean velocity, and has one
-solution, since the mean force grows with the way.
+solution, since the mean force grows with the displacement.
 Kinetic energy, stored energy, losses and the work of hand and motor balance to rounding in each
 step. There is no rest to end a step in: what would stop rings on the bristle.
 
@@ -164,7 +164,7 @@ def yielding_speed(
 
 
 def yield_by(bristle: float, dx: float, presliding: float) -> float:
-    """Return how far friction has yielded, in m, after a way ``dx``, in m."""
+    """Return how far friction has yielded, in m, after a displacement ``dx``, in m."""
     return min(max(bristle + dx, -presliding), presliding)
 
 

@@ -12,13 +12,9 @@ import math
 from dataclasses import dataclass
 from typing import Annotated
 
-from forcebound.haptics.devices.arms import (
-    AngleOfJoints,
-    DampingOfJoints,
-    SimulatedArm,
-    TorqueOfJoints,
-)
+from forcebound.haptics.devices.arms import SimulatedArm
 from forcebound.haptics.devices.kinematics import ArmKinematics, Floats, two_links
+from forcebound.haptics.devices.true_values import AngleOfJoints, DampingOfJoints, TorqueOfJoints
 from forcebound.messages.packets import Vector
 from forcebound.quantities import POSITIVE, AngularSpeed, Inertia, Length, Range, Torque
 

@@ -1,14 +1,16 @@
 """A simulated device, and the hand on it: its time, its motor and its watchdog."""
 
-import math
-from typing import Any, Protocol
+from abc import abstractmethod
+from typing import Protocol
 
-from forcebound.haptics.devices import Device, Kinematics, Truth
+from forcebound.haptics.devices import Device, DeviceModel, Kinematics, Truth
 from forcebound.haptics.devices.motor import SimulatedMotor
-from forcebound.haptics.devices.true_values import TrueMotor, per_axis
+from forcebound.haptics.devices.true_values import TrueAxes, TrueJoints, TrueNumbers
 from forcebound.haptics.hands import Operator
 from forcebound.haptics.hands.hands import NoHand
 from forcebound.haptics.hands.pointer import PointerHand
+from forcebound.haptics.laws.bounder import saturated
+from forcebound.haptics.laws.dissipation import PerAxis, StatedAxes, per_axis
 from forcebound.messages.packets import Vector
 
 
@@ -37,6 +39,63 @@ class Body(Protocol):
         ...
 
 
+class SimulatedModel(DeviceModel):
+    """Parameters of a device whose mechanics is stated: it can be simulated, or emulated."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.true_numbers()  # a number of axes that does not fit is refused here
+
+    @property
+    @abstractmethod
+    def truth(self) -> TrueAxes | TrueJoints | None:
+        """What it truly has, where that differs from what is stated."""
+
+    @property
+    def force_sensor(self) -> bool:
+        """Whether it measures the force of the simulated hand, of its spring and damper."""
+        return False
+
+    def true_numbers(self) -> TrueNumbers:
+        """Return what it truly has: what is stated, at its least favourable end, or its truth.
+
+        Raises:
+            ConfigError: If a number has neither one entry nor one for each axis; names the field.
+        """
+        true, axes = self.truth or TrueAxes(), self.axes
+
+        def of_axes(name: str, value: PerAxis | None, stated: PerAxis) -> Vector:
+            as_stated = per_axis(name, stated, axes)
+            return as_stated if value is None else per_axis(f"truth.{name}", value, axes)
+
+        weight: Vector = (0.0,) * axes
+        if isinstance(self, StatedAxes) and isinstance(true, TrueAxes):
+            weight = of_axes("weight", true.weight, self.weight)
+            per_axis("weight_error", self.weight_error, axes)
+        latest = 1.0 + (self.watchdog_tolerance or 0.0)
+        return TrueNumbers(
+            damping=of_axes("damping", true.damping, self.damping),
+            friction=of_axes("friction", true.friction, self.friction),
+            presliding=of_axes("presliding", true.presliding, self.presliding),
+            resolution=of_axes("resolution", true.resolution, self.resolution),
+            weight=weight,
+            gain=of_axes("gain", true.gain, 1.0 + self.gain_error),
+            lag=self.lag if true.lag is None else true.lag,
+            write_delay=self.write_delay if true.write_delay is None else true.write_delay,
+            watchdog=latest if true.watchdog is None else true.watchdog,
+            seed=true.seed if true.random else None,
+            weak_spot=true.weak_spot,
+        )
+
+    @abstractmethod
+    def body(self, true: TrueNumbers, operator: Operator) -> Body:
+        """Return what moves, with these true numbers, in an operator's hand.
+
+        Raises:
+            DeviceError: If the device and this hand do not go together.
+        """
+
+
 class SimulatedDevice(Device):
     """A device with a hand on it, whose time is that of the reads and writes.
 
@@ -45,25 +104,21 @@ class SimulatedDevice(Device):
     written force acts after the write delay; one that is too old is dropped at the very instant it
     gets too old, as the watchdog of a real device's firmware does, or guarded from then on.
 
-    The ``model`` is a ``DeviceModel`` with its ``truth`` (None: as stated) and a method ``body``
-    that returns the :class:`Body` in an operator's hand; without an operator nobody holds it.
+    Without an operator nobody holds it.
     """
 
-    def __init__(self, model: Any, operator: Operator | None, hold_limit: float) -> None:
+    def __init__(self, model: SimulatedModel, operator: Operator | None, hold_limit: float) -> None:
         operator = NoHand() if operator is None else operator
-        truth = model.truth or TrueMotor()
+        true = model.true_numbers()
         self._operator = operator
         self._has_buttons = operator.buttons(0.0) is not None
         self.axes, self._saturation = model.axes, model.saturation
-        self._body: Body = model.body(operator)
+        self._body = model.body(true, operator)
         self.kinematics = self._body.kinematics
-        gain = 1.0 + model.gain_error if truth.gain is None else truth.gain
-        self._gain = per_axis(gain, self.axes)
+        self._gain = true.gain
         self._compensation = self._body.compensation
         self._scales = any(g != 1.0 for g in self._gain) or any(self._compensation)
-        self._motor = SimulatedMotor(
-            model, truth, hold_limit, self._motor_force((0.0,) * self.axes)
-        )
+        self._motor = SimulatedMotor(model, true, hold_limit, self._motor_force((0.0,) * self.axes))
         self._has_sensor = model.force_sensor
         self._reports_cuts = model.watchdog in ("guarding", "reporting")
         self._reading_at_cut = self._body.reading()
@@ -85,10 +140,7 @@ class SimulatedDevice(Device):
 
     def write(self, time_ns: int, force: Vector) -> Vector:
         self._advance_to(time_ns)
-        magnitude = math.hypot(*force)
-        if not magnitude <= self._saturation:
-            scale = self._saturation / magnitude if math.isfinite(magnitude) else 0.0
-            force = tuple([scale * f if math.isfinite(f) else 0.0 for f in force])
+        force = saturated(force, self._saturation)
         reading = self._body.reading() if self._motor.guards else ()
         self._motor.write(time_ns, self._motor_force(force), force, reading)
         return force

@@ -9,29 +9,33 @@ an experiment that asks what a wrong statement costs changes one number here.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, TypeAlias
+from typing import Annotated, NamedTuple, TypeAlias
 
-from forcebound.errors import ConfigError
 from forcebound.haptics.laws.dissipation import (
     DampingOfAxes,
     ForceOfAxes,
     FrictionOfAxes,
     LengthOfAxes,
+    OfAxes,
 )
 from forcebound.messages.packets import Vector
 from forcebound.quantities import (
     NOT_NEGATIVE,
     POSITIVE,
     PROBABILITY,
+    Angle,
+    JointDamping,
     Range,
     Ratio,
     Time,
+    Torque,
     check_ranges,
 )
 
-RatioOfMotors: TypeAlias = (
-    Annotated[Ratio, NOT_NEGATIVE] | tuple[Annotated[Ratio, NOT_NEGATIVE], ...]
-)
+DampingOfJoints: TypeAlias = OfAxes[Annotated[JointDamping, NOT_NEGATIVE]]
+TorqueOfJoints: TypeAlias = OfAxes[Annotated[Torque, NOT_NEGATIVE]]
+AngleOfJoints: TypeAlias = OfAxes[Annotated[Angle, NOT_NEGATIVE]]
+RatioOfMotors: TypeAlias = OfAxes[Annotated[Ratio, NOT_NEGATIVE]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,7 +45,7 @@ class WeakSpot:
     Attributes:
         centre: In the coordinates of the readings: m, or rad of the joints.
         radius: In the same unit.
-        share: Of the friction, and of the way over which it yields, that is left there.
+        share: Of the friction, and of the distance over which it yields, that is left there.
     """
 
     centre: tuple[float, ...]
@@ -91,7 +95,7 @@ class TrueAxes(TrueMotor):
     Attributes:
         damping: Viscous damping; one for all axes, or one of each, as are the next four.
         friction: Coulomb friction of each axis by itself.
-        presliding: Way over which friction yields elastically.
+        presliding: Distance over which friction yields elastically.
         resolution: Resolution of the encoder.
         weight: Of the tip, positive against positive motion.
     """
@@ -103,33 +107,37 @@ class TrueAxes(TrueMotor):
     weight: ForceOfAxes | None = None
 
 
-def true_value(model: Any, name: str) -> Any:
-    """Return the true value of a number that a model states under ``name``."""
-    value = vars(model.truth or TrueMotor()).get(name)
-    return getattr(model, name) if value is None else value
+@dataclass(frozen=True, kw_only=True)
+class TrueJoints(TrueMotor):
+    """True values of an arm; null: as stated.
 
-
-def true_axes(model: Any, name: str) -> Vector:
-    """Return the true values of a number of each axis."""
-    return per_axis(true_value(model, name), model.axes)
-
-
-def check_counts(model: Any, names: Sequence[str]) -> None:
-    """Check that what a model states, and what is true of it, has a number for each axis, or one.
-
-    Raises:
-        ConfigError: If not; it names the field.
+    Attributes:
+        damping: Viscous damping of the joints; one number, or one of each, as are the next three.
+        friction: Coulomb friction of each joint by itself.
+        presliding: Angle over which friction yields elastically.
+        resolution: Resolution of the encoder.
     """
-    true = vars(model.truth or TrueMotor())
-    numbers = {name: getattr(model, name) for name in names}
-    numbers |= {f"truth: {name}": true.get(name) for name in (*names, "gain")}
-    for name, value in numbers.items():
-        if isinstance(value, tuple) and len(value) != model.axes:
-            axes = model.axes
-            message = f"{name} must be one number, or {axes} (one per axis), got {len(value)}"
-            raise ConfigError(message, field=name)
+
+    damping: DampingOfJoints | None = None
+    friction: TorqueOfJoints | None = None
+    presliding: AngleOfJoints | None = None
+    resolution: AngleOfJoints | None = None
 
 
-def per_axis(value: float | Vector, axes: int) -> Vector:
-    """Return a number that is alike on every axis, or one of each, as one of each."""
-    return tuple(value) if isinstance(value, tuple) else (value,) * axes
+class TrueNumbers(NamedTuple):
+    """What a simulated device truly has; vectors have one number of each axis.
+
+    Coordinates are those of :class:`forcebound.haptics.laws.dissipation.StatedNumbers`.
+    """
+
+    damping: Vector  # N s/m
+    friction: Vector  # N, of each axis by itself
+    presliding: Vector  # m
+    resolution: Vector  # m
+    weight: Vector  # N
+    gain: Vector  # of what is commanded of the motor
+    lag: float  # s
+    write_delay: float  # s; with a seed the longest
+    watchdog: float  # hold limits after which it drops a force; not with a seed
+    seed: int | None  # of random write delays and times of the watchdog
+    weak_spot: WeakSpot | None

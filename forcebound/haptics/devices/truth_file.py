@@ -13,22 +13,20 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
+import msgspec
+
 from forcebound.errors import DeviceError
 from forcebound.haptics.devices import Truth
-from forcebound.messages.packets import MAX_AXES, Vector
+from forcebound.messages.packets import Vector
 
-MAGIC = b"fbtruth1"
+MAGIC = b"fbtruth2"
 SUFFIX = ".truth"  # behind the path of the port
 
-_COUNTER = struct.Struct("<Q")
-_COUNTER_AT = len(MAGIC)
-# Time, energy, time of the last change of torque; numbers of coordinates and of motors; position,
-# velocity, hand force, torque.
-_RECORD = struct.Struct(f"<qdqBB6x{4 * MAX_AXES}d")
-_RECORD_AT = _COUNTER_AT + _COUNTER.size
-_ENGAGED = struct.Struct("<q")
-_ENGAGED_AT = _RECORD_AT + _RECORD.size
-SIZE = _ENGAGED_AT + _ENGAGED.size
+_ENGAGED, _COUNTER, _LENGTH = struct.Struct("<q"), struct.Struct("<Q"), struct.Struct("<H")
+_ENGAGED_AT = len(MAGIC)
+_COUNTER_AT = _ENGAGED_AT + _ENGAGED.size
+_RECORD_AT = _COUNTER_AT + _COUNTER.size  # its length, and an EmulatedTruth in MessagePack
+SIZE = 512  # bytes; a record has 5 numbers and at most 4 vectors, each entry of 9 bytes
 
 NOBODY, NOT_YET = 0, -1  # engagement, in place of a time
 ATTEMPTS = 100  # of a read beside a writer
@@ -41,6 +39,9 @@ class EmulatedTruth(NamedTuple):
     truth: Truth
     torque: Vector  # N m, what the motors give, positive towards larger angles
     torque_ns: int  # when it changed last
+
+
+_decode = msgspec.msgpack.Decoder(EmulatedTruth).decode
 
 
 class TruthFile:
@@ -59,21 +60,18 @@ class TruthFile:
         except (OSError, ValueError) as error:
             raise DeviceError(f"cannot map the truth of the emulator, {path}: {error}") from error
         if creates:
-            self._memory[:_COUNTER_AT] = MAGIC
-        elif self._memory[:_COUNTER_AT] != MAGIC:
+            self._memory[:_ENGAGED_AT] = MAGIC
+        elif self._memory[:_ENGAGED_AT] != MAGIC:
             self.close()
             raise DeviceError(f"{path} is no file of an emulator: give the port that it prints")
         self._counter = 0
 
     def write(self, time_ns: int, truth: Truth, torque: Vector, torque_ns: int) -> None:
         """Replace the truth; for the emulator alone."""
-        vectors = (truth.position, truth.velocity, truth.hand_force, torque)
-        numbers = [x for vector in vectors for x in (*vector, *(0.0,) * (MAX_AXES - len(vector)))]
-        sizes = len(truth.position), len(torque)
+        record = msgspec.msgpack.encode(EmulatedTruth(time_ns, truth, torque, torque_ns))
+        end = _RECORD_AT + _LENGTH.size + len(record)
         _COUNTER.pack_into(self._memory, _COUNTER_AT, self._counter + 1)
-        _RECORD.pack_into(
-            self._memory, _RECORD_AT, time_ns, truth.energy, torque_ns, *sizes, *numbers
-        )
+        self._memory[_RECORD_AT:end] = _LENGTH.pack(len(record)) + record
         self._counter += 2
         _COUNTER.pack_into(self._memory, _COUNTER_AT, self._counter)
 
@@ -81,7 +79,7 @@ class TruthFile:
         """Return all that the file holds; None before the first write."""
         for _ in range(ATTEMPTS):
             (before,) = _COUNTER.unpack_from(self._memory, _COUNTER_AT)
-            record = _RECORD.unpack_from(self._memory, _RECORD_AT)
+            record = self._memory[_RECORD_AT:]
             (after,) = _COUNTER.unpack_from(self._memory, _COUNTER_AT)
             if before == after and before % 2 == 0:
                 break
@@ -89,14 +87,8 @@ class TruthFile:
             return None
         if before == 0:
             return None
-        time_ns, energy, torque_ns, axes, motors, *numbers = record
-        position, velocity, hand_force = (
-            tuple(numbers[k * MAX_AXES : k * MAX_AXES + axes]) for k in range(3)
-        )
-        torque = tuple(numbers[3 * MAX_AXES : 3 * MAX_AXES + motors])
-        return EmulatedTruth(
-            time_ns, Truth(position, velocity, hand_force, energy), torque, torque_ns
-        )
+        start, (length,) = _LENGTH.size, _LENGTH.unpack_from(record)
+        return _decode(record[start : start + length])
 
     def read(self) -> Truth | None:
         """Return the newest ground truth; None before the first."""

@@ -62,7 +62,7 @@ from forcebound.quantities import (
 )
 
 MOST_STEPS = 20  # for one answer; a scene that falls farther behind stands still
-TOUCH = 1e-6  # m, least way between hand and probe of a contact
+TOUCH = 1e-6  # m, least distance between hand and probe of a contact
 STATE = ("qpos", "qvel", "act", "ctrl", "mocap_pos", "mocap_quat", "qacc_warmstart")
 
 BAD = (3, 4, 5)  # warnings of MuJoCo after which it puts everything back: mjWARN_BADQPOS to BADQACC
@@ -305,11 +305,11 @@ class _Scene(Environment):
         if hand is None or not self._probes[hand.number].touches[touching].any():
             return None
         place = self._probed(hand)
-        way = sub(place, hand.place)
-        distance = norm(way)
+        offset = sub(place, hand.place)
+        distance = norm(offset)
         if distance < TOUCH:
             return None
-        normal = scale(way, 1.0 / distance)
+        normal = scale(offset, 1.0 / distance)
         return Contact(cut(place, self._axes), cut(normal, self._axes))
 
     def scene(self) -> tuple[SceneObject, ...]:

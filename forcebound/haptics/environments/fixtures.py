@@ -49,7 +49,7 @@ from forcebound.quantities import (
     check_ranges,
 )
 
-Place: TypeAlias = tuple[Length, ...]  # 1 to 3 numbers
+Point: TypeAlias = tuple[Length, ...]  # 1 to 3 numbers
 MOST_POINTS = 64  # of a path: so many can be drawn
 
 
@@ -108,7 +108,7 @@ class GuidancePlane(_Guidance):
 
     places: ClassVar[tuple[str, ...]] = ("point", "normal")
 
-    point: Place = (0.0, 0.0, 0.0)
+    point: Point = (0.0, 0.0, 0.0)
     normal: tuple[float, ...] = (0.0, 0.0, 1.0)
 
     def __post_init__(self) -> None:
@@ -140,7 +140,7 @@ class GuidancePath(_Guidance):
         reach: Distance at which it lets go.
     """
 
-    points: tuple[Place, ...]
+    points: tuple[Point, ...]
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -178,7 +178,7 @@ class ForbiddenRegion(_Fixture):
 
     places: ClassVar[tuple[str, ...]] = ("centre",)
 
-    centre: Place
+    centre: Point
     size: tuple[Annotated[Length, POSITIVE], ...] | None = None
     radius: Annotated[Length, POSITIVE] | None = None
     stiffness: Annotated[Stiffness, NOT_NEGATIVE] = 1000.0
@@ -191,10 +191,10 @@ class ForbiddenRegion(_Fixture):
             _expect(len(self.size) == 3, "size", "three edges in m", len(self.size))
 
     def force(self, position: Vector3, velocity: Vector3) -> Vector3:
-        return scale(self._way_in(sub(position, pad3(self.centre))), self.stiffness)
+        return scale(self._penetration(sub(position, pad3(self.centre))), self.stiffness)
 
-    def _way_in(self, offset: Vector3) -> Vector3:
-        """The way from the nearest point of the skin to an offset inside; 0 outside."""
+    def _penetration(self, offset: Vector3) -> Vector3:
+        """The vector from the nearest point of the skin to an offset inside; 0 outside."""
         if self.radius is not None:
             depth = self.radius - norm(offset)
             out = unit(offset) if any(offset) else (1.0, 0.0, 0.0)
@@ -202,10 +202,10 @@ class ForbiddenRegion(_Fixture):
         assert self.size is not None  # __post_init__
         depths = [0.5 * edge - abs(x) for edge, x in zip(self.size, offset, strict=True)]
         shallowest = max(min(depths), 0.0)
-        way = [0.0, 0.0, 0.0]
+        inwards = [0.0, 0.0, 0.0]
         axis = depths.index(min(depths))
-        way[axis] = -math.copysign(shallowest, offset[axis])
-        return (way[0], way[1], way[2])
+        inwards[axis] = -math.copysign(shallowest, offset[axis])
+        return (inwards[0], inwards[1], inwards[2])
 
     def drawn(self, name: str) -> SceneObject:
         centre = pad3(self.centre)
@@ -227,8 +227,8 @@ class WorkspaceLimit(_Fixture):
 
     places: ClassVar[tuple[str, ...]] = ("low", "high")
 
-    low: Place
-    high: Place
+    low: Point
+    high: Point
     stiffness: Annotated[Stiffness, NOT_NEGATIVE] = 1000.0
     damping: Annotated[Damping, NOT_NEGATIVE] = 0.0
 

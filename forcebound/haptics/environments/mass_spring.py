@@ -137,10 +137,10 @@ class _Slab(Environment):
         """Move the slab while each hand goes evenly from where it was to where it is."""
         model, hands = self._model, self._hands.values()
         steps = math.ceil(duration / model.step(len(hands)))
-        ways = [(hand, hand.place[0] - hand.before) for hand in hands]
+        moves = [(hand, hand.place[0] - hand.before) for hand in hands]
         for i in range(steps):
             h = duration / steps
-            push = sum([self._push(hand, hand.before + w * (i + 0.5) / steps) for hand, w in ways])
+            push = sum([self._push(hand, hand.before + w * (i + 0.5) / steps) for hand, w in moves])
             pull = model.spring * self._deflection + model.damping * self._speed
             self._speed += h * (push - pull) / model.mass
             self._deflection += h * self._speed

@@ -1,6 +1,6 @@
 """Whether a force pulls the hand deeper, as one of the opposite sign does.
 
-A press asks for forces at rest along a straight way, while time stands still. Attractions, skins
+A press asks for forces at rest along a straight line, while time stands still. Attractions, skins
 that break and bodies that move are no mistake, so only this is one:
 
 * wherever a press goes in against the normal of a contact, the force pulls it in, and more at some
@@ -32,8 +32,8 @@ def check_press(
     What else an answer may be is a matter of other promises: then nothing is found here.
     """
     end = pad3(press[-1].position)
-    way = unit(sub(end, pad3(press[0].position)))
-    forces: list[float] = []  # N, along the way; above 0 it resists
+    direction = unit(sub(end, pad3(press[0].position)))
+    forces: list[float] = []  # N, along the press; above 0 it resists
     inwards: list[float] = []  # N, into what is touched
     axes = len(press[0].position)
     with suppress(Exception, SystemExit), closing(open_environment(model, axes)) as environment:
@@ -41,8 +41,8 @@ def check_press(
             report(question)
             force = pad3(environment.force("", *question))
             contact = environment.contact("")
-            forces.append(dot(force, way))
-            if contact is not None and dot(pad3(contact[1]), way) < 0.0:
+            forces.append(dot(force, direction))
+            if contact is not None and dot(pad3(contact[1]), direction) < 0.0:
                 inwards.append(dot(force, pad3(contact[1])))
     if len(forces) < len(press):
         return False
@@ -51,8 +51,8 @@ def check_press(
     if is_pulled:
         first = next((k for k, force in enumerate(forces) if force < 0.0), 0)
         got = f"{forces[first]:.4g} N, and more further in: it pulls deeper. If it is the force on"
-        where = f"{press[first]}, on the way from {press[0].position} to {press[-1].position}"
-        expected = "a force that resists: along this way above 0"
+        where = f"{press[first]}, from {press[0].position} to {press[-1].position}"
+        expected = "a force that resists: along this press above 0"
         found.add("resists", expected, f"{got} the hand, return its opposite", where)
     begins = (k for k in range(FREE, len(forces)) if not any(forces[k - FREE : k]))
     return is_pulled or any(forces[k] > 0.0 for k in begins)

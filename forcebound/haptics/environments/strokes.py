@@ -54,12 +54,12 @@ def strokes(objects: Sequence[SceneObject], axes: int, count: int) -> Iterator[l
         x, y, z = (random.uniform(-0.5, 0.5) * half for _ in range(3))
         aim = add(place, rotate(target.orientation, (x, y, z)))
         inwards, sideways = _direction(axes, random), _direction(axes, random)
-        way = half + CLEARANCE
-        velocity = scale(inwards, way / INWARDS / PERIOD)
+        reach = half + CLEARANCE
+        velocity = scale(inwards, reach / INWARDS / PERIOD)
         slow = scale(
             unit(tangential(sideways, inwards)) if axes > 1 else ZERO, 0.25 * norm(velocity)
         )
-        tips = [(along(aim, inwards, way * (k / INWARDS - 1)), velocity) for k in range(INWARDS)]
+        tips = [(along(aim, inwards, reach * (k / INWARDS - 1)), velocity) for k in range(INWARDS)]
         tips += [(along(aim, slow, PERIOD * k), slow) for k in range(ACROSS + 1)]
         yield [
             Question(cut(position, axes), cut(speed, axes), number + PERIOD * step)
@@ -69,12 +69,12 @@ def strokes(objects: Sequence[SceneObject], axes: int, count: int) -> Iterator[l
 
 def presses(objects: Sequence[SceneObject], axes: int, count: int) -> list[list[Question]]:
     """Return presses along the axes in space, either way, up to ``FAR``; ``count`` to objects."""
-    ways = [STEP * k for k in range(round(-BEFORE / STEP), round(NEAR / STEP) + 1)]
-    while ways[-1] < FAR:
-        ways.append(min(ways[-1] * GROWTH, FAR))
+    steps = [STEP * k for k in range(round(-BEFORE / STEP), round(NEAR / STEP) + 1)]
+    while steps[-1] < FAR:
+        steps.append(min(steps[-1] * GROWTH, FAR))
     still = (0.0,) * axes
     found = [
-        [Question((*still[:axis], sign * way, *still[axis + 1 :]), still, 1.0) for way in ways]
+        [Question((*still[:axis], sign * step, *still[axis + 1 :]), still, 1.0) for step in steps]
         for axis, sign in itertools.product(range(min(axes, 3)), (1.0, -1.0))
     ]
     for stroke in strokes(objects, axes, count):

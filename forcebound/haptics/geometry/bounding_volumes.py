@@ -188,11 +188,11 @@ def closest_on(triangles: Triangles, index: int, point: Vector3) -> Vector3:
 
 @outlined
 def first_contact(tree: Tree, start: Vector3, end: Vector3, clearance: float) -> tuple[int, float]:
-    """Return the first triangle that a ball touches on its way, and when; -1 if none."""
+    """Return the first triangle that a moving ball touches, and when; -1 if none."""
     nodes, triangles, stack = tree.nodes, tree.triangles, np.empty(STACK)
     best, earliest = -1, 2.0
-    way = sub(end, start)
-    inverse = (_inverse(way[0]), _inverse(way[1]), _inverse(way[2]))
+    move = sub(end, start)
+    inverse = (_inverse(move[0]), _inverse(move[1]), _inverse(move[2]))
     stack[0, 0], stack[1, 0], top = 0.0, 0.0, 1
     while top > 0:
         top -= 1

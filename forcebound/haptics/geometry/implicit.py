@@ -41,7 +41,7 @@ class Field(NamedTuple):
 
 
 def _march_of(distance: Distance) -> Any:
-    """Return the straight way of a proxy on a field."""
+    """Return the straight move of a proxy on a field."""
 
     def narrow(data: Data, outside: Vector3, inside: Vector3, dip: float) -> Vector3:
         """A place between two that is not much deeper behind the surface than a march may be.
@@ -68,9 +68,9 @@ def _march_of(distance: Distance) -> Any:
 
         Also the number of steps.
         """
-        way = sub(end, start)
-        length = norm(way)
-        direction = scale(way, 1.0 / length) if length > 0.0 else way
+        move = sub(end, start)
+        length = norm(move)
+        direction = scale(move, 1.0 / length) if length > 0.0 else move
         smallest = max(dip, length / STEPS)
         gone, here, legal, steps = 0.0, start, start, 0
         while True:

@@ -30,11 +30,11 @@ def corner(triangles: Triangles, index: int, which: int) -> Vector3:
 
 def closest_on_segment(point: Vector3, start: Vector3, end: Vector3) -> Vector3:
     """Return the point of a segment that is closest to ``point``."""
-    way = sub(end, start)
-    length = dot(way, way)
+    move = sub(end, start)
+    length = dot(move, move)
     if length == 0.0:
         return start
-    return along(start, way, min(max(dot(sub(point, start), way) / length, 0.0), 1.0))
+    return along(start, move, min(max(dot(sub(point, start), move) / length, 0.0), 1.0))
 
 
 @outlined
@@ -72,15 +72,15 @@ def _square(a: Vector3) -> float:
 
 @outlined
 def _between_segments(
-    start: Vector3, way: Vector3, a: Vector3, edge: Vector3
+    start: Vector3, move: Vector3, a: Vector3, edge: Vector3
 ) -> tuple[float, float]:
     """Return the squared distance of two segments, and where on the first: 0 to 1.
 
     Source: C. Ericson, Real-time collision detection, 2005, section 5.1.9.
     """
     between = sub(start, a)
-    aa, ee, ae = dot(way, way), dot(edge, edge), dot(way, edge)
-    ab, eb = dot(way, between), dot(edge, between)
+    aa, ee, ae = dot(move, move), dot(edge, edge), dot(move, edge)
+    ab, eb = dot(move, between), dot(edge, between)
     if aa == 0.0 and ee == 0.0:
         return dot(between, between), 0.0
     across = aa * ee - ae * ae
@@ -89,7 +89,7 @@ def _between_segments(
     if place < 0.0 or place > 1.0 or ee == 0.0:
         place = min(max(place, 0.0), 1.0)
         time = min(max((ae * place - ab) / aa, 0.0), 1.0) if aa > 0.0 else 0.0
-    return _square(along(along(between, way, time), edge, -place)), time
+    return _square(along(along(between, move, time), edge, -place)), time
 
 
 @outlined
@@ -97,19 +97,19 @@ def approach(
     start: Vector3, end: Vector3, a: Vector3, b: Vector3, c: Vector3
 ) -> tuple[float, float]:
     """Return the squared distance of a segment and a triangle, and where on the segment: 0 to 1."""
-    way = sub(end, start)
+    move = sub(end, start)
     normal = cross(sub(b, a), sub(c, a))
     before, behind = dot(sub(start, a), normal), dot(sub(end, a), normal)
     if before * behind <= 0.0 and before != behind:
         time = before / (before - behind)
-        if is_over(along(start, way, time), a, b, c, normal):
+        if is_over(along(start, move, time), a, b, c, normal):
             return 0.0, time
     nearest, when = _square(sub(start, closest_on_triangle(start, a, b, c))), 0.0
     distance = _square(sub(end, closest_on_triangle(end, a, b, c)))
     if distance < nearest:
         nearest, when = distance, 1.0
     for one, other in ((a, b), (b, c), (c, a)):
-        distance, time = _between_segments(start, way, one, sub(other, one))
+        distance, time = _between_segments(start, move, one, sub(other, one))
         if distance < nearest:
             nearest, when = distance, time
     return nearest, when
@@ -121,8 +121,8 @@ def contact_time(
 ) -> float:
     """Return when a ball that moves from ``start`` (0) to ``end`` (1) touches a triangle; 2: never.
 
-    Its radius is ``clearance``, in m; 0: when the way crosses the triangle. It touches where its
-    centre is nearer than that, if the way comes nearer than half of it: what lies between is slack
+    Its radius is ``clearance``, in m; 0: when the move crosses the triangle. It touches where its
+    centre is nearer than that, if the move comes nearer than half of it: what lies between is slack
     for rounding. A ball that is too near already may move if it comes no nearer. At the time
     returned the ball is still free, by 0.1 % of the clearance at most.
     """
@@ -135,10 +135,10 @@ def contact_time(
         return 0.0
     if clearance == 0.0:
         return late
-    way, early = sub(end, start), 0.0
+    move, early = sub(end, start), 0.0
     for _ in range(BISECTIONS):  # the distance to what is convex falls until it is least
         time = 0.5 * (early + late)
-        centre = along(start, way, time)
+        centre = along(start, move, time)
         distance = norm(sub(centre, closest_on_triangle(centre, a, b, c)))
         if distance < clearance:
             late = time

@@ -31,20 +31,20 @@ from forcebound.quantities import (
 MOST_BUTTONS = 8
 
 # One number: on the first axis, 0 m on the others. Or a list of one for each axis.
-Place: TypeAlias = Length | tuple[Length, ...]
+Coordinates: TypeAlias = Length | tuple[Length, ...]
 
 
-def coordinates(place: Place) -> Vector:
+def coordinates(place: Coordinates) -> Vector:
     """Return a place as a vector, in m; its axes beyond the last are at 0."""
     return place if isinstance(place, tuple) else (place,)
 
 
-class StraightWay(NamedTuple):
-    """Straight way from one place to another."""
+class Segment(NamedTuple):
+    """A straight line from one point to another."""
 
     start: Vector  # m
     end: Vector  # m, same shape
-    direction: Vector  # unit vector; zeros if there is no way to go
+    direction: Vector  # unit vector; zeros if both are one point
     length: float  # m
 
     def at(self, travel: float) -> Vector:
@@ -54,14 +54,12 @@ class StraightWay(NamedTuple):
         return tuple([a + travel * u for a, u in zip(self.start, self.direction, strict=True)])
 
 
-def straight_way(start: Place, end: Place) -> StraightWay:
-    """Return the straight way from one place to another."""
+def segment(start: Coordinates, end: Coordinates) -> Segment:
+    """Return the straight line from one point to another."""
     pairs = list(zip_longest(coordinates(start), coordinates(end), fillvalue=0.0))
     length = math.hypot(*[b - a for a, b in pairs])
     direction = tuple([(b - a) / length if length > 0.0 else 0.0 for a, b in pairs])
-    return StraightWay(
-        tuple([a for a, _ in pairs]), tuple([b for _, b in pairs]), direction, length
-    )
+    return Segment(tuple([a for a, _ in pairs]), tuple([b for _, b in pairs]), direction, length)
 
 
 def _shifted(place: Vector, shift: Vector) -> Vector:
@@ -159,7 +157,7 @@ class WallInPlace(SoftGrip):
     mass: Annotated[Mass, NOT_NEGATIVE] = 0.0
     stiffness: Annotated[Stiffness, NOT_NEGATIVE] = 1000.0
     damping: Annotated[Damping, NOT_NEGATIVE] = 0.0
-    start: Place = 0.0
+    start: Coordinates = 0.0
     gap: Annotated[Length, NOT_NEGATIVE] = 0.010
 
     def target(self, elapsed: float) -> Vector:
@@ -173,22 +171,22 @@ class _ApproachingHand(SoftGrip):
     Attributes:
         start: Where the target begins: on the first axis, or a list of one for each axis.
         end: Where it stays, such as behind a surface; likewise.
-        approach_speed: Along the way from the one to the other.
+        approach_speed: From the one to the other.
     """
 
     places: ClassVar[tuple[str, ...]] = ("start", "end")
 
-    start: Place = -0.010
-    end: Place = 0.014  # 4 mm behind the surface of the paper's wall at 10 mm
+    start: Coordinates = -0.010
+    end: Coordinates = 0.014  # 4 mm behind the surface of the paper's wall at 10 mm
     # Paper 4.2: "high" is 150 to 250 mm/s, "low" 20 to 50 mm/s.
     approach_speed: Annotated[Speed, POSITIVE] = 0.2
 
     def target(self, elapsed: float) -> Vector:
-        return self._way.at(self.approach_speed * elapsed)
+        return self._approach.at(self.approach_speed * elapsed)
 
     @cached_property
-    def _way(self) -> StraightWay:
-        return straight_way(self.start, self.end)
+    def _approach(self) -> Segment:
+        return segment(self.start, self.end)
 
 
 @dataclass(frozen=True)
@@ -201,7 +199,7 @@ class StrokingHand(_ApproachingHand, PressingButtons):
     """Mass, spring and damper whose target goes straight to ``end`` and then strokes about it.
 
     Pressed into a surface, with a ``stroke`` along it, the tip slides: the spring presses with
-    about its stiffness times the way from the surface to the target.
+    about its stiffness times the distance from the surface to the target.
 
     Attributes:
         end: Middle of the strokes, such as behind a surface; likewise.
@@ -213,11 +211,11 @@ class StrokingHand(_ApproachingHand, PressingButtons):
     places: ClassVar[tuple[str, ...]] = ("start", "end", "stroke")
 
     approach_speed: Annotated[Speed, POSITIVE] = 0.1
-    stroke: Place = (0.0, 0.020)  # across the first axis
+    stroke: Coordinates = (0.0, 0.020)  # across the first axis
     frequency: Annotated[Frequency, NOT_NEGATIVE] = 0.5
 
     def target(self, elapsed: float) -> Vector:
-        since = max(elapsed - self._way.length / self.approach_speed, 0.0)
+        since = max(elapsed - self._approach.length / self.approach_speed, 0.0)
         share = math.sin(2.0 * math.pi * self.frequency * since)
         stroke = tuple([share * length for length in coordinates(self.stroke)])
         return _shifted(super().target(elapsed), stroke)
@@ -245,7 +243,7 @@ class TremblingHand(_ApproachingHand):
     mass: Annotated[Mass, NOT_NEGATIVE] = 0.6
     stiffness: Annotated[Stiffness, POSITIVE] = 28.0
     damping: Annotated[Damping, NOT_NEGATIVE] = 0.1
-    end: Place = 0.13  # 120 mm behind the surface of the paper's wall at 10 mm
+    end: Coordinates = 0.13  # 120 mm behind the surface of the paper's wall at 10 mm
     approach_speed: Annotated[Speed, POSITIVE] = 0.1
     tremor: Annotated[Force, NOT_NEGATIVE] | tuple[Annotated[Force, NOT_NEGATIVE], ...] = 0.4
     tremor_frequency: Annotated[Frequency, NOT_NEGATIVE] = 8.0

@@ -25,7 +25,7 @@ import msgspec
 from forcebound import mcap_file
 from forcebound.errors import ConfigError
 from forcebound.files import RECORDING_SUFFIX, content_of, read_rows
-from forcebound.haptics.hands.hands import PressingButtons, SoftGrip, StraightWay, straight_way
+from forcebound.haptics.hands.hands import PressingButtons, Segment, SoftGrip, segment
 from forcebound.messages.packets import MAX_AXES, TOPIC_OF, Telemetry, Vector
 from forcebound.messages.topology import HAND, node_name
 from forcebound.quantities import POSITIVE, Length, Speed
@@ -57,23 +57,24 @@ class FollowingHand(SoftGrip, PressingButtons):
                 raise ConfigError(f"{expected}, got {len(point)}", field="points")
 
     @cached_property
-    def _ways(self) -> list[StraightWay]:
+    def _segments(self) -> list[Segment]:
         axes = max(map(len, self.points))
         points = [point + (0.0,) * (axes - len(point)) for point in self.points]
         last = points[0] if self.repeat else points[-1]
-        return [straight_way(one, other) for one, other in pairwise((*points, last))]
+        return [segment(one, other) for one, other in pairwise((*points, last))]
 
     @cached_property
     def _ends(self) -> list[float]:
-        """Of the ways, in m along the path."""
-        return list(accumulate(way.length for way in self._ways))
+        """Of the segments, in m along the path."""
+        return list(accumulate(one.length for one in self._segments))
 
     def target(self, elapsed: float) -> Vector:
         travel, length = self.speed * max(elapsed, 0.0), self._ends[-1]
         if self.repeat and length > 0.0:
             travel %= length
-        number = min(bisect_right(self._ends, travel), len(self._ways) - 1)
-        return self._ways[number].at(travel - (self._ends[number] - self._ways[number].length))
+        number = min(bisect_right(self._ends, travel), len(self._segments) - 1)
+        segment = self._segments[number]
+        return segment.at(travel - (self._ends[number] - segment.length))
 
 
 @dataclass(frozen=True)

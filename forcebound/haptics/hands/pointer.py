@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
-from forcebound.haptics.hands.hands import Place, SoftGrip, coordinates
+from forcebound.haptics.hands.hands import Coordinates, SoftGrip, coordinates
 from forcebound.messages.packets import Vector
 from forcebound.quantities import POSITIVE, Length, Speed, Time
 
@@ -26,7 +26,7 @@ class PointerHand(SoftGrip):
 
     places: ClassVar[tuple[str, ...]] = ("start",)
 
-    start: Place = 0.0
+    start: Coordinates = 0.0
     reach: Annotated[Length, POSITIVE] = 0.1
     smoothing: Annotated[Time, POSITIVE] = 0.010
     speed: Annotated[Speed, POSITIVE] = 0.5
@@ -66,9 +66,9 @@ class PointerTarget:
     def advance(self, duration: float) -> Vector:
         """Return the target after ``duration`` s, in m."""
         share = -math.expm1(-duration / self._hand.smoothing)
-        way = [share * (p - t) for p, t in zip(self._pointer, self._target, strict=True)]
-        length = math.hypot(*way)
+        step = [share * (p - t) for p, t in zip(self._pointer, self._target, strict=True)]
+        length = math.hypot(*step)
         most = self._hand.speed * duration
         scale = most / length if length > most else 1.0
-        self._target = tuple([t + scale * w for t, w in zip(self._target, way, strict=True)])
+        self._target = tuple([t + scale * w for t, w in zip(self._target, step, strict=True)])
         return self._target

@@ -244,19 +244,19 @@ def observe_axes(ledger: Ledger, dt: float, is_unsure: bool) -> tuple[Motion, fl
         cost = unsure_cost(ledger, gain * gain * capability, work - uncertain, dt)
         return motion, cost, price
     if most_steps == 1.0 and deviation > 0.0 and lag == 0.0 and ledger.is_along_path:
-        way = math.sqrt(motion.distance_square) + ledger.resolution
-        return motion, path_penalty(ledger, gain * math.sqrt(step), deviation, way), price
+        distance = math.sqrt(motion.distance_square) + ledger.resolution
+        return motion, path_penalty(ledger, gain * math.sqrt(step), deviation, distance), price
     return motion, deviation, price
 
 
-def path_penalty(ledger: Ledger, step: float, penalty: float, way: float) -> float:
+def path_penalty(ledger: Ledger, step: float, penalty: float, distance: float) -> float:
     """Return the penalty of a step of all axes together, with friction along the path, in J.
 
-    ``penalty`` is that of the axes without friction, ``way`` the longest between the readings.
+    ``penalty`` is that of the axes without friction, ``distance`` the longest between the readings.
     """
     damping = ledger.axis[0].constants.damping
     duration = 4.0 * damping * penalty / (step * step)
-    return hold_cost(step, 2.0 * ledger.constants.path_friction, way, damping, duration)
+    return hold_cost(step, 2.0 * ledger.constants.path_friction, distance, damping, duration)
 
 
 def unsure_cost(ledger: Ledger, capability: float, work: float, dt: float) -> float:
@@ -324,8 +324,8 @@ def drift_price(ledger: Ledger) -> float:
     price = 0.0
     for k in range(ledger.axes):
         one = ledger.axis[k].constants
-        way = abs(ledger.reading[k] - ledger.axis[k].origin)
-        price += one.weight_error * (way + 2.0 * one.half_resolution)
+        distance = abs(ledger.reading[k] - ledger.axis[k].origin)
+        price += one.weight_error * (distance + 2.0 * one.half_resolution)
     return price
 
 

@@ -10,7 +10,7 @@ from forcebound.compiled import jit, new_records
 from forcebound.errors import ConfigError, DeviceError
 from forcebound.haptics.laws.all_axes import REFUSED, RESTART, TAKEN, compiled, cut
 from forcebound.haptics.laws.constants import acts_along_path, axis_constants, energy_cap
-from forcebound.haptics.laws.dissipation import WATCHDOGS, Dissipation
+from forcebound.haptics.laws.dissipation import WATCHDOGS, Dissipation, per_axis
 from forcebound.haptics.laws.exchange import compiled_exchange
 from forcebound.haptics.laws.law import LAWS, BoundingLaw, check_law
 from forcebound.haptics.laws.ledger import Ledger
@@ -101,7 +101,7 @@ class ForceBounder:
         ledger.is_rigid = (axes == 1 or along_path) and not has_presliding and d.lag == 0.0
         ledger.planned_limit = d.hold_limit
         ledger.path_error = math.hypot(*[one.weight_error for one in constants])
-        ledger.resolution = math.hypot(*d.of_axes("resolution", axes))
+        ledger.resolution = math.hypot(*per_axis("resolution", d.resolution, axes))
         for k, one in enumerate(constants):
             ledger.axis[k].constants = one
 
@@ -313,13 +313,13 @@ class ForceBounder:
             self._candidate = read_ns, position
             return REFUSED
         if self._candidate is not None and self._is_credible(self._candidate, read_ns, position):
-            return RESTART  # so both may be wrong: begin again, without credit for the way
+            return RESTART  # so both may be wrong: begin again, without credit for the motion
         return TAKEN
 
     def _is_credible(self, before: tuple[int, Vector], read_ns: int, position: Vector) -> bool:
-        way = math.dist(before[1], position)
+        distance = math.dist(before[1], position)
         dt = (read_ns - before[0]) / 1e9
-        return way <= self._dissipation.largest_speed * dt + self._slack
+        return distance <= self._dissipation.largest_speed * dt + self._slack
 
 
 def _call(law: str, function: Callable[..., Any], *arguments: Any) -> Any:
@@ -343,3 +343,16 @@ def shorten(force: Vector, magnitude: float, limit: float) -> Vector:
         return (0.0,) * len(force)
     scale = limit / magnitude * (1.0 - ROUNDING)
     return tuple([scale * f for f in force])
+
+
+def saturated(force: Vector, largest: float) -> Vector:
+    """Return what motors give that have a ``largest`` force or torque; the direction is kept.
+
+    Nothing, if it is not finite. The bounder saturates its result, too, since a law may add
+    damping; a device clips for itself, since a motor does.
+    """
+    magnitude = math.hypot(*force)
+    if magnitude <= largest:
+        return force
+    scale = largest / magnitude if math.isfinite(magnitude) else 0.0
+    return tuple([scale * f for f in force]) if scale else (0.0,) * len(force)

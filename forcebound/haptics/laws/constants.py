@@ -3,7 +3,7 @@
 import math
 
 from forcebound.errors import ConfigError
-from forcebound.haptics.laws.dissipation import Dissipation
+from forcebound.haptics.laws.dissipation import Dissipation, per_axis
 from forcebound.haptics.laws.hold_cost import rigid_cost
 from forcebound.haptics.laws.sample import AxisConstants, DeviceConstants
 
@@ -26,24 +26,19 @@ def device_constants(dissipation: Dissipation, axes: int) -> DeviceConstants:
 
 def axis_constants(dissipation: Dissipation, axes: int) -> list[AxisConstants]:
     """Return what is known of each axis."""
-    along_path = acts_along_path(dissipation, axes)
+    d, along_path = dissipation, acts_along_path(dissipation, axes)
+    numbers = (
+        per_axis("damping", d.damping, axes),
+        per_axis("friction", d.friction, axes),
+        per_axis("resolution", d.resolution, axes),
+        per_axis("presliding", d.presliding, axes),
+        per_axis("weight", d.weight, axes),
+        per_axis("weight_error", d.weight_error, axes),
+    )
     constants = []
-    for b, f, resolution, z, weight, error in zip(
-        *[
-            dissipation.of_axes(name, axes)
-            for name in (
-                "damping",
-                "friction",
-                "resolution",
-                "presliding",
-                "weight",
-                "weight_error",
-            )
-        ],
-        strict=True,
-    ):
+    for b, f, resolution, z, weight, error in zip(*numbers, strict=True):
         # The motor carries the weight, so its gain error is an error of the weight too.
-        error += dissipation.gain_error * abs(weight)
+        error += d.gain_error * abs(weight)
         r = resolution / 2.0
         friction = 0.0 if along_path else f
         if error > f or (along_path and error * math.sqrt(axes) > f):
@@ -60,7 +55,7 @@ def acts_along_path(dissipation: Dissipation, axes: int) -> bool:
     d = dissipation
     if axes == 1 or any(isinstance(one, tuple) for one in (d.damping, d.friction, d.weight_error)):
         return False
-    if d.friction != 0.0 and any(d.of_axes("presliding", axes)):
+    if d.friction != 0.0 and any(per_axis("presliding", d.presliding, axes)):
         raise ConfigError(
             "presliding of several axes needs the friction of each axis: "
             "one number means friction along the path"
@@ -78,7 +73,7 @@ def energy_cap(dissipation: Dissipation, axes: int, hold_limit: float) -> float:
         return dissipation.energy_cap
     error = max(one.weight_error for one in axis_constants(dissipation, axes))
     force = (1.0 + dissipation.gain_error) * dissipation.saturation + math.sqrt(axes) * error
-    is_rigid = not any(dissipation.of_axes("presliding", axes)) and (
+    is_rigid = not any(per_axis("presliding", dissipation.presliding, axes)) and (
         axes == 1 or acts_along_path(dissipation, axes)
     )
     friction = dissipation.least_friction if is_rigid else 0.0
@@ -104,11 +99,11 @@ def _guard_price(dissipation: Dissipation, axes: int) -> float:
 
 
 def _start_price(dissipation: Dissipation, axes: int) -> float:
-    """J that friction may have been credited, or may give back, before a way is sure."""
+    """J that friction may have been credited, or may give back, before a displacement is sure."""
     if acts_along_path(dissipation, axes):
-        half = [one / 2.0 for one in dissipation.of_axes("resolution", axes)]
+        half = [one / 2.0 for one in per_axis("resolution", dissipation.resolution, axes)]
         return dissipation.least_friction * math.hypot(*half)
-    frictions = dissipation.of_axes("friction", axes)
+    frictions = per_axis("friction", dissipation.friction, axes)
     return sum(
         f * (one.half_resolution + 0.75 * one.presliding) + one.presliding * one.weight_error
         for f, one in zip(frictions, axis_constants(dissipation, axes), strict=True)

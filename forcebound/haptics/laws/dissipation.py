@@ -7,9 +7,10 @@ the certified laws use each; ``docs/assumptions.md`` what a wrong one costs.
 
 import math
 from dataclasses import dataclass
-from typing import Annotated, Literal, TypeAlias, get_args
+from typing import Annotated, Literal, TypeAlias, TypeVar, get_args
 
 from forcebound.errors import ConfigError
+from forcebound.messages.packets import Vector
 from forcebound.quantities import (
     NOT_NEGATIVE,
     POSITIVE,
@@ -24,18 +25,14 @@ from forcebound.quantities import (
     check_ranges,
 )
 
+T = TypeVar("T")
 #: A number for every axis alike, or one for each axis.
-PerAxis: TypeAlias = float | tuple[float, ...]
-DampingOfAxes: TypeAlias = (
-    Annotated[Damping, NOT_NEGATIVE] | tuple[Annotated[Damping, NOT_NEGATIVE], ...]
-)
-FrictionOfAxes: TypeAlias = (
-    Annotated[Force, NOT_NEGATIVE] | tuple[Annotated[Force, NOT_NEGATIVE], ...]
-)
-LengthOfAxes: TypeAlias = (
-    Annotated[Length, NOT_NEGATIVE] | tuple[Annotated[Length, NOT_NEGATIVE], ...]
-)
-ForceOfAxes: TypeAlias = Annotated[Force, Range()] | tuple[Annotated[Force, Range()], ...]
+OfAxes: TypeAlias = T | tuple[T, ...]
+PerAxis: TypeAlias = OfAxes[float]
+DampingOfAxes: TypeAlias = OfAxes[Annotated[Damping, NOT_NEGATIVE]]
+FrictionOfAxes: TypeAlias = OfAxes[Annotated[Force, NOT_NEGATIVE]]
+LengthOfAxes: TypeAlias = OfAxes[Annotated[Length, NOT_NEGATIVE]]
+ForceOfAxes: TypeAlias = OfAxes[Annotated[Force, Range()]]
 
 #: ``guarding``: looks at the readings, first at the hold limit, drops the force when one of them
 #: has moved back from where it was when that force began to act, and says when and where; see
@@ -73,7 +70,7 @@ class StatedNumbers:
         guard_period: δ of a guarding watchdog, less than the period: longest time from the last
             look that saw nothing to the force being gone after the next look. A force that has
             moved back before the hold limit is gone at the hold limit.
-        presliding: Way z_m over which friction yields elastically before it slides: the friction
+        presliding: Distance z_m over which friction yields elastically before it slides: friction
             divided by the bristle's stiffness; alike or for each axis.
         gain_error: Largest relative error x of a motor's force, constant in a run: it gives between
             1 - x and 1 + x of what it should. The motors of several axes may differ within that.
@@ -82,10 +79,6 @@ class StatedNumbers:
             thereafter, which may come after later readings: at most 6 periods. What it is in each
             sample is measured. A force acts until the effect of the next one that was written.
         largest_speed: A reading that implies more is refused; null: none is.
-        weight: Weight on each axis that the device carries by itself, positive against positive
-            motion; alike or for each axis. It acts when the force is dropped.
-        weight_error: Largest error of that, constant in a run, less than the friction, which must
-            hold it; alike or for each axis.
 
     Raises:
         ConfigError: If a value is out of range.
@@ -104,8 +97,6 @@ class StatedNumbers:
     lag: Annotated[Time, NOT_NEGATIVE] = 0.0
     write_delay: Annotated[Time, NOT_NEGATIVE] = 0.0
     largest_speed: Annotated[Speed, POSITIVE] | None = None
-    weight: ForceOfAxes = 0.0
-    weight_error: FrictionOfAxes = 0.0
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -117,7 +108,22 @@ class StatedNumbers:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Dissipation(StatedNumbers):
+class StatedAxes(StatedNumbers):
+    """What is stated of a device whose axes carry weights that do not change with its pose.
+
+    Attributes:
+        weight: Weight on each axis that the device carries by itself, positive against positive
+            motion; alike or for each axis. It acts when the force is dropped.
+        weight_error: Largest error of that, constant in a run, less than the friction, which must
+            hold it; alike or for each axis.
+    """
+
+    weight: ForceOfAxes = 0.0
+    weight_error: FrictionOfAxes = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Dissipation(StatedAxes):
     """What a law may rely on about a device: its stated numbers, and how it is sampled.
 
     Attributes:
@@ -131,7 +137,7 @@ class Dissipation(StatedNumbers):
         ConfigError: If a value is out of range, or the numbers do not go together.
     """
 
-    damping: Annotated[Damping, POSITIVE] | tuple[Annotated[Damping, POSITIVE], ...]
+    damping: OfAxes[Annotated[Damping, POSITIVE]]
     period: Annotated[Time, POSITIVE]
     hold_limit: Annotated[Time, POSITIVE]
     watchdog: Watchdog = "silent"
@@ -183,13 +189,11 @@ class Dissipation(StatedNumbers):
             )
 
     def _check_axes(self) -> None:
-        lengths = {len(_values(getattr(self, name))) for name in PER_AXIS} - {1}
-        if len(lengths) > 1:
-            raise ConfigError(f"numbers of each axis must be equally many, got {sorted(lengths)}")
         if self.friction == 0.0 or isinstance(self.friction, tuple):
             return
-        for name in ("damping", "presliding", "weight_error"):
-            if isinstance(getattr(self, name), tuple):
+        each = {"damping": self.damping, "presliding": self.presliding}
+        for name, value in (each | {"weight_error": self.weight_error}).items():
+            if isinstance(value, tuple):
                 raise ConfigError(
                     f"{name} of each axis needs the friction of each axis too: "
                     "one number means friction along the path"
@@ -210,23 +214,19 @@ class Dissipation(StatedNumbers):
         """Resolution of the worst axis, in m."""
         return max(_values(self.resolution))
 
-    def of_axes(self, name: str, axes: int) -> tuple[float, ...]:
-        """Return the numbers of one of :data:`PER_AXIS` for each of ``axes``.
 
-        Raises:
-            ConfigError: If there are as many numbers, but not ``axes``.
-        """
-        values = _values(getattr(self, name))
-        if len(values) == 1:
-            return values * axes
-        if len(values) != axes:
-            raise ConfigError(f"{name} has {len(values)} numbers for {axes} axes")
-        return values
+def per_axis(name: str, value: PerAxis, axes: int) -> Vector:
+    """Return a number that is alike on every axis, or one of each, as one of each.
 
-
-#: Numbers that may differ between axes.
-PER_AXIS = ("damping", "friction", "resolution", "presliding", "weight", "weight_error")
+    Raises:
+        ConfigError: If there are others; it names the field.
+    """
+    numbers = _values(value)
+    if len(numbers) not in (1, axes):
+        message = f"{name} must be one number, or {axes} (one per axis), got {len(numbers)}"
+        raise ConfigError(message, field=name)
+    return numbers if len(numbers) == axes else numbers * axes
 
 
-def _values(value: PerAxis) -> tuple[float, ...]:
+def _values(value: PerAxis) -> Vector:
     return value if isinstance(value, tuple) else (value,)

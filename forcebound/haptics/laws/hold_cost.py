@@ -1,12 +1,12 @@
 r"""The most energy that a hand can get out of one hold (``docs/theory.md``, section 3).
 
 It can move by d against the force F; in the time T it then loses at least :math:`b d^2 / T` by
-damping, and by friction at least :math:`f (d - z)_+`, where z is the way before friction is sure: 0
-for rigid friction, twice the presliding way for friction that yields first. So the hold costs
+damping, and by friction at least :math:`f (d - z)_+`, where z is the play before friction is sure:
+0 for rigid friction, twice the presliding for friction that yields first. So the hold costs
 
 .. math:: \max_{d \ge 0} \big( |F| d - f (d - z)_+ - b d^2 / T \big)
 
-Forces are magnitudes, in N; friction f in N, way z in m, damping b in N s/m, times in s.
+Forces are magnitudes, in N; friction f in N, play z in m, damping b in N s/m, times in s.
 """
 
 import math
@@ -28,18 +28,18 @@ def rigid_force(energy: float, friction: float, damping: float, duration: float)
     return friction + 2.0 * math.sqrt(damping / duration * max(energy, 0.0))
 
 
-def hold_cost(force: float, friction: float, way: float, damping: float, duration: float) -> float:
-    """Return the cost of a hold in which friction is sure only beyond a ``way``, in J.
+def hold_cost(force: float, friction: float, play: float, damping: float, duration: float) -> float:
+    """Return the cost of a hold in which friction is sure only beyond a ``play`` (m), in J.
 
-    The worst displacement lies before that way, beyond it, or at its end.
+    The worst displacement lies before that play, beyond it, or at its end.
     """
     mobility = duration / (2.0 * damping)
-    if force * mobility <= way:
+    if force * mobility <= play:
         return 0.5 * force * force * mobility
     excess = force - friction
-    if excess * mobility >= way:
-        return 0.5 * excess * excess * mobility + friction * way
-    return way * (force - 0.5 * way / mobility)
+    if excess * mobility >= play:
+        return 0.5 * excess * excess * mobility + friction * play
+    return play * (force - 0.5 * play / mobility)
 
 
 def lagging_cost(before: float, after: float, damping: float, duration: float, lag: float) -> float:

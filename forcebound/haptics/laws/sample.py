@@ -37,7 +37,7 @@ class DeviceConstants(NamedTuple):
     hold_limit: float  # T_max, s
     axes: float  # number of axes
     path_friction: float  # N, of friction along the path; 0 if it acts on each axis by itself
-    start_price: float  # J, friction that may be credited before the first way is made
+    start_price: float  # J, friction that may be credited before the first motion is sure
     energy_cap: float  # J, more is of no use for a hold
 
 
@@ -48,7 +48,7 @@ class AxisConstants(NamedTuple):
     friction: float  # f_i, N, on this axis by itself; 0 for friction along the path
     half_resolution: float  # r_i, m
     half_play: float  # m, of the play operator: r_i + z_i
-    presliding: float  # 2 z_i, m: way in a hold before friction is sure
+    presliding: float  # 2 z_i, m: displacement in a hold before friction is sure
     weight_error: float  # N
     dropped: float  # N, force against positive motion after a cut: the weight, not compensated
 
@@ -60,7 +60,7 @@ class AxisMemory(NamedTuple):
     force: float  # F(n-1), N, written last
     mean_force: float  # N, of the interval before the last reading
     play: float  # position of the play operator, m
-    path: float  # way of the play operator, m
+    path: float  # length of the play operator's path, m
     older: float  # reading at the older anchor, m
     younger: float  # reading at the younger anchor, m
 
@@ -84,7 +84,7 @@ class Motion(NamedTuple):
     step: float  # J s, b times the square of what of the move cannot be quantisation
     older: float  # J s, the same since the older anchor
     younger: float  # J s, the same since the younger anchor
-    path_square: float  # m², of the way of the play operator
+    path_square: float  # m², of the play operator's path
     slid: float  # J, friction of the play operators' moves
     work: float  # J
     held_price: float  # J
@@ -139,8 +139,8 @@ def observe_axis(
     r, b = constants.half_resolution, constants.damping
     move = reading - axis.reading
     position = play(reading, axis.play, constants.half_play)
-    way = abs(position - axis.play)
-    path = axis.path + way
+    distance = abs(position - axis.play)
+    path = axis.path + distance
     motion = Motion(
         motion.distance_square + move * move,
         motion.held_square + axis.force * axis.force,
@@ -148,7 +148,7 @@ def observe_axis(
         motion.older + b * clear_square(reading, axis.older, r),
         motion.younger + b * clear_square(reading, axis.younger, r),
         motion.path_square + path * path,
-        motion.slid + constants.friction * way,
+        motion.slid + constants.friction * distance,
         motion.work + mean * move,
         motion.held_price + r * abs(mean),
     )

@@ -46,9 +46,9 @@ def wait(motor: Motor, duration: float, lag: float) -> None:
     """
     motor.first += motor.actual * duration
     motor.second += motor.actual * motor.actual * duration
-    way = abs(motor.target - motor.actual) * (1.0 - math.exp(-duration / lag))
-    motor.unknown += way * duration
-    motor.unknown_square += way * way * duration
+    change = abs(motor.target - motor.actual) * (1.0 - math.exp(-duration / lag))
+    motor.unknown += change * duration
+    motor.unknown_square += change * change * duration
 
 
 def retarget(motor: Motor, target: float, lag: float, is_first: bool) -> None:
@@ -99,6 +99,6 @@ def step_penalty(
     """Return the penalty of a single ``step``, in N, on an axis with rigid friction, in J."""
     if deviation == 0.0 or constants.friction == 0.0:
         return gain * gain * deviation / (4.0 * constants.damping)
-    way = abs(move) + 2.0 * constants.half_resolution
+    distance = abs(move) + 2.0 * constants.half_resolution
     share = deviation / (step * step)
-    return hold_cost(gain * abs(step), 2.0 * constants.friction, way, constants.damping, share)
+    return hold_cost(gain * abs(step), 2.0 * constants.friction, distance, constants.damping, share)

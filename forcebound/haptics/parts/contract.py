@@ -100,12 +100,11 @@ class Findings:
                 if made != model:
                     self.add("value", f"an equal object, {model!r}", repr(made), what)
 
-    def check_number(self, promise: str, model: Any, name: str, unit: str, above: bool) -> None:
-        """Check an attribute: finite, and at least 0, or ``above`` 0."""
+    def check_number(self, promise: str, model: Any, name: str, unit: str) -> None:
+        """Check an attribute: finite, and at least 0."""
         value = getattr(model, name)
-        lowest = math.ulp(0.0) if above else 0.0
-        if not isinstance(value, int | float) or not lowest <= value < math.inf:
-            self.add(promise, f"{'>' if above else '>='} 0 {unit}, finite", repr(value), name)
+        if not isinstance(value, int | float) or not 0.0 <= value < math.inf:
+            self.add(promise, f">= 0 {unit}, finite", repr(value), name)
 
     def check_vector(
         self, answer: Any, axes: int, unit: str, where: str, finite: str = "finite"

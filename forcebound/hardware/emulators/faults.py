@@ -56,9 +56,9 @@ def parse_fault(text: str) -> Fault:
 class Faults:
     """The faults of one board over time, which counts from its first reply."""
 
-    def __init__(self, faults: Sequence[Fault], seed: int = 1) -> None:
+    def __init__(self, faults: Sequence[Fault]) -> None:
         self._faults = tuple(faults)
-        self._random = Random(seed)
+        self._random = Random(1)
         self._start_ns: int | None = None
         self._done: set[Fault] = set()
 

@@ -2,11 +2,10 @@
 
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 from forcebound.errors import DeviceError
 from forcebound.haptics.devices import Truth
-from forcebound.haptics.devices.simulated import SimulatedDevice, pad
+from forcebound.haptics.devices.simulated import SimulatedDevice, SimulatedModel, pad
 from forcebound.haptics.hands import Operator
 from forcebound.haptics.hands.hands import NoHand
 from forcebound.messages.packets import Vector
@@ -71,7 +70,7 @@ class Mechanism:
         torque_ns: When that changed last, in ns.
     """
 
-    def __init__(self, model: Any, operator: Operator | None, home: Vector) -> None:
+    def __init__(self, model: SimulatedModel, operator: Operator | None, home: Vector) -> None:
         free = replace(
             model,
             saturation=LARGEST_TORQUE,

@@ -15,8 +15,8 @@ from forcebound.errors import ConfigError
 from forcebound.folders import runtime_folder
 from forcebound.graph.model import part_of
 from forcebound.graph.names import Document
-from forcebound.haptics.devices.true_values import true_axes
 from forcebound.haptics.hands import Operator
+from forcebound.haptics.laws.dissipation import per_axis
 from forcebound.hardware.emulators.emulation import Board, Emulation
 from forcebound.hardware.emulators.faults import Fault, Faults
 from forcebound.hardware.emulators.haply_board import HaplyBoard
@@ -34,16 +34,21 @@ PRIORITY = 20  # of SCHED_FIFO; below that of the nodes
 def haply_2diy(model: Haply2DIY, operator: Operator | None) -> tuple[Board, Mechanism]:
     """Return a Haply board on a simulated five-bar, whose encoders are those of its version."""
     wiring = WIRINGS[model.version]
-    arm = replace(model.five_bar(), resolution=math.tau / wiring.counts)
+    arm = replace(model, resolution=math.tau / wiring.counts)
     home = arm.kinematics().position(tuple([math.radians(angle) for angle in wiring.home]))
-    board = HaplyBoard(true_axes(arm, "resolution"), wiring.directions)
+    board = HaplyBoard(arm.true_numbers().resolution, wiring.directions)
     return board, Mechanism(arm, operator, home)
 
 
 def odrive(model: ODrive, operator: Operator | None) -> tuple[Board, Mechanism]:
-    """Return an ODrive on simulated knobs; the hand begins at 0 m, where the encoders begin."""
-    home = (0.0,) * model.joints
-    return ODriveBoard(model.joints), Mechanism(model.knob(), operator, home)
+    """Return an ODrive on simulated knobs; the hand begins at 0 m, where the encoders begin.
+
+    Their encoders are as fine as it takes to report positions in steps of the resolution.
+    """
+    joints = model.joints
+    reported = per_axis("resolution", model.resolution, joints)
+    knobs = replace(model, resolution=tuple([0.5 * step for step in reported]))
+    return ODriveBoard(joints), Mechanism(knobs, operator, (0.0,) * joints)
 
 
 #: By the kind of device that is emulated: the function that makes board and mechanism of its model

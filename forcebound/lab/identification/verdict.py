@@ -14,6 +14,7 @@ import numpy as np
 
 from forcebound.graph.servo import ServoSettings, dissipation_of
 from forcebound.haptics.devices import Device, DeviceModel
+from forcebound.haptics.laws.dissipation import per_axis
 from forcebound.lab.identification.rig import Floats
 from forcebound.messages.packets import Vector
 from forcebound.nodes.bounded_device import BoundedDevice
@@ -66,7 +67,7 @@ def displayed_stiffness(model: DeviceModel, rate: float, start: Vector) -> float
     )
     turn = np.linalg.lstsq(jacobian, DEPTH * axes[0], rcond=None)[0]
     dissipation = dissipation_of(model, servo)
-    step = np.array(dissipation.of_axes("resolution", len(start)))
+    step = np.array(per_axis("resolution", dissipation.resolution, len(start)))
     device = BoundedDevice(
         _Prescribed(model, np.array(start), turn, step), servo.law, dissipation, learns=False
     )
