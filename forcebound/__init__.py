@@ -18,6 +18,10 @@ from typing import TYPE_CHECKING, Any
 from forcebound import errors
 
 if TYPE_CHECKING:
+    from forcebound.graph.graph import EnvironmentConfig as World
+    from forcebound.graph.graph import GraphConfig as Graph
+    from forcebound.graph.graph import HandConfig as Hand
+    from forcebound.graph.servo import ServoSettings as Servo
     from forcebound.haptics.controllers import CONTROLLERS as controllers
     from forcebound.haptics.devices import DEVICES as devices
     from forcebound.haptics.environments import ENVIRONMENTS as environments
@@ -25,16 +29,22 @@ if TYPE_CHECKING:
     from forcebound.haptics.laws import LAWS as laws
     from forcebound.interface.figures import Figures, Quantity
     from forcebound.interface.laws import bound
-    from forcebound.interface.live import Graph, launch
+    from forcebound.interface.live import Running, launch
     from forcebound.interface.runs import Run, plot, read, simulate
     from forcebound.interface.sweeps import Runs, linspace, sweep
+    from forcebound.network.impairment import Impairment as Link
 
 __all__ = [
     "Figures",
     "Graph",
+    "Hand",
+    "Link",
     "Quantity",
     "Run",
+    "Running",
     "Runs",
+    "Servo",
+    "World",
     "bound",
     "controllers",
     "devices",
@@ -50,7 +60,7 @@ __all__ = [
     "sweep",
 ]
 
-#: Where each public name is defined; of a table of parts, the name that it has there.
+#: Where each public name is defined, and the name that it has there.
 _PLACES = {
     "controllers": "haptics.controllers:CONTROLLERS",
     "devices": "haptics.devices:DEVICES",
@@ -60,7 +70,12 @@ _PLACES = {
     "Figures": "interface.figures",
     "Quantity": "interface.figures",
     "bound": "interface.laws",
-    "Graph": "interface.live",
+    "Graph": "graph.graph:GraphConfig",
+    "Hand": "graph.graph:HandConfig",
+    "World": "graph.graph:EnvironmentConfig",
+    "Servo": "graph.servo:ServoSettings",
+    "Link": "network.impairment:Impairment",
+    "Running": "interface.live",
     "launch": "interface.live",
     "Run": "interface.runs",
     "plot": "interface.runs",

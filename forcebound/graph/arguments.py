@@ -56,7 +56,7 @@ class Arguments:
         values = {name: argument.value for name, argument in self.declared.items()}
         given: set[str] = set()
         for text in overrides:
-            place = _place(text)
+            place = override_place(text)
             try:
                 name, word = split_setting(text)
             except ConfigError as error:
@@ -78,7 +78,9 @@ class Arguments:
         for text in overrides:
             name = text.partition(":=")[0]
             if name in self.declared and name not in used:
-                self._problems.add("nothing in the launch file uses this argument", _place(text))
+                self._problems.add(
+                    "nothing in the launch file uses this argument", override_place(text)
+                )
 
     def _declared(self, name: str, value: Value) -> Argument:
         place = value.key or value.place
@@ -117,7 +119,8 @@ class Arguments:
         return replace(value, content=BROKEN)
 
 
-def _place(override: str) -> Place:
+def override_place(override: str) -> Place:
+    """Return the place of a setting on the command line, for messages."""
     return Place(f"argument {shortened(override)}")
 
 

@@ -9,11 +9,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from forcebound.errors import ConfigError
 from forcebound.graph.fields import Field, fields_of
-from forcebound.graph.names import Document
+from forcebound.graph.names import Document, parameter_name, text_of
+from forcebound.graph.problems import Place, Problems
 from forcebound.graph.servo import ServoSettings, dissipation_of
 from forcebound.haptics.controllers import CONTROLLERS, ControllerModel
 from forcebound.haptics.devices import DEVICES, DeviceModel
@@ -23,7 +25,7 @@ from forcebound.haptics.hands import OPERATORS, Operator
 from forcebound.haptics.laws import Dissipation
 from forcebound.haptics.parts import Table
 from forcebound.messages.control import Parameters
-from forcebound.messages.topology import HAND, HERE, Graph, graph_of, hand_values
+from forcebound.messages.topology import HAND, HANDS, HERE, Graph, graph_of, hand_values
 from forcebound.network.ends import RemoteSection
 from forcebound.network.impairment import Impairment
 from forcebound.quantities import NOT_NEGATIVE, POSITIVE, PROBABILITY, Ratio, Time, check_ranges
@@ -213,7 +215,7 @@ class GraphConfig:
         units: In which quantities were written, by the name of the parameter; for people.
 
     Raises:
-        ConfigError: If there is no such hand.
+        ConfigError: With all that does not go together, as of a launch file.
     """
 
     seed: Annotated[int, NOT_NEGATIVE]
@@ -227,6 +229,9 @@ class GraphConfig:
     units: Mapping[str, str] = field(default_factory=dict, compare=False)
 
     def __post_init__(self) -> None:
+        if isinstance(self.environment, EnvironmentModel):
+            object.__setattr__(self, "environment", EnvironmentConfig(self.environment))
+        self._check()
         for name in self.here or ():
             if name not in self.hands:
                 known = ", ".join(self.hands)
@@ -236,6 +241,66 @@ class GraphConfig:
             if partner in self.hands and partner not in self.hands_here:
                 message = f"{name} exchanges energy with {partner}: they need one machine"
                 raise ConfigError(message, field=HERE)
+
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            seed: int,
+            duration: float,
+            hands: Mapping[str, HandConfig],
+            environment: EnvironmentConfig | EnvironmentModel,
+            description: str = "",
+            realtime: RealtimeConfig = RealtimeConfig(),
+            phases: tuple[Phase, ...] = (),
+            here: tuple[str, ...] | None = None,
+            units: Mapping[str, str] = MappingProxyType({}),
+        ) -> None: ...
+
+    def _check(self) -> None:
+        """Check what a launch file is checked for, if every part is made here."""
+        from forcebound.graph import checks  # which knows these classes
+
+        parts: list[tuple[str, object]] = [("environment", self.environment.model)]
+        for hand in self.hands.values():
+            parts += [("device", hand.device), ("operator", hand.operator)]
+            parts += [("controller", hand.controller)]
+        if any(isinstance(part, PartSpec) for _, part in parts):
+            return  # it was checked before it was written
+        for section, part in parts:
+            if part is not None and not type(part).__module__.startswith("forcebound."):
+                KINDS[section].known(type(part), type(part).__name__)
+        problems = Problems()
+
+        def note(hand: str, section: str, error: ConfigError) -> None:
+            place = parameter_name(hand or HAND, ".".join(filter(None, (section, error.field))))
+            problems.add(str(error), Place(place))
+
+        checks.check_together(
+            {**vars(self), HANDS: {n: vars(h) for n, h in self.hands.items()}}, note
+        )
+        problems.raise_if_any()
+
+    @classmethod
+    def read(cls, file: str | Path, **arguments: object) -> "GraphConfig":
+        """Return the graph of a launch file, or of one that comes with forcebound: "stiff_wall".
+
+        Args:
+            file: Its path or name.
+            arguments: Values for the file's arguments: text with its unit, or a number in SI units.
+
+        Raises:
+            ConfigError: With every problem of the file and its place.
+        """
+        from forcebound.graph.loader import load  # which makes this class
+
+        return load(file, [f"{name}:={text_of(value)}" for name, value in arguments.items()])
+
+    def yaml(self) -> str:
+        """Return the graph as the text of a launch file, without what has its default."""
+        from forcebound.graph.resolved import to_yaml  # which knows this class
+
+        return to_yaml(self)
 
     @cached_property
     def graph(self) -> Graph:

@@ -17,7 +17,7 @@ from typing import TypeAlias
 from forcebound.bounded_child import tried
 from forcebound.errors import ConfigError, ForceboundError
 from forcebound.graph import checks
-from forcebound.graph.arguments import Argument, Arguments, Substitution
+from forcebound.graph.arguments import Argument, Arguments, Substitution, override_place
 from forcebound.graph.document import (
     find,
     missing,
@@ -28,10 +28,10 @@ from forcebound.graph.document import (
 )
 from forcebound.graph.graph import KINDS, GraphConfig
 from forcebound.graph.model import read_graph
-from forcebound.graph.names import Document
+from forcebound.graph.names import Document, ParameterName, split_setting
 from forcebound.graph.phases import read_phases
 from forcebound.graph.problems import Problems
-from forcebound.graph.tree import Value, from_plain
+from forcebound.graph.tree import Value, from_plain, scalar
 from forcebound.haptics.parts.user_module import file_of, names_file
 from forcebound.messages.topology import HANDS, flat
 
@@ -97,20 +97,34 @@ def read_template(path: str | Path) -> Value:
 
 
 def build(
-    template: Value, overrides: Sequence[str] = (), problems: Problems | None = None
+    template: Value,
+    overrides: Sequence[str] = (),
+    problems: Problems | None = None,
+    asks: bool = False,
 ) -> GraphConfig:
-    """Return the configuration of a launch file that :func:`read_template` has read."""
+    """Return the configuration of a launch file that :func:`read_template` has read.
+
+    ``asks``: whether to call a user's own parts once.
+    """
     problems = Problems() if problems is None else problems
-    return _build(_filled(template, overrides, problems), problems)
+    return _build(_filled(template, overrides, problems), problems, asks)
 
 
 def _filled(template: Value, overrides: Sequence[str], problems: Problems) -> Value:
-    """The template with its arguments' values in their places."""
+    """The template with its arguments' values, and values by their paths, in their places."""
     arguments = Arguments(template, problems)
-    substitution = Substitution(arguments.values(overrides), problems)
+    paths = [text for text in overrides if "." in text.partition(":=")[0]]
+    of_arguments = [text for text in overrides if text not in paths]
+    substitution = Substitution(arguments.values(of_arguments), problems)
     filled = substitution.apply(template.without("arguments"))
-    arguments.note_unused(overrides, substitution.used)
-    return with_hands(with_named_hands(filled), partial(with_device_file, problems=problems))
+    arguments.note_unused(of_arguments, substitution.used)
+    filled = with_hands(with_named_hands(filled), partial(with_device_file, problems=problems))
+    for text in paths:
+        name, word = split_setting(text)
+        place = override_place(text)
+        value = Value(scalar(word), place, place, word)
+        filled = filled.with_entry(ParameterName.parse(name).path, value)
+    return filled
 
 
 def arguments_of(path: str | Path) -> list[Argument]:

@@ -6,6 +6,7 @@ hands, what belongs to one begins with its name: ``left.device.law``, or ``hands
 
 from collections.abc import Mapping, MutableMapping
 from dataclasses import dataclass
+from numbers import Integral, Real
 from typing import Any, TypeAlias
 
 from forcebound.errors import ConfigError
@@ -89,6 +90,14 @@ def split_setting(text: str) -> tuple[str, str]:
     if equals:
         hint = f"; did you mean '{name.rstrip(':')}:={value}'?"
     raise ConfigError(f"expected name:=value, got {text!r}{hint}")
+
+
+def text_of(value: object) -> str:
+    """Return a number, truth value, path or text from Python as a launch file has it."""
+    if isinstance(value, Real) and not isinstance(value, bool):
+        return repr(int(value) if isinstance(value, Integral) else float(value))
+    text = str(value)
+    return text.lower() if text in ("True", "False") else text
 
 
 LAW = "device.law"  # the one parameter of a device that can change while a graph runs

@@ -11,21 +11,17 @@ from dataclasses import replace
 from typing import Any
 
 from forcebound.errors import ConfigError
-from forcebound.graph.checks import check_together
-from forcebound.graph.forms import Values
 from forcebound.graph.graph import GraphConfig, PartSpec
 from forcebound.graph.model import always, never, read_link, read_section
 from forcebound.graph.names import LAW, ParameterName, parameter_name
-from forcebound.graph.problems import Place, Problems, shortened, unknown
-from forcebound.graph.resolved import environment_document, to_document
+from forcebound.graph.problems import Problems, shortened, unknown
+from forcebound.graph.resolved import environment_document, hand_document, to_document
 from forcebound.graph.tree import Value, from_plain
 from forcebound.haptics.laws import LAWS
 from forcebound.haptics.parts.plain import plain
 from forcebound.haptics.parts.user_module import names_file
 from forcebound.messages.control import Parameters
 from forcebound.messages.topology import (
-    HAND,
-    HANDS,
     IMPAIRABLE,
     LINKS,
     ONE_HAND,
@@ -72,12 +68,11 @@ def differences(old: GraphConfig, new: GraphConfig) -> Parameters:
 
 
 def change(config: GraphConfig, settings: Parameters) -> GraphConfig:
-    """Return the configuration with other parameters, checked as a launch file is.
+    """Return the configuration with other parameters, as a running graph could have them.
 
     The new values are by name, in SI units or text with their unit. ConfigError, with every
     problem, if there is no such parameter, or it cannot have this value.
     """
-    problems = Problems()
     known, values = parameters(config), {}
     for written, value in settings.items():
         place = ParameterName.parse(written)
@@ -87,27 +82,21 @@ def change(config: GraphConfig, settings: Parameters) -> GraphConfig:
         if place.is_law:
             _check_law(name, value, known[name])
         values[name] = value
-    changed = with_values(config, values)
-
-    def note(hand: str, section: str, error: ConfigError) -> None:
-        place = parameter_name(hand or HAND, ".".join(filter(None, (section, error.field))))
-        problems.add(str(error), Place(place))
-
-    check_together(sections_of(changed), note)
-    problems.raise_if_any()
-    return changed
+    return with_values(config, values)
 
 
 def with_values(config: GraphConfig, settings: Parameters) -> GraphConfig:
-    """Return the configuration with other parameters, by name; each alone is checked.
+    """Return the configuration with other values of sections, by name, checked as a launch file is.
 
-    ConfigError if one cannot have its value, with every problem.
+    ConfigError, with every problem, if one cannot have its value.
     """
     problems = Problems()
     values = {name: from_plain(value, name, ".") for name, value in settings.items()}
     try:
         changed = with_written(config, values, problems)
     except (ValueError, OverflowError, RecursionError, OSError) as error:
+        if isinstance(error, ConfigError):
+            raise
         words = f"{', '.join(settings)}: it holds what no launch file has: {error}"
         raise ConfigError(words) from error
     problems.raise_if_any()
@@ -117,38 +106,36 @@ def with_values(config: GraphConfig, settings: Parameters) -> GraphConfig:
 def with_written(
     config: GraphConfig, values: Mapping[str, Value], problems: Problems
 ) -> GraphConfig:
-    """Return the configuration with parameters as they are written, by name; notes problems."""
+    """Return the configuration with values of sections as they are written, by name.
+
+    What is wrong with one is noted; ConfigError for what does not go together.
+    """
     hands, environment = dict(config.hands), config.environment
     written: dict[tuple[str, tuple[str, ...]], Value] = {}  # sections that change, by hand
     for name, value in values.items():
         place = ParameterName.parse(name)
-        if place.is_law:
-            hand = hands[place.hand]
-            hands[place.hand] = replace(hand, servo=replace(hand.servo, law=value.plain))
-            continue
         section = place.keys[: 2 if place.topic else 1]
         if (place.hand, section) not in written:
             document = environment_document(environment)
             if place.topic:
                 document = plain(hands[place.hand].links.get(place.topic, PERFECT))
+            elif place.section == "device":
+                document = hand_document(hands[place.hand])["device"]
             full = parameter_name(place.hand, ".".join(section))
             written[place.hand, section] = from_plain(document, full, ".")
         before = written[place.hand, section]
         written[place.hand, section] = before.with_entry(place.keys[len(section) :], value)
-    for (hand_name, (section_name, *topics)), value in written.items():
-        if not topics:
+    for (name, (section_name, *topics)), value in written.items():
+        hand = hands[name] if section_name != "environment" else None
+        if hand is None:
             makes = never if isinstance(environment.model, PartSpec) else always
-            environment = read_section(section_name, value, problems, makes) or environment
+            environment = read_section("environment", value, problems, makes) or environment
+        elif not topics:
+            makes = never if isinstance(hand.device, PartSpec) else always
+            hands[name] = replace(hand, **read_section("device", value, problems, makes) or {})
         elif (link := read_link(topics[0], value, problems)) is not None:
-            hand = hands[hand_name]
-            hands[hand_name] = replace(hand, links={**hand.links, topics[0]: link})
+            hands[name] = replace(hand, links={**hand.links, topics[0]: link})
     return replace(config, hands=hands, environment=environment)
-
-
-def sections_of(config: GraphConfig) -> Values:
-    """Return the sections of a configuration, as the reader makes them, for checks."""
-    hands = {name: vars(hand) for name, hand in config.hands.items()}
-    return {"environment": config.environment, HANDS: hands}
 
 
 def _check_law(name: str, law: Any, present: str) -> None:

@@ -15,21 +15,18 @@ starts.
 from dataclasses import dataclass, replace
 
 from forcebound.errors import ConfigError
-from forcebound.graph.checks import check_together
 from forcebound.graph.graph import GraphConfig, Phase
-from forcebound.graph.names import LAW, ParameterName, parameter_name
+from forcebound.graph.names import LAW, ParameterName
 from forcebound.graph.parameters import (
     describe,
     differences,
     parameters,
-    sections_of,
     unknown_parameter,
     with_written,
 )
 from forcebound.graph.problems import Problems
 from forcebound.graph.tree import Value
 from forcebound.messages.control import Parameters
-from forcebound.messages.topology import HAND
 
 _KEEPS_LAW = f"a phase cannot set {LAW}; while the graph runs, `forcebound param set` changes it"
 
@@ -47,12 +44,11 @@ def read_phases(root: Value, config: GraphConfig, problems: Problems) -> GraphCo
         settings = written.entries.get("set", Value({}, written.place, written.key))
         _check_names(settings, known, config, problems)
         named = {name: one for name, one in settings.entries.items() if name in known}
-        changed = with_written(first, named, problems)
-
-        def note(hand: str, section: str, error: ConfigError, at: Value = settings) -> None:
-            problems.add(f"{parameter_name(hand or HAND, section)}: {error}", at.key or at.place)
-
-        check_together(sections_of(changed), note)
+        try:
+            changed = with_written(first, named, problems)
+        except ConfigError as error:
+            problems.add(str(error), settings.key or settings.place)
+            continue
         phases.append(replace(phase, settings=differences(first, changed)))
     return replace(config, phases=tuple(phases))
 

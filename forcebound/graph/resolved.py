@@ -7,13 +7,15 @@ Every recording holds it; the processes of a run get it with :func:`run_document
 """
 
 import json
-from typing import Any
+from collections.abc import Callable
+from io import StringIO
+from typing import Any, TypeAlias
 
 from forcebound.errors import ConfigError
+from forcebound.graph.fields import fields_of
 from forcebound.graph.graph import (
     FORMAT,
     KINDS,
-    SECTION_SETTINGS,
     EnvironmentConfig,
     GraphConfig,
     HandConfig,
@@ -21,21 +23,25 @@ from forcebound.graph.graph import (
 )
 from forcebound.graph.names import Document
 from forcebound.haptics.parts.plain import plain, plain_value
-from forcebound.messages.topology import HANDS, HERE
+from forcebound.messages.topology import HANDS, HERE, flat
 
 FACTS = "facts"  # key of a run's document: numbers of the devices, by hand, for all processes
 
 
-def to_document(config: GraphConfig) -> Document:
+#: Fields of a dataclass that a launch file can set, as plain JSON types: all, or some of them.
+Fields: TypeAlias = Callable[[Any], Document]
+
+
+def to_document(config: GraphConfig, fields: Fields = plain) -> Document:
     """Return the configuration as plain JSON in SI units."""
     document: Document = {
         "forcebound": FORMAT,
         "description": config.description,
         "seed": config.seed,
         "duration": config.duration,
-        HANDS: {name: hand_document(hand) for name, hand in config.hands.items()},
-        "environment": environment_document(config.environment),
-        "realtime": plain(config.realtime),
+        HANDS: {name: hand_document(hand, fields) for name, hand in config.hands.items()},
+        "environment": environment_document(config.environment, fields),
+        "realtime": fields(config.realtime),
     }
     if config.here is not None:
         document[HERE] = list(config.here)
@@ -49,25 +55,48 @@ def to_document(config: GraphConfig) -> Document:
     return document
 
 
-def hand_document(hand: HandConfig) -> Document:
+def hand_document(hand: HandConfig, fields: Fields = plain) -> Document:
     """Return the sections of a hand."""
     document: Document = {
-        "device": {**part_document("device", hand.device), **plain(hand.servo)},
-        "controller": part_document("controller", hand.controller),
-        "links": {topic: plain(impairment) for topic, impairment in hand.links.items()},
+        "device": {**part_document("device", hand.device, fields), **fields(hand.servo)},
+        "controller": part_document("controller", hand.controller, fields),
+        "links": {topic: fields(impairment) for topic, impairment in hand.links.items()},
     }
     if hand.operator is not None:
-        document["operator"] = part_document("operator", hand.operator)
+        document["operator"] = part_document("operator", hand.operator, fields)
     if hand.remote is not None:
-        document["remote"] = plain(hand.remote)
+        document["remote"] = fields(hand.remote)
     return document
 
 
-def environment_document(environment: EnvironmentConfig) -> Document:
+def environment_document(environment: EnvironmentConfig, fields: Fields = plain) -> Document:
     """Return the section of an environment."""
-    names = SECTION_SETTINGS["environment"]
-    settings = {name: plain_value(getattr(environment, name)) for name in names}
-    return {**part_document("environment", environment.model), **settings}
+    settings = {name: value for name, value in fields(environment).items() if name != "model"}
+    return {**part_document("environment", environment.model, fields), **settings}
+
+
+def to_yaml(config: GraphConfig) -> str:
+    """Return the configuration as the text of a launch file, without what has its default."""
+    from ruamel.yaml import YAML  # slow to import; no process of a run writes a launch file
+
+    document = flat(to_document(config, _without_defaults))
+    for name in [name for name, value in document.items() if name == "units" or not value]:
+        if name != "seed":
+            del document[name]
+    yaml = YAML()  # the kind that keeps the order
+    yaml.default_flow_style = False
+    text = StringIO()
+    yaml.dump(json.loads(json.dumps(document)), text)  # no object twice: that gives anchors
+    return text.getvalue()
+
+
+def _without_defaults(part: Any) -> Document:
+    return {
+        field.name: value
+        for field in fields_of(part.__class__).values()
+        if (value := plain_value(getattr(part, field.name))) != plain_value(field.default)
+        or field.required
+    }
 
 
 def run_document(config: GraphConfig) -> Document:
@@ -87,11 +116,11 @@ def kind_of(section: str, part: object) -> str:
     return kind
 
 
-def part_document(section: str, part: object) -> Document:
+def part_document(section: str, part: Any, fields: Fields = plain) -> Document:
     """Return kind and parameters of a part, in plain JSON types."""
     if isinstance(part, PartSpec):
         return {"kind": part.kind, **part.values}
-    return {"kind": kind_of(section, part), **plain(part)}
+    return {"kind": kind_of(section, part), **fields(part)}
 
 
 def check_plain(part: Any) -> None:

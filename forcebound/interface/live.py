@@ -7,7 +7,6 @@ import sys
 import tempfile
 import time
 import weakref
-from collections.abc import Mapping
 from contextlib import closing
 from pathlib import Path
 from types import TracebackType
@@ -16,7 +15,7 @@ from typing import Any
 from forcebound.ending import end
 from forcebound.errors import ConfigError, RunError
 from forcebound.files import recording_file
-from forcebound.graph.graph import GraphConfig
+from forcebound.graph.graph import KINDS, GraphConfig
 from forcebound.graph.resolved import to_document
 from forcebound.interface.figures import Figures
 from forcebound.interface.runs import LaunchFile, Run, configuration, split, time_of
@@ -51,7 +50,13 @@ main()
 """
 
 
-class Graph:
+_ELSEWHERE = (
+    "a live graph consists of processes that cannot see an object of this one; keep its class in a"
+    " file and name that, 'my_file.py', or use a package"
+)
+
+
+class Running:
     """A running graph; leaving its block ends it, with zero force in any case.
 
     Without ``records`` it has no figures.
@@ -82,7 +87,7 @@ class Graph:
             self.close()
             raise
 
-    def __enter__(self) -> "Graph":
+    def __enter__(self) -> "Running":
         return self
 
     def __exit__(
@@ -207,7 +212,7 @@ def launch(
     duration: float | str | None = None,
     record: str | Path | None = None,
     **arguments: Any,
-) -> Graph:
+) -> Running:
     """Start a launch file in real time, as ``forcebound launch`` does; return when it has force.
 
     ::
@@ -221,7 +226,8 @@ def launch(
     zero force when the block is left, and when this program ends in any other way.
 
     Args:
-        launch: Launch file: a path, the name of one that comes with forcebound, or its content.
+        launch: A :class:`forcebound.Graph`; or a launch file: a path, the name of one that comes
+            with forcebound, or its content.
         duration: After which it ends by itself, in s or with its unit; default: with the block.
         record: Recording to keep, ``.mcap``; one that exists is replaced.
         arguments: Values for the file's arguments: text with its unit, or a number in SI units.
@@ -233,26 +239,38 @@ def launch(
     """
     parts, texts = split(arguments)
     if parts:
-        raise ConfigError(
-            f"{', '.join(parts)}: a live graph consists of processes that cannot see an object of"
-            " this one; keep its class in a file and name that, 'my_file.py', or use a package"
-        )
+        raise ConfigError(f"{', '.join(parts)}: {_ELSEWHERE}")
     seconds = UNTIL_ENDED
     if duration is not None:
         seconds = time_of("duration", duration)
     folder = Path(tempfile.mkdtemp(prefix="forcebound-python-"))
-    if isinstance(launch, Mapping):
-        file = folder / "launch.yaml"
-        file.write_text(json.dumps(to_document(configuration(launch, arguments))))
-        launch, texts = file, []
+    if not isinstance(launch, str | Path):
+        config = configuration(launch, arguments)
+        _check_elsewhere(config)
+        launch, texts = _written(config, folder), []
     command = ["launch", str(launch), *texts, "--duration", repr(seconds), "--overwrite"]
-    return Graph(command, None if record is None else recording_file(Path(record)), folder)
+    return Running(command, None if record is None else recording_file(Path(record)), folder)
 
 
-def launch_unrecorded(config: GraphConfig) -> Graph:
+def launch_unrecorded(config: GraphConfig) -> Running:
     """Start a graph in real time, for its ``duration``. Errors are as of :func:`launch`."""
     folder = Path(tempfile.mkdtemp(prefix="forcebound-python-"))
+    file = _written(config, folder)
+    command = ["launch", str(file), "--duration", repr(config.duration)]
+    return Running(command, None, folder, records=False)
+
+
+def _written(config: GraphConfig, folder: Path) -> Path:
     file = folder / "launch.yaml"
     file.write_text(json.dumps(to_document(config)))
-    command = ["launch", str(file), "--duration", repr(config.duration)]
-    return Graph(command, None, folder, records=False)
+    return file
+
+
+def _check_elsewhere(config: GraphConfig) -> None:
+    """Raise ConfigError for a part whose class only this process has."""
+    parts = {"environment": config.environment.model}
+    for hand in config.hands.values():
+        own = {"device": hand.device, "operator": hand.operator, "controller": hand.controller}
+        for section, part in (parts | own).items():
+            if KINDS[section].kind_of(type(part)) in KINDS[section].added:
+                raise ConfigError(f"{section} {type(part).__name__}: {_ELSEWHERE}")

@@ -5,7 +5,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import fields, replace
 from functools import cached_property
-from itertools import count
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -17,15 +16,14 @@ from forcebound.files import recording_file
 from forcebound.graph import checks
 from forcebound.graph.graph import KINDS, SECTION_SETTINGS, GraphConfig
 from forcebound.graph.loader import build, read_template
-from forcebound.graph.names import Document
+from forcebound.graph.names import Document, text_of
 from forcebound.graph.problems import unknown
-from forcebound.graph.resolved import check_plain, part_document
+from forcebound.graph.resolved import check_plain, part_document, to_document
 from forcebound.graph.tree import Value, from_plain
 from forcebound.haptics.laws import LAWS, BoundingLaw
-from forcebound.haptics.parts import Table
 from forcebound.interface.figures import Figures
 from forcebound.messages.packets import Event
-from forcebound.messages.topology import HAND
+from forcebound.messages.topology import HAND, flat
 from forcebound.quantities import POSITIVE
 from forcebound.recordings.telemetry import TelemetryColumns
 from forcebound.run.progress import progress_bar
@@ -33,8 +31,8 @@ from forcebound.run.results import RunResult, results_of
 from forcebound.run.virtual import run_virtual_hands
 from forcebound.units import parse_quantity
 
-#: A launch file: its path, the name of one that comes with forcebound, or its content.
-LaunchFile: TypeAlias = str | Path | Mapping[str, Any]
+#: A graph, or a launch file: its path, the name of one that comes with forcebound, its content.
+LaunchFile: TypeAlias = GraphConfig | str | Path | Mapping[str, Any]
 
 
 class Telemetry(Mapping[str, NDArray[Any]]):
@@ -178,11 +176,13 @@ def simulate(
     """Run a launch file in virtual time, as ``forcebound simulate`` does.
 
     Args:
-        launch: Launch file: a path, the name of one that comes with forcebound, or its content.
+        launch: A :class:`forcebound.Graph`; or a launch file: a path, the name of one that comes
+            with forcebound, or its content.
         duration: Of the run, in s or with its unit; default: that of the launch file.
         seed: Of everything random; default: that of the launch file.
         record: Recording to write, ``.mcap``; one that exists is replaced.
-        arguments: Values for the file's arguments: text with its unit, or a number in SI units.
+        arguments: Values for the file's arguments: text with its unit, or a number in SI units. Any
+            other value by its path, ``**{"environment.stiffness": "2 N/mm"}``.
             ``law``, ``device``, ``operator``, ``controller`` and ``environment`` also take a part
             that was made in Python, for example in the cell of a notebook.
 
@@ -259,8 +259,11 @@ def configuration(
     Raises:
         ConfigError: If the launch file or an argument is wrong; all problems at once.
     """
-    parts, texts = split(arguments)
-    config = build(with_parts(template_of(launch), parts), texts)
+    if isinstance(launch, GraphConfig) and not arguments:
+        config = launch
+    else:
+        parts, texts = split(arguments)
+        config = build(with_parts(template_of(launch), parts), texts, asks=True)
     if duration is not None:
         config = replace(config, duration=time_of("duration", duration))
     if seed is not None:
@@ -278,7 +281,13 @@ def time_of(name: str, value: float | str) -> float:
 
 
 def template_of(launch: LaunchFile) -> Value:
-    """Return a launch file with its arguments still open."""
+    """Return a launch file with its arguments still open; of a graph, its law is one."""
+    if isinstance(launch, GraphConfig):
+        document = flat(to_document(launch))
+        if "device" in document:
+            document["arguments"] = {"law": document["device"]["law"]}
+            document["device"]["law"] = "$(arg law)"
+        return from_plain(document, "graph")
     if not isinstance(launch, Mapping):
         return read_template(launch)
     if "include" in launch:
@@ -298,15 +307,6 @@ def split(arguments: Mapping[str, Any]) -> tuple[dict[str, Any], list[str]]:
 def is_part(value: Any) -> bool:
     """Whether the value of an argument is no text or number, so a part that was made in Python."""
     return not isinstance(value, str | int | float | np.number | np.bool_ | Path)
-
-
-def text_of(value: Any) -> str:
-    """Return the value of an argument as a launch file has it."""
-    if isinstance(value, bool | np.bool_):
-        return str(value).lower()
-    if isinstance(value, int | float | np.number):
-        return repr(value.item() if isinstance(value, np.number) else value)
-    return str(value)
 
 
 def with_parts(template: Value, parts: Mapping[str, Any]) -> Value:
@@ -332,16 +332,7 @@ def known_law(law: Any) -> str:
     """Return the name of a law, which is known by it from then on; ConfigError if it is none."""
     if not isinstance(law, BoundingLaw):
         raise ConfigError(f"law: expected a name or a BoundingLaw, got {law!r}")
-    return _known(LAWS, law, law.limit.__name__)
-
-
-def _known(table: Table[Any], part: Any, name: str) -> str:
-    """Return the kind of a part, which is known by it from then on; it replaces no other part."""
-    kind = table.kind_of(part)
-    if kind is None:
-        kind = next(k for n in count(1) if (k := name if n == 1 else f"{name}_{n}") not in table)
-        table[kind] = part
-    return kind
+    return LAWS.known(law, law.limit.__name__)
 
 
 def _known_part(section: str, part: Any) -> Document:
@@ -353,7 +344,7 @@ def _known_part(section: str, part: Any) -> Document:
         )
     if isinstance(part, type):
         part = part()
-    _known(KINDS[section], type(part), type(part).__name__)
+    KINDS[section].known(type(part), type(part).__name__)
     check_plain(part)
     return part_document(section, part)
 

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from forcebound.errors import ConfigError, RunError
 from forcebound.graph.graph import KINDS
 from forcebound.graph.loader import build
+from forcebound.graph.names import text_of
 from forcebound.graph.problems import unknown
 from forcebound.haptics.laws import LAWS, BoundingLaw
 from forcebound.haptics.parts import Table
@@ -29,7 +30,6 @@ from forcebound.interface.runs import (
     needed,
     shown_progress,
     template_of,
-    text_of,
     time_of,
     with_parts,
 )

@@ -15,6 +15,7 @@ from collections.abc import Iterator, Mapping, MutableMapping
 from dataclasses import dataclass
 from functools import cached_property
 from importlib import import_module
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar, cast
 
@@ -144,6 +145,15 @@ class Table(MutableMapping[str, Part], Generic[Part]):
             if (path and entry == path) or self._loaded.get(kind) is part:
                 return kind
         return user_module.kind_of(part)
+
+    def known(self, part: object, name: str) -> str:
+        """Return the kind of a part, which has it from now on; it replaces no other part."""
+        kind = self.kind_of(part)
+        if kind is None:
+            names = (name if n == 1 else f"{name}_{n}" for n in count(1))
+            kind = next(one for one in names if one not in self)
+            self[kind] = cast("Part", part)
+        return kind
 
     @property
     def added(self) -> dict[str, Part]:
