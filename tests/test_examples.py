@@ -144,7 +144,7 @@ def each(key: str, *values: object) -> list[dict[str, object]]:
 def malformed() -> list[bytes]:
     good = golden("environment_query")
     changes: list[dict[str, object]] = [
-        *each("version", 3, 5, "4", None),
+        *each("version", 3, 4, "5", None),
         *each("packet", "environment_reply", 7, None),
         *(change for key in ("seq", "elapsed", "velocity") for change in each(key, None)),
         {"seq": None, "sequence": 1},

@@ -138,7 +138,7 @@ def test_rejected_bytes_are_counted_by_reason_in_the_node(
 
         until(counted, reason)
     assert node.status().rejected.keys() == {"malformed", "version", "value"}
-    assert "expected version 4" in caplog.text
+    assert "expected version 5" in caplog.text
     assert device.status().waiting_for
 
 

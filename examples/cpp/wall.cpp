@@ -39,7 +39,7 @@ Query read(const zmq::message_t& frame) {
   if (frame.size() > 4096 || frame.more()) throw Refused("malformed: over 4096 bytes, or several frames");
   const auto whole = msgpack::unpack(frame.data<char>(), frame.size(), end);
   const auto map = whole->as<std::map<Text, msgpack::object>>();
-  if (map.at("version").as<uint64_t>() != 4) throw Refused("version: this program speaks 4");
+  if (map.at("version").as<uint64_t>() != 5) throw Refused("version: this program speaks 5");
   if (end != frame.size() || map.at("packet").as<Text>() != "environment_query")
     throw Refused("another packet, or trailing bytes");  // keys that we do not know are ignored
   const auto count = [&](const char* key) { return map.at(key).as<uint64_t>(); };
@@ -110,7 +110,7 @@ int main(int argc, char** argv) try {
     msgpack::sbuffer bytes;
     msgpack::packer<msgpack::sbuffer> packer(bytes);
     const auto pack = [&](auto key, const auto& value) { packer.pack(key), packer.pack(value); };
-    packer.pack_map(13), pack("packet", "environment_reply"), pack("version", 4), pack("hand", hand), pack("seq", answered++);
+    packer.pack_map(13), pack("packet", "environment_reply"), pack("version", 5), pack("hand", hand), pack("seq", answered++);
     pack("time_ns", now()), pack("force", force), pack("environment", name), pack("query_seq", seq);
     pack("query_time_ns", time_ns), pack("device_seq", device_seq), pack("device_time_ns", device_time_ns);
     if (inside) pack("proxy", proxy), pack("normal", normal);  // the contact, which an environment may tell

@@ -58,7 +58,7 @@ function read(frames) {
   if (frames.length !== 1 || bytes.length > 4096) throw new Error("malformed: several frames, or over 4096 bytes");
   const query = decode(bytes, BIG); // throws at cut and at trailing bytes
   if (typeof query !== "object" || query === null) throw new Error("malformed: not a map");
-  if (!isCount(query.version) || Number(query.version) !== 4) throw new Error(`version ${query.version}: this program speaks 4`);
+  if (!isCount(query.version) || Number(query.version) !== 5) throw new Error(`version ${query.version}: this program speaks 5`);
   if (query.packet !== "environment_query") throw new Error("value: another packet"); // other keys are ignored
   const { seq, time_ns, device_seq, device_time_ns, elapsed, position, velocity, environment } = query;
   if (![seq, time_ns, device_seq, device_time_ns].every(isCount) || ![position, velocity].every(isVector)
@@ -112,7 +112,7 @@ while (!stopped) {
   const [force, contact] = x > surface // the contact: where the tip would be outside, and the way out
     ? [along(stiffness * (x - surface), still), { proxy: along(surface, across), normal: along(-1, still) }]
     : [along(0, still), { proxy: null, normal: null }];
-  await socket.send(encode({ packet: "environment_reply", version: 4, hand, seq: answered++, time_ns: now(), device_seq,
+  await socket.send(encode({ packet: "environment_reply", version: 5, hand, seq: answered++, time_ns: now(), device_seq,
     device_time_ns, query_seq: seq, query_time_ns: time_ns, force, environment: name, ...contact }, BIG))
     .catch(unlessNow);
   answeredAt = now();

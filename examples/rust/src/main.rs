@@ -31,7 +31,7 @@ fn read(frames: &[Vec<u8>]) -> Fallible<Query> {
     if frames.len() != 1 || frame.len() > 4096 || !matches!(frame.first(), Some(0x80..=0x8f | 0xde | 0xdf)) {
         return Err("malformed: not one map of at most 4096 bytes".into());
     }
-    if rmp_serde::from_slice::<Header>(frame)?.version != 4 { return Err("version: this program speaks 4".into()) }
+    if rmp_serde::from_slice::<Header>(frame)?.version != 5 { return Err("version: this program speaks 5".into()) }
     let mut rest = frame.as_slice();
     let query: Query = rmp_serde::from_read(&mut rest)?;
     let axes = query.position.len();
@@ -113,7 +113,7 @@ fn serve() -> Fallible<()> {
         let force = along(stiffness * depth.max(0.0), &still);
         let inside = depth > 0.0; // then it tells the contact: where the tip would be outside, and the way out
         let proxy = inside.then(|| along(surface, &query.position[1..]));
-        let reply = Reply { packet: "environment_reply", version: 4, hand: &query.hand, proxy, normal: inside.then(|| along(-1.0, &still)), seq: answered, time_ns: now(), force,
+        let reply = Reply { packet: "environment_reply", version: 5, hand: &query.hand, proxy, normal: inside.then(|| along(-1.0, &still)), seq: answered, time_ns: now(), force,
             device_seq: query.device_seq, device_time_ns: query.device_time_ns,
             query_seq: query.seq, query_time_ns: query.time_ns, environment: &name };
         let _ = socket.send(rmp_serde::to_vec_named(&reply)?, zmq::DONTWAIT); // unless nobody takes it
