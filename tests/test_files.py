@@ -10,7 +10,7 @@ from launch_texts import GOOD, written
 from forcebound.errors import ConfigError
 from forcebound.files import MAX_TABLE, check_writable, printable, read_rows
 from forcebound.graph.loader import load
-from forcebound.graph.model import law_of
+from forcebound.graph.parts import law_of
 from forcebound.haptics.hands.paths import TrajectoryHand
 from forcebound.lab.sweep.plan import load_sweep
 from forcebound.lab.table import read_table

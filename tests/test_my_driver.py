@@ -15,7 +15,7 @@ from click.testing import CliRunner
 
 from forcebound.cli import main
 from forcebound.errors import DeviceError
-from forcebound.graph.model import member_of
+from forcebound.graph.parts import member_of
 
 DRIVER = str(Path(__file__).parent.parent / "examples/python/my_driver.py")
 ANGLE = 0.25  # rad

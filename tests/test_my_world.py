@@ -9,7 +9,7 @@ from click.testing import CliRunner
 
 from forcebound.cli import main
 from forcebound.graph.loader import load
-from forcebound.graph.model import member_of
+from forcebound.graph.parts import member_of
 from forcebound.haptics.environments import open_environment
 from forcebound.messages.packets import SceneObject
 from forcebound.run.virtual import run_virtual

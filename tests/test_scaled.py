@@ -9,7 +9,7 @@ from msgspec import structs
 
 from forcebound.errors import ConfigError
 from forcebound.graph.loader import load
-from forcebound.graph.model import member_of
+from forcebound.graph.parts import member_of
 from forcebound.haptics.controllers.plane import dot
 from forcebound.haptics.controllers.scaled import OpenScaled, Scaled
 from forcebound.haptics.hands.hands import Press, StrokingHand

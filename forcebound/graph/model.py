@@ -1,21 +1,19 @@
 """The sections of a launch file, made one by one; a problem in one does not hide those of others.
 
-One reader reads launch files, what :mod:`forcebound.graph.resolved` writes, and parts by
-themselves: :func:`member_of` from words of the command line, :func:`device_of` from the file of a
-device.
+One reader reads launch files, what :mod:`forcebound.graph.resolved` writes (:func:`restore`), and
+parts by themselves (:mod:`forcebound.graph.parts`).
 """
 
 import re
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import lru_cache
-from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, Any, TypeAlias
 
 from forcebound.errors import ConfigError
 from forcebound.graph.checks import Note
-from forcebound.graph.document import device_section, with_named_hands
+from forcebound.graph.document import with_named_hands
 from forcebound.graph.fields import Field, fields_of
 from forcebound.graph.forms import Form, Values, check_hint, note_error, read_as
 from forcebound.graph.graph import (
@@ -33,11 +31,11 @@ from forcebound.graph.graph import (
     RealtimeConfig,
     RemoteConfig,
 )
-from forcebound.graph.names import Document, ParameterName, split_setting
-from forcebound.graph.problems import Place, Problems, unknown
+from forcebound.graph.names import Document, ParameterName
+from forcebound.graph.problems import Problems, unknown
 from forcebound.graph.resolved import FACTS, check_plain
-from forcebound.graph.servo import ServoSettings, check_law
-from forcebound.graph.tree import Value, from_plain, scalar, units_of
+from forcebound.graph.servo import ServoSettings
+from forcebound.graph.tree import Value, from_plain, units_of
 from forcebound.haptics.laws import LAWS
 from forcebound.haptics.parts.user_module import describe_user_error, user_code
 from forcebound.messages.topology import HAND, HAND_SECTIONS, HANDS, IMPAIRABLE
@@ -68,6 +66,7 @@ _SETTINGS = {name: (Form(name, fields_of(kind)), kind) for name, kind in SETTING
 PHASE = Form(PHASES, {**fields_of(Phase, PHASE_KEYS), "set": Field("set", dict[str, Any] | None)})
 MOST_HANDS = 8
 _NAME_OF_HAND = re.compile("[A-Za-z][A-Za-z0-9_]{0,31}")
+_OPTIONAL = ("operator", "controller")  # sections that a hand need not have
 _UNREAD = ("arguments", "include", "identified")  # no run reads these
 _TAKEN = ("forcebound", *KINDS, "links", *SETTINGS, *RUN_KEYS, *_UNREAD, PHASES, HANDS, "units")
 
@@ -166,9 +165,10 @@ def _hand(root: Value, problems: Problems, makes: Makes) -> Values:
         if name == "links":
             made[name] = _links(value, problems)
         elif name in SETTINGS:
-            made[name] = _settings(name, value, problems) if name in root.entries else None
-        elif not value.entries and value.content in (None, {}) and name in _WITHOUT:
-            made[name] = _WITHOUT[name]()
+            if name in root.entries:
+                made[name] = _settings(name, value, problems)
+        elif name in _OPTIONAL and not value.entries and value.content in (None, {}):
+            continue
         elif (found := read_section(name, value, problems, makes)) is not None:
             made |= found if name == "device" else {name: found}
     return made
@@ -182,13 +182,6 @@ def _links(value: Value, problems: Problems) -> dict[str, Impairment]:
         if topic in IMPAIRABLE
     }
     return {topic: link for topic, link in links.items() if link is not None}
-
-
-#: Sections that a launch file need not have -> what then holds.
-_WITHOUT: Mapping[str, Callable[[], Any]] = {
-    "operator": lambda: None,  # no hand holds the device
-    "controller": lambda: KINDS["controller"]["direct"](),
-}
 
 
 def _phases(value: Value, problems: Problems) -> list[Phase]:
@@ -205,14 +198,14 @@ def _phases(value: Value, problems: Problems) -> list[Phase]:
 def read_section(name: str, value: Value, problems: Problems, makes: Makes = always) -> Any:
     """Return the section of a part, with its settings; None with a problem noted."""
     finish = _FINISH.get(name, _part_alone)
-    return _part(name, value, problems, SECTION_SETTINGS.get(name, {}), finish, makes)
+    return read_part(name, value, problems, SECTION_SETTINGS.get(name, {}), finish, makes)
 
 
 def _part_alone(part: Any, settings: Values, written: Value) -> Any:
     return part
 
 
-def _part(
+def read_part(
     section: str,
     value: Value,
     problems: Problems,
@@ -220,7 +213,7 @@ def _part(
     finish: Callable[[Any, Values, Value], Any] = _part_alone,
     makes: Makes = always,
 ) -> Any:
-    """What ``finish`` makes of a part and its settings; None with a problem noted."""
+    """Return what ``finish`` makes of a part and its settings; None with a problem noted."""
     kind: Value | None = value.entries.get("kind")
     make: Callable[..., Any] = PartSpec
     if kind is not None and kind.text in KINDS[section] and not makes(section, kind.text):
@@ -358,18 +351,6 @@ def _check_fields(kind: type, taken: frozenset[str]) -> None:
             ) from None
 
 
-def read_part(section: str, value: Value, problems: Problems) -> Any:
-    """Return the part of a section, without the section's settings; ConfigError with problems."""
-    part = _part(section, value, problems)
-    problems.raise_if_any()
-    return part
-
-
-def part_of(section: str, document: Document) -> Any:
-    """Return the part of a section of a document; ConfigError if it cannot be made."""
-    return read_part(section, from_plain(document, section), Problems())
-
-
 def restore(document: Document, makes: Makes = never) -> GraphConfig:
     """Return the configuration of an unchanged resolved document.
 
@@ -390,39 +371,3 @@ def restore(document: Document, makes: Makes = never) -> GraphConfig:
         field = error.field if isinstance(error, ConfigError) else None
         raise ConfigError(f"this is no resolved launch document: {error}", field=field) from error
     return replace(config, hands=hands)
-
-
-def member_of(section: str, kind: str, overrides: Sequence[str] = ()) -> Any:
-    """Return one part by itself, such as an environment, outside any launch file.
-
-    ``kind`` is as in a launch file, with a path from the current folder; ``overrides`` are
-    parameters, each ``name:=value``. ConfigError if there is no such kind or a parameter is wrong.
-    """
-    problems = Problems()
-    entries = {"kind": Value(kind, Place(section), text=kind)}
-    for name, word in map(split_setting, overrides):
-        place = Place(f"argument {name}:={word}")
-        if name in entries:
-            problems.add(f"{name!r} is given twice, or is no parameter", place)
-        else:
-            entries[name] = Value(scalar(word), place, text=word)
-    return read_part(section, Value(entries, Place(section)), problems)
-
-
-def device_of(path: Path, without: Collection[str]) -> Any:
-    """Return the device of a file, as :func:`member_of` does, but for some of its parameters."""
-    problems = Problems()
-    section = device_section(path, problems)
-    return read_part("device", section.without(*without), problems)
-
-
-def law_of(kind: str) -> str:
-    """Return a law's kind, absolute if it is in a file; a relative path starts from here.
-
-    Raises:
-        ConfigError: If there is no such law.
-    """
-    check_law(kind)
-    law = LAWS.resolve(kind, Path())
-    LAWS[law]  # a file is loaded, and checked
-    return law

@@ -25,7 +25,7 @@ from forcebound.errors import ConfigError
 from forcebound.files import content_of
 from forcebound.graph.graph import COMPUTATION, KINDS, SECTION_SETTINGS, GraphConfig, HandConfig
 from forcebound.graph.loader import from_document
-from forcebound.graph.model import law_of, read_section
+from forcebound.graph.model import read_section
 from forcebound.graph.names import (
     OF_GRAPH,
     ParameterName,
@@ -33,6 +33,7 @@ from forcebound.graph.names import (
     put,
     split_setting,
 )
+from forcebound.graph.parts import law_of
 from forcebound.graph.problems import Problems, unknown
 from forcebound.graph.tree import from_plain, scalar
 from forcebound.haptics.hands.hands import SoftGrip

@@ -14,8 +14,8 @@ from msgspec import Struct
 
 from forcebound.bounded_child import tried
 from forcebound.errors import ConfigError
-from forcebound.graph.model import law_of, member_of
 from forcebound.graph.names import Document
+from forcebound.graph.parts import law_of, member_of
 from forcebound.graph.resolved import part_document
 from forcebound.haptics.controllers import contract as controllers
 from forcebound.haptics.devices import DeviceModel

@@ -13,8 +13,8 @@ from typing import Any
 from forcebound import realtime
 from forcebound.errors import ConfigError
 from forcebound.folders import runtime_folder
-from forcebound.graph.model import part_of
 from forcebound.graph.names import Document
+from forcebound.graph.parts import part_of
 from forcebound.haptics.hands import Operator
 from forcebound.haptics.laws.dissipation import per_axis
 from forcebound.hardware.emulators.emulation import Board, Emulation

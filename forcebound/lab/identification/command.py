@@ -15,7 +15,7 @@ from forcebound.errors import ConfigError
 from forcebound.files import check_writable
 from forcebound.graph.document import find
 from forcebound.graph.loader import load_tried
-from forcebound.graph.model import device_of, member_of
+from forcebound.graph.parts import device_of, member_of
 from forcebound.graph.resolved import kind_of
 from forcebound.haptics.devices import DEVICES, DeviceModel
 from forcebound.haptics.devices.simulated import SimulatedDevice
