@@ -217,7 +217,8 @@ def _finite(number: float, value: object, expected: str) -> float:
 def _shown(value: object) -> str:
     if value is None:
         return "nothing"
-    text = repr(value) if isinstance(value, str | int | float) else f"a {type(value).__name__}"
+    kind = "mapping" if isinstance(value, dict) else type(value).__name__
+    text = repr(value) if isinstance(value, str | int | float) else f"a {kind}"
     if isinstance(value, bool):
         text = text.lower()
     return text if len(text) <= 60 else text[:57] + "..."

@@ -122,8 +122,13 @@ def _filled(template: Value, overrides: Sequence[str], problems: Problems) -> Va
     for text in paths:
         name, word = split_setting(text)
         place = override_place(text)
-        value = Value(scalar(word), place, place, word)
-        filled = filled.with_entry(ParameterName.parse(name).path, value)
+        path, hands = ParameterName.parse(name).path, filled.entries[HANDS].entries
+        if path[0] == HANDS and path[1] not in hands:
+            names = " or ".join(hands)
+            problems.add(f"{name} belongs to a hand, one of: {names}", place)
+        else:
+            value = Value(scalar(word), place, place, word)
+            filled = filled.with_entry(path, value)
     return filled
 
 

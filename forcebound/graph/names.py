@@ -87,7 +87,7 @@ def split_setting(text: str) -> tuple[str, str]:
         return name, value.strip()
     name, equals, value = text.partition("=")
     hint = '; a value with a space needs quotes, as in delay:="2 ms"'
-    if equals:
+    if equals and name.rstrip(":"):
         hint = f"; did you mean '{name.rstrip(':')}:={value}'?"
     raise ConfigError(f"expected name:=value, got {text!r}{hint}")
 

@@ -8,6 +8,7 @@ A problem reads like a compiler's message, so that editors can jump to it::
 """
 
 import difflib
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -59,7 +60,7 @@ class Problem:
     def __str__(self) -> str:
         message = self.message
         if not self.place.line:  # then the place's name ends with that of the value
-            message = message.removeprefix(f"{str(self.place).rpartition('.')[2]}: ")
+            message = message.removeprefix(f"{re.split(r'[.]|: ', str(self.place))[-1]}: ")
         if self.place.name:
             message = f"{self.place}: {message}"
         lines = [message, *self.place.excerpt()]
