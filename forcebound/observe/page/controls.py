@@ -11,7 +11,7 @@ import msgspec
 from forcebound.errors import ConfigError, ForceboundError
 from forcebound.graph.graph import GraphConfig, HandConfig
 from forcebound.graph.names import LAW, Document, ParameterName, parameter_name
-from forcebound.graph.parameters import takeable_laws
+from forcebound.graph.parameters import parameters, takeable_laws
 from forcebound.graph.resolved import hand_document, to_document
 from forcebound.haptics.environments import StatelessEnvironment
 from forcebound.haptics.environments.fixtures import WithFixtures
@@ -95,17 +95,17 @@ class Controls:
     def parameters(self) -> Message:
         """Return the parameters that can change, each as text with its unit, and their ranges."""
         config = configuration(self._run_dir, with_code=False)
-        message: Message = {"type": "parameters", "values": {}, "ranges": {}, "help": {}}
-        for hand in config.hands_here:
-            own = config.of(hand)
-            found = find_parameters(own, ())
-            for key, texts in (
-                ("values", as_written(own, found)),
-                ("ranges", ranges(own, found)),
-                ("help", meanings_of(own, found)),
-            ):
-                message[key] |= {_full_name(hand, name): text for name, text in texts.items()}
-        return message | {"wall": _wall(config)}
+        places = ((name, ParameterName.parse(name)) for name in parameters(config))
+        hands = config.hands_here
+        names = [name for name, at in places if at.section == ENVIRONMENT or at.hand in hands]
+        found = find_parameters(config, names)
+        return {
+            "type": "parameters",
+            "values": as_written(config, found),
+            "ranges": ranges(config, found),
+            "help": meanings_of(config, found),
+            "wall": _wall(config),
+        }
 
     def reasons(self, recent: Mapping[str, Recent]) -> dict[str, str]:
         """Return why the law gives each hand little force; "": it does not, or the hand moves."""
@@ -270,11 +270,6 @@ def _wall(config: GraphConfig) -> float | None:
         model = model.model
     place = getattr(model, "position", None) if isinstance(model, StatelessEnvironment) else None
     return place if isinstance(place, float) else None
-
-
-def _full_name(hand: str, name: str) -> str:
-    """The name in the whole graph of a parameter of a graph with one of its hands alone."""
-    return name if ParameterName.parse(name).section == ENVIRONMENT else parameter_name(hand, name)
 
 
 def _described(name: str, hand: HandConfig) -> Message:
