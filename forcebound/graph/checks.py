@@ -1,4 +1,4 @@
-"""Checks beyond the form of a launch file: what does not go together, and users' own parts.
+"""Checks beyond the form of a launch file: what does not go together, and users' parts.
 
 Each raises ConfigError, with the key of the section that is wrong where it is one.
 """
@@ -43,7 +43,7 @@ Note: TypeAlias = Callable[[str, str, ConfigError], None]
 
 
 def check_together(made: Values, note: Note, asks: bool = False) -> None:
-    """Check sections that could be made; ``asks``: whether to call a user's own parts once."""
+    """Check sections that could be made; ``asks``: whether to call a user's parts once."""
     environment = made.get("environment")
     sound: dict[str, Values] = {}  # hands so far
     remotes: dict[str, RemoteConfig] = {}

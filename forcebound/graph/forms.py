@@ -98,7 +98,7 @@ def note_error(
 
 
 def _inside(value: Value, error: ConfigError) -> Value:
-    """What the field of an error leads to, as far as it is written."""
+    """Value to which the field of an error leads, as far as it is written."""
     for step in (error.field or "").split("."):
         value = value.entries.get(step, value)
     return value

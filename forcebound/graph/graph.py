@@ -197,7 +197,7 @@ class HandConfig:
 
     @property
     def facts(self) -> DeviceFacts:
-        """What processes need that do not make the device."""
+        """Numbers of the device, for processes that do not make it."""
         return self.stated or DeviceFacts.of(self.device, self.servo)
 
 
@@ -318,13 +318,13 @@ class GraphConfig:
 
     @property
     def has_environment(self) -> bool:
-        """Whether a launcher starts the environment on this machine."""
+        """True if a launcher starts the environment on this machine."""
         remotes = [hand.remote for hand in self.hands_here.values()]
         return any(remote is None or remote.local for remote in remotes)
 
     @property
     def served_elsewhere(self) -> Mapping[str, RemoteConfig]:
-        """Where the environment on this machine meets the hands of other machines, by hand."""
+        """Ends of the environment on this machine for hands of other machines, by hand."""
         if not self.has_environment:
             return {}
         return {

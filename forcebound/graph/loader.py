@@ -60,7 +60,7 @@ def load_tried(
 ) -> GraphConfig:
     """Return the same as :func:`load`, for a command in the foreground, after a further ``trial``.
 
-    Files of the user's own are loaded, and the graph is tried, in a process of its own first, where
+    A user's files are loaded, and the graph is tried, in a separate process first, where
     they may hang or exit; their parts are asked there alone. The log says what is not certified.
     ConfigError also if the user's code was too slow or ended its process.
     """
@@ -104,7 +104,7 @@ def build(
 ) -> GraphConfig:
     """Return the configuration of a launch file that :func:`read_template` has read.
 
-    ``asks``: whether to call a user's own parts once.
+    ``asks``: whether to call a user's parts once.
     """
     problems = Problems() if problems is None else problems
     return _build(_filled(template, overrides, problems), problems, asks)
@@ -170,7 +170,7 @@ def _read(path: str | Path, problems: Problems) -> Value:
 
 
 def user_files(root: Value) -> list[Path]:
-    """Return the files of the user's own that a launch file names."""
+    """Return the users' files that a launch file names."""
     kinds = []
     for part in (*root.entries[HANDS].entries.values(), root):
         sections = part.entries
@@ -182,7 +182,7 @@ def user_files(root: Value) -> list[Path]:
 
 
 def _build(root: Value, problems: Problems, asks: bool = False) -> GraphConfig:
-    """Return what the tree says; ``asks``: whether to call a user's own parts once."""
+    """Return what the tree says; ``asks``: whether to call a user's parts once."""
     config = read_graph(root, problems, check=partial(checks.check_together, asks=asks))
     if config.phases:
         config = read_phases(root, config, problems)

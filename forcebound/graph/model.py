@@ -67,8 +67,18 @@ PHASE = Form(PHASES, {**fields_of(Phase, PHASE_KEYS), "set": Field("set", dict[s
 MOST_HANDS = 8
 _NAME_OF_HAND = re.compile("[A-Za-z][A-Za-z0-9_]{0,31}")
 _OPTIONAL = ("operator", "controller")  # sections that a hand need not have
-_UNREAD = ("arguments", "include", "identified")  # no run reads these
-_TAKEN = ("forcebound", *KINDS, "links", *SETTINGS, *RUN_KEYS, *_UNREAD, PHASES, HANDS, "units")
+_FILE_KEYS = ("arguments", "include", "identified")  # no run reads these
+_RESERVED = (
+    "forcebound",
+    *KINDS,
+    "links",
+    *SETTINGS,
+    *RUN_KEYS,
+    *_FILE_KEYS,
+    PHASES,
+    HANDS,
+    "units",
+)
 
 
 def always(section: str, kind: str) -> bool:
@@ -118,7 +128,7 @@ def read_sections(root: Value, problems: Problems, makes: Makes = always) -> Val
     ``hands`` has the sections of each hand.
     """
     has_phases = PHASES in root.entries
-    sections = ("environment", "realtime", HANDS, *HAND_SECTIONS, *_UNREAD, PHASES)
+    sections = ("environment", "realtime", HANDS, *HAND_SECTIONS, *_FILE_KEYS, PHASES)
     others = (*sections, *(["duration"] * has_phases))
     made = (_FILE_OF_PHASES if has_phases else _FILE).read(root, problems, others) or {}
     made.pop("forcebound", None)
@@ -134,7 +144,7 @@ def read_sections(root: Value, problems: Problems, makes: Makes = always) -> Val
 
 
 def _hands(root: Value, problems: Problems, makes: Makes) -> dict[str, Values]:
-    """What could be made of the sections of each hand, by its name."""
+    """Sections of each hand, as far as they could be made, by its name."""
     named = root.entries[HANDS]
     for section in HAND_SECTIONS:
         if section in root.entries:
@@ -147,7 +157,7 @@ def _hands(root: Value, problems: Problems, makes: Makes) -> dict[str, Values]:
         words = f"{HANDS}: expected at most {MOST_HANDS}, got {len(named.entries)}"
         problems.add(words, named.key or named.place)
     for name, value in named.entries.items():
-        if not _NAME_OF_HAND.fullmatch(name) or name in _TAKEN:
+        if not _NAME_OF_HAND.fullmatch(name) or name in _RESERVED:
             words = "expected a word of letters, digits and _ that is no section of a file"
             problems.add(f"{HANDS}: {words}, got {name!r}", value.key or value.place)
         if name == HAND and len(named.entries) > 1:
@@ -197,7 +207,7 @@ def _phases(value: Value, problems: Problems) -> list[Phase]:
 
 def read_section(name: str, value: Value, problems: Problems, makes: Makes = always) -> Any:
     """Return the section of a part, with its settings; None with a problem noted."""
-    finish = _FINISH.get(name, _part_alone)
+    finish = _SECTION_OF.get(name, _part_alone)
     return read_part(name, value, problems, SECTION_SETTINGS.get(name, {}), finish, makes)
 
 
@@ -269,14 +279,14 @@ def _environment(model: Any, settings: Values, written: Value) -> EnvironmentCon
 
 
 #: Section of a part -> what is made of the part, its settings, and both as they are written.
-_FINISH: Mapping[str, Callable[[Any, Values, Value], Any]] = {
+_SECTION_OF: Mapping[str, Callable[[Any, Values, Value], Any]] = {
     "device": _device,
     "environment": _environment,
 }
 
 
 def _built(form: Form, value: Value, problems: Problems, build: Callable[[Values], Any]) -> Any:
-    """What is built of the values of a mapping; None with a problem noted."""
+    """Result of ``build`` with the values of a mapping; None with a problem noted."""
     values = form.read(value, problems)
     if values is not None:
         try:

@@ -55,7 +55,7 @@ class ParameterName:
 
     @property
     def is_law(self) -> bool:
-        """Whether it is the law of a device."""
+        """True for the law of a device."""
         return self.keys == ("device", "law")
 
     @property

@@ -172,7 +172,7 @@ def unknown_parameter(name: str, config: GraphConfig) -> str:
 
 
 def _is_fixed(name: str, config: GraphConfig) -> bool:
-    """Whether the launch file has such a value or section, which cannot be changed."""
+    """Return whether the launch file has such a value or section, which cannot be changed."""
     place = ParameterName.parse(name)
     if place.section in ("operator", "remote", "phases"):  # which a graph need not have
         return True

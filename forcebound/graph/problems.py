@@ -20,7 +20,7 @@ _WIDEST_EXCERPT = 100  # characters of a source line that are shown
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Where a value was written: in a file, or for example ``argument law:=none``."""
+    """Origin of a value: a place in a file, or for example ``argument law:=none``."""
 
     name: str  # empty if the message has it
     line: int = 0  # counts from 1; 0 if the place has no lines

@@ -22,7 +22,7 @@ from forcebound.quantities import Range, Unit
 Schema: TypeAlias = dict[str, Any]
 
 SUBSTITUTION = {"type": "string", "pattern": r"\$[({]", "description": "$(arg x) or ${env:X}"}
-_FILE_KIND = {"type": "string", "pattern": r"\.py(:[A-Za-z_][A-Za-z0-9_]*)?$"}  # of the user's own
+_FILE_KIND = {"type": "string", "pattern": r"\.py(:[A-Za-z_][A-Za-z0-9_]*)?$"}  # a user's file
 _TYPES: Mapping[Any, Schema] = {
     bool: {"type": "boolean"},
     float: {"type": "number"},

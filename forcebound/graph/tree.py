@@ -45,7 +45,7 @@ class Value:
 
     @property
     def is_scalar(self) -> bool:
-        """Whether this is a single value, other than nothing."""
+        """True for a single value, other than nothing."""
         return not isinstance(self.content, Mapping | tuple) and self.content is not None
 
     @property
@@ -59,7 +59,7 @@ class Value:
 
     @property
     def is_broken(self) -> bool:
-        """Whether a problem inside has been noted already."""
+        """True if a problem inside has been noted already."""
         if isinstance(self.content, tuple):
             return any(value.is_broken for value in self.content)
         return self.content is BROKEN or any(value.is_broken for value in self.entries.values())

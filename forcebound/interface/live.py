@@ -102,17 +102,17 @@ class Running:
 
     @property
     def is_running(self) -> bool:
-        """Whether the graph runs."""
+        """True while the graph runs."""
         return self._process.poll() is None
 
     @property
     def log(self) -> str:
-        """What its processes have reported so far."""
+        """Log of its processes so far."""
         return self._log.read_text(errors="replace")
 
     @property
     def parameters(self) -> dict[str, Any]:
-        """What can be changed, by name, with its present value in SI units."""
+        """Parameters that can be changed, by name, with their present values in SI units."""
         self._check_runs()
         return tuning.find_parameters(tuning.configuration(self.run_dir), ())
 
@@ -222,7 +222,7 @@ def launch(
             graph.wait(2)
             graph.figures()
 
-    The graph is processes of its own, so this works in a thread and in a notebook. It ends with
+    The graph consists of other processes, so this works in a thread and in a notebook. It ends with
     zero force when the block is left, and when this program ends in any other way.
 
     Args:

@@ -99,7 +99,7 @@ class Run:
 
     @property
     def events(self) -> Sequence[Event]:
-        """What the nodes reported, in order."""
+        """Events that the nodes reported, in order."""
         return tuple(self._result.events)
 
     @property
@@ -126,7 +126,7 @@ class Run:
         return {hand: Run({hand: result}, self.path, self) for hand, result in results}
 
     def last(self, seconds: float | str) -> "Run":
-        """Return the end of the run, of all hands, as a run of its own, whose time begins at 0 s.
+        """Return the end of the run, of all hands, as another run, whose time begins at 0 s.
 
         Its figures are those of this time, but true energy counts from the beginning of the run.
 
@@ -188,7 +188,7 @@ def simulate(
 
     Raises:
         ConfigError: If the launch file or an argument is wrong; all problems at once.
-        DeviceError: If a device of the user's own failed.
+        DeviceError: If a user's device failed.
         RunError: If the run is too short to have a sample, or nothing came of it.
     """
     config = configuration(launch, arguments, duration, seed)
@@ -305,7 +305,7 @@ def split(arguments: Mapping[str, Any]) -> tuple[dict[str, Any], list[str]]:
 
 
 def is_part(value: Any) -> bool:
-    """Whether the value of an argument is no text or number, so a part that was made in Python."""
+    """Return whether the value of an argument is a part that was made in Python."""
     return not isinstance(value, str | int | float | np.number | np.bool_ | Path)
 
 
