@@ -37,7 +37,7 @@ def find(path: Path, folder: Path = Path()) -> Path | None:
 
 
 def folder_of(path: Path) -> Path:
-    """Return the folder of the files that a launch file names; of a shipped one, the current one."""
+    """Return where the files of a launch file are; of a shipped one, the current folder."""
     found = find(path)
     return Path.cwd() if found is None or found.parent == SHIPPED else found.parent.resolve()
 
