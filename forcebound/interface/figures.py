@@ -32,7 +32,7 @@ def name_of(key: str) -> tuple[str, str]:
 
 
 def is_figure(key: str) -> bool:
-    """Return whether a key of a sweep's row is a figure: ``peak_force_n``, or ``left.peak_force_n``."""
+    """Return whether a key of a row is a figure: ``peak_force_n``, or ``left.peak_force_n``."""
     return "." not in key or key.rpartition(".")[2] in _LABELS
 
 
