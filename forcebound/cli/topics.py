@@ -56,10 +56,7 @@ _measuring = opt.duration("Measuring time. Default: 2s.", "--duration", default=
 def echo(
     topic: str = opt.argument(_topics),
     fields: tuple[str, ...] = opt.repeated(
-        "Only this field; repeatable.",
-        "--field",
-        metavar="NAME",
-        shell_complete=_fields,
+        "Only this field; repeatable.", "--field", metavar="NAME", shell_complete=_fields
     ),
     count: int | None = opt.option("End after so many packets.", type=opt.COUNT),
     as_csv: bool = opt.flag("One row each, a column for each entry.", "--csv"),

@@ -7,7 +7,7 @@ import click
 
 from forcebound.cli import complete
 from forcebound.cli import options as opt
-from forcebound.cli.common import Group, check_tornado, command, show
+from forcebound.cli.common import Group, check_tornado, command, say, show
 from forcebound.cli.lazy import when_used
 from forcebound.cli.view import shown
 from forcebound.errors import ConfigError
@@ -19,7 +19,8 @@ with when_used():
     from forcebound.lab.study import data, markers, observers, order, report
     from forcebound.lab.study import plan as plans
     from forcebound.lab.study import session as sessions
-    from forcebound.observe import live_study, study_graph
+    from forcebound.observe import live_study
+    from forcebound.observe import study_graph as graphs
     from forcebound.observe.page import study as page
 
 SIMULATED = re.compile(r"simulated:([1-9][0-9]{0,2})")
@@ -81,9 +82,7 @@ def run(
         default=0.23,
     ),
     lapse: float = opt.number(
-        "Share of their answers that are guesses.",
-        type=click.FloatRange(0.0, 1.0),
-        default=0.02,
+        "Share of their answers that are guesses.", type=click.FloatRange(0.0, 1.0), default=0.02
     ),
     records: bool = opt.flag("Record each simulated touch; slow.", "--record"),
     workers: int | None = opt.workers,
@@ -105,28 +104,25 @@ def run(
     plan = plans.load_study(file)
     folder = folder or Path(plan.name)
     simulated = SIMULATED.fullmatch(participant)
-    if simulated is None and participant.startswith("simulated"):
+    if simulated is not None:
+        observer = observers.Observer(seed, weber, lapse, records)
+        observers.run_observers(observer, file, folder, int(simulated[1]), workers)
+        show(f"data: {folder}; then: `forcebound study analyse {folder}`")
+    elif participant.startswith("simulated"):
         raise ConfigError(f"expected simulated:N with N from 1 to 999, got {participant!r}")
-    if simulated is None:
+    else:
         run_live_study(plan, participant, folder, port, opens, lsl)
-        return
-    observer = observers.Observer(seed, weber, lapse, records)
-    observers.run_observers(observer, file, folder, int(simulated[1]), workers)
-    show(f"data: {folder}; then: `forcebound study analyse {folder}`")
 
 
 async def _serve(
-    session: "sessions.Session",
-    server: "page.StudyServer",
-    graph: "study_graph.StudyGraph",
-    opens: bool,
+    session: "sessions.Session", server: "page.StudyServer", graph: "graphs.StudyGraph", opens: bool
 ) -> None:
     """Show a session on pages until it is finished, or stopped."""
     server.live = live_study.LiveStudy(
         session,
         graph,
         lambda message: server.later(server.tell, message),
-        lambda problem: show(f"forcebound: {problem}", err=True),
+        lambda problem: say(f"forcebound: {problem}"),
     )
     running = asyncio.get_running_loop().run_in_executor(None, server.live.run)
     with shown(server.access, None, opens):
@@ -149,7 +145,7 @@ def run_live_study(
         ConfigError: As :class:`Session`; if tornado or pylsl is missing, or a wall moves.
     """
     check_tornado()
-    graph = study_graph.StudyGraph(plan, live.launch_unrecorded)
+    graph = graphs.StudyGraph(plan, live.launch_unrecorded)
     kind: data.Kind = "person" if graph.movers == {"person"} else "rehearsal"
     marks = markers.Markers(graph.publish, None if lsl is None else markers.find_lsl(lsl))
 
