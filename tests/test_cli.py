@@ -37,6 +37,20 @@ def test_help_names_every_command_and_imports_nothing_heavy() -> None:
     assert out.splitlines()[-1] == "[]"
 
 
+def test_help_of_no_command_imports_what_only_its_work_needs() -> None:
+    program = (
+        "import sys; from forcebound.cli import main\n"
+        "for name in main.commands: main([name, '--help'], standalone_mode=False)\n"
+        "print(sorted({'numpy','zmq','msgspec','rich','asyncio','forcebound.graph',"
+        "'forcebound.messages','forcebound.run'} & set(sys.modules)))"
+    )
+    out = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    ).stdout
+    assert out.count("Usage: ") == len(main.commands)
+    assert out.splitlines()[-1] == "[]"
+
+
 @pytest.mark.parametrize("words", [["schema"], ["--help"]])
 def test_output_that_cannot_be_written_is_told_in_one_line(words: list[str]) -> None:
     command = [sys.executable, "-m", "forcebound", *words]

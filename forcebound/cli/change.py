@@ -8,15 +8,16 @@ import click
 
 from forcebound.cli import complete
 from forcebound.cli import options as opt
-from forcebound.cli.common import Group, command, print_json, show
-from forcebound.graph.names import ParameterName
-from forcebound.graph.parameters import takeable_laws
-from forcebound.messages.control import Parameters
-from forcebound.observe import control, tuning
-from forcebound.observe.formatting import as_written, ranges
-from forcebound.observe.kernels import Kernels
-from forcebound.observe.snapshot import other_environment, snapshot
+from forcebound.cli.common import Group, command, print_document, print_json, show
+from forcebound.cli.lazy import when_used
 from forcebound.roles import CONTROLLER, ENVIRONMENT
+
+with when_used():
+    from forcebound.graph import names as graph_names
+    from forcebound.graph import parameters
+    from forcebound.messages import control as messages
+    from forcebound.observe import control, formatting, snapshot, tuning
+    from forcebound.observe import kernels as observed
 
 _links = complete.offering(
     lambda context, _: (stream.name for stream in complete.graph_of(context).links)
@@ -44,9 +45,10 @@ def _changes(context: click.Context, begun: str) -> Iterable[str]:
     name, sign, _ = begun.partition(":=")
     if not sign:
         return [f"{one}:=" for one in known]
-    if ParameterName.parse(name).is_law:
-        return [f"{name}:={law}" for law in takeable_laws()]
-    return [f"{name}:={complete.one_word(as_written(config, {name: known[name]})[name])}"]
+    if graph_names.ParameterName.parse(name).is_law:
+        return [f"{name}:={law}" for law in parameters.takeable_laws()]
+    value = formatting.as_written(config, {name: known[name]})[name]
+    return [f"{name}:={complete.one_word(value)}"]
 
 
 _node = opt.argument(_nodes)
@@ -59,7 +61,7 @@ def stop(node: str = _node, run: Path = opt.graph) -> None:
     forcebound stop environment
     forcebound stop left/controller
     """
-    serving = other_environment(snapshot(run)) if node == ENVIRONMENT else None
+    serving = snapshot.other_environment(snapshot.snapshot(run)) if node == ENVIRONMENT else None
     control.stop_node(run, node)
     effect = "the device applies zero force until replies arrive again"
     if serving is not None:
@@ -130,7 +132,7 @@ def set_parameters(
     forcebound param set environment.stiffness:="2 N/mm" --run stiff_wall
     forcebound param set left.device.law:=certified
     """
-    with closing(Kernels(run)) as kernels:
+    with closing(observed.Kernels(run)) as kernels:
         change = tuning.set_parameters(run, tuning.read_settings(settings), kernels)
     _print(run, change.values, as_json)
     if not change.values and not as_json:
@@ -139,15 +141,17 @@ def set_parameters(
         show(f"note: {note}", err=True)
 
 
-def _print(run: Path, values: Parameters, as_json: bool, *, with_ranges: bool = False) -> None:
+def _print(
+    run: Path, values: "messages.Parameters", as_json: bool, *, with_ranges: bool = False
+) -> None:
     if as_json:
         print_json(values)
         return
     config = tuning.configuration(run)
-    remarks = ranges(config, values) if with_ranges else {}
+    remarks = formatting.ranges(config, values) if with_ranges else {}
     elsewhere = tuning.found_elsewhere(run, config, values)
     remarks |= dict.fromkeys(elsewhere, "belongs to another machine; value of the launch file here")
-    for name, text in as_written(config, values, config.units).items():
+    for name, text in formatting.as_written(config, values, config.units).items():
         show(f"{name}: {text}  # {remarks[name]}" if remarks.get(name) else f"{name}: {text}")
 
 
@@ -167,7 +171,5 @@ def outage(
     forcebound outage 2s left/force_command
     """
     seconds, cut = tuning.cut_links(run, time, links)
-    if as_json:
-        print_json({"links": cut, "duration_s": seconds})
-    else:
-        show(f"{', '.join(cut)}: no packet for {time}")
+    words = f"{', '.join(cut)}: no packet for {time}"
+    print_document({"links": cut, "duration_s": seconds}, as_json, lambda _: [words])

@@ -11,8 +11,14 @@ from typing import Any, TypeAlias, TypeVar
 
 import click
 
+from forcebound.cli.lazy import when_used
 from forcebound.errors import ConfigError
 from forcebound.files import printable
+
+with when_used():
+    import msgspec
+
+    from forcebound.graph import problems
 
 T = TypeVar("T")
 Function: TypeAlias = Callable[..., None]
@@ -29,9 +35,7 @@ class Group(click.Group):
         """Find the command that the arguments begin with."""
         name = args[0]
         if not (name in self.commands or name.startswith("-") or ctx.resilient_parsing):
-            from forcebound.graph.problems import unknown
-
-            ctx.fail(unknown("command", name, self.commands))
+            ctx.fail(problems.unknown("command", name, self.commands))
         return super().resolve_command(ctx, args)
 
 
@@ -73,25 +77,24 @@ def show(text: str, err: bool = False) -> None:
 say = partial(show, err=True)
 
 
-def check_tornado() -> None:
-    """Raise ConfigError, with what to install, where the page's server is not installed."""
-    if find_spec("tornado") is None:
-        raise ConfigError("the page needs tornado: pip install 'forcebound[view]'")
+def require(what: str, package: str, extra: str) -> None:
+    """Raise ConfigError, with what to install, where a package that something needs is missing."""
+    if find_spec(package) is None:
+        raise ConfigError(f"{what} needs {package}: pip install 'forcebound[{extra}]'")
+
+
+check_tornado = partial(require, "the page", "tornado", "view")
 
 
 def print_json(document: Any) -> None:
     """Print one JSON document, of plain types, paths, structs and dataclasses."""
-    from msgspec import to_builtins
-
-    plain = partial(to_builtins, enc_hook=os.fspath)
+    plain = partial(msgspec.to_builtins, enc_hook=os.fspath)
     click.echo(json.dumps(document, indent=2, allow_nan=False, default=plain))
 
 
 def print_json_line(document: Any) -> None:
     """Print a JSON document on one line; a number that is not finite becomes null."""
-    from msgspec.json import encode
-
-    click.echo(encode(document, enc_hook=os.fspath))
+    click.echo(msgspec.json.encode(document, enc_hook=os.fspath))
 
 
 def print_document(document: T, as_json: bool, lines: Callable[[T], Iterable[str]]) -> None:

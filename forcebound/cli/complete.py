@@ -6,17 +6,25 @@ Nothing here may raise or write: the user presses a key and waits.
 import functools
 import re
 from collections.abc import Callable, Iterable
-from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 from click.shell_completion import BashComplete, CompletionItem, ZshComplete
 
+from forcebound.cli.lazy import when_used
 from forcebound.files import RECORDING_SUFFIX
 
-if TYPE_CHECKING:
-    from forcebound.messages.topology import Graph
+with when_used():
+    from forcebound.graph import document, loader
+    from forcebound.haptics import controllers
+    from forcebound.haptics import laws as bounding
+    from forcebound.lab.study import plan as study_plan
+    from forcebound.lab.sweep import plan as sweep_plan
+    from forcebound.messages import topology
+    from forcebound.observe import runs as running
+    from forcebound.recordings import recording
+    from forcebound.run import run_directory
 
 
 class Bash(BashComplete):
@@ -31,9 +39,8 @@ class Bash(BashComplete):
     def get_completion_args(self) -> tuple[list[str], str]:
         """Return the words before the one that is begun, and this one, none of them cut."""
         before, begun = super().get_completion_args()
-        *words, word = re.sub(r"\n([:=]+)(\n(?!$))?", r"\1", "\n".join([*before, begun])).split(
-            "\n"
-        )
+        joined = re.sub(r"\n([:=]+)(\n(?!$))?", r"\1", "\n".join([*before, begun]))
+        *words, word = joined.split("\n")
         self._before = word.removesuffix(begun.lstrip(":="))
         return words, word
 
@@ -69,22 +76,15 @@ def offering(words: Callable[[click.Context, str], Iterable[str]]) -> Offer:
     return offer
 
 
-def _of(module: str, names: str) -> Offer:
-    """Return an :func:`offering` of the names of a collection in a module of forcebound."""
-    return offering(lambda *_: getattr(import_module(f"forcebound.{module}"), names))
+def _files(*endings: str, shipped: Callable[[], Iterable[str]] = tuple[str]) -> Offer:
+    """Return an :func:`offering` of files with these endings, of folders, and of shipped files.
 
-
-def _files(shipped: str, *endings: str) -> Offer:
-    """Return an :func:`offering` of files with these endings, and of folders.
-
-    A module's function ``shipped`` gives files that can be named without ending.
+    Those can be named without ending.
     """
 
     @offering
     def files(_: click.Context, begun: str) -> Iterable[str]:
-        if shipped:
-            module = import_module(f"forcebound.{shipped}")
-            yield from (Path(name).stem for name in module.shipped())
+        yield from (Path(name).stem for name in shipped())
         folder, sign, _name = begun.rpartition("/")
         for path in sorted(Path(folder + sign).iterdir()):
             if path.is_dir() and not path.name.startswith("."):
@@ -98,39 +98,30 @@ def _files(shipped: str, *endings: str) -> Offer:
 @offering
 def graphs(_: click.Context, begun: str) -> Iterable[str]:
     """Graphs that run, by the names of their launch files."""
-    from forcebound.observe.runs import running
-
-    return (run.file.partition(" ")[0] for run in running().values())
+    return (run.file.partition(" ")[0] for run in running.running().values())
 
 
-launch_files = _files("graph.document", ".yaml", ".yml")
-sweeps = _files("lab.sweep.plan", ".yaml", ".yml")
-studies = _files("lab.study.plan", ".yaml", ".yml")
-parts = _files("", ".py")
-recordings = _files("", RECORDING_SUFFIX)
-laws = _of("haptics.laws", "LAWS")
+launch_files = _files(".yaml", ".yml", shipped=lambda: document.shipped())
+sweeps = _files(".yaml", ".yml", shipped=lambda: sweep_plan.shipped())
+studies = _files(".yaml", ".yml", shipped=lambda: study_plan.shipped())
+parts = _files(".py")
+recordings = _files(RECORDING_SUFFIX)
+laws = offering(lambda *_: bounding.LAWS)
 
 
-def graph_of(context: click.Context) -> "Graph":
+def graph_of(context: click.Context) -> "topology.Graph":
     """The running graph that is meant; one of one hand if it is not known."""
-    from forcebound.messages.topology import ONE_HAND
-    from forcebound.run.run_directory import graph_in
-
     run = context.params.get("run")
-    return ONE_HAND if run is None else graph_in(run)
+    return topology.ONE_HAND if run is None else run_directory.graph_in(run)
 
 
 @offering
 def hands(context: click.Context, begun: str) -> Iterable[str]:
     """Hands of the recording that is already there, or of the running graph."""
-    from forcebound.observe.runs import find
-    from forcebound.recordings.recording import read
-    from forcebound.run.run_directory import graph_in
-
     run = context.params.get("run") or next(iter(context.params.get("runs", context.args)), None)
     if run is not None and Path(run).is_file():
-        return read(run).hands
-    return graph_in(find(run)).hands
+        return recording.read(run).hands
+    return run_directory.graph_in(running.find(run)).hands
 
 
 def runs(context: click.Context, parameter: click.Parameter, begun: str) -> list[CompletionItem]:
@@ -141,16 +132,12 @@ def runs(context: click.Context, parameter: click.Parameter, begun: str) -> list
 @offering
 def settings(context: click.Context, begun: str) -> Iterable[str]:
     """Arguments of the launch file, each ``name:=``, and the values that one may choose."""
-    from forcebound.graph.loader import arguments_of
-    from forcebound.haptics.controllers import CONTROLLERS
-    from forcebound.haptics.laws import LAWS
-
     name, sign, _ = begun.partition(":=")
-    known = {one.name: one for one in arguments_of(context.params["file"])}
+    known = {one.name: one for one in loader.arguments_of(context.params["file"])}
     if not sign:
         return [f"{one}:=" for one in known]
-    tables: dict[str, Iterable[object]] = {"law": LAWS, "controller": CONTROLLERS}
-    values = tables.get(name) or known[name].choices or [known[name].default]
+    tables = {"law": [*bounding.LAWS], "controller": [*controllers.CONTROLLERS]}
+    values: Iterable[object] = tables.get(name) or known[name].choices or [known[name].default]
     return [f"{name}:={one_word(value)}" for value in values]
 
 

@@ -9,15 +9,17 @@ import click
 
 from forcebound.cli import options as opt
 from forcebound.cli.common import show
+from forcebound.cli.lazy import when_used
 from forcebound.cli.outcome import status_line
 from forcebound.errors import RunError
-from forcebound.graph.loader import load
-from forcebound.haptics.laws import ENERGY_TOLERANCE
-from forcebound.results.plots import figure, save
 from forcebound.results.printing import print_rows
-from forcebound.results.tables import summary_table
-from forcebound.run.live import run_live
-from forcebound.run.results import RunResult
+
+with when_used():
+    from forcebound.graph import loader
+    from forcebound.haptics import laws
+    from forcebound.results import plots, tables
+    from forcebound.run import live
+    from forcebound.run import results as run_results
 
 #: Rows of the table that tell the two runs apart.
 TELLING = (
@@ -50,23 +52,24 @@ def demo(
     forcebound demo
     """
     folder.mkdir(parents=True, exist_ok=True)
-    results: list[RunResult] = []
+    results: list[run_results.RunResult] = []
     for law in ("none", "certified"):
         show(
             f"live run, law {law}: device, controller and environment as processes; a simulated "
             "hand presses into a late, stiff wall"
         )
-        config = load("delayed_wall.yaml", [f"law:={law}"])
+        config = loader.load("delayed_wall.yaml", [f"law:={law}"])
         with status_line(as_json=False) as screen:
-            results += run_live(config, record=folder / f"{law}.mcap", screen=screen).values()
+            results += live.run_live(config, record=folder / f"{law}.mcap", screen=screen).values()
         if results[-1].interrupted:
             raise KeyboardInterrupt
-    save(figure([(r.label, r.columns, r.document) for r in results]), folder / "demo.png")
-    head, rows = summary_table([(result.label, result.summary) for result in results])
+    drawn = plots.figure([(r.label, r.columns, r.document) for r in results])
+    plots.save(drawn, folder / "demo.png")
+    head, rows = tables.summary_table([(result.label, result.summary) for result in results])
     show("")
     print_rows(head, [row for row in rows if row[0] in TELLING])
     without, certified = (result.summary for result in results)
-    if certified["true_energy_min_j"] < -ENERGY_TOLERANCE:
+    if certified["true_energy_min_j"] < -laws.ENERGY_TOLERANCE:
         raise RunError("the certified law leaked energy: please report this with the recording")
     words = MESSAGE.format(
         delay=certified["loop_delay_ms"]["p50"],

@@ -9,12 +9,14 @@ import click
 
 from forcebound.cli import options as opt
 from forcebound.cli.common import UNKNOWN, print_json, print_json_line, show
+from forcebound.cli.lazy import when_used
 from forcebound.files import printable
-from forcebound.observe import doctor as doctor_of_graph
-from forcebound.observe import listing, machine, runs
-from forcebound.observe.listing import ListedGraph
-from forcebound.observe.observation import observe
 from forcebound.results.printing import print_rows
+
+with when_used():
+    from forcebound.observe import doctor as of_graph
+    from forcebound.observe import listing, machine, observation, runs
+    from forcebound.observe import measure as servo
 
 HEAD = ("node", "state", "pid", "processor", "memory", "restarts")
 MEASURE_S = 12.0  # of all contestants together, without their start
@@ -51,7 +53,7 @@ def list_graphs(
             _show_graphs(graphs)
 
 
-def _show_graphs(graphs: list[ListedGraph]) -> None:
+def _show_graphs(graphs: "list[listing.ListedGraph]") -> None:
     if not graphs:
         show("no graph of yours runs on this machine; start one with `forcebound launch FILE`")
     for graph in graphs:
@@ -91,7 +93,7 @@ def doctor(
     """
     times = machine.processor_times()
     graph = None if run is None and not runs.running() else runs.find(run)
-    findings = machine.examine() if graph is None else doctor_of_graph.examine(*observe(graph))
+    findings = machine.examine() if graph is None else of_graph.examine(*observation.observe(graph))
     is_well = all(finding.severity != "problem" for finding in findings)
     measured = _measured() if measure else {}
     time.sleep(machine.STEAL_S)
@@ -117,11 +119,9 @@ def doctor(
 
 def _measured() -> dict[str, dict[str, float]]:
     """Return what this machine is capable of, by what was measured."""
-    from forcebound.observe.measure import SHARES, measure, percentile
-
     return {
-        name: {f"{share}_us": round(percentile(rounds, share) / 1e3, 1) for share in SHARES}
+        name: {f"{one}_us": round(servo.percentile(rounds, one) / 1e3, 1) for one in servo.SHARES}
         | {"ticks": sum(len(one.times_ns) for one in rounds)}
         | {"missed": sum(one.missed for one in rounds)}
-        for name, rounds in measure(MEASURE_S, 1000.0).items()
+        for name, rounds in servo.measure(MEASURE_S, 1000.0).items()
     }

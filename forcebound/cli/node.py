@@ -5,9 +5,12 @@ from pathlib import Path
 
 from forcebound.cli import complete
 from forcebound.cli import options as opt
+from forcebound.cli.lazy import when_used
 from forcebound.errors import ConfigError
 from forcebound.roles import ENVIRONMENT
-from forcebound.run.worker import run_node, serve_environment
+
+with when_used():
+    from forcebound.run import worker
 
 
 def node(
@@ -22,7 +25,7 @@ def node(
     forcebound node environment remote_wall
     """
     if run_dir is not None:  # a launcher starts its processes so
-        sys.exit(run_node(name, run_dir))
+        sys.exit(worker.run_node(name, run_dir))
     if name != ENVIRONMENT:
         raise ConfigError(f"only an environment runs by itself, got {name!r}: `forcebound launch`")
-    serve_environment(Path(file), arguments)
+    worker.serve_environment(Path(file), arguments)

@@ -14,10 +14,13 @@ import click
 
 from forcebound.cli import complete
 from forcebound.cli.common import Function
+from forcebound.cli.lazy import when_used
 from forcebound.errors import ConfigError
 from forcebound.files import recording_file
-from forcebound.quantities import Range
-from forcebound.units import parse_quantity
+
+with when_used():
+    from forcebound import quantities, units
+    from forcebound.observe import runs
 
 PATH = click.Path(path_type=Path)
 FILE = click.Path(path_type=Path, dir_okay=False)
@@ -58,7 +61,7 @@ def several(**parameters: Any) -> Callable[[Function], Function]:
 def seconds(text: str) -> float:
     """Return a time with its unit in s; the type of an option."""
     try:
-        return Range(above=0).check(parse_quantity(text, "s"), "s")
+        return quantities.Range(above=0).check(units.parse_quantity(text, "s"), "s")
     except ConfigError as error:
         raise click.BadParameter(str(error)) from None
 
@@ -105,10 +108,8 @@ def running(require_graph: bool, named: str = "--run GRAPH") -> Callable[..., Pa
     """Return a callback that finds the run of a graph which is meant; it ends with the graph."""
 
     def find_run(context: click.Context, _: click.Parameter, run: Path | None) -> Path:
-        from forcebound.observe.runs import find, while_running  # not for each command
-
-        run_dir = find(run, require_graph=require_graph, option=named)
-        context.with_resource(while_running(run_dir))
+        run_dir = runs.find(run, require_graph=require_graph, option=named)
+        context.with_resource(runs.while_running(run_dir))
         return run_dir
 
     return find_run

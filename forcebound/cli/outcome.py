@@ -8,22 +8,25 @@ from pathlib import Path
 import click
 
 from forcebound.cli.common import print_json, show
+from forcebound.cli.lazy import when_used
 from forcebound.errors import RunError
-from forcebound.graph.graph import GraphConfig
-from forcebound.messages.topology import HAND
 from forcebound.results.printing import print_rows
-from forcebound.run.live import run_live
-from forcebound.run.progress import progress_bar
-from forcebound.run.results import RunResult
-from forcebound.run.screen import Screen
+
+with when_used():
+    from forcebound.graph import graph
+    from forcebound.messages import topology
+    from forcebound.results import coupling, tables
+    from forcebound.run import live, progress, virtual
+    from forcebound.run import results as run_results
+    from forcebound.run import screen as screens
 
 SLOW = 1.0  # s, after which a command shows its progress
 
 
 @contextmanager
-def status_line(as_json: bool) -> Iterator[Screen]:
+def status_line(as_json: bool) -> "Iterator[screens.Screen]":
     """A screen that says what a launcher is doing, if somebody looks; empty at the end."""
-    screen = Screen(has_status=sys.stderr.isatty() and not as_json)
+    screen = screens.Screen(has_status=sys.stderr.isatty() and not as_json)
     try:
         yield screen
     finally:
@@ -31,7 +34,7 @@ def status_line(as_json: bool) -> Iterator[Screen]:
 
 
 def show_run(
-    config: GraphConfig,
+    config: "graph.GraphConfig",
     duration: float | None,
     record: Path | None,
     as_json: bool,
@@ -47,46 +50,44 @@ def show_run(
         results = _run_virtual(config, duration, record, as_json)
     else:
         with status_line(as_json) as screen:
-            results = run_live(config, duration, record, None, command, screen, folder)
+            results = live.run_live(config, duration, record, None, command, screen, folder)
             screen.status("computing the figures")
             for result in results.values():
                 _ = result.summary
     if any(result.interrupted for result in results.values()):
         show("forcebound: interrupted; result up to here", err=True)
-    from forcebound.results.coupling import coupling, coupling_lines  # no start waits for it
-
     summaries = {hand: result.summary for hand, result in results.items()}
     columns = {hand: result.columns for hand, result in results.items()}
     documents = {hand: result.document for hand, result in results.items()}
-    together = coupling(columns, documents) if len(results) > 1 else {}
+    together = coupling.coupling(columns, documents) if len(results) > 1 else {}
     if as_json:
-        print_json(summaries.get(HAND, {"hands": summaries, "coupling": together}))
+        print_json(summaries.get(topology.HAND, {"hands": summaries, "coupling": together}))
     else:
-        labels = [hand for hand in results if hand != HAND]
-        lines = list(coupling_lines(together)) if together else []
+        labels = [hand for hand in results if hand != topology.HAND]
+        lines = list(coupling.coupling_lines(together)) if together else []
         show_results(list(results.values()), labels, lines, shows_all=shows_all)
         if record is not None:
             show(f"recording: {record}")
     for hand, result in results.items():
         if result.failed:
-            raise RunError(f"{hand}: {result.failed}" if hand != HAND else result.failed)
+            raise RunError(f"{hand}: {result.failed}" if hand != topology.HAND else result.failed)
 
 
 def _run_virtual(
-    config: GraphConfig, duration: float | None, record: Path | None, as_json: bool
-) -> Mapping[str, RunResult]:
-    from forcebound.run.virtual import run_virtual_hands  # a live run does not need it
-
+    config: "graph.GraphConfig", duration: float | None, record: Path | None, as_json: bool
+) -> "Mapping[str, run_results.RunResult]":
     is_shown = sys.stderr.isatty() and not as_json
-    with progress_bar("ms of virtual time", after=SLOW, shown=is_shown) as progress:
-        results = run_virtual_hands(config, duration, record, may_end_early=True, progress=progress)
+    with progress.progress_bar("ms of virtual time", after=SLOW, shown=is_shown) as bar:
+        results = virtual.run_virtual_hands(
+            config, duration, record, may_end_early=True, progress=bar
+        )
     speed = next(iter(results.values())).times_real_time
     show(f"virtual time: {speed:.0f} times real time", err=True)
     return results
 
 
 def show_results(
-    results: list[RunResult],
+    results: "list[run_results.RunResult]",
     labels: Sequence[str] = (),
     together: Sequence[str] = (),
     *,
@@ -96,8 +97,6 @@ def show_results(
 
     The lines that are of all hands ``together`` follow the verdicts.
     """
-    from forcebound.results.tables import phase_rows, summary_table  # no start waits for it
-
     for number, result in enumerate(results):
         if labels:
             show(f"{labels[number]}:")
@@ -108,12 +107,12 @@ def show_results(
     if shows_all:
         click.echo()
         shown = zip(labels or [one.label for one in results], results, strict=True)
-        print_rows(*summary_table([(label, one.summary) for label, one in shown]))
+        print_rows(*tables.summary_table([(label, one.summary) for label, one in shown]))
         for cause in (cause for one in results for cause in one.summary["little_force"]):
             show(f"little force: {cause['advice']}")
     else:
         show("All figures: --all, or --json.")
     for phases in (one.summary["phases"] for one in results if one.summary["phases"]):
-        head, *rows = phase_rows(phases)
+        head, *rows = tables.phase_rows(phases)
         click.echo()
         print_rows(head, rows)

@@ -4,20 +4,33 @@ import sys
 import time
 from functools import partial
 from pathlib import Path
-from typing import Any, TextIO
+from typing import TextIO
 
 import click
 
 from forcebound.cli import complete
 from forcebound.cli import options as opt
-from forcebound.cli.common import UNKNOWN, Group, command, print_document, print_json, say, show
+from forcebound.cli.common import (
+    UNKNOWN,
+    Group,
+    command,
+    print_document,
+    print_json,
+    require,
+    say,
+    show,
+)
+from forcebound.cli.lazy import when_used
 from forcebound.errors import ConfigError, RunError
-from forcebound.hardware import ports
-from forcebound.hardware.emulators import program
-from forcebound.hardware.emulators.faults import parse_fault
-from forcebound.observe.control import resume_device
 from forcebound.results.printing import print_rows
-from forcebound.run.check import check_part, lines
+
+with when_used():
+    from forcebound.hardware import ports
+    from forcebound.hardware.emulators import faults as emulated
+    from forcebound.hardware.emulators import program
+    from forcebound.lab.identification import command as identification
+    from forcebound.observe import control
+    from forcebound.run import check as contract
 
 #: Kinds of emulators, and the launch file of each: its hand holds an emulator started by hand.
 EMULATED = {"haply_2diy": "haply_2diy", "odrive": "odrive_knob"}
@@ -66,7 +79,7 @@ def resume(
     forcebound device resume --run haply_2diy
     forcebound device resume left
     """
-    resume_device(run, hand)
+    control.resume_device(run, hand)
     show("the device is back; its force engages")
 
 
@@ -94,7 +107,7 @@ def emulate(
     forcebound emulate haply_2diy approach_speed:=50mm/s
     forcebound emulate haply_2diy --fault short:at=3s --fault stall:at=5s,for=50ms
     """
-    planned = [parse_fault(text) for text in faults]
+    planned = [emulated.parse_fault(text) for text in faults]
     link = program.default_link(kind) if link is None else link.absolute()
     advice = ""
     if parts is not None:
@@ -135,7 +148,7 @@ def identify(
     forcebound identify haply_2diy device:=auto --weight 30g --lever 70mm
     forcebound identify --check device.yaml
     """
-    command = _identification()
+    require("identify", "scipy", "lab")
 
     def ready(line: str) -> None:
         say(line)
@@ -145,28 +158,17 @@ def identify(
     if checked is not None:
         if device is not None:
             raise ConfigError(f"--check names the device by its file: leave out {device!r}")
-        document = command.check(checked, say, ready)
-        print_document(document, as_json, command.check_lines)
+        document = identification.check(checked, say, ready)
+        print_document(document, as_json, identification.check_lines)
         if not document["passed"]:
             raise RunError(f"{checked} promises what the device no longer keeps: identify it again")
         return
     if device is None:
         raise ConfigError("name a device: a kind such as five_bar, or a launch file")
-    document = command.run(
+    document = identification.run(
         device, arguments, output, say, ready, reach=reach, force=force, weight=weight, lever=lever
     )
-    print_document(document, as_json, command.lines)
-
-
-def _identification() -> Any:
-    """Return the module that identifies; it needs packages of an extra."""
-    try:
-        from forcebound.lab.identification import command
-    except ModuleNotFoundError as error:
-        if error.name != "scipy":
-            raise
-        raise ConfigError("identify needs scipy: pip install 'forcebound[lab]'") from error
-    return command
+    print_document(document, as_json, identification.lines)
 
 
 class Progress:
@@ -213,7 +215,7 @@ def check(
     """
     if part != "environment" and (axes or rest):
         raise click.UsageError("--axes and --rest are for environments")
-    checked = check_part(part, kind, arguments, axes, rest, progress=Progress().show)
-    print_document(checked, as_json, partial(lines, part))
+    checked = contract.check_part(part, kind, arguments, axes, rest, progress=Progress().show)
+    print_document(checked, as_json, partial(contract.lines, part))
     if not checked.passed:
         raise RunError(f"{kind} breaks its contract")

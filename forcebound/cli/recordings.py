@@ -11,22 +11,21 @@ import click
 from forcebound.cli import complete
 from forcebound.cli import options as opt
 from forcebound.cli.common import print_json, show
+from forcebound.cli.lazy import when_used
 from forcebound.cli.outcome import show_results, show_run
 from forcebound.files import content_of
-from forcebound.lab import verification
-from forcebound.lab.replay import device_of, duration_of, graph_of
-from forcebound.messages.packets import TOPIC_OF, TOPICS, Telemetry
-from forcebound.messages.topology import HAND
-from forcebound.observe.recorder import free_name, record_running
-from forcebound.recordings.export import export as write_tables
-from forcebound.recordings.recording import Recording, read
-from forcebound.recordings.recovery import recover as write_recovered
-from forcebound.results.perception import differences
-from forcebound.results.plots import check_picture, figure, save
-from forcebound.results.signals import curves_of
-from forcebound.results.tables import difference_text
-from forcebound.run.results import results_of
 from forcebound.stop import Stop
+
+with when_used():
+    from forcebound.lab import replay as again
+    from forcebound.lab import verification
+    from forcebound.messages import packets, topology
+    from forcebound.observe import recorder
+    from forcebound.recordings import export as tabled
+    from forcebound.recordings import recording as recorded
+    from forcebound.recordings import recovery
+    from forcebound.results import perception, plots, signals, tables
+    from forcebound.run import results as run_results
 
 _recorded = opt.running(require_graph=True, named="`forcebound record GRAPH`")
 _run = opt.argument(complete.recordings, metavar="RUN.mcap", type=opt.FILE)
@@ -55,8 +54,8 @@ def record(
             show(f"recording {name} to {file}; Ctrl-C ends it")
 
     with Stop() as stop:
-        file = output or free_name(Path(), graph)
-        found = record_running(graph, file, duration, begin, stop)
+        file = output or recorder.free_name(Path(), graph)
+        found = recorder.record_running(graph, file, duration, begin, stop)
     print_json(found) if as_json else show(str(found))
 
 
@@ -80,18 +79,19 @@ def plot(
     forcebound plot two.mcap --hand left
     """
     output = Path(runs[0]).with_suffix(".png") if output is None else output
-    check_picture(output)
-    found = [(run, one) for run in runs for one in results_of(Path(run), hand).items()]
+    plots.check_picture(output)
+    found = [(run, one) for run in runs for one in run_results.results_of(Path(run), hand).items()]
     results = [result for _, (_, result) in found]
     labels = [result.label for result in results]
     if len(set(labels)) < len(labels):  # same law: distinguished by file
         labels = [f"{run}: {result.label}" for run, (_, result) in found]
     with content_of(" and ".join(runs)):
         summaries = [result.summary for result in results]
-        compared = [differences(summaries[0], other) for other in summaries[1:]]
+        compared = [perception.differences(summaries[0], other) for other in summaries[1:]]
         drawn = [(label, r.columns, r.document) for label, r in zip(labels, results, strict=True)]
-        signals = [curves_of(read(run, hand=one)) for run, (one, _) in found]
-        save(figure(drawn, events=[r.events for r in results], signals=signals), output)
+        curves = [signals.curves_of(recorded.read(run, hand=one)) for run, (one, _) in found]
+        events = [result.events for result in results]
+        plots.save(plots.figure(drawn, events=events, signals=curves), output)
         document = {"picture": str(output), "runs": summaries, "differences": compared}
     if as_json:
         print_json(document)
@@ -99,13 +99,13 @@ def plot(
     show_results(results, labels if len(results) > 1 else (), shows_all=shows_all)
     for label, felt in zip(labels[1:], compared, strict=True):
         for difference in felt:
-            show(f"{label} against {labels[0]}: {difference_text(difference)}")
+            show(f"{label} against {labels[0]}: {tables.difference_text(difference)}")
     show(f"picture: {output}")
 
 
-def _read(run: Path, hand: str | None, topics: Sequence[str] | None = None) -> Recording:
+def _read(run: Path, hand: str | None, topics: Sequence[str] | None = None) -> "recorded.Recording":
     """Return a recording, with these topics or all, and say if it is incomplete."""
-    recording = read(run, tuple(TOPICS) if topics is None else topics, hand)
+    recording = recorded.read(run, tuple(packets.TOPICS) if topics is None else topics, hand)
     if not recording.complete:
         show(f"forcebound: recording incomplete: using the readable part of {run}", err=True)
     return recording
@@ -128,8 +128,8 @@ def export(
     forcebound export run.mcap --csv tables --overwrite
     """
     for name, recording in _read(run, hand).by_hand.items():
-        folder = csv if name == HAND else csv / name
-        for file in write_tables(recording, folder, overwrite):
+        folder = csv if name == topology.HAND else csv / name
+        for file in tabled.export(recording, folder, overwrite):
             show(str(file))
 
 
@@ -143,7 +143,7 @@ def recover(
     \b
     forcebound recover cut.mcap -o whole.mcap
     """
-    found = write_recovered(run, output)
+    found = recovery.recover(run, output)
     if as_json:
         print_json(found)
         return
@@ -193,10 +193,10 @@ def replay(
         _verify(run, hand, arguments, as_json)
     if record is not None and record.exists() and record.samefile(run):
         raise click.UsageError(f"--record: {record} is the recording itself")
-    recording = _read(run, hand, (TOPIC_OF[Telemetry],))
+    recording = _read(run, hand, (packets.TOPIC_OF[packets.Telemetry],))
     fed = {"hand": True, "network": network, "environment": environment}
-    config = graph_of(recording, arguments, [feed for feed, is_fed in fed.items() if is_fed])
-    seconds = duration_of(recording, config) if duration is None else duration
+    config = again.graph_of(recording, arguments, [feed for feed, is_fed in fed.items() if is_fed])
+    seconds = again.duration_of(recording, config) if duration is None else duration
     words = " ".join((str(run), *arguments)) if live else None
     show_run(config, seconds, record, as_json, shows_all, words)
 
@@ -204,19 +204,19 @@ def replay(
 def _verify(run: Path, hand: str | None, settings: Sequence[str], as_json: bool) -> NoReturn:
     found = {}
     for name, recording in _read(run, hand, verification.TOPICS).by_hand.items():
-        device = device_of(recording, settings)
+        device = again.device_of(recording, settings)
         with content_of(run):
             found[name] = verification.verify(recording, device)
     if as_json:
         documents = {name: asdict(one) | {"is_same": one.is_same} for name, one in found.items()}
-        print_json(documents.get(HAND, {"hands": documents}))
+        print_json(documents.get(topology.HAND, {"hands": documents}))
     else:
         for name, one in found.items():
-            show("\n".join([*([f"{name}:"] if name != HAND else []), *_lines(one)]))
+            show("\n".join([*([f"{name}:"] if name != topology.HAND else []), *_lines(one)]))
     sys.exit(0 if all(one.is_same for one in found.values()) else 1)
 
 
-def _lines(found: verification.Verified) -> Iterator[str]:
+def _lines(found: "verification.Verified") -> Iterator[str]:
     yield f"verified: {found.verified} of {found.ticks} ticks, {found.differing} differ"
     if found.difference:
         yield f"first difference: {found.difference}"

@@ -13,25 +13,26 @@ import click
 
 from forcebound.cli import complete
 from forcebound.cli import options as opt
-from forcebound.cli.common import check_tornado, print_json, show
+from forcebound.cli.common import check_tornado, print_document, print_json, show
+from forcebound.cli.lazy import when_used
 from forcebound.cli.outcome import show_run
 from forcebound.ending import end
 from forcebound.files import check_writable
-from forcebound.graph.document import descriptions, folder_of
-from forcebound.graph.graph import GraphConfig
-from forcebound.graph.loader import arguments_of, load_tried
-from forcebound.graph.resolved import to_document
-from forcebound.messages.topology import flat
-from forcebound.run.live import check_here
+
+with when_used():
+    from forcebound.graph import document as files
+    from forcebound.graph import graph, loader, resolved
+    from forcebound.messages import topology
+    from forcebound.run import live, trial
 
 PAGE_END_TIMEOUT_S = 15.0  # for the last message to pages, and the end of a recording
 
 
 def _named_file(context: click.Context, parameter: click.Parameter, file: str | None) -> str:
     """Return FILE; without one, list the shipped launch files."""
-    if file is not None:
-        return file
-    known = descriptions()
+    if file is not None or context.resilient_parsing:  # of completion
+        return file or ""
+    known = files.descriptions()
     width = max(map(len, known))
     listed = "\n".join(f"  {name:{width}}  {words}" for name, words in known.items())
     message = f"Name one of your own, or one that comes with forcebound:\n\n{listed}"
@@ -67,12 +68,12 @@ def launch(
     """
     if has_view:
         check_tornado()
-    also = partial(check_here, record=record)
+    also = partial(live.check_here, record=record)
     config = _configuration(file, arguments, check, show_args, as_json, hands=hands, also=also)
     if config is not None:
         words = " ".join((file, *arguments, *(f"--hand {hand}" for hand in hands)))
         with _page() if has_view else nullcontext():
-            folder = folder_of(Path(file))
+            folder = files.folder_of(Path(file))
             show_run(config, duration, record, as_json, shows_all, words, folder)
 
 
@@ -122,13 +123,13 @@ def _configuration(
     as_json: bool,
     seed: int | None = None,
     hands: tuple[str, ...] = (),
-    also: Callable[[GraphConfig], None] = lambda config: None,
-) -> GraphConfig | None:
+    also: "Callable[[graph.GraphConfig], None]" = lambda config: None,
+) -> "graph.GraphConfig | None":
     """Return the configuration of a launch file; None if it was only checked or shown."""
     if show_args:
         _show_arguments(file, as_json)
         return None
-    config = load_tried(file, arguments, _try_start if check else None)
+    config = loader.load_tried(file, arguments, trial.try_start if check else None)
     if seed is not None:
         config = replace(config, seed=seed)
     if hands:
@@ -136,18 +137,13 @@ def _configuration(
     if not check:
         return config
     also(config)
-    print_json(flat(to_document(config))) if as_json else show(f"{file}: correct")
+    document = topology.flat(resolved.to_document(config))
+    print_document(document, as_json, lambda _: [f"{file}: correct"])
     return None
 
 
-def _try_start(config: GraphConfig) -> None:
-    from forcebound.run.trial import try_start  # virtual time: a start does not wait for it
-
-    try_start(config)
-
-
 def _show_arguments(file: str, as_json: bool) -> None:
-    arguments = arguments_of(file)
+    arguments = loader.arguments_of(file)
     if as_json:
         print_json(arguments)
         return

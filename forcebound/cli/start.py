@@ -8,10 +8,14 @@ import click
 from click.shell_completion import get_completion_class
 
 from forcebound.cli import options as opt
-from forcebound.cli.common import Group, command, print_json, show
+from forcebound.cli.common import Group, command, print_json, say, show
+from forcebound.cli.lazy import when_used
 from forcebound.errors import ConfigError
 from forcebound.folders import home_folder
-from forcebound.network.keys import key_folder, list_keys, new_key, public_key
+
+with when_used():
+    from forcebound.graph import schema as launch_schema
+    from forcebound.network import keys as known_keys
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 STARTER = ("my_environment.yaml", "my_environment.py")
@@ -80,7 +84,7 @@ def new_keys(name: str = opt.argument(), as_json: bool = opt.as_json) -> None:
     \b
     forcebound keys new lab_pc
     """
-    made, folder = new_key(name), key_folder()
+    made, folder = known_keys.new_key(name), known_keys.key_folder()
     if as_json:
         print_json({"name": made.name, "public": made.public, "folder": str(folder)})
         return
@@ -95,7 +99,7 @@ def list_all_keys(as_json: bool = opt.as_json) -> None:
     \b
     forcebound keys list --json
     """
-    entries = list_keys()
+    entries = known_keys.list_keys()
     if as_json:
         print_json(entries)
         return
@@ -104,7 +108,7 @@ def list_all_keys(as_json: bool = opt.as_json) -> None:
         problem = f"{entry.problem}: {entry.action}" if entry.action else entry.problem
         show(f"{entry.name:<20}{kind:<8}{problem or entry.public}")
     if not entries:
-        show(f"no keys in {key_folder()}; create one with `forcebound keys new NAME`", err=True)
+        say(f"no keys in {known_keys.key_folder()}; create one with `forcebound keys new NAME`")
 
 
 @command("show", keys)
@@ -114,7 +118,7 @@ def show_key(name: str = opt.argument(), as_json: bool = opt.as_json) -> None:
     \b
     forcebound keys show lab_pc
     """
-    public = public_key(name)
+    public = known_keys.public_key(name)
     print_json({"name": name, "public": public}) if as_json else show(public)
 
 
@@ -124,6 +128,4 @@ def schema() -> None:
     \b
     forcebound schema > forcebound.schema.json
     """
-    from forcebound.graph.schema import json_schema
-
-    print_json(json_schema())
+    print_json(launch_schema.json_schema())

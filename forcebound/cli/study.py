@@ -7,18 +7,23 @@ from pathlib import Path
 from typing import Any
 
 import click
-from rich.console import Console
 
 from forcebound.cli import complete
 from forcebound.cli import options as opt
 from forcebound.cli.common import Function, Group, command, print_document, print_json, say, show
+from forcebound.cli.lazy import when_used
 from forcebound.errors import RunError
-from forcebound.lab import audit as of_laws
-from forcebound.lab import audit_replay
-from forcebound.lab import sensitivity as wrong_numbers
-from forcebound.lab import worlds as of_worlds
-from forcebound.lab.sweep.runner import run_file
-from forcebound.lab.views import energy
+
+with when_used():
+    from rich import console
+
+    from forcebound.lab import audit as of_laws
+    from forcebound.lab import audit_replay, views
+    from forcebound.lab import sensitivity as wrong_numbers
+    from forcebound.lab import worlds as of_worlds
+    from forcebound.lab.paper import reproduce as paper
+    from forcebound.lab.paper import setup
+    from forcebound.lab.sweep import maps, runner
 
 
 def _campaign(of_each: str, runs: int, *only: str) -> Callable[[Function], Function]:
@@ -124,7 +129,7 @@ def sensitivity(
     """
     document = wrong_numbers.run(kind, runs, workers)
     rows = document["mistakes"]
-    lines = [f"{row['summary']:<46}{energy(row['energy_min_j']):>12}" for row in rows]
+    lines = [f"{row['summary']:<46}{views.energy(row['energy_min_j']):>12}" for row in rows]
     print_document(document, as_json, lambda _: lines)
 
 
@@ -139,15 +144,12 @@ def reproduce(
     forcebound reproduce table1
     forcebound reproduce -o results/paper
     """
-    from forcebound.lab.paper.reproduce import reproduce, tables  # half a second
-    from forcebound.lab.paper.setup import Runs
-
-    done = reproduce(names, out, Runs(say))
+    done = paper.reproduce(names, out, setup.Runs(say))
     if as_json:
         print_json(done.document)
         return
-    for table in tables(done):
-        Console().print(table)
+    for table in paper.tables(done):
+        console.Console().print(table)
     show(f"pictures and numbers: {out}")
 
 
@@ -171,15 +173,13 @@ def sweep(
     forcebound sweep my_sweep.yaml -o my_sweep.parquet --workers 2
     """
     with _continued("the same command without --restart" if restart else "the same command"):
-        document = run_file(file, arguments, output, workers, cluster, restart, overwrite, plot)
-    if as_json:
-        print_json(document)
-    else:
-        for name, value in document.items():
-            if value is not None:
-                show(f"{name.replace('_', ' ')}: {value}")
-    if document["failed"] == document["cases"]:
-        raise RunError(f"every case failed; the first: {document['first_error']}")
+        done = runner.run_file(file, arguments, output, workers, cluster, restart, overwrite, plot)
+    known = [
+        f"{name.replace('_', ' ')}: {value}" for name, value in done.items() if value is not None
+    ]
+    print_document(done, as_json, lambda _: known)
+    if done["failed"] == done["cases"]:
+        raise RunError(f"every case failed; the first: {done['first_error']}")
 
 
 def draw_map(
@@ -193,8 +193,6 @@ def draw_map(
     \b
     forcebound map stability_map.parquet -o map.svg
     """
-    from forcebound.lab.sweep.maps import draw  # needs pyarrow, of an extra
-
     output = output or result.with_suffix(".png")
-    draw(result, output)
+    maps.draw(result, output)
     show(f"map: {output}")

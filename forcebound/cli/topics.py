@@ -11,18 +11,30 @@ from pathlib import Path
 from typing import Any
 
 import click
-from msgspec import to_builtins
-from msgspec.structs import asdict
 
 from forcebound.cli import complete
 from forcebound.cli import options as opt
-from forcebound.cli.common import UNKNOWN, Group, command, print_json, print_json_line, say, show
-from forcebound.messages.packets import TOPICS, Event, field_types
-from forcebound.network.trace import check_output
-from forcebound.observe import bridges, drawing, streams
-from forcebound.observe.delay import SHARES, Bin, LinkDelays, measure
-from forcebound.recordings.delay_traces import as_link_trace
+from forcebound.cli.common import (
+    UNKNOWN,
+    Group,
+    command,
+    print_document,
+    print_json,
+    print_json_line,
+    say,
+    show,
+)
+from forcebound.cli.lazy import when_used
 from forcebound.results.printing import print_rows
+
+with when_used():
+    import msgspec
+
+    from forcebound.messages import packets
+    from forcebound.network import trace
+    from forcebound.observe import bridges, drawing, streams
+    from forcebound.observe import delay as delays
+    from forcebound.recordings import delay_traces
 
 BAR = 40  # characters, of the longest bar of a histogram
 
@@ -34,7 +46,7 @@ def _fields(context: click.Context, begun: str) -> Iterable[str]:
     """Fields of the topic that is already there."""
     # An option without its value ends the parsing, before arguments have their names.
     topic = context.params.get("topic") or context.args[0]
-    return field_types(TOPICS[topic.rpartition("/")[2]])
+    return packets.field_types(packets.TOPICS[topic.rpartition("/")[2]])
 
 
 _some_topics = opt.arguments("[TOPIC]...", _topics)
@@ -44,10 +56,7 @@ _measuring = opt.duration("Measuring time. Default: 2s.", "--duration", default=
 def echo(
     topic: str = opt.argument(_topics),
     fields: tuple[str, ...] = opt.repeated(
-        "Only this field; repeatable.",
-        "--field",
-        metavar="NAME",
-        shell_complete=_fields,
+        "Only this field; repeatable.", "--field", metavar="NAME", shell_complete=_fields
     ),
     count: int | None = opt.option("End after so many packets.", type=opt.COUNT),
     as_csv: bool = opt.flag("One row each, a column for each entry.", "--csv"),
@@ -139,7 +148,7 @@ def hz(
     print_rows(head, [(topic, *_stream(one)) for topic, one in figures.items()])
 
 
-def _stream(figures: streams.StreamFigures) -> tuple[str, ...]:
+def _stream(figures: "streams.StreamFigures") -> tuple[str, ...]:
     one = figures.interval_ms
     times = () if one is None else (one.mean, one.min, one.max, one.deviation)
     shown = [f"{time:.3f} ms" for time in times] or [UNKNOWN] * 4
@@ -162,10 +171,8 @@ def graph(
     forcebound graph --mermaid > graph.md
     """
     edges = drawing.measure_edges(run, duration)
-    if as_json:
-        print_json([edge._asdict() for edge in edges])
-    else:
-        show(drawing.as_mermaid(edges) if mermaid else drawing.as_text(edges))
+    draw = drawing.as_mermaid if mermaid else drawing.as_text
+    print_document([edge._asdict() for edge in edges], as_json, lambda _: [draw(edges)])
 
 
 def log(
@@ -185,7 +192,7 @@ def log(
     ahead_ns = time.time_ns() - time.monotonic_ns()
 
     for _, packet, _ in streams.packets_of(run, ("event",), duration):
-        if not isinstance(packet, Event) or (quiet and not packet.is_fault):
+        if not isinstance(packet, packets.Event) or (quiet and not packet.is_fault):
             continue
         time_s = (packet.time_ns + ahead_ns) * 1e-9
         at = datetime.fromtimestamp(time_s).isoformat(" ", "milliseconds")
@@ -218,17 +225,17 @@ def delay(
     forcebound delay run.mcap -o trace.csv
     """
     if output is not None:
-        check_output(output)
-    measured = measure(run, duration, links, hand)
+        trace.check_output(output)
+    measured = delays.measure(run, duration, links, hand)
     if not measured.is_complete:
         show(f"{run} is incomplete: these are the delays up to its end", err=True)
     if output is not None:
-        as_link_trace(measured.trace, measured.document).write(output)
+        delay_traces.as_link_trace(measured.trace, measured.document).write(output)
     figures = measured.figures
     if as_json:
-        print_json({**to_builtins(figures), "trace": output})
+        print_json({**msgspec.structs.asdict(figures), "trace": output})
         return
-    for name, value in asdict(figures.loop_delay_ms).items():
+    for name, value in msgspec.structs.asdict(figures.loop_delay_ms).items():
         label = name.replace("_", ".")
         show(f"loop delay {label:<6}{UNKNOWN if value is None else f'{value:.2f} ms':>10}")
     _show_histogram(figures.histogram)
@@ -240,20 +247,20 @@ def delay(
         show(f"trace: {output}")
 
 
-def _show_histogram(bins: Sequence[Bin]) -> None:
+def _show_histogram(bins: "Sequence[delays.Bin]") -> None:
     most = max((one.count for one in bins), default=1)
     for one in bins:
         bar = "█" * round(BAR * one.count / most)
         show(f"{one.from_ms:>8.2f} ms {one.count:>7} {bar}".rstrip())
 
 
-def _show_links(links: Mapping[str, LinkDelays]) -> None:
+def _show_links(links: "Mapping[str, delays.LinkDelays]") -> None:
     rows = []
     for name, link in links.items():
-        delays = [getattr(link, share) for share in SHARES]
-        shown = [UNKNOWN if delay is None else f"{delay:.3f}" for delay in delays]
+        values = [getattr(link, share) for share in delays.SHARES]
+        shown = [UNKNOWN if value is None else f"{value:.3f}" for value in values]
         rows.append((name, *shown, str(link.count)))
-    head = ("from sending, ms", *(share.replace("_", ".") for share in SHARES), "ticks")
+    head = ("from sending, ms", *(share.replace("_", ".") for share in delays.SHARES), "ticks")
     print_rows(head, rows)
 
 

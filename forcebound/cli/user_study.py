@@ -1,29 +1,27 @@
 """Commands for studies that people take part in."""
 
-import asyncio
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
 from forcebound.cli import complete
 from forcebound.cli import options as opt
-from forcebound.cli.common import Group, check_tornado, command, show
+from forcebound.cli.common import Group, check_tornado, command, say, show
+from forcebound.cli.lazy import when_used
 from forcebound.cli.view import shown
 from forcebound.errors import ConfigError
-from forcebound.interface.live import launch_unrecorded
-from forcebound.lab.study.data import Kind
-from forcebound.lab.study.markers import Markers, find_lsl
-from forcebound.lab.study.observers import Observer, run_observers
-from forcebound.lab.study.order import blocks_of, total
-from forcebound.lab.study.plan import SHIPPED, Study, load_study, shipped
-from forcebound.lab.study.session import Session
-from forcebound.observe.live_study import LiveStudy
-from forcebound.observe.study_graph import StudyGraph
 
-if TYPE_CHECKING:
-    from forcebound.observe.page.study import StudyServer
+with when_used():
+    import asyncio
+
+    from forcebound.interface import live
+    from forcebound.lab.study import data, markers, observers, order, report
+    from forcebound.lab.study import plan as plans
+    from forcebound.lab.study import session as sessions
+    from forcebound.observe import live_study
+    from forcebound.observe import study_graph as graphs
+    from forcebound.observe.page import study as page
 
 SIMULATED = re.compile(r"simulated:([1-9][0-9]{0,2})")
 _file = opt.argument(complete.studies)
@@ -43,7 +41,7 @@ def new(path: Path = opt.argument(type=opt.FILE)) -> None:
     path = path.with_suffix(".yaml")
     try:
         with path.open("x", encoding="utf-8") as file:
-            file.write((SHIPPED / shipped()[0]).read_text(encoding="utf-8"))
+            file.write((plans.SHIPPED / plans.shipped()[0]).read_text(encoding="utf-8"))
     except FileExistsError:
         raise ConfigError(f"{path} exists: choose another name") from None
     show(f"study file: {path}; then: `forcebound study check {path}`")
@@ -56,20 +54,16 @@ def check(file: str = _file) -> None:
     \b
     forcebound study check friction
     """
-    plan = load_study(file)
-    trials = total(plan)
+    plan = plans.load_study(file)
+    trials = order.total(plan)
     show(f"{plan.name}: {plan.description}")
     show(f"question: {plan.question}")
     for counted, other in plan.pairs:
         show(f"pair: {counted} against {other}")
-    many = (
-        "until the staircases end"
-        if trials is None
-        else f"{trials} with training, two touches each"
-    )
+    many = f"{trials} with training, two touches each" if trials else "until the staircases end"
     show(f"trials: {many}")
     for number in range(2 * len(plan.blocks)):
-        show(f"participant {number + 1}: {', '.join(blocks_of(plan, number))}")
+        show(f"participant {number + 1}: {', '.join(order.blocks_of(plan, number))}")
 
 
 @command("run", study, short_help="Run a study with one participant, or simulated ones.")
@@ -88,9 +82,7 @@ def run(
         default=0.23,
     ),
     lapse: float = opt.number(
-        "Share of their answers that are guesses.",
-        type=click.FloatRange(0.0, 1.0),
-        default=0.02,
+        "Share of their answers that are guesses.", type=click.FloatRange(0.0, 1.0), default=0.02
     ),
     records: bool = opt.flag("Record each simulated touch; slow.", "--record"),
     workers: int | None = opt.workers,
@@ -109,26 +101,28 @@ def run(
     forcebound study run friction --participant simulated:10 --seed 1
     forcebound study run my_study.yaml --participant p07
     """
-    plan = load_study(file)
+    plan = plans.load_study(file)
     folder = folder or Path(plan.name)
     simulated = SIMULATED.fullmatch(participant)
-    if simulated is None and participant.startswith("simulated"):
+    if simulated is not None:
+        observer = observers.Observer(seed, weber, lapse, records)
+        observers.run_observers(observer, file, folder, int(simulated[1]), workers)
+        show(f"data: {folder}; then: `forcebound study analyse {folder}`")
+    elif participant.startswith("simulated"):
         raise ConfigError(f"expected simulated:N with N from 1 to 999, got {participant!r}")
-    if simulated is None:
+    else:
         run_live_study(plan, participant, folder, port, opens, lsl)
-        return
-    observer = Observer(seed, weber, lapse, records)
-    run_observers(observer, file, folder, int(simulated[1]), workers)
-    show(f"data: {folder}; then: `forcebound study analyse {folder}`")
 
 
-async def _serve(session: Session, server: "StudyServer", graph: StudyGraph, opens: bool) -> None:
+async def _serve(
+    session: "sessions.Session", server: "page.StudyServer", graph: "graphs.StudyGraph", opens: bool
+) -> None:
     """Show a session on pages until it is finished, or stopped."""
-    server.live = LiveStudy(
+    server.live = live_study.LiveStudy(
         session,
         graph,
         lambda message: server.later(server.tell, message),
-        lambda problem: show(f"forcebound: {problem}", err=True),
+        lambda problem: say(f"forcebound: {problem}"),
     )
     running = asyncio.get_running_loop().run_in_executor(None, server.live.run)
     with shown(server.access, None, opens):
@@ -141,7 +135,7 @@ async def _serve(session: Session, server: "StudyServer", graph: StudyGraph, ope
 
 
 def run_live_study(
-    plan: Study, participant: str, folder: Path, port: int, opens: bool, lsl: str | None
+    plan: "plans.Study", participant: str, folder: Path, port: int, opens: bool, lsl: str | None
 ) -> None:
     """Run a study with a person on the live page, until it is finished, or stopped.
 
@@ -151,16 +145,14 @@ def run_live_study(
         ConfigError: As :class:`Session`; if tornado or pylsl is missing, or a wall moves.
     """
     check_tornado()
-    from forcebound.observe.page.study import StudyServer
-
-    graph = StudyGraph(plan, launch_unrecorded)
-    kind: Kind = "person" if graph.movers == {"person"} else "rehearsal"
-    marks = Markers(graph.publish, None if lsl is None else find_lsl(lsl))
+    graph = graphs.StudyGraph(plan, live.launch_unrecorded)
+    kind: data.Kind = "person" if graph.movers == {"person"} else "rehearsal"
+    marks = markers.Markers(graph.publish, None if lsl is None else markers.find_lsl(lsl))
 
     async def lead() -> None:
-        server = StudyServer(port=port)  # first: a port that is taken uses up no number
+        server = page.StudyServer(port=port)  # first: a port that is taken uses up no number
         try:
-            with Session(plan, folder, participant, kind, marks) as session:
+            with sessions.Session(plan, folder, participant, kind, marks) as session:
                 try:
                     if session.step.kind != "finished":
                         await _serve(session, server, graph, opens)
@@ -181,10 +173,8 @@ def analyse(folder: Path = opt.argument(type=opt.FOLDER)) -> None:
     forcebound study analyse friction
     """
     try:
-        from forcebound.lab.study.report import write_report
-
-        page = write_report(folder)
+        written = report.write_report(folder)
     except ModuleNotFoundError as error:
         raise ConfigError(f"needs {error.name}: pip install 'forcebound[study]'") from error
-    show(page.read_text(encoding="utf-8"))
-    show(f"report: {page}")
+    show(written.read_text(encoding="utf-8"))
+    show(f"report: {written}")

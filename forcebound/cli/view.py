@@ -1,28 +1,29 @@
 """The live page of a running graph."""
 
-import asyncio
 import os
 import tempfile
-import webbrowser
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from threading import Thread
-from typing import TYPE_CHECKING
 
 import click
 
 from forcebound.cli import options as opt
 from forcebound.cli.common import check_tornado, show
+from forcebound.cli.lazy import when_used
 from forcebound.errors import ConfigError, ForceboundError
 from forcebound.folders import runtime_folder
-from forcebound.observe.page.access import Access
-from forcebound.observe.runs import find, find_launched, running
 from forcebound.realtime import on_cores
-from forcebound.run.run_directory import RunDocument
 
-if TYPE_CHECKING:
-    from forcebound.observe.page.server import Server
+with when_used():
+    import asyncio
+    import webbrowser
+
+    from forcebound.observe import runs
+    from forcebound.observe.page import access as pages
+    from forcebound.observe.page import server as page_server
+    from forcebound.run import run_directory
 
 POLL_S = 0.5  # between two looks for the next graph
 
@@ -39,7 +40,7 @@ def opened_in_browser(address: str, run: Path | None) -> Iterator[None]:
     that leads to the address; it is deleted after the body. A browser may stay in the foreground,
     so a thread waits for it.
     """
-    core = None if run is None else RunDocument.read(run).core
+    core = None if run is None else run_directory.RunDocument.read(run).core
     with tempfile.NamedTemporaryFile("w", suffix=".html", dir=runtime_folder()) as file:  # 0600
         file.write(REDIRECT.format(address))
         file.flush()
@@ -53,7 +54,7 @@ def opened_in_browser(address: str, run: Path | None) -> Iterator[None]:
 
 
 @contextmanager
-def shown(access: Access, run: Path | None, opens: bool) -> Iterator[None]:
+def shown(access: "pages.Access", run: Path | None, opens: bool) -> Iterator[None]:
     """Print the addresses of a server, and open its page in a browser if there is a screen."""
     show(f"page:          {access.address(access.token)}")
     show(f"to look only:  {access.address(access.watching)}")
@@ -99,16 +100,14 @@ def view(
     forcebound view --wait --run pointer_wall --port 8000
     """
     check_tornado()
-    from forcebound.observe.page.server import Server
-
     first: Path | None = None
     if launcher is not None:
-        first = find_launched(launcher)
+        first = runs.find_launched(launcher)
     elif not waits:
-        first = find(run, require_graph=True)
+        first = runs.find(run, require_graph=True)
 
     async def serve() -> None:
-        server = Server(listen, port, recordings)  # in the loop in which it serves
+        server = page_server.Server(listen, port, recordings)  # in the loop in which it serves
         try:
             with shown(server.access, first, opens):
                 await _show_graphs(server, first, run, stays=launcher is None)
@@ -119,7 +118,7 @@ def view(
 
 
 async def _show_graphs(
-    server: "Server", run: Path | None, name: Path | None, *, stays: bool
+    server: "page_server.Server", run: Path | None, name: Path | None, *, stays: bool
 ) -> None:
     """Show a graph, and if the server ``stays``, those of this name that come after it."""
     while not server.is_stopped:
@@ -138,15 +137,15 @@ async def _show_graphs(
             return
 
 
-async def _next(server: "Server", name: Path | None) -> Path | None:
+async def _next(server: "page_server.Server", name: Path | None) -> Path | None:
     """Return the next graph; None: the server is to stop. It is reported once if several run."""
     reported = ""
     while not server.is_stopped:
         await asyncio.sleep(POLL_S)
         try:
-            run = find(name, require_graph=True)
+            run = runs.find(name, require_graph=True)
         except ConfigError as error:
-            if name is None and running() and str(error) != reported:
+            if name is None and runs.running() and str(error) != reported:
                 reported = str(error)
                 show(reported, err=True)
         else:
