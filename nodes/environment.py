@@ -40,6 +40,7 @@ from forcebound.messages.packets import (
     Packet,
     Vector,
 )
+from forcebound.messages.topology import HAND
 from forcebound.network.chances import ComputationTime
 from forcebound.network.impairment import Impairment
 from forcebound.network.trace import DelayTrace
@@ -273,8 +274,8 @@ class EnvironmentNode(Node):
     def _emit_state(self, hand: str, user: _User, time_ns: int) -> Event:
         """Return the event that this environment begins or ceases to serve a hand."""
         user.emit_ns = time_ns + STATE_INTERVAL_NS
-        data = {"environment": self.name} | ({"hand": hand} if hand else {})
-        served = f"the hand {hand}" if hand else "this graph"
+        data = {"environment": self.name} | ({"hand": hand} if hand != HAND else {})
+        served = f"the hand {hand}" if hand != HAND else "this graph"
         if user.refused_for is None:
             message = f"serving {served} now, as {self.name}"
             return self.events.emit(time_ns, "serving", message, data)

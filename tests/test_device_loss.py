@@ -35,12 +35,12 @@ from forcebound.run.actions import (
     Start,
     Terminate,
 )
-from forcebound.run.lifecycle import ADVICE
+from forcebound.run.lifecycle import ADVICE, resume_command
 
 HOME = (0.0, -0.0693)  # m, of the tip
 NEAR = 2e-3  # m; friction keeps a hand from its aim
 
-ADVISED = Announce("device_lost", "device", ADVICE, is_fault=True)
+ADVISED = Announce("device_lost", "device", ADVICE.format(resume_command("hand")), is_fault=True)
 STARTED = Announce("process_started", "device", "device was restarted")
 
 

@@ -128,7 +128,7 @@ def test_rejected_bytes_are_counted_by_reason_in_the_node(
     node, _ = device_node()
     device = runner(node, "device", run_dir, network)
     sender = Sender(network, run_dir, "force_command")
-    old = encode(ForceCommand(0, 0, 0, 0, (0.0,))).replace(b"\xa7version\x04", b"\xa7version\x03")
+    old = encode(ForceCommand(0, 0, 0, 0, (0.0,))).replace(b"\xa7version\x05", b"\xa7version\x03")
     for junk, reason in ((old, "version"), (b"junk", "malformed"), (encode(query(1)), "value")):
 
         def counted(junk: bytes = junk, reason: str = reason) -> bool:

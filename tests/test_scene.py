@@ -165,7 +165,7 @@ def test_a_scene_follows_an_answer_and_never_goes_before_it() -> None:
     assert [type(packet) for packet in node.step(0, [query(0)])] == [EnvironmentReply]
     assert model.opened.asked == 0
     assert node.wake_ns == 0
-    assert node.step(0, []) == [Scene(0, 0, (BALL,), {"": (0.01,)})]
+    assert node.step(0, []) == [Scene(0, 0, (BALL,), {"hand": (0.01,)})]
     assert node.wake_ns is None
 
 
@@ -259,7 +259,7 @@ def test_other_parameters_open_a_new_environment_whose_scene_is_told() -> None:
     node = EnvironmentNode(Floor(objects=(object(),)))
     answer(node, 0)
     node.set(Floor(), Impairment(0.0))
-    assert scenes(answer(node, 40 * MS)) == [Scene(0, 40 * MS, (BALL,), {"": (0.01,)})]
+    assert scenes(answer(node, 40 * MS)) == [Scene(0, 40 * MS, (BALL,), {"hand": (0.01,)})]
 
 
 # --- The contract --------------------------------------------------------------------------------

@@ -210,7 +210,7 @@ def test_a_run_in_virtual_time_knows_its_contacts_with_and_without_a_recording(r
 
 def test_a_recorded_scene_follows_the_proxy(run: Run) -> None:
     scenes = [p for p in read(run.recorded).packets("scene") if isinstance(p, Scene)]
-    assert [scene.proxies for scene in scenes[:2]] == [{}, {"": (0.01,)}]
+    assert [scene.proxies for scene in scenes[:2]] == [{}, {"hand": (0.01,)}]
     assert {scene.objects[0].shape for scene in scenes} == {"plane"}
     with run.recorded.open("rb") as file:
         written_scenes = [m for _, c, m in make_reader(file).iter_messages() if c.topic == "/scene"]

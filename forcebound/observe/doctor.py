@@ -27,6 +27,7 @@ from forcebound.observe.findings import Finding, note, problem
 from forcebound.observe.observation import SUSPENDED, Observations, Seen
 from forcebound.results.bounder import Cause
 from forcebound.roles import CONTROLLER, ENVIRONMENT
+from forcebound.run.lifecycle import resume_command
 
 LOSSES = ("lost", "corrupted")  # fates of packets on a link that does not deliver them
 WAITING_RATE = 5.0  # rejected replies in 1/s: of several that wait, each tries once a second
@@ -96,7 +97,7 @@ def _processes(seen: Observations) -> Iterator[Finding]:
             yield note("process_starting", name, f"is starting{then}", action)
         elif state == "lost":
             words = "is lost: zero force; plug it in, switch it on, hold it in its home pose"
-            command = f"forcebound device resume {seen.hand}".rstrip()
+            command = resume_command(seen.hand)
             yield problem("device_lost", name, words, command=command)
         elif state in ("restarting", "ended"):
             yield problem("process_dead", name, f"has ended, its state is {state}{then}", log)
@@ -175,7 +176,7 @@ def _all_lost(receiving: Seen[Any], link: Stream, receiver: str) -> Finding:
 def _parameters_of(link: str) -> str:
     """Return the command that shows the parameters of a link, by the name of its stream."""
     hand, _, topic = link.rpartition("/")
-    return f"forcebound param get {parameter_name(hand, f'links.{topic}')}"
+    return f"forcebound param get {parameter_name(hand or HAND, f'links.{topic}')}"
 
 
 def _nothing_arrives(seen: Observations, link: Stream, sender: str, receiver: str) -> Finding:

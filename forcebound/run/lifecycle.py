@@ -46,9 +46,14 @@ from forcebound.stop import INTERRUPTED
 
 ADVICE = (
     "the device is lost: zero force. Plug it in, switch it on, hold it in its home pose; then run"
-    " `forcebound device resume` in another terminal. Ctrl-C ends the run"
+    " `{}` in another terminal. Ctrl-C ends the run"
 )
 STOPPED_EARLY = (INTERRUPTED, -signal.SIGTERM)  # exit status of a node that was not ready yet
+
+
+def resume_command(hand: str) -> str:
+    """Return the command that lets a hand's lost device be opened again."""
+    return "forcebound device resume" if hand == HAND else f"forcebound device resume {hand}"
 
 
 class Lifecycle:
@@ -296,8 +301,7 @@ class Lifecycle:
             self.lost.add(node)
             self.returning.discard(node)
             hand = self._graph.nodes[node].hand or HAND
-            named = "" if hand == HAND else f" {hand}"
-            advice = ADVICE.replace("device resume", f"device resume{named}")
+            advice = ADVICE.format(resume_command(hand))
             return [Announce("device_lost", node, advice, is_fault=True)]
         if node in self._leaving:
             pass  # the run ended first

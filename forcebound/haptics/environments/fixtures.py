@@ -304,7 +304,8 @@ class HandFixtures:
     def scene(self, hand: str = HAND) -> tuple[SceneObject, ...]:
         """Return what there is to draw, under names that begin with that of a hand."""
         names = self._named().items()
-        drawn = (fixture.drawn(f"{hand} {name}".strip()) for name, fixture in names)
+        whose = "" if hand == HAND else f"{hand} "
+        drawn = (fixture.drawn(f"{whose}{name}") for name, fixture in names)
         return tuple(filter(None, drawn))
 
     def _named(self) -> dict[str, _Fixture]:

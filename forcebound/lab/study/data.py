@@ -95,7 +95,7 @@ def read_document(file: Path, kind: type[_Document]) -> _Document:
     """Return the content of a JSON file; ConfigError with its problems and their places."""
     text, problems = read_text(file, "the data in", MAX_TABLE), Problems()
     with content_of(file):
-        root = from_plain(json.loads(text), f"{file}:1")  # it is written as one line
+        root = from_plain(json.loads(text), f"{file}:1", ".")  # it is written as one line
         values = Form("the file", fields_of(cast(Any, kind))).read(root, problems)
     problems.raise_if_any()
     return kind(**(values or {}))
@@ -157,7 +157,7 @@ def _check(
     """Refuse a row that is damaged, or not of the trial that comes after those before it."""
     plain = {n: one if _HINTS.get(n) in _TEXTS else _number(one) for n, one in row.items()}
     problems, trial = Problems(), next_trial(study, about.number, before)
-    _ROW.read(from_plain(plain, place), problems)
+    _ROW.read(from_plain(plain, place, "."), problems)
     problems.raise_if_any()
     if trial is None:
         raise ConfigError(f"{place}: expected no more trials: all have been answered above")

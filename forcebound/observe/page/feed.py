@@ -84,7 +84,7 @@ class Feed:
 
     def signals_of(self, hand: str) -> list[str]:
         """Return the names of the signals that belong to a hand."""
-        return [name for name in self.signals if name.rpartition("/")[0] == hand]
+        return [name for name in self.signals if (name.rpartition("/")[0] or HAND) == hand]
 
     def look(self, keep: int = 1) -> list[Message]:
         """Return the messages to the pages about what has come since the last look.
