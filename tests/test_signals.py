@@ -194,7 +194,7 @@ def test_a_live_graph_shows_them_to_echo_page_and_recorder(gel: Path, mark: None
         words = ["echo", "environment_reply", "--field", "signals", "--json", "--count", "1"]
         echoed = CliRunner().invoke(main, [*words, "--run", str(graph.run_dir)])
         assert json.loads(echoed.stdout)["signals"]["depth"] > 0.0
-        feed = Feed(graph.run_dir, {"": 0.0})
+        feed = Feed(graph.run_dir, {"hand": 0.0})
         shown: list[float] = []
 
         def is_shown() -> bool:
