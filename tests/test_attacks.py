@@ -195,7 +195,7 @@ def malformed(good: bytes, random_: random.Random) -> list[bytes]:
         lambda: [random_.randbytes(random_.randrange(200))],
         lambda: [good[: random_.randrange(len(good))]],
         lambda: [good + b"\0"],
-        lambda: [msgpack.packb({**fields, "version": random_.choice([0, 3, 5, "4", None])})],
+        lambda: [msgpack.packb({**fields, "version": random_.choice([0, 3, 4, 6, "5", None])})],
         lambda: [msgpack.packb({**fields, "force": [1.0] * 7})],
         lambda: [msgpack.packb({**fields, "force": [1.0] * 500})],
         lambda: [msgpack.packb({**fields, "force": [True]})],
