@@ -31,6 +31,10 @@ _HEAD = """# Keys of launch files
 This page is made from the schema: `make reference` writes it. The
 [tutorial](tutorial.md) shows a launch file; `forcebound schema` prints the schema for an editor.
 
+Every value has a path, its keys joined by dots. On the command line `PATH:=VALUE` puts a value in the
+place of that of the file, as `NAME:=VALUE` does for an argument: `forcebound simulate stiff_wall
+environment.stiffness:="2 N/mm" device.rate:="2 kHz"`. It is checked as if it stood in the file.
+
 A quantity is a number in the SI unit below, or text with a unit (`10 N/mm`, `5 ms`, `40 %`). A key
 without a default must be given. Relative paths start from the folder of the file that names them. A
 key that another kind of the section has with the same default is explained there.
@@ -56,7 +60,8 @@ _HANDS = """
 
 Several hands in one environment, 1 to 8 of them: two users, a leader and a follower. What one hand
 has at the top of a file (`device`, `operator`, `controller`, `links`, `remote`) each has below its
-name; the rest belongs to all. A name is a word of letters, digits and `_` that is no section.
+name; the rest belongs to all. A name is a word of letters, digits and `_` that is no section. The
+hand of a file without `hands` is called `hand`; one of several cannot have this name.
 
 ```yaml
 hands:
@@ -71,9 +76,10 @@ environment: { kind: wall, stiffness: 10 N/mm, position: 10 mm }
 * All devices have the same number of axes, and ports of their own.
 * Of an included file only the sections of a hand and the `arguments` are taken. An argument that
   several files have is one: `delay:="2 ms"` sets it for all of them.
-* A parameter of a hand begins with its name: `left.device.law`, `right.links.force_command.loss`;
-  so in `param set` and in the settings of a phase. Nodes and topics are `left/device`,
-  `left/telemetry`.
+* The path of a hand's value begins with its name: `left.device.law`, or `hands.left.device.law`,
+  `right.links.force_command.loss`; so on the command line, in `param set` and in the settings of a
+  phase. Nodes and topics are `left/device`, `left/telemetry`. Names of what belongs to an only hand
+  `hand` leave it out: `device.law`, `device`, `telemetry`.
 * If a device with `on_loss: wait` is lost, the other hands keep their force; one that does not wait
   ends the run of all.
 """

@@ -50,7 +50,7 @@ change, *mass* is that of the device. The [glossary](glossary.md) defines the te
 
 | row, unit | key | needs | meaning |
 |---|---|---|---|
-| | `hand` | | name of the hand; empty: the only one of its graph |
+| | `hand` | | name of the hand; `hand`: that of a launch file without `hands` |
 """  # noqa: E501
 
 #: What a figure means, by its key.

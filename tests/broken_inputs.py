@@ -81,8 +81,8 @@ def _case(row: Any, texts: Mapping[str, str], files: Mapping[str, str]) -> Case:
 
 
 def _load(given: Any) -> None:
-    """A launch file, with arguments."""
-    loader.load(Path.cwd() / FILE, tuple(given))
+    """A launch file, with arguments, as a command reads it: it asks parts of the user's own."""
+    loader.load_tried(Path.cwd() / FILE, tuple(given))
 
 
 def _phase(given: Mapping[str, Any]) -> None:

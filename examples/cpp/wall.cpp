@@ -47,7 +47,7 @@ Query read(const zmq::message_t& frame) {
   const auto& environment = map.at("environment");
   const Query query{count("seq"), count("time_ns"), count("device_seq"), count("device_time_ns"),
     map.at("elapsed").as<double>(), vector("position"), environment.is_nil() ? "" : environment.as<Text>(),
-    map.count("hand") ? map.at("hand").as<Text>() : ""};
+    map.count("hand") ? map.at("hand").as<Text>() : "hand"};
   const auto axes = query.position.size(), speeds = vector("velocity").size();
   if ((query.seq | query.time_ns | query.device_seq | query.device_time_ns) >> 63 || axes < 1 || axes > 6 ||
       speeds != axes || environment.is_nil() != query.environment.empty()) throw Refused("value: out of range");

@@ -100,7 +100,7 @@ while (!stopped) {
   }
   if (!query) continue;
   heardAt = now();
-  const { environment, position, seq, time_ns, device_seq, device_time_ns, hand = "" } = query;
+  const { environment, position, seq, time_ns, device_seq, device_time_ns, hand = "hand" } = query;
   const refused = environment !== null && environment !== name;
   if (environment !== serving) say(`${refused ? "refused: " : ""}${environment ?? "nobody"} serves the graph`);
   serving = environment;

@@ -119,7 +119,7 @@ class Run:
 
     @property
     def hands(self) -> Mapping[str, "Run"]:
-        """The run of each hand by the hand's name; an only hand without a name is ``"hand"``."""
+        """The run of each hand by its name; that of a file without ``hands`` is ``"hand"``."""
         if len(self._results) == 1:
             return dict.fromkeys(self._results, self)
         results = self._results.items()

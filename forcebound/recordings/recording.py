@@ -168,7 +168,7 @@ class Recording:
     Attributes:
         path: Its file.
         metadata: Texts by key, as given to the :class:`Recorder`.
-        hands: Names of the hands that it records; an only one without a name is ``hand``.
+        hands: Names of the hands that it records; ``hand``, if the file has no ``hands``.
     """
 
     def __init__(

@@ -15,9 +15,10 @@ struct Query {
     position: Vec<f64>, velocity: Vec<f64>,
     #[serde(deserialize_with = "Option::deserialize")] // nil, but not missing
     environment: Option<String>,
-    #[serde(default)]
+    #[serde(default = "only_hand")]
     hand: String,
 }
+fn only_hand() -> String { "hand".into() }
 
 #[derive(Serialize)] struct Reply<'a> {
     packet: &'a str, version: u64, hand: &'a str, seq: u64, time_ns: u64, device_seq: u64, device_time_ns: u64,

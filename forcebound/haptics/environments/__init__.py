@@ -56,7 +56,7 @@ class Environment(Publisher, ABC):
         """Return the force on a hand, in N, one entry per axis.
 
         Args:
-            user: Name of the hand that asks; a graph with one hand has one, without a name: "".
+            user: Name of the hand that asks; "hand", if the launch file has no ``hands``.
             position: Of the device, in m, shape ``(axes,)``.
             velocity: Of the device, in m/s, same shape.
             elapsed: Time since the force engaged, in s; 0 before.
