@@ -21,12 +21,10 @@ if TYPE_CHECKING:
     from forcebound.graph.graph import EnvironmentConfig as World
     from forcebound.graph.graph import GraphConfig as Graph
     from forcebound.graph.graph import HandConfig as Hand
+    from forcebound.graph.graph import Phase
     from forcebound.graph.servo import ServoSettings as Servo
-    from forcebound.haptics.controllers import CONTROLLERS as controllers
-    from forcebound.haptics.devices import DEVICES as devices
-    from forcebound.haptics.environments import ENVIRONMENTS as environments
-    from forcebound.haptics.hands import OPERATORS as operators
     from forcebound.haptics.laws import LAWS as laws
+    from forcebound.haptics.parts import Table
     from forcebound.interface.figures import Figures, Quantity
     from forcebound.interface.laws import bound
     from forcebound.interface.live import Running, launch
@@ -34,11 +32,18 @@ if TYPE_CHECKING:
     from forcebound.interface.sweeps import Runs, linspace, sweep
     from forcebound.network.impairment import Impairment as Link
 
+    # Each class has keys of its kind.
+    controllers: Table[type[Any]]
+    devices: Table[type[Any]]
+    environments: Table[type[Any]]
+    operators: Table[type[Any]]
+
 __all__ = [
     "Figures",
     "Graph",
     "Hand",
     "Link",
+    "Phase",
     "Quantity",
     "Run",
     "Running",
@@ -72,6 +77,7 @@ _PLACES = {
     "bound": "interface.laws",
     "Graph": "graph.graph:GraphConfig",
     "Hand": "graph.graph:HandConfig",
+    "Phase": "graph.graph",
     "World": "graph.graph:EnvironmentConfig",
     "Servo": "graph.servo:ServoSettings",
     "Link": "network.impairment:Impairment",

@@ -28,12 +28,18 @@ from forcebound.graph.document import (
 )
 from forcebound.graph.graph import KINDS, GraphConfig
 from forcebound.graph.model import read_graph
-from forcebound.graph.names import Document, ParameterName, split_setting
+from forcebound.graph.names import (
+    OF_GRAPH,
+    Document,
+    ParameterName,
+    parameter_name,
+    split_setting,
+)
 from forcebound.graph.phases import read_phases
-from forcebound.graph.problems import Problems
+from forcebound.graph.problems import Problems, unknown
 from forcebound.graph.tree import Value, from_plain, scalar
 from forcebound.haptics.parts.user_module import file_of, names_file
-from forcebound.messages.topology import HANDS, flat
+from forcebound.messages.topology import HAND, HAND_SECTIONS, HANDS, flat
 
 
 def load(path: str | Path, overrides: Sequence[str] = ()) -> GraphConfig:
@@ -119,17 +125,31 @@ def _filled(template: Value, overrides: Sequence[str], problems: Problems) -> Va
     filled = substitution.apply(template.without("arguments"))
     arguments.note_unused(of_arguments, substitution.used)
     filled = with_hands(with_named_hands(filled), partial(with_device_file, problems=problems))
+    given: set[tuple[str, ...]] = set()
     for text in paths:
         name, word = split_setting(text)
-        place = override_place(text)
-        path, hands = ParameterName.parse(name).path, filled.entries[HANDS].entries
-        if path[0] == HANDS and path[1] not in hands:
-            names = " or ".join(hands)
-            problems.add(f"{name} belongs to a hand, one of: {names}", place)
+        place, at = override_place(text), ParameterName.parse(name)
+        if at.path in given:
+            problems.add(f"{name} is given twice", place)
+        elif (problem := _whose(at, filled)) is not None:
+            problems.add(problem, place)
         else:
-            value = Value(scalar(word), place, place, word)
-            filled = filled.with_entry(path, value)
+            filled = filled.with_entry(at.path, Value(scalar(word), place, place, word))
+        given.add(at.path)
     return filled
+
+
+def _whose(at: ParameterName, root: Value) -> str | None:
+    """The problem with a path that leads to no section of a launch file; None: it does."""
+    hands = root.entries[HANDS].entries
+    if at.path[0] != HANDS or at.hand in hands:
+        is_section = at.path[0] in (HANDS, *OF_GRAPH)
+        return None if is_section else unknown("section", at.section, (*HAND_SECTIONS, *OF_GRAPH))
+    if at.hand == HAND:
+        names = " or ".join(parameter_name(hand, ".".join(at.keys)) for hand in hands)
+        return f"whose {at}? It belongs to a hand: {names}"
+    named = [hand for hand in hands if hand != HAND]
+    return unknown("section or hand", at.hand, (*HAND_SECTIONS, *OF_GRAPH, *named))
 
 
 def arguments_of(path: str | Path) -> list[Argument]:

@@ -77,7 +77,9 @@ class Value:
         """Return this mapping with a value under a path of keys."""
         if not keys:
             return value
-        inner = self.entries.get(keys[0], Value({}, value.place, value.key))
+        inner = self.entries.get(keys[0])
+        if inner is None or inner.is_scalar:
+            inner = Value({}, value.place, value.key)
         return self.with_entries({**self.entries, keys[0]: inner.with_entry(keys[1:], value)})
 
     def without(self, *names: str) -> "Value":

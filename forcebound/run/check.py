@@ -27,6 +27,7 @@ from forcebound.haptics.laws import contract as laws
 from forcebound.haptics.parts.contract import Report, Violation
 from forcebound.haptics.parts.user_module import file_of, names_file
 from forcebound.messages.packets import MAX_AXES
+from forcebound.messages.topology import HAND
 from forcebound.units import parse_quantity
 
 CONTRACTS: Mapping[str, Any] = {
@@ -261,7 +262,7 @@ def _expected(text: str) -> tuple[float, float]:
 def _at_rest(environment: Environment, position: float, axes: int) -> float | None:
     still = (0.0,) * axes
     try:
-        force = float(environment.force("", (position, *still[1:]), still, 1.0)[0])
+        force = float(environment.force(HAND, (position, *still[1:]), still, 1.0)[0])
     except (Exception, SystemExit):  # reported by the contract
         return None
     return force if math.isfinite(force) else None
@@ -275,7 +276,7 @@ def _times(environment: Environment, axes: int, calls: int, progress: Progress) 
         progress(f"force({position}, {(0.1,) * axes}, 1.0)", call, calls)
         began = time.perf_counter()
         try:
-            environment.force("", position, (0.1,) * axes, 1.0)
+            environment.force(HAND, position, (0.1,) * axes, 1.0)
         except (Exception, SystemExit):  # reported by the contract
             return []
         times.append(time.perf_counter() - began)

@@ -35,6 +35,7 @@ from forcebound.haptics.parts.contract import (
 )
 from forcebound.messages.codec import decode, encode
 from forcebound.messages.packets import MAX_AXES, MAX_LENGTH, Scene, SceneObject, Vector
+from forcebound.messages.topology import HAND
 
 LONG = 1e4  # s: beyond any run
 PLACES = (0.001, -0.001, 0.02, -0.02, 1.0, -1.0, FAR, -FAR)  # m
@@ -145,7 +146,7 @@ def _answers(
     """
     answers: list[Vector | None] = []
     with found.noting("opens", "an instance that closes", f"open({axes}), close()"):
-        environment = open_environment(model, axes, ("",))
+        environment = open_environment(model, axes, (HAND,))
         if members is not None:
             members |= overridden(environment, Environment)
             _check_scene(environment, f"scene() before the first query, {axes} axes", found)
@@ -165,7 +166,7 @@ def _answers(
 def _answer(environment: Environment, question: Question, found: Findings) -> Vector | None:
     where = str(question)
     with found.noting("answers", "an answer", where):
-        force = environment.force("", *question)
+        force = environment.force(HAND, *question)
         if found.check_vector(force, len(question.position), "N", where):
             return tuple(float(entry) for entry in force)
     return None
@@ -175,7 +176,7 @@ def _check_contact(environment: Environment, question: Question, found: Findings
     where = f"contact() after {question}"
     axes = len(question.position)
     with found.noting("contact", "a contact, or None", where):
-        contact = environment.contact("")
+        contact = environment.contact(HAND)
         if contact is None:
             return
         proxy, normal = contact

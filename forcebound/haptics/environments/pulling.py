@@ -17,6 +17,7 @@ from forcebound.haptics.environments import FAR, EnvironmentModel, open_environm
 from forcebound.haptics.environments.strokes import Question
 from forcebound.haptics.geometry.vectors import dot, norm, pad3, sub, unit
 from forcebound.haptics.parts.contract import Findings
+from forcebound.messages.topology import HAND
 
 FREE, PULLED, TOUCHED = 5, 8, 3  # questions at least: before a pull, of one to FAR, of a contact
 
@@ -39,8 +40,8 @@ def check_press(
     with suppress(Exception, SystemExit), closing(open_environment(model, axes)) as environment:
         for question in press:
             report(question)
-            force = pad3(environment.force("", *question))
-            contact = environment.contact("")
+            force = pad3(environment.force(HAND, *question))
+            contact = environment.contact(HAND)
             forces.append(dot(force, direction))
             if contact is not None and dot(pad3(contact[1]), direction) < 0.0:
                 inwards.append(dot(force, pad3(contact[1])))
