@@ -14,7 +14,6 @@ from forcebound import realtime
 from forcebound.errors import ConfigError
 from forcebound.folders import runtime_folder
 from forcebound.graph.model import part_of
-from forcebound.graph.names import Document
 from forcebound.haptics.hands import Operator
 from forcebound.haptics.laws.dissipation import per_axis
 from forcebound.hardware.emulators.emulation import Board, Emulation
@@ -26,6 +25,7 @@ from forcebound.hardware.emulators.pty import PseudoPort, serve
 from forcebound.hardware.hapi import WIRINGS
 from forcebound.hardware.haply_2diy import Haply2DIY
 from forcebound.hardware.odrive import ODrive
+from forcebound.messages.topology import Document
 from forcebound.stop import Stop
 
 PRIORITY = 20  # of SCHED_FIFO; below that of the nodes
