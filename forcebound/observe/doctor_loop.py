@@ -11,6 +11,7 @@ from forcebound.messages.control import DeviceStatus, RecorderStatus
 from forcebound.messages.topology import LINKS, flat, node_name
 from forcebound.observe.findings import Finding, note, problem
 from forcebound.observe.observation import Observations
+from forcebound.recordings.launched import launched
 from forcebound.results.bounder import Cause, Limited
 from forcebound.results.samples import Samples
 from forcebound.results.ticks import reads_and_writes
@@ -157,7 +158,7 @@ def _law(seen: Observations) -> Iterator[Finding]:
         yield note("no_law", seen.name(DEVICE), words, command=command)
         return
     document = flat(to_document(seen.config))
-    force = Limited(seen.telemetry, document["device"])
+    force = Limited(seen.telemetry, launched(document).device)
     if not force:
         return
     share = float(force.limited.sum() / force.pushing.sum())

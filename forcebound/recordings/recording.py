@@ -24,7 +24,7 @@ from functools import cache, cached_property, partial
 from operator import attrgetter
 from os import PathLike
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, get_args
 
 import msgspec
 from mcap.records import Metadata
@@ -51,12 +51,14 @@ from forcebound.messages.topology import (
     HANDS,
     HERE,
     ONE_HAND,
+    Document,
     Graph,
     Stream,
     flat,
     nested,
     node_name,
 )
+from forcebound.recordings.launched import Launched
 from forcebound.recordings.schema import (
     ABSENT,
     Signals,
@@ -312,7 +314,7 @@ class Recording:
         return float(self.metadata.get(node_name(self.hand, ENERGY_BEFORE), 0.0))
 
     @cached_property
-    def launch(self) -> dict[str, Any]:
+    def launch(self) -> Document:
         """The launch file as resolved for the run, empty if none was recorded.
 
         As if it had the chosen hand alone; if none was chosen, with all hands.
@@ -320,37 +322,15 @@ class Recording:
         return self._document if self._hand is None else flat(self._document, self._hand)
 
     @cached_property
-    def _document(self) -> dict[str, Any]:
+    def _document(self) -> Document:
         text = self.metadata.get("launch", "{}")
         try:
-            msgspec.json.decode(text, type=_RecordedLaunch)
-            document = nested(msgspec.json.decode(text))
+            msgspec.json.decode(text, type=Launched)
+            return nested(msgspec.json.decode(text))
         except (msgspec.MsgspecError, ValueError, RecursionError) as error:
             raise ConfigError(
                 f"{self.path}: its launch file is none of this version ({error})"
             ) from error
-        return document
-
-
-class _RecordedDevice(msgspec.Struct):
-    law: str = ""
-    rate: float = 1.0  # Hz
-    reply_wait: float = 0.0  # periods
-    hold_limit: float | Literal["auto"] = "auto"  # periods
-
-
-class _RecordedHand(msgspec.Struct):
-    device: _RecordedDevice = msgspec.field(default_factory=_RecordedDevice)
-    controller: dict[str, Any] = {}
-
-
-class _RecordedLaunch(_RecordedHand):
-    """The types of what is read of a recorded launch file."""
-
-    hands: dict[str, _RecordedHand] = {}
-    here: list[str] | None = None
-    environment: dict[str, Any] = {}
-    phases: list[dict[str, Any]] = []
 
 
 def read(

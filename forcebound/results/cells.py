@@ -4,7 +4,8 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, TypeAlias
 
-Summary: TypeAlias = Mapping[str, Any]
+#: Figures of a run, or of a part of it, by their keys, ready for JSON; docs/results.md lists them.
+Summary: TypeAlias = dict[str, Any]
 Cell: TypeAlias = Callable[[Summary], str]  # empty: no row
 
 UNDEFINED = "–"

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from forcebound.haptics.laws import ENERGY_TOLERANCE
+from forcebound.messages.topology import Document
 from forcebound.recordings.telemetry import TelemetryColumns
 from forcebound.results.cells import MM, N_MM, N, Summary
 from forcebound.results.contact import displayed_stiffness
@@ -18,9 +19,7 @@ from forcebound.units import energy_in_words
 APART = 0.005  # m, between leader and follower at the start, where nothing is said
 
 
-def coupling(
-    runs: Mapping[str, TelemetryColumns], documents: Mapping[str, Mapping[str, Any]]
-) -> dict[str, Any]:
+def coupling(runs: Mapping[str, TelemetryColumns], documents: Mapping[str, Document]) -> Summary:
     """Return the figures of a run of several hands; None for one that is missing.
 
     Args:
@@ -29,11 +28,11 @@ def coupling(
     """
     shared = _shared(runs)
     figures = _energies(shared)
-    environment = next(iter(documents.values())).get("environment") or {}
+    environment = next(iter(documents.values())).get("environment", {})
     if environment.get("kind") == "coupling":
         leads, follows = environment["leader"], environment["follower"]
         if leads in runs and follows in runs:
-            met = documents[follows].get("operator") or {}
+            met = documents[follows].get("operator", {})
             figures |= _transparency(shared[leads], shared[follows], environment, met)
     return figures
 
@@ -95,7 +94,7 @@ def _shared(runs: Mapping[str, TelemetryColumns]) -> dict[str, dict[str, Floats]
     return found
 
 
-def _energies(shared: Mapping[str, Mapping[str, Floats]]) -> dict[str, Any]:
+def _energies(shared: Mapping[str, Mapping[str, Floats]]) -> Summary:
     together = np.sum([one["energy"] for one in shared.values()], axis=0)
     net = {hand: one["given"] - one["received"] for hand, one in shared.items()}
     with_partner = {hand: one["energy"] - net[hand] for hand, one in shared.items()}
@@ -111,9 +110,9 @@ def _energies(shared: Mapping[str, Mapping[str, Floats]]) -> dict[str, Any]:
 def _transparency(
     leader: Mapping[str, Floats],
     follower: Mapping[str, Floats],
-    environment: Mapping[str, Any],
-    wall: Mapping[str, Any],
-) -> dict[str, Any]:
+    environment: Document,
+    wall: Document,
+) -> Summary:
     """Return errors of position and force, and the stiffness that the leader feels.
 
     Position errors are at the follower, force errors at the leader. With a clutch the offset is

@@ -46,7 +46,7 @@ from forcebound.results.contact import (
 )
 from forcebound.results.energy import since_contact
 from forcebound.results.promises import broken_promises
-from forcebound.results.samples import Needs, Samples, law
+from forcebound.results.samples import Needs, Samples
 from forcebound.results.spectrum import transparency_bandwidth
 from forcebound.results.stiffness import felt_stiffness
 from forcebound.results.surface import Floats
@@ -234,13 +234,8 @@ def _minimum(energy: str) -> Callable[[Samples], float | None]:
     return lambda run: _or_none(np.min, getattr(run.run, energy)[run.since])
 
 
-def _cap(run: Samples) -> float | None:
-    cap = run.device.get("energy_cap", "auto")
-    return None if cap == "auto" else cap
-
-
 def _sources(run: Samples) -> dict[str, int]:
-    return dict(sorted(Counter((run.device.get("sources") or {}).values()).items()))
+    return dict(sorted(Counter((run.device.sources or {}).values()).items()))
 
 
 def _little_force(run: Samples) -> list[dict[str, Any]]:
@@ -265,7 +260,7 @@ _OF_THE_BOUNDER = (
         _of("report", "largest_allowance"),
     ),
     Figure("allowance_repaid", "", None, _of("report", "allowance_repaid")),
-    Figure("energy_cap_j", "energy cap", cells.energy_cap, _cap),
+    Figure("energy_cap_j", "energy cap", cells.energy_cap, attrgetter("device.cap")),
     Figure("number_sources", "numbers of the device", cells.counts("number_sources", ""), _sources),
     Figure("broken_promises", "", None, broken_promises),
     Figure("little_force", "little force because of", cells.little_force, _little_force),
@@ -274,7 +269,7 @@ REPORTED = tuple(figure.key for figure in _OF_THE_BOUNDER)
 
 #: All figures, in the order of the table.
 FIGURES: tuple[Figure, ...] = (
-    Figure("law", "law", lambda s: s["law"] or cells.UNDEFINED, lambda run: law(run.config)),
+    Figure("law", "law", lambda s: s["law"] or cells.UNDEFINED, attrgetter("device.law")),
     Figure("duration_s", "duration", S, _duration),
     Figure("samples", "samples", NUMBER, lambda run: int(run.since.sum())),
     Figure(

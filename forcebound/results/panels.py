@@ -6,7 +6,7 @@ whole vector, as their limit is; what is over penetration, along the normal of w
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from forcebound.files import printable
 from forcebound.messages.packets import Event
+from forcebound.messages.topology import Document
 from forcebound.recordings.telemetry import TelemetryColumns
 from forcebound.results.colours import AXIS_COLOURS, COMMANDED, ESTIMATED, NEUTRAL, PHYSICAL
 from forcebound.results.energy import largest_fall
@@ -25,7 +26,7 @@ from forcebound.results.surface import Floats, Touch, touch_of_run
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Run: TypeAlias = tuple[str, TelemetryColumns, Mapping[str, Any]]  # label, telemetry, launch file
+Run: TypeAlias = tuple[str, TelemetryColumns, Document]  # label, telemetry, launch file
 
 LONGEST_NAME = 60  # characters
 MOST_SLOPES = 3  # a wall may change its stiffness all the time

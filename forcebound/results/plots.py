@@ -18,6 +18,7 @@ from forcebound.errors import ConfigError
 from forcebound.files import check_writable
 from forcebound.messages.events import LAW_CHANGED, PARAMETERS_SET, PHASE_BEGINS, PUBLISHED
 from forcebound.messages.packets import Event
+from forcebound.recordings.launched import launched
 from forcebound.results.colours import NEUTRAL, NOT_PASSIVE, PHASE
 from forcebound.results.panels import (
     PANELS,
@@ -28,7 +29,6 @@ from forcebound.results.panels import (
     since_engaged,
     view_of,
 )
-from forcebound.results.samples import law
 from forcebound.results.signals import Curve
 
 if TYPE_CHECKING:
@@ -156,7 +156,7 @@ def _mark(axes: Axes, run: Run, events: Sequence[Event], *, names: bool) -> None
 
 
 def _title(run: Run) -> str:
-    label, name = in_figure(run[0]), law(run[2])
+    label, name = in_figure(run[0]), launched(run[2]).device.law
     if label == name:
         return f"law: {name}"
     return label if name is None or name in label.split() else f"{label} (law: {in_figure(name)})"

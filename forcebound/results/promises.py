@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from forcebound.results.energy import Holds
-from forcebound.results.samples import Samples, is_certified, law
+from forcebound.results.samples import Samples, is_certified
 from forcebound.results.surface import Floats, Mask
 
 ROUNDING = 5e-10  # s; stamps are whole nanoseconds
@@ -43,7 +43,7 @@ def broken_promises(run: Samples) -> list[dict[str, Any]]:
     the ``largest`` of those beyond it, in ``unit``; the ``count`` of these, and ``of`` how many;
     and whether it ``is_paid``: the certificate covers the run all the same.
     """
-    if not run.time.size or not is_certified(law(run.config)):
+    if not run.time.size or not is_certified(run.device.law):
         return []
     return [
         {
@@ -63,22 +63,21 @@ def broken_promises(run: Samples) -> list[dict[str, Any]]:
 
 def _is_paid(run: Samples) -> bool:
     """Whether the ledger had enough for each late write, but for the allowance that is stated."""
-    allowance: float = run.device.get("allowance", 0.0)
-    return run.report is not None and run.report.largest_allowance <= allowance
+    return run.report is not None and run.report.largest_allowance <= run.device.allowance
 
 
 def _found(holds: Holds, run: Samples) -> Iterator[tuple[str, str, float, Floats, Mask]]:
     """Yield a promise with its unit, what is stated, what was, and where that is beyond."""
     device, acts = run.device, np.asarray(holds.force.any(axis=1))
     matters = acts | np.concatenate((acts[:1], acts[:-1]))  # the force before lasts as long
-    delay, stated = (holds.write - holds.read)[matters], device.get("write_delay", math.inf)
+    delay, stated = (holds.write - holds.read)[matters], device.write_delay
     yield "write_delay", "s", stated, delay, delay > stated + ROUNDING
-    limit = device.get("watchdog_limit", "auto")
+    limit = device.watchdog_limit
     is_lost = any(event.event == "device_lost" for event in run.events)  # at zero then
-    if device.get("watchdog") == "none" and limit != "auto" and not is_lost:
+    if device.watchdog == "none" and isinstance(limit, float) and not is_lost:
         lasted = np.diff(holds.write)[acts[:-1]]
         yield "watchdog_limit", "s", limit, lasted, lasted > limit + ROUNDING
-    largest = device.get(COSTS_FORCE)
+    largest = device.largest_speed
     if largest is not None:
         ahead = np.maximum(run.run.ahead_ns[run.since], 0) * 1e-9
         speed = _refused_speeds(holds, holds.read + ahead, largest)
