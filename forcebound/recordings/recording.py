@@ -184,7 +184,8 @@ class Recording:
         self.metadata = metadata
         self._topics = topics
         document = self._document
-        self.hands = tuple(h for h in document[HANDS] if h in document.get(HERE, document[HANDS]))
+        here = document[HERE] if HERE in document else document[HANDS]
+        self.hands = tuple(hand for hand in document[HANDS] if hand in here)
         if hand is not None and hand not in self.hands:
             raise ConfigError(f"{path} has no hand {hand!r}; it has {', '.join(self.hands)}")
         self._hand = self.hands[0] if hand is None and len(self.hands) == 1 else hand
@@ -363,7 +364,7 @@ def _decoder(packet: type[Packet]) -> Callable[[bytes], Packet]:
     absent = dict.fromkeys(may_be_null) | ABSENT
 
     def read_message(data: bytes) -> Packet:
-        document: dict[str, Any] = _decode(data)
+        document = _decode(data)
         if b"null" in data:
             document = {name: _with_nan(value) for name, value in document.items()}
         return msgspec.convert(absent | document, packet)

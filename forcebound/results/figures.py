@@ -180,7 +180,7 @@ def _strongest(name: str) -> Callable[[Samples], float | None]:
     return of
 
 
-def _vibration(run: Samples) -> dict[str, Any] | None:
+def _vibration(run: Samples) -> dict[str, list[float] | None] | None:
     if run.vibration is None:
         return None
     return {
@@ -211,7 +211,7 @@ def _since_contact(run: Samples) -> float | None:
     return since_contact(run.time, energy, columns.true_position, first, run.mass)
 
 
-def _felt(run: Samples) -> dict[str, Any] | None:
+def _felt(run: Samples) -> dict[str, object] | None:
     felt = felt_stiffness(run)
     return None if felt is None else felt._asdict()
 
@@ -238,7 +238,7 @@ def _sources(run: Samples) -> dict[str, int]:
     return dict(sorted(Counter((run.device.sources or {}).values()).items()))
 
 
-def _little_force(run: Samples) -> list[dict[str, Any]]:
+def _little_force(run: Samples) -> list[dict[str, object]]:
     return [{"cause": c.code, "data": dict(c.data), "advice": c.remedy} for c in run.causes]
 
 

@@ -8,8 +8,8 @@ beyond the hold limit are priced, or dropped by the watchdog (docs/theory.md, 3.
 """
 
 import math
-from collections.abc import Iterator, Mapping
-from typing import Any
+from collections.abc import Iterator
+from typing import TypedDict
 
 import numpy as np
 
@@ -31,18 +31,26 @@ _WORDS = {
 }
 
 
-def is_uncovered(broken: Mapping[str, Any]) -> bool:
+class BrokenPromise(TypedDict):
+    """A promise that a run breaks, ready for JSON."""
+
+    promise: str  # a key of ``device``
+    unit: str  # of the numbers
+    stated: float
+    count: int  # of values beyond that
+    of: int  # so many
+    typical: float  # of those beyond
+    largest: float
+    is_paid: bool  # the certificate covers the run all the same
+
+
+def is_uncovered(broken: BrokenPromise) -> bool:
     """Whether no certificate covers a run that breaks a promise."""
     return not broken["is_paid"]
 
 
-def broken_promises(run: Samples) -> list[dict[str, Any]]:
-    """Return the promises that a run breaks, ready for JSON; none without a certified law.
-
-    Each has its ``promise``, a key of ``device``; the ``stated`` number, and the ``typical`` and
-    the ``largest`` of those beyond it, in ``unit``; the ``count`` of these, and ``of`` how many;
-    and whether it ``is_paid``: the certificate covers the run all the same.
-    """
+def broken_promises(run: Samples) -> list[BrokenPromise]:
+    """Return the promises that a run breaks; none without a certified law."""
     if not run.time.size or not is_certified(run.device.law):
         return []
     return [
@@ -99,19 +107,19 @@ def _refused_speeds(holds: Holds, time: Floats, largest: float) -> Floats:
     return np.minimum(speed, LARGEST_SPEED)
 
 
-def in_words(broken: Mapping[str, Any]) -> str:
+def in_words(broken: BrokenPromise) -> str:
     """Return a broken promise as a part of a sentence: how often, by how much, what to do."""
     what, remedy = _WORDS[broken["promise"]]
     if broken["is_paid"] and broken["promise"] == "write_delay":
         remedy = "the ledger had enough for each of them"
     factor, unit = (1e3, "ms") if broken["unit"] == "s" else (1.0, broken["unit"])
-    values = [broken[key] for key in ("stated", "typical", "largest")]
-    numbers = (*values, ROUNDED_UP * values[-1])
-    stated, typical, largest, most = (
+    most = broken["largest"]
+    numbers = (broken["stated"], broken["typical"], most, ROUNDED_UP * most)
+    stated, typical, largest, more = (
         f"{float(f'{factor * number:.3g}'):g} {unit}" for number in numbers
     )
     counts = f"{broken['count']:,} of {broken['of']:,}"
     return (
         f"{counts} {what} device.{broken['promise']} ({stated}): typically {typical}, at most"
-        f" {largest}; {remedy.format(most=most)}"
+        f" {largest}; {remedy.format(most=more)}"
     )

@@ -4,6 +4,7 @@ from collections.abc import Iterable, Sequence
 
 from forcebound.results.cells import MJ, PERCENT, N, Summary, Unit, percentiles
 from forcebound.results.figures import FIGURES
+from forcebound.results.perception import Difference
 
 
 def summary_rows(summary: Summary) -> list[tuple[str, str]]:
@@ -46,12 +47,11 @@ def _with_unit(label: str, unit: str) -> str:
     return f"{label} ({unit})" if unit else label
 
 
-def difference_text(difference: Summary) -> str:
-    """Return a difference of two runs in words; see :func:`.perception.differences`."""
-    name = difference["figure"].rpartition("_n")[0].replace("_", " ")
-    least = f"{difference['weber_fraction']:.0%}, {difference['source']}"
-    felt = "a hand feels it" if difference["is_perceptible"] else "a hand does not feel it"
-    return f"{name} {difference['difference']:+.0%}; {felt} (from {least})"
+def difference_text(of: Difference) -> str:
+    """Return a difference of two runs in words."""
+    name = of.figure.rpartition("_n")[0].replace("_", " ")
+    felt = "a hand feels it" if of.is_perceptible else "a hand does not feel it"
+    return f"{name} {of.difference:+.0%}; {felt} (from {of.weber_fraction:.0%}, {of.source})"
 
 
 def phase_rows(phases: Sequence[Summary]) -> list[tuple[str, ...]]:

@@ -3,10 +3,10 @@
 import datetime
 import logging
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypedDict
 
 import numpy as np
 
@@ -27,6 +27,7 @@ from forcebound.lab.identification.estimators import Bounded
 from forcebound.lab.identification.procedure import Found, Plan, identify
 from forcebound.lab.identification.rig import Clock, VirtualClock
 from forcebound.lab.identification.verdict import BETTER, verdict
+from forcebound.messages.topology import Document
 from forcebound.quantities import POSITIVE
 from forcebound.units import parse_quantity
 
@@ -185,7 +186,7 @@ def run(
     report: Report,
     ready: Report,
     **wishes: str | None,
-) -> dict[str, Any]:
+) -> Document:
     """Identify a device; write ``out``; return what was found.
 
     Args:
@@ -213,7 +214,27 @@ def run(
     return {**content, "verdict": judged._asdict(), "file": str(out)}
 
 
-def check(path: Path, report: Report, ready: Report) -> dict[str, Any]:
+class Compared(TypedDict):
+    """A number of an axis: as stated, as it was found, and as it is now."""
+
+    number: str
+    axis: int  # from 1
+    stated: float
+    then: float
+    now: float
+    holds: bool
+    changed: bool
+
+
+class Checked(TypedDict):
+    """What a check found, ready for JSON."""
+
+    file: str
+    numbers: list[Compared]
+    passed: bool
+
+
+def check(path: Path, report: Report, ready: Report) -> Checked:
     """Repeat a short identification of the device of a file; report whether it has changed.
 
     Raises:
@@ -236,7 +257,7 @@ def check(path: Path, report: Report, ready: Report) -> dict[str, Any]:
     return {"file": str(path), "numbers": rows, "passed": all(row["holds"] for row in rows)}
 
 
-def _compared(name: str, number: Number, now: Bounded, axis: int) -> dict[str, Any]:
+def _compared(name: str, number: Number, now: Bounded, axis: int) -> Compared:
     was, stated = (float(np.atleast_1d(one)[axis]) for one in (number.found, number.stated))
     # Broken only if even the other end of what is seen now lies beyond what is stated.
     holds = now.upper >= stated if name in LOWER else now.lower <= stated
@@ -251,7 +272,7 @@ def _compared(name: str, number: Number, now: Bounded, axis: int) -> dict[str, A
     }
 
 
-def lines(content: Mapping[str, Any]) -> list[str]:
+def lines(content: Document) -> list[str]:
     """Return the result of :func:`run` as lines of text."""
     text, identified = [], content["identified"]
     for name, one in identified["numbers"].items():
@@ -276,7 +297,7 @@ def lines(content: Mapping[str, Any]) -> list[str]:
     return text
 
 
-def check_lines(content: Mapping[str, Any]) -> list[str]:
+def check_lines(content: Checked) -> list[str]:
     """Return the result of :func:`check` as lines of text."""
     text = []
     for row in content["numbers"]:
