@@ -58,7 +58,6 @@ class HandSections(Struct, frozen=True):
     device: DeviceSection = DeviceSection()
     operator: OperatorSection = OperatorSection()
     controller: Document = {}
-    remote: Document | None = None
 
 
 class Launched(HandSections, frozen=True):
