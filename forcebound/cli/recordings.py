@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import NoReturn
 
 import click
-from msgspec import to_builtins
 
 from forcebound.cli import complete
 from forcebound.cli import options as opt
@@ -93,7 +92,7 @@ def plot(
         drawn = [(label, r.columns, r.document) for label, r in zip(labels, results, strict=True)]
         signals = [curves_of(read(run, hand=one)) for run, (one, _) in found]
         save(figure(drawn, events=[r.events for r in results], signals=signals), output)
-        document = {"picture": str(output), "runs": summaries, "differences": to_builtins(compared)}
+        document = {"picture": str(output), "runs": summaries, "differences": compared}
     if as_json:
         print_json(document)
         return

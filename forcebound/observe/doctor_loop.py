@@ -143,11 +143,8 @@ def _recorder(seen: Observations) -> Iterator[Finding]:
             words += "" if left is None else f": full in {left / 60:.0f} min"
             yield problem("disk_nearly_full", "recorder", words, "make room")
     if seen.telemetry.time_ns.size and not recorder.received(telemetry):
-        words, action = (
-            f"receives no {telemetry} ({recorder.interval:.1f} s)",
-            "start the run again",
-        )
-        yield problem("recorder_deaf", "recorder", words, action)
+        words = f"receives no {telemetry} ({recorder.interval:.1f} s)"
+        yield problem("recorder_deaf", "recorder", words, "start the run again")
 
 
 def _law(seen: Observations) -> Iterator[Finding]:

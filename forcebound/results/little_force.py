@@ -168,10 +168,8 @@ def _of_the_clock(twin: Twin, run: "Samples") -> Iterator[_Suspect]:
     share = float(np.mean(np.diff(twin.time) > LATE * period))
     if not share and twin.stated.hold_limit <= LATE * period:
         return
-    change, why = (
-        Change(is_punctual=True),
-        f"{share:.1%} of the ticks come late or after missed ones",
-    )
+    change = Change(is_punctual=True)
+    why = f"{share:.1%} of the ticks come late or after missed ones"
     busy = twin.busy / period
     if busy <= 1.0:
         command = "forcebound doctor --measure"

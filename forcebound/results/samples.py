@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from forcebound.errors import ConfigError
 from forcebound.haptics.laws import LAWS
 from forcebound.haptics.laws.hold_limit import FLOOR
 from forcebound.messages.packets import Event
@@ -142,7 +143,9 @@ class Samples:
         longest = LONGEST_FORCE
         if device.watchdog == "silent":
             longest = self.hold_limits[0]
-        elif isinstance(device.watchdog_limit, float):
+        elif device.watchdog_limit is None:
+            raise ConfigError("device.watchdog_limit is null: the run is of another version")
+        elif device.watchdog_limit != "auto":
             longest = device.watchdog_limit
         # A report comes with the next write.
         dropped = np.append(columns.cut_ns[1:], -1) - start_ns

@@ -89,10 +89,8 @@ class Twin:
             own = {each.name for each in fields(kind) if each.init} & device.keys() - {"truth"}
             self._model = kind(**{name: device[name] for name in own})
         self._kinematics = None if self._model is None else self._model.kinematics()
-        is_arm, place = (
-            bool(np.isfinite(columns.torques).any()),
-            tuple(columns.position[-1].tolist()),
-        )
+        is_arm = bool(np.isfinite(columns.torques).any())
+        place = tuple(columns.position[-1].tolist())
         if is_arm and (self._model is None or self._model.angles(place) is None):
             raise ConfigError("the joints of this arm cannot be computed from places of its tip")
         self.stated = self._state(device, run.device)
@@ -163,12 +161,7 @@ class Twin:
         return float(np.mean(force[chosen] / depth[chosen])), float(np.mean(of[chosen]))
 
     def _run(self, change: Change) -> float:
-        columns, touch, time, truth = (
-            self._columns,
-            self._touch,
-            self.time,
-            self._columns.true_position,
-        )
+        columns, touch, time = self._columns, self._touch, self.time
         if change.rate != 1.0 or change.is_punctual:
             time = np.arange(0.0, time[-1], 1.0 / (self._rate * change.rate))
 
@@ -192,10 +185,9 @@ class Twin:
             )
         elif change.is_engaged:
             commanded = commanded / np.where(engagement > 0.0, engagement, np.inf)[:, np.newaxis]
-        held = (
-            np.diff(self.time, prepend=self.time[:1])[1:, np.newaxis] * columns.applied_force[:-1]
-        )
+        held = np.diff(self.time)[:, np.newaxis] * columns.applied_force[:-1]
         impulse = at(np.concatenate((0.0 * columns.applied_force[:1], np.cumsum(held, axis=0))))
+        truth = columns.true_position
         place = at(np.where(np.isfinite(truth), truth, columns.position))
         near = np.clip(np.arange(time.size) + np.array([[-SMOOTH], [SMOOTH]]), 0, time.size - 1)
         speed = np.diff(place[near], axis=0)[0] / np.diff(time[near], axis=0)[0][:, np.newaxis]

@@ -6,9 +6,10 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
-from typing import Any, NamedTuple, TypedDict
+from typing import Any, NamedTuple
 
 import numpy as np
+from msgspec import Struct
 
 from forcebound import realtime
 from forcebound.errors import ConfigError
@@ -214,7 +215,7 @@ def run(
     return {**content, "verdict": judged._asdict(), "file": str(out)}
 
 
-class Compared(TypedDict):
+class Compared(Struct, frozen=True):
     """A number of an axis: as stated, as it was found, and as it is now."""
 
     number: str
@@ -226,8 +227,8 @@ class Compared(TypedDict):
     changed: bool
 
 
-class Checked(TypedDict):
-    """What a check found, ready for JSON."""
+class Checked(Struct, frozen=True):
+    """What a check found."""
 
     file: str
     numbers: list[Compared]
@@ -254,22 +255,15 @@ def check(path: Path, report: Report, ready: Report) -> Checked:
         for name in COMPARED
         for number, axis in enumerate(found.axes)
     ]
-    return {"file": str(path), "numbers": rows, "passed": all(row["holds"] for row in rows)}
+    return Checked(str(path), rows, all(row.holds for row in rows))
 
 
 def _compared(name: str, number: Number, now: Bounded, axis: int) -> Compared:
     was, stated = (float(np.atleast_1d(one)[axis]) for one in (number.found, number.stated))
     # Broken only if even the other end of what is seen now lies beyond what is stated.
     holds = now.upper >= stated if name in LOWER else now.lower <= stated
-    return {
-        "number": name,
-        "axis": axis + 1,
-        "stated": stated,
-        "then": was,
-        "now": now.estimate,
-        "holds": bool(holds),
-        "changed": bool(was > 0.0 and abs(now.estimate / was - 1.0) > CHANGED),
-    }
+    changed = was > 0.0 and abs(now.estimate / was - 1.0) > CHANGED
+    return Compared(name, axis + 1, stated, was, now.estimate, bool(holds), bool(changed))
 
 
 def lines(content: Document) -> list[str]:
@@ -300,12 +294,12 @@ def lines(content: Document) -> list[str]:
 def check_lines(content: Checked) -> list[str]:
     """Return the result of :func:`check` as lines of text."""
     text = []
-    for row in content["numbers"]:
-        word = "holds" if row["holds"] else "BROKEN"
-        changed = ", but has changed" if row["holds"] and row["changed"] else ""
+    for row in content.numbers:
+        word = "holds" if row.holds else "BROKEN"
+        changed = ", but has changed" if row.holds and row.changed else ""
         text.append(
-            f"{word:<7} {row['number']} of axis {row['axis']}: stated {row['stated']:.4g}, then"
-            f" {row['then']:.4g}, now {row['now']:.4g}{changed}"
+            f"{word:<7} {row.number} of axis {row.axis}: stated {row.stated:.4g}, then"
+            f" {row.then:.4g}, now {row.now:.4g}{changed}"
         )
     return text
 
