@@ -40,6 +40,9 @@ T = TypeVar("T")
 #: Class of a stream's packets, and the hand that they name.
 Route: TypeAlias = tuple[type[Packet], str]
 
+#: A launch file as resolved for a run, or a section of it: plain JSON values, numbers in SI units.
+Document: TypeAlias = dict[str, Any]
+
 HAND = "hand"  # name of the only hand of a graph, which the names of its nodes leave out
 HANDS = "hands"  # key of a document: what belongs to each hand, by its name
 #: Sections of a launch file that belong to a hand.
@@ -231,7 +234,7 @@ def graph_of(
 ONE_HAND = graph_of()
 
 
-def nested(document: Mapping[str, Any]) -> dict[str, Any]:
+def nested(document: Document) -> Document:
     """Return a resolved launch file with its hands by name; one of before may have them flat."""
     if HANDS in document:
         return dict(document)
@@ -239,7 +242,7 @@ def nested(document: Mapping[str, Any]) -> dict[str, Any]:
     return {**of_all, HANDS: {HAND: {n: document[n] for n in HAND_SECTIONS if n in document}}}
 
 
-def flat(document: Mapping[str, Any], hand: str = HAND) -> dict[str, Any]:
+def flat(document: Document, hand: str = HAND) -> Document:
     """Return a resolved launch file as that of one of its hands alone, with its sections on top.
 
     One that has no such hand stays as it is. Names of parameters in it are as of an only hand.

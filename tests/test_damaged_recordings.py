@@ -246,6 +246,7 @@ def test_axes_that_change_are_refused(path: Path) -> None:
         "[" * 100_000 + "]" * 100_000,
         '{"device": [], "environment": {}}',
         {"device": {"law": 5}},
+        {"device": {"sources": 5.0}},
         {"environment": {"kind": "wall", "position": "here"}},
         {"phases": 5},
     ],
@@ -258,8 +259,8 @@ def test_a_launch_file_that_is_none_is_refused(path: Path, launch: Any) -> None:
 
 
 def test_what_no_reader_has_foreseen_is_a_sentence_too(path: Path) -> None:
-    launch = {**LAUNCH, "device": {**LAUNCH["device"], "sources": 5.0}}
-    recorded(path, *run(), launch=launch)
+    launch = {**LAUNCH, "phases": [{"set": 5.0}]}
+    recorded(path, *run(), message(2, event(3, event="phase")), launch=launch)
     result = use("plot", path)
     assert result.exit_code == 2
     assert "cannot make sense of" in result.output

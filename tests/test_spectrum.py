@@ -127,9 +127,9 @@ def test_a_difference_of_a_weber_fraction_is_felt(stiffness: float, is_felt: boo
     before = {"displayed_stiffness_n_per_m": 1000.0, "peak_force_n": None}
     after = {"displayed_stiffness_n_per_m": stiffness, "peak_force_n": 3.0}
     (found,) = differences(before, after)
-    assert found["figure"] == "displayed_stiffness_n_per_m"
-    assert found["is_perceptible"] is is_felt
-    assert found["difference"] == pytest.approx(stiffness / 1000.0 - 1.0)
+    assert found.figure == "displayed_stiffness_n_per_m"
+    assert found.is_perceptible is is_felt
+    assert found.difference == pytest.approx(stiffness / 1000.0 - 1.0)
 
 
 def test_a_shaken_wall_shows_the_damping_of_its_hold_and_its_reply_wait() -> None:

@@ -158,9 +158,9 @@ def identify(
     if checked is not None:
         if device is not None:
             raise ConfigError(f"--check names the device by its file: leave out {device!r}")
-        document = identification.check(checked, say, ready)
-        print_document(document, as_json, identification.check_lines)
-        if not document["passed"]:
+        found = identification.check(checked, say, ready)
+        print_document(found, as_json, identification.check_lines)
+        if not found.passed:
             raise RunError(f"{checked} promises what the device no longer keeps: identify it again")
         return
     if device is None:

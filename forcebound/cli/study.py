@@ -61,7 +61,7 @@ def _attack(
     run: Callable[..., Any],
     lines: Callable[[Any], Iterable[str]],
     as_json: bool,
-    campaign: dict[str, Any],
+    campaign: dict[str, object],
 ) -> None:
     with _continued("the same command" if campaign["rows"] else ""):
         document = run(**campaign)

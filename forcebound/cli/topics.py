@@ -83,15 +83,15 @@ def echo(
         write({name: values[name] for name in fields or values if name in values})
 
 
-def _show_block(values: Mapping[str, Any]) -> None:
+def _show_block(values: Mapping[str, object]) -> None:
     show("\n".join(f"{name}: {_text(value)}" for name, value in values.items()) + "\n---")
 
 
-def _show_line(values: Mapping[str, Any]) -> None:
+def _show_line(values: Mapping[str, object]) -> None:
     show("  ".join(f"{name}={_text(value)}" for name, value in values.items()))
 
 
-def _csv_writer() -> Callable[[Mapping[str, Any]], None]:
+def _csv_writer() -> Callable[[Mapping[str, object]], None]:
     """Return a writer of rows; the first has the names, with a column for each entry of a list.
 
     A list that the first packet has not comes as JSON, in one column.
@@ -99,8 +99,8 @@ def _csv_writer() -> Callable[[Mapping[str, Any]], None]:
     rows = csv.writer(sys.stdout, lineterminator="\n")
     names: list[str] = []
 
-    def write(values: Mapping[str, Any]) -> None:
-        flat: dict[str, Any] = {}
+    def write(values: Mapping[str, object]) -> None:
+        flat: dict[str, object] = {}
         for name, value in values.items():
             if isinstance(value, list | tuple) and name not in names:
                 flat |= {f"{name}[{i}]": entry for i, entry in enumerate(value)}

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from forcebound.errors import ConfigError
 from forcebound.graph.fields import Field, fields_of
-from forcebound.graph.names import Document, parameter_name, text_of
+from forcebound.graph.names import parameter_name, text_of
 from forcebound.graph.problems import Place, Problems
 from forcebound.graph.servo import ServoSettings, dissipation_of
 from forcebound.haptics.controllers import CONTROLLERS, ControllerModel
@@ -25,7 +25,7 @@ from forcebound.haptics.hands import OPERATORS, Operator
 from forcebound.haptics.laws import Dissipation
 from forcebound.haptics.parts import Table
 from forcebound.messages.control import Parameters
-from forcebound.messages.topology import HAND, HANDS, HERE, Graph, graph_of, hand_values
+from forcebound.messages.topology import HAND, HANDS, HERE, Document, Graph, graph_of, hand_values
 from forcebound.network.ends import RemoteSection
 from forcebound.network.impairment import Impairment
 from forcebound.quantities import NOT_NEGATIVE, POSITIVE, PROBABILITY, Ratio, Time, check_ranges

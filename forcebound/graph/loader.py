@@ -28,18 +28,12 @@ from forcebound.graph.document import (
 )
 from forcebound.graph.graph import KINDS, GraphConfig
 from forcebound.graph.model import read_graph
-from forcebound.graph.names import (
-    OF_GRAPH,
-    Document,
-    ParameterName,
-    parameter_name,
-    split_setting,
-)
+from forcebound.graph.names import OF_GRAPH, ParameterName, parameter_name, split_setting
 from forcebound.graph.phases import read_phases
 from forcebound.graph.problems import Problems, unknown
 from forcebound.graph.tree import Value, from_plain, scalar
 from forcebound.haptics.parts.user_module import file_of, names_file
-from forcebound.messages.topology import HAND, HAND_SECTIONS, HANDS, flat
+from forcebound.messages.topology import HAND, HAND_SECTIONS, HANDS, Document, flat
 
 
 def load(path: str | Path, overrides: Sequence[str] = ()) -> GraphConfig:

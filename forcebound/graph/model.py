@@ -31,14 +31,14 @@ from forcebound.graph.graph import (
     RealtimeConfig,
     RemoteConfig,
 )
-from forcebound.graph.names import Document, ParameterName
+from forcebound.graph.names import ParameterName
 from forcebound.graph.problems import Problems, unknown
 from forcebound.graph.resolved import FACTS, check_plain
 from forcebound.graph.servo import ServoSettings
 from forcebound.graph.tree import Value, from_plain, units_of
 from forcebound.haptics.laws import LAWS
 from forcebound.haptics.parts.user_module import describe_user_error, user_code
-from forcebound.messages.topology import HAND, HAND_SECTIONS, HANDS, IMPAIRABLE
+from forcebound.messages.topology import HAND, HAND_SECTIONS, HANDS, IMPAIRABLE, Document
 from forcebound.network.impairment import Impairment
 from forcebound.quantities import CheckedText
 from forcebound.recordings.delay_traces import trace_of

@@ -7,14 +7,12 @@ hands, what belongs to one begins with its name: ``left.device.law``, or ``hands
 from collections.abc import Mapping, MutableMapping
 from dataclasses import dataclass
 from numbers import Integral, Real
-from typing import Any, TypeAlias
+from typing import Any
 
 from forcebound.errors import ConfigError
 from forcebound.messages.topology import HAND, HAND_SECTIONS, HANDS
 
 OF_GRAPH = ("environment", "realtime", "phases")  # sections of the whole graph
-
-Document: TypeAlias = dict[str, Any]  # a launch file, or a section of one, in plain JSON values
 
 
 @dataclass(frozen=True)

@@ -6,11 +6,12 @@ from typing import Any
 
 from forcebound.graph.document import device_section
 from forcebound.graph.model import read_part
-from forcebound.graph.names import Document, split_setting
+from forcebound.graph.names import split_setting
 from forcebound.graph.problems import Place, Problems
 from forcebound.graph.servo import check_law
 from forcebound.graph.tree import Value, from_plain, scalar
 from forcebound.haptics.laws import LAWS
+from forcebound.messages.topology import Document
 
 
 def part_of(section: str, document: Document) -> Any:

@@ -21,9 +21,8 @@ from forcebound.graph.graph import (
     HandConfig,
     PartSpec,
 )
-from forcebound.graph.names import Document
 from forcebound.haptics.parts.plain import plain, plain_value
-from forcebound.messages.topology import HANDS, HERE, flat
+from forcebound.messages.topology import HANDS, HERE, Document, flat
 
 FACTS = "facts"  # key of a run's document: numbers of the devices, by hand, for all processes
 

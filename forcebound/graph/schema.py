@@ -9,7 +9,7 @@ import inspect
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import UnionType
-from typing import Annotated, Any, Literal, TypeAlias, Union, get_args, get_origin
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from forcebound.graph.fields import Field, fields_of
 from forcebound.graph.graph import FORMAT, KINDS, RUN_KEYS, SECTION_SETTINGS, GraphConfig
@@ -18,8 +18,7 @@ from forcebound.haptics.laws import LAWS
 from forcebound.messages.topology import HAND_SECTIONS, HANDS, IMPAIRABLE
 from forcebound.network.impairment import Impairment
 from forcebound.quantities import Range, Unit
-
-Schema: TypeAlias = dict[str, Any]
+from forcebound.recordings.schema import Schema
 
 SUBSTITUTION = {"type": "string", "pattern": r"\$[({]", "description": "$(arg x) or ${env:X}"}
 _FILE_KIND = {"type": "string", "pattern": r"\.py(:[A-Za-z_][A-Za-z0-9_]*)?$"}  # a user's file

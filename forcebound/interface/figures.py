@@ -5,6 +5,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from forcebound.graph.problems import unknown
+from forcebound.results.cells import Summary
 from forcebound.results.figures import FIGURES
 from forcebound.results.printing import print_rows
 from forcebound.results.tables import summary_table
@@ -77,8 +78,8 @@ class Figures(Mapping[str, Quantity]):
     the meaning of each; ``summary`` also has what is no number, under the keys of ``--json``.
     """
 
-    def __init__(self, summary: Mapping[str, Any], head: str) -> None:
-        self.summary = dict(summary)
+    def __init__(self, summary: Summary, head: str) -> None:
+        self.summary = summary
         self._head = head
         self._values: dict[str, Quantity] = {}
         reasons = summary.get("undefined", {})

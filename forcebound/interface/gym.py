@@ -92,7 +92,7 @@ class HapticEnv(gymnasium.Env[dict[str, Any], Numbers]):
         self.observation_space = gymnasium.spaces.Dict(dict.fromkeys(OBSERVED, any_number))
 
     def reset(
-        self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
+        self, *, seed: int | None = None, options: Mapping[str, object] | None = None
     ) -> tuple[dict[str, Numbers], dict[str, Any]]:
         """Open the graph again, the hand at rest at its start, and let its first tick pass.
 

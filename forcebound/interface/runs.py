@@ -16,14 +16,14 @@ from forcebound.files import recording_file
 from forcebound.graph import checks
 from forcebound.graph.graph import KINDS, SECTION_SETTINGS, GraphConfig
 from forcebound.graph.loader import build, read_template
-from forcebound.graph.names import Document, text_of
+from forcebound.graph.names import text_of
 from forcebound.graph.problems import unknown
 from forcebound.graph.resolved import check_plain, part_document, to_document
 from forcebound.graph.tree import Value, from_plain
 from forcebound.haptics.laws import LAWS, BoundingLaw
 from forcebound.interface.figures import Figures
 from forcebound.messages.packets import Event
-from forcebound.messages.topology import HAND, flat
+from forcebound.messages.topology import HAND, Document, flat
 from forcebound.quantities import POSITIVE
 from forcebound.recordings.telemetry import TelemetryColumns
 from forcebound.run.progress import progress_bar

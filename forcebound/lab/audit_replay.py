@@ -3,7 +3,6 @@
 import math
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -56,7 +55,7 @@ def run_again(law: str, case: str, seconds: float | None, picture: Path | None) 
         if seconds is not None:
             raise ConfigError("the case of a certificate has a length of its own: omit --duration")
         document, trace = replay_path(law, case)
-        columns: dict[str, Any] = dict(zip(PATH_COLUMNS, np.array(trace).T, strict=True))
+        columns: Row = dict(zip(PATH_COLUMNS, np.array(trace).T, strict=True))
     else:
         scenario = case_of(case, seconds or SECONDS)
         result, rows = attack(law, scenario)

@@ -12,7 +12,7 @@ import inspect
 import json
 import os
 import shutil
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from functools import partial
@@ -79,7 +79,7 @@ class Campaign:
     work: Callable[[Sequence[Any]], list[Row]] = rows_of_each
     part: int = 500
     decisive: Sequence[Any] = ()
-    about: Mapping[str, Any] = field(default_factory=dict)
+    about: Row = field(default_factory=dict)
 
     @property
     def digest(self) -> str:

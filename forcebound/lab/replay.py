@@ -19,7 +19,7 @@ import json
 import re
 from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
-from typing import Any, TypeAlias, cast
+from typing import cast
 
 from forcebound.errors import ConfigError
 from forcebound.files import content_of
@@ -40,10 +40,8 @@ from forcebound.haptics.hands.hands import SoftGrip
 from forcebound.haptics.hands.paths import began
 from forcebound.haptics.laws import LAWS
 from forcebound.messages.packets import TOPIC_OF, Telemetry
-from forcebound.messages.topology import HAND, HANDS, HERE, LINKS, flat, nested
+from forcebound.messages.topology import HAND, HANDS, HERE, LINKS, Document, flat, nested
 from forcebound.recordings.recording import Recording
-
-Document: TypeAlias = dict[str, Any]  # of a launch file
 
 _GRIP = tuple(field.name for field in dataclasses.fields(SoftGrip))
 _COMPUTATION = tuple(f"compute_{name}" for name in COMPUTATION)

@@ -9,6 +9,7 @@ from typing import Any
 
 from forcebound.errors import ConfigError
 from forcebound.files import content_of, read_bytes, reason
+from forcebound.lab.engine import Row
 
 try:
     import pyarrow as pa
@@ -28,10 +29,10 @@ class Table:
     """Rows of a campaign: columns by name, all of one length, and what they are about."""
 
     columns: Mapping[str, list[Any]]
-    about: Mapping[str, Any]
+    about: Row
 
 
-def write_table(rows: Sequence[Mapping[str, Any]], path: Path, about: Mapping[str, Any]) -> None:
+def write_table(rows: Sequence[Row], path: Path, about: Row) -> None:
     """Write rows to a Parquet file, in one step; the same rows give the same bytes."""
     names = list(dict.fromkeys(name for row in rows for name in row))
     arrays = [_array(name, [row.get(name) for row in rows]) for name in names]
@@ -85,7 +86,7 @@ class _Columns(Mapping[str, list[Any]]):
         return len(self._content.column_names)
 
 
-def read_about(path: Path) -> dict[str, Any]:
+def read_about(path: Path) -> Row:
     """Return the metadata of a result, such as ``map`` and ``digest``.
 
     Raises:
@@ -120,8 +121,8 @@ def _opened(path: Path) -> Any:
     return file
 
 
-def _about(file: Any) -> dict[str, Any]:
-    about: dict[str, Any] = json.loads(file.schema_arrow.metadata[_KEY])
+def _about(file: Any) -> Row:
+    about: Row = json.loads(file.schema_arrow.metadata[_KEY])
     return about
 
 

@@ -88,7 +88,7 @@ class _Process(SpawnProcess):
     @staticmethod
     def _Popen(process: Any) -> Any:  # noqa: N802  # the hook of multiprocessing
         main = sys.modules["__main__"]
-        kept: dict[str, Any] = {
+        kept: dict[str, object] = {
             name: vars(main).pop(name) for name in ("__file__", "__spec__") if name in vars(main)
         }
         main.__spec__ = None

@@ -238,7 +238,7 @@ class WorldScenario(NamedTuple):
         return int(self.numbers["axes"])
 
 
-def check_name(what: str, name: str, table: Mapping[str, Any]) -> None:
+def check_name(what: str, name: str, table: Mapping[str, object]) -> None:
     """Check that a world or controller is under attack.
 
     Raises:

@@ -1,9 +1,8 @@
 """Delays of a graph that runs or was recorded: of its loop, and from hop to hop."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from msgspec import Struct
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 from forcebound.errors import ConfigError, RunError
 from forcebound.files import RECORDING_SUFFIX
 from forcebound.messages.packets import TOPIC_OF, Telemetry
-from forcebound.messages.topology import flat, node_name
+from forcebound.messages.topology import Document, flat, node_name
 from forcebound.network.trace import DelayTrace
 from forcebound.observe.control import chosen_hand
 from forcebound.observe.runs import find, while_running
@@ -68,7 +67,7 @@ class Measured:
     """The loop delays of a graph."""
 
     trace: DelayTrace  # see :func:`forcebound.recordings.delay_traces.loop_delays`
-    document: Mapping[str, Any]  # launch file of the graph, as resolved
+    document: Document  # launch file of the graph, as resolved
     is_complete: bool = True  # False: a recording that was cut off
     hops: Hops | None = None  # None: not asked for
 

@@ -11,6 +11,7 @@ from forcebound.messages.control import DeviceStatus, RecorderStatus
 from forcebound.messages.topology import LINKS, flat, node_name
 from forcebound.observe.findings import Finding, note, problem
 from forcebound.observe.observation import Observations
+from forcebound.recordings.launched import launched
 from forcebound.results.bounder import Cause, Limited
 from forcebound.results.samples import Samples
 from forcebound.results.ticks import reads_and_writes
@@ -142,11 +143,8 @@ def _recorder(seen: Observations) -> Iterator[Finding]:
             words += "" if left is None else f": full in {left / 60:.0f} min"
             yield problem("disk_nearly_full", "recorder", words, "make room")
     if seen.telemetry.time_ns.size and not recorder.received(telemetry):
-        words, action = (
-            f"receives no {telemetry} ({recorder.interval:.1f} s)",
-            "start the run again",
-        )
-        yield problem("recorder_deaf", "recorder", words, action)
+        words = f"receives no {telemetry} ({recorder.interval:.1f} s)"
+        yield problem("recorder_deaf", "recorder", words, "start the run again")
 
 
 def _law(seen: Observations) -> Iterator[Finding]:
@@ -157,7 +155,7 @@ def _law(seen: Observations) -> Iterator[Finding]:
         yield note("no_law", seen.name(DEVICE), words, command=command)
         return
     document = flat(to_document(seen.config))
-    force = Limited(seen.telemetry, document["device"])
+    force = Limited(seen.telemetry, launched(document).device)
     if not force:
         return
     share = float(force.limited.sum() / force.pushing.sum())

@@ -138,5 +138,5 @@ def check_fields(packet: type[Packet], names: Collection[str]) -> None:
 
 def fields_of_packet(packet: Packet) -> dict[str, Any]:
     """Return the fields of a packet by name, as plain types."""
-    fields: dict[str, Any] = msgspec.to_builtins(packet)
-    return {name: value for name, value in fields.items() if name not in ("packet", "version")}
+    fields = msgspec.to_builtins(packet).items()
+    return {name: value for name, value in fields if name not in ("packet", "version")}

@@ -21,7 +21,7 @@ from forcebound.graph.resolved import kind_of, to_document
 from forcebound.haptics.hands.pointer import PointerHand
 from forcebound.haptics.laws import LAWS
 from forcebound.lab.study.plan import Study, wall_of
-from forcebound.messages.control import EmitEvent
+from forcebound.messages.control import EmitEvent, Parameters
 from forcebound.messages.events import TrialEvent
 from forcebound.messages.packets import TOPIC_OF, DeviceState
 from forcebound.messages.topology import flat
@@ -131,7 +131,7 @@ class StudyGraph:
         laws = {config.only.servo.law for config in configs}
         self._laws = sorted(law for law in {*laws, *SPARE} if LAWS.is_shipped(law))
         self._graph: Running | None = None
-        self._fixed: dict[str, Any] = {}
+        self._fixed: Parameters = {}
         self._heard = 0.0  # s, when the last reading came
 
     def prepare(self, config: GraphConfig) -> None:
@@ -243,7 +243,7 @@ def _law(config: GraphConfig) -> str:
     return config.only.servo.law
 
 
-def _fixed(config: GraphConfig) -> dict[str, Any]:
+def _fixed(config: GraphConfig) -> Parameters:
     """Return what cannot change while a graph runs."""
     changing = parameters(config)
     return {name: one for name, one in every_parameter(config).items() if name not in changing}

@@ -5,15 +5,16 @@ from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from forcebound.errors import ConfigError
 from forcebound.files import RECORDING_SUFFIX, content_of, version_of
 from forcebound.messages.packets import TOPIC_OF, Telemetry
-from forcebound.messages.topology import LINKS
+from forcebound.messages.topology import LINKS, Document
 from forcebound.network.impairment import LOOP, Impairment
 from forcebound.network.trace import DelayTrace, read_csv
 from forcebound.recordings.hops import Hops
+from forcebound.recordings.launched import launched
 from forcebound.recordings.telemetry import TelemetryColumns
 
 if TYPE_CHECKING:
@@ -69,7 +70,7 @@ def _read_hops(file: Path, version: tuple[int, int]) -> Mapping[str, DelayTrace]
         return hop_delays(recording)
 
 
-def of_recording(file: Path, hand: str | None = None) -> tuple[DelayTrace, Mapping[str, Any], bool]:
+def of_recording(file: Path, hand: str | None = None) -> tuple[DelayTrace, Document, bool]:
     """Return the loop delays of a recording, its launch document, and whether it is complete.
 
     Of several hands, ``hand`` is the one that is meant.
@@ -127,7 +128,7 @@ def _answered(
     return (columns.time[chosen] + began).tolist(), ticks, delay_of
 
 
-def as_link_trace(trace: DelayTrace, document: Mapping[str, Any]) -> DelayTrace:
+def as_link_trace(trace: DelayTrace, document: Document) -> DelayTrace:
     """Return delays that give a run these loop delays, if one link has them and nothing else does.
 
     The device takes an answer when it writes, ``reply_wait`` after the sample that it answers. This
@@ -144,11 +145,10 @@ def as_link_trace(trace: DelayTrace, document: Mapping[str, Any]) -> DelayTrace:
     )
 
 
-def _waited(document: Mapping[str, Any]) -> float:
+def _waited(document: Document) -> float:
     """How long the device of a launch file waits in a tick for an answer, in s."""
-    device = document.get("device") or {}
-    waited: float = device.get("reply_wait", 0.0) / device.get("rate", 1.0)
-    return waited
+    device = launched(document).device
+    return device.reply_wait / (device.rate or 1.0)
 
 
 def hop_delays(recording: "Recording") -> dict[str, DelayTrace]:

@@ -11,7 +11,6 @@ import json
 import re
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
 
 import msgspec
 
@@ -72,9 +71,9 @@ def export(recording: Recording, folder: Path, overwrite: bool = False) -> list[
     return written
 
 
-def _row_of(packet: Packet) -> dict[str, Any]:
+def _row_of(packet: Packet) -> dict[str, float | str]:
     """Return the values of a packet by column; no value: no key."""
-    row: dict[str, Any] = {}
+    row: dict[str, float | str] = {}
     for name in field_types(type(packet)):
         value = getattr(packet, name)
         if name == "signals" and value is not msgspec.UNSET:

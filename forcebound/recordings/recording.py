@@ -24,7 +24,7 @@ from functools import cache, cached_property, partial
 from operator import attrgetter
 from os import PathLike
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, get_args
 
 import msgspec
 from mcap.records import Metadata
@@ -51,12 +51,14 @@ from forcebound.messages.topology import (
     HANDS,
     HERE,
     ONE_HAND,
+    Document,
     Graph,
     Stream,
     flat,
     nested,
     node_name,
 )
+from forcebound.recordings.launched import Launched
 from forcebound.recordings.schema import (
     ABSENT,
     Signals,
@@ -182,7 +184,8 @@ class Recording:
         self.metadata = metadata
         self._topics = topics
         document = self._document
-        self.hands = tuple(h for h in document[HANDS] if h in document.get(HERE, document[HANDS]))
+        here = document[HERE] if HERE in document else document[HANDS]
+        self.hands = tuple(hand for hand in document[HANDS] if hand in here)
         if hand is not None and hand not in self.hands:
             raise ConfigError(f"{path} has no hand {hand!r}; it has {', '.join(self.hands)}")
         self._hand = self.hands[0] if hand is None and len(self.hands) == 1 else hand
@@ -312,7 +315,7 @@ class Recording:
         return float(self.metadata.get(node_name(self.hand, ENERGY_BEFORE), 0.0))
 
     @cached_property
-    def launch(self) -> dict[str, Any]:
+    def launch(self) -> Document:
         """The launch file as resolved for the run, empty if none was recorded.
 
         As if it had the chosen hand alone; if none was chosen, with all hands.
@@ -320,37 +323,15 @@ class Recording:
         return self._document if self._hand is None else flat(self._document, self._hand)
 
     @cached_property
-    def _document(self) -> dict[str, Any]:
+    def _document(self) -> Document:
         text = self.metadata.get("launch", "{}")
         try:
-            msgspec.json.decode(text, type=_RecordedLaunch)
-            document = nested(msgspec.json.decode(text))
+            msgspec.json.decode(text, type=Launched)
+            return nested(msgspec.json.decode(text))
         except (msgspec.MsgspecError, ValueError, RecursionError) as error:
             raise ConfigError(
                 f"{self.path}: its launch file is none of this version ({error})"
             ) from error
-        return document
-
-
-class _RecordedDevice(msgspec.Struct):
-    law: str = ""
-    rate: float = 1.0  # Hz
-    reply_wait: float = 0.0  # periods
-    hold_limit: float | Literal["auto"] = "auto"  # periods
-
-
-class _RecordedHand(msgspec.Struct):
-    device: _RecordedDevice = msgspec.field(default_factory=_RecordedDevice)
-    controller: dict[str, Any] = {}
-
-
-class _RecordedLaunch(_RecordedHand):
-    """The types of what is read of a recorded launch file."""
-
-    hands: dict[str, _RecordedHand] = {}
-    here: list[str] | None = None
-    environment: dict[str, Any] = {}
-    phases: list[dict[str, Any]] = []
 
 
 def read(
@@ -383,7 +364,7 @@ def _decoder(packet: type[Packet]) -> Callable[[bytes], Packet]:
     absent = dict.fromkeys(may_be_null) | ABSENT
 
     def read_message(data: bytes) -> Packet:
-        document: dict[str, Any] = _decode(data)
+        document = _decode(data)
         if b"null" in data:
             document = {name: _with_nan(value) for name, value in document.items()}
         return msgspec.convert(absent | document, packet)

@@ -14,8 +14,11 @@ from forcebound.errors import ConfigError
 from forcebound.messages.packets import Meaning, Packet, field_types
 from forcebound.messages.topology import HAND
 
+#: A JSON schema, or the schemas of several fields by their names.
+Schema: TypeAlias = dict[str, Any]
+
 #: Fields that are left out of a message when they are empty, or that older recordings lack.
-ABSENT: dict[str, Any] = {"hand": HAND, "proxies": {}}
+ABSENT: dict[str, object] = {"hand": HAND, "proxies": {}}
 
 _KEPT = ("type", "items", "minItems", "maxItems", "properties", "additionalProperties", "required")
 
@@ -32,11 +35,11 @@ def declared_signals(metadata: Mapping[str, str]) -> Signals:
         raise ConfigError(f"the recording's list of signals is damaged ({error})") from error
 
 
-def schema(packet: type[Packet], signals: Mapping[str, Meaning] | None = None) -> dict[str, Any]:
+def schema(packet: type[Packet], signals: Mapping[str, Meaning] | None = None) -> Schema:
     """Return the jsonschema of a packet: types, units and meaning of its fields and signals."""
     _, rules = schema_components([packet])
     types, described = field_types(packet), rules[packet.__name__]
-    fields: dict[str, Any] = {
+    fields: Schema = {
         name: _plain(field, rules) | _described(field["description"], field["unit"])
         for name, field in ((name, described["properties"][name]) for name in types)
     }
@@ -63,11 +66,11 @@ def _described(text: str, unit: str) -> dict[str, str]:
     return {"description": f"{text}, {unit}", "unit": unit} if unit else {"description": text}
 
 
-def _plain(rule: dict[str, Any], rules: dict[str, Any]) -> dict[str, Any]:
+def _plain(rule: Schema, rules: Schema) -> Schema:
     """Return a rule of msgspec's with one type, and what it refers to in its place."""
     rule = rules[rule["$ref"].rpartition("/")[2]] if "$ref" in rule else rule
     rule = rule["anyOf"][0] if "anyOf" in rule else rule  # the other: null
-    found: dict[str, Any] = {"type": "string"} | {
+    found: Schema = {"type": "string"} | {
         key: rule[key] for key in _KEPT if key in rule
     }  # of an enum
     if "prefixItems" in rule:

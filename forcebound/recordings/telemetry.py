@@ -5,41 +5,19 @@ from __future__ import annotations
 import math
 from array import array
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, fields, replace
 from operator import attrgetter
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Self, get_args
 
-from forcebound.messages.packets import EnvironmentReply, Telemetry
+from forcebound.messages.packets import EnvironmentReply, Packet, Telemetry, Vector, field_types
 from forcebound.messages.topology import HAND
 
 if TYPE_CHECKING:  # a launcher starts without numpy
     import numpy as np
     from numpy.typing import NDArray
 
-# Fields by the type of their column.
-_SAMPLE = {
-    "int64": (
-        *("time_ns", "seq", "device_seq", "deadline_misses"),
-        *("read_ns", "write_ns", "cut_ns", "ahead_ns"),
-    ),
-    "float64": (
-        "elapsed",
-        "force_limit",
-        "estimated_energy",
-        "true_energy",
-        "engagement",
-        "loop_delay",
-        "reply_age",
-        "given_energy",
-        "received_energy",
-    ),
-    "vector": (
-        *("position", "joints", "commanded_force", "applied_force", "torques"),
-        *("true_position", "hand_force"),
-    ),
-}
-_CONTACT = {"int64": ("device_seq", "device_time_ns"), "vector": ("proxy", "normal")}
+_KINDS: dict[Any, str] = {int: "int64", float: "float64", Vector: "vector"}  # of columns
 
 
 @dataclass(frozen=True)
@@ -112,6 +90,20 @@ class TelemetryColumns:
         return replace(self, **columns)
 
 
+def _kinds(packet: type[Packet], names: Collection[str]) -> dict[str, str]:
+    """Return the kind of column for each of these fields of a packet; of other types: none."""
+    found = {}
+    for name, hint in field_types(packet).items():
+        plain = hint if hint in _KINDS else next(iter(get_args(hint)), None)  # of float | None
+        if name in names and plain in _KINDS:
+            found[name] = _KINDS[plain]
+    return found
+
+
+_SAMPLE = _kinds(Telemetry, {field.name for field in fields(TelemetryColumns)})
+_CONTACT = _kinds(EnvironmentReply, ("device_seq", "device_time_ns", "proxy", "normal"))
+
+
 class TelemetryCollector:
     """Makes :class:`TelemetryColumns` of packets that come one by one, and keeps no packet."""
 
@@ -177,13 +169,12 @@ class _Table:
     """Fields of packets of one kind as columns.
 
     Args:
-        names: Fields by the type of their column.
+        kinds: Of the columns, by the fields.
         axes: Length of the vectors.
     """
 
-    def __init__(self, names: Mapping[str, Sequence[str]], axes: int) -> None:
+    def __init__(self, kinds: Mapping[str, str], axes: int) -> None:
         self.axes = axes
-        kinds = {name: kind for kind, group in names.items() for name in group}
         self._values_of = attrgetter(*kinds)
         self._columns: dict[str, tuple[str, array[Any]]] = {
             name: (kind, array("q" if kind == "int64" else "d")) for name, kind in kinds.items()

@@ -1,13 +1,14 @@
 """The bounder in a run: what it met, and where it made the force smaller."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from forcebound.messages.control import BounderReport
 from forcebound.messages.events import BOUNDER_REPORTED
 from forcebound.messages.packets import Event
+from forcebound.recordings.launched import DeviceSection
 from forcebound.recordings.telemetry import TelemetryColumns
 from forcebound.results.surface import Floats, Mask
 
@@ -37,21 +38,21 @@ def bounder_report(events: Sequence[Event]) -> BounderReport | None:
     return None
 
 
-def saturated(columns: TelemetryColumns, device: Mapping[str, Any]) -> Floats:
+def saturated(columns: TelemetryColumns, device: DeviceSection) -> Floats:
     """Return the commanded force after saturation, which the law gets, in N, shape (n, axes).
 
     Args:
         columns: Telemetry of a run.
-        device: Section ``device`` of its launch file; without ``saturation`` nothing is saturated.
+        device: Of its launch file; without ``saturation`` nothing is saturated.
 
     An arm saturates its torques. They have the direction of those of the commanded force, so the
     force at the tip is saturated in the ratio in which torques and saturation are.
     """
     commanded = columns.commanded_force
-    if "saturation" not in device:
+    if device.saturation is None:
         return commanded
     size = np.linalg.norm(commanded, axis=1)
-    largest = device["saturation"] * columns.engagement
+    largest = device.saturation * columns.engagement
     torque = np.linalg.norm(columns.torques, axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):
         if np.isfinite(torque).any():
@@ -71,8 +72,8 @@ class Limited:
         limited: In which of them the law reduced it.
     """
 
-    def __init__(self, columns: TelemetryColumns, device: Mapping[str, Any]) -> None:
-        """Compare the forces of a run with section ``device`` of its launch file."""
+    def __init__(self, columns: TelemetryColumns, device: DeviceSection) -> None:
+        """Compare the forces of a run with the device of its launch file."""
         self.wanted: Floats = np.linalg.norm(saturated(columns, device), axis=1)
         self.applied: Floats = np.linalg.norm(columns.applied_force, axis=1)
         self.pushing: Mask = self.wanted > 0.0

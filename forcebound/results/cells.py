@@ -4,7 +4,8 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, TypeAlias
 
-Summary: TypeAlias = Mapping[str, Any]
+#: Figures of a run, or of a part of it, by their keys, ready for JSON; docs/results.md lists them.
+Summary: TypeAlias = dict[str, Any]
 Cell: TypeAlias = Callable[[Summary], str]  # empty: no row
 
 UNDEFINED = "–"
@@ -41,18 +42,11 @@ def percentiles(delays: Mapping[str, float | None], digits: int) -> str:
     return "/".join(Unit("", digits=digits).show(delays[key]) for key in ("p50", "p99", "max"))
 
 
-def loop_delay(s: Summary) -> str:
-    """Return the delay of the loop."""
-    return _ms(s["loop_delay_ms"])
+def _delays(key: str) -> Cell:
+    return lambda s: UNDEFINED if s[key]["p50"] is None else f"{percentiles(s[key], 2)} ms"
 
 
-def reply_age(s: Summary) -> str:
-    """Return the age of the replies."""
-    return _ms(s["reply_age_ms"])
-
-
-def _ms(delays: Mapping[str, float | None]) -> str:
-    return UNDEFINED if delays["p50"] is None else f"{percentiles(delays, 2)} ms"
+loop_delay, reply_age = map(_delays, ("loop_delay_ms", "reply_age_ms"))
 
 
 def counts(key: str, none: str = "0") -> Cell:

@@ -23,6 +23,11 @@ REST_SPEED = 1e-3  # m/s, RMS; a hand slower than this over the rest window is a
 SETTLING_BAND = 0.05  # of the final penetration; at least BOUNCE_EXCURSION
 
 
+def rms(values: Floats) -> float:
+    """Return the root of the mean square of some values."""
+    return float(np.sqrt(np.mean(values**2)))
+
+
 def steady_window(time: Floats) -> Mask:
     """Return which samples count as steady: those from 2 to 5 s after the force engaged.
 

@@ -4,23 +4,24 @@ Samples of all hands are compared at the times of the first one, while the force
 """
 
 from collections.abc import Callable, Iterator, Mapping
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
 
 from forcebound.haptics.laws import ENERGY_TOLERANCE
+from forcebound.messages.topology import Document
 from forcebound.recordings.telemetry import TelemetryColumns
 from forcebound.results.cells import MM, N_MM, N, Summary
-from forcebound.results.contact import displayed_stiffness
+from forcebound.results.contact import displayed_stiffness, rms
 from forcebound.results.surface import Floats
 from forcebound.units import energy_in_words
 
+_LAST = itemgetter(-1)
 APART = 0.005  # m, between leader and follower at the start, where nothing is said
 
 
-def coupling(
-    runs: Mapping[str, TelemetryColumns], documents: Mapping[str, Mapping[str, Any]]
-) -> dict[str, Any]:
+def coupling(runs: Mapping[str, TelemetryColumns], documents: Mapping[str, Document]) -> Summary:
     """Return the figures of a run of several hands; None for one that is missing.
 
     Args:
@@ -29,11 +30,11 @@ def coupling(
     """
     shared = _shared(runs)
     figures = _energies(shared)
-    environment = next(iter(documents.values())).get("environment") or {}
+    environment = next(iter(documents.values())).get("environment", {})
     if environment.get("kind") == "coupling":
         leads, follows = environment["leader"], environment["follower"]
         if leads in runs and follows in runs:
-            met = documents[follows].get("operator") or {}
+            met = documents[follows].get("operator", {})
             figures |= _transparency(shared[leads], shared[follows], environment, met)
     return figures
 
@@ -95,15 +96,15 @@ def _shared(runs: Mapping[str, TelemetryColumns]) -> dict[str, dict[str, Floats]
     return found
 
 
-def _energies(shared: Mapping[str, Mapping[str, Floats]]) -> dict[str, Any]:
+def _energies(shared: Mapping[str, Mapping[str, Floats]]) -> Summary:
     together = np.sum([one["energy"] for one in shared.values()], axis=0)
     net = {hand: one["given"] - one["received"] for hand, one in shared.items()}
     with_partner = {hand: one["energy"] - net[hand] for hand, one in shared.items()}
     return {
-        "energy_end_j": {hand: _or_none(_last, one["energy"]) for hand, one in shared.items()},
+        "energy_end_j": {hand: _or_none(_LAST, one["energy"]) for hand, one in shared.items()},
         "energy_min_j": _or_none(np.min, together),
-        "given_energy_j": {hand: _or_none(_last, one["given"]) for hand, one in shared.items()},
-        "net_given_energy_j": {hand: _or_none(_last, one) for hand, one in net.items()},
+        "given_energy_j": {hand: _or_none(_LAST, one["given"]) for hand, one in shared.items()},
+        "net_given_energy_j": {hand: _or_none(_LAST, one) for hand, one in net.items()},
         "energy_with_partner_min_j": {h: _or_none(np.min, one) for h, one in with_partner.items()},
     }
 
@@ -111,9 +112,9 @@ def _energies(shared: Mapping[str, Mapping[str, Floats]]) -> dict[str, Any]:
 def _transparency(
     leader: Mapping[str, Floats],
     follower: Mapping[str, Floats],
-    environment: Mapping[str, Any],
-    wall: Mapping[str, Any],
-) -> dict[str, Any]:
+    environment: Document,
+    wall: Document,
+) -> Summary:
     """Return errors of position and force, and the stiffness that the leader feels.
 
     Position errors are at the follower, force errors at the leader. With a clutch the offset is
@@ -141,27 +142,15 @@ def _transparency(
         if environment["architecture"] != "four_channel":
             behind = own * known / (own + known) if own > 0.0 else 0.0
     return {
-        "position_error_rms_m": _or_none(_rms, error),
+        "position_error_rms_m": _or_none(rms, error),
         "position_error_peak_m": _or_none(np.max, error),
-        "position_error_start_m": _or_none(_first, error),
-        "force_error_rms_n": _or_none(_rms, difference),
+        "position_error_start_m": _or_none(itemgetter(0), error),
+        "force_error_rms_n": _or_none(rms, difference),
         "force_error_peak_n": _or_none(np.max, difference),
         "transmitted_stiffness_n_per_m": felt,
         "follower_stiffness_n_per_m": known,
         "series_stiffness_n_per_m": behind,
     }
-
-
-def _first(values: Floats) -> Any:
-    return values[0]
-
-
-def _last(values: Floats) -> Any:
-    return values[-1]
-
-
-def _rms(values: Floats) -> Any:
-    return np.sqrt(np.mean(values**2))
 
 
 def _or_none(statistic: Callable[[Floats], Any], values: Floats) -> float | None:

@@ -42,11 +42,12 @@ from forcebound.results.contact import (
     extended_rate_hardness,
     limit_cycle_amplitude,
     rate_hardness,
+    rms,
     steady_window,
 )
 from forcebound.results.energy import since_contact
 from forcebound.results.promises import broken_promises
-from forcebound.results.samples import Needs, Samples, law
+from forcebound.results.samples import Needs, Samples
 from forcebound.results.spectrum import transparency_bandwidth
 from forcebound.results.stiffness import felt_stiffness
 from forcebound.results.surface import Floats
@@ -97,17 +98,14 @@ def _delays(delay: str) -> Callable[[Samples], dict[str, float | None]]:
     return of
 
 
-def _rms(values: Floats) -> float:
-    return float(np.sqrt(np.mean(values**2)))
-
-
 def _duration(run: Samples) -> float | None:
     time = run.run.time[run.since]
     return float(np.ptp(time)) if time.size else None
 
 
-def _of(shared: str, name: str) -> Callable[[Samples], Any]:
+def _of(name: str) -> Callable[[Samples], Any]:
     """Return a function that gives an attribute of what figures share; None without it."""
+    shared, _, name = name.partition(".")
     return lambda run: getattr(getattr(run, shared), name, None)
 
 
@@ -162,12 +160,12 @@ def _proxy_distance(run: Samples) -> float:
 
 def _force_error(run: Samples) -> float:
     error = np.linalg.norm(run.saturated - run.columns.applied_force, axis=1)
-    return _rms(error[run.contact])
+    return rms(error[run.contact])
 
 
 def _wall_error(run: Samples) -> float:
     assert run.wall_error is not None
-    return _rms(run.wall_error[run.contact])
+    return rms(run.wall_error[run.contact])
 
 
 def _strongest(name: str) -> Callable[[Samples], float | None]:
@@ -180,7 +178,7 @@ def _strongest(name: str) -> Callable[[Samples], float | None]:
     return of
 
 
-def _vibration(run: Samples) -> dict[str, Any] | None:
+def _vibration(run: Samples) -> dict[str, list[float] | None] | None:
     if run.vibration is None:
         return None
     return {
@@ -211,7 +209,7 @@ def _since_contact(run: Samples) -> float | None:
     return since_contact(run.time, energy, columns.true_position, first, run.mass)
 
 
-def _felt(run: Samples) -> dict[str, Any] | None:
+def _felt(run: Samples) -> dict[str, object] | None:
     felt = felt_stiffness(run)
     return None if felt is None else felt._asdict()
 
@@ -234,38 +232,29 @@ def _minimum(energy: str) -> Callable[[Samples], float | None]:
     return lambda run: _or_none(np.min, getattr(run.run, energy)[run.since])
 
 
-def _cap(run: Samples) -> float | None:
-    cap = run.device.get("energy_cap", "auto")
-    return None if cap == "auto" else cap
-
-
 def _sources(run: Samples) -> dict[str, int]:
-    return dict(sorted(Counter((run.device.get("sources") or {}).values()).items()))
+    return dict(sorted(Counter((run.device.sources or {}).values()).items()))
 
 
-def _little_force(run: Samples) -> list[dict[str, Any]]:
+def _little_force(run: Samples) -> list[dict[str, object]]:
     return [{"cause": c.code, "data": dict(c.data), "advice": c.remedy} for c in run.causes]
 
 
 #: Figures that rest on the report of the bounder; a sweep has none of them.
 _OF_THE_BOUNDER = (
     Figure("hold_limit_ms", "hold limit mean/longest", cells.hold_limit, ticks.hold_limits),
-    Figure(
-        "refused_readings", "refused readings", cells.refused, _of("report", "refused_readings")
-    ),
-    Figure(
-        "late_writes", "writes later than stated", cells.late_writes, _of("report", "late_writes")
-    ),
+    Figure("refused_readings", "refused readings", cells.refused, _of("report.refused_readings")),
+    Figure("late_writes", "writes later than stated", cells.late_writes, _of("report.late_writes")),
     Figure("longest_write_delay_ms", "", None, ticks.longest_write_delay),
     Figure("reads_and_writes_s", "", None, lambda run: ticks.reads_and_writes(run.columns)),
     Figure(
         "largest_allowance_j",
         "largest allowance used",
         cells.allowance,
-        _of("report", "largest_allowance"),
+        _of("report.largest_allowance"),
     ),
-    Figure("allowance_repaid", "", None, _of("report", "allowance_repaid")),
-    Figure("energy_cap_j", "energy cap", cells.energy_cap, _cap),
+    Figure("allowance_repaid", "", None, _of("report.allowance_repaid")),
+    Figure("energy_cap_j", "energy cap", cells.energy_cap, attrgetter("device.cap")),
     Figure("number_sources", "numbers of the device", cells.counts("number_sources", ""), _sources),
     Figure("broken_promises", "", None, broken_promises),
     Figure("little_force", "little force because of", cells.little_force, _little_force),
@@ -274,24 +263,14 @@ REPORTED = tuple(figure.key for figure in _OF_THE_BOUNDER)
 
 #: All figures, in the order of the table.
 FIGURES: tuple[Figure, ...] = (
-    Figure("law", "law", lambda s: s["law"] or cells.UNDEFINED, lambda run: law(run.config)),
+    Figure("law", "law", lambda s: s["law"] or cells.UNDEFINED, attrgetter("device.law")),
     Figure("duration_s", "duration", S, _duration),
     Figure("samples", "samples", NUMBER, lambda run: int(run.since.sum())),
-    Figure(
-        "displayed_stiffness_n_per_m",
-        "displayed stiffness",
-        N_MM,
-        _of_contact(displayed_stiffness),
-        need.STEADY,
-    ),
+    Figure("displayed_stiffness_n_per_m", "displayed stiffness", N_MM, _stiffness, need.STEADY),
     Figure("stiffness_n_per_m", "", None, _felt, need.ASKED),
     Figure("rate_hardness_n_per_m", "rate-hardness", N_MM, _hardness, need.INWARDS),
     Figure(
-        "extended_rate_hardness_n_per_m",
-        "extended rate-hardness",
-        N_MM,
-        _of_contact(extended_rate_hardness),
-        need.INWARDS,
+        "extended_rate_hardness_n_per_m", "extended rate-hardness", N_MM, _extended, need.INWARDS
     ),
     Figure("transparency_bandwidth_hz", "transparency bandwidth", HZ, _bandwidth, need.BANDWIDTH),
     Figure("displayed_impedance", "", None, _impedance, need.IMPEDANCE),
@@ -311,8 +290,8 @@ FIGURES: tuple[Figure, ...] = (
     ),
     Figure("vibration_frequency_hz", "", None, _strongest("frequency"), need.VIBRATION),
     Figure("vibration", "", None, _vibration, need.SPECTRUM),
-    Figure("settling_time_s", "settling time", MS, _of("settling", "time"), need.SETTLED),
-    Figure("overshoot_share", "overshoot", WHOLE, _of("settling", "overshoot"), need.SETTLED),
+    Figure("settling_time_s", "settling time", MS, _of("settling.time"), need.SETTLED),
+    Figure("overshoot_share", "overshoot", WHOLE, _of("settling.overshoot"), need.SETTLED),
     Figure(
         "limit_cycle_amplitude_m",
         "limit-cycle amplitude",
@@ -332,15 +311,9 @@ FIGURES: tuple[Figure, ...] = (
         need.TRUTH,
     ),
     Figure("energy_left_j", "", None, _energy_left, need.TOUCHED),
+    Figure("largest_energy_fall_j", "largest fall of energy", MJ, _of("fall.energy"), need.TRUTH),
     Figure(
-        "largest_energy_fall_j", "largest fall of energy", MJ, _of("fall", "energy"), need.TRUTH
-    ),
-    Figure(
-        "energy_regain_time_s",
-        "time to regain it",
-        MS,
-        _of("fall", "time_to_regain"),
-        need.REGAINED,
+        "energy_regain_time_s", "time to regain it", MS, _of("fall.time_to_regain"), need.REGAINED
     ),
     Figure(
         "energy_since_contact_min_j",
@@ -353,22 +326,22 @@ FIGURES: tuple[Figure, ...] = (
         "observed_energy_min_j",
         "minimum energy (motor alone)",
         MJ,
-        _of("observed", "energy_min"),
+        _of("observed.energy_min"),
         need.ENGAGED,
     ),
-    Figure("observed_energy_error_j", "", None, _of("observed", "error"), need.ENGAGED),
+    Figure("observed_energy_error_j", "", None, _of("observed.error"), need.ENGAGED),
     Figure(
         "observed_power_min_w",
         "minimum power (motor alone)",
         W,
-        _of("observed", "power_min"),
+        _of("observed.power_min"),
         need.ENGAGED,
     ),
     Figure(
         "observed_deficit_share",
         "time in deficit (motor alone)",
         PERCENT,
-        _of("observed", "deficit_share"),
+        _of("observed.deficit_share"),
         need.ENGAGED,
     ),
     Figure(

@@ -58,8 +58,8 @@ def causes_of_little_force(run: "Samples") -> list[Cause]:
     Empty if nothing is lost, or the stiffness is not known. What no other cause took is the
     device's little dissipation. Data: what each ``takes`` and its remedy ``gives``, in N/m.
     """
-    law, is_known = str(run.device.get("law")), run.device.keys() >= NEEDED
-    if not is_known or not LAWS.is_shipped(law) or run.device.get("energy_partner"):
+    law, is_known = str(run.device.law), run.config.get("device", {}).keys() >= NEEDED
+    if not is_known or not LAWS.is_shipped(law) or run.device.energy_partner:
         return []
     if not {"force", "surface", "stiffness", "contact"}.isdisjoint(run.lacks()):
         return []
@@ -160,18 +160,16 @@ def _suspects(twin: Twin, run: "Samples", law: str) -> Iterator[_Suspect]:
 
 
 def _of_the_clock(twin: Twin, run: "Samples") -> Iterator[_Suspect]:
-    period, stated = twin.stated.period, run.device.get("hold_limit", "auto")
-    if stated != "auto" and stated > FLOOR:
+    period, stated = twin.stated.period, run.device.hold_limit
+    if isinstance(stated, float) and stated > FLOOR:
         change = Change({"hold_limit": FLOOR * period})
         why = f"device.hold_limit plans every force for {stated:.3g} periods"
         yield _Suspect("hold_limit", why, change, "device.hold_limit: auto", change)
     share = float(np.mean(np.diff(twin.time) > LATE * period))
     if not share and twin.stated.hold_limit <= LATE * period:
         return
-    change, why = (
-        Change(is_punctual=True),
-        f"{share:.1%} of the ticks come late or after missed ones",
-    )
+    change = Change(is_punctual=True)
+    why = f"{share:.1%} of the ticks come late or after missed ones"
     busy = twin.busy / period
     if busy <= 1.0:
         command = "forcebound doctor --measure"

@@ -6,7 +6,7 @@ whole vector, as their limit is; what is over penetration, along the normal of w
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from forcebound.files import printable
 from forcebound.messages.packets import Event
+from forcebound.messages.topology import Document
 from forcebound.recordings.telemetry import TelemetryColumns
 from forcebound.results.colours import AXIS_COLOURS, COMMANDED, ESTIMATED, NEUTRAL, PHYSICAL
 from forcebound.results.energy import largest_fall
@@ -25,14 +26,15 @@ from forcebound.results.surface import Floats, Touch, touch_of_run
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Run: TypeAlias = tuple[str, TelemetryColumns, Mapping[str, Any]]  # label, telemetry, launch file
+Run: TypeAlias = tuple[str, TelemetryColumns, Document]  # label, telemetry, launch file
 
 LONGEST_NAME = 60  # characters
 MOST_SLOPES = 3  # a wall may change its stiffness all the time
 AROUND_CONTACT = (-20.0, 150.0)  # ms about the first contact, range of the panel "contact"
 AXIS_NAMES = ("x", "y", "z", "axis 4", "axis 5", "axis 6")
 MOST_POINTS = 20_000  # of a curve over time; of more the extremes are drawn, in as many pieces
-WIDE: dict[str, Any] = {"linewidth": 2.6, "alpha": 0.5}  # of a curve that another may lie upon
+WIDE: dict[str, float] = {"linewidth": 2.6, "alpha": 0.5}  # of a curve that another may lie upon
+DASHED: dict[str, str | float] = {"linestyle": "--", "linewidth": 1.0}
 PIECES = 5_000  # 8 for each pixel of a PNG
 
 
@@ -122,8 +124,7 @@ def _draw_position(axes: Axes, view: View) -> None:
     if view.touch is not None and view.touch.wall is not None:
         wall = view.touch.wall.position[view.shown] * 1e3
         label = "surface" if view.axes == 1 else f"surface, {AXIS_NAMES[view.touch.wall.axis]}"
-        style: dict[str, Any] = {"color": NEUTRAL, "linestyle": "--", "linewidth": 1.0}
-        _over_time(axes, view, wall, label, drawstyle="steps-post", **style)
+        _over_time(axes, view, wall, label, drawstyle="steps-post", color=NEUTRAL, **DASHED)
     position = view.columns.position[view.shown] * 1e3
     if view.axes == 1:
         true = view.columns.true_position[view.shown, 0] * 1e3
@@ -148,8 +149,8 @@ def _draw_force(axes: Axes, view: View) -> None:
     limit = view.columns.force_limit[view.shown]
     chosen = extremes(limit)
     label = "limit force" if view.axes == 1 else "limit of the\nwhole vector"
-    style: dict[str, Any] = {"color": NEUTRAL, "alpha": 0.25, "linewidth": 0.0}
-    axes.fill_between(view.time[chosen], -limit[chosen], limit[chosen], label=label, **style)
+    time, limit = view.time[chosen], limit[chosen]
+    axes.fill_between(time, -limit, limit, label=label, color=NEUTRAL, alpha=0.25, linewidth=0.0)
     axes.set_ylim(scale)
 
 
@@ -181,8 +182,8 @@ def _draw_force_over_penetration(axes: Axes, view: View) -> None:
     slopes = _slopes(view, depth)
     for slope in slopes:
         label = "wall" if len(slopes) == 1 else f"wall, {slope:.3g} N/mm"
-        style: dict[str, Any] = {"color": COMMANDED, "linestyle": "--", "linewidth": 1.0}
-        axes.axline((0.0, 0.0), slope=slope, label=label, **style)
+        wall = axes.axline((0.0, 0.0), slope=slope, label=label)
+        wall.set(color=COMMANDED, **DASHED)
     applied = view.touch.along(view.columns.applied_force)[view.shown]
     _line(axes, depth, applied, "applied", color=PHYSICAL, linewidth=0.8)
     deepest = float(depth.max(initial=0.0))

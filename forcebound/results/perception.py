@@ -4,11 +4,10 @@ Numbers from psychophysics, each with its source. They are means over a few peop
 an order of magnitude, not a promise.
 """
 
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
+from msgspec import Struct
 
+from forcebound.results.cells import Summary
 from forcebound.results.surface import Floats
 
 #: Smallest fraction of a figure whose change is felt.
@@ -40,24 +39,23 @@ def vibration_threshold(frequency: Floats) -> Floats:
     return np.asarray(THRESHOLD * 10.0 ** (decibels / 20.0))
 
 
-def differences(reference: Mapping[str, Any], other: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Return by how much a run differs from the reference, and whether a hand feels it.
+class Difference(Struct, frozen=True):
+    """By how much a figure of a run differs from that of the reference."""
 
-    For each figure of :data:`WEBER_FRACTIONS` that both summaries have: ``figure``, ``difference``
-    (a fraction of the reference), ``weber_fraction``, ``is_perceptible``, ``source``.
-    """
+    figure: str
+    difference: float  # a fraction of the reference
+    weber_fraction: float
+    is_perceptible: bool
+    source: str
+
+
+def differences(reference: Summary, other: Summary) -> list[Difference]:
+    """Return the differences of the figures of :data:`WEBER_FRACTIONS` that both runs have."""
     found = []
     for figure, (fraction, source) in WEBER_FRACTIONS.items():
         before, after = reference[figure], other[figure]
         if before and after is not None:
             difference = after / before - 1.0
-            found.append(
-                {
-                    "figure": figure,
-                    "difference": difference,
-                    "weber_fraction": fraction,
-                    "is_perceptible": abs(difference) >= fraction,
-                    "source": source,
-                }
-            )
+            is_felt = abs(difference) >= fraction
+            found.append(Difference(figure, difference, fraction, is_felt, source))
     return found

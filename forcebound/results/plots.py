@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from itertools import chain, pairwise
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from forcebound.errors import ConfigError
 from forcebound.files import check_writable
 from forcebound.messages.events import LAW_CHANGED, PARAMETERS_SET, PHASE_BEGINS, PUBLISHED
 from forcebound.messages.packets import Event
+from forcebound.recordings.launched import launched
 from forcebound.results.colours import NEUTRAL, NOT_PASSIVE, PHASE
 from forcebound.results.panels import (
     PANELS,
@@ -28,10 +29,10 @@ from forcebound.results.panels import (
     since_engaged,
     view_of,
 )
-from forcebound.results.samples import law
 from forcebound.results.signals import Curve
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -139,10 +140,10 @@ def _mark(axes: Axes, run: Run, events: Sequence[Event], *, names: bool) -> None
         line, top = MARKS[min(number, len(MARKS) - 1)]
         name = "other events" if is_rest else in_figure(event.event.replace("_", " "))
         colour = NOT_PASSIVE if event.is_fault else NEUTRAL
-        style: dict[str, Any] = {"marker": top, "markersize": 3.5, "markevery": [1]}  # at its top
-        style |= {"color": colour, "linestyle": line, "linewidth": 0.8, "clip_on": False}
         at = (event.time_ns - zero_ns) * 1e-9
-        axes.axvline(at, label=name if names else None, **style)
+        drawn = axes.axvline(at, label=name if names else None, color=colour, linestyle=line)
+        drawn.set(linewidth=0.8, clip_on=False)
+        drawn.set(marker=top, markersize=3.5, markevery=[1])  # at its top
     bounds = [*((event.time_ns - zero_ns) * 1e-9 for event in begins), end]
     for start, stop in list(pairwise(bounds))[1::2]:
         axes.axvspan(start, stop, color=PHASE, alpha=0.10, linewidth=0.0, zorder=0)
@@ -156,7 +157,7 @@ def _mark(axes: Axes, run: Run, events: Sequence[Event], *, names: bool) -> None
 
 
 def _title(run: Run) -> str:
-    label, name = in_figure(run[0]), law(run[2])
+    label, name = in_figure(run[0]), launched(run[2]).device.law
     if label == name:
         return f"law: {name}"
     return label if name is None or name in label.split() else f"{label} (law: {in_figure(name)})"
@@ -180,15 +181,13 @@ def _arrange_row(name: str, row: list[Axes]) -> None:
         else:
             for axes in row:
                 _note(axes, "own scale")
-    handles: dict[str, Any] = {}
+    handles: dict[str, Artist] = {}
     for axes in row:  # a run may lack a line that another has
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
             handles.setdefault(label, handle)
     if handles:
-        style: dict[str, Any] = {"frameon": False, "fontsize": 8, "handlelength": 1.4}
-        row[-1].legend(
-            handles.values(), handles, loc="center left", bbox_to_anchor=(1.01, 0.5), **style
-        )
+        key = row[-1].legend(handles.values(), handles, fontsize=8, handlelength=1.4, frameon=False)
+        key.set(loc="center left", bbox_to_anchor=(1.01, 0.5))
 
 
 def _scale_energy(row: list[Axes]) -> None:
@@ -206,9 +205,9 @@ def _scale_energy(row: list[Axes]) -> None:
             axes.yaxis.set_major_formatter("{x:g}")
         row[0].set_ylabel(f"energy (mJ)\nlog beyond ±{linear:g} mJ", fontsize=9)
         bottom, top = min(2.0 * low, -0.3 * linear), max(2.0 * high, 0.3 * linear)
-    style: dict[str, Any] = {"color": NOT_PASSIVE, "alpha": 0.12, "linewidth": 0.0, "zorder": 0}
     for axes in row:
-        axes.axhspan(bottom, 0.0, label="not passive", **style)
+        area = axes.axhspan(bottom, 0.0, label="not passive", color=NOT_PASSIVE, alpha=0.12)
+        area.set(linewidth=0.0, zorder=0)
     _share(row, bottom, top)
 
 

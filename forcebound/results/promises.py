@@ -8,13 +8,13 @@ beyond the hold limit are priced, or dropped by the watchdog (docs/theory.md, 3.
 """
 
 import math
-from collections.abc import Iterator, Mapping
-from typing import Any
+from collections.abc import Iterator
+from typing import TypedDict
 
 import numpy as np
 
 from forcebound.results.energy import Holds
-from forcebound.results.samples import Samples, is_certified, law
+from forcebound.results.samples import Samples, is_certified
 from forcebound.results.surface import Floats, Mask
 
 ROUNDING = 5e-10  # s; stamps are whole nanoseconds
@@ -31,19 +31,27 @@ _WORDS = {
 }
 
 
-def is_uncovered(broken: Mapping[str, Any]) -> bool:
+class BrokenPromise(TypedDict):
+    """A promise that a run breaks, ready for JSON."""
+
+    promise: str  # a key of ``device``
+    unit: str  # of the numbers
+    stated: float
+    count: int  # of values beyond that
+    of: int  # so many
+    typical: float  # of those beyond
+    largest: float
+    is_paid: bool  # the certificate covers the run all the same
+
+
+def is_uncovered(broken: BrokenPromise) -> bool:
     """Whether no certificate covers a run that breaks a promise."""
     return not broken["is_paid"]
 
 
-def broken_promises(run: Samples) -> list[dict[str, Any]]:
-    """Return the promises that a run breaks, ready for JSON; none without a certified law.
-
-    Each has its ``promise``, a key of ``device``; the ``stated`` number, and the ``typical`` and
-    the ``largest`` of those beyond it, in ``unit``; the ``count`` of these, and ``of`` how many;
-    and whether it ``is_paid``: the certificate covers the run all the same.
-    """
-    if not run.time.size or not is_certified(law(run.config)):
+def broken_promises(run: Samples) -> list[BrokenPromise]:
+    """Return the promises that a run breaks; none without a certified law."""
+    if not run.time.size or not is_certified(run.device.law):
         return []
     return [
         {
@@ -63,22 +71,21 @@ def broken_promises(run: Samples) -> list[dict[str, Any]]:
 
 def _is_paid(run: Samples) -> bool:
     """Whether the ledger had enough for each late write, but for the allowance that is stated."""
-    allowance: float = run.device.get("allowance", 0.0)
-    return run.report is not None and run.report.largest_allowance <= allowance
+    return run.report is not None and run.report.largest_allowance <= run.device.allowance
 
 
 def _found(holds: Holds, run: Samples) -> Iterator[tuple[str, str, float, Floats, Mask]]:
     """Yield a promise with its unit, what is stated, what was, and where that is beyond."""
     device, acts = run.device, np.asarray(holds.force.any(axis=1))
     matters = acts | np.concatenate((acts[:1], acts[:-1]))  # the force before lasts as long
-    delay, stated = (holds.write - holds.read)[matters], device.get("write_delay", math.inf)
+    delay, stated = (holds.write - holds.read)[matters], device.write_delay
     yield "write_delay", "s", stated, delay, delay > stated + ROUNDING
-    limit = device.get("watchdog_limit", "auto")
+    limit = device.watchdog_limit
     is_lost = any(event.event == "device_lost" for event in run.events)  # at zero then
-    if device.get("watchdog") == "none" and limit != "auto" and not is_lost:
+    if device.watchdog == "none" and isinstance(limit, float) and not is_lost:
         lasted = np.diff(holds.write)[acts[:-1]]
         yield "watchdog_limit", "s", limit, lasted, lasted > limit + ROUNDING
-    largest = device.get(COSTS_FORCE)
+    largest = device.largest_speed
     if largest is not None:
         ahead = np.maximum(run.run.ahead_ns[run.since], 0) * 1e-9
         speed = _refused_speeds(holds, holds.read + ahead, largest)
@@ -100,19 +107,19 @@ def _refused_speeds(holds: Holds, time: Floats, largest: float) -> Floats:
     return np.minimum(speed, LARGEST_SPEED)
 
 
-def in_words(broken: Mapping[str, Any]) -> str:
+def in_words(broken: BrokenPromise) -> str:
     """Return a broken promise as a part of a sentence: how often, by how much, what to do."""
     what, remedy = _WORDS[broken["promise"]]
     if broken["is_paid"] and broken["promise"] == "write_delay":
         remedy = "the ledger had enough for each of them"
     factor, unit = (1e3, "ms") if broken["unit"] == "s" else (1.0, broken["unit"])
-    values = [broken[key] for key in ("stated", "typical", "largest")]
-    numbers = (*values, ROUNDED_UP * values[-1])
-    stated, typical, largest, most = (
+    most = broken["largest"]
+    numbers = (broken["stated"], broken["typical"], most, ROUNDED_UP * most)
+    stated, typical, largest, more = (
         f"{float(f'{factor * number:.3g}'):g} {unit}" for number in numbers
     )
     counts = f"{broken['count']:,} of {broken['of']:,}"
     return (
         f"{counts} {what} device.{broken['promise']} ({stated}): typically {typical}, at most"
-        f" {largest}; {remedy.format(most=most)}"
+        f" {largest}; {remedy.format(most=more)}"
     )

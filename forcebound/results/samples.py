@@ -4,16 +4,19 @@ What several figures share is worked out once.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from forcebound.errors import ConfigError
 from forcebound.haptics.laws import LAWS
 from forcebound.haptics.laws.hold_limit import FLOOR
 from forcebound.messages.packets import Event
+from forcebound.messages.topology import Document
+from forcebound.recordings.launched import launched
 from forcebound.recordings.telemetry import TelemetryColumns
 from forcebound.results.bounder import Cause, bounder_report, saturated
 from forcebound.results.contact import Settling, final_speed, settling, steady_window
@@ -24,12 +27,6 @@ from forcebound.results.surface import Floats, Mask, Touch, scale_of, touch_of_r
 
 LONGEST_FORCE = 0.1  # s, of device.watchdog_limit: auto
 GAP = 1.5  # periods; samples further apart do not belong to one stretch
-
-
-def law(config: Mapping[str, Any]) -> str | None:
-    """Return the name of the bounding law in a resolved launch file, if it has one."""
-    name = (config.get("device") or {}).get("law")
-    return None if name is None else str(name)
 
 
 def is_certified(name: str | None) -> bool:
@@ -43,7 +40,7 @@ class Samples:
     def __init__(
         self,
         run: TelemetryColumns,
-        config: Mapping[str, Any],
+        config: Document,
         events: Sequence[Event] = (),
         explains: bool = True,
     ) -> None:
@@ -68,11 +65,12 @@ class Samples:
         # Without a surface: a force is commanded.
         felt = np.linalg.norm(columns.commanded_force, axis=1) if touch is None else self.depth
         self.contact: Mask = felt > 0.0
-        self.device: Mapping[str, Any] = config.get("device") or {}
+        self.launched = launched(config)
+        self.device = self.launched.device
         self.saturated = saturated(columns, self.device)  # N, (n, axes), commanded force
-        self.mass: float | None = self.device.get("mass")  # kg
+        self.mass = self.device.mass  # kg
         measured = 1.0 / float(np.median(np.diff(self.time))) if self.time.size > 1 else math.nan
-        self.rate: float = self.device.get("rate") or measured  # Hz
+        self.rate: float = self.device.rate or measured  # Hz
         self.has_truth = bool(np.isfinite(columns.true_position).all())
         self.report = bounder_report(events)
 
@@ -142,21 +140,23 @@ class Samples:
         jitter = np.diff(columns.ahead_ns, prepend=columns.ahead_ns[:1])
         if not self.has_truth:
             jitter = np.where(columns.ahead_ns < 0, write - read, jitter)
-        longest, stated = LONGEST_FORCE, device.get("watchdog_limit", "auto")
-        if device.get("watchdog") == "silent":
+        longest = LONGEST_FORCE
+        if device.watchdog == "silent":
             longest = self.hold_limits[0]
-        elif stated != "auto":
-            longest = stated
+        elif device.watchdog_limit is None:
+            raise ConfigError("device.watchdog_limit is null: the run is of another version")
+        elif device.watchdog_limit != "auto":
+            longest = device.watchdog_limit
         # A report comes with the next write.
         dropped = np.append(columns.cut_ns[1:], -1) - start_ns
         return Holds(
             _seconds(read),
             _seconds(write),
             np.where(dropped <= write, _seconds(write) + longest, _seconds(dropped)),
-            device.get("lag", 0.0),
+            device.lag,
             columns.torques if self.is_arm else columns.applied_force,
             columns.joints if self.is_arm else columns.position,
-            np.asarray(device.get("resolution", 0.0)),
+            np.asarray(device.resolution),
             _seconds(jitter),
         )
 
@@ -169,13 +169,13 @@ class Samples:
     @property
     def hold_limits(self) -> tuple[float, float]:
         """The hold limit that forces were planned for, and that without late ticks, in s."""
-        period, stated = 1.0 / self.rate, self.device.get("hold_limit", "auto")
-        if stated != "auto":
+        period, stated = 1.0 / self.rate, self.device.hold_limit
+        if isinstance(stated, float):
             return stated * period, stated * period
         shortest = FLOOR * period
         if self.report is None:
             return shortest, shortest
-        plans = is_certified(law(self.config))
+        plans = is_certified(self.device.law)
         return self.report.hold_limit, shortest if plans else self.report.hold_limit
 
     @cached_property

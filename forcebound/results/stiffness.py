@@ -30,7 +30,7 @@ from forcebound.results.little_force import split_by_causes
 from forcebound.results.samples import Samples
 from forcebound.results.surface import Floats
 
-DROPPING = ("silent", "reporting")  # watchdogs
+DROPPING = ("silent", "reporting", None)  # watchdogs; None: not stated
 ROUNDING = 1e-9  # of a force
 LARGEST_GAIN = 0.1  # of the losses
 
@@ -58,7 +58,7 @@ def felt_stiffness(run: Samples) -> Stiffness | None:
     answered = surface.stiffness * np.maximum(depth_then, 0.0)
     limit, shortest = run.hold_limits
     interval = np.diff(run.time, append=run.time[-1:] + 1.0 / run.rate)
-    drops = run.device.get("watchdog", "silent") in DROPPING
+    drops = run.device.watchdog in DROPPING
     dropped = applied * (1.0 - np.minimum(1.0, limit / interval)) if drops else 0.0 * applied
     planned = np.clip((np.sqrt(limit / shortest) - 1.0) * applied, 0.0, saturated - applied)
     by_law = saturated - applied > ROUNDING * np.abs(saturated)

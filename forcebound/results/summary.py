@@ -4,15 +4,16 @@ A figure that the run or the launch file does not define is ``None``, never NaN,
 is always valid JSON.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import zip_longest
-from typing import Any
 
 import numpy as np
 
 from forcebound.messages.events import PHASE_BEGINS
 from forcebound.messages.packets import Event
+from forcebound.messages.topology import Document
 from forcebound.recordings.telemetry import TelemetryColumns
+from forcebound.results.cells import Summary
 from forcebound.results.figures import FIGURES
 from forcebound.results.samples import Samples
 from forcebound.results.ticks import answered_share
@@ -25,10 +26,10 @@ _OF_A_PHASE = ("loop_delay_ms", "reply_age_ms", "peak_force_n")
 
 def summarize(
     columns: TelemetryColumns,
-    config: Mapping[str, Any],
+    config: Document,
     events: Sequence[Event] = (),
     explains: bool = True,
-) -> dict[str, Any]:
+) -> Summary:
     """Return the figures of a run by key, ready for JSON; ``docs/results.md`` lists them.
 
     ``undefined`` has the reasons, by key, why a figure of a law is missing.
@@ -44,7 +45,7 @@ def summarize(
     """
     run = Samples(columns, config, events, explains)
     lacks = run.lacks()
-    figures: dict[str, Any] = {}
+    figures: Summary = {}
     undefined = {}
     for figure in FIGURES:
         missing = [lacks[need] for need in figure.needs.of_run.split() if need in lacks]
@@ -55,8 +56,8 @@ def summarize(
 
 
 def summarize_phases(
-    columns: TelemetryColumns, events: Sequence[Event], config: Mapping[str, Any]
-) -> list[dict[str, Any]]:
+    columns: TelemetryColumns, events: Sequence[Event], config: Document
+) -> list[Summary]:
     """Return the figures of each phase of a scripted run, ready for JSON.
 
     Args:
@@ -75,7 +76,7 @@ def summarize_phases(
     return phases
 
 
-def _phase(part: TelemetryColumns, config: Mapping[str, Any]) -> dict[str, Any]:
+def _phase(part: TelemetryColumns, config: Document) -> Summary:
     run = Samples(part, config)
     energy = part.true_energy[np.isfinite(part.true_energy)]
     return {

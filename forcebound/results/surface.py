@@ -12,9 +12,9 @@ to where the hand feels them.
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from forcebound.errors import ConfigError
 from forcebound.messages.events import PARAMETERS_SET, PHASE_BEGINS
 from forcebound.messages.packets import Event
+from forcebound.messages.topology import Document
 from forcebound.recordings.telemetry import TelemetryColumns
 
 Floats: TypeAlias = NDArray[np.float64]
@@ -75,7 +76,7 @@ class Touch:
 
 
 def touch_of_run(
-    columns: TelemetryColumns, events: Sequence[Event], config: Mapping[str, Any]
+    columns: TelemetryColumns, events: Sequence[Event], config: Document
 ) -> Touch | None:
     """Return what a run touched where the hand is; None if that is not known.
 
@@ -138,13 +139,13 @@ def _dot(one: Floats, other: Floats) -> Floats:
     return np.asarray(np.einsum("ij,ij->i", one, other))
 
 
-def scale_of(config: Mapping[str, Any]) -> Scale | None:
+def scale_of(config: Document) -> Scale | None:
     """Return the scale of a run; None if it moves: with a clutch, or rate control at a border.
 
     Raises:
         ConfigError: If it is not in plain SI numbers.
     """
-    controller = config.get("controller") or {}
+    controller = config.get("controller", {})
     if controller.get("kind") != "scaled":
         return Scale()
     if controller.get("clutch_button") is not None or controller.get("border"):
@@ -157,10 +158,10 @@ def scale_of(config: Mapping[str, Any]) -> Scale | None:
 
 
 def _wall_of_run(
-    columns: TelemetryColumns, events: Sequence[Event], config: Mapping[str, Any], scale: Scale
+    columns: TelemetryColumns, events: Sequence[Event], config: Document, scale: Scale
 ) -> Wall | None:
     """Return the flat wall of a run where the hand feels it; None if there is none."""
-    first = _position(config.get("environment") or {})
+    first = _position(config.get("environment", {}))
     if first is None:
         return None
     axis = int(_number(config["environment"], "axis", "a whole number") or 0)
@@ -175,7 +176,7 @@ def _wall_of_run(
     return Wall(axis, scale.place(position))
 
 
-def _position(environment: Mapping[str, Any]) -> float | None:
+def _position(environment: Document) -> float | None:
     """Return where the launch file says the wall is, in m; None: it describes none.
 
     A position with a number for each axis is no flat wall across an axis. In a user's own file a
@@ -190,7 +191,7 @@ def _position(environment: Mapping[str, Any]) -> float | None:
 
 
 def stiffness_of_run(
-    columns: TelemetryColumns, events: Sequence[Event], config: Mapping[str, Any]
+    columns: TelemetryColumns, events: Sequence[Event], config: Document
 ) -> Floats | None:
     """Return the stiffness of the environment at each sample, in N/m, NaN where it has none.
 
@@ -208,17 +209,16 @@ def stiffness_of_run(
 
 
 def _environments(
-    columns: TelemetryColumns, events: Sequence[Event], config: Mapping[str, Any]
-) -> Iterator[tuple[slice, dict[str, Any]]]:
+    columns: TelemetryColumns, events: Sequence[Event], config: Document
+) -> Iterator[tuple[slice, Document]]:
     """Yield each state of the environment's parameters, and the samples since it began.
 
     A phase begins with the parameters of the launch file and sets its own; an event has the new
     values as text. A recording that begins later has the values of then, and no phases: events
     alone say what they change.
     """
-    launched = dict(config.get("environment") or {})
-    phases: Iterator[Mapping[str, Any]] = iter(config.get("phases") or ())
-    now = launched
+    now = launched = config.get("environment", {})
+    phases: Iterator[Document] = iter(config.get("phases", ()))
     yield slice(None), now
     for event in events:
         if event.event == PHASE_BEGINS and config.get("phases"):
@@ -230,7 +230,7 @@ def _environments(
         yield slice(int(np.searchsorted(columns.time_ns, event.time_ns)), None), now
 
 
-def _of_environment(settings: Mapping[str, Any]) -> dict[str, Any]:
+def _of_environment(settings: Document) -> Document:
     prefix = "environment."
     return {n.removeprefix(prefix): v for n, v in settings.items() if n.startswith(prefix)}
 
@@ -242,7 +242,7 @@ def _value(text: str) -> float | str:
         return text
 
 
-def _number(environment: Mapping[str, Any], key: str, unit: str) -> float | None:
+def _number(environment: Document, key: str, unit: str) -> float | None:
     value = environment.get(key)
     if value is not None and not isinstance(value, int | float):
         raise ConfigError(f"environment.{key} must be a number ({unit}), got {value!r}")

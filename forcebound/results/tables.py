@@ -1,13 +1,13 @@
 """Tables of summaries in everyday units (N/mm, mm, mJ, ms), and labels of maps."""
 
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from collections.abc import Iterable, Sequence
 
-from forcebound.results.cells import MJ, PERCENT, N, Unit, percentiles
+from forcebound.results.cells import MJ, PERCENT, N, Summary, Unit, percentiles
 from forcebound.results.figures import FIGURES
+from forcebound.results.perception import Difference
 
 
-def summary_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
+def summary_rows(summary: Summary) -> list[tuple[str, str]]:
     """Return a summary as rows of label and value.
 
     The labels do not depend on the run, except for those of the bounder and of several axes, so the
@@ -18,7 +18,7 @@ def summary_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 
 def summary_table(
-    summaries: Iterable[tuple[str, Mapping[str, Any]]],
+    summaries: Iterable[tuple[str, Summary]],
 ) -> tuple[Sequence[str], list[Sequence[str]]]:
     """Return head and rows of the figures of some runs, each with the label of its column."""
     shown = []  # a run that changed its law has a column for each of them, too
@@ -47,21 +47,20 @@ def _with_unit(label: str, unit: str) -> str:
     return f"{label} ({unit})" if unit else label
 
 
-def difference_text(difference: Mapping[str, Any]) -> str:
-    """Return a difference of two runs in words; see :func:`.perception.differences`."""
-    name = difference["figure"].rpartition("_n")[0].replace("_", " ")
-    least = f"{difference['weber_fraction']:.0%}, {difference['source']}"
-    felt = "a hand feels it" if difference["is_perceptible"] else "a hand does not feel it"
-    return f"{name} {difference['difference']:+.0%}; {felt} (from {least})"
+def difference_text(of: Difference) -> str:
+    """Return a difference of two runs in words."""
+    name = of.figure.rpartition("_n")[0].replace("_", " ")
+    felt = "a hand feels it" if of.is_perceptible else "a hand does not feel it"
+    return f"{name} {of.difference:+.0%}; {felt} (from {of.weber_fraction:.0%}, {of.source})"
 
 
-def phase_rows(phases: Sequence[Mapping[str, Any]]) -> list[tuple[str, ...]]:
+def phase_rows(phases: Sequence[Summary]) -> list[tuple[str, ...]]:
     """Return a table of phases, its head first; delays are p50/p99/max."""
     head = ("phase", "delay, ms", "age of reply, ms", "answered", "force on", "peak force")
     return [(*head, "minimum energy"), *map(_phase_row, phases)]
 
 
-def _phase_row(phase: Mapping[str, Any]) -> tuple[str, ...]:
+def _phase_row(phase: Summary) -> tuple[str, ...]:
     return (
         phase["name"],
         percentiles(phase["loop_delay_ms"], 1),

@@ -52,11 +52,11 @@ def hold_limit_overruns(run: Samples) -> int | None:
     """
     if run.report is not None:
         return run.report.overruns
-    if "rate" not in run.device or "hold_limit" not in run.device or not run.time.size:
+    rate, limit = run.device.rate, run.device.hold_limit
+    if rate is None or limit is None or not run.time.size:
         return None
-    is_learned = run.device["hold_limit"] == "auto"
-    limit = FLOOR if is_learned else run.device["hold_limit"]
-    limit_ns = round(limit * 1e9 / run.device["rate"])
+    is_learned = limit == "auto"
+    limit_ns = round((FLOOR if limit == "auto" else limit) * 1e9 / rate)
     longer = int(np.count_nonzero(np.diff(run.run.time_ns[run.run.time >= 0.0]) > limit_ns))
     return None if is_learned and longer else longer
 

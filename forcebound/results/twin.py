@@ -26,6 +26,8 @@ from forcebound.haptics.laws.bounder import shorten
 from forcebound.haptics.laws.dissipation import per_axis
 from forcebound.haptics.laws.hold_limit import FLOOR
 from forcebound.messages.packets import Vector
+from forcebound.messages.topology import Document
+from forcebound.recordings.launched import DeviceSection
 from forcebound.results.contact import STEADY_WINDOW, steady_window
 from forcebound.results.surface import Floats, touch_of_run
 
@@ -42,7 +44,7 @@ WAY = 1e-4  # m, over which joints turn as at a point
 class Change:
     """What is other in a twin than in its run."""
 
-    numbers: Mapping[str, Any] = field(default_factory=dict)  # of the Dissipation
+    numbers: Mapping[str, float | Vector | None] = field(default_factory=dict)  # of the Dissipation
     law: str = ""
     rate: float = 1.0  # over that of the run
     delays: float = 1.0  # from reading to write, over those of the run
@@ -78,23 +80,20 @@ class Twin:
         self.write_delay: Floats = (columns.write_ns - read_ns).astype(np.float64)
         self.write_delay *= 1e-9 * has_stamps
         self.busy = 2.0 * float(np.median(self.write_delay))
-        device: dict[str, Any] = {
-            k: tuple(v) if isinstance(v, list) else v for k, v in run.device.items()
-        }
-        self._rate, self._report, self._law = run.rate, run.report, str(device["law"])
+        section = run.config["device"].items()
+        device: Document = {k: tuple(v) if isinstance(v, list) else v for k, v in section}
+        self._rate, self._report, self._law = run.rate, run.report, str(run.device.law)
         self._model: DeviceModel | None = None
-        if DEVICES.is_shipped(str(device.get("kind"))):
-            kind: Any = DEVICES[device["kind"]]
+        if DEVICES.is_shipped(run.device.kind):
+            kind: Any = DEVICES[run.device.kind]
             own = {each.name for each in fields(kind) if each.init} & device.keys() - {"truth"}
             self._model = kind(**{name: device[name] for name in own})
         self._kinematics = None if self._model is None else self._model.kinematics()
-        is_arm, place = (
-            bool(np.isfinite(columns.torques).any()),
-            tuple(columns.position[-1].tolist()),
-        )
+        is_arm = bool(np.isfinite(columns.torques).any())
+        place = tuple(columns.position[-1].tolist())
         if is_arm and (self._model is None or self._model.angles(place) is None):
             raise ConfigError("the joints of this arm cannot be computed from places of its tip")
-        self.stated = self._state(device)
+        self.stated = self._state(device, run.device)
         motors = columns.applied_force if self._kinematics is None else columns.torques
         self._first: Vector = tuple(motors[0].tolist())
         self._hand = self._hold(run)
@@ -105,29 +104,28 @@ class Twin:
         self.felt, self.asked = self._mean(columns.time, force, touch.depth, self._stiffness)
         self._error: float | None = None
 
-    def _state(self, device: Mapping[str, Any]) -> Dissipation:
-        limit = device.get("watchdog_limit") if self._model is None else self._model.longest_force
-        hold, cap = device.get("hold_limit", "auto"), device.get("energy_cap", "auto")
-        hold_limit = (FLOOR if hold == "auto" else hold) / self._rate
-        if hold == "auto" and self._report is not None:
+    def _state(self, device: Document, stated: DeviceSection) -> Dissipation:
+        limit = stated.watchdog_limit if self._model is None else self._model.longest_force
+        hold = stated.hold_limit
+        hold_limit = (hold if isinstance(hold, float) else FLOOR) / self._rate
+        if not isinstance(hold, float) and self._report is not None:
             hold_limit = max(self._report.hold_limit, hold_limit)
         numbers = {
             **device,
             "period": 1.0 / self._rate,
             "hold_limit": hold_limit,
             "watchdog_limit": math.inf if limit in (None, "auto") else limit,
-            "watchdog_tolerance": device.get("watchdog_tolerance") or 0.0,
-            "largest_speed": device.get("largest_speed") or math.inf,
-            "energy_cap": None if cap == "auto" else cap,
+            "watchdog_tolerance": stated.watchdog_tolerance or 0.0,
+            "largest_speed": stated.largest_speed or math.inf,
+            "energy_cap": stated.cap,
         }
         names = {each.name for each in fields(Dissipation)}
         return Dissipation(**{name: one for name, one in numbers.items() if name in names})
 
     def _hold(self, run: "Samples") -> tuple[float, float, Floats, Floats]:
         """Return mass and stiffness of the hand; damping and friction with the device, per axis."""
-        grip = run.config.get("operator") or {}
-        names = ("mass", "stiffness", "damping")
-        mass, spring, damper = (grip.get(name) or getattr(SoftGrip, name) for name in names)
+        grip, names = run.launched.operator, ("mass", "stiffness", "damping")
+        mass, spring, damper = (getattr(grip, n) or getattr(SoftGrip, n) for n in names)
         turns = ways = np.eye(self._columns.position.shape[1])
         if self._model is not None and self._kinematics is not None:
             places = (
@@ -163,12 +161,7 @@ class Twin:
         return float(np.mean(force[chosen] / depth[chosen])), float(np.mean(of[chosen]))
 
     def _run(self, change: Change) -> float:
-        columns, touch, time, truth = (
-            self._columns,
-            self._touch,
-            self.time,
-            self._columns.true_position,
-        )
+        columns, touch, time = self._columns, self._touch, self.time
         if change.rate != 1.0 or change.is_punctual:
             time = np.arange(0.0, time[-1], 1.0 / (self._rate * change.rate))
 
@@ -192,10 +185,9 @@ class Twin:
             )
         elif change.is_engaged:
             commanded = commanded / np.where(engagement > 0.0, engagement, np.inf)[:, np.newaxis]
-        held = (
-            np.diff(self.time, prepend=self.time[:1])[1:, np.newaxis] * columns.applied_force[:-1]
-        )
+        held = np.diff(self.time)[:, np.newaxis] * columns.applied_force[:-1]
         impulse = at(np.concatenate((0.0 * columns.applied_force[:1], np.cumsum(held, axis=0))))
+        truth = columns.true_position
         place = at(np.where(np.isfinite(truth), truth, columns.position))
         near = np.clip(np.arange(time.size) + np.array([[-SMOOTH], [SMOOTH]]), 0, time.size - 1)
         speed = np.diff(place[near], axis=0)[0] / np.diff(time[near], axis=0)[0][:, np.newaxis]

@@ -4,10 +4,13 @@ Passive or not, and by how much; at rest or not; the stiffness felt of that aske
 rest; what failed, if something did.
 """
 
-from collections.abc import Iterator, Mapping
-from typing import Any
+from collections.abc import Iterator
+
+from msgspec.structs import replace
 
 from forcebound.haptics.laws import ENERGY_TOLERANCE
+from forcebound.messages.topology import Document
+from forcebound.recordings.launched import DeviceSection, Launched, launched
 from forcebound.results.cells import MM, Summary, lost
 from forcebound.results.promises import COSTS_FORCE, in_words, is_uncovered
 from forcebound.results.samples import is_certified
@@ -23,31 +26,30 @@ BODIES = ("bodies", "mass_spring")  # environments whose stiffness is not that o
 BETWEEN = "Spring between hand and body"  # which has it
 
 
-def verdict(summary: Summary, document: Mapping[str, Any]) -> list[str]:
+def verdict(summary: Summary, document: Document) -> list[str]:
     """Return the lines.
 
     Args:
         summary: Of the run.
         document: The launch file as resolved for the run.
     """
-    failed = summary.get("failed", "")
+    failed, run = summary.get("failed", ""), launched(document)
     lines = [f"Failed: {_cause(failed)}."] if failed else []
     if "laws" in summary:
-        device = document.get("device") or {}
         for one in summary["laws"][len(lines) - MOST_LAWS :]:
-            own = {**document, "device": {**device, "law": one["law"]}}
+            own = replace(run, device=replace(run.device, law=one["law"]))
             start = f"{one['law']}, from {one['start_s']:.3g} s"
             lines.append(f"{start}: {_passivity(one, own)} {_felt(one, own)}.")
     elif summary["samples"]:
         lines += [
-            _passivity(summary, document),
-            _rest(summary, document),
-            _stiffness(summary, document),
+            _passivity(summary, run),
+            _rest(summary, run),
+            _stiffness(summary, run),
             "" if failed else _reason(summary),
         ]
     elif not failed:
         lines = ["No force: it never engaged."]
-    failures = "; ".join(_failures(summary, document))
+    failures = "; ".join(_failures(summary, run))
     return [line for line in (*lines, failures and f"Faults: {failures}.") if line]
 
 
@@ -58,9 +60,9 @@ def _cause(failed: str) -> str:
     return " ".join(f"{first}: {said}".split()).removesuffix(":")
 
 
-def _passivity(s: Summary, document: Mapping[str, Any]) -> str:
-    lowest, device = s["true_energy_min_j"], document.get("device") or {}
-    known = _motor(s) if lowest is None else _received(s, device, _held(document))
+def _passivity(s: Summary, run: Launched) -> str:
+    lowest, device = s["true_energy_min_j"], run.device
+    known = _motor(s) if lowest is None else _received(s, run)
     promises = s["broken_promises"]
     costly = "".join(f"{in_words(one)}. " for one in promises if one["promise"] == COSTS_FORCE)
     paid = [one for one in promises if not is_uncovered(one) and one["promise"] != COSTS_FORCE]
@@ -73,34 +75,30 @@ def _passivity(s: Summary, document: Mapping[str, Any]) -> str:
         first = _passivity_without_truth(s, device, known)
     elif lowest >= -ENERGY_TOLERANCE:
         first = f"Passive: {known}."
-    elif device.get("energy_partner"):  # both together are judged by results.coupling
+    elif device.energy_partner:  # both together are judged by results.coupling
         first = f"{known[0].upper()}{known[1:]}."
     else:
-        allowed = device.get("allowance", 0.0) if _is_certified(s, device) else 0.0
+        allowed = device.allowance if _is_certified(s, device) else 0.0
         within = f"Passive but for device.allowance ({energy_in_words(allowed)})"
         first = f"{'Not passive' if lowest < -allowed else within}: {known}."
     return costly + first
 
 
-def _is_certified(s: Summary, device: Mapping[str, Any]) -> bool:
-    return is_certified(device.get("law", s["law"]))  # that of a summary may begin with its hand
+def _is_certified(s: Summary, device: DeviceSection) -> bool:
+    return is_certified(device.law or s["law"])  # that of a summary may begin with its hand
 
 
-def _held(document: Mapping[str, Any]) -> str:
-    """Who is at the device: the hand, unless it meets something that is simulated."""
-    return "what it meets" if (document.get("operator") or {}).get("kind") == WALL else "the hand"
-
-
-def _received(s: Summary, device: Mapping[str, Any], hand: str) -> str:
-    """What a hand received, from ground truth."""
+def _received(s: Summary, run: Launched) -> str:
+    """What a hand received, or the simulated thing that a device meets, from ground truth."""
     lowest, left = s["true_energy_min_j"], s["energy_left_j"]
+    hand = "what it meets" if run.operator.kind == WALL else "the hand"
     if lowest >= -ENERGY_TOLERANCE:
         words = f"{hand} never received energy that it had not put in"
         if left is None or left <= 0.0:
             return words
         return f"{words}; since contact, {energy_in_words(left)} or more were left"
     received = f"{hand} received up to {energy_in_words(-lowest)}"
-    if partner := device.get("energy_partner"):
+    if partner := run.device.energy_partner:
         return f"{received} more than it put in, from the ledger of {partner}"
     return f"{received} that it had not put in"
 
@@ -121,7 +119,7 @@ def _given(s: Summary) -> tuple[float, float]:
     return -(s["observed_energy_min_j"] or 0.0), s["observed_energy_error_j"] or 0.0
 
 
-def _passivity_without_truth(s: Summary, device: Mapping[str, Any], motor: str) -> str:
+def _passivity_without_truth(s: Summary, device: DeviceSection, motor: str) -> str:
     if sum(_given(s)) <= ENERGY_TOLERANCE:
         return f"Passive, as far as readings tell: {motor}."
     if not _is_certified(s, device):
@@ -129,13 +127,13 @@ def _passivity_without_truth(s: Summary, device: Mapping[str, Any], motor: str) 
     leaked = s["largest_allowance_j"]
     but = f" but for at most {energy_in_words(leaked)} (device.allowance)" if leaked else ""
     trust = "if the device's numbers are right"
-    if device.get("watchdog") == "silent" and s["hold_limit_overruns"]:
+    if device.watchdog == "silent" and s["hold_limit_overruns"]:
         trust += f" and its watchdog dropped {_counted(s['hold_limit_overruns'], 'late force')}"
     covered = "which its friction and damping cover"
     return f"Passive by the certificate{but}, {trust}: {motor}, {covered}."
 
 
-def _rest(s: Summary, document: Mapping[str, Any]) -> str:
+def _rest(s: Summary, run: Launched) -> str:
     speed, amplitude, turns = (
         s[key] for key in ("final_speed_m_per_s", "limit_cycle_amplitude_m", "contact_bounces")
     )
@@ -146,15 +144,15 @@ def _rest(s: Summary, document: Mapping[str, Any]) -> str:
         return "At rest at the end" + (f", {MM.show(depth)} deep." if depth else ".")
     words = f"Not at rest: it moves at {float(f'{1e3 * speed:.3g}'):g} mm/s at the end"
     words += f", and turned round {_times(turns)} after first contact." if turns else "."
-    hand = (document.get("operator") or {}).get("kind", STAYS)
-    if hand in (STAYS, WALL):
+    hand = run.operator.kind
+    if hand in ("", STAYS, WALL):
         return words
     return f"{words} (A hand of kind {hand} may do that by itself.)"
 
 
-def _stiffness(s: Summary, document: Mapping[str, Any]) -> str:
-    stiffness, words = s["stiffness_n_per_m"], _felt(s, document)
-    if _environment(document) == "coupling":
+def _stiffness(s: Summary, run: Launched) -> str:
+    stiffness, words = s["stiffness_n_per_m"], _felt(s, run)
+    if run.environment.get("kind") == "coupling":
         return ""  # a line for both hands says it
     if stiffness is None or abs(stiffness["felt"] / stiffness["asked"] - 1.0) <= 1.0 - ALL:
         return f"{words}."
@@ -173,20 +171,16 @@ def _stiffness(s: Summary, document: Mapping[str, Any]) -> str:
     return f"{words}; the rest was taken by: {taken}."
 
 
-def _felt(s: Summary, document: Mapping[str, Any]) -> str:
+def _felt(s: Summary, run: Launched) -> str:
     mean, of = s["displayed_stiffness_n_per_m"], s["stiffness_n_per_m"]
-    unit = (document.get("units") or {}).get("environment.stiffness", "N/mm")
+    unit = run.units.get("environment.stiffness", "N/mm")
     if of is not None:
         felt, asked = (in_unit(of[key], unit, 3) for key in ("felt", "asked"))
-        what = BETWEEN if _environment(document) in BODIES else "Stiffness felt"
+        what = BETWEEN if run.environment.get("kind") in BODIES else "Stiffness felt"
         return f"{what}: {felt} of {asked}"
     if mean is not None:
         return f"Stiffness felt: {in_unit(mean, unit, 3)}; the environment has no constant one"
     return f"Stiffness felt: not known, {s['undefined']['displayed_stiffness_n_per_m']}"
-
-
-def _environment(document: Mapping[str, Any]) -> str:
-    return str((document.get("environment") or {}).get("kind"))
 
 
 def _reason(s: Summary) -> str:
@@ -205,7 +199,7 @@ def _counted(count: int, noun: str) -> str:
     return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
 
 
-def _failures(s: Summary, document: Mapping[str, Any]) -> Iterator[str]:
+def _failures(s: Summary, run: Launched) -> Iterator[str]:
     counted = ("ticks_missed", *(["readings_refused"] if s["refused_readings"] else []))
     for kind, count in s["faults"].items():
         if kind not in counted:  # below
@@ -216,7 +210,7 @@ def _failures(s: Summary, document: Mapping[str, Any]) -> Iterator[str]:
     missed = s["deadline_misses"] or 0
     share = missed / (missed + s["samples"] or 1)
     if share > MISSED_SHARE:
-        yield f"{_counted(missed, 'tick')} missed ({share:.1%}){_of_the_device(s, document)}"
+        yield f"{_counted(missed, 'tick')} missed ({share:.1%}){_of_the_device(s, run)}"
     if s["refused_readings"] and all(map(is_uncovered, s["broken_promises"])):
         yield f"{_counted(s['refused_readings'], 'reading')} refused"
     lost_packets = lost(s)
@@ -224,9 +218,9 @@ def _failures(s: Summary, document: Mapping[str, Any]) -> Iterator[str]:
         yield f"lost or damaged, as the links are set: {lost_packets}"
 
 
-def _of_the_device(s: Summary, document: Mapping[str, Any]) -> str:
+def _of_the_device(s: Summary, run: Launched) -> str:
     """Why the device itself misses ticks; empty: it does not."""
-    busy, rate = s["reads_and_writes_s"] or 0.0, (document.get("device") or {}).get("rate", 0.0)
+    busy, rate = s["reads_and_writes_s"] or 0.0, run.device.rate or 0.0
     if busy * rate <= 1.0:
         return ""
     return (

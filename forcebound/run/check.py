@@ -14,7 +14,6 @@ from msgspec import Struct
 
 from forcebound.bounded_child import tried
 from forcebound.errors import ConfigError
-from forcebound.graph.names import Document
 from forcebound.graph.parts import law_of, member_of
 from forcebound.graph.resolved import part_document
 from forcebound.haptics.controllers import contract as controllers
@@ -27,7 +26,7 @@ from forcebound.haptics.laws import contract as laws
 from forcebound.haptics.parts.contract import Report, Violation
 from forcebound.haptics.parts.user_module import file_of, names_file
 from forcebound.messages.packets import MAX_AXES
-from forcebound.messages.topology import HAND
+from forcebound.messages.topology import HAND, Document
 from forcebound.units import parse_quantity
 
 CONTRACTS: Mapping[str, Any] = {

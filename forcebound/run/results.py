@@ -14,12 +14,11 @@ from typing import Any
 
 from forcebound.files import content_of
 from forcebound.graph.graph import KINDS, GraphConfig
-from forcebound.graph.names import Document
 from forcebound.graph.resolved import to_document
 from forcebound.haptics.parts.user_module import source_of
 from forcebound.messages.events import BOUNDER_REPORTED, CODE_FAILED, LAW_CHANGED
 from forcebound.messages.packets import TOPIC_OF, EnvironmentReply, Event, Meaning, Telemetry
-from forcebound.messages.topology import HAND, HANDS, SIGNAL_TOPICS, node_name
+from forcebound.messages.topology import HAND, HANDS, SIGNAL_TOPICS, Document, node_name
 from forcebound.recordings.telemetry import TelemetryColumns
 
 _logger = logging.getLogger(__name__)

@@ -27,12 +27,11 @@ from forcebound.files import printable, read_bytes
 from forcebound.folders import is_own, runtime_folder, runtime_folders
 from forcebound.graph.graph import GraphConfig
 from forcebound.graph.model import Makes, never, restore
-from forcebound.graph.names import Document
 from forcebound.graph.parameters import by_node, node_of
 from forcebound.graph.resolved import run_document
 from forcebound.messages.control import Configure
 from forcebound.messages.packets import TOPIC_OF, EnvironmentReply, Event, Telemetry
-from forcebound.messages.topology import ONE_HAND, Graph, endpoint, is_bound
+from forcebound.messages.topology import ONE_HAND, Document, Graph, endpoint, is_bound
 from forcebound.network.sockets import IPC_PATH_LIMIT
 from forcebound.roles import LAUNCHER
 

@@ -9,14 +9,13 @@ from pathlib import Path
 
 from forcebound.errors import ConfigError, RunError
 from forcebound.graph.graph import GraphConfig
-from forcebound.graph.names import Document
 from forcebound.graph.phases import timetable
 from forcebound.graph.resolved import kind_of, to_document
 from forcebound.haptics.environments import may_report_contacts
 from forcebound.messages.control import Configure
 from forcebound.messages.events import PHASE_BEGINS, EventLog, is_of
 from forcebound.messages.packets import TOPIC_OF, EnvironmentReply, Event, Packet, Telemetry
-from forcebound.messages.topology import flat
+from forcebound.messages.topology import Document, flat
 from forcebound.realtime import without_garbage_collection
 from forcebound.recordings.recording import Recorder
 from forcebound.recordings.telemetry import TelemetryCollector

@@ -13,7 +13,6 @@ from typing import Any
 from forcebound import realtime
 from forcebound.errors import ConfigError
 from forcebound.folders import runtime_folder
-from forcebound.graph.names import Document
 from forcebound.graph.parts import part_of
 from forcebound.haptics.hands import Operator
 from forcebound.haptics.laws.dissipation import per_axis
@@ -26,6 +25,7 @@ from forcebound.hardware.emulators.pty import PseudoPort, serve
 from forcebound.hardware.hapi import WIRINGS
 from forcebound.hardware.haply_2diy import Haply2DIY
 from forcebound.hardware.odrive import ODrive
+from forcebound.messages.topology import Document
 from forcebound.stop import Stop
 
 PRIORITY = 20  # of SCHED_FIFO; below that of the nodes

@@ -3,12 +3,13 @@
 import datetime
 import logging
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from msgspec import Struct
 
 from forcebound import realtime
 from forcebound.errors import ConfigError
@@ -27,6 +28,7 @@ from forcebound.lab.identification.estimators import Bounded
 from forcebound.lab.identification.procedure import Found, Plan, identify
 from forcebound.lab.identification.rig import Clock, VirtualClock
 from forcebound.lab.identification.verdict import BETTER, verdict
+from forcebound.messages.topology import Document
 from forcebound.quantities import POSITIVE
 from forcebound.units import parse_quantity
 
@@ -185,7 +187,7 @@ def run(
     report: Report,
     ready: Report,
     **wishes: str | None,
-) -> dict[str, Any]:
+) -> Document:
     """Identify a device; write ``out``; return what was found.
 
     Args:
@@ -213,7 +215,27 @@ def run(
     return {**content, "verdict": judged._asdict(), "file": str(out)}
 
 
-def check(path: Path, report: Report, ready: Report) -> dict[str, Any]:
+class Compared(Struct, frozen=True):
+    """A number of an axis: as stated, as it was found, and as it is now."""
+
+    number: str
+    axis: int  # from 1
+    stated: float
+    then: float
+    now: float
+    holds: bool
+    changed: bool
+
+
+class Checked(Struct, frozen=True):
+    """What a check found."""
+
+    file: str
+    numbers: list[Compared]
+    passed: bool
+
+
+def check(path: Path, report: Report, ready: Report) -> Checked:
     """Repeat a short identification of the device of a file; report whether it has changed.
 
     Raises:
@@ -233,25 +255,18 @@ def check(path: Path, report: Report, ready: Report) -> dict[str, Any]:
         for name in COMPARED
         for number, axis in enumerate(found.axes)
     ]
-    return {"file": str(path), "numbers": rows, "passed": all(row["holds"] for row in rows)}
+    return Checked(str(path), rows, all(row.holds for row in rows))
 
 
-def _compared(name: str, number: Number, now: Bounded, axis: int) -> dict[str, Any]:
+def _compared(name: str, number: Number, now: Bounded, axis: int) -> Compared:
     was, stated = (float(np.atleast_1d(one)[axis]) for one in (number.found, number.stated))
     # Broken only if even the other end of what is seen now lies beyond what is stated.
     holds = now.upper >= stated if name in LOWER else now.lower <= stated
-    return {
-        "number": name,
-        "axis": axis + 1,
-        "stated": stated,
-        "then": was,
-        "now": now.estimate,
-        "holds": bool(holds),
-        "changed": bool(was > 0.0 and abs(now.estimate / was - 1.0) > CHANGED),
-    }
+    changed = was > 0.0 and abs(now.estimate / was - 1.0) > CHANGED
+    return Compared(name, axis + 1, stated, was, now.estimate, bool(holds), bool(changed))
 
 
-def lines(content: Mapping[str, Any]) -> list[str]:
+def lines(content: Document) -> list[str]:
     """Return the result of :func:`run` as lines of text."""
     text, identified = [], content["identified"]
     for name, one in identified["numbers"].items():
@@ -276,15 +291,15 @@ def lines(content: Mapping[str, Any]) -> list[str]:
     return text
 
 
-def check_lines(content: Mapping[str, Any]) -> list[str]:
+def check_lines(content: Checked) -> list[str]:
     """Return the result of :func:`check` as lines of text."""
     text = []
-    for row in content["numbers"]:
-        word = "holds" if row["holds"] else "BROKEN"
-        changed = ", but has changed" if row["holds"] and row["changed"] else ""
+    for row in content.numbers:
+        word = "holds" if row.holds else "BROKEN"
+        changed = ", but has changed" if row.holds and row.changed else ""
         text.append(
-            f"{word:<7} {row['number']} of axis {row['axis']}: stated {row['stated']:.4g}, then"
-            f" {row['then']:.4g}, now {row['now']:.4g}{changed}"
+            f"{word:<7} {row.number} of axis {row.axis}: stated {row.stated:.4g}, then"
+            f" {row.then:.4g}, now {row.now:.4g}{changed}"
         )
     return text
 

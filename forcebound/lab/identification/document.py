@@ -7,7 +7,7 @@ It is a launch file with the section ``device:``, which others include, and the 
 import dataclasses
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from io import StringIO
 from pathlib import Path
 from typing import Annotated, Any
@@ -24,6 +24,7 @@ from forcebound.graph.tree import parse
 from forcebound.haptics.devices import DeviceModel
 from forcebound.lab.identification.estimators import Bounded
 from forcebound.lab.identification.procedure import Found, Plan
+from forcebound.messages.topology import Document
 
 DIGITS = 4  # of a bound
 
@@ -133,7 +134,7 @@ def identified_model(model: Any, found: Found) -> Any:
     What a late force costs under a guarding watchdog is known only without lag and write delay; a
     device that has either states a reporting one.
     """
-    bounds: dict[str, Any] = {name: one.stated for name, one in numbers_of(model, found).items()}
+    bounds: dict[str, object] = {name: one.stated for name, one in numbers_of(model, found).items()}
     sources = {**model.sources, **dict.fromkeys(bounds, "measured")}
     if model.watchdog == "guarding" and (bounds.get("lag") or bounds["write_delay"]):
         bounds["watchdog"] = "reporting"
@@ -160,7 +161,7 @@ def document_of(
     serial: str,
     plan: Plan,
     included: str | None,
-) -> dict[str, Any]:
+) -> Document:
     """Return the content of the file.
 
     Args:
@@ -199,7 +200,7 @@ def document_of(
     }
 
 
-def _further(found: Found) -> dict[str, Any]:
+def _further(found: Found) -> dict[str, object]:
     """Return what is found beside the numbers of a device."""
     lag, ends = lag_of(found), {"found": "estimate", "lower": "lower", "upper": "upper"}
     both = {"lag": [] if lag is None else [lag], "gain": found.gain}
@@ -228,7 +229,7 @@ def _short(value: Any) -> Any:
     return float(f"{value:.{DIGITS}g}")
 
 
-def write(path: Path, document: Mapping[str, Any], command: str) -> None:
+def write(path: Path, document: Document, command: str) -> None:
     """Write the file.
 
     Raises:
@@ -258,7 +259,7 @@ def read(path: Path) -> Identified:
     problems = Problems()
     root = parse(read_text(path, DEVICE_FILE, MAX_BYTES), str(path), problems)
     problems.raise_if_any()
-    content: dict[str, Any] = {} if root is None else root.plain
+    content: Document = {} if root is None else root.plain
     if "identified" not in content:
         raise ConfigError(
             f"{path} has no section identified: write it with `forcebound identify DEVICE -o FILE`"

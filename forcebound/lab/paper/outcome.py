@@ -48,7 +48,7 @@ class Outcome:
     numbers: Sequence[Number]
     drawing: Figure
     commands: Sequence[str] = ()
-    document: Mapping[str, Any] = field(default_factory=dict)
+    document: Mapping[str, object] = field(default_factory=dict)
 
 
 def rows_of(count: int, height: float = 2.1) -> tuple[Figure, list[Axes]]:

@@ -22,7 +22,7 @@ class Reproduction:
     """Result of ``forcebound reproduce``."""
 
     outcomes: dict[str, Outcome]  # by name, in the requested order
-    document: dict[str, Any]  # for JSON
+    document: dict[str, object]  # for JSON
     folder: Path
 
 
@@ -66,9 +66,9 @@ def choose(names: Sequence[str]) -> list[str]:
     return chosen
 
 
-def to_document(outcomes: dict[str, Outcome], command: str) -> dict[str, Any]:
+def to_document(outcomes: dict[str, Outcome], command: str) -> dict[str, object]:
     """Return everything as plain JSON types."""
-    document: dict[str, Any] = {"command": command, "version": version("forcebound")}
+    document: dict[str, object] = {"command": command, "version": version("forcebound")}
     for outcome in outcomes.values():
         document |= outcome.document
     document["experiments"] = {

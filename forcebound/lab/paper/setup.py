@@ -15,6 +15,7 @@ from forcebound.graph.loader import build, from_document, load, read_template
 from forcebound.graph.servo import dissipation_of
 from forcebound.haptics.laws import Dissipation
 from forcebound.lab.runs import run_compiled
+from forcebound.recordings.launched import launched
 from forcebound.results.bounder import saturated
 from forcebound.results.contact import (
     count_bounces,
@@ -143,7 +144,9 @@ class Contact:
         self.time = columns.time[shown]  # s
         self.position = columns.position[shown, 0]  # m, reading
         self.true_position = columns.true_position[shown, 0]  # m
-        self.commanded = saturated(columns, run.document["device"])[shown, 0]  # N, after saturation
+        self.commanded = saturated(columns, launched(run.document).device)[
+            shown, 0
+        ]  # N, after saturation
         self.applied = columns.applied_force[shown, 0]  # N
         self.depth: Floats = touch.depth[shown]  # m, of the reading; outside: < 0
         self.in_contact = self.depth > 0.0

@@ -47,13 +47,13 @@ _TIME: Any = Annotated[str, CheckedText(_check_time)]
 
 TRIALS, ABOUT, STUDY = "trials.csv", "participant.json", "study.yaml"  # of a participant
 REGISTER = "study.json"  # of all of them
-_OF_TOUCH: dict[str, Any] = {
+_OF_TOUCH: dict[str, object] = {
     **dict.fromkeys(("condition", "level", "law"), str),
     "seed": int | None,
     "touches": _Count,
     **dict.fromkeys(Measures.__dataclass_fields__, _MEASURED),
 }
-_HINTS: dict[str, Any] = {
+_HINTS: dict[str, object] = {
     "trial": _Count,
     **dict.fromkeys(("block", "phase", "kind"), str),
     **dict.fromkeys(("counted", "counted_level", "other", "other_level"), str),

@@ -118,7 +118,7 @@ def _approaching(
             " pressing or trembling"
         )
     start = wall - study.guidance.line - RUN_UP
-    settings: dict[str, Any] = {"start": start + lead, "approach_speed": speed}
+    settings: dict[str, float] = {"start": start + lead, "approach_speed": speed}
     if hasattr(operator, "tremor_phase"):
         settings["tremor_phase"] = phase
     slowest = block.band[0] if block.band else operator.approach_speed

@@ -317,8 +317,8 @@ class Session:
             self._feedback = Step("feedback", is_right=known, in_band=in_band)
         self._begin_trial()
 
-    def _tell(self, event: TrialEvent, trial: Trial, data: Mapping[str, Any] | None = None) -> None:
-        about = {"trial": trial.number, "block": trial.block, "phase": trial.phase, **(data or {})}
+    def _tell(self, event: TrialEvent, trial: Trial, data: Mapping[str, object] = {}) -> None:
+        about = {"trial": trial.number, "block": trial.block, "phase": trial.phase, **data}
         texts = {name: str(value) for name, value in about.items() if value not in (None, "")}
         self._mark(event, f"{event.replace('_', ' ')}: {trial.number}", texts)
 

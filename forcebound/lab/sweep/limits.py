@@ -35,10 +35,9 @@ is due to the law.
 """
 
 import math
-from collections.abc import Mapping
-from typing import Any
 
 from forcebound.haptics.controllers.passivity import colgate_schenkel
+from forcebound.lab.engine import Row
 
 LABELS = {
     "colgate_schenkel": "Colgate & Schenkel 1997",
@@ -62,7 +61,7 @@ def diolaiti(
     return min(by_delay, encoder(friction, resolution))
 
 
-def limit_of(row: Mapping[str, Any], name: str) -> float:
+def limit_of(row: Row, name: str) -> float:
     """Return a limit for the case of a row, in N/m.
 
     Args:

@@ -7,7 +7,7 @@ the wall, a white line is where a hand begins to feel it softer than it is (Webe
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from textwrap import fill
 from typing import Any, TypeAlias
@@ -24,6 +24,7 @@ from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
 from forcebound.errors import ConfigError
 from forcebound.files import content_of
+from forcebound.graph.forms import Values
 from forcebound.graph.problems import unknown
 from forcebound.haptics.laws import ENERGY_TOLERANCE
 from forcebound.lab.sweep.limits import LABELS, limit_of
@@ -141,7 +142,7 @@ def numbers_of(table: Table, name: str) -> Array:
     return np.array(values) * _axis(table, name)[1]
 
 
-def _curves(table: Table, drawing: Mapping[str, Any]) -> Figure:
+def _curves(table: Table, drawing: Values) -> Figure:
     """Draw a panel for each combination of the other arguments, a line for each ``per``.
 
     Faint where the hand did not come to rest: there a mean over the steady state means little.
@@ -214,7 +215,7 @@ class _Map:
         group: Name of the panel.
     """
 
-    def __init__(self, table: Table, drawing: Mapping[str, Any]) -> None:
+    def __init__(self, table: Table, drawing: Values) -> None:
         self.table, self.drawing = table, drawing
         self.x, self.y, self.value = (
             numbers_of(table, drawing[key]) for key in ("x", "y", "value")
@@ -243,7 +244,7 @@ class _Map:
         return asked == ("displayed_stiffness_n_per_m", "stiffness")
 
 
-def draw_surfaces(table: Table, drawing: Mapping[str, Any]) -> Figure:
+def draw_surfaces(table: Table, drawing: Values) -> Figure:
     """Return the figure of a map with two varied arguments.
 
     Raises:

@@ -18,7 +18,7 @@ from forcebound.errors import ConfigError
 from forcebound.files import read_text
 from forcebound.graph.document import MAX_BYTES, find
 from forcebound.graph.fields import Field
-from forcebound.graph.forms import Form
+from forcebound.graph.forms import Form, Values
 from forcebound.graph.graph import FORMAT
 from forcebound.graph.loader import arguments_of, read_template
 from forcebound.graph.names import split_setting
@@ -50,7 +50,7 @@ _END = Annotated[Any, _NumberAndUnit()]
 _ARGUMENTS = dict[str, Any] | None
 
 
-def _form(name: str, needed: Mapping[str, Any], others: Mapping[str, Any]) -> Form:
+def _form(name: str, needed: Mapping[str, object], others: Mapping[str, object]) -> Form:
     fields = {key: Field(key, hint, True) for key, hint in needed.items()}
     return Form(name, fields | {key: Field(key, hint) for key, hint in others.items()})
 
@@ -97,7 +97,7 @@ class Sweep:
     constants: Mapping[str, str]  # arguments that are the same in all cases, as text
     columns: tuple[str, ...]  # arguments that vary, in order
     cases: tuple[tuple[str, ...], ...]  # their values, as text, a row for each case
-    drawing: Mapping[str, Any]  # the map section, as plain values; empty without one
+    drawing: Values  # the map section, as plain values; empty without one
 
     def overrides(self, case: int) -> list[str]:
         """Return the arguments of a case, each ``name:=value``."""
@@ -265,9 +265,7 @@ def _drawn(texts: list[str], draw: _Draw | None) -> list[str]:
     return texts if draw is None or not texts else [draw[0].choice(texts) for _ in range(draw[1])]
 
 
-def _range(
-    value: Value, read: Mapping[str, Any], draw: _Draw | None, problems: Problems
-) -> list[str]:
+def _range(value: Value, read: Values, draw: _Draw | None, problems: Problems) -> list[str]:
     entries = value.entries
     (low, unit), (high, other) = read["from"], read["to"]
     is_log = read.get("scale") == "log"

@@ -10,7 +10,7 @@ import msgspec
 
 from forcebound.errors import ConfigError, ForceboundError
 from forcebound.graph.graph import GraphConfig, HandConfig
-from forcebound.graph.names import LAW, Document, ParameterName, parameter_name
+from forcebound.graph.names import LAW, ParameterName, parameter_name
 from forcebound.graph.parameters import parameters, takeable_laws
 from forcebound.graph.resolved import hand_document, to_document
 from forcebound.haptics.environments import StatelessEnvironment
@@ -20,7 +20,7 @@ from forcebound.haptics.hands.hands import WallInPlace
 from forcebound.haptics.hands.pointer import PointerHand
 from forcebound.messages.control import BounderReport, DeviceStatus, GetStatus, Point, Pointed
 from forcebound.messages.packets import Vector
-from forcebound.messages.topology import HAND, endpoint, flat
+from forcebound.messages.topology import HAND, Document, endpoint, flat
 from forcebound.network.sockets import Network
 from forcebound.observe.control import ANSWER_TIMEOUT, ask_all, start_node, stop_node
 from forcebound.observe.formatting import as_written, meanings_of, ranges

@@ -20,7 +20,7 @@ FINEST = 256  # cells along the longest edge of the mesh, at first
 COARSER = 0.8  # times as many at each further attempt
 
 
-def content(thing: Mapping[str, Any]) -> dict[str, Any] | None:
+def content(thing: Mapping[str, Any]) -> dict[str, object] | None:
     """Return what the file of an object of a scene has to draw, in m; None: it is another one now.
 
     ``corners`` of the triangles of a mesh, shape (n, 3, 3), or ``points`` of a cloud, shape (n, 3).
