@@ -130,7 +130,7 @@ class EnvironmentNode(Node):
         self._step_ns = 0  # the last step
         self._seq = 0
         self._users: dict[str, _User] = {}  # by hand
-        self._has_changed = False  # whom it serves, so that events may be due
+        self._serving_changed = False  # so an event may be due
         self.events = EventLog(ENVIRONMENT)
         self._signals = Signals(self._environment, model.signals, self.events, self.reject)
         self._scene = SceneSource(self._environment, self.events)
@@ -185,7 +185,7 @@ class EnvironmentNode(Node):
             if type(packet) is EnvironmentQuery:
                 self._take(packet, time_ns)
         if len(self._users) > 1:
-            self._part(time_ns)
+            self._drop_absent(time_ns)
         was_due, answered = self._scene.is_due, self._seq
         packets = self._answers(time_ns)
         packets += self._signals.events(time_ns)
@@ -211,8 +211,8 @@ class EnvironmentNode(Node):
         user.is_present = True
         self._waiting[query.hand] = query
 
-    def _part(self, time_ns: int) -> None:
-        """Let the hands leave whose queries have ended."""
+    def _drop_absent(self, time_ns: int) -> None:
+        """Let hands leave whose queries have ended."""
         for hand, user in self._users.items():
             if user.is_present and time_ns - user.heard_ns > ABSENT_NS:
                 user.is_present = False
@@ -226,7 +226,7 @@ class EnvironmentNode(Node):
 
     def _answers(self, time_ns: int) -> list[Packet]:
         """Return the answers that are ready, and events about them."""
-        replies: list[Packet] = self._states(time_ns) if self._has_changed else []
+        replies: list[Packet] = self._states(time_ns) if self._serving_changed else []
         if self._answering is not None and time_ns >= self._done_ns:
             replies.append(self._reply(*self._answering, time_ns))
             self._answering = None
@@ -257,13 +257,13 @@ class EnvironmentNode(Node):
     def _states(self, time_ns: int) -> list[Packet]:
         """Return the events that this environment begins or ceases to serve hands."""
         events: list[Packet] = []
-        self._has_changed = False
+        self._serving_changed = False
         for hand, user in self._users.items():
             state = (user.is_serving, user.refused_for)
             if state == user.emitted:
                 continue
             if time_ns < user.emit_ns:
-                self._has_changed = True
+                self._serving_changed = True
                 continue
             user.emitted = state
             if state != (False, None):
@@ -286,7 +286,7 @@ class EnvironmentNode(Node):
 
     def _may_serve(self, user: _User, serving: str | None, time_ns: int) -> bool:
         """Whether to answer a query; one that is meant for another environment, once a second."""
-        self._has_changed = True
+        self._serving_changed = True
         user.is_serving = serving == self.name
         if user.is_serving or serving is None:
             user.refused_for = None

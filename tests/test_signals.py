@@ -24,7 +24,7 @@ from forcebound.haptics.environments.membrane import Membrane
 from forcebound.haptics.environments.walls import Wall
 from forcebound.haptics.parts.signals import Signal, SignalError
 from forcebound.messages.codec import encode
-from forcebound.messages.events import PUBLISHED, EventLog, Kind
+from forcebound.messages.events import PUBLISHED, EventKind, EventLog
 from forcebound.messages.packets import EnvironmentReply, Event, ForceCommand, Vector
 from forcebound.network.impairment import Impairment
 from forcebound.nodes.controller import ControllerNode
@@ -370,7 +370,7 @@ def test_events_are_limited() -> None:
     assert node.rejected == {"event": 12}
 
 
-@pytest.mark.parametrize("kind", [*get_args(Kind), "remote_connected"])
+@pytest.mark.parametrize("kind", [*get_args(EventKind), "remote_connected"])
 def test_no_event_of_a_part_can_pose_as_one_of_the_graph(kind: str) -> None:
     node = talkative(happened=(kind,))
     assert not [packet for packet in answers(node, 0.0) if isinstance(packet, Event)]

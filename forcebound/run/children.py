@@ -22,7 +22,7 @@ def name_begins(pid: int) -> str:
     return f"{socket.gethostname()[:32]}/{pid}/"
 
 
-class Signals(SignalPipe):
+class OsSignals(SignalPipe):
     """Signals that end a run, and ends of children, as bytes on a descriptor."""
 
     def __init__(self) -> None:

@@ -19,7 +19,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import ClassVar
 
-from forcebound.haptics.parts import Form, Table
+from forcebound.haptics.parts import PartShape, Table
 from forcebound.haptics.parts.signals import Publisher, Publishing
 from forcebound.messages.packets import DeviceState, EnvironmentReply, Vector
 
@@ -89,5 +89,5 @@ CONTROLLERS: Table[type[ControllerModel]] = Table(
         "scaled": "forcebound.haptics.controllers.scaled:Scaled",
         "virtual_coupling": "forcebound.haptics.controllers.virtual_coupling:VirtualCoupling",
     },
-    Form("forcebound.haptics.controllers:ControllerModel"),
+    PartShape("forcebound.haptics.controllers:ControllerModel"),
 )

@@ -21,7 +21,7 @@ from typing import ClassVar, Literal, NamedTuple, Protocol, TypeAlias
 from forcebound.errors import ConfigError
 from forcebound.haptics.hands import Operator
 from forcebound.haptics.laws.dissipation import StatedAxes, StatedNumbers
-from forcebound.haptics.parts import Form, Table
+from forcebound.haptics.parts import PartShape, Table
 from forcebound.haptics.parts.signals import Publisher, Publishing
 from forcebound.messages.packets import Quaternion, Vector
 
@@ -261,5 +261,5 @@ DEVICES: Table[type[DeviceModel]] = Table(
         "phantom_premium_1_5": "forcebound.haptics.devices.phantom:PhantomPremium15",
         "serial_arm": "forcebound.haptics.devices.serial_arm:SerialArm",
     },
-    Form("forcebound.haptics.devices:DeviceModel"),
+    PartShape("forcebound.haptics.devices:DeviceModel"),
 )

@@ -23,7 +23,7 @@ from contextlib import contextmanager
 from typing import Any
 
 from forcebound.errors import ConfigError
-from forcebound.haptics.parts import Form, Table, overridden
+from forcebound.haptics.parts import PartShape, Table, overridden
 from forcebound.haptics.parts.signals import Publisher, Publishing
 from forcebound.haptics.parts.user_module import describe_user_error
 from forcebound.messages.packets import Contact, SceneObject, Vector
@@ -221,5 +221,5 @@ ENVIRONMENTS: Table[type[EnvironmentModel]] = Table(
         "mesh": "forcebound.haptics.environments.solids_of_files:TriangleMesh",
         "active_wall": "forcebound.haptics.environments.walls:ActiveWall",
     },
-    Form("forcebound.haptics.environments:EnvironmentModel"),
+    PartShape("forcebound.haptics.environments:EnvironmentModel"),
 )

@@ -11,7 +11,7 @@ the others. Or name a file of your own (docs/write-your-own-device.md).
 
 from abc import ABC, abstractmethod
 
-from forcebound.haptics.parts import Form, Table
+from forcebound.haptics.parts import PartShape, Table
 from forcebound.messages.packets import Vector
 
 
@@ -55,5 +55,5 @@ OPERATORS: Table[type[Operator]] = Table(
         "trembling": "forcebound.haptics.hands.hands:TremblingHand",
         "wall": "forcebound.haptics.hands.hands:WallInPlace",
     },
-    Form("forcebound.haptics.hands:Operator"),
+    PartShape("forcebound.haptics.hands:Operator"),
 )

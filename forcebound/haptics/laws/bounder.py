@@ -280,18 +280,18 @@ class ForceBounder:
         """Let time pass up to a reading and take it in; return force, added damping and dt."""
         self._set_reading(*position)
         since_ns = read_ns - self._taken_ns
-        closing = TAKEN
+        verdict = TAKEN
         if (
             since_ns < SHORTEST_NS
             or read_ns < self._now_ns
             or not math.hypot(*position) < LARGEST_READING
             or not is_clear
         ):
-            closing = REFUSED
+            verdict = REFUSED
         elif self._is_gated:
-            closing = self._judge(read_ns, position)
+            verdict = self._judge(read_ns, position)
         # Too soon after the reading at a cut is no fault of this one.
-        if closing == REFUSED and not is_cut and read_ns - self._cut_ns >= SHORTEST_NS:
+        if verdict == REFUSED and not is_cut and read_ns - self._cut_ns >= SHORTEST_NS:
             self.refused_readings += 1
         if is_cut:  # it says all about the force that acted, nothing about one before
             self._ledger.is_unsure = self._ledger.was_unsure
@@ -299,10 +299,10 @@ class ForceBounder:
         if passed_ns > 0:
             self._now_ns = read_ns
         dt = since_ns / 1e9
-        limit, damping, closing = self._limit_force(
-            self._ledgers, magnitude, passed_ns / 1e9, dt, closing
+        limit, damping, verdict = self._limit_force(
+            self._ledgers, magnitude, passed_ns / 1e9, dt, verdict
         )
-        if closing != REFUSED:
+        if verdict != REFUSED:
             self._taken_ns, self._position = read_ns, position
             self._candidate = None
         return limit, damping, dt

@@ -13,7 +13,7 @@ from forcebound.errors import ConfigError
 from forcebound.haptics.laws.constants import device_constants
 from forcebound.haptics.laws.dissipation import Dissipation
 from forcebound.haptics.laws.sample import DeviceConstants, Sample, Write
-from forcebound.haptics.parts import Form, Table
+from forcebound.haptics.parts import PartShape, Table
 
 #: What a law remembers from sample to sample: an energy, in J (or a stiffness, in N/m).
 State: TypeAlias = float
@@ -102,7 +102,7 @@ LAWS: Table[BoundingLaw] = Table(
         "certified": "forcebound.haptics.laws.certified:CERTIFIED",
         "certified_fading": "forcebound.haptics.laws.certified:CERTIFIED_FADING",
     },
-    Form("forcebound.haptics.laws.law:BoundingLaw", is_object=True),
+    PartShape("forcebound.haptics.laws.law:BoundingLaw", is_object=True),
 )
 
 

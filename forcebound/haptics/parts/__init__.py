@@ -5,6 +5,6 @@ loads those in files of the user's own, :mod:`~forcebound.haptics.parts.contract
 of all of them share.
 """
 
-from forcebound.haptics.parts.table import Form, Table, overridden
+from forcebound.haptics.parts.table import PartShape, Table, overridden
 
-__all__ = ["Form", "Table", "overridden"]
+__all__ = ["PartShape", "Table", "overridden"]

@@ -69,7 +69,7 @@ class SignalError(ConfigError):
     """A part has published a number that its model does not declare, or what is no number."""
 
 
-class Published:
+class PublishedSignals:
     """What an open part has published."""
 
     def __init__(self) -> None:
@@ -102,9 +102,9 @@ class Publisher:
     """An open part that may publish signals."""
 
     @cached_property
-    def published(self) -> Published:
+    def published(self) -> PublishedSignals:
         """What its node sends; a part that wraps another has that of the other."""
-        return Published()
+        return PublishedSignals()
 
     def signal(self, name: str, value: float) -> None:
         """Publish a number that the model declares; it holds until the next one, NaN ends it.

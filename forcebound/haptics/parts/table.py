@@ -32,15 +32,15 @@ _logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
-class Form:
-    """What a part of a table must be."""
+class PartShape:
+    """Requirements on a part of a table."""
 
     base: str  # "module:NAME" of the class that a part inherits, as a frozen dataclass
     is_object: bool = False  # whether a part is an object of that class instead
 
     @property
     def expected(self) -> str:
-        """The form in words."""
+        """The shape in words."""
         module, _, name = self.base.partition(":")
         if self.is_object:
             return f"a {name}"
@@ -54,7 +54,7 @@ class Form:
         return isinstance(part, type) and issubclass(part, base)
 
     def check(self, part: object, name: str) -> None:
-        """Raise ConfigError, with ``name``, if ``part`` does not have this form."""
+        """Raise ConfigError, with ``name``, if ``part`` does not have this shape."""
         if not self.fits(part):
             got = "" if isinstance(part, type) else f", got an object of type {type(part).__name__}"
             raise ConfigError(f"{name} must be {self.expected}{got}")
@@ -81,9 +81,9 @@ class Table(MutableMapping[str, Part], Generic[Part]):
     part`` adds one that was made in Python, for this process.
     """
 
-    def __init__(self, section: str, shipped: Mapping[str, str], form: Form) -> None:
+    def __init__(self, section: str, shipped: Mapping[str, str], shape: PartShape) -> None:
         self.section = section
-        self.form = form
+        self.shape = shape
         self._shipped = dict(shipped)
         self._added: set[str] = set()
         self._loaded: dict[str, Part] = {}
@@ -93,14 +93,14 @@ class Table(MutableMapping[str, Part], Generic[Part]):
 
         Raises:
             KeyError: If there is no such kind.
-            ConfigError: If its module or file cannot be imported, or is not of the form.
+            ConfigError: If its module or file cannot be imported, or does not have the shape of a part.
         """
         if kind not in self._loaded:
             self._loaded[kind] = self._load(kind)
         return self._loaded[kind]
 
     def __setitem__(self, kind: str, part: Part) -> None:
-        self.form.check(part, kind)
+        self.shape.check(part, kind)
         self._loaded[kind] = part
         self._added.add(kind)
         if kind in self._shipped and part is self._load(kind):  # it is put back
@@ -188,9 +188,9 @@ class Table(MutableMapping[str, Part], Generic[Part]):
         return self._load_offered(self._entry_points[kind])
 
     def _load_file(self, kind: str, folder: Path) -> Part:
-        part: Part = user_module.load(kind, folder, self.form.fits, self.form.expected)
+        part: Part = user_module.load(kind, folder, self.shape.fits, self.shape.expected)
         file, _, name = (user_module.kind_of(part) or "").rpartition(":")
-        self.form.check(part, f"{name} of {Path(file).name}")
+        self.shape.check(part, f"{name} of {Path(file).name}")
         return part
 
     def _load_offered(self, point: "EntryPoint") -> Part:
@@ -201,7 +201,7 @@ class Table(MutableMapping[str, Part], Generic[Part]):
         except (Exception, SystemExit) as error:
             words = f"{type(error).__name__}: {error}"
             raise ConfigError(f"cannot import {offer}: {words}; mend or uninstall it") from error
-        self.form.check(part, offer)
+        self.shape.check(part, offer)
         return part
 
 

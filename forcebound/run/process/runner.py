@@ -45,7 +45,7 @@ from forcebound.messages.control import (
     Request,
     StopProcess,
 )
-from forcebound.messages.events import PARAMETERS_SET, REMOTE, Kind
+from forcebound.messages.events import PARAMETERS_SET, REMOTE, EventKind
 from forcebound.messages.packets import (
     TOPIC_OF,
     EnvironmentQuery,
@@ -140,7 +140,7 @@ class Runner:
 
     def emit(
         self,
-        event: Kind,
+        event: EventKind,
         message: str,
         data: Mapping[str, str] | None = None,
         *,
@@ -181,7 +181,7 @@ class Runner:
             if time_ns < remote.due_ns and not sockets.wait(remote.descriptors, 0):
                 continue
             for notice in remote.watch(time_ns):
-                event = cast(Kind, f"{REMOTE}{notice.kind}")
+                event = cast(EventKind, f"{REMOTE}{notice.kind}")
                 message, data = notice.message, notice.data
                 if hand != HAND and remote.end.role == "environment":  # a controller has one hand
                     message, data = f"{hand}: {message}", {**data, "hand": hand}
