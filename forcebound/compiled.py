@@ -98,7 +98,7 @@ def _say_that_it_compiles() -> None:
 
 
 def _is_known_by_name(function: Callable[..., Any]) -> bool:
-    """Whether the name of all that it encloses changes with the source: else a cache goes stale."""
+    """Return whether the names of all it encloses change with the source: else a cache is stale."""
     enclosed = [cell.cell_contents for cell in function.__closure__ or ()]
     modules = [one.__module__ for one in enclosed if isinstance(one, FunctionType)]
     return all(module.startswith(("forcebound.", "forcebound_user_")) for module in modules)

@@ -126,8 +126,8 @@ def content_of(name: object) -> Iterator[None]:
         raise
     except Exception as error:
         raise ConfigError(
-            f"cannot make sense of {name} ({type(error).__name__}: {error}): it is damaged or of"
-            " another version, or this is a mistake of forcebound"
+            f"cannot make sense of {name} ({type(error).__name__}: {error}): the file is damaged"
+            " or of another version, or this is a bug in forcebound"
         ) from error
 
 

@@ -35,7 +35,7 @@ HUGE = 1e30  # of other numbers, in SI units: their squares and products are fin
 
 @runtime_checkable
 class Note(Protocol):
-    """What a type says of a value beside its kind, in ``Annotated[float, Unit("s"), POSITIVE]``."""
+    """Note of a type on a value, in ``Annotated[float, Unit("s"), POSITIVE]``."""
 
     def read(self, value: Any, symbol: str) -> Any:
         """Return what is meant by ``value``, in the unit ``symbol``; ValueError if it is wrong."""
@@ -114,7 +114,7 @@ class Range:
 
 @dataclass(frozen=True)
 class CheckedText:
-    """What a text must be, in ``Annotated[str, CheckedText(check)]``."""
+    """Requirement on a text, in ``Annotated[str, CheckedText(check)]``."""
 
     check: Callable[[str], object]  # raises ConfigError if a text will not do
 

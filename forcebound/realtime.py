@@ -57,7 +57,7 @@ _libc = ctypes.CDLL(None, use_errno=True)
 
 @dataclass(frozen=True)
 class Settings:
-    """How punctual a process is asked to be."""
+    """Requested scheduling of a process."""
 
     policy: str = "fifo"  # or "other": ordinary scheduling
     core: int | None = None  # that the chain of nodes shares; None: any, and then never SCHED_FIFO

@@ -45,7 +45,7 @@ Quaternion: TypeAlias = tuple[float, float, float, float]  # w x y z; of length 
 
 
 def _means(meaning: str, unit: str = "") -> Meta:
-    """What a field means, for schemas and tables; a count, a share or a text has no unit."""
+    """Return the meaning of a field, for schemas and tables; a count, share or text has no unit."""
     return Meta(description=meaning, extra_json_schema={"unit": unit})
 
 
@@ -69,7 +69,7 @@ _Measured: TypeAlias = Annotated[
 
 
 class Contact(NamedTuple):
-    """Where a virtual tip touches what it cannot enter."""
+    """Contact of a virtual tip with what it cannot enter."""
 
     proxy: Vector  # m, where the tip would be if it could enter nothing; one entry per axis
     normal: Vector  # outward unit normal there, same shape
@@ -260,7 +260,7 @@ class EnergyTransfer(_Wire, frozen=True, tag="energy_transfer"):
 
 
 class Scene(_Wire, frozen=True, tag="scene"):
-    """What there is to draw, and where the virtual tips are."""
+    """Objects to draw, and places of the virtual tips."""
 
     seq: Annotated[_Count, _means("count of this packet at its sender, from 0")]
     time_ns: Annotated[_Count, _means("sender's monotonic clock", "ns")]
@@ -312,7 +312,7 @@ TOPIC_OF: dict[type[Packet], str] = {packet: topic for topic, packet in TOPICS.i
 
 
 class Meaning(NamedTuple):
-    """What a field of a packet means."""
+    """Meaning of a field of a packet."""
 
     text: str
     unit: str  # SI; "" for a count, a share or a text

@@ -24,7 +24,7 @@ _logger = logging.getLogger(__name__)
 
 
 class Node(Protocol):
-    """What a runner asks of a node.
+    """A node, as its runner sees it.
 
     A node that derives from this class has the methods that most nodes do not need.
     """
@@ -41,12 +41,12 @@ class Node(Protocol):
 
     @property
     def needs_packets(self) -> bool:
-        """Whether the next step uses what has arrived; if not, it may wait for a later step."""
+        """True if the next step uses what has arrived; else it may wait for a later step."""
         return True
 
     @property
     def awaits_requests(self) -> bool:
-        """Whether a request is to be looked for after this step, and not only every 10 ms."""
+        """True if a request is to be looked for after this step, not only every 10 ms."""
         return False
 
     def step(self, time_ns: int, received: Sequence[Packet]) -> Sequence[Packet]:

@@ -134,17 +134,17 @@ class DeviceNode(Node):
 
     @property
     def needs_packets(self) -> bool:
-        """Whether the next instant is the write; a command serves nothing before it."""
+        """True if the next instant is the write; a command serves nothing before it."""
         return self._writes_next
 
     @property
     def awaits_requests(self) -> bool:
-        """Whether somebody drags its hand; only after a write, when the loop rests."""
+        """True if somebody drags its hand; only after a write, when the loop rests."""
         return self._is_dragged and not self._writes_next
 
     @property
     def is_engaged(self) -> bool:
-        """Whether force may be applied: engaged and not stopped."""
+        """True if force may be applied: engaged and not stopped."""
         return self._engaged_ns is not None and not self._stopped
 
     def engage(self) -> None:

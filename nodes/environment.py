@@ -285,7 +285,7 @@ class EnvironmentNode(Node):
         return self.events.emit(time_ns, "environment_refused", message, data, is_fault=True)
 
     def _may_serve(self, user: _User, serving: str | None, time_ns: int) -> bool:
-        """Whether to answer a query; one that is meant for another environment, once a second."""
+        """Return whether to answer a query; once a second if it is for another environment."""
         self._serving_changed = True
         user.is_serving = serving == self.name
         if user.is_serving or serving is None:

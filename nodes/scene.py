@@ -50,7 +50,7 @@ class SceneSource:
             self._wait_until_ns = time_ns + LONGEST_WAIT_NS
 
     def may_wait(self, time_ns: int) -> bool:
-        """Whether an answer that leaves now goes first."""
+        """Return whether an answer that leaves now goes first."""
         return time_ns < self._wait_until_ns
 
     def packets(self, time_ns: int, proxies: Mapping[str, Vector]) -> list[Packet]:

@@ -60,7 +60,7 @@ class RemoteEnd:
 
 @dataclass(frozen=True)
 class RemoteSection:
-    """Where a graph and its environment meet, and with which keys: the same on both machines.
+    """Address and keys of a graph and its environment: the same on both machines.
 
     Attributes:
         address: Of the listening end, as the other one reaches it.

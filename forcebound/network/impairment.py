@@ -90,7 +90,7 @@ class Outage:
 
 @dataclass(frozen=True)
 class Impairment:
-    """What a link does to packets; the default is a perfect link.
+    """Impairment of packets by a link; the default is a perfect link.
 
     Attributes:
         delay: Time on the way, in s, at least 0.
@@ -158,7 +158,7 @@ class Impairment:
 
     @property
     def is_plain(self) -> bool:
-        """Whether there is nothing but delay, uniform jitter and independent loss."""
+        """True if there is nothing but delay, uniform jitter and independent loss."""
         return self == Impairment(self.delay, self.jitter, self.loss)
 
     @property

@@ -122,17 +122,17 @@ class Link(Generic[PacketT]):
 
     @property
     def has_rate(self) -> bool:
-        """Whether the size of a packet matters."""
+        """True if the size of a packet matters."""
         return self._impairment.rate > 0.0
 
     @property
     def queued(self) -> int:
-        """How many packets are on the way."""
+        """Number of packets on the way."""
         return len(self._queue)
 
     @property
     def next_due_ns(self) -> int | None:
-        """When the next packet on the way is through, in ns; None if there is none."""
+        """Time when the next packet on the way is through, in ns; None if there is none."""
         return self._queue[0][0] if self._queue else None
 
     def accept(self, time_ns: int, packet: PacketT, size: int = PACKET_SIZE) -> None:

@@ -53,7 +53,7 @@ class Subscriber:
         self.descriptor = int(socket.FD)
 
     def pending(self) -> bool:
-        """Whether a packet is there."""
+        """Return whether a packet is there."""
         return bool(int(self._get(self._socket, _EVENTS)) & _POLLIN)
 
     def wait(self) -> bytes | None:
@@ -144,7 +144,7 @@ class Channel:
         self._routes = list(self._sources)
 
     def pending(self) -> bool:
-        """Whether a message is there."""
+        """Return whether a message is there."""
         return bool(int(self._socket.get(_EVENTS)) & _POLLIN)
 
     def receive(self) -> list[Arrival]:

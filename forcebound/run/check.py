@@ -70,7 +70,7 @@ class TickTimes(Struct, frozen=True):
 
 
 class Checked(Struct, kw_only=True, omit_defaults=True):
-    """What the contract test finds of a part."""
+    """Findings of the contract test of a part."""
 
     part: Document  # kind and parameters
     passed: bool

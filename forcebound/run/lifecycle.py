@@ -232,7 +232,7 @@ class Lifecycle:
         return f"{node} has received nothing on {', '.join(waiting)}"
 
     def _awaits_remote(self) -> bool:
-        """Whether only packets that depend on a remote environment are missing."""
+        """True if only packets that depend on a remote environment are missing."""
         waiting = [self._waiting[node] for node in self.not_ready]
         return bool(self._remote_topics) and all(
             topics is not None and self._remote_topics.issuperset(topics) for topics in waiting

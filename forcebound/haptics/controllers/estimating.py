@@ -25,7 +25,7 @@ def has_restarted(before: DeviceState, state: DeviceState) -> bool:
 
 @dataclass(frozen=True, kw_only=True)
 class EstimatingModel(ControllerModel):
-    """How long such a controller waits for the environment.
+    """Times that such a controller waits for the environment.
 
     Attributes:
         hold: Silence of the environment after which the force fades.

@@ -32,7 +32,7 @@ Source: TypeAlias = Literal["measured", "data sheet", "assumed"]
 
 
 class Truth(NamedTuple):
-    """What a simulated device knows and no law may see."""
+    """Ground truth of a simulated device, which no law may see."""
 
     position: Vector  # m, not quantised
     velocity: Vector  # m/s

@@ -55,7 +55,7 @@ from typing import NamedTuple
 
 
 class Moving(NamedTuple):
-    """What moves along one axis."""
+    """State of one axis."""
 
     x: float  # position, m
     v: float  # m/s

@@ -1,4 +1,4 @@
-"""What a simulated device really has, where that differs from what it states.
+"""True numbers of a simulated device, where they differ from the stated ones.
 
 Without it, a simulated device is the least favourable one that its statements permit: exactly the
 minimum damping and friction, the motor at the upper end of its gain error, the full write delay,
@@ -125,7 +125,7 @@ class TrueJoints(TrueMotor):
 
 
 class TrueNumbers(NamedTuple):
-    """What a simulated device truly has; vectors have one number of each axis.
+    """True numbers of a simulated device; vectors have one number of each axis.
 
     Coordinates are those of :class:`forcebound.haptics.laws.dissipation.StatedNumbers`.
     """

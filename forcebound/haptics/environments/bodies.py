@@ -274,7 +274,7 @@ class _Scene(Environment):
             self._origin = sub(hand.place, (x, y, z))
 
     def _probed(self, hand: _Hand) -> Vector3:
-        """Where the probe is, in the coordinates of the hand."""
+        """Return the place of the probe, in the coordinates of the hand."""
         x, y, z = self._data.qpos[self._probes[hand.number].place].tolist()
         return add(self._origin, (x, y, z))
 

@@ -70,7 +70,7 @@ def _expect(is_sound: bool, field: str, expected: str, got: object) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class _Fixture(ABC):
-    """What fixtures have in common."""
+    """Base of the fixtures."""
 
     places: ClassVar[tuple[str, ...]] = ()  # fields that are places
 

@@ -116,7 +116,7 @@ class PlacedFile(Touchable):
 
 
 def _is_rabbit(path: Path) -> bool:
-    """Whether it is our rabbit, or a copy; any other file is where its own coordinates say."""
+    """Return whether this is our rabbit or a copy; other files keep their coordinates."""
     with suppress(OSError):
         return filecmp.cmp(path, RABBIT, shallow=False)
     return False

@@ -31,7 +31,7 @@ class Touchable(EnvironmentModel, ABC):
 
     @property
     def pose(self) -> Pose:
-        """Where the coordinates of the solid are."""
+        """Pose of the coordinates of the solid."""
         return Pose()
 
     @abstractmethod

@@ -74,7 +74,7 @@ def damper_force(velocity: float, damping: float) -> float:
 
 @dataclass(frozen=True)
 class _FlatWall(StatelessEnvironment):
-    """What the walls have in common: a force along the first axis alone."""
+    """Base of the walls: a force along the first axis alone."""
 
     stiffness: Annotated[Stiffness, NOT_NEGATIVE] = 10_000.0  # paper 4.2: k = 10 N/mm
     position: Length = 0.010  # of the surface; paper 4.1: x_wall = 10 mm

@@ -46,7 +46,7 @@ class ForceBounder:
 
     Raises:
         ConfigError: If the law is not known, or the description does not fit this number of axes.
-        DeviceError: Here and in the methods, if the code of a law of the user's own fails.
+        DeviceError: Here and in the methods, if the code of a user's law fails.
     """
 
     def __init__(
@@ -117,7 +117,7 @@ class ForceBounder:
 
     @property
     def allowance_repaid(self) -> bool:
-        """Whether the ledger has back what late holds can have given."""
+        """True if the ledger has recovered the energy that late holds can have given."""
         return self.largest_allowance == 0.0 or self.estimated_energy >= 0.0
 
     def start(self, time_ns: int, position: Vector) -> None:
@@ -228,9 +228,8 @@ class ForceBounder:
         """Take in when and where (m) the watchdog dropped the force, before :meth:`bound`.
 
         A report at the time when a force takes effect is one of the old force, which acted until
-        then. One from
-        before the last reading does not say when the force of now was dropped, or whether: any time
-        that the watchdog permits is reckoned with.
+        then. One older than the last reading does not show when the present force was dropped, if
+        at all; the worst permitted time is assumed.
         """
         passed, waiting = (time_ns - self._now_ns) / 1e9, range(self._ledger.waiting)
         effects = [-self._ledger.age, *[self._ledger.until_write[place] for place in waiting]]
@@ -323,7 +322,7 @@ class ForceBounder:
 
 
 def _call(law: str, function: Callable[..., Any], *arguments: Any) -> Any:
-    """Call a function of a law of the user's own, which may raise anything."""
+    """Call a function of a user's law, which may raise anything."""
     try:
         return function(*arguments)
     except Exception as error:

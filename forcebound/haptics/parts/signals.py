@@ -70,7 +70,7 @@ class SignalError(ConfigError):
 
 
 class PublishedSignals:
-    """What an open part has published."""
+    """Numbers and events that an open part has published."""
 
     def __init__(self) -> None:
         self.numbers: dict[str, float] = {}  # that hold now, all finite
@@ -103,7 +103,7 @@ class Publisher:
 
     @cached_property
     def published(self) -> PublishedSignals:
-        """What its node sends; a part that wraps another has that of the other."""
+        """The signals that the node sends. A wrapper shares those of the part inside."""
         return PublishedSignals()
 
     def signal(self, name: str, value: float) -> None:

@@ -93,7 +93,7 @@ class Table(MutableMapping[str, Part], Generic[Part]):
 
         Raises:
             KeyError: If there is no such kind.
-            ConfigError: If its module or file cannot be imported, or does not have the shape of a part.
+            ConfigError: If it cannot be imported, or is not of the shape.
         """
         if kind not in self._loaded:
             self._loaded[kind] = self._load(kind)
@@ -111,7 +111,7 @@ class Table(MutableMapping[str, Part], Generic[Part]):
         del self._loaded[kind]
 
     def __contains__(self, kind: object) -> bool:
-        """Whether a kind is known, or names a file, which is not looked at."""
+        """Return whether a kind is known, or names a file, which is not looked at."""
         return isinstance(kind, str) and (
             kind in self._shipped
             or kind in self._added

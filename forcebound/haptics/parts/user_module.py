@@ -150,7 +150,7 @@ def _read(path: Path) -> bytes:
 
 
 def _describe(error: BaseException, files: set[str]) -> str:
-    """What was raised, where in one of these files, and the line itself."""
+    """Return the error, its place in one of these files, and the line itself."""
     place, text = None, ""
     words = str(error)
     if type(error).__module__.startswith("numba") and (found := _IN_LINE.search(words)):
@@ -194,7 +194,7 @@ def _name_in(
 
 
 def _is_part(name: str, part: object) -> bool:
-    """Whether this may be a part: no second name of a class, no function, no plain value."""
+    """Return whether this may be a part: no second name of a class, no function, no plain value."""
     if isinstance(part, type):
         return part.__name__ == name
     return dataclasses.is_dataclass(part)

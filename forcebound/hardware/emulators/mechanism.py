@@ -32,7 +32,7 @@ class CarryingHand(Operator):
 
     @property
     def is_home(self) -> bool:
-        """Whether the tip is held in the pose of the set-up, or brought there."""
+        """True if the tip is held in the pose of the set-up, or brought there."""
         return self._to == self.home and self._moves_at is None
 
     def carry(self, elapsed: float, to: Vector) -> None:

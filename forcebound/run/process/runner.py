@@ -202,7 +202,7 @@ class Runner:
 
     @property
     def nodes(self) -> tuple[Node, ...]:
-        """The node that it drives; as of a simulation, which drives several."""
+        """The node, as a tuple of one: the same interface as ``Simulation``."""
         return (self._node,)
 
     def _connect_remote(self, hand: str, remote: RemoteLink) -> None:
