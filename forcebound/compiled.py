@@ -144,7 +144,7 @@ def outlined(function: Callable[P, R]) -> Callable[P, R]:
 def allow_in_kernels(functions: Iterable[Callable[..., object]]) -> None:
     """Let compiled kernels call these plain functions; they stay plain for everyone else.
 
-    With them go the functions that they call, of this package and of their own module. All are
+    With them go the functions that they call, of this package and of their module. All are
     inlined, which makes loops fast; but for those that are :func:`outlined`.
     """
     from numba.extending import register_jitable

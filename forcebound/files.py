@@ -116,7 +116,7 @@ def read_rows(path: Path, what: str) -> Iterator[tuple[str, list[str]]]:
 def content_of(name: object) -> Iterator[None]:
     """Turn whatever is raised within into one ConfigError: a file's content may be anything.
 
-    The errors of forcebound have their own words, and pass.
+    The errors of forcebound pass as they are.
     """
     try:
         with warnings.catch_warnings():

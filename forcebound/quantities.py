@@ -61,7 +61,7 @@ class Unit:
 
 @dataclass(frozen=True)
 class Range:
-    """The values of an annotated number that make sense; bounds in the number's own SI unit.
+    """The values of an annotated number that make sense; bounds in the number's SI unit.
 
     A time is at most a ``DAY`` in any case.
     """

@@ -66,7 +66,7 @@ class EventLog:
         )
 
     def publish(self, time_ns: int, event: str, message: str, *, is_fault: bool) -> Event:
-        """Return the next event, which a part's own code sends; it has no kind of the graph."""
+        """Return the next event, which a part's code sends; it has no kind of the graph."""
         data = {PUBLISHED: "true"}
         return self.emit(time_ns, cast(EventKind, event), message, data, is_fault=is_fault)
 

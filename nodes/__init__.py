@@ -4,7 +4,7 @@ A node owns no clock, socket, thread or file. A runner (:mod:`forcebound.run.pro
 :mod:`forcebound.run.simulation` in virtual time) calls :meth:`Node.step` with the time and the
 packets that have arrived, publishes what it returns, and calls again when packets arrive or when
 :attr:`Node.wake_ns` has come. A node does not know which of the two runs it; which packets it
-receives, and who receives its own, says :mod:`forcebound.messages.topology`.
+receives, and who receives its packets, says :mod:`forcebound.messages.topology`.
 """
 
 import logging
@@ -29,9 +29,9 @@ class Node(Protocol):
     A node that derives from this class has the methods that most nodes do not need.
     """
 
-    wakes_on_arrival: ClassVar[bool]  # False: packets wait for the node's own time
+    wakes_on_arrival: ClassVar[bool]  # False: packets wait for the node's time
     requests: ClassVar[tuple[type[Request], ...]] = ()  # that its :meth:`handle` takes
-    events: EventLog  # of its process: the runner makes its own events with it, too
+    events: EventLog  # of its process: the runner makes events with it, too
     rejected: Mapping[str, int] = MappingProxyType({})  # packets so far, by reason
 
     @property

@@ -9,7 +9,7 @@ samples of the law's ledger are the writes.
 Late ticks are skipped and counted, never run in a burst: after a stall the node continues with the
 tick that is due, and a tick whose write would have been due before the last one is skipped, too.
 
-Where a write is an exchange with the device, a slow one makes the next state late, and its own
+Where a write is an exchange with the device, a slow one makes the next state late, and its
 force took effect as late. So there the next write waits until a late state can have its answer: it
 still comes about a period after the force before.
 """

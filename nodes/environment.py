@@ -2,7 +2,7 @@
 
 While an answer is computed no other query is answered, as in a real computation. Of the queries of
 a hand that arrive during that time only the newest waits. The injected computation time is added to
-that of the environment's own code.
+that of the environment's code.
 
 A query names the environment whose answers its hand accepts. If it names another one, this one is
 rejected: it emits an event and waits. It still answers that hand once a second, so that the hand's
@@ -10,7 +10,7 @@ controller knows of it.
 
 One process answers all hands. When a hand's queries end, its contact gives no more force to others.
 
-An answer carries the contact that the environment reports; its scene is sent in steps of its own
+An answer carries the contact that the environment reports; its scene is sent in separate steps
 (:mod:`forcebound.nodes.scene`).
 """
 
@@ -172,9 +172,9 @@ class EnvironmentNode(Node):
     def _watch(self) -> None:
         self._signals.watch(self._environment)
         self._scene.watch(self._environment)
-        own = overridden(self._environment, Environment)
-        self._takes_readings = "take_readings" in own
-        self._notices_leaving = "leave" in own
+        methods = overridden(self._environment, Environment)
+        self._takes_readings = "take_readings" in methods
+        self._notices_leaving = "leave" in methods
 
     def close(self) -> None:
         close_part(self._environment.close, ENVIRONMENT)

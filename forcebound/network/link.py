@@ -13,7 +13,7 @@ the packet arrives.
 *Newest wins*: the receiver gets, of the packets that are through, only the newest, and never one
 that is older than what it got before; the others are superseded. Which of two packets is newer is
 decided by the *origin*: the device state that a packet answers, or the packet itself if it answers
-nothing; the answerer's own ``seq`` decides between two answers to one state. The stamp comes before
+nothing; the answerer's ``seq`` decides between two answers to one state. The stamp comes before
 the sequence number because of restarts: a *process* that starts again counts from 0, but its clock
 goes on, so its first packet passes at once. A *machine* also sets its clock back: packets that
 arrive stamped more than ``RESTART_NS`` before the newest begin a new life of the sender, newer than

@@ -41,7 +41,7 @@ PROBES = (-0.010, 0.0, 0.005, 0.010, 0.011, 0.015, 0.020, 0.050)  # m, positions
 FEWEST_CALLS, CALLS = 10, 300  # that are timed
 QUERYING, TIMING = 10.0, 2.0  # s, approximately: queries of the contract, timed calls
 HOLD_LIMIT = 1.25e-3  # s, of a device while it is timed
-CHECK_S = 120.0  # for all of it, in a process of its own
+CHECK_S = 120.0  # for all of it, in another process
 
 Progress: TypeAlias = Callable[[str, int, int], None]
 
@@ -96,7 +96,7 @@ def check_part(
 ) -> Checked:
     """Return what the contract test finds of a part.
 
-    A user's file runs in a process of its own. A slow environment gets fewer queries.
+    A user's file runs in another process. A slow environment gets fewer queries.
 
     Args:
         section: ``"law"``, ``"device"``, ``"operator"``, ``"controller"`` or ``"environment"``.

@@ -41,7 +41,7 @@ class OsSignals(SignalPipe):
 class Child:
     """One process of the run, and its output.
 
-    Ctrl-C does not reach it. Without a session of its own it is in that of the launcher: then the
+    Ctrl-C does not reach it. Without a new session it is in that of the launcher: then the
     kernel wakes it if it is suspended when the launcher ends, so that it can end, too.
     """
 

@@ -5,10 +5,10 @@ a process writes a line, ends or answers, a signal arrives, or a deadline of the
 
 No process survives the launcher: each gets a signal from the kernel when the launcher ends
 (:mod:`forcebound.run.worker`), and what is left of its group when it has ended, such as a
-stopped guardian, is killed. Each is in a process group of its own, so that Ctrl-C in the terminal
+stopped guardian, is killed. Each is in its process group, so that Ctrl-C in the terminal
 reaches only the launcher, which then stops them in order. A suspended one is woken to end.
 
-The launcher answers requests on a control socket of its own and publishes events like every
+The launcher answers requests on its control socket and publishes events like every
 process.
 """
 
@@ -169,7 +169,7 @@ class Supervisor:
             self._emit(PHASE_BEGINS, phase.message, phase.data)
 
     def _start(self, name: str) -> None:
-        # A session of its own also is a share of its own of the processor: a recorder needs none.
+        # A new session also is a new share of the processor: a recorder needs none.
         own_session = self.graph.nodes[name].role != RECORDER
         child = Child(name, self.commands[name], self.screen.show, own_session)
         self._selector.register(child.descriptor, selectors.EVENT_READ, child)
@@ -235,7 +235,7 @@ class Supervisor:
             case control.ConfigureNode(node, configure):
                 if node not in self._clients:
                     return control.Refused(f"the launcher of this graph does not run {node!r}")
-                # This request waits for a suspended node; one of the client's own ends with it.
+                # This request waits for a suspended node; a request of the client ends with it.
                 self._clients[node].ask(configure)
             case control.EmitEvent(event, message, data):
                 self._emit(event, message, data)

@@ -130,7 +130,7 @@ class Device(Publisher, ABC):
         """Return the reading that came with the last write; None: ask for a new one.
 
         Give it only while it is young. It serves the state of the next tick, which then need not
-        wait for an exchange with the device; the ledger takes a reading of its own.
+        wait for an exchange with the device; the ledger takes another reading.
         """
         return None
 
@@ -171,7 +171,7 @@ class Device(Publisher, ABC):
 
 @dataclass(frozen=True, kw_only=True)
 class DeviceModel(StatedNumbers, Publishing, ABC):
-    """Parameters of a kind of device: its stated numbers, and those of its own.
+    """Parameters of a kind of device: its stated numbers, and others of this kind.
 
     A device that is no arm derives from :class:`AxesModel`.
 

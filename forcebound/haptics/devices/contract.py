@@ -166,7 +166,7 @@ def _check_guard(device: Any, model: Any, time_ns: int, found: Findings) -> None
         period_ns = round(model.guard_period * 1e9)
         for trial in range(GUARD_TRIALS):
             size = model.saturation * 0.5 ** (trial // 2 % 6) * (-1) ** trial
-            time_ns += REST_NS + trial * period_ns // 9  # at any phase of a timer of its own
+            time_ns += REST_NS + trial * period_ns // 9  # at any phase of its timer
             start = device.read(time_ns)
             device.write(time_ns, (size / math.sqrt(model.axes),) * model.axes)
             limit_at = device.stamps()[1] + limit_ns

@@ -2,7 +2,7 @@
 
 A *probe*, a small ball that touches the bodies, hangs on the hand by a spring and a damper (a
 virtual coupling). Or the probe touches nothing and holds a *tool* of the scene, such as the tip of
-an arm. What the coupling pulls is what the hand feels. Each hand has a probe of its own, which
+an arm. What the coupling pulls is what the hand feels. Each hand has its probe, which
 appears when it first asks; all of them push the same bodies, and each other.
 
 Source: E. Todorov, T. Erez, Y. Tassa, MuJoCo: a physics engine for model-based control, IROS 2012;
@@ -75,7 +75,7 @@ class Bodies(EnvironmentModel):
     """Rigid bodies of an MJCF or URDF file; needs the extra ``mujoco``.
 
     ``F = k (x - p) + b (v - v_p)``, of the probe's position ``p`` and velocity ``v_p``; the probe
-    feels ``F``. The scene advances by its own time step, as far as the time since the last question
+    feels ``F``. The scene advances by its time step, as far as the time since the last question
     goes. It is compiled with a probe for each hand of the graph; one with a tool serves one hand.
 
     Attributes:

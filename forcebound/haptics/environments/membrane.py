@@ -26,7 +26,7 @@ class Membrane(EnvironmentModel):
 
     ``F = k (x - x_0)`` until that is ``strength``; from then on ``F = b v`` behind ``x_0``.
     What the spring held at the break is lost, so the membrane never gives more than it took. Hands
-    stretch it at places of their own, each with the full stiffness; it breaks for all.
+    stretch it at different places, each with the full stiffness; it breaks for all.
 
     Source: A. M. Okamura, C. Simone, M. D. O'Leary, Force modeling for needle insertion into soft
     tissue, IEEE Transactions on Biomedical Engineering 51(10), 2004: stiffness before the puncture,

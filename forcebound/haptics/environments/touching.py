@@ -55,7 +55,7 @@ class OpenTouchable(Environment):
     def __init__(self, model: Touchable, axes: int) -> None:
         self._axes, self._model = axes, model
         self._untouched = HapticSurface(*_what(model))
-        self._surfaces: dict[str, HapticSurface] = {}  # each hand has its own proxy
+        self._surfaces: dict[str, HapticSurface] = {}  # by hand: one proxy each
 
     def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
         x, y, z = map(within_reach, pad3(position))

@@ -102,7 +102,7 @@ class Wall(_FlatWall):
 class DampedWall(_FlatWall):
     """A flat wall of spring and damper across the first axis, the standard test of a Z-width.
 
-    The velocity is the device's own estimate, a filtered backward difference of its readings.
+    The velocity is the device's estimate, a filtered backward difference of its readings.
 
     Source: J. E. Colgate and J. M. Brown, Factors affecting the Z-width of a haptic display, IEEE
     International Conference on Robotics and Automation, 1994.

@@ -70,7 +70,7 @@ class Solid(Protocol):
         ...
 
     def shade(self, point: Vector3, normal: Vector3) -> Vector3:
-        """Return the smoothed normal at a point of the surface whose own one is ``normal``."""
+        """Return the smoothed normal at a point of the surface with this ``normal``."""
         ...
 
 
@@ -142,7 +142,7 @@ class HapticSurface:
 
     Spring in N/m between device and proxy, damping in N s/m along the normal: it pushes the device
     out and never pulls it in. A device that begins inside the solid feels nothing until it has left
-    it once. All that it keeps is in the solid's own coordinates; ``pose`` is where these are.
+    it once. All that it keeps is in the coordinates of the solid; ``pose`` is their place.
     """
 
     def __init__(

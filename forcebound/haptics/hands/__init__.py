@@ -6,7 +6,7 @@ passivity argument asks of a human (``docs/theory.md``, section 1).
 
 An operator is a frozen dataclass of its parameters that inherits :class:`Operator`. To add one,
 write its class and one line in ``OPERATORS``; ``tests/test_part_contracts.py`` tests it with all
-the others. Or name a file of your own (docs/write-your-own-device.md).
+the others. Or name a custom file (docs/write-your-own-device.md).
 """
 
 from abc import ABC, abstractmethod

@@ -50,7 +50,7 @@ class BoundingLaw:
             an energy, in J.
         uses_friction: False: the law counts viscous damping alone, f_c = 0.
         is_certified: The bound holds for the physical energy (``docs/theory.md``).
-        adds_damping: The law may add a force of its own, so it may exceed the commanded force.
+        adds_damping: The law may add a force, and so exceed the commanded one.
         exchanges: A ledger may give energy to another one, or get some; the state is an energy.
     """
 

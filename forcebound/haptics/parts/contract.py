@@ -2,7 +2,7 @@
 
 A contract is a table of promises and a function ``check`` that asks a part, at random and at its
 limits, and returns a :class:`Report`. ``forcebound check`` runs it on a user's file, the
-repository's own tests on every part that ships.
+repository's tests on every part that ships.
 """
 
 import dataclasses

@@ -5,7 +5,7 @@ A part has one of three origins:
 * it ships with forcebound: an entry ``"module:NAME"`` of a table, imported when it is first used;
 * an installed package offers it: an entry point of the group ``forcebound.SECTION``, such as
   ``forcebound.environments``; it cannot replace a part that ships;
-* it stands in a file of the user's own, ``my_spring.py`` or ``my_spring.py:MySpring``
+* it stands in a user's file, ``my_spring.py`` or ``my_spring.py:MySpring``
   (:mod:`forcebound.haptics.parts.user_module`).
 """
 
@@ -206,7 +206,7 @@ class Table(MutableMapping[str, Part], Generic[Part]):
 
 
 def overridden(part: object, base: type) -> frozenset[str]:
-    """Return the names of the methods of a base class that a part has of its own."""
+    """Return the names of the methods of a base class that a part overrides."""
     return frozenset(
         name
         for name, default in vars(base).items()
@@ -221,12 +221,12 @@ def _import(entry: str) -> Any:
 
 def _check_arguments(part: type, base: type, method: str, name: str) -> None:
     """Raise ConfigError if a method does not take the arguments that the base class promises."""
-    promised, own = vars(base)[method], inspect.getattr_static(part, method)
-    if own is promised or not inspect.isfunction(promised) or not inspect.isfunction(own):
+    promised, given = vars(base)[method], inspect.getattr_static(part, method)
+    if given is promised or not inspect.isfunction(promised) or not inspect.isfunction(given):
         return
     count = len(inspect.signature(promised).parameters)
     try:
-        inspect.signature(own).bind(*range(count))
+        inspect.signature(given).bind(*range(count))
     except TypeError as error:
         message = f"class {name}: {method} must take {count - 1} arguments besides self: {error}"
         raise ConfigError(message) from None

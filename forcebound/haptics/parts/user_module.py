@@ -1,4 +1,4 @@
-"""Files with code of the user's own, and the parts that they define.
+"""Files with a user's code, and the parts that they define.
 
 ``kind: my_spring.py`` or ``kind: my_spring.py:MySpring`` in a launch file names such a part. Its
 file is read as Python reads a module, once in a process: after a change, start the graph again.
@@ -42,7 +42,7 @@ _parts: dict[str, object] = {}  # by absolute kind, FILE.py:NAME
 
 
 def names_file(kind: str) -> bool:
-    """Return whether a ``kind`` names a file of the user's own."""
+    """Return whether a ``kind`` names a user's file."""
     return _KIND.fullmatch(kind) is not None
 
 

@@ -10,7 +10,7 @@ from forcebound.haptics.hands import Operator
 from forcebound.haptics.hands.hands import NoHand
 from forcebound.messages.packets import Vector
 
-LARGEST_TORQUE = 1e6  # N m, no limit: the board has its own
+LARGEST_TORQUE = 1e6  # N m, no limit: the board has one
 CARRY = 1.0  # s, to bring the tip from one place to another
 
 

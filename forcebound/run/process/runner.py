@@ -3,7 +3,7 @@
 One loop for every node: wait, receive, step, publish. Only the waiting differs:
 
 * A node that wakes on arrival (controller, environment) sleeps until a packet arrives, until one
-  is due on an impaired link, or until its own ``wake_ns`` (:mod:`forcebound.run.process.inbox`).
+  is due on an impaired link, or until its ``wake_ns`` (:mod:`forcebound.run.process.inbox`).
 * A servo (the device) never waits for packets. It sleeps until its ``wake_ns``, spins the last few
   microseconds, and takes the packets that have arrived.
 
@@ -75,7 +75,7 @@ class Runner:
 
     A stream that is not in ``links`` has a perfect link. ``configure`` brings node and links to the
     parameters of a request; it returns those that it has changed. ``remotes`` are the links to
-    other machines, by hand: a controller uses its own in addition to its sockets, an environment
+    other machines, by hand: a controller uses its link in addition to its sockets, an environment
     serves the hand over it instead of them.
 
     Raises:
@@ -209,7 +209,7 @@ class Runner:
         """Let a hand's queries and replies go to, and come from, another machine.
 
         Sent packets also go to this machine's sockets; received packets are passed on to them, on
-        an address of its own: so a recorder here sees both.
+        another address: so a recorder here sees both.
         """
         sent: type[Packet] = EnvironmentQuery
         came: type[Packet] = EnvironmentReply
