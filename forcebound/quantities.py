@@ -147,6 +147,13 @@ def check_ranges(settings: Any) -> None:
             raise ConfigError(f"{name} {error}", field=name) from None
 
 
+class Ranged:
+    """Base of a dataclass whose construction checks its ranges."""
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+
+
 @cache
 def _ranges_of(kind: type) -> list[tuple[str, Range, str]]:
     """Name, range and unit of each field that has a range."""

@@ -26,6 +26,7 @@ from forcebound.haptics.parts.signals import Signal, SignalError
 from forcebound.messages.codec import encode
 from forcebound.messages.events import PUBLISHED, EventKind, EventLog
 from forcebound.messages.packets import EnvironmentReply, Event, ForceCommand, Vector
+from forcebound.messages.topology import HAND
 from forcebound.network.impairment import Impairment
 from forcebound.nodes.controller import ControllerNode
 from forcebound.nodes.environment import EnvironmentNode
@@ -194,7 +195,7 @@ def test_a_live_graph_shows_them_to_echo_page_and_recorder(gel: Path, mark: None
         words = ["echo", "environment_reply", "--field", "signals", "--json", "--count", "1"]
         echoed = CliRunner().invoke(main, [*words, "--run", str(graph.run_dir)])
         assert json.loads(echoed.stdout)["signals"]["depth"] > 0.0
-        feed = Feed(graph.run_dir, {"": 0.0})
+        feed = Feed(graph.run_dir, {HAND: 0.0})
         shown: list[float] = []
 
         def is_shown() -> bool:

@@ -20,6 +20,7 @@ from forcebound.quantities import (
     NOT_NEGATIVE,
     PROBABILITY,
     DataRate,
+    Ranged,
     Ratio,
     Time,
     check_ranges,
@@ -55,7 +56,7 @@ QUANTILES: Mapping[str, Callable[[float], float]] = {
 
 
 @dataclass(frozen=True)
-class GilbertElliott:
+class GilbertElliott(Ranged):
     """Loss in bursts.
 
     Attributes:
@@ -70,12 +71,9 @@ class GilbertElliott:
     h: Annotated[Ratio, PROBABILITY] = 0.0
     k: Annotated[Ratio, PROBABILITY] = 1.0
 
-    def __post_init__(self) -> None:
-        check_ranges(self)
-
 
 @dataclass(frozen=True)
-class Outage:
+class Outage(Ranged):
     """A time in which every packet that arrives is lost.
 
     Counted from the first packet that the link gets after the outages were set.
@@ -83,9 +81,6 @@ class Outage:
 
     start: Annotated[Time, NOT_NEGATIVE]
     duration: Annotated[Time, NOT_NEGATIVE]
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
 
 
 @dataclass(frozen=True)

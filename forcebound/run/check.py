@@ -93,6 +93,7 @@ def check_part(
     axes: Sequence[int] = (),
     rest: Sequence[str] = (),
     progress: Progress = lambda doing, done, total: None,
+    is_child: bool = False,
 ) -> Checked:
     """Return what the contract test finds of a part.
 
@@ -105,30 +106,15 @@ def check_part(
         axes: Numbers of axes of an environment; none: 1 to 6.
         rest: Forces expected of an environment at rest, each ``POSITION=FORCE``.
         progress: Called before each answer with the question, answers so far and in all.
+        is_child: A user's file runs in this process, too.
 
     Raises:
         ConfigError: If there is no such part, or the user's code was too slow or ended its process.
     """
-    check = partial(check_here, section, kind, arguments, axes, rest, progress)
-    if not names_file(kind):
-        return check()
-    data = tried(partial(_as_json, check), [file_of(kind, Path())], CHECK_S)
-    return msgspec.json.decode(data, type=Checked)
-
-
-def _as_json(check: Callable[[], Checked]) -> bytes:
-    return msgspec.json.encode(check())
-
-
-def check_here(
-    section: str,
-    kind: str,
-    arguments: Sequence[str] = (),
-    axes: Sequence[int] = (),
-    rest: Sequence[str] = (),
-    progress: Progress = lambda doing, done, total: None,
-) -> Checked:
-    """Do the work of :func:`check_part` in this process."""
+    if names_file(kind) and not is_child:
+        here = partial(check_part, section, kind, arguments, axes, rest, progress, is_child=True)
+        data = tried(partial(_as_json, here), [file_of(kind, Path())], CHECK_S)
+        return msgspec.json.decode(data, type=Checked)
     if section == "law":
         law = law_of(kind)
         return _checked({"kind": law}, laws.check(law))
@@ -141,6 +127,10 @@ def check_here(
     if section == "device" and checked.passed:
         checked.seconds_per_tick = _tick_times(model)
     return checked
+
+
+def _as_json(check: Callable[[], Checked]) -> bytes:
+    return msgspec.json.encode(check())
 
 
 def _checked(part: Document, report: Report) -> Checked:

@@ -56,9 +56,9 @@ from forcebound.quantities import (
     Length,
     Mass,
     Range,
+    Ranged,
     Stiffness,
     Time,
-    check_ranges,
 )
 
 MOST_STEPS = 20  # for one answer; a scene that falls farther behind stands still
@@ -71,7 +71,7 @@ _logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
-class Bodies(EnvironmentModel):
+class Bodies(Ranged, EnvironmentModel):
     """Rigid bodies of an MJCF or URDF file; needs the extra ``mujoco``.
 
     ``F = k (x - p) + b (v - v_p)``, of the probe's position ``p`` and velocity ``v_p``; the probe
@@ -99,9 +99,6 @@ class Bodies(EnvironmentModel):
     probe_mass: Annotated[Mass, POSITIVE] = 0.010
     probe_radius: Annotated[Length, POSITIVE] = 0.005
     key: str | None = None
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
 
     def check_files(self) -> None:
         """Compile the scene, unless MuJoCo is only installed where the environment runs."""

@@ -9,11 +9,11 @@ from forcebound.haptics.environments import Environment, EnvironmentModel, withi
 from forcebound.haptics.geometry.proxy import HapticSurface, Solid, Surface
 from forcebound.haptics.geometry.vectors import Pose, cut, pad3
 from forcebound.messages.packets import Contact, SceneObject, Vector
-from forcebound.quantities import NOT_NEGATIVE, Damping, Stiffness, check_ranges
+from forcebound.quantities import NOT_NEGATIVE, Damping, Ranged, Stiffness
 
 
 @dataclass(frozen=True, kw_only=True)
-class Touchable(EnvironmentModel, ABC):
+class Touchable(Ranged, EnvironmentModel, ABC):
     """A solid that the hand touches.
 
     Attributes:
@@ -25,9 +25,6 @@ class Touchable(EnvironmentModel, ABC):
     stiffness: Annotated[Stiffness, NOT_NEGATIVE] = 1000.0
     damping: Annotated[Damping, NOT_NEGATIVE] = 0.0
     surface: Surface = field(default_factory=Surface)
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
 
     @property
     def pose(self) -> Pose:
