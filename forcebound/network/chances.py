@@ -1,6 +1,6 @@
 """Chances of a link: loss, delay and the rest, drawn alike for links and computations.
 
-Each random decision has its generator, and every packet draws all its numbers: two
+Each random decision has a separate generator, and every packet draws all its numbers: two
 settings compared under one seed differ in nothing but the setting. *Correlation* is netem's, ``u =
 (1 - rho) * new + rho * last``. The *time on the way* is ``delay + jitter * quantile(u)``, rounded
 to nanoseconds and never negative, or that of a trace.

@@ -98,7 +98,7 @@ class Impairment:
             around the loop.
         correlation: Of a delay with the one before, 0 to 1.
         gemodel: Loss in bursts, instead of ``loss``.
-        duplicate: Probability of a packet coming twice. The copy has other chances.
+        duplicate: Probability of a packet coming twice. The copy has separate chances.
         corrupt: Probability of a packet being damaged. Packets are whole here, so a damaged one
             travels as any other and is thrown away on arrival, as by a checksum.
         reorder: Probability of a packet going at once, before those that are delayed.

@@ -5,7 +5,7 @@ a process writes a line, ends or answers, a signal arrives, or a deadline of the
 
 No process survives the launcher: each gets a signal from the kernel when the launcher ends
 (:mod:`forcebound.run.worker`), and what is left of its group when it has ended, such as a
-stopped guardian, is killed. Each is in its process group, so that Ctrl-C in the terminal
+stopped guardian, is killed. Each has a separate process group, so that Ctrl-C in the terminal
 reaches only the launcher, which then stops them in order. A suspended one is woken to end.
 
 The launcher answers requests on its control socket and publishes events like every

@@ -2,7 +2,7 @@
 
 A *probe*, a small ball that touches the bodies, hangs on the hand by a spring and a damper (a
 virtual coupling). Or the probe touches nothing and holds a *tool* of the scene, such as the tip of
-an arm. What the coupling pulls is what the hand feels. Each hand has its probe, which
+an arm. What the coupling pulls is what the hand feels. Each hand has a probe, which
 appears when it first asks; all of them push the same bodies, and each other.
 
 Source: E. Todorov, T. Erez, Y. Tassa, MuJoCo: a physics engine for model-based control, IROS 2012;

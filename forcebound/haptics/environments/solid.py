@@ -39,10 +39,10 @@ class Shape:
     Attributes:
         shape: Which one.
         position: Of its centre; of a plane any point of it.
-        axis: Direction of its z: out of a plane, along a cylinder, across a box.
-        turn: About its z, before it is tilted to ``axis``.
+        axis: Direction of its z axis: out of a plane, along a cylinder, across a box.
+        turn: About its z axis, before it is tilted to ``axis``.
         radius: Of a sphere or a cylinder.
-        size: Edges of a box, along its x, y and z.
+        size: Edges of a box, along its x, y and z axes.
         length: Of a cylinder.
         is_removed: Whether it is cut out of the shapes before it.
     """

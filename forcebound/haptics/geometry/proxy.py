@@ -76,7 +76,7 @@ class Solid(Protocol):
 
 @dataclass(frozen=True)
 class Surface:
-    """Properties of a surface that is felt; everything is off by default.
+    """Feel of a surface; everything is off by default.
 
     Attributes:
         friction: Coefficient of Coulomb friction while the tip slides.

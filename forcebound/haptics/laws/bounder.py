@@ -307,7 +307,7 @@ class ForceBounder:
         return limit, damping, dt
 
     def _judge(self, read_ns: int, position: Vector) -> int:
-        """Return whether the device can have moved to a reading."""
+        """Return the verdict on a reading, to which the device may not have been able to move."""
         if not self._is_credible((self._taken_ns, self._position), read_ns, position):
             self._candidate = read_ns, position
             return REFUSED

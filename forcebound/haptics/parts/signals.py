@@ -50,7 +50,7 @@ class Publishing:
     """A model whose open part publishes signals.
 
     Attributes:
-        signals: The numbers, each with another name.
+        signals: The numbers; their names differ.
     """
 
     signals: ClassVar[Collection[Signal]] = ()
