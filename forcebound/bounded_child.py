@@ -1,4 +1,4 @@
-"""A function in a process of its own, with limits of time and memory: it may hang, exit or crash.
+"""A function in a child process, with limits of time and memory: it may hang, exit or crash.
 
 For code of a user, and for libraries that read the files of others.
 """
@@ -70,7 +70,7 @@ def in_bounded_child(function: Callable[[], bytes], seconds: float, size: int = 
 
 
 def tried(function: Callable[[], bytes], files: Sequence[Path], seconds: float) -> bytes:
-    """Return what a function of a module, or a ``partial``, returns in a process of its own.
+    """Return what a function of a module, or a ``partial``, returns in a child process.
 
     ConfigError if it raises one of our errors, takes longer than so many ``seconds`` or ends its
     process; it names the ``files`` of the user's code, and the line that it was on.

@@ -98,7 +98,7 @@ def _say_that_it_compiles() -> None:
 
 
 def _is_known_by_name(function: Callable[..., Any]) -> bool:
-    """Whether the name of all that it encloses changes with the source: else a cache goes stale."""
+    """Return whether the names of all it encloses change with the source: else a cache is stale."""
     enclosed = [cell.cell_contents for cell in function.__closure__ or ()]
     modules = [one.__module__ for one in enclosed if isinstance(one, FunctionType)]
     return all(module.startswith(("forcebound.", "forcebound_user_")) for module in modules)
@@ -144,7 +144,7 @@ def outlined(function: Callable[P, R]) -> Callable[P, R]:
 def allow_in_kernels(functions: Iterable[Callable[..., object]]) -> None:
     """Let compiled kernels call these plain functions; they stay plain for everyone else.
 
-    With them go the functions that they call, of this package and of their own module. All are
+    With them go the functions that they call, of this package and of their module. All are
     inlined, which makes loops fast; but for those that are :func:`outlined`.
     """
     from numba.extending import register_jitable

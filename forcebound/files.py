@@ -116,7 +116,7 @@ def read_rows(path: Path, what: str) -> Iterator[tuple[str, list[str]]]:
 def content_of(name: object) -> Iterator[None]:
     """Turn whatever is raised within into one ConfigError: a file's content may be anything.
 
-    The errors of forcebound have their own words, and pass.
+    The errors of forcebound pass as they are.
     """
     try:
         with warnings.catch_warnings():
@@ -126,8 +126,8 @@ def content_of(name: object) -> Iterator[None]:
         raise
     except Exception as error:
         raise ConfigError(
-            f"cannot make sense of {name} ({type(error).__name__}: {error}): it is damaged or of"
-            " another version, or this is a mistake of forcebound"
+            f"cannot make sense of {name} ({type(error).__name__}: {error}): the file is damaged"
+            " or of another version, or this is a bug in forcebound"
         ) from error
 
 

@@ -35,7 +35,7 @@ HUGE = 1e30  # of other numbers, in SI units: their squares and products are fin
 
 @runtime_checkable
 class Note(Protocol):
-    """What a type says of a value beside its kind, in ``Annotated[float, Unit("s"), POSITIVE]``."""
+    """Note of a type on a value, in ``Annotated[float, Unit("s"), POSITIVE]``."""
 
     def read(self, value: Any, symbol: str) -> Any:
         """Return what is meant by ``value``, in the unit ``symbol``; ValueError if it is wrong."""
@@ -61,7 +61,7 @@ class Unit:
 
 @dataclass(frozen=True)
 class Range:
-    """The values of an annotated number that make sense; bounds in the number's own SI unit.
+    """The values of an annotated number that make sense; bounds in the number's SI unit.
 
     A time is at most a ``DAY`` in any case.
     """
@@ -114,7 +114,7 @@ class Range:
 
 @dataclass(frozen=True)
 class CheckedText:
-    """What a text must be, in ``Annotated[str, CheckedText(check)]``."""
+    """Requirement on a text, in ``Annotated[str, CheckedText(check)]``."""
 
     check: Callable[[str], object]  # raises ConfigError if a text will not do
 
@@ -145,6 +145,13 @@ def check_ranges(settings: Any) -> None:
                 permitted.check(number, symbol)
         except ConfigError as error:
             raise ConfigError(f"{name} {error}", field=name) from None
+
+
+class Ranged:
+    """Base of a dataclass whose construction checks its ranges."""
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
 
 
 @cache

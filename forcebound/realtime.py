@@ -6,7 +6,7 @@ How it works:
    process on another core costs more than the messages themselves; launcher and recorder stay
    off that core (:func:`choose_core`, :func:`leave_core`).
 2. On that core the nodes run under SCHED_FIFO, the device above the controller above the
-   environment (:data:`forcebound.roles.ROLES`). Never without a core of their own: FIFO
+   environment (:data:`forcebound.roles.ROLES`). Never without a reserved core: FIFO
    processes that wander between cores are slower than ordinary ones.
 3. The kernel may be late by the timer slack, 50 us by default; 1 ns costs nothing and needs no
    right.
@@ -57,7 +57,7 @@ _libc = ctypes.CDLL(None, use_errno=True)
 
 @dataclass(frozen=True)
 class Settings:
-    """How punctual a process is asked to be."""
+    """Requested scheduling of a process."""
 
     policy: str = "fifo"  # or "other": ordinary scheduling
     core: int | None = None  # that the chain of nodes shares; None: any, and then never SCHED_FIFO
@@ -69,7 +69,7 @@ class Settings:
 def choose_core(
     requested: str | int, allowed: Collection[int] | None = None, taken: Sequence[int | None] = ()
 ) -> int | None:
-    """Return the core for the chain of nodes; None for ``"none"``, no core of its own.
+    """Return the core for the chain of nodes; None for ``"none"``, no reserved core.
 
     For ``"auto"`` it is the highest of those that the fewest other graphs have ``taken``, because
     core 0 takes most interrupts. ``allowed`` are by default the cores that the kernel says.

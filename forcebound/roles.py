@@ -15,7 +15,7 @@ LOST = 75  # exit status of a device process that has lost its device and may ha
 
 @dataclass(frozen=True)
 class Role:
-    """How the processes of one role are scheduled, started, ended and shown."""
+    """Scheduling, start, end and display of the processes of one role."""
 
     priority: int  # of SCHED_FIFO on the nodes' core; 0: ordinary, off that core: it is no node
     stop_group: int  # when it is ended: group 0 first, the next when all of the former are gone

@@ -53,7 +53,7 @@ MAX_FAULT = 300  # characters of a library's message in that of a PacketError
 _REFUSALS = (MsgspecError, ValueError, RecursionError, OverflowError)
 
 
-class _Form(NamedTuple):
+class _Rules(NamedTuple):
     """Remaining checks of a decoded packet."""
 
     vectors: tuple[str, ...]  # the first is never nil
@@ -81,13 +81,13 @@ _CHECKS: dict[type[Packet], Callable[[Any], None]] = {
 }
 
 
-def _form(kind: type[Packet]) -> _Form:
+def _rules_of(kind: type[Packet]) -> _Rules:
     types = field_types(kind)
     hints = (Vector, Vector | None, Vector | UnsetType)
     vectors = tuple(name for name, hint in types.items() if hint in hints)
     vectors_of = attrgetter(*vectors) if len(vectors) > 1 else None
     names = tuple(name for name in types if name in NAMES)
-    return _Form(vectors, vectors_of, names, _CHECKS.get(kind))
+    return _Rules(vectors, vectors_of, names, _CHECKS.get(kind))
 
 
 def plain(value: Any) -> float | dict[Any, Any]:
@@ -105,7 +105,7 @@ class _Head(Struct):
     version: Any = VERSION
 
 
-_FORMS = {kind: _form(kind) for kind in TOPIC_OF}
+_RULES = {kind: _rules_of(kind) for kind in TOPIC_OF}
 _DECODE: dict[type[Packet] | None, Callable[[bytes], Packet]] = {
     None: Decoder(Packet).decode,
     **{kind: Decoder(kind).decode for kind in TOPIC_OF},
@@ -136,19 +136,19 @@ def decode(data: bytes, expected: type[Packet] | None = None) -> Packet:
     kind = type(packet)
     if expected is None and len(data) > _LONGEST[kind]:
         raise _length_error(data, kind)
-    form = _FORMS[kind]
-    if form.vectors_of is not None:
-        first, *others = form.vectors_of(packet)
+    rules = _RULES[kind]
+    if rules.vectors_of is not None:
+        first, *others = rules.vectors_of(packet)
         axes = len(first)
         for vector in others:
             if vector and len(vector) != axes:
-                raise _axes_error(packet, form)
-    for name in form.names:
+                raise _axes_error(packet, rules)
+    for name in rules.names:
         text = getattr(packet, name)
         if text and not text.isprintable():
             raise _name_text_error(packet, name, text)
-    if form.check is not None:
-        form.check(packet)
+    if rules.check is not None:
+        rules.check(packet)
     return packet
 
 
@@ -176,8 +176,8 @@ def _printable(error: Exception) -> str:
     return "".join(each if each.isprintable() else "?" for each in str(error)[:MAX_FAULT])
 
 
-def _axes_error(packet: Packet, form: _Form) -> PacketError:
-    axes = [f"{name}: {len(getattr(packet, name) or ())}" for name in form.vectors]
+def _axes_error(packet: Packet, rules: _Rules) -> PacketError:
+    axes = [f"{name}: {len(getattr(packet, name) or ())}" for name in rules.vectors]
     return PacketError(
         "value",
         f"{TOPIC_OF[type(packet)]}: expected vectors of one length, got axes {', '.join(axes)}",

@@ -129,7 +129,7 @@ class Pointed(_Answer, tag="pointed"):
 
 
 class BounderReport(Struct, frozen=True, kw_only=True):
-    """What the bounder of a device has met since the force engaged."""
+    """Counts of the bounder of a device since the force engaged."""
 
     overruns: int = 0  # holds longer than the hold limit
     refused_readings: int = 0
@@ -167,7 +167,7 @@ class RemoteStatus(Struct, kw_only=True):
 
 
 class ProcessStatus(_Answer, kw_only=True):
-    """What every process of a graph reports."""
+    """Report of a process of a graph."""
 
     received: dict[str, int] = {}  # packets by topic
     rejected: dict[str, int] = {}  # packets by reason
@@ -179,7 +179,7 @@ class ProcessStatus(_Answer, kw_only=True):
 
 
 class NodeStatus(ProcessStatus, kw_only=True, tag="node"):
-    """What every node reports."""
+    """Report of a node."""
 
     steps: int = 0
     links: dict[str, dict[str, int]] = {}  # packets on impaired links, by topic and fate
@@ -221,7 +221,7 @@ class RecorderStatus(ProcessStatus, kw_only=True, tag="recorder"):
 
 
 class ProcessState(Struct, frozen=True):
-    """What the launcher knows of one process."""
+    """State of one process, as the launcher knows it."""
 
     state: str
     pid: int | None = None  # None: it does not run

@@ -9,7 +9,7 @@ from forcebound.messages.packets import MAX_TEXT, Event
 #: Of a study's session.
 TrialEvent: TypeAlias = Literal["trial_begins", "touch_begins", "touch_ends", "trial_ends"]
 #: Kinds of the events that the processes of a graph emit, besides those of a remote link.
-Kind: TypeAlias = TrialEvent | Literal[
+EventKind: TypeAlias = TrialEvent | Literal[
     "phase", "parameter_set", "law_changed", "bounder_reported", "link_counted",
     "force_engages", "force_released", "ticks_missed", "readings_refused", "packets_refused",
     "environment_awaited", "environment_serves", "environment_lost", "environment_refused",
@@ -41,7 +41,7 @@ class EventLog:
     def emit(
         self,
         time_ns: int,
-        event: Kind,
+        event: EventKind,
         message: str,
         data: Mapping[str, str] | None = None,
         *,
@@ -66,9 +66,9 @@ class EventLog:
         )
 
     def publish(self, time_ns: int, event: str, message: str, *, is_fault: bool) -> Event:
-        """Return the next event, which a part's own code sends; it has no kind of the graph."""
+        """Return the next event, which a part's code sends; it has no kind of the graph."""
         data = {PUBLISHED: "true"}
-        return self.emit(time_ns, cast(Kind, event), message, data, is_fault=is_fault)
+        return self.emit(time_ns, cast(EventKind, event), message, data, is_fault=is_fault)
 
     def link_counts(self, time_ns: int, topic: str, counts: Mapping[str, int]) -> Event:
         """Return an event with the counts of a link's packets, by fate."""

@@ -4,7 +4,7 @@ The classes are msgspec structs: compiled code creates, encodes and checks them,
 needs four. Creating a packet checks nothing; decoding does. Only the objects of a scene, which no
 tick needs, are checked when they are made, too.
 
-Every packet carries ``seq`` (counts from 0 at its sender) and ``time_ns`` (the sender's own
+Every packet carries ``seq`` (counts from 0 at its sender) and ``time_ns`` (the sender's
 monotonic clock). An answer echoes ``device_seq`` and ``device_time_ns`` of the device state that it
 answers, so a loop delay is measured on the device's clock alone. ``hand`` names the hand to whose
 loop a packet belongs.
@@ -45,7 +45,7 @@ Quaternion: TypeAlias = tuple[float, float, float, float]  # w x y z; of length 
 
 
 def _means(meaning: str, unit: str = "") -> Meta:
-    """What a field means, for schemas and tables; a count, a share or a text has no unit."""
+    """Return the meaning of a field, for schemas and tables; a count, share or text has no unit."""
     return Meta(description=meaning, extra_json_schema={"unit": unit})
 
 
@@ -69,7 +69,7 @@ _Measured: TypeAlias = Annotated[
 
 
 class Contact(NamedTuple):
-    """Where a virtual tip touches what it cannot enter."""
+    """Contact of a virtual tip with what it cannot enter."""
 
     proxy: Vector  # m, where the tip would be if it could enter nothing; one entry per axis
     normal: Vector  # outward unit normal there, same shape
@@ -81,9 +81,9 @@ Shape: TypeAlias = Literal["plane", "sphere", "box", "cylinder", "mesh", "points
 class SceneObject(Struct, frozen=True, omit_defaults=True, gc=False):
     """One thing that a display may draw.
 
-    ``size``, in m, depends on the shape: of a sphere its radius; of a box its edges along its own
-    x, y and z; of a cylinder its radius, and its length along its own z; of a mesh the length of
-    its file's unit; of the others nothing. A plane passes through ``position``, its own z is its
+    ``size``, in m, depends on the shape: of a sphere its radius; of a box its edges along its
+    x, y and z; of a cylinder its radius, and its length along its z; of a mesh the length of
+    its file's unit; of the others nothing. A plane passes through ``position``, its z is its
     outward normal. The points of a path are joined in their order.
 
     Raises:
@@ -93,7 +93,7 @@ class SceneObject(Struct, frozen=True, omit_defaults=True, gc=False):
     name: _Name  # no other object of the scene has it
     shape: Shape
     position: Point = (0.0, 0.0, 0.0)  # m, of the object's centre or origin
-    orientation: Quaternion = (1.0, 0.0, 0.0, 0.0)  # of the object's own axes
+    orientation: Quaternion = (1.0, 0.0, 0.0, 0.0)  # of the object's axes
     size: Annotated[Vector, Meta(max_length=3)] = ()
     is_removed: bool = False  # whether it is cut out of the others: a hole, a cavity
     is_fixed: bool = True  # whether it stays where it is
@@ -260,7 +260,7 @@ class EnergyTransfer(_Wire, frozen=True, tag="energy_transfer"):
 
 
 class Scene(_Wire, frozen=True, tag="scene"):
-    """What there is to draw, and where the virtual tips are."""
+    """Objects to draw, and places of the virtual tips."""
 
     seq: Annotated[_Count, _means("count of this packet at its sender, from 0")]
     time_ns: Annotated[_Count, _means("sender's monotonic clock", "ns")]
@@ -312,7 +312,7 @@ TOPIC_OF: dict[type[Packet], str] = {packet: topic for topic, packet in TOPICS.i
 
 
 class Meaning(NamedTuple):
-    """What a field of a packet means."""
+    """Meaning of a field of a packet."""
 
     text: str
     unit: str  # SI; "" for a count, a share or a text

@@ -84,7 +84,7 @@ class NodeSpec(Struct, frozen=True):
 
     @property
     def is_node(self) -> bool:
-        """Whether it is in the loop."""
+        """True if it is in the loop."""
         return self.role in ROLES and ROLES[self.role].priority > 0
 
 

@@ -4,7 +4,7 @@ A node owns no clock, socket, thread or file. A runner (:mod:`forcebound.run.pro
 :mod:`forcebound.run.simulation` in virtual time) calls :meth:`Node.step` with the time and the
 packets that have arrived, publishes what it returns, and calls again when packets arrive or when
 :attr:`Node.wake_ns` has come. A node does not know which of the two runs it; which packets it
-receives, and who receives its own, says :mod:`forcebound.messages.topology`.
+receives, and who receives its packets, says :mod:`forcebound.messages.topology`.
 """
 
 import logging
@@ -24,14 +24,14 @@ _logger = logging.getLogger(__name__)
 
 
 class Node(Protocol):
-    """What a runner asks of a node.
+    """A node, as its runner sees it.
 
     A node that derives from this class has the methods that most nodes do not need.
     """
 
-    wakes_on_arrival: ClassVar[bool]  # False: packets wait for the node's own time
+    wakes_on_arrival: ClassVar[bool]  # False: packets wait for the node's time
     requests: ClassVar[tuple[type[Request], ...]] = ()  # that its :meth:`handle` takes
-    events: EventLog  # of its process: the runner makes its own events with it, too
+    events: EventLog  # of its process: the runner makes events with it, too
     rejected: Mapping[str, int] = MappingProxyType({})  # packets so far, by reason
 
     @property
@@ -41,12 +41,12 @@ class Node(Protocol):
 
     @property
     def needs_packets(self) -> bool:
-        """Whether the next step uses what has arrived; if not, it may wait for a later step."""
+        """True if the next step uses what has arrived; else it may wait for a later step."""
         return True
 
     @property
     def awaits_requests(self) -> bool:
-        """Whether a request is to be looked for after this step, and not only every 10 ms."""
+        """True if a request is to be looked for after this step, not only every 10 ms."""
         return False
 
     def step(self, time_ns: int, received: Sequence[Packet]) -> Sequence[Packet]:

@@ -4,9 +4,9 @@ At each write the bounder hears what really happened since the last one, before 
 
 1. *When.* The time of the reading, and later the time from which the written force acts: from the
    device's stamps; else from the clock, before the read and after the write, so that the time
-   between them is never taken for shorter than it is; else the time of the tick. By how much a
-   reading may be later than its stamp is added to the interval: the same way in a longer time
-   dissipates less. So the bounder's clock runs ahead by what is uncertain.
+   between them is never taken for shorter than it is; else the time of the tick. The same distance
+   over a longer time dissipates less, so adding the uncertainty of a stamp to the interval is safe.
+   The bounder's clock runs ahead by it.
 2. *Cuts.* Where and when a guarding or reporting watchdog has dropped a force.
 3. *The hold limit* of the force to come. The device is given it before the write, and the bounder
    plans with the limit that the device returns.
@@ -33,7 +33,7 @@ from forcebound.messages.packets import Vector
 
 
 class Written(NamedTuple):
-    """What one write did, at the tip."""
+    """Result of one write, at the tip."""
 
     position: Vector  # m, of the reading that the bounder used
     applied: Vector  # N
@@ -122,7 +122,7 @@ class BoundedDevice:
 
     @property
     def holds_force(self) -> bool:
-        """Whether the motors may have a force at the next reading.
+        """True if the motors may have a force at the next reading.
 
         One that was written and does not act yet, or what an amplifier with a lag has left of it.
         """

@@ -9,7 +9,7 @@ samples of the law's ledger are the writes.
 Late ticks are skipped and counted, never run in a burst: after a stall the node continues with the
 tick that is due, and a tick whose write would have been due before the last one is skipped, too.
 
-Where a write is an exchange with the device, a slow one makes the next state late, and its own
+Where a write is an exchange with the device, a slow one makes the next state late, and its
 force took effect as late. So there the next write waits until a late state can have its answer: it
 still comes about a period after the force before.
 """
@@ -134,17 +134,17 @@ class DeviceNode(Node):
 
     @property
     def needs_packets(self) -> bool:
-        """Whether the next instant is the write; a command serves nothing before it."""
+        """True if the next instant is the write; a command serves nothing before it."""
         return self._writes_next
 
     @property
     def awaits_requests(self) -> bool:
-        """Whether somebody drags its hand; only after a write, when the loop rests."""
+        """True if somebody drags its hand; only after a write, when the loop rests."""
         return self._is_dragged and not self._writes_next
 
     @property
     def is_engaged(self) -> bool:
-        """Whether force may be applied: engaged and not stopped."""
+        """True if force may be applied: engaged and not stopped."""
         return self._engaged_ns is not None and not self._stopped
 
     def engage(self) -> None:

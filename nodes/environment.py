@@ -2,7 +2,7 @@
 
 While an answer is computed no other query is answered, as in a real computation. Of the queries of
 a hand that arrive during that time only the newest waits. The injected computation time is added to
-that of the environment's own code.
+that of the environment's code.
 
 A query names the environment whose answers its hand accepts. If it names another one, this one is
 rejected: it emits an event and waits. It still answers that hand once a second, so that the hand's
@@ -10,7 +10,7 @@ controller knows of it.
 
 One process answers all hands. When a hand's queries end, its contact gives no more force to others.
 
-An answer carries the contact that the environment reports; its scene is sent in steps of its own
+An answer carries the contact that the environment reports; its scene is sent in separate steps
 (:mod:`forcebound.nodes.scene`).
 """
 
@@ -131,7 +131,7 @@ class EnvironmentNode(Node):
         self._step_ns = 0  # the last step
         self._seq = 0
         self._users: dict[str, _User] = {}  # by hand
-        self._has_changed = False  # whom it serves, so that events may be due
+        self._serving_changed = False  # so an event may be due
         self.events = EventLog(ENVIRONMENT)
         self._signals = Signals(self._environment, model.signals, self.events, self.reject)
         self._scene = SceneSource(self._environment, self.events)
@@ -173,9 +173,9 @@ class EnvironmentNode(Node):
     def _watch(self) -> None:
         self._signals.watch(self._environment)
         self._scene.watch(self._environment)
-        own = overridden(self._environment, Environment)
-        self._takes_readings = "take_readings" in own
-        self._notices_leaving = "leave" in own
+        methods = overridden(self._environment, Environment)
+        self._takes_readings = "take_readings" in methods
+        self._notices_leaving = "leave" in methods
 
     def close(self) -> None:
         close_part(self._environment.close, ENVIRONMENT)
@@ -186,7 +186,7 @@ class EnvironmentNode(Node):
             if type(packet) is EnvironmentQuery:
                 self._take(packet, time_ns)
         if len(self._users) > 1:
-            self._part(time_ns)
+            self._drop_absent(time_ns)
         was_due, answered = self._scene.is_due, self._seq
         packets = self._answers(time_ns)
         packets += self._signals.events(time_ns)
@@ -212,8 +212,8 @@ class EnvironmentNode(Node):
         user.is_present = True
         self._waiting[query.hand] = query
 
-    def _part(self, time_ns: int) -> None:
-        """Let the hands leave whose queries have ended."""
+    def _drop_absent(self, time_ns: int) -> None:
+        """Let hands leave whose queries have ended."""
         for hand, user in self._users.items():
             if user.is_present and time_ns - user.heard_ns > ABSENT_NS:
                 user.is_present = False
@@ -227,7 +227,7 @@ class EnvironmentNode(Node):
 
     def _answers(self, time_ns: int) -> list[Packet]:
         """Return the answers that are ready, and events about them."""
-        replies: list[Packet] = self._states(time_ns) if self._has_changed else []
+        replies: list[Packet] = self._states(time_ns) if self._serving_changed else []
         if self._answering is not None and time_ns >= self._done_ns:
             replies.append(self._reply(*self._answering, time_ns))
             self._answering = None
@@ -258,13 +258,13 @@ class EnvironmentNode(Node):
     def _states(self, time_ns: int) -> list[Packet]:
         """Return the events that this environment begins or ceases to serve hands."""
         events: list[Packet] = []
-        self._has_changed = False
+        self._serving_changed = False
         for hand, user in self._users.items():
             state = (user.is_serving, user.refused_for)
             if state == user.emitted:
                 continue
             if time_ns < user.emit_ns:
-                self._has_changed = True
+                self._serving_changed = True
                 continue
             user.emitted = state
             if state != (False, None):
@@ -286,8 +286,8 @@ class EnvironmentNode(Node):
         return self.events.emit(time_ns, "environment_refused", message, data, is_fault=True)
 
     def _may_serve(self, user: _User, serving: str | None, time_ns: int) -> bool:
-        """Whether to answer a query; one that is meant for another environment, once a second."""
-        self._has_changed = True
+        """Return whether to answer a query; once a second if it is for another environment."""
+        self._serving_changed = True
         user.is_serving = serving == self.name
         if user.is_serving or serving is None:
             user.refused_for = None

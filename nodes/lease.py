@@ -11,7 +11,7 @@ looked at when it arrives (:meth:`Lease.admit`), before an impaired link orders 
 answer of another one must not displace that of the holder there.
 """
 
-from forcebound.messages.events import EventLog, Kind
+from forcebound.messages.events import EventKind, EventLog
 from forcebound.messages.packets import Event, Packet
 
 LEASE_NS = 1_000_000_000  # by default; twice the age limit where that is more
@@ -104,7 +104,13 @@ class Lease:
         return [self._event(time_ns, "environment_refused", message, environment, is_fault=True)]
 
     def _event(
-        self, time_ns: int, event: Kind, message: str, environment: str, *, is_fault: bool = False
+        self,
+        time_ns: int,
+        event: EventKind,
+        message: str,
+        environment: str,
+        *,
+        is_fault: bool = False,
     ) -> Event:
         data = {"environment": environment}
         return self._events.emit(time_ns, event, message, data, is_fault=is_fault)

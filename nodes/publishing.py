@@ -7,7 +7,7 @@ from msgspec import UNSET, UnsetType
 
 from forcebound.files import printable
 from forcebound.haptics.parts.signals import Publisher, Signal
-from forcebound.messages.events import REMOTE, EventLog, Kind
+from forcebound.messages.events import REMOTE, EventKind, EventLog
 from forcebound.messages.packets import MAX_NAME, Event
 
 EVENTS_PER_SECOND = 10  # of one part; further ones are counted
@@ -61,5 +61,5 @@ class Signals:
 
 
 def _is_kind(event: str) -> bool:
-    is_reserved = event in get_args(Kind) or event.startswith(REMOTE)
+    is_reserved = event in get_args(EventKind) or event.startswith(REMOTE)
     return 0 < len(event) <= MAX_NAME and event.isprintable() and not is_reserved

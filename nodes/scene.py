@@ -1,7 +1,7 @@
 """The scene of an environment: what there is to draw, sent now and then, after an answer.
 
 A scene is sent when it has changed, at most 30 times a second, and at least once a second, so that
-late subscribers receive it. It is made in a step of its own, after an answer has left.
+late subscribers receive it. It is made in a separate step, after an answer has left.
 """
 
 import logging
@@ -50,7 +50,7 @@ class SceneSource:
             self._wait_until_ns = time_ns + LONGEST_WAIT_NS
 
     def may_wait(self, time_ns: int) -> bool:
-        """Whether an answer that leaves now goes first."""
+        """Return whether an answer that leaves now goes first."""
         return time_ns < self._wait_until_ns
 
     def packets(self, time_ns: int, proxies: Mapping[str, Vector]) -> list[Packet]:
@@ -69,7 +69,7 @@ class SceneSource:
             if (objects, proxies) == self._sent and time_ns < self._repeat_ns:
                 return []
             scene = self._fitting(Scene(self._seq, time_ns, objects[:MAX_LENGTH], dict(proxies)))
-        except Exception as error:  # of a user's own code, or no scene
+        except Exception as error:  # of a user's code, or no scene
             self._has_scene = False
             _logger.warning("the environment's scene: %s", describe_user_error(error))
             message = "the environment's scene cannot be sent: its log gives the reason"

@@ -2,13 +2,13 @@
 
 from typing import TypeAlias
 
-from forcebound.run.actions import Action, Engage, Engaged, Event, Limits, Reported
+from forcebound.run.actions import Action, Engage, Engaged, LifecycleEvent, Reported, TimeLimits
 from forcebound.run.lifecycle import Lifecycle
 
 NODES = ("environment", "controller", "device", "recorder")
-LIMITS = Limits(start_ns=100, engage_ns=10, stop_ns=20, recorder_stop_ns=50, kill_ns=5)
+LIMITS = TimeLimits(start_ns=100, engage_ns=10, stop_ns=20, recorder_stop_ns=50, kill_ns=5)
 
-Step: TypeAlias = tuple[int, Event | None, list[Action]]  # when (ns), what happens, what is done
+Step: TypeAlias = tuple[int, LifecycleEvent | None, list[Action]]  # time in ns, event, actions
 
 READY = [Reported(name, ()) for name in NODES]
 RUNNING: list[Step] = [

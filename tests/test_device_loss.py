@@ -30,8 +30,8 @@ from forcebound.run.actions import (
     Engage,
     Engaged,
     Interrupted,
-    Phase,
     Reported,
+    RunPhase,
     Start,
     Terminate,
 )
@@ -48,7 +48,7 @@ def test_a_lost_device_waits_for_the_word_and_engages_again() -> None:
     lifecycle = running()
     assert lifecycle.advance(499, ResumeDevice()) == []
     assert lifecycle.advance(500, Ended("device", LOST)) == [ADVISED]
-    assert (lifecycle.phase, lifecycle.state("device")) == (Phase.RUNNING, "lost")
+    assert (lifecycle.phase, lifecycle.state("device")) == (RunPhase.RUNNING, "lost")
     assert lifecycle.advance(600) == []
     assert lifecycle.advance(700, ResumeDevice()) == [Start("device"), STARTED]
     assert lifecycle.restarts.counts == {"device": 1}
@@ -75,7 +75,7 @@ def test_a_device_that_was_killed_or_crashed_ends_the_run() -> None:
     for status in (-signal.SIGKILL, 1):
         lifecycle = running()
         lifecycle.advance(500, Ended("device", status))
-        assert lifecycle.phase is Phase.STOPPING
+        assert lifecycle.phase is RunPhase.STOPPING
         assert lifecycle.failure is not None
 
 

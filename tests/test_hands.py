@@ -27,7 +27,7 @@ from forcebound.observe.doctor import examine
 from forcebound.observe.observation import observe
 from forcebound.recordings.recording import read
 from forcebound.roles import LAUNCHER, LOST
-from forcebound.run.actions import Announce, Ended, Engaged, Phase, Reported, Start, Terminate
+from forcebound.run.actions import Announce, Ended, Engaged, Reported, RunPhase, Start, Terminate
 from forcebound.run.lifecycle import Lifecycle
 from forcebound.run.results import results_of
 from forcebound.run.run_directory import RunDocument, graph_in
@@ -288,13 +288,13 @@ def test_a_lost_device_leaves_the_other_hand_its_force(config: GraphConfig) -> N
     states = {name: lifecycle.state(name) for name in ("left/device", "right/device")}
     assert states == {"left/device": "lost", "right/device": "running"}
     assert Start("left/device") in lifecycle.advance(600, ResumeDevice("left/device"))
-    assert lifecycle.phase is Phase.RUNNING
+    assert lifecycle.phase is RunPhase.RUNNING
 
 
 def test_a_device_that_does_not_wait_ends_the_run_of_all_hands(config: GraphConfig) -> None:
     lifecycle = running(config.graph)
     ends = lifecycle.advance(500, Ended("left/device", 1))
-    assert lifecycle.phase is Phase.STOPPING
+    assert lifecycle.phase is RunPhase.STOPPING
     assert Terminate("right/device") in ends
 
 

@@ -13,8 +13,8 @@ from forcebound.run.actions import (
     Engaged,
     Interrupted,
     Kill,
-    Phase,
     Reported,
+    RunPhase,
     Terminate,
     describe_status,
 )
@@ -174,10 +174,10 @@ def test_each_history_leads_to_its_actions(history: str) -> None:
     assert told == failure
     all_ended = {e.node for _, e, _ in steps if isinstance(e, Ended)} == set(NODES)
     if all_ended or "left" in history:
-        assert lifecycle.phase is Phase.OVER
+        assert lifecycle.phase is RunPhase.OVER
         assert lifecycle.deadline_ns is None
     else:
-        assert lifecycle.phase is Phase.STOPPING
+        assert lifecycle.phase is RunPhase.STOPPING
 
 
 def test_without_a_duration_a_run_goes_on_until_interrupted() -> None:
@@ -195,7 +195,7 @@ def test_a_device_that_is_killed_while_it_still_starts_is_no_failure() -> None:
     assert lifecycle.advance(1, Interrupted()) == [Terminate("device")]
     assert lifecycle.advance(1 + LIMITS.stop_ns) == [Kill("device")]
     assert lifecycle.advance(30, Ended("device", -signal.SIGKILL)) == []
-    assert lifecycle.phase is Phase.OVER
+    assert lifecycle.phase is RunPhase.OVER
     assert lifecycle.failure is None
 
 

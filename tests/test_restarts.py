@@ -8,11 +8,11 @@ from forcebound.run.actions import (
     Action,
     Announce,
     Ended,
-    Event,
     Interrupted,
     Kill,
-    Phase,
+    LifecycleEvent,
     Reported,
+    RunPhase,
     Start,
     Terminate,
 )
@@ -44,7 +44,7 @@ def test_a_node_that_ends_by_itself_while_running_is_started_at_once(
 ) -> None:
     lifecycle = running()
     assert lifecycle.advance(500, Ended(node, status)) == [died(node, words), *started(node)]
-    assert lifecycle.phase is Phase.RUNNING
+    assert lifecycle.phase is RunPhase.RUNNING
     assert lifecycle.failure is None
     assert lifecycle.restarts.counts == {node: 1}
     assert lifecycle.state(node) == "starting"
@@ -84,7 +84,7 @@ def test_five_deaths_within_ten_seconds_end_the_run() -> None:
     for time_ns in (1, 2 * SECOND, 4 * SECOND, 6 * SECOND):
         lifecycle.advance(time_ns, Ended("environment", 3))
         lifecycle.advance(time_ns + SECOND)
-        assert lifecycle.phase is Phase.RUNNING
+        assert lifecycle.phase is RunPhase.RUNNING
     assert lifecycle.advance(10 * SECOND, Ended("environment", 3)) == [
         died("environment", "exit status 3"),
         Terminate("device"),
@@ -102,12 +102,12 @@ def test_deaths_of_two_nodes_are_counted_apart() -> None:
         for node in ("controller", "environment"):
             lifecycle.advance(time_ns, Ended(node, 3))
             lifecycle.advance(time_ns + SECOND)
-    assert lifecycle.phase is Phase.RUNNING
+    assert lifecycle.phase is RunPhase.RUNNING
     assert lifecycle.restarts.counts == {"controller": 4, "environment": 4}
 
 
 @pytest.mark.parametrize("end", [None, Interrupted()])
-def test_the_run_ends_in_time_while_a_node_is_down(end: Event | None) -> None:
+def test_the_run_ends_in_time_while_a_node_is_down(end: LifecycleEvent | None) -> None:
     lifecycle = running(1000)
     lifecycle.advance(500, Ended("environment", 1))
     lifecycle.advance(501, Ended("environment", 1))  # and is down for 0.2 s
@@ -117,7 +117,7 @@ def test_the_run_ends_in_time_while_a_node_is_down(end: Event | None) -> None:
     assert lifecycle.advance(SECOND) == [Kill("controller")]  # and no start of the environment
     assert lifecycle.advance(SECOND, Ended("controller", -9)) == [Terminate("recorder")]
     assert lifecycle.advance(SECOND, Ended("recorder", 0)) == []
-    assert lifecycle.phase is Phase.OVER
+    assert lifecycle.phase is RunPhase.OVER
 
 
 def test_a_node_that_is_told_to_stop_before_it_can_listen_is_no_failure() -> None:
@@ -129,7 +129,7 @@ def test_a_node_that_is_told_to_stop_before_it_can_listen_is_no_failure() -> Non
     lifecycle.advance(1006, Ended("controller", 0))
     assert lifecycle.failure is None
     assert lifecycle.advance(1007, Ended("recorder", 0)) == []
-    assert lifecycle.phase is Phase.OVER
+    assert lifecycle.phase is RunPhase.OVER
 
 
 def test_a_node_stops_on_request_and_stays_away_until_it_is_started() -> None:
@@ -159,7 +159,7 @@ def test_who_does_not_stop_on_request_is_killed_and_that_is_no_fault_either() ->
     assert lifecycle.advance(522, Ended("controller", -9)) == [
         Announce("process_ended", "controller", message, is_fault=False, status="signal SIGKILL")
     ]
-    assert lifecycle.phase is Phase.RUNNING
+    assert lifecycle.phase is RunPhase.RUNNING
     assert lifecycle.advance(530, StartNode("controller")) == started("controller")
     lifecycle.advance(531, Reported("controller", ()))
     actions = lifecycle.advance(540, Ended("controller", -9))  # by itself, now
@@ -197,7 +197,7 @@ def test_the_end_of_the_run_while_a_node_stops_on_request_is_no_failure(status: 
     assert lifecycle.advance(504, Ended("controller", 0)) == [Terminate("recorder")]
     assert lifecycle.advance(505, Ended("recorder", 0)) == []
     assert lifecycle.failure is None
-    assert lifecycle.phase is Phase.OVER
+    assert lifecycle.phase is RunPhase.OVER
 
 
 def test_a_request_that_cannot_be_met_changes_nothing_and_says_why() -> None:
@@ -212,5 +212,5 @@ def test_a_request_that_cannot_be_met_changes_nothing_and_says_why() -> None:
         assert reason in (lifecycle.refusal(StopNode(node)) or "")
         assert lifecycle.advance(1, StopNode(node)) == []
         assert lifecycle.advance(1, StartNode(node)) == []
-    assert lifecycle.phase is Phase.STARTING
+    assert lifecycle.phase is RunPhase.STARTING
     assert running().refusal(StopNode("controller")) is None

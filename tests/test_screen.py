@@ -4,14 +4,14 @@ import pytest
 from run_starts import NODES
 
 from forcebound.graph.loader import load
-from forcebound.run.actions import Engaged, Interrupted, Limits, Reported
+from forcebound.run.actions import Engaged, Interrupted, Reported, TimeLimits
 from forcebound.run.lifecycle import Lifecycle
 from forcebound.run.screen import Screen, doing
 from forcebound.run.virtual import run_virtual
 
 
 def test_each_step_of_a_start_is_told() -> None:
-    lifecycle = Lifecycle(NODES, None, 0, Limits())
+    lifecycle = Lifecycle(NODES, None, 0, TimeLimits())
     assert doing(lifecycle, 0.2) == "starting controller, device, environment, recorder, 0 s"
     for node in ("environment", "controller", "recorder"):
         lifecycle.advance(1, Reported(node, ()))

@@ -24,8 +24,9 @@ from forcebound.haptics.environments.membrane import Membrane
 from forcebound.haptics.environments.walls import Wall
 from forcebound.haptics.parts.signals import Signal, SignalError
 from forcebound.messages.codec import encode
-from forcebound.messages.events import PUBLISHED, EventLog, Kind
+from forcebound.messages.events import PUBLISHED, EventKind, EventLog
 from forcebound.messages.packets import EnvironmentReply, Event, ForceCommand, Vector
+from forcebound.messages.topology import HAND
 from forcebound.network.impairment import Impairment
 from forcebound.nodes.controller import ControllerNode
 from forcebound.nodes.environment import EnvironmentNode
@@ -194,7 +195,7 @@ def test_a_live_graph_shows_them_to_echo_page_and_recorder(gel: Path, mark: None
         words = ["echo", "environment_reply", "--field", "signals", "--json", "--count", "1"]
         echoed = CliRunner().invoke(main, [*words, "--run", str(graph.run_dir)])
         assert json.loads(echoed.stdout)["signals"]["depth"] > 0.0
-        feed = Feed(graph.run_dir, {"hand": 0.0})
+        feed = Feed(graph.run_dir, {HAND: 0.0})
         shown: list[float] = []
 
         def is_shown() -> bool:
@@ -370,7 +371,7 @@ def test_events_are_limited() -> None:
     assert node.rejected == {"event": 12}
 
 
-@pytest.mark.parametrize("kind", [*get_args(Kind), "remote_connected"])
+@pytest.mark.parametrize("kind", [*get_args(EventKind), "remote_connected"])
 def test_no_event_of_a_part_can_pose_as_one_of_the_graph(kind: str) -> None:
     node = talkative(happened=(kind,))
     assert not [packet for packet in answers(node, 0.0) if isinstance(packet, Event)]

@@ -24,7 +24,7 @@ from forcebound.messages.topology import ONE_HAND
 from forcebound.network import sockets
 from forcebound.observe import control
 from forcebound.observe.control import ask_launcher, start_node, stop_node
-from forcebound.run.actions import Limits
+from forcebound.run.actions import TimeLimits
 from forcebound.run.live import run_live
 from forcebound.run.screen import Screen
 from forcebound.run.supervisor import Supervisor
@@ -63,7 +63,7 @@ with Network() as network:
             sys.exit(3)
 """
 
-PATIENT = Limits(*[round(TIMEOUT * 1e9)] * 5)
+PATIENT = TimeLimits(*[round(TIMEOUT * 1e9)] * 5)
 
 
 SILENT = """import sys
@@ -91,7 +91,7 @@ def no_child_is_left() -> Iterator[None]:
 def supervise(
     run_dir: Path,
     modes: dict[str, str],
-    limits: Limits = PATIENT,
+    limits: TimeLimits = PATIENT,
     duration_ns: int | None = 50_000_000,
 ) -> tuple[bool, list[tuple[str, str]]]:
     said: list[tuple[str, str]] = []
@@ -295,5 +295,5 @@ def test_a_start_that_fails_leaves_no_recording_in_the_way(run_dir: Path, tmp_pa
     config = load(file)
     record = tmp_path / "run.mcap"
     with pytest.raises(RunError, match="not ready after"):
-        run_live(config, 0.5, record, Limits(start_ns=3 * 10**9))
+        run_live(config, 0.5, record, TimeLimits(start_ns=3 * 10**9))
     assert not record.exists()

@@ -21,7 +21,7 @@ from forcebound.graph.resolved import to_document
 from forcebound.messages.packets import EnvironmentQuery, EnvironmentReply
 from forcebound.network.impairment import Impairment
 from forcebound.nodes.environment import EnvironmentNode
-from forcebound.run.check import Checked, TickTimes, check_here, lines
+from forcebound.run.check import Checked, TickTimes, check_part, lines
 from forcebound.run.results import RunResult, run_metadata
 from forcebound.run.virtual import run_virtual
 
@@ -158,7 +158,7 @@ def test_what_is_not_certified_is_logged(
 
 @pytest.mark.parametrize("page", PAGES)
 def test_what_the_page_shows_passes_its_check(page: str, pages: Path) -> None:
-    assert check_here(page, str(pages / f"my_{page}.py")).violations == []
+    assert check_part(page, str(pages / f"my_{page}.py"), is_child=True).violations == []
 
 
 def test_the_check_times_a_tick_of_two_readings_or_of_one_that_a_write_brings(
@@ -172,7 +172,7 @@ def test_the_check_times_a_tick_of_two_readings_or_of_one_that_a_write_brings(
     ):
         path = tmp_path / f"my_device_{reads}.py"
         path.write_text(written)
-        times = check_here("device", str(path)).seconds_per_tick
+        times = check_part("device", str(path), is_child=True).seconds_per_tick
         assert times is not None
         assert times.reads == reads
         assert times.read > 0.0
@@ -202,7 +202,7 @@ def of_the_page(name: str) -> str:
 @pytest.mark.parametrize("name", ["Ball", "SprungMass", "Gel"])
 def test_an_environment_of_the_page_passes_its_check(name: str, tmp_path: Path) -> None:
     (tmp_path / "mine.py").write_text(of_the_page(name))
-    assert check_here("environment", str(tmp_path / "mine.py")).violations == []
+    assert check_part("environment", str(tmp_path / "mine.py"), is_child=True).violations == []
 
 
 def test_the_ball_of_the_page_is_the_one_that_new_writes() -> None:

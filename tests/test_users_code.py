@@ -19,7 +19,7 @@ from waiting import TIMEOUT, until
 from forcebound.bounded_child import ChildError, in_bounded_child, tried
 from forcebound.errors import ConfigError
 from forcebound.graph.loader import load, load_tried
-from forcebound.run.check import check_here, lines
+from forcebound.run.check import check_part, lines
 
 SOURCE = """\
 import ctypes, os, subprocess, sys, time
@@ -148,7 +148,7 @@ def test_a_slow_environment_is_asked_fewer_questions(
     monkeypatch.setattr("forcebound.run.check.QUERYING", 1.0)
     monkeypatch.setattr("forcebound.run.check.TIMING", 0.2)
     _, file = own(tmp_path, "time.sleep(0.02)")
-    checked = check_here("environment", str(file), [], [1, 2])
+    checked = check_part("environment", str(file), [], [1, 2])
     assert checked.passed
     assert 1 <= checked.questions <= 1.0 / 0.02 / 2
     assert checked.seconds_per_answer is not None

@@ -1,4 +1,4 @@
-"""An emulator in place of a real device, in a process of its own."""
+"""An emulator in place of a real device, in another process."""
 
 import json
 import os

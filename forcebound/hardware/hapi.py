@@ -42,7 +42,7 @@ _ANGLES = struct.Struct("<Bff")
 
 @dataclass(frozen=True)
 class Wiring:
-    """How motors and encoders of a version of the device are connected, ports 1 and 2.
+    """Connection of motors and encoders of a version of the device, ports 1 and 2.
 
     Attributes:
         base: Distance of the motors, in m.

@@ -21,6 +21,7 @@ from typing import Annotated, ClassVar
 
 from forcebound.errors import DeviceError
 from forcebound.haptics.devices import Source
+from forcebound.haptics.devices.arms import ASSUMED
 from forcebound.haptics.devices.knob import KnobNumbers
 from forcebound.haptics.devices.true_values import AngleOfJoints
 from forcebound.haptics.hands import Operator
@@ -80,13 +81,7 @@ class ODrive(KnobNumbers, SerialJoints):
     largest_speed: Annotated[AngularSpeed, POSITIVE] | None = 200.0
     write_delay: Annotated[Time, Range(at_least=0)] = 6e-4  # measured, with the emulator
     baud: Annotated[int, Range(at_least=9600)] | None = None
-    sources: Mapping[str, Source] = field(
-        default_factory=lambda: dict.fromkeys(
-            ("damping", "friction", "inertia", "resolution", "saturation", "largest_speed"),
-            "assumed",
-        ),
-        hash=False,
-    )
+    sources: Mapping[str, Source] = field(default_factory=lambda: ASSUMED, hash=False)
 
     def open(self, operator: Operator | None, hold_limit: float) -> "OpenODrive":
         zero = b"\n" + zero_torque(self.joints)  # the first ends a line that was cut short

@@ -95,7 +95,7 @@ class Switch:
 
     @property
     def is_on(self) -> bool:
-        """Whether all motors are."""
+        """True if all motors are on."""
         return not self._off
 
     def begin(self) -> None:

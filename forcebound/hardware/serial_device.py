@@ -28,7 +28,7 @@ Reply = TypeVar("Reply")
 
 @dataclass(frozen=True, kw_only=True)
 class SerialJoints(StatedJoints):
-    """What a driver states about its line.
+    """Stated numbers of a driver's line.
 
     Attributes:
         watchdog_limit: Age at which a force ends that nobody renews; a board that is silent for

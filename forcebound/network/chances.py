@@ -1,6 +1,6 @@
 """Chances of a link: loss, delay and the rest, drawn alike for links and computations.
 
-Each random decision has a generator of its own, and every packet draws all its numbers: two
+Each random decision has a separate generator, and every packet draws all its numbers: two
 settings compared under one seed differ in nothing but the setting. *Correlation* is netem's, ``u =
 (1 - rho) * new + rho * last``. The *time on the way* is ``delay + jitter * quantile(u)``, rounded
 to nanoseconds and never negative, or that of a trace.
@@ -31,7 +31,7 @@ class Fate(NamedTuple):
 class Draws(dict[str, Draw]):
     """The random numbers of one link by decision, uniform in [0, 1), a generator for each.
 
-    The copies of duplicated packets have numbers of their own (``is_copy``).
+    The copies of duplicated packets have other numbers (``is_copy``).
     """
 
     def __init__(self, seed: int, *, is_copy: bool = False) -> None:

@@ -31,7 +31,7 @@ class ControlServer:
         self.descriptor = int(socket.FD)
 
     def pending(self) -> bool:
-        """Whether a request is there."""
+        """Return whether a request is there."""
         return _has(self._socket, _POLLIN)
 
     def serve(self, answer: Callable[[Any], Answer], limit: int = SERVE_LIMIT) -> bool:
@@ -61,7 +61,7 @@ class ControlClient:
         self.descriptor = int(socket.FD)
 
     def pending(self) -> bool:
-        """Whether an answer is there."""
+        """Return whether an answer is there."""
         return _has(self._socket, _POLLIN)
 
     def ask(self, request: Request) -> bool:

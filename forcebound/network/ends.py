@@ -48,19 +48,19 @@ class RemoteEnd:
     listens: bool  # whether this end does
     address: str  # of the listening end: IPv4, IPv6 in brackets, or a name
     port: int = DEFAULT_PORT  # of the listening end
-    key: KeyPair | None = None  # our own pair; None: no keys
+    key: KeyPair | None = None  # our pair; None: no keys
     peers: Mapping[str, str] = field(default_factory=dict)  # that may connect: name by public key
     insecure: bool = False  # whether a link without keys may leave this machine
 
     def __post_init__(self) -> None:
-        # A listener without a key of its own would admit every peer.
+        # A listener without a key would admit every peer.
         if (self.key is None) != (not self.peers):
             raise ConfigError("keys are used by both ends or by none")
 
 
 @dataclass(frozen=True)
 class RemoteSection:
-    """Where a graph and its environment meet, and with which keys: the same on both machines.
+    """Address and keys of a graph and its environment: the same on both machines.
 
     Attributes:
         address: Of the listening end, as the other one reaches it.
@@ -208,7 +208,7 @@ def _own_environment(environment_keys: Sequence[str], folder: Path | None) -> st
 def _keys_of(
     role: Role, graph_key: str, environment_keys: Sequence[str], folder: Path | None
 ) -> tuple[KeyPair, dict[str, str]]:
-    """Return our own pair, and the other end's names by public key."""
+    """Return our pair, and the other end's names by public key."""
     problems: list[str] = []
     if role == "graph":
         pair = _noting(problems, "remote.graph_key: ", keys.key_pair, graph_key, folder)

@@ -20,6 +20,7 @@ from forcebound.quantities import (
     NOT_NEGATIVE,
     PROBABILITY,
     DataRate,
+    Ranged,
     Ratio,
     Time,
     check_ranges,
@@ -55,7 +56,7 @@ QUANTILES: Mapping[str, Callable[[float], float]] = {
 
 
 @dataclass(frozen=True)
-class GilbertElliott:
+class GilbertElliott(Ranged):
     """Loss in bursts.
 
     Attributes:
@@ -70,12 +71,9 @@ class GilbertElliott:
     h: Annotated[Ratio, PROBABILITY] = 0.0
     k: Annotated[Ratio, PROBABILITY] = 1.0
 
-    def __post_init__(self) -> None:
-        check_ranges(self)
-
 
 @dataclass(frozen=True)
-class Outage:
+class Outage(Ranged):
     """A time in which every packet that arrives is lost.
 
     Counted from the first packet that the link gets after the outages were set.
@@ -84,13 +82,10 @@ class Outage:
     start: Annotated[Time, NOT_NEGATIVE]
     duration: Annotated[Time, NOT_NEGATIVE]
 
-    def __post_init__(self) -> None:
-        check_ranges(self)
-
 
 @dataclass(frozen=True)
 class Impairment:
-    """What a link does to packets; the default is a perfect link.
+    """Impairment of packets by a link; the default is a perfect link.
 
     Attributes:
         delay: Time on the way, in s, at least 0.
@@ -103,7 +98,7 @@ class Impairment:
             around the loop.
         correlation: Of a delay with the one before, 0 to 1.
         gemodel: Loss in bursts, instead of ``loss``.
-        duplicate: Probability of a packet coming twice. The copy has its own chances.
+        duplicate: Probability of a packet coming twice. The copy has separate chances.
         corrupt: Probability of a packet being damaged. Packets are whole here, so a damaged one
             travels as any other and is thrown away on arrival, as by a checksum.
         reorder: Probability of a packet going at once, before those that are delayed.
@@ -158,7 +153,7 @@ class Impairment:
 
     @property
     def is_plain(self) -> bool:
-        """Whether there is nothing but delay, uniform jitter and independent loss."""
+        """True if there is nothing but delay, uniform jitter and independent loss."""
         return self == Impairment(self.delay, self.jitter, self.loss)
 
     @property

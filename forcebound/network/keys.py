@@ -143,7 +143,7 @@ def key_pair(key: str, folder: Path | None = None) -> KeyPair:
 
 
 def has_secret(key: str, folder: Path | None = None) -> bool:
-    """Whether this machine holds the secret of a key, named or given as a public key."""
+    """Return whether this machine holds the secret of a key, named or given as a public key."""
     folder = folder or key_folder()
     if not _is_key(key):
         return os.path.exists(folder / f"{key}{SECRET}")

@@ -13,7 +13,7 @@ the packet arrives.
 *Newest wins*: the receiver gets, of the packets that are through, only the newest, and never one
 that is older than what it got before; the others are superseded. Which of two packets is newer is
 decided by the *origin*: the device state that a packet answers, or the packet itself if it answers
-nothing; the answerer's own ``seq`` decides between two answers to one state. The stamp comes before
+nothing; the answerer's ``seq`` decides between two answers to one state. The stamp comes before
 the sequence number because of restarts: a *process* that starts again counts from 0, but its clock
 goes on, so its first packet passes at once. A *machine* also sets its clock back: packets that
 arrive stamped more than ``RESTART_NS`` before the newest begin a new life of the sender, newer than
@@ -122,17 +122,17 @@ class Link(Generic[PacketT]):
 
     @property
     def has_rate(self) -> bool:
-        """Whether the size of a packet matters."""
+        """True if the size of a packet matters."""
         return self._impairment.rate > 0.0
 
     @property
     def queued(self) -> int:
-        """How many packets are on the way."""
+        """Number of packets on the way."""
         return len(self._queue)
 
     @property
     def next_due_ns(self) -> int | None:
-        """When the next packet on the way is through, in ns; None if there is none."""
+        """Time when the next packet on the way is through, in ns; None if there is none."""
         return self._queue[0][0] if self._queue else None
 
     def accept(self, time_ns: int, packet: PacketT, size: int = PACKET_SIZE) -> None:

@@ -50,12 +50,12 @@ class Notice:
 
     @property
     def is_problem(self) -> bool:
-        """Whether the user should do something about it."""
+        """True if the user should do something about it."""
         return self.kind in PROBLEMS
 
     @property
     def message(self) -> str:
-        """What has happened, and what to do."""
+        """The event, and the remedy."""
         problem = PROBLEMS.get(self.kind)
         if problem is None:
             return self.detail

@@ -57,12 +57,12 @@ class RemoteLink:
 
     @property
     def connected(self) -> bool:
-        """Whether a peer is there."""
+        """True if a peer is connected."""
         return bool(self._peer.peers)
 
     @property
     def due_ns(self) -> int:
-        """When :meth:`watch` should be called at the latest, on the clock that it is given."""
+        """Latest time to call :meth:`watch`, on the clock that it is given."""
         return 0 if self.channel.greetings else self._due_ns
 
     def status(self) -> RemoteStatus:

@@ -53,7 +53,7 @@ class Subscriber:
         self.descriptor = int(socket.FD)
 
     def pending(self) -> bool:
-        """Whether a packet is there."""
+        """Return whether a packet is there."""
         return bool(int(self._get(self._socket, _EVENTS)) & _POLLIN)
 
     def wait(self) -> bytes | None:
@@ -112,7 +112,7 @@ class Channel:
 
     An empty message is a *greeting*: a ROUTER can send only to a peer that has sent something
     before. So the end that connects greets when it is connected, and again once a second. ZeroMQ's
-    own greeting (PROBE_ROUTER) does not leave before the first message with IMMEDIATE 1, and is not
+    greeting (PROBE_ROUTER) does not leave before the first message with IMMEDIATE 1, and is not
     repeated after a lost connection with IMMEDIATE 0 (libzmq 4.3.5).
 
     A send may consume the edge of the socket's descriptor, so call :meth:`pending` before waiting
@@ -144,7 +144,7 @@ class Channel:
         self._routes = list(self._sources)
 
     def pending(self) -> bool:
-        """Whether a message is there."""
+        """Return whether a message is there."""
         return bool(int(self._socket.get(_EVENTS)) & _POLLIN)
 
     def receive(self) -> list[Arrival]:

@@ -61,7 +61,7 @@ from forcebound.messages.topology import (
 from forcebound.recordings.launched import Launched
 from forcebound.recordings.schema import (
     ABSENT,
-    Signals,
+    DeclaredSignals,
     declared_signals,
     schema,
 )
@@ -304,7 +304,7 @@ class Recording:
         return self._hand
 
     @property
-    def signals(self) -> Signals:
+    def signals(self) -> DeclaredSignals:
         """The meaning of each signal that was declared, by topic and name."""
         declared = declared_signals(self.metadata)
         return {topic: declared.get(self._stream(topic), {}) for topic in TOPICS}

@@ -23,10 +23,10 @@ ABSENT: dict[str, object] = {"hand": HAND, "proxies": {}}
 _KEPT = ("type", "items", "minItems", "maxItems", "properties", "additionalProperties", "required")
 
 #: What the parts of a run publish: meanings of numbers by topic and name.
-Signals: TypeAlias = Mapping[str, Mapping[str, Meaning]]
+DeclaredSignals: TypeAlias = Mapping[str, Mapping[str, Meaning]]
 
 
-def declared_signals(metadata: Mapping[str, str]) -> Signals:
+def declared_signals(metadata: Mapping[str, str]) -> DeclaredSignals:
     """Return the signals that the metadata of a recording declares; ConfigError if damaged."""
     try:
         text = metadata.get("signals", "{}")

@@ -6,7 +6,7 @@ from enum import Enum, auto
 from typing import TypeAlias
 
 from forcebound.messages.control import ResumeDevice, StartNode, StopNode
-from forcebound.messages.events import Kind
+from forcebound.messages.events import EventKind
 from forcebound.roles import LOST
 
 #: What a user may ask of a launcher during a run; it is an event, if nothing is against it.
@@ -14,7 +14,7 @@ NodeRequest: TypeAlias = StopNode | StartNode | ResumeDevice
 
 
 @dataclass(frozen=True)
-class Limits:
+class TimeLimits:
     """Time limits, in ns."""
 
     start_ns: int = 180_000_000_000  # a first start compiles for 10 s of processor time
@@ -24,8 +24,8 @@ class Limits:
     kill_ns: int = 2_000_000_000  # from SIGKILL to the end of the process
 
 
-class Phase(Enum):
-    """Phase of a run."""
+class RunPhase(Enum):
+    """Phase of a run, from start to end."""
 
     STARTING = auto()
     ENGAGING = auto()
@@ -70,7 +70,7 @@ class Interrupted:
     """Request to end the run: Ctrl-C, SIGTERM, a closed terminal."""
 
 
-Event: TypeAlias = Reported | Engaged | Ended | Interrupted | NodeRequest
+LifecycleEvent: TypeAlias = Reported | Engaged | Ended | Interrupted | NodeRequest
 
 
 class Engage(_OfNode):
@@ -93,7 +93,7 @@ class Start(_OfNode):
 class Announce:
     """Publish an event of a process."""
 
-    event: Kind
+    event: EventKind
     node: str
     message: str
     is_fault: bool = False

@@ -25,7 +25,7 @@ from forcebound.roles import CONTROLLER, DEVICE, ENVIRONMENT
 
 
 def parts_of(role: str) -> Makes:
-    """Return which parts of a configuration the process of a node makes: only its own."""
+    """Return which parts of a configuration the process of a node makes: those it runs."""
     sections = ("device", "operator") if role == DEVICE else (role,)
     return lambda section, kind: section in sections
 

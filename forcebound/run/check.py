@@ -41,7 +41,7 @@ PROBES = (-0.010, 0.0, 0.005, 0.010, 0.011, 0.015, 0.020, 0.050)  # m, positions
 FEWEST_CALLS, CALLS = 10, 300  # that are timed
 QUERYING, TIMING = 10.0, 2.0  # s, approximately: queries of the contract, timed calls
 HOLD_LIMIT = 1.25e-3  # s, of a device while it is timed
-CHECK_S = 120.0  # for all of it, in a process of its own
+CHECK_S = 120.0  # for all of it, in another process
 
 Progress: TypeAlias = Callable[[str, int, int], None]
 
@@ -70,7 +70,7 @@ class TickTimes(Struct, frozen=True):
 
 
 class Checked(Struct, kw_only=True, omit_defaults=True):
-    """What the contract test finds of a part."""
+    """Findings of the contract test of a part."""
 
     part: Document  # kind and parameters
     passed: bool
@@ -93,10 +93,11 @@ def check_part(
     axes: Sequence[int] = (),
     rest: Sequence[str] = (),
     progress: Progress = lambda doing, done, total: None,
+    is_child: bool = False,
 ) -> Checked:
     """Return what the contract test finds of a part.
 
-    A user's file runs in a process of its own. A slow environment gets fewer queries.
+    A user's file runs in another process. A slow environment gets fewer queries.
 
     Args:
         section: ``"law"``, ``"device"``, ``"operator"``, ``"controller"`` or ``"environment"``.
@@ -105,30 +106,15 @@ def check_part(
         axes: Numbers of axes of an environment; none: 1 to 6.
         rest: Forces expected of an environment at rest, each ``POSITION=FORCE``.
         progress: Called before each answer with the question, answers so far and in all.
+        is_child: A user's file runs in this process, too.
 
     Raises:
         ConfigError: If there is no such part, or the user's code was too slow or ended its process.
     """
-    check = partial(check_here, section, kind, arguments, axes, rest, progress)
-    if not names_file(kind):
-        return check()
-    data = tried(partial(_as_json, check), [file_of(kind, Path())], CHECK_S)
-    return msgspec.json.decode(data, type=Checked)
-
-
-def _as_json(check: Callable[[], Checked]) -> bytes:
-    return msgspec.json.encode(check())
-
-
-def check_here(
-    section: str,
-    kind: str,
-    arguments: Sequence[str] = (),
-    axes: Sequence[int] = (),
-    rest: Sequence[str] = (),
-    progress: Progress = lambda doing, done, total: None,
-) -> Checked:
-    """Do the work of :func:`check_part` in this process."""
+    if names_file(kind) and not is_child:
+        here = partial(check_part, section, kind, arguments, axes, rest, progress, is_child=True)
+        data = tried(partial(_as_json, here), [file_of(kind, Path())], CHECK_S)
+        return msgspec.json.decode(data, type=Checked)
     if section == "law":
         law = law_of(kind)
         return _checked({"kind": law}, laws.check(law))
@@ -141,6 +127,10 @@ def check_here(
     if section == "device" and checked.passed:
         checked.seconds_per_tick = _tick_times(model)
     return checked
+
+
+def _as_json(check: Callable[[], Checked]) -> bytes:
+    return msgspec.json.encode(check())
 
 
 def _checked(part: Document, report: Report) -> Checked:

@@ -22,7 +22,7 @@ def name_begins(pid: int) -> str:
     return f"{socket.gethostname()[:32]}/{pid}/"
 
 
-class Signals(SignalPipe):
+class OsSignals(SignalPipe):
     """Signals that end a run, and ends of children, as bytes on a descriptor."""
 
     def __init__(self) -> None:
@@ -41,7 +41,7 @@ class Signals(SignalPipe):
 class Child:
     """One process of the run, and its output.
 
-    Ctrl-C does not reach it. Without a session of its own it is in that of the launcher: then the
+    Ctrl-C does not reach it. Without a new session it is in that of the launcher: then the
     kernel wakes it if it is suspended when the launcher ends, so that it can end, too.
     """
 

@@ -29,16 +29,16 @@ from forcebound.run.actions import (
     Ended,
     Engage,
     Engaged,
-    Event,
     Failure,
     Interrupted,
     Kill,
-    Limits,
+    LifecycleEvent,
     NodeRequest,
-    Phase,
     Reported,
+    RunPhase,
     Start,
     Terminate,
+    TimeLimits,
     describe_status,
 )
 from forcebound.run.restarts import GIVE_UP_DEATHS, GIVE_UP_NS, Restarts
@@ -69,12 +69,12 @@ class Lifecycle:
         nodes: Sequence[str],
         duration_ns: int | None,
         time_ns: int,
-        limits: Limits,
+        limits: TimeLimits,
         remote_topics: Collection[str] = (),
         graph: Graph = ONE_HAND,
     ) -> None:
         self._graph = graph
-        self.phase = Phase.STARTING
+        self.phase = RunPhase.STARTING
         self._remote_topics = frozenset(remote_topics)
         self.failure: Failure | None = None  # the first
         self.interrupted = False  # the run was ended on request
@@ -101,9 +101,9 @@ class Lifecycle:
     @property
     def engaging(self) -> list[str]:
         """Ready devices that have not yet confirmed that their force engages."""
-        if self.phase is Phase.ENGAGING:
+        if self.phase is RunPhase.ENGAGING:
             return [node for node in self._of_role(DEVICE) if node not in self._engaged]
-        if self.phase is Phase.RUNNING:
+        if self.phase is RunPhase.RUNNING:
             return [node for node in sorted(self.returning) if self._waiting[node] == ()]
         return []
 
@@ -111,7 +111,7 @@ class Lifecycle:
     def deadline_ns(self) -> int | None:
         """When :meth:`advance` must be called even without an event, in ns, or None."""
         times_ns = [] if self._phase_end_ns is None else [self._phase_end_ns]
-        if self.phase is Phase.RUNNING:
+        if self.phase is RunPhase.RUNNING:
             times_ns += self.restarts.due_ns.values()
             times_ns += [end for node, end in self._leaving.items() if node not in self._killed]
         return min(times_ns, default=None)
@@ -159,7 +159,7 @@ class Lifecycle:
             return f"no node {node!r} in this graph; its nodes are {known}"
         if not self._role(node).is_restarted:
             return f"a run ends without its {node}; to end it, press Ctrl-C at its launcher"
-        if self.phase is not Phase.RUNNING:
+        if self.phase is not RunPhase.RUNNING:
             phase = self.phase.name.lower()
             return (
                 f"the run is {phase}; nodes stop and start only while it is running; try again then"
@@ -171,7 +171,7 @@ class Lifecycle:
         """The nodes that are not ready yet."""
         return [node for node, waiting in self._waiting.items() if waiting != ()]
 
-    def advance(self, time_ns: int, event: Event | None = None) -> list[Action]:
+    def advance(self, time_ns: int, event: LifecycleEvent | None = None) -> list[Action]:
         """Take an event, or the passing of time; return the actions, in order."""
         match event:
             case Reported(node, waiting_for):
@@ -186,26 +186,26 @@ class Lifecycle:
                 return self._on_stop_request(time_ns, node)
             case StartNode(node) if self.refusal(event) is None:
                 return self._on_start_request(node)
-            case ResumeDevice(node) if self.refusal(event) is None and self.phase is Phase.RUNNING:
+            case ResumeDevice(node) if self.phase is RunPhase.RUNNING and not self.refusal(event):
                 device = node or next(iter(self.lost))
                 self.lost.discard(device)
                 self.returning.add(device)
                 self.restarts.counts[device] += 1
                 return self._start(device)
-            case Engaged(node) if self.phase is Phase.RUNNING:
+            case Engaged(node) if self.phase is RunPhase.RUNNING:
                 self.returning.discard(node)
-            case Engaged(node) if self.phase is Phase.ENGAGING:
+            case Engaged(node) if self.phase is RunPhase.ENGAGING:
                 self._engaged.add(node)
                 if not self.engaging:
-                    self.phase = Phase.RUNNING
+                    self.phase = RunPhase.RUNNING
                     duration_ns = self._duration_ns
                     self._phase_end_ns = None if duration_ns is None else time_ns + duration_ns
-        if self.phase is Phase.STARTING and not self.not_ready:
-            self.phase = Phase.ENGAGING
+        if self.phase is RunPhase.STARTING and not self.not_ready:
+            self.phase = RunPhase.ENGAGING
             self._phase_end_ns = time_ns + self._limits.engage_ns
             return [Engage(node) for node in self.engaging]
         if (
-            self.phase is Phase.STARTING
+            self.phase is RunPhase.STARTING
             and self._phase_end_ns is not None
             and self._awaits_remote()
         ):
@@ -217,7 +217,7 @@ class Lifecycle:
             return [Announce("environment_awaited", self._graph.of_role(ENVIRONMENT), message)]
         if self._phase_end_ns is not None and time_ns >= self._phase_end_ns:
             return self._on_deadline(time_ns)
-        if self.phase is Phase.RUNNING:
+        if self.phase is RunPhase.RUNNING:
             engaging: list[Action] = []
             if isinstance(event, Reported) and event.node in self.engaging:
                 engaging.append(Engage(event.node))
@@ -237,7 +237,7 @@ class Lifecycle:
         return f"{node} has received nothing on {', '.join(waiting)}"
 
     def _awaits_remote(self) -> bool:
-        """Whether only packets that depend on a remote environment are missing."""
+        """True if only packets that depend on a remote environment are missing."""
         waiting = [self._waiting[node] for node in self.not_ready]
         return bool(self._remote_topics) and all(
             topics is not None and self._remote_topics.issuperset(topics) for topics in waiting
@@ -292,12 +292,12 @@ class Lifecycle:
     def _on_end(self, time_ns: int, node: str, status: int) -> list[Action]:
         self._alive.discard(node)
         is_early = self._waiting[node] is None  # possibly too early to handle a signal
-        stopping = self.phase is Phase.STOPPING
-        if self.phase is Phase.RUNNING and self._role(node).is_restarted:
+        stopping = self.phase is RunPhase.STOPPING
+        if self.phase is RunPhase.RUNNING and self._role(node).is_restarted:
             if node in self._leaving:
                 return self._on_departure(node, status, is_early)
             return self._on_death(time_ns, node, status)
-        if self.phase is Phase.RUNNING and status == LOST:
+        if self.phase is RunPhase.RUNNING and status == LOST:
             self.lost.add(node)
             self.returning.discard(node)
             hand = self._graph.nodes[node].hand or HAND
@@ -316,7 +316,7 @@ class Lifecycle:
         return self._stop_next(time_ns) if stopping else self._stop(time_ns)
 
     def _on_interrupt(self, time_ns: int) -> list[Action]:
-        if self.phase is not Phase.STOPPING:
+        if self.phase is not RunPhase.STOPPING:
             self.interrupted = True
             return self._stop(time_ns)
         # A second interrupt kills all except the devices, which are about to write zero.
@@ -325,18 +325,18 @@ class Lifecycle:
 
     def _on_deadline(self, time_ns: int) -> list[Action]:
         limits = self._limits
-        if self.phase is Phase.STARTING:
+        if self.phase is RunPhase.STARTING:
             reasons = "; ".join(self.missing(node) for node in self.not_ready)
             starved = set(self.not_ready) - set(self._of_role(RECORDER))
             if starved and not self.silent:  # the device has priority on the core of the loop
                 reasons += "; is the rate of the device too high for this machine?"
             self._fail(f"not ready after {limits.start_ns * 1e-9:g} s: {reasons}")
             return self._stop(time_ns)
-        if self.phase is Phase.ENGAGING:
+        if self.phase is RunPhase.ENGAGING:
             silent = self.engaging[0]
             self._fail(f"{silent} does not answer the request to engage", silent)
             return self._stop(time_ns)
-        if self.phase is Phase.RUNNING:
+        if self.phase is RunPhase.RUNNING:
             return self._stop(time_ns)
         late = [node for node in self._stopping[0] if node in self._alive]
         if all(node in self._killed for node in late):  # not even SIGKILL works: give up
@@ -348,7 +348,7 @@ class Lifecycle:
         return [self._kill(node) for node in late]
 
     def _stop(self, time_ns: int) -> list[Action]:
-        self.phase = Phase.STOPPING
+        self.phase = RunPhase.STOPPING
         groups = [
             [node for node in reversed(self._waiting) if self._role(node).stop_group == group]
             for group in STOP_GROUPS
@@ -363,7 +363,7 @@ class Lifecycle:
         while self._stopping and not self._alive.intersection(self._stopping[0]):
             self._stopping.pop(0)
         if not self._stopping:
-            self.phase = Phase.OVER
+            self.phase = RunPhase.OVER
             self._phase_end_ns = None
             return []
         limits = self._limits

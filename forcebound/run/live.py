@@ -28,7 +28,7 @@ from forcebound.messages.packets import (
 from forcebound.messages.topology import node_name
 from forcebound.network.ends import check_ends
 from forcebound.roles import ENVIRONMENT, LAUNCHER
-from forcebound.run.actions import Limits
+from forcebound.run.actions import TimeLimits
 from forcebound.run.results import RunResult, run_metadata
 from forcebound.run.run_directory import (
     BEFORE_FILE,
@@ -66,7 +66,7 @@ def run_live(
     config: GraphConfig,
     duration: float | None = None,
     record: Path | None = None,
-    limits: Limits | None = None,
+    limits: TimeLimits | None = None,
     file: str = "",
     screen: Screen | None = None,
     folder: Path = Path(),
@@ -125,7 +125,7 @@ def _supervisor(
     config: GraphConfig,
     run_dir: Path,
     duration: float | None,
-    limits: Limits | None,
+    limits: TimeLimits | None,
     screen: Screen,
     start_cores: Collection[int],
 ) -> Supervisor:
@@ -221,7 +221,7 @@ def _check_rate(name: str, hand: HandConfig) -> None:
 
 def _check_links(name: str, hand: HandConfig) -> None:
     """Raise ConfigError if no packet gets through a link while a live run waits for it."""
-    end = Limits().start_ns * 1e-9
+    end = TimeLimits().start_ns * 1e-9
     for topic, impairment in hand.links.items():
         if max(impairment.loss, impairment.corrupt) == 1.0 or impairment.delay >= end:
             raise ConfigError(

@@ -87,8 +87,8 @@ class RunResult:
     ) -> "RunResult":
         """Return the result of a hand that a recording holds; ConfigError if it is none of a run.
 
-        True energy of one that begins later counts from when the law of then began. One that
-        ``is_growing`` is of a run that goes on.
+        If a recording starts mid-run, its true energy counts from the start of the law in use.
+        ``is_growing``: the run has not ended.
         """
         from forcebound.recordings.recording import read  # slow to import; no node process needs it
 
@@ -124,10 +124,10 @@ class RunResult:
 
     @property
     def by_law(self) -> "Iterator[RunResult]":
-        """The time of each law of a run that changed it, each with its own beginning.
+        """The results of each law of a run that changed it.
 
-        True energy counts from when the law began. What the device reports at the end of the run is
-        of all laws together, and so of none.
+        True energy counts from the start of the law. The device's report at the end of the run
+        covers all laws together, so it is left out.
         """
         device, all_ns = self.document.get("device", {}), self.columns.time_ns
         begins = [(-1, device.get("law"), self.energy_before)]

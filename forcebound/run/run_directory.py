@@ -53,7 +53,7 @@ _logger = logging.getLogger(__name__)
 
 
 class RunDocument(msgspec.Struct, frozen=True):
-    """What the processes of a run need in addition to the launch document."""
+    """Facts that the processes of a run need beside the launch document."""
 
     launcher: int  # process id of the launcher, with which they end
     core: int | None  # that the chain of nodes shares

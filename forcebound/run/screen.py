@@ -6,7 +6,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 
 from forcebound.roles import ROLES
-from forcebound.run.actions import Phase
+from forcebound.run.actions import RunPhase
 from forcebound.run.lifecycle import Lifecycle
 
 ERASE = "\r\033[K"
@@ -47,13 +47,13 @@ class Screen:
 
 def doing(lifecycle: Lifecycle, seconds: float) -> str:
     """Return what a launcher is doing that has begun ``seconds`` ago; "": the graph runs."""
-    if lifecycle.phase is Phase.STARTING:
+    if lifecycle.phase is RunPhase.STARTING:
         why = " (a first start compiles)" if seconds >= LONG else ""
         if lifecycle.silent:
             return f"starting {', '.join(lifecycle.silent)}, {seconds:.0f} s{why}"
         waiting = "; ".join(map(lifecycle.missing, lifecycle.not_ready))
         return f"waiting, {seconds:.0f} s: {waiting}"
     return {
-        Phase.ENGAGING: "all ready: the force engages",
-        Phase.STOPPING: "stopping: zero force, then the processes",
+        RunPhase.ENGAGING: "all ready: the force engages",
+        RunPhase.STOPPING: "stopping: zero force, then the processes",
     }.get(lifecycle.phase, "")

@@ -138,7 +138,7 @@ class Simulation:
             time_ns, kind, _, index = heappop(heap)
             due = self._due[kind]
             if time_ns != due[index]:
-                continue  # it has changed its mind since
+                continue  # superseded: the node has been rescheduled
             due[index] = None
             self.time_ns = time_ns
             self._step(index, time_ns)

@@ -5,10 +5,10 @@ a process writes a line, ends or answers, a signal arrives, or a deadline of the
 
 No process survives the launcher: each gets a signal from the kernel when the launcher ends
 (:mod:`forcebound.run.worker`), and what is left of its group when it has ended, such as a
-stopped guardian, is killed. Each is in a process group of its own, so that Ctrl-C in the terminal
+stopped guardian, is killed. Each has a separate process group, so that Ctrl-C in the terminal
 reaches only the launcher, which then stops them in order. A suspended one is woken to end.
 
-The launcher answers requests on a control socket of its own and publishes events like every
+The launcher answers requests on its control socket and publishes events like every
 process.
 """
 
@@ -28,7 +28,7 @@ from forcebound.graph.parameters import describe
 from forcebound.graph.phases import ScheduledPhase
 from forcebound.messages import control, packets
 from forcebound.messages.codec import encode
-from forcebound.messages.events import PARAMETERS_SET, PHASE_BEGINS, EventLog, Kind
+from forcebound.messages.events import PARAMETERS_SET, PHASE_BEGINS, EventKind, EventLog
 from forcebound.messages.topology import ONE_HAND, Graph, endpoint
 from forcebound.network.control import ControlServer
 from forcebound.network.sockets import Network
@@ -39,16 +39,16 @@ from forcebound.run.actions import (
     Ended,
     Engage,
     Engaged,
-    Event,
     Interrupted,
     Kill,
-    Limits,
-    Phase,
+    LifecycleEvent,
     Reported,
+    RunPhase,
     Start,
     Terminate,
+    TimeLimits,
 )
-from forcebound.run.children import LAST_CHANCE, Child, Signals, name_begins
+from forcebound.run.children import LAST_CHANCE, Child, OsSignals, name_begins
 from forcebound.run.lifecycle import STOPPED_EARLY, Lifecycle
 from forcebound.run.screen import Screen, doing
 
@@ -72,7 +72,7 @@ class Supervisor:
     commands: Mapping[str, Sequence[str]]
     run_dir: Path
     duration_ns: int | None
-    limits: Limits | None = None
+    limits: TimeLimits | None = None
     screen: Screen = field(default_factory=Screen)
     phases: Sequence[ScheduledPhase] = ()
     begin: Callable[[ScheduledPhase], Mapping[str, control.Configure]] = lambda _: {}
@@ -106,7 +106,7 @@ class Supervisor:
             server = network.control_server(
                 endpoint(run_dir, graph.nodes[LAUNCHER]), control.OF_LAUNCHER
             )
-            signals = stack.enter_context(Signals())
+            signals = stack.enter_context(OsSignals())
             self._selector = stack.enter_context(selectors.DefaultSelector())
             for descriptor in (signals.descriptor, server.descriptor):
                 self._selector.register(descriptor, selectors.EVENT_READ)
@@ -118,17 +118,17 @@ class Supervisor:
                 name: network.control_client(endpoint(run_dir, graph.nodes[name]))
                 for name in self.commands
             }
-            times = self.duration_ns, time.monotonic_ns(), self.limits or Limits()
+            times = self.duration_ns, time.monotonic_ns(), self.limits or TimeLimits()
             lifecycle = Lifecycle(list(self.commands), *times, self.remote_topics, graph)
             self._loop(lifecycle, signals, server)
         if lifecycle.failure is not None:
             raise RunError(self._failure_message(lifecycle))
         return lifecycle.interrupted
 
-    def _loop(self, lifecycle: Lifecycle, signals: Signals, server: ControlServer) -> None:
+    def _loop(self, lifecycle: Lifecycle, signals: OsSignals, server: ControlServer) -> None:
         requested_ns = 0
 
-        def advance(event: Event | None) -> None:
+        def advance(event: LifecycleEvent | None) -> None:
             for action in lifecycle.advance(time.monotonic_ns(), event):
                 self._do(action)
 
@@ -136,7 +136,7 @@ class Supervisor:
             return self._answer(request, lifecycle, advance)
 
         began_ns = time.monotonic_ns()
-        while lifecycle.phase is not Phase.OVER:
+        while lifecycle.phase is not RunPhase.OVER:
             now_ns = time.monotonic_ns()
             self.screen.status(doing(lifecycle, (now_ns - began_ns) * 1e-9))
             if now_ns - requested_ns >= REQUEST_INTERVAL_NS:
@@ -145,7 +145,7 @@ class Supervisor:
             for key, _ in self._selector.select(self._timeout(lifecycle, now_ns)):
                 if key.data is not None and not key.data.read():
                     self._selector.unregister(key.fd)
-            events: list[Event | None] = [*self._answers(), *self._ends()]
+            events: list[LifecycleEvent | None] = [*self._answers(), *self._ends()]
             if signals.take():
                 events.append(Interrupted())
             awaited = self._awaited(lifecycle)
@@ -155,7 +155,7 @@ class Supervisor:
                     words = f"{event.node} was restarted with changed parameters"
                     self._announce_parameters(words, self.changes(event.node))
             self._has_requests = server.serve(answer)
-            if lifecycle.phase is Phase.RUNNING:
+            if lifecycle.phase is RunPhase.RUNNING:
                 self._begin_phases(time.monotonic_ns())
 
     def _begin_phases(self, now_ns: int) -> None:
@@ -169,7 +169,7 @@ class Supervisor:
             self._emit(PHASE_BEGINS, phase.message, phase.data)
 
     def _start(self, name: str) -> None:
-        # A session of its own also is a share of its own of the processor: a recorder needs none.
+        # A new session also is a new share of the processor: a recorder needs none.
         own_session = self.graph.nodes[name].role != RECORDER
         child = Child(name, self.commands[name], self.screen.show, own_session)
         self._selector.register(child.descriptor, selectors.EVENT_READ, child)
@@ -195,16 +195,16 @@ class Supervisor:
     def _timeout(self, lifecycle: Lifecycle, now_ns: int) -> float | None:
         if self._not_started or self._has_requests:
             return 0.0
-        is_starting = lifecycle.phase in (Phase.STARTING, Phase.ENGAGING)
+        is_starting = lifecycle.phase in (RunPhase.STARTING, RunPhase.ENGAGING)
         if is_starting or lifecycle.returning or lifecycle.finishing or self._awaited(lifecycle):
             return REQUEST_INTERVAL_NS * 1e-9
         ends_ns = [] if lifecycle.deadline_ns is None else [lifecycle.deadline_ns]
-        if self._coming and lifecycle.phase is Phase.RUNNING and self._began_ns is not None:
+        if self._coming and lifecycle.phase is RunPhase.RUNNING and self._began_ns is not None:
             ends_ns.append(self._began_ns + self._coming[0].start_ns)
         return max(0.0, (min(ends_ns) - now_ns) * 1e-9) if ends_ns else None
 
     def _ask(self, lifecycle: Lifecycle) -> None:
-        names = lifecycle.not_ready if lifecycle.phase is Phase.STARTING else []
+        names = lifecycle.not_ready if lifecycle.phase is RunPhase.STARTING else []
         for name in lifecycle.finishing:
             self._children[name].process.send_signal(signal.SIGCONT)  # it may be suspended since
         engaging = lifecycle.engaging
@@ -217,10 +217,13 @@ class Supervisor:
 
     def _awaited(self, lifecycle: Lifecycle) -> list[str]:
         """Restarted nodes that have not answered yet."""
-        return lifecycle.silent if lifecycle.phase is Phase.RUNNING else []
+        return lifecycle.silent if lifecycle.phase is RunPhase.RUNNING else []
 
     def _answer(
-        self, request: control.Request, lifecycle: Lifecycle, advance: Callable[[Event], None]
+        self,
+        request: control.Request,
+        lifecycle: Lifecycle,
+        advance: Callable[[LifecycleEvent], None],
     ) -> control.Answer:
         """Return the answer to a request of the launcher's control socket."""
         match request:
@@ -232,7 +235,7 @@ class Supervisor:
             case control.ConfigureNode(node, configure):
                 if node not in self._clients:
                     return control.Refused(f"the launcher of this graph does not run {node!r}")
-                # This request waits for a suspended node; one of the client's own ends with it.
+                # This request waits for a suspended node; a request of the client ends with it.
                 self._clients[node].ask(configure)
             case control.EmitEvent(event, message, data):
                 self._emit(event, message, data)
@@ -248,8 +251,8 @@ class Supervisor:
             },
         )
 
-    def _answers(self) -> list[Event]:
-        events: list[Event] = []
+    def _answers(self) -> list[LifecycleEvent]:
+        events: list[LifecycleEvent] = []
         for name, client in self._clients.items():
             match client.answer():
                 case control.ProcessStatus() as status:
@@ -258,8 +261,8 @@ class Supervisor:
                     events.append(Engaged(name))
         return events
 
-    def _ends(self) -> list[Event]:
-        events: list[Event] = [Ended(name, NOT_STARTED) for name in self._not_started]
+    def _ends(self) -> list[LifecycleEvent]:
+        events: list[LifecycleEvent] = [Ended(name, NOT_STARTED) for name in self._not_started]
         self._not_started.clear()
         for name in sorted(self._running):
             child = self._children[name]
@@ -307,7 +310,7 @@ class Supervisor:
             self._emit(PARAMETERS_SET, f"{words}: {describe(values, {})}", data)
 
     def _emit(
-        self, event: Kind, message: str, data: Mapping[str, str], *, is_fault: bool = False
+        self, event: EventKind, message: str, data: Mapping[str, str], *, is_fault: bool = False
     ) -> None:
         time_ns = time.monotonic_ns()
         self._publish(encode(self._events.emit(time_ns, event, message, data, is_fault=is_fault)))

@@ -19,7 +19,7 @@ TICKS = 20
 def try_start(config: GraphConfig) -> None:
     """Run the first ticks of a graph in virtual time; ConfigError if it does not start.
 
-    A graph with a device of the user's own, which may be hardware, or at a port is passed over.
+    A graph with a user's device, which may be hardware, or at a port is passed over.
     """
     for model in (hand.device for hand in config.hands.values()):
         is_shipped = KINDS["device"].is_shipped(kind_of("device", model))

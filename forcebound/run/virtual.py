@@ -144,7 +144,7 @@ def run_virtual_hands(
     Raises:
         ConfigError: If the device lives in real time only.
         RunError: If the run is too short to have a sample.
-        DeviceError: If a device of the user's own failed.
+        DeviceError: If a user's device failed.
         KeyboardInterrupt: If the run was interrupted, and may not end early or had no sample yet.
     """
     check_has_virtual_time(config)

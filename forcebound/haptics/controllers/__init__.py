@@ -11,15 +11,14 @@ should let its force end when replies stay away: nobody else knows that the envi
 
 To add a controller: copy ``direct.py`` to ``my_controller.py``, add one line to ``CONTROLLERS``;
 ``tests/test_part_contracts.py`` tests it with all the others, and launch files know it as
-``controller: {kind: my_controller}``. Or name a file of your own
-(docs/write-your-own-controller.md).
+``controller: {kind: my_controller}``. Or name a custom file (docs/write-your-own-controller.md).
 """
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import ClassVar
 
-from forcebound.haptics.parts import Form, Table
+from forcebound.haptics.parts import PartShape, Table
 from forcebound.haptics.parts.signals import Publisher, Publishing
 from forcebound.messages.packets import DeviceState, EnvironmentReply, Vector
 
@@ -89,5 +88,5 @@ CONTROLLERS: Table[type[ControllerModel]] = Table(
         "scaled": "forcebound.haptics.controllers.scaled:Scaled",
         "virtual_coupling": "forcebound.haptics.controllers.virtual_coupling:VirtualCoupling",
     },
-    Form("forcebound.haptics.controllers:ControllerModel"),
+    PartShape("forcebound.haptics.controllers:ControllerModel"),
 )

@@ -51,7 +51,7 @@ def _answers(model: ControllerModel, axes: int, states: int, found: Findings) ->
 
 
 def _drive(controller: Controller, axes: int, states: int, found: Findings) -> Iterator[str]:
-    """What it returns to states, and to replies of which some are missing."""
+    """Yield its answers to states, and to replies of which some are missing."""
     random = Random(1)
 
     def call(method: Any, *arguments: Any, units: tuple[str, ...] = ("N",)) -> str:

@@ -8,9 +8,9 @@ from forcebound.messages.packets import DeviceState, EnvironmentReply, Vector
 
 @dataclass(frozen=True)
 class DirectController(ControllerModel, Controller):
-    """Asks about the device's own position and passes the environment's force on.
+    """Asks about the device's position and passes the environment's force on.
 
-    It keeps no state, so it is its own instance.
+    It keeps no state, so model and instance are one.
     """
 
     def open(self, axes: int) -> "DirectController":

@@ -12,7 +12,7 @@ from typing import Annotated, ClassVar
 from forcebound.haptics.controllers import Controller, ControllerModel
 from forcebound.haptics.controllers.plane import Asked, PlaneEstimator
 from forcebound.messages.packets import DeviceState, EnvironmentReply, Vector
-from forcebound.quantities import NOT_NEGATIVE, POSITIVE, Time, check_ranges
+from forcebound.quantities import NOT_NEGATIVE, POSITIVE, Ranged, Time
 
 REMEMBERED = 4096  # questions that are kept; at 4 kHz those of one second
 ROUND_TRIP_SHARE = 0.05  # weight of a new round trip in their mean
@@ -24,8 +24,8 @@ def has_restarted(before: DeviceState, state: DeviceState) -> bool:
 
 
 @dataclass(frozen=True, kw_only=True)
-class EstimatingModel(ControllerModel):
-    """How long such a controller waits for the environment.
+class EstimatingModel(Ranged, ControllerModel):
+    """Times that such a controller waits for the environment.
 
     Attributes:
         hold: Silence of the environment after which the force fades.
@@ -40,9 +40,6 @@ class EstimatingModel(ControllerModel):
     release: Annotated[Time, NOT_NEGATIVE] = 0.005
 
     answers_states: ClassVar[bool] = True
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
 
 
 class EstimatingController(Controller):

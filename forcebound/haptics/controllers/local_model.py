@@ -110,7 +110,7 @@ class OpenLocalModel(EstimatingController):
         return along(place, plane.inwards, min(deepest - plane.depth(place), 0.0))
 
     def _ahead(self, touches: bool) -> float:
-        """How far ahead to ask, in s; in free motion longer than an answer takes."""
+        """Return the time ahead to ask for, in s; in free motion longer than an answer takes."""
         if self._model.ahead != "auto":
             return self._model.ahead
         round_trip = self._round_trip()

@@ -47,7 +47,7 @@ def across(a: Vector, direction: Vector) -> Vector:
 
 
 class Asked(NamedTuple):
-    """What the environment was asked about, and when."""
+    """State in a query to the environment, and its time."""
 
     position: Vector  # m
     velocity: Vector  # m/s

@@ -24,10 +24,10 @@ from forcebound.quantities import (
     Frequency,
     Length,
     Range,
+    Ranged,
     Ratio,
     Stiffness,
     Time,
-    check_ranges,
 )
 
 SCALE = Range(above=0, hint=", with 1 as it is")
@@ -35,7 +35,7 @@ BUTTONS = 63  # bits of the packet's number
 
 
 @dataclass(frozen=True)
-class Scaled(ControllerModel):
+class Scaled(Ranged, ControllerModel):
     """Parameters of the scaling controller.
 
     Attributes:
@@ -59,9 +59,6 @@ class Scaled(ControllerModel):
     border: Annotated[Length, NOT_NEGATIVE] = 0.0
     border_rate: Annotated[Frequency, NOT_NEGATIVE] = 5.0
     border_stiffness: Annotated[Stiffness, NOT_NEGATIVE] = 100.0
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
 
     @property
     def force_factor(self) -> float:

@@ -21,7 +21,7 @@ MOST = 0.02  # J, of the budget: 6 N on a wall of 1 N/mm
 
 
 class ShownPlane:
-    """What is shown of a plane, whose changes may give at most ``power``, in W."""
+    """The shown part of a plane, whose changes may give at most ``power``, in W."""
 
     def __init__(self, power: float, axes: int) -> None:
         self._power = power

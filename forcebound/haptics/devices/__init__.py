@@ -21,7 +21,7 @@ from typing import ClassVar, Literal, NamedTuple, Protocol, TypeAlias
 from forcebound.errors import ConfigError
 from forcebound.haptics.hands import Operator
 from forcebound.haptics.laws.dissipation import StatedAxes, StatedNumbers
-from forcebound.haptics.parts import Form, Table
+from forcebound.haptics.parts import PartShape, Table
 from forcebound.haptics.parts.signals import Publisher, Publishing
 from forcebound.messages.packets import Quaternion, Vector
 
@@ -32,7 +32,7 @@ Source: TypeAlias = Literal["measured", "data sheet", "assumed"]
 
 
 class Truth(NamedTuple):
-    """What a simulated device knows and no law may see."""
+    """Ground truth of a simulated device, which no law may see."""
 
     position: Vector  # m, not quantised
     velocity: Vector  # m/s
@@ -130,7 +130,7 @@ class Device(Publisher, ABC):
         """Return the reading that came with the last write; None: ask for a new one.
 
         Give it only while it is young. It serves the state of the next tick, which then need not
-        wait for an exchange with the device; the ledger takes a reading of its own.
+        wait for an exchange with the device; the ledger takes another reading.
         """
         return None
 
@@ -171,7 +171,7 @@ class Device(Publisher, ABC):
 
 @dataclass(frozen=True, kw_only=True)
 class DeviceModel(StatedNumbers, Publishing, ABC):
-    """Parameters of a kind of device: its stated numbers, and those of its own.
+    """Parameters of a kind of device: its stated numbers, and others of this kind.
 
     A device that is no arm derives from :class:`AxesModel`.
 
@@ -261,5 +261,5 @@ DEVICES: Table[type[DeviceModel]] = Table(
         "phantom_premium_1_5": "forcebound.haptics.devices.phantom:PhantomPremium15",
         "serial_arm": "forcebound.haptics.devices.serial_arm:SerialArm",
     },
-    Form("forcebound.haptics.devices:DeviceModel"),
+    PartShape("forcebound.haptics.devices:DeviceModel"),
 )

@@ -1,4 +1,4 @@
-"""What every arm states: numbers of its joints. Each kind of simulated arm adds its geometry."""
+"""Stated numbers of every arm, of its joints. Each kind of simulated arm adds its geometry."""
 
 from abc import abstractmethod
 from collections.abc import Mapping
@@ -31,7 +31,7 @@ ASSUMED: Mapping[str, Source] = dict.fromkeys(
 
 @dataclass(frozen=True, kw_only=True)
 class StatedJoints(SimulatedModel):
-    """What an arm states: the numbers of its joints.
+    """Stated numbers of an arm: those of its joints.
 
     No weight: gravity pulls at a joint as the pose has it, so no constant describes it.
 

@@ -36,7 +36,7 @@ PROMISES: dict[str, str] = {
     **VALUE,
 }
 #: Promises that only an open device can keep or break.
-OF_OPEN = (
+NEED_OPEN_DEVICE = (
     *("answers", "shape", "bounded", "stamps", "set_hold_limit", "cut", "guard", "orientation"),
     *("buttons", "kinematics", "reopens"),
 )
@@ -54,7 +54,7 @@ def check(model: DeviceModel, ticks: int = 100, hold_limit: float = 1.25e-3) -> 
     found.check_value(model)
     if not isinstance(model.axes, int) or not 1 <= model.axes <= MAX_AXES:
         found.add("states", f"1 to {MAX_AXES}", repr(model.axes), "axes")
-        return found.report(PROMISES, 0, unseen=("opens", *OF_OPEN))
+        return found.report(PROMISES, 0, unseen=("opens", *NEED_OPEN_DEVICE))
     absent: list[str] = []
     with found.noting("opens", "a device that closes", "open(None, ...), close()"):
         device = model.open(None, hold_limit)
@@ -68,7 +68,7 @@ def check(model: DeviceModel, ticks: int = 100, hold_limit: float = 1.25e-3) -> 
             device.close()
         with found.noting("reopens", "an open device", "open(None, ...) after close()"):
             model.open(None, hold_limit).close()
-    unseen = [*OF_OPEN] if found.is_broken("opens") else absent
+    unseen = [*NEED_OPEN_DEVICE] if found.is_broken("opens") else absent
     if model.port:
         _check_port(model, hold_limit, found)
     else:
@@ -166,7 +166,7 @@ def _check_guard(device: Any, model: Any, time_ns: int, found: Findings) -> None
         period_ns = round(model.guard_period * 1e9)
         for trial in range(GUARD_TRIALS):
             size = model.saturation * 0.5 ** (trial // 2 % 6) * (-1) ** trial
-            time_ns += REST_NS + trial * period_ns // 9  # at any phase of a timer of its own
+            time_ns += REST_NS + trial * period_ns // 9  # at any phase of its timer
             start = device.read(time_ns)
             device.write(time_ns, (size / math.sqrt(model.axes),) * model.axes)
             limit_at = device.stamps()[1] + limit_ns

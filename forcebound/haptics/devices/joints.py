@@ -1,6 +1,6 @@
 r"""The plant of an arm: joints with friction, and a hand at the tip.
 
-Each joint has an inertia of its own, a damper and Coulomb friction that may yield over a presliding
+Each joint has an inertia, a damper and Coulomb friction that may yield over a presliding
 angle; the motor's torque may lag. The hand, a mass on a spring and a damper, is fixed to the tip
 and pulls at the joints through the Jacobian :math:`J` of the pose.
 

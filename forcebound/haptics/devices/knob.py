@@ -1,4 +1,4 @@
-"""A knob, simulated: motors that turn, each with a handle of its own.
+"""A knob, simulated: motors that turn, each with a handle.
 
 A joint knows nothing of the others. Its tip is where the hand holds it, at the end of a lever, and
 its position is that along the arc: lever times angle. So one knob is a device of one axis, and the

@@ -15,7 +15,7 @@ rounding, however coarse the step. So a negative energy in an audit is the law's
 the integrator's. Where a step would reverse the velocity it ends at rest instead; that loses
 kinetic energy to friction, never adds any.
 
-The energy that the paper's Eq. 1 asks about flows from the hand into the *device*. The hand's own
+The energy that the paper's Eq. 1 asks about flows from the hand into the *device*. The hand's
 mass moves with the handle, so the force at the interface is the muscle's (spring and damper) less
 what accelerates that mass, and its work is the muscle's less the hand's kinetic energy.
 
@@ -55,7 +55,7 @@ from typing import NamedTuple
 
 
 class Moving(NamedTuple):
-    """What moves along one axis."""
+    """State of one axis."""
 
     x: float  # position, m
     v: float  # m/s

@@ -15,7 +15,7 @@ from forcebound.messages.packets import Vector
 
 
 class Body(Protocol):
-    """What moves: the mechanics of a device, in its hand."""
+    """Mechanics of a device, in its hand."""
 
     kinematics: Kinematics | None  # of an arm; None: readings are positions of the tip
     compensation: Vector  # N, that the motor adds to every force
@@ -49,11 +49,11 @@ class SimulatedModel(DeviceModel):
     @property
     @abstractmethod
     def truth(self) -> TrueAxes | TrueJoints | None:
-        """What it truly has, where that differs from what is stated."""
+        """True numbers, where they differ from the stated ones."""
 
     @property
     def force_sensor(self) -> bool:
-        """Whether it measures the force of the simulated hand, of its spring and damper."""
+        """True if it measures the force of the simulated hand, of its spring and damper."""
         return False
 
     def true_numbers(self) -> TrueNumbers:

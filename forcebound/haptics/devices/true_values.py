@@ -1,4 +1,4 @@
-"""What a simulated device really has, where that differs from what it states.
+"""True numbers of a simulated device, where they differ from the stated ones.
 
 Without it, a simulated device is the least favourable one that its statements permit: exactly the
 minimum damping and friction, the motor at the upper end of its gain error, the full write delay,
@@ -26,10 +26,10 @@ from forcebound.quantities import (
     Angle,
     JointDamping,
     Range,
+    Ranged,
     Ratio,
     Time,
     Torque,
-    check_ranges,
 )
 
 DampingOfJoints: TypeAlias = OfAxes[Annotated[JointDamping, NOT_NEGATIVE]]
@@ -39,7 +39,7 @@ RatioOfMotors: TypeAlias = OfAxes[Annotated[Ratio, NOT_NEGATIVE]]
 
 
 @dataclass(frozen=True, kw_only=True)
-class WeakSpot:
+class WeakSpot(Ranged):
     """A part of the workspace with less friction than elsewhere.
 
     Attributes:
@@ -52,16 +52,13 @@ class WeakSpot:
     radius: Annotated[float, POSITIVE]
     share: Annotated[Ratio, PROBABILITY]
 
-    def __post_init__(self) -> None:
-        check_ranges(self)
-
     def share_at(self, place: Sequence[float]) -> float:
         """Return the share of the friction that is left at a place."""
         return self.share if math.dist(place, self.centre) < self.radius else 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrueMotor:
+class TrueMotor(Ranged):
     """True values of the motor and its watchdog; null: as stated.
 
     Attributes:
@@ -83,9 +80,6 @@ class TrueMotor:
     random: bool = False
     seed: Annotated[int, Range(at_least=0)] = 1
     weak_spot: WeakSpot | None = None
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -125,7 +119,7 @@ class TrueJoints(TrueMotor):
 
 
 class TrueNumbers(NamedTuple):
-    """What a simulated device truly has; vectors have one number of each axis.
+    """True numbers of a simulated device; vectors have one number of each axis.
 
     Coordinates are those of :class:`forcebound.haptics.laws.dissipation.StatedNumbers`.
     """

@@ -33,7 +33,7 @@ ATTEMPTS = 100  # of a read beside a writer
 
 
 class EmulatedTruth(NamedTuple):
-    """What the file holds."""
+    """Content of the file."""
 
     time_ns: int
     truth: Truth
@@ -105,7 +105,10 @@ class TruthFile:
 
     @property
     def engaged_ns(self) -> int:
-        """When the force engaged, in ns; ``NOT_YET``, or ``NOBODY`` who would say so."""
+        """When the force engaged, in ns.
+
+        ``NOT_YET``: it will be announced; ``NOBODY``: no driver is attached.
+        """
         engaged_ns: int = _ENGAGED.unpack_from(self._memory, _ENGAGED_AT)[0]
         return engaged_ns
 

@@ -8,7 +8,7 @@ An environment is a frozen dataclass of its parameters, the *model*, whose ``ope
 To add an environment: copy ``mass_spring.py`` to ``my_environment.py``, add one line to
 ``ENVIRONMENTS``; ``tests/test_environments.py`` tests it with all the others, and launch files know
 it as ``environment: {kind: my_environment}`` with the fields of its dataclass as parameters. Or
-name a file of your own (docs/write-your-own-environment.md).
+name a custom file (docs/write-your-own-environment.md).
 
 A force is positive when it resists motion in the positive direction, so a wall that the hand
 pushes into answers a positive force.
@@ -23,7 +23,7 @@ from contextlib import contextmanager
 from typing import Any
 
 from forcebound.errors import ConfigError
-from forcebound.haptics.parts import Form, Table, overridden
+from forcebound.haptics.parts import PartShape, Table, overridden
 from forcebound.haptics.parts.signals import Publisher, Publishing
 from forcebound.haptics.parts.user_module import describe_user_error
 from forcebound.messages.packets import Contact, SceneObject, Vector
@@ -109,7 +109,7 @@ class Environment(Publisher, ABC):
 class SharedClock:
     """The time of a world that hands share: that of the hand whose time goes fastest.
 
-    Each hand counts from when its own force engaged, so a hand that comes later, comes back or
+    Each hand counts from when its force engaged, so a hand that comes later, comes back or
     begins again joins the time of the world as it is.
     """
 
@@ -146,7 +146,7 @@ class EnvironmentModel(Publishing, ABC):
 
 
 class StatelessEnvironment(EnvironmentModel, Environment):
-    """A model whose force depends on nothing but the query: it is its own instance."""
+    """A model whose force depends on nothing but the query: model and instance are one."""
 
     def open(self, axes: int) -> Environment:
         """Return itself, with nothing published."""
@@ -177,7 +177,7 @@ def open_environment(
 ) -> Environment:
     """Return an instance of a model for hands of these names.
 
-    ConfigError if it cannot be used, or its own code fails.
+    ConfigError if it cannot be used, or its code fails.
     """
     with _users_code(f"open({axes})"):
         opened = model.open(axes)
@@ -221,5 +221,5 @@ ENVIRONMENTS: Table[type[EnvironmentModel]] = Table(
         "mesh": "forcebound.haptics.environments.solids_of_files:TriangleMesh",
         "active_wall": "forcebound.haptics.environments.walls:ActiveWall",
     },
-    Form("forcebound.haptics.environments:EnvironmentModel"),
+    PartShape("forcebound.haptics.environments:EnvironmentModel"),
 )

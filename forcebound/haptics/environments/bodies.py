@@ -2,7 +2,7 @@
 
 A *probe*, a small ball that touches the bodies, hangs on the hand by a spring and a damper (a
 virtual coupling). Or the probe touches nothing and holds a *tool* of the scene, such as the tip of
-an arm. What the coupling pulls is what the hand feels. Each hand has a probe of its own, which
+an arm. What the coupling pulls is what the hand feels. Each hand has a probe, which
 appears when it first asks; all of them push the same bodies, and each other.
 
 Source: E. Todorov, T. Erez, Y. Tassa, MuJoCo: a physics engine for model-based control, IROS 2012;
@@ -56,9 +56,9 @@ from forcebound.quantities import (
     Length,
     Mass,
     Range,
+    Ranged,
     Stiffness,
     Time,
-    check_ranges,
 )
 
 MOST_STEPS = 20  # for one answer; a scene that falls farther behind stands still
@@ -71,11 +71,11 @@ _logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
-class Bodies(EnvironmentModel):
+class Bodies(Ranged, EnvironmentModel):
     """Rigid bodies of an MJCF or URDF file; needs the extra ``mujoco``.
 
     ``F = k (x - p) + b (v - v_p)``, of the probe's position ``p`` and velocity ``v_p``; the probe
-    feels ``F``. The scene advances by its own time step, as far as the time since the last question
+    feels ``F``. The scene advances by its time step, as far as the time since the last question
     goes. It is compiled with a probe for each hand of the graph; one with a tool serves one hand.
 
     Attributes:
@@ -99,9 +99,6 @@ class Bodies(EnvironmentModel):
     probe_mass: Annotated[Mass, POSITIVE] = 0.010
     probe_radius: Annotated[Length, POSITIVE] = 0.005
     key: str | None = None
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
 
     def check_files(self) -> None:
         """Compile the scene, unless MuJoCo is only installed where the environment runs."""
@@ -274,7 +271,7 @@ class _Scene(Environment):
             self._origin = sub(hand.place, (x, y, z))
 
     def _probed(self, hand: _Hand) -> Vector3:
-        """Where the probe is, in the coordinates of the hand."""
+        """Return the place of the probe, in the coordinates of the hand."""
         x, y, z = self._data.qpos[self._probes[hand.number].place].tolist()
         return add(self._origin, (x, y, z))
 

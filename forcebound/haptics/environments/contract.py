@@ -240,7 +240,7 @@ def _questions(
 
 
 def _objects(model: EnvironmentModel, axes: int) -> tuple[SceneObject, ...]:
-    """What a world shows before it is touched; nothing if it has no sound scene."""
+    """Return the scene of a world before it is touched; nothing if it has no sound scene."""
     with suppress(Exception):  # the promises say why
         environment = open_environment(model, axes)
         with closing(environment):

@@ -188,7 +188,7 @@ class _Coupled(Environment):
         return forces
 
     def _is_sensed(self, leader: _Hand, follower: _Hand) -> bool:
-        """Whether there are the sensors that the architecture needs; an event if not."""
+        """Return whether there are the sensors that the architecture needs; an event if not."""
         _, c_2, c_3 = GAINS[self._model.architecture]
         lacks_leader = leader.felt is None and c_3 != 0.0
         lacks = lacks_leader or (follower.felt is None and c_2 != 0.0)

@@ -70,7 +70,7 @@ def _expect(is_sound: bool, field: str, expected: str, got: object) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class _Fixture(ABC):
-    """What fixtures have in common."""
+    """Base of the fixtures."""
 
     places: ClassVar[tuple[str, ...]] = ()  # fields that are places
 
@@ -331,13 +331,13 @@ class Fixtures(HandFixtures):
 
     def on(self, hand: str, position: Vector3, velocity: Vector3) -> Vector3:
         """Return the force on a hand, in N, at a position (m) and velocity (m/s)."""
-        force, own = self.force(position, velocity), self.hands.get(hand)
-        return force if own is None else add(force, own.force(position, velocity))
+        force, of_hand = self.force(position, velocity), self.hands.get(hand)
+        return force if of_hand is None else add(force, of_hand.force(position, velocity))
 
     def drawn(self) -> tuple[SceneObject, ...]:
         """Return what there is to draw of all hands."""
-        own = [each.scene(hand) for hand, each in self.hands.items()]
-        return (*self.scene(), *chain.from_iterable(own))
+        of_hands = [each.scene(hand) for hand, each in self.hands.items()]
+        return (*self.scene(), *chain.from_iterable(of_hands))
 
 
 @dataclass(frozen=True)

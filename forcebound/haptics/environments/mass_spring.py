@@ -40,7 +40,7 @@ class MassSpring(EnvironmentModel):
 
     ``m q'' = F - k q - b q'``.
 
-    All hands push the same slab, each with an ``F`` of its own. With a ``thickness`` it has a back,
+    All hands push the same slab, each with a separate ``F``. With a ``thickness`` it has a back,
     too, so that two hands can push it from both sides: a box on a floor, if ``spring`` is 0.
 
     Attributes:

@@ -13,20 +13,20 @@ from forcebound.quantities import (
     Damping,
     Force,
     Length,
+    Ranged,
     Stiffness,
-    check_ranges,
 )
 
 WIDTH, THICKNESS, GAP = 0.040, 0.001, 0.006  # m, as a display draws the skin; it breaks at the gap
 
 
 @dataclass(frozen=True)
-class Membrane(EnvironmentModel):
+class Membrane(Ranged, EnvironmentModel):
     """A skin across the first axis, a spring until it breaks, and viscous tissue behind it.
 
     ``F = k (x - x_0)`` until that is ``strength``; from then on ``F = b v`` behind ``x_0``.
     What the spring held at the break is lost, so the membrane never gives more than it took. Hands
-    stretch it at places of their own, each with the full stiffness; it breaks for all.
+    stretch it at different places, each with the full stiffness; it breaks for all.
 
     Source: A. M. Okamura, C. Simone, M. D. O'Leary, Force modeling for needle insertion into soft
     tissue, IEEE Transactions on Biomedical Engineering 51(10), 2004: stiffness before the puncture,
@@ -45,9 +45,6 @@ class Membrane(EnvironmentModel):
     strength: Annotated[Force, POSITIVE] = 2.0
     damping: Annotated[Damping, NOT_NEGATIVE] = 5.0
     skin: Length = 0.010
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
 
     def open(self, axes: int) -> Environment:
         """Return a skin without damage."""

@@ -86,7 +86,7 @@ def _compiled(model: "Bodies", probes: int) -> bytes:
             _fill_key(scene, start)
             mujoco.mj_resetDataKeyframe(scene, data, 0)
         mujoco.mj_step(scene, data)
-    except Exception as error:  # MuJoCo's own kinds
+    except Exception as error:  # of MuJoCo
         raise ConfigError(f"{model.file}: {' '.join(str(error).split())}") from error
     binary = np.empty(mujoco.mj_sizeModel(scene), np.uint8)
     mujoco.mj_saveModel(scene, None, binary)

@@ -1,4 +1,4 @@
-"""Whether a force pulls the hand deeper, as one of the opposite sign does.
+"""Check that no force pulls the hand deeper, as one of the opposite sign does.
 
 A press asks for forces at rest along a straight line, while time stands still. Attractions, skins
 that break and bodies that move are no mistake, so only this is one:

@@ -39,10 +39,10 @@ class Shape:
     Attributes:
         shape: Which one.
         position: Of its centre; of a plane any point of it.
-        axis: Where its own z points: out of a plane, along a cylinder, across a box.
-        turn: About its own z, before it is tilted to ``axis``.
+        axis: Direction of its z axis: out of a plane, along a cylinder, across a box.
+        turn: About its z axis, before it is tilted to ``axis``.
         radius: Of a sphere or a cylinder.
-        size: Edges of a box, along its own x, y and z.
+        size: Edges of a box, along its x, y and z axes.
         length: Of a cylinder.
         is_removed: Whether it is cut out of the shapes before it.
     """
@@ -70,7 +70,7 @@ class Shape:
 
     @property
     def orientation(self) -> Quaternion:
-        """Rotation from the shape's own coordinates to the world's."""
+        """Rotation from the shape's coordinates to the world's."""
         w, x, y, _ = z_onto(unit(self.axis))
         c, s = math.cos(self.turn / 2), math.sin(self.turn / 2)
         return unit_quaternion((w * c, x * c + y * s, y * c - x * s, w * s))

@@ -116,7 +116,7 @@ class PlacedFile(Touchable):
 
 
 def _is_rabbit(path: Path) -> bool:
-    """Whether it is our rabbit, or a copy; any other file is where its own coordinates say."""
+    """Return whether this is our rabbit or a copy; other files keep their coordinates."""
     with suppress(OSError):
         return filecmp.cmp(path, RABBIT, shallow=False)
     return False
@@ -229,15 +229,15 @@ class PointCloud(PlacedFile):
         from forcebound.haptics.geometry.points import CLOUD, FEWEST, cloud_data, neighbourhoods
 
         nearest = neighbourhoods(content.points)
-        closing = max(float(np.median(nearest[:, -1])), 1e-9)
-        radius = closing if self.radius is None else self.radius
+        spacing = max(float(np.median(nearest[:, -1])), 1e-9)
+        radius = spacing if self.radius is None else self.radius
         share = float(np.mean(nearest[:, :FEWEST][:, -1] > radius))
         if share > SPARSE:
             _logger.warning(
                 "%s: the skin has holes that a hand falls through: %.0f %% of the points have too"
                 " few neighbours within the radius of %.3g mm; say a larger one, or leave out stray"
                 " points (most points need %.3g mm)",
-                *(self.path, 1e2 * share, 1e3 * radius, 1e3 * closing),
+                *(self.path, 1e2 * share, 1e3 * radius, 1e3 * spacing),
             )
         data = cloud_data(content.points, radius)
         return ImplicitSolid(CLOUD, data, dip=radius / 20, still=1e-3, steps=STEPS)

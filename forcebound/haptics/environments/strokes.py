@@ -33,7 +33,7 @@ BEFORE, NEAR, STEP, GROWTH = 0.02, 0.05, 5e-4, 1.5  # m, m, m, 1: presses have s
 
 
 class Question(NamedTuple):
-    """What an environment is asked once."""
+    """One question to an environment."""
 
     position: Vector  # m
     velocity: Vector  # m/s

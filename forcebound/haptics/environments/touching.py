@@ -9,11 +9,11 @@ from forcebound.haptics.environments import Environment, EnvironmentModel, withi
 from forcebound.haptics.geometry.proxy import HapticSurface, Solid, Surface
 from forcebound.haptics.geometry.vectors import Pose, cut, pad3
 from forcebound.messages.packets import Contact, SceneObject, Vector
-from forcebound.quantities import NOT_NEGATIVE, Damping, Stiffness, check_ranges
+from forcebound.quantities import NOT_NEGATIVE, Damping, Ranged, Stiffness
 
 
 @dataclass(frozen=True, kw_only=True)
-class Touchable(EnvironmentModel, ABC):
+class Touchable(Ranged, EnvironmentModel, ABC):
     """A solid that the hand touches.
 
     Attributes:
@@ -26,12 +26,9 @@ class Touchable(EnvironmentModel, ABC):
     damping: Annotated[Damping, NOT_NEGATIVE] = 0.0
     surface: Surface = field(default_factory=Surface)
 
-    def __post_init__(self) -> None:
-        check_ranges(self)
-
     @property
     def pose(self) -> Pose:
-        """Where the coordinates of the solid are."""
+        """Pose of the coordinates of the solid."""
         return Pose()
 
     @abstractmethod
@@ -55,7 +52,7 @@ class OpenTouchable(Environment):
     def __init__(self, model: Touchable, axes: int) -> None:
         self._axes, self._model = axes, model
         self._untouched = HapticSurface(*_what(model))
-        self._surfaces: dict[str, HapticSurface] = {}  # each hand has its own proxy
+        self._surfaces: dict[str, HapticSurface] = {}  # by hand: one proxy each
 
     def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
         x, y, z = map(within_reach, pad3(position))

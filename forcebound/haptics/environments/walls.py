@@ -14,10 +14,10 @@ from forcebound.quantities import (
     Damping,
     Length,
     Range,
+    Ranged,
     Ratio,
     Stiffness,
     StiffnessRate,
-    check_ranges,
 )
 
 AnyDamping: TypeAlias = Annotated[Damping, Range()]  # finite; negative: it gives energy
@@ -73,14 +73,11 @@ def damper_force(velocity: float, damping: float) -> float:
 
 
 @dataclass(frozen=True)
-class _FlatWall(StatelessEnvironment):
-    """What the walls have in common: a force along the first axis alone."""
+class _FlatWall(Ranged, StatelessEnvironment):
+    """Base of the walls: a force along the first axis alone."""
 
     stiffness: Annotated[Stiffness, NOT_NEGATIVE] = 10_000.0  # paper 4.2: k = 10 N/mm
     position: Length = 0.010  # of the surface; paper 4.1: x_wall = 10 mm
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
 
     def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
         return on_first_axis(self.push(position[0], velocity[0], elapsed), len(position))
@@ -102,7 +99,7 @@ class Wall(_FlatWall):
 class DampedWall(_FlatWall):
     """A flat wall of spring and damper across the first axis, the standard test of a Z-width.
 
-    The velocity is the device's own estimate, a filtered backward difference of its readings.
+    The velocity is the device's estimate, a filtered backward difference of its readings.
 
     Source: J. E. Colgate and J. M. Brown, Factors affecting the Z-width of a haptic display, IEEE
     International Conference on Robotics and Automation, 1994.
@@ -155,13 +152,10 @@ class ActiveWall(_FlatWall):
 
 
 @dataclass(frozen=True)
-class Damper(StatelessEnvironment):
+class Damper(Ranged, StatelessEnvironment):
     """A force ``b v`` along every axis, everywhere."""
 
     damping: AnyDamping = 5.0
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
 
     def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
         return tuple(damper_force(v, self.damping) for v in velocity)

@@ -32,7 +32,7 @@ STACK = (3, WIDTH * MAX_DEPTH)  # nodes, their keys; scratch
 
 
 class Tree(NamedTuple):
-    """What the kernels know of a tree."""
+    """A tree as the kernels see it."""
 
     nodes: Any  # lowest x, y, z, then highest, of eight children, m; shape (n, 6, WIDTH)
     triangles: Triangles  # in the order of the leaves

@@ -114,14 +114,14 @@ class MeshSolid:
         return smooth if side > SHADED else normal
 
     def _is_inside(self, point: Vector3) -> bool:
-        """Whether two of three straight lines lead out of the solid."""
+        """Return whether two of three straight lines lead out of the solid."""
         if not self._is_closed:
             return False
         first, second = (self._leads_out(point, away) for away in AWAY[:2])
         return first if first == second else self._leads_out(point, AWAY[2])
 
     def _leads_out(self, point: Vector3, away: Vector3) -> bool:
-        """Whether a straight line leaves the first triangle that it meets from behind."""
+        """Return whether a straight line leaves the first triangle that it meets from behind."""
         reach = math.dist(point, self.tree.lowest) + self.tree.size
         index, _ = self.tree.first_contact(point, along(point, away, reach))
         if index < 0:

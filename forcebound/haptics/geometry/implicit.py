@@ -64,9 +64,9 @@ def _march_of(distance: Distance) -> Any:
     def march(
         data: Data, start: Vector3, end: Vector3, dip: float
     ) -> tuple[bool, Vector3, Vector3, float, int]:
-        """Whether something is in the way; the last legal place; the obstacle; how far it is.
+        """Return whether an obstacle is hit, the last legal place, the obstacle, its distance.
 
-        Also the number of steps.
+        Last, the number of steps.
         """
         move = sub(end, start)
         length = norm(move)

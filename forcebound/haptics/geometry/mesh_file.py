@@ -178,17 +178,17 @@ def _volumes(mesh: Any) -> Array:
 def smoothed(mesh: Mesh) -> Array:
     """Return unit normals of the corners, in single precision, shape (m, 3, 3).
 
-    Each is the mean of all triangles there, or beside a crease its own. Triangles count by their
+    Each is the mean of all triangles there, beside a crease that of one. Triangles count by their
     angle at the corner, so that it does not matter how a face is cut.
     """
     import trimesh
 
     shape: Any = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
-    own = shape.face_normals
+    normals = shape.face_normals
     total = np.zeros_like(mesh.vertices)
     for k in range(3):
-        np.add.at(total, mesh.faces[:, k], shape.face_angles[:, k, None] * own)
+        np.add.at(total, mesh.faces[:, k], shape.face_angles[:, k, None] * normals)
     lengths = np.linalg.norm(total, axis=1)[:, None]
     mean = (total / np.where(lengths > 0.0, lengths, 1.0))[mesh.faces]
-    is_smooth = (own[:, None, :] * mean).sum(axis=2, keepdims=True) > CREASE
-    return np.where(is_smooth, mean, own[:, None, :]).astype(np.float32)
+    is_smooth = (normals[:, None, :] * mean).sum(axis=2, keepdims=True) > CREASE
+    return np.where(is_smooth, mean, normals[:, None, :]).astype(np.float32)

@@ -161,7 +161,7 @@ def _ply(file: Path, data: bytes) -> tuple[Array, Any]:
             if (faces["f0"] != faces["f1"].shape[1]).any():
                 raise ValueError("faces of several kinds")
             faces = faces["f1"]
-    except (ValueError, LookupError, UnboundLocalError) as error:  # trimesh's own
+    except (ValueError, LookupError, UnboundLocalError) as error:  # of trimesh
         expected = "as many bytes as its header says, and faces of one kind unless it is text"
         raise _wrong(file, expected, f"another file ({error}): export triangles") from error
     return points, _cut(points, faces, lambda face: f"{file}: face {face + 1}")
@@ -236,7 +236,7 @@ def _ears(polygon: Array, normal: Array) -> list[tuple[int, int, int]] | None:
     """Cut a polygon, shape (n, 3), by its ears; None: it crosses itself.
 
     An ear is a triangle of three neighbours without another corner in it. All of them look the way
-    of the polygon, so that their areas add up to its own.
+    of the polygon, so their areas add up to its area.
 
     Source: G. H. Meisters, Polygons have ears, American Mathematical Monthly 82(6), 1975.
     """

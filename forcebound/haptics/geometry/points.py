@@ -52,8 +52,8 @@ def cloud_data(points: Any, radius: float) -> Any:
 
 def _span(coordinate: float, low: float, edge: float, count: int) -> tuple[int, int]:
     """The cubes along an axis that are within reach: the first, and the one after the last."""
-    own = math.floor(max(min((coordinate - low) / edge, 1e9), -1e9))
-    return max(own - 1, 0), min(own + 2, count)
+    cube = math.floor(max(min((coordinate - low) / edge, 1e9), -1e9))
+    return max(cube - 1, 0), min(cube + 2, count)
 
 
 @outlined

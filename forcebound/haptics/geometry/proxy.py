@@ -51,7 +51,7 @@ SAME = 1e-9  # relative: a drag so close to the cone is on it
 
 
 class Solid(Protocol):
-    """What the proxy slides on; positions in m, normals of length 1 out of the solid."""
+    """A solid that the proxy slides on; positions in m, normals of length 1 out of the solid."""
 
     def slide(self, proxy: Vector3, goal: Vector3) -> tuple[Vector3, Vector3 | None]:
         """Move the proxy from a legal place towards the goal as far as nothing is entered.
@@ -70,13 +70,13 @@ class Solid(Protocol):
         ...
 
     def shade(self, point: Vector3, normal: Vector3) -> Vector3:
-        """Return the smoothed normal at a point of the surface whose own one is ``normal``."""
+        """Return the smoothed normal at a point of the surface with this ``normal``."""
         ...
 
 
 @dataclass(frozen=True)
 class Surface:
-    """How a surface feels; everything is off by default.
+    """Feel of a surface; everything is off by default.
 
     Attributes:
         friction: Coefficient of Coulomb friction while the tip slides.
@@ -142,7 +142,7 @@ class HapticSurface:
 
     Spring in N/m between device and proxy, damping in N s/m along the normal: it pushes the device
     out and never pulls it in. A device that begins inside the solid feels nothing until it has left
-    it once. All that it keeps is in the solid's own coordinates; ``pose`` is where these are.
+    it once. All that it keeps is in the coordinates of the solid; ``pose`` is their place.
     """
 
     def __init__(
@@ -229,7 +229,7 @@ class HapticSurface:
         return self._at_cone(device, smooth, self._surface.friction)
 
     def _at_cone(self, device: Vector3, smooth: Touch, friction: float) -> Touch:
-        """Where a sliding proxy comes to rest: T is ``friction`` times N, or all that there is."""
+        """Return where a sliding proxy rests: T is ``friction`` times N, or all that there is."""
         assert self._proxy is not None
         touch, reach = smooth, friction
         most = norm(sub(self._proxy, device)) * (1.0 + SAME)

@@ -2,7 +2,7 @@
 
 Each shape has its exact signed distance (J. C. Hart, Sphere tracing, The Visual Computer 12, 1996).
 In their order, a shape that is added makes the distance the smaller of both, one that is removed
-the larger of it and the negative of its own. What comes out is never more than the true distance
+the larger of it and the negative of its distance. The result is never more than the true distance
 (A. Ricci, A constructive geometry for computer graphics, The Computer Journal 16(2), 1973).
 """
 
@@ -32,7 +32,7 @@ def _corner_distance(x: float, y: float, z: float, is_removed: bool) -> float:
 
 
 def _in_shape(shapes: Any, row: int, point: Vector3) -> Vector3:
-    """A point in a shape's own coordinates."""
+    """Return a point in the coordinates of a shape."""
     position = (shapes[row, 2], shapes[row, 3], shapes[row, 4])
     turn = (shapes[row, 5], shapes[row, 6], shapes[row, 7], shapes[row, 8])
     return rotate_back(turn, sub(point, position))
@@ -72,24 +72,24 @@ def shape_gradient(shapes: Any, row: int, point: Vector3) -> Vector3:
     x, y, z = _in_shape(shapes, row, point)
     kind, is_removed = shapes[row, 0], shapes[row, 1] > 0.0
     if kind == PLANE:
-        own = (0.0, 0.0, 1.0)
+        normal = (0.0, 0.0, 1.0)
     elif kind == SPHERE:
         length = math.sqrt(x * x + y * y + z * z)
-        own = (x / length, y / length, z / length) if length > 0.0 else (0.0, 0.0, 1.0)
+        normal = (x / length, y / length, z / length) if length > 0.0 else (0.0, 0.0, 1.0)
     elif kind == BOX:
         u, v, w = _corner_gradient(
             abs(x) - shapes[row, 9], abs(y) - shapes[row, 10], abs(z) - shapes[row, 11], is_removed
         )
-        own = (math.copysign(u, x), math.copysign(v, y), math.copysign(w, z))
+        normal = (math.copysign(u, x), math.copysign(v, y), math.copysign(w, z))
     else:
         across = math.sqrt(x * x + y * y)
         u, v, w = _corner_gradient(
             across - shapes[row, 9], abs(z) - shapes[row, 10], -math.inf, is_removed
         )
         cosine, sine = (x / across, y / across) if across > 0.0 else (1.0, 0.0)
-        own = (u * cosine, u * sine, math.copysign(v, z))
+        normal = (u * cosine, u * sine, math.copysign(v, z))
     turn = (shapes[row, 5], shapes[row, 6], shapes[row, 7], shapes[row, 8])
-    return rotate(turn, own)
+    return rotate(turn, normal)
 
 
 @outlined
@@ -97,12 +97,12 @@ def nearest_shape(shapes: Any, point: Vector3) -> tuple[float, int]:
     """Return the distance to all shapes together, and the row of the one that it comes from."""
     distance, nearest = math.inf, 0
     for row in range(shapes.shape[0]):
-        own = shape_distance(shapes, row, point)
+        signed = shape_distance(shapes, row, point)
         if shapes[row, 1] > 0.0:
-            if -own > distance:
-                distance, nearest = -own, row
-        elif own < distance:
-            distance, nearest = own, row
+            if -signed > distance:
+                distance, nearest = -signed, row
+        elif signed < distance:
+            distance, nearest = signed, row
     return distance, nearest
 
 

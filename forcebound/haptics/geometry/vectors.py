@@ -90,7 +90,7 @@ def z_onto(normal: Vector3) -> Quaternion:
 
 @dataclass(frozen=True)
 class Pose:
-    """Where a body is, in the world: of its coordinates the origin, in m, and the axes."""
+    """Pose of a body in the world: origin, in m, and axes of its coordinates."""
 
     position: Vector3 = ZERO
     orientation: Quaternion = NO_ROTATION

@@ -6,12 +6,12 @@ passivity argument asks of a human (``docs/theory.md``, section 1).
 
 An operator is a frozen dataclass of its parameters that inherits :class:`Operator`. To add one,
 write its class and one line in ``OPERATORS``; ``tests/test_part_contracts.py`` tests it with all
-the others. Or name a file of your own (docs/write-your-own-device.md).
+the others. Or name a custom file (docs/write-your-own-device.md).
 """
 
 from abc import ABC, abstractmethod
 
-from forcebound.haptics.parts import Form, Table
+from forcebound.haptics.parts import PartShape, Table
 from forcebound.messages.packets import Vector
 
 
@@ -55,5 +55,5 @@ OPERATORS: Table[type[Operator]] = Table(
         "trembling": "forcebound.haptics.hands.hands:TremblingHand",
         "wall": "forcebound.haptics.hands.hands:WallInPlace",
     },
-    Form("forcebound.haptics.hands:Operator"),
+    PartShape("forcebound.haptics.hands:Operator"),
 )

@@ -55,7 +55,7 @@ Start: TypeAlias = Callable[[Ledgers], float]
 Limit: TypeAlias = Callable[[Ledgers, float, float, float, int], tuple[float, float, int]]
 Settle: TypeAlias = Callable[[Ledgers, float], float]
 
-#: What becomes of a reading: it is refused, taken in, or the ledger starts again from it.
+#: Verdict on a reading: it is refused, taken in, or the ledger starts again from it.
 REFUSED, TAKEN, RESTART = 0, 1, 2
 _UNSURE = 3  # taken in, after a hold that was cut at an unknown time
 _NEW = 4  # a new ledger: the motor's force was not known for a while
@@ -66,7 +66,7 @@ def compiled(law: BoundingLaw) -> tuple[Start, Limit, Settle]:
     """Return what a bounder does with its ledger, compiled.
 
     ``start(ledgers) -> estimated energy``, with the first ``reading``;
-    ``limit(ledgers, magnitude, duration, dt, closing) -> (largest force, added damping, closing)``,
+    ``limit(ledgers, magnitude, duration, dt, verdict) -> (largest force, added damping, verdict)``,
     with the ``reading`` and the commanded ``force``, its ``magnitude``, ``duration`` since the last
     call and ``dt`` since the last reading that was taken in;
     and ``settle(ledgers, delay) -> estimated energy``, with the applied ``force`` and ``delay``
@@ -92,21 +92,21 @@ def _limit(law: BoundingLaw) -> Limit:
     limit_force, energy, limits_holds = law.limit, law.energy, law.limits_holds
 
     def limit(
-        ledgers: Ledgers, magnitude: float, duration: float, dt: float, closing: int
+        ledgers: Ledgers, magnitude: float, duration: float, dt: float, verdict: int
     ) -> tuple[float, float, int]:
         ledger = ledgers[0]
         device = ledger.constants
         advance_to_reading(ledger, duration)
-        if limits_holds and closing != REFUSED:
-            closing = closing_of(ledger, closing)
+        if limits_holds and verdict != REFUSED:
+            verdict = verdict_on_reading(ledger, verdict)
         largest, added_damping = math.inf if limits_holds else 0.0, 0.0
-        if closing == _NEW:
+        if verdict == _NEW:
             restart(ledger)
             renew(ledger)
-        elif closing == RESTART:
+        elif verdict == RESTART:
             restart(ledger)
-        elif closing != REFUSED:
-            motion, cost, price = observe_axes(ledger, dt, closing == _UNSURE)
+        elif verdict != REFUSED:
+            motion, cost, price = observe_axes(ledger, dt, verdict == _UNSURE)
             saturated = min(magnitude, ledger.saturation)
             memory, sample = observe(ledger.memory, motion, cost, price, saturated, dt, device)
             store_memory(ledger.memory, memory)
@@ -119,7 +119,7 @@ def _limit(law: BoundingLaw) -> Limit:
                 seen = scaled(sample, gain, ledger.held_price + spread / gain)
                 state, largest, added_damping = limit_force(ledger.state[end], seen, device)
                 ledger.state[end] = state
-        if closing != REFUSED:
+        if verdict != REFUSED:
             ledger.spent = ledger.since = 0.0
             ledger.is_unsure = ledger.was_unsure = False
         if limits_holds:
@@ -139,7 +139,7 @@ def _limit(law: BoundingLaw) -> Limit:
                 largest = 0.0  # what the motor still gives is not known
         if ledger.waiting >= PLACES - 1:
             largest = 0.0
-        return min(largest, ledger.saturation), added_damping, closing
+        return min(largest, ledger.saturation), added_damping, verdict
 
     return limit
 
@@ -198,18 +198,21 @@ def begin(ledger: Ledger) -> None:
     ledger.is_dropped, ledger.is_waiting, ledger.is_late = True, False, False
 
 
-def closing_of(ledger: Ledger, closing: int) -> int:
-    """Return what becomes of a reading, given what the watchdog may have done before it."""
+def verdict_on_reading(ledger: Ledger, verdict: int) -> int:
+    """Decide whether a reading is taken in or refused, or restarts the ledger.
+
+    The watchdog may have dropped the force before it.
+    """
     if not ledger.is_unsure:
-        return closing
+        return verdict
     if ledger.lag > 0.0:  # the motor's force is known again once what is left of that one is gone
-        return _NEW if closing != REFUSED and ledger.quiet > SETTLED * ledger.lag else REFUSED
+        return _NEW if verdict != REFUSED and ledger.quiet > SETTLED * ledger.lag else REFUSED
     if may_be_dropped(ledger) and ledger.write_delay > 0.0:
         return REFUSED  # when it was dropped is known only once the next force acts
     is_one_hold = ledger.age == ledger.since and ledger.lag == 0.0
     for k in range(ledger.axes):
         is_one_hold = is_one_hold and ledger.axis[k].constants.dropped == 0.0
-    return _UNSURE if is_one_hold and closing == TAKEN else RESTART
+    return _UNSURE if is_one_hold and verdict == TAKEN else RESTART
 
 
 def observe_axes(ledger: Ledger, dt: float, is_unsure: bool) -> tuple[Motion, float, float]:

@@ -66,7 +66,7 @@ def _most(ledger: Ledger, end: int, level: int) -> float:
 
 
 def _duration(ledger: Ledger, level: int) -> float:
-    """How long it can last, in s."""
+    """Return the longest duration of a hold of this level, in s."""
     return ledger.watchdog_limit if level == 1 else planned_hold(ledger)
 
 
@@ -78,7 +78,7 @@ def planned_hold(ledger: Ledger) -> float:
 
 
 def _may_be_held(ledger: Ledger, force: float) -> bool:
-    """Whether ``force`` in the direction ``trial`` costs at most what there is.
+    """Return whether ``force`` in the direction ``trial`` costs at most what there is.
 
     In deficit it may cost what no force at all does: the rest of the old one, paid for before.
     """

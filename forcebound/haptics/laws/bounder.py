@@ -46,7 +46,7 @@ class ForceBounder:
 
     Raises:
         ConfigError: If the law is not known, or the description does not fit this number of axes.
-        DeviceError: Here and in the methods, if the code of a law of the user's own fails.
+        DeviceError: Here and in the methods, if the code of a user's law fails.
     """
 
     def __init__(
@@ -117,7 +117,7 @@ class ForceBounder:
 
     @property
     def allowance_repaid(self) -> bool:
-        """Whether the ledger has back what late holds can have given."""
+        """True if the ledger has recovered the energy that late holds can have given."""
         return self.largest_allowance == 0.0 or self.estimated_energy >= 0.0
 
     def start(self, time_ns: int, position: Vector) -> None:
@@ -228,9 +228,8 @@ class ForceBounder:
         """Take in when and where (m) the watchdog dropped the force, before :meth:`bound`.
 
         A report at the time when a force takes effect is one of the old force, which acted until
-        then. One from
-        before the last reading does not say when the force of now was dropped, or whether: any time
-        that the watchdog permits is reckoned with.
+        then. One older than the last reading does not show when the present force was dropped, if
+        at all; the worst permitted time is assumed.
         """
         passed, waiting = (time_ns - self._now_ns) / 1e9, range(self._ledger.waiting)
         effects = [-self._ledger.age, *[self._ledger.until_write[place] for place in waiting]]
@@ -280,18 +279,18 @@ class ForceBounder:
         """Let time pass up to a reading and take it in; return force, added damping and dt."""
         self._set_reading(*position)
         since_ns = read_ns - self._taken_ns
-        closing = TAKEN
+        verdict = TAKEN
         if (
             since_ns < SHORTEST_NS
             or read_ns < self._now_ns
             or not math.hypot(*position) < LARGEST_READING
             or not is_clear
         ):
-            closing = REFUSED
+            verdict = REFUSED
         elif self._is_gated:
-            closing = self._judge(read_ns, position)
+            verdict = self._judge(read_ns, position)
         # Too soon after the reading at a cut is no fault of this one.
-        if closing == REFUSED and not is_cut and read_ns - self._cut_ns >= SHORTEST_NS:
+        if verdict == REFUSED and not is_cut and read_ns - self._cut_ns >= SHORTEST_NS:
             self.refused_readings += 1
         if is_cut:  # it says all about the force that acted, nothing about one before
             self._ledger.is_unsure = self._ledger.was_unsure
@@ -299,16 +298,16 @@ class ForceBounder:
         if passed_ns > 0:
             self._now_ns = read_ns
         dt = since_ns / 1e9
-        limit, damping, closing = self._limit_force(
-            self._ledgers, magnitude, passed_ns / 1e9, dt, closing
+        limit, damping, verdict = self._limit_force(
+            self._ledgers, magnitude, passed_ns / 1e9, dt, verdict
         )
-        if closing != REFUSED:
+        if verdict != REFUSED:
             self._taken_ns, self._position = read_ns, position
             self._candidate = None
         return limit, damping, dt
 
     def _judge(self, read_ns: int, position: Vector) -> int:
-        """Return whether the device can have moved to a reading."""
+        """Return the verdict on a reading, to which the device may not have been able to move."""
         if not self._is_credible((self._taken_ns, self._position), read_ns, position):
             self._candidate = read_ns, position
             return REFUSED
@@ -323,7 +322,7 @@ class ForceBounder:
 
 
 def _call(law: str, function: Callable[..., Any], *arguments: Any) -> Any:
-    """Call a function of a law of the user's own, which may raise anything."""
+    """Call a function of a user's law, which may raise anything."""
     try:
         return function(*arguments)
     except Exception as error:

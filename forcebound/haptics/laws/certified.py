@@ -11,6 +11,7 @@ whose last term, for one axis, is f_c \|x(n) - y(n)\|. The proof is in ``docs/th
 """
 
 import math
+from dataclasses import replace
 
 from forcebound.haptics.laws.law import BoundingLaw, State
 from forcebound.haptics.laws.sample import DeviceConstants, Sample, Write
@@ -67,13 +68,8 @@ CERTIFIED = BoundingLaw(
     exchanges=True,
 )
 
-CERTIFIED_FADING = BoundingLaw(
+CERTIFIED_FADING = replace(
+    CERTIFIED,
     summary="certified for the physical energy, surplus forgotten within 20 ms",
-    start=start,
-    limit=limit,
-    limits_holds=True,
     settle=settle_fading,
-    energy=energy,
-    is_certified=True,
-    exchanges=True,
 )

@@ -1,4 +1,4 @@
-"""What is known of a device: the description that every bounding law relies on.
+"""Knowledge of a device: the description that every bounding law relies on.
 
 Fill it in from an identification of the device. Every number is a promise about the device: a
 minimum of what it dissipates, a maximum of what it errs. ``docs/theory.md``, section 3, says how
@@ -47,7 +47,7 @@ MOST_LATE = 6  # periods, of a write: the ledger has places for as many forces o
 
 @dataclass(frozen=True, kw_only=True)
 class StatedNumbers:
-    """What is stated of a device, whatever the rate of its servo.
+    """Stated numbers of a device, for any rate of its servo.
 
     Coordinates are axes at the tip, in m and N, or joints, in rad and N m; then read "m" as rad and
     "N" as N m. Where a number for each axis is allowed, one number means all axes alike. The
@@ -109,7 +109,7 @@ class StatedNumbers:
 
 @dataclass(frozen=True, kw_only=True)
 class StatedAxes(StatedNumbers):
-    """What is stated of a device whose axes carry weights that do not change with its pose.
+    """Stated numbers of a device whose axes carry weights that do not change with its pose.
 
     Attributes:
         weight: Weight on each axis that the device carries by itself, positive against positive
@@ -124,7 +124,7 @@ class StatedAxes(StatedNumbers):
 
 @dataclass(frozen=True, kw_only=True)
 class Dissipation(StatedAxes):
-    """What a law may rely on about a device: its stated numbers, and how it is sampled.
+    """Description of a device that a law may rely on: its stated numbers, and how it is sampled.
 
     Attributes:
         period: Nominal sampling period T.

@@ -13,7 +13,7 @@ from forcebound.errors import ConfigError
 from forcebound.haptics.laws.constants import device_constants
 from forcebound.haptics.laws.dissipation import Dissipation
 from forcebound.haptics.laws.sample import DeviceConstants, Sample, Write
-from forcebound.haptics.parts import Form, Table
+from forcebound.haptics.parts import PartShape, Table
 
 #: What a law remembers from sample to sample: an energy, in J (or a stiffness, in N/m).
 State: TypeAlias = float
@@ -50,7 +50,7 @@ class BoundingLaw:
             an energy, in J.
         uses_friction: False: the law counts viscous damping alone, f_c = 0.
         is_certified: The bound holds for the physical energy (``docs/theory.md``).
-        adds_damping: The law may add a force of its own, so it may exceed the commanded force.
+        adds_damping: The law may add a force, and so exceed the commanded one.
         exchanges: A ledger may give energy to another one, or get some; the state is an energy.
     """
 
@@ -102,7 +102,7 @@ LAWS: Table[BoundingLaw] = Table(
         "certified": "forcebound.haptics.laws.certified:CERTIFIED",
         "certified_fading": "forcebound.haptics.laws.certified:CERTIFIED_FADING",
     },
-    Form("forcebound.haptics.laws.law:BoundingLaw", is_object=True),
+    PartShape("forcebound.haptics.laws.law:BoundingLaw", is_object=True),
 )
 
 

@@ -1,4 +1,4 @@
-"""What a bounder remembers between two calls: one record, which compiled functions take over.
+"""Memory of a bounder between two calls: one record, which compiled functions take over.
 
 Compiled functions read and write it by attribute, without copying; interpreted ones do the same.
 """
@@ -20,7 +20,7 @@ SETTLED = 20.0  # time constants of the amplifier, after which the rest of a for
 
 
 class Axis:
-    """What belongs to one axis."""
+    """Record of one axis."""
 
     memory: AxisMemory
     motor: Motor
@@ -34,7 +34,7 @@ class Axis:
 
 
 class Ledger:
-    """What a bounder remembers."""
+    """Memory of a bounder."""
 
     reading: Annotated[list[float], MAX_AXES]  # m, input of a call
     force: Annotated[list[float], MAX_AXES]  # N, input of a call

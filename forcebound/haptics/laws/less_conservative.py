@@ -7,6 +7,7 @@ readings are taken for positions.
 """
 
 import math
+from dataclasses import replace
 
 from forcebound.haptics.laws.law import BoundingLaw, State, observe_energy
 from forcebound.haptics.laws.sample import DeviceConstants, Sample
@@ -33,8 +34,6 @@ LESS_CONSERVATIVE = BoundingLaw(
     limit=limit,
 )
 
-LESS_CONSERVATIVE_VISCOUS = BoundingLaw(
-    summary="less conservative, viscous damping alone",
-    limit=limit,
-    uses_friction=False,
+LESS_CONSERVATIVE_VISCOUS = replace(
+    LESS_CONSERVATIVE, summary="less conservative, viscous damping alone", uses_friction=False
 )

@@ -6,6 +6,7 @@ softer: a saturated viscous wall shows exactly 2B.
 """
 
 import math
+from dataclasses import replace
 
 from forcebound.haptics.laws.law import BoundingLaw, State
 from forcebound.haptics.laws.sample import DeviceConstants, Sample, Write
@@ -68,10 +69,6 @@ MORE_CONSERVATIVE = BoundingLaw(
     energy=energy,
 )
 
-MORE_CONSERVATIVE_VISCOUS = BoundingLaw(
-    summary="more conservative, viscous damping alone",
-    start=start,
-    limit=limit,
-    energy=energy,
-    uses_friction=False,
+MORE_CONSERVATIVE_VISCOUS = replace(
+    MORE_CONSERVATIVE, summary="more conservative, viscous damping alone", uses_friction=False
 )

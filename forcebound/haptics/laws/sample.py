@@ -28,7 +28,7 @@ ANCHOR_SAMPLES = 8
 
 
 class DeviceConstants(NamedTuple):
-    """What a law may rely on about a device; see :class:`forcebound.haptics.laws.Dissipation`."""
+    """Constants of a device for a law; see :class:`forcebound.haptics.laws.Dissipation`."""
 
     damping: float  # b of the worst axis, N s/m
     friction: float  # f_c of the worst axis, N; 0 for a law that counts viscous damping alone
@@ -42,7 +42,7 @@ class DeviceConstants(NamedTuple):
 
 
 class AxisConstants(NamedTuple):
-    """What a law may rely on about one axis."""
+    """Constants of one axis for a law."""
 
     damping: float  # b_i, N s/m
     friction: float  # f_i, N, on this axis by itself; 0 for friction along the path
@@ -54,7 +54,7 @@ class AxisConstants(NamedTuple):
 
 
 class AxisMemory(NamedTuple):
-    """What is remembered of one axis."""
+    """Memory of one axis."""
 
     reading: float  # q(n-1), m
     force: float  # F(n-1), N, written last
@@ -66,7 +66,7 @@ class AxisMemory(NamedTuple):
 
 
 class Memory(NamedTuple):
-    """What is remembered of all axes together."""
+    """Memory of all axes together."""
 
     path: float  # length of the vector of the axes' paths, m
     loss: float  # least viscous loss since the older anchor, J
@@ -77,7 +77,7 @@ class Memory(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """What has been measured in a sample, summed over the axes."""
+    """Measurements of a sample, summed over the axes."""
 
     distance_square: float  # m², of the move of the reading
     held_square: float  # N², of F(n-1)
@@ -91,7 +91,7 @@ class Motion(NamedTuple):
 
 
 class Sample(NamedTuple):
-    """What a law sees at a sample."""
+    """Input of a law at a sample."""
 
     commanded: float  # ‖F_e(n)‖, N, already saturated
     dt: float  # measured time since the last sample, s, positive

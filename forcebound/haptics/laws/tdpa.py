@@ -5,7 +5,7 @@ when it is negative, the passivity controller adds damping. Its known weakness, 
 speed, is part of the comparison.
 
 This is the only law that may apply *more* than the commanded force, or a force against it: the
-damping is a force of its own. So of the promises in :mod:`forcebound.haptics.laws` only the
+damping is an added force. So of the promises in :mod:`forcebound.haptics.laws` only the
 saturation holds for it (``adds_damping``).
 
 Source: B. Hannaford and J.-H. Ryu, Time-domain passivity control of haptic interfaces, IEEE
@@ -18,7 +18,7 @@ from forcebound.haptics.laws.law import BoundingLaw, State
 from forcebound.haptics.laws.sample import DeviceConstants, Sample
 
 # N s/m. A sampled damper α on a mass m overshoots at α > m/T: 75 N s/m for the 0.075 kg of a
-# PHANToM Premium 1.5 at 1 kHz. Held well below, as the authors' own cap on α.
+# PHANToM Premium 1.5 at 1 kHz. Held well below, as is the authors' cap on α.
 MAX_DAMPING = 30.0
 
 # m/s. Below it the damping that one sample would need grows without bound.

@@ -94,7 +94,7 @@ def _run_motors(ledger: Ledger, piece: float) -> None:
 
 
 def may_be_dropped(ledger: Ledger) -> bool:
-    """Whether the watchdog may, or may not yet, have dropped the acting force.
+    """Return whether the watchdog may, or may not yet, have dropped the acting force.
 
     A reporting watchdog whose report is late may have dropped it; a guarding one need not.
     """

@@ -2,7 +2,7 @@
 
 A contract is a table of promises and a function ``check`` that asks a part, at random and at its
 limits, and returns a :class:`Report`. ``forcebound check`` runs it on a user's file, the
-repository's own tests on every part that ships.
+repository's tests on every part that ships.
 """
 
 import dataclasses
@@ -34,7 +34,7 @@ class Violation:
 
 @dataclass(frozen=True)
 class Report:
-    """What a check found."""
+    """Findings of a check."""
 
     promises: Mapping[str, str]  # in words, by name; only those that were looked at
     violations: tuple[Violation, ...]  # at most ``SHOWN`` of each promise
@@ -43,7 +43,7 @@ class Report:
 
     @property
     def held(self) -> dict[str, bool]:
-        """Whether each promise was kept."""
+        """Outcome of each promise by its name: True if it was kept."""
         broken = {violation.promise for violation in self.violations}
         return {promise: promise not in broken for promise in self.promises}
 
@@ -125,7 +125,7 @@ class Findings:
                 return
 
     def is_broken(self, promise: str) -> bool:
-        """Whether a promise was broken until now."""
+        """Return whether a promise was broken until now."""
         return promise in self._found
 
     def report(

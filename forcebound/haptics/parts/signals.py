@@ -50,7 +50,7 @@ class Publishing:
     """A model whose open part publishes signals.
 
     Attributes:
-        signals: The numbers, each with a name of its own.
+        signals: The numbers; their names differ.
     """
 
     signals: ClassVar[Collection[Signal]] = ()
@@ -69,8 +69,8 @@ class SignalError(ConfigError):
     """A part has published a number that its model does not declare, or what is no number."""
 
 
-class Published:
-    """What an open part has published."""
+class PublishedSignals:
+    """Numbers and events that an open part has published."""
 
     def __init__(self) -> None:
         self.numbers: dict[str, float] = {}  # that hold now, all finite
@@ -102,9 +102,9 @@ class Publisher:
     """An open part that may publish signals."""
 
     @cached_property
-    def published(self) -> Published:
-        """What its node sends; a part that wraps another has that of the other."""
-        return Published()
+    def published(self) -> PublishedSignals:
+        """The signals that the node sends. A wrapper shares those of the part inside."""
+        return PublishedSignals()
 
     def signal(self, name: str, value: float) -> None:
         """Publish a number that the model declares; it holds until the next one, NaN ends it.

@@ -5,7 +5,7 @@ A part has one of three origins:
 * it ships with forcebound: an entry ``"module:NAME"`` of a table, imported when it is first used;
 * an installed package offers it: an entry point of the group ``forcebound.SECTION``, such as
   ``forcebound.environments``; it cannot replace a part that ships;
-* it stands in a file of the user's own, ``my_spring.py`` or ``my_spring.py:MySpring``
+* it stands in a user's file, ``my_spring.py`` or ``my_spring.py:MySpring``
   (:mod:`forcebound.haptics.parts.user_module`).
 """
 
@@ -32,15 +32,15 @@ _logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
-class Form:
-    """What a part of a table must be."""
+class PartShape:
+    """Requirements on a part of a table."""
 
     base: str  # "module:NAME" of the class that a part inherits, as a frozen dataclass
     is_object: bool = False  # whether a part is an object of that class instead
 
     @property
     def expected(self) -> str:
-        """The form in words."""
+        """The shape in words."""
         module, _, name = self.base.partition(":")
         if self.is_object:
             return f"a {name}"
@@ -54,7 +54,7 @@ class Form:
         return isinstance(part, type) and issubclass(part, base)
 
     def check(self, part: object, name: str) -> None:
-        """Raise ConfigError, with ``name``, if ``part`` does not have this form."""
+        """Raise ConfigError, with ``name``, if ``part`` does not have this shape."""
         if not self.fits(part):
             got = "" if isinstance(part, type) else f", got an object of type {type(part).__name__}"
             raise ConfigError(f"{name} must be {self.expected}{got}")
@@ -81,9 +81,9 @@ class Table(MutableMapping[str, Part], Generic[Part]):
     part`` adds one that was made in Python, for this process.
     """
 
-    def __init__(self, section: str, shipped: Mapping[str, str], form: Form) -> None:
+    def __init__(self, section: str, shipped: Mapping[str, str], shape: PartShape) -> None:
         self.section = section
-        self.form = form
+        self.shape = shape
         self._shipped = dict(shipped)
         self._added: set[str] = set()
         self._loaded: dict[str, Part] = {}
@@ -93,14 +93,14 @@ class Table(MutableMapping[str, Part], Generic[Part]):
 
         Raises:
             KeyError: If there is no such kind.
-            ConfigError: If its module or file cannot be imported, or is not of the form.
+            ConfigError: If it cannot be imported, or is not of the shape.
         """
         if kind not in self._loaded:
             self._loaded[kind] = self._load(kind)
         return self._loaded[kind]
 
     def __setitem__(self, kind: str, part: Part) -> None:
-        self.form.check(part, kind)
+        self.shape.check(part, kind)
         self._loaded[kind] = part
         self._added.add(kind)
         if kind in self._shipped and part is self._load(kind):  # it is put back
@@ -111,7 +111,7 @@ class Table(MutableMapping[str, Part], Generic[Part]):
         del self._loaded[kind]
 
     def __contains__(self, kind: object) -> bool:
-        """Whether a kind is known, or names a file, which is not looked at."""
+        """Return whether a kind is known, or names a file, which is not looked at."""
         return isinstance(kind, str) and (
             kind in self._shipped
             or kind in self._added
@@ -188,9 +188,9 @@ class Table(MutableMapping[str, Part], Generic[Part]):
         return self._load_offered(self._entry_points[kind])
 
     def _load_file(self, kind: str, folder: Path) -> Part:
-        part: Part = user_module.load(kind, folder, self.form.fits, self.form.expected)
+        part: Part = user_module.load(kind, folder, self.shape.fits, self.shape.expected)
         file, _, name = (user_module.kind_of(part) or "").rpartition(":")
-        self.form.check(part, f"{name} of {Path(file).name}")
+        self.shape.check(part, f"{name} of {Path(file).name}")
         return part
 
     def _load_offered(self, point: "EntryPoint") -> Part:
@@ -201,12 +201,12 @@ class Table(MutableMapping[str, Part], Generic[Part]):
         except (Exception, SystemExit) as error:
             words = f"{type(error).__name__}: {error}"
             raise ConfigError(f"cannot import {offer}: {words}; mend or uninstall it") from error
-        self.form.check(part, offer)
+        self.shape.check(part, offer)
         return part
 
 
 def overridden(part: object, base: type) -> frozenset[str]:
-    """Return the names of the methods of a base class that a part has of its own."""
+    """Return the names of the methods of a base class that a part overrides."""
     return frozenset(
         name
         for name, default in vars(base).items()
@@ -221,12 +221,12 @@ def _import(entry: str) -> Any:
 
 def _check_arguments(part: type, base: type, method: str, name: str) -> None:
     """Raise ConfigError if a method does not take the arguments that the base class promises."""
-    promised, own = vars(base)[method], inspect.getattr_static(part, method)
-    if own is promised or not inspect.isfunction(promised) or not inspect.isfunction(own):
+    promised, given = vars(base)[method], inspect.getattr_static(part, method)
+    if given is promised or not inspect.isfunction(promised) or not inspect.isfunction(given):
         return
     count = len(inspect.signature(promised).parameters)
     try:
-        inspect.signature(own).bind(*range(count))
+        inspect.signature(given).bind(*range(count))
     except TypeError as error:
         message = f"class {name}: {method} must take {count - 1} arguments besides self: {error}"
         raise ConfigError(message) from None

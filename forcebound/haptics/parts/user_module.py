@@ -1,4 +1,4 @@
-"""Files with code of the user's own, and the parts that they define.
+"""Files with a user's code, and the parts that they define.
 
 ``kind: my_spring.py`` or ``kind: my_spring.py:MySpring`` in a launch file names such a part. Its
 file is read as Python reads a module, once in a process: after a change, start the graph again.
@@ -42,7 +42,7 @@ _parts: dict[str, object] = {}  # by absolute kind, FILE.py:NAME
 
 
 def names_file(kind: str) -> bool:
-    """Return whether a ``kind`` names a file of the user's own."""
+    """Return whether a ``kind`` names a user's file."""
     return _KIND.fullmatch(kind) is not None
 
 
@@ -150,7 +150,7 @@ def _read(path: Path) -> bytes:
 
 
 def _describe(error: BaseException, files: set[str]) -> str:
-    """What was raised, where in one of these files, and the line itself."""
+    """Return the error, its place in one of these files, and the line itself."""
     place, text = None, ""
     words = str(error)
     if type(error).__module__.startswith("numba") and (found := _IN_LINE.search(words)):
@@ -194,7 +194,7 @@ def _name_in(
 
 
 def _is_part(name: str, part: object) -> bool:
-    """Whether this may be a part: no second name of a class, no function, no plain value."""
+    """Return whether this may be a part: no second name of a class, no function, no plain value."""
     if isinstance(part, type):
         return part.__name__ == name
     return dataclasses.is_dataclass(part)

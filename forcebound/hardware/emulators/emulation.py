@@ -40,7 +40,7 @@ class Board(Protocol):
 
 
 class Emulation:
-    """What happens at the far end of a serial line.
+    """The far end of a serial line.
 
     Attributes:
         replies: Number of replies so far.

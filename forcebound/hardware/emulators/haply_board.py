@@ -145,7 +145,7 @@ class HaplyBoard:
                 self._reply += struct.pack("<f", 360.0 * counts / turn if turn else math.nan)
 
     def _counts(self, port: int) -> int:
-        """What an encoder counts from angle 0 towards larger angles."""
+        """Return the counts of an encoder from angle 0 towards larger angles."""
         if port >= len(self._resolutions):
             return 0
         return math.floor(self.angles[port] / self._resolutions[port] + 0.5)

@@ -10,7 +10,7 @@ from forcebound.haptics.hands import Operator
 from forcebound.haptics.hands.hands import NoHand
 from forcebound.messages.packets import Vector
 
-LARGEST_TORQUE = 1e6  # N m, no limit: the board has its own
+LARGEST_TORQUE = 1e6  # N m, no limit: the board has one
 CARRY = 1.0  # s, to bring the tip from one place to another
 
 
@@ -32,7 +32,7 @@ class CarryingHand(Operator):
 
     @property
     def is_home(self) -> bool:
-        """Whether the tip is held in the pose of the set-up, or brought there."""
+        """True if the tip is held in the pose of the set-up, or brought there."""
         return self._to == self.home and self._moves_at is None
 
     def carry(self, elapsed: float, to: Vector) -> None:

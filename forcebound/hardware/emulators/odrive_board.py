@@ -76,7 +76,7 @@ class _Axis:
 
     @property
     def is_on(self) -> bool:
-        """Whether the motor is."""
+        """True if the motor is on."""
         return self.values["current_state"] == CLOSED_LOOP_CONTROL
 
     def fail(self, error: int) -> None:

@@ -3,7 +3,7 @@
 One loop for every node: wait, receive, step, publish. Only the waiting differs:
 
 * A node that wakes on arrival (controller, environment) sleeps until a packet arrives, until one
-  is due on an impaired link, or until its own ``wake_ns`` (:mod:`forcebound.run.process.inbox`).
+  is due on an impaired link, or until its ``wake_ns`` (:mod:`forcebound.run.process.inbox`).
 * A servo (the device) never waits for packets. It sleeps until its ``wake_ns``, spins the last few
   microseconds, and takes the packets that have arrived.
 
@@ -45,7 +45,7 @@ from forcebound.messages.control import (
     Request,
     StopProcess,
 )
-from forcebound.messages.events import PARAMETERS_SET, REMOTE, Kind
+from forcebound.messages.events import PARAMETERS_SET, REMOTE, EventKind
 from forcebound.messages.packets import (
     TOPIC_OF,
     EnvironmentQuery,
@@ -75,7 +75,7 @@ class Runner:
 
     A stream that is not in ``links`` has a perfect link. ``configure`` brings node and links to the
     parameters of a request; it returns those that it has changed. ``remotes`` are the links to
-    other machines, by hand: a controller uses its own in addition to its sockets, an environment
+    other machines, by hand: a controller uses its link in addition to its sockets, an environment
     serves the hand over it instead of them.
 
     Raises:
@@ -140,7 +140,7 @@ class Runner:
 
     def emit(
         self,
-        event: Kind,
+        event: EventKind,
         message: str,
         data: Mapping[str, str] | None = None,
         *,
@@ -181,7 +181,7 @@ class Runner:
             if time_ns < remote.due_ns and not sockets.wait(remote.descriptors, 0):
                 continue
             for notice in remote.watch(time_ns):
-                event = cast(Kind, f"{REMOTE}{notice.kind}")
+                event = cast(EventKind, f"{REMOTE}{notice.kind}")
                 message, data = notice.message, notice.data
                 if hand != HAND and remote.end.role == "environment":  # a controller has one hand
                     message, data = f"{hand}: {message}", {**data, "hand": hand}
@@ -202,14 +202,14 @@ class Runner:
 
     @property
     def nodes(self) -> tuple[Node, ...]:
-        """The node that it drives; as of a simulation, which drives several."""
+        """The node, as a tuple of one: the same interface as ``Simulation``."""
         return (self._node,)
 
     def _connect_remote(self, hand: str, remote: RemoteLink) -> None:
         """Let a hand's queries and replies go to, and come from, another machine.
 
         Sent packets also go to this machine's sockets; received packets are passed on to them, on
-        an address of its own: so a recorder here sees both.
+        another address: so a recorder here sees both.
         """
         sent: type[Packet] = EnvironmentQuery
         came: type[Packet] = EnvironmentReply
