@@ -11,7 +11,6 @@ from forcebound.graph.fields import fields_of
 from forcebound.graph.graph import (
     KINDS,
     PHASE_KEYS,
-    RUN_KEYS,
     SECTION_SETTINGS,
     EnvironmentConfig,
     GraphConfig,
@@ -19,6 +18,7 @@ from forcebound.graph.graph import (
     RealtimeConfig,
     RemoteConfig,
 )
+from forcebound.graph.names import RUN_KEYS
 from forcebound.graph.schema import SUBSTITUTION, properties
 from forcebound.graph.servo import ServoSettings
 from forcebound.haptics.geometry.proxy import Surface

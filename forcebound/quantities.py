@@ -9,13 +9,14 @@ Units are read, and ranges checked, where text comes in, by the launch files
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from types import UnionType
 from typing import (
     Annotated,
     Any,
+    Literal,
     Protocol,
     TypeAlias,
     Union,
@@ -136,10 +137,13 @@ def check_ranges(settings: Any) -> None:
         ConfigError: If one is outside; it names the field.
     """
     kind: type = type(settings)
-    for name, permitted, symbol in _ranges_of(kind):
+    for name, permitted, symbol, words in _ranges_of(kind):
         value = getattr(settings, name)
-        if value is None or isinstance(value, str):
+        if value is None or (isinstance(value, str) and value in words):
             continue  # a word such as auto, or no value, in place of the number
+        if isinstance(value, str):
+            expected = f"a number{f' in {symbol}' if symbol else ''}"
+            raise ConfigError(f"{name}: expected {expected}, got {value!r}", field=name)
         try:
             for number in value if isinstance(value, tuple) else (value,):
                 permitted.check(number, symbol)
@@ -155,16 +159,19 @@ class Ranged:
 
 
 @cache
-def _ranges_of(kind: type) -> list[tuple[str, Range, str]]:
-    """Name, range and unit of each field that has a range."""
+def _ranges_of(kind: type) -> Sequence[tuple[str, Range, str, Sequence[str]]]:
+    """Name, range, unit, and words in place of the number, of each field that has a range."""
     found = []
     for name, hint in get_type_hints(kind, include_extras=True).items():
         is_union = isinstance(hint, UnionType) or get_origin(hint) is Union
         choices: tuple[Any, ...] = get_args(hint) if is_union else (hint,)
+        literals = [get_args(choice) for choice in choices if get_origin(choice) is Literal]
+        words = [word for each in literals for word in each]
         for choice in choices:
             notes = choice.__metadata__ if get_origin(choice) is Annotated else ()
             symbols = [note.symbol for note in notes if isinstance(note, Unit)]
-            found += [(name, note, "".join(symbols)) for note in notes if isinstance(note, Range)]
+            ranges = [note for note in notes if isinstance(note, Range)]
+            found += [(name, note, "".join(symbols), words) for note in ranges]
     return found
 
 

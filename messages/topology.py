@@ -44,6 +44,7 @@ Route: TypeAlias = tuple[type[Packet], str]
 Document: TypeAlias = dict[str, Any]
 
 HAND = "hand"  # name of the only hand of a graph, which the names of its nodes leave out
+MOST_HANDS = 8  # of a graph
 HANDS = "hands"  # key of a document: what belongs to each hand, by its name
 #: Sections of a launch file that belong to a hand.
 HAND_SECTIONS = ("device", "operator", "controller", "links", "remote")

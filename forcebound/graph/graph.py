@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from forcebound.errors import ConfigError
 from forcebound.graph.fields import Field, fields_of
-from forcebound.graph.names import parameter_name, text_of
-from forcebound.graph.problems import Place, Problems
+from forcebound.graph.names import text_of
 from forcebound.graph.servo import ServoSettings, dissipation_of
 from forcebound.haptics.controllers import CONTROLLERS, ControllerModel
 from forcebound.haptics.devices import DEVICES, DeviceModel
@@ -25,7 +24,7 @@ from forcebound.haptics.hands import OPERATORS, Operator
 from forcebound.haptics.laws import Dissipation
 from forcebound.haptics.parts import Table
 from forcebound.messages.control import Parameters
-from forcebound.messages.topology import HAND, HANDS, HERE, Document, Graph, graph_of, hand_values
+from forcebound.messages.topology import HAND, HERE, Document, Graph, graph_of, hand_values
 from forcebound.network.ends import RemoteSection
 from forcebound.network.impairment import Impairment
 from forcebound.quantities import NOT_NEGATIVE, POSITIVE, PROBABILITY, Ratio, Time, check_ranges
@@ -42,8 +41,6 @@ KINDS: Mapping[str, Table[Any]] = {
 
 #: Words of a link in which an environment gives the time that it computes: compute_delay.
 COMPUTATION = ("delay", "jitter", "distribution", "correlation", "trace")
-
-RUN_KEYS = ("description", "seed", "duration", HERE)  # fields of GraphConfig that are no sections
 
 
 @dataclass(frozen=True)
@@ -231,7 +228,9 @@ class GraphConfig:
     def __post_init__(self) -> None:
         if isinstance(self.environment, EnvironmentModel):
             object.__setattr__(self, "environment", EnvironmentConfig(self.environment))
-        self._check()
+        from forcebound.graph.objects import check  # which knows these classes
+
+        check(self)
         for name in self.here or ():
             if name not in self.hands:
                 known = ", ".join(self.hands)
@@ -256,30 +255,6 @@ class GraphConfig:
             here: tuple[str, ...] | None = None,
             units: Mapping[str, str] = MappingProxyType({}),
         ) -> None: ...
-
-    def _check(self) -> None:
-        """Check what a launch file is checked for, if every part is made here."""
-        from forcebound.graph import checks  # which knows these classes
-
-        parts: list[tuple[str, object]] = [("environment", self.environment.model)]
-        for hand in self.hands.values():
-            parts += [("device", hand.device), ("operator", hand.operator)]
-            parts += [("controller", hand.controller)]
-        if any(isinstance(part, PartSpec) for _, part in parts):
-            return  # it was checked before it was written
-        for section, part in parts:
-            if part is not None and not type(part).__module__.startswith("forcebound."):
-                KINDS[section].known(type(part), type(part).__name__)
-        problems = Problems()
-
-        def note(hand: str, section: str, error: ConfigError) -> None:
-            place = parameter_name(hand or HAND, ".".join(filter(None, (section, error.field))))
-            problems.add(str(error), Place(place))
-
-        checks.check_together(
-            {**vars(self), HANDS: {n: vars(h) for n, h in self.hands.items()}}, note
-        )
-        problems.raise_if_any()
 
     @classmethod
     def read(cls, file: str | Path, **arguments: object) -> "GraphConfig":

@@ -4,7 +4,6 @@ One reader reads launch files, what :mod:`forcebound.graph.resolved` writes (:fu
 parts by themselves (:mod:`forcebound.graph.parts`).
 """
 
-import re
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import lru_cache
@@ -20,7 +19,6 @@ from forcebound.graph.graph import (
     FORMAT,
     KINDS,
     PHASE_KEYS,
-    RUN_KEYS,
     SECTION_SETTINGS,
     DeviceFacts,
     EnvironmentConfig,
@@ -31,14 +29,14 @@ from forcebound.graph.graph import (
     RealtimeConfig,
     RemoteConfig,
 )
-from forcebound.graph.names import ParameterName
+from forcebound.graph.names import FILE_KEYS, RUN_KEYS, ParameterName, problem_of_hand
 from forcebound.graph.problems import Problems, unknown
 from forcebound.graph.resolved import FACTS, check_plain
 from forcebound.graph.servo import ServoSettings
 from forcebound.graph.tree import Value, from_plain, units_of
 from forcebound.haptics.laws import LAWS
 from forcebound.haptics.parts.user_module import describe_user_error, user_code
-from forcebound.messages.topology import HAND, HAND_SECTIONS, HANDS, IMPAIRABLE, Document
+from forcebound.messages.topology import HAND_SECTIONS, HANDS, IMPAIRABLE, MOST_HANDS, Document
 from forcebound.network.impairment import Impairment
 from forcebound.quantities import CheckedText
 from forcebound.recordings.delay_traces import trace_of
@@ -64,21 +62,7 @@ _LINK = {topic: Form(f"links.{topic}", fields_of(Impairment)) for topic in IMPAI
 SETTINGS: Mapping[str, type] = {"realtime": RealtimeConfig, "remote": RemoteConfig}
 _SETTINGS = {name: (Form(name, fields_of(kind)), kind) for name, kind in SETTINGS.items()}
 PHASE = Form(PHASES, {**fields_of(Phase, PHASE_KEYS), "set": Field("set", dict[str, Any] | None)})
-MOST_HANDS = 8
-_NAME_OF_HAND = re.compile("[A-Za-z][A-Za-z0-9_]{0,31}")
 _OPTIONAL = ("operator", "controller")  # sections that a hand need not have
-_FILE_KEYS = ("arguments", "include", "identified")  # no run reads these
-_RESERVED = (
-    "forcebound",
-    *KINDS,
-    "links",
-    *SETTINGS,
-    *RUN_KEYS,
-    *_FILE_KEYS,
-    PHASES,
-    HANDS,
-    "units",
-)
 
 
 def always(section: str, kind: str) -> bool:
@@ -128,7 +112,7 @@ def read_sections(root: Value, problems: Problems, makes: Makes = always) -> Val
     ``hands`` has the sections of each hand.
     """
     has_phases = PHASES in root.entries
-    sections = ("environment", "realtime", HANDS, *HAND_SECTIONS, *_FILE_KEYS, PHASES)
+    sections = ("environment", "realtime", HANDS, *HAND_SECTIONS, *FILE_KEYS, PHASES)
     others = (*sections, *(["duration"] * has_phases))
     made = (_FILE_OF_PHASES if has_phases else _FILE).read(root, problems, others) or {}
     made.pop("forcebound", None)
@@ -157,12 +141,9 @@ def _hands(root: Value, problems: Problems, makes: Makes) -> dict[str, Values]:
         words = f"{HANDS}: expected at most {MOST_HANDS}, got {len(named.entries)}"
         problems.add(words, named.key or named.place)
     for name, value in named.entries.items():
-        if not _NAME_OF_HAND.fullmatch(name) or name in _RESERVED:
-            words = "expected a word of letters, digits and _ that is no section of a file"
-            problems.add(f"{HANDS}: {words}, got {name!r}", value.key or value.place)
-        if name == HAND and len(named.entries) > 1:
-            words = f"{HAND!r} is the name of an only hand; this graph has {len(named.entries)}"
-            problems.add(f"{HANDS}: {words}", value.key or value.place)
+        problem = problem_of_hand(name, len(named.entries))
+        if problem is not None:
+            problems.add(problem, value.key or value.place)
         Form(f"{HANDS}.{name}", {}).read(value, problems, HAND_SECTIONS)
     return {name: _hand(value, problems, makes) for name, value in named.entries.items()}
 

@@ -4,14 +4,18 @@
 hands, what belongs to one begins with its name: ``left.device.law``, or ``hands.left.device.law``.
 """
 
+import re
 from collections.abc import Mapping, MutableMapping
 from dataclasses import dataclass
 from numbers import Integral, Real
 from typing import Any
 
 from forcebound.errors import ConfigError
-from forcebound.messages.topology import HAND, HAND_SECTIONS, HANDS
+from forcebound.messages.topology import HAND, HAND_SECTIONS, HANDS, HERE
 
+#: Keys of a launch file that are no sections: of the run, and of the file alone.
+RUN_KEYS = ("description", "seed", "duration", HERE)
+FILE_KEYS = ("arguments", "include", "identified")
 OF_GRAPH = ("environment", "realtime", "phases")  # sections of the whole graph
 
 
@@ -60,6 +64,20 @@ class ParameterName:
     def topic(self) -> str | None:
         """The topic of a link's parameter; None for others."""
         return self.keys[1] if self.section == "links" and len(self.keys) > 2 else None
+
+
+_RESERVED = ("forcebound", *HAND_SECTIONS, *OF_GRAPH, *RUN_KEYS, *FILE_KEYS, HANDS, "units")
+_NAME_OF_HAND = re.compile("[A-Za-z][A-Za-z0-9_]{0,31}")
+
+
+def problem_of_hand(name: str, of: int) -> str | None:
+    """Return what is wrong with the name of a hand ``of`` so many; None: nothing."""
+    if not _NAME_OF_HAND.fullmatch(name) or name in _RESERVED:
+        words = "expected a word of letters, digits and _ that is no section of a file"
+        return f"{HANDS}: {words}, got {name!r}"
+    if name == HAND and of > 1:
+        return f"{HANDS}: {HAND!r} is the name of an only hand; this graph has {of}"
+    return None
 
 
 def put(section: MutableMapping[str, Any], keys: tuple[str, ...], value: Any) -> None:

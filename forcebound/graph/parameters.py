@@ -22,6 +22,7 @@ from forcebound.haptics.parts.plain import plain
 from forcebound.haptics.parts.user_module import names_file
 from forcebound.messages.control import Parameters
 from forcebound.messages.topology import (
+    HAND,
     IMPAIRABLE,
     LINKS,
     ONE_HAND,
@@ -114,6 +115,8 @@ def with_written(
     written: dict[tuple[str, tuple[str, ...]], Value] = {}  # sections that change, by hand
     for name, value in values.items():
         place = ParameterName.parse(name)
+        if place.section not in (*SECTIONS, "device") or place.hand not in (HAND, *hands):
+            raise ConfigError(unknown_parameter(name, config))
         section = place.keys[: 2 if place.topic else 1]
         if (place.hand, section) not in written:
             document = environment_document(environment)

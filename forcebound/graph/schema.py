@@ -12,8 +12,9 @@ from types import UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from forcebound.graph.fields import Field, fields_of
-from forcebound.graph.graph import FORMAT, KINDS, RUN_KEYS, SECTION_SETTINGS, GraphConfig
+from forcebound.graph.graph import FORMAT, KINDS, SECTION_SETTINGS, GraphConfig
 from forcebound.graph.model import PHASE, PHASES, SETTINGS
+from forcebound.graph.names import RUN_KEYS
 from forcebound.haptics.laws import LAWS
 from forcebound.messages.topology import HAND_SECTIONS, HANDS, IMPAIRABLE
 from forcebound.network.impairment import Impairment

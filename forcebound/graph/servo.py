@@ -30,7 +30,7 @@ LONGEST_HOLD = 1e6  # periods
 def check_law(law: str) -> None:
     """Raise ConfigError if there is no such law."""
     if law not in LAWS:
-        raise ConfigError(unknown("law", law, LAWS))
+        raise ConfigError(unknown("law", law, LAWS), field="law")
 
 
 @dataclass(frozen=True)
@@ -69,6 +69,7 @@ class ServoSettings:
 
     def __post_init__(self) -> None:
         check_ranges(self)
+        check_law(self.law)
 
     @cached_property
     def period_ns(self) -> int:

@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from forcebound.errors import ConfigError, RunError
 from forcebound.files import recording_file
 from forcebound.graph import checks
-from forcebound.graph.graph import KINDS, SECTION_SETTINGS, GraphConfig
+from forcebound.graph.graph import KINDS, SECTION_SETTINGS, EnvironmentConfig, GraphConfig
 from forcebound.graph.loader import build, read_template
 from forcebound.graph.names import text_of
 from forcebound.graph.problems import unknown
-from forcebound.graph.resolved import check_plain, part_document, to_document
+from forcebound.graph.resolved import check_plain, environment_document, part_document, to_document
 from forcebound.graph.tree import Value, from_plain
 from forcebound.haptics.laws import LAWS, BoundingLaw
 from forcebound.interface.figures import Figures
@@ -288,8 +288,11 @@ def template_of(launch: LaunchFile) -> Value:
             document["arguments"] = {"law": document["device"]["law"]}
             document["device"]["law"] = "$(arg law)"
         return from_plain(document, "graph")
-    if not isinstance(launch, Mapping):
+    if isinstance(launch, str | Path):
         return read_template(launch)
+    if not isinstance(launch, Mapping):
+        expected = "a forcebound.Graph, the path or name of a launch file, or its content"
+        raise ConfigError(f"expected {expected}, got {launch!r}")
     if "include" in launch:
         raise ConfigError(
             "include: only a file includes others; name one, or write its content out"
@@ -344,6 +347,8 @@ def _known_part(section: str, part: Any) -> Document:
         )
     if isinstance(part, type):
         part = part()
+    if isinstance(part, EnvironmentConfig) and section == "environment":
+        return {**_known_part(section, part.model), **environment_document(part)}
     KINDS[section].known(type(part), type(part).__name__)
     check_plain(part)
     return part_document(section, part)

@@ -303,9 +303,8 @@ class HandFixtures:
 
     def scene(self, hand: str = HAND) -> tuple[SceneObject, ...]:
         """Return what there is to draw, under names that begin with that of a hand."""
-        names = self._named().items()
         whose = "" if hand == HAND else f"{hand} "
-        drawn = (fixture.drawn(f"{whose}{name}") for name, fixture in names)
+        drawn = (fixture.drawn(f"{whose}{name}") for name, fixture in self._named().items())
         return tuple(filter(None, drawn))
 
     def _named(self) -> dict[str, _Fixture]:

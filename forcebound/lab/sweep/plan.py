@@ -206,7 +206,7 @@ def _sweep(root: Value, file: Path, overrides: Sequence[str], problems: Problems
 def _overrides(overrides: Sequence[str], known: Collection[str]) -> dict[str, str]:
     given = {}
     for name, value in map(split_setting, overrides):
-        if name not in known:
+        if name not in known and "." not in name:  # else a path in the launch file
             raise ConfigError(unknown("argument", name, known))
         given[name] = value
     return given
@@ -220,7 +220,7 @@ def _entries(
     for key in keys:
         section = section.entries.get(key, Value({}, section.place))
     for name, value in section.entries.items():
-        if name not in known:
+        if name not in known and "." not in name:
             problems.add(unknown("argument", name, known), value.key or value.place)
     return section.entries
 
