@@ -294,7 +294,7 @@ def test_a_file_that_would_be_another_solid_is_refused_with_its_place(
         read_mesh(path, may_be_open=True)
     for word in (str(path), *words):
         assert word in str(caught.value)
-    assert "mistake of forcebound" not in str(caught.value)
+    assert "bug in forcebound" not in str(caught.value)
 
 
 def test_a_cloud_of_points_is_as_long_as_its_header_says(tmp_path: Path) -> None:
