@@ -51,6 +51,20 @@ def test_random_draws_are_the_same_for_all_combinations_and_every_time(tmp_path:
     assert load_sweep(tmp_path / "small.yaml").cases == sweep.cases
 
 
+def test_any_value_of_the_launch_file_varies_by_its_path(tmp_path: Path) -> None:
+    head = SMALL.partition("  law:")[0]
+    over = "  environment.stiffness: [1 N/mm, 4 N/mm]\n"
+    done = run_file(
+        str(written(tmp_path, head + over)), ["device.rate:=2 kHz"], tmp_path / "r.parquet"
+    )
+    assert (done["cases"], done["failed"]) == (2, 0)
+    columns = read_table(tmp_path / "r.parquet").columns
+    assert list(columns["environment.stiffness"]) == [1_000.0, 4_000.0]
+    assert set(columns["device.rate"]) == {2_000.0}
+    with pytest.raises(ConfigError, match="did you mean 'stiffness'"):
+        run_file(str(written(tmp_path, head + over.replace("stiffness", "stifness"))))
+
+
 def test_an_argument_on_the_command_line_no_longer_varies(tmp_path: Path) -> None:
     sweep = load_sweep(written(tmp_path, SMALL), ["law:=aol"])
     assert sweep.columns == ("stiffness",)
