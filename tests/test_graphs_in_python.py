@@ -3,13 +3,14 @@
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, cast
 
 import numpy as np
 import pytest
 from launch_texts import written
 
 import forcebound as fb
+from forcebound.errors import ConfigError
 from forcebound.graph.document import shipped
 from forcebound.graph.graph import GraphConfig
 from forcebound.haptics.controllers.direct import DirectController
@@ -132,6 +133,42 @@ def test_a_number_out_of_its_range_is_refused_where_it_is_given(
     with pytest.raises(fb.errors.ConfigError) as caught:
         make()
     assert caught.value.field == field
+
+
+@pytest.mark.parametrize(
+    ("parts", "message"),
+    [
+        ({"hands": {"a b": hand()}}, "hands: expected a word of letters.*got 'a b'"),
+        ({"hands": {"device": hand()}}, "hands: expected a word .* no section"),
+        ({"hands": {"hand": hand(), "left": hand()}}, "'hand' is the name of an only hand"),
+        ({"hands": {}}, "1 to 8 hands"),
+        ({"hands": {f"h{number}": hand() for number in range(9)}}, "1 to 8 hands"),
+        ({"hands": [hand()]}, "hands: expected a mapping"),
+        ({"hands": {"hand": "x"}}, r"hands\.hand: expected a forcebound\.Hand, got 'x'"),
+        ({"hands": {"hand": hand(links={"nonsense": LATE})}}, "unknown link 'nonsense'"),
+        ({"hands": {"hand": hand(controller=Wall())}}, "controller: expected .*ControllerModel"),
+        ({"seed": -1}, "seed must be >= 0"),
+        ({"duration": 0.0}, "duration must be > 0 s"),
+        ({"duration": "1 s"}, "duration: expected a number in s, got '1 s'"),
+        ({"environment": None}, "environment: expected .*EnvironmentModel, got None"),
+        ({"environment": Wall}, r"environment: .*a class: add \(\)"),
+    ],
+)
+def test_what_no_graph_has_is_refused_when_it_is_made(parts: Parts, message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        graph(**parts)
+
+
+def test_what_no_part_of_a_graph_has_is_refused() -> None:
+    with pytest.raises(ConfigError, match="unknown law 'nonsense'"):
+        fb.Servo(law="nonsense")
+    with pytest.raises(ConfigError, match="delay: expected a number in s, got '2 ms'"):
+        fb.Link(delay=cast(Any, "2 ms"))
+    with pytest.raises(ConfigError, match=r"expected a forcebound\.Graph, .* got 3"):
+        fb.simulate(cast(Any, 3))
+    odd = graph(phases=(fb.Phase("odd", 0.1, {"environment.stifness": 1.0}),))
+    with pytest.raises(ConfigError, match="unknown key in environment"):
+        fb.simulate(odd)
 
 
 def test_another_part_is_checked_with_the_others() -> None:
