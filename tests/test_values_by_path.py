@@ -146,3 +146,35 @@ def test_commands_take_values_by_their_paths(tmp_path: Path) -> None:
     done = invoke("replay", str(recording), "device.law:=none", "--json")
     assert done.exit_code == 0, done.stderr
     assert invoke("simulate", "stiff_wall", "environment.stiffness:=2 kg").exit_code == 2
+
+
+@pytest.mark.parametrize(
+    "overrides",
+    [
+        ("law:=none", "device.law:=certified"),
+        ("stiffness:=1 N/mm", "environment.stiffness:=2 N/mm"),
+        ("device.rate:=1 kHz", "device.rate:=2 kHz"),
+    ],
+)
+def test_a_value_is_given_once_as_an_argument_or_by_its_path(overrides: tuple[str, str]) -> None:
+    with pytest.raises(ConfigError, match="is given twice") as caught:
+        load("stiff_wall", overrides)
+    assert f"first argument {overrides[0]}" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        ("enviroment.stiffness:=2", "unknown section or hand 'enviroment'; did you mean 'environ"),
+        ("seed.x:=3", "unknown section or hand 'seed'"),
+        ("links.environment_query.delay.x:=5 ms", "argument links.*delay: expected a time in s"),
+    ],
+)
+def test_a_path_that_leads_nowhere_is_refused_at_the_argument(override: str, message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        load("stiff_wall", [override])
+
+
+def test_a_path_without_a_hand_is_refused_where_there_are_several() -> None:
+    with pytest.raises(ConfigError, match=r"whose device\.law\? .* left\.device\.law or right\."):
+        load("two_hands", ["device.law:=none"])

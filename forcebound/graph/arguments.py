@@ -119,9 +119,12 @@ class Arguments:
         return replace(value, content=BROKEN)
 
 
+OVERRIDE = "argument "  # begins the name of such a place
+
+
 def override_place(override: str) -> Place:
     """Return the place of a setting on the command line, for messages."""
-    return Place(f"argument {shortened(override)}")
+    return Place(f"{OVERRIDE}{shortened(override)}")
 
 
 class Substitution:

@@ -17,7 +17,7 @@ from typing import TypeAlias
 from forcebound.bounded_child import tried
 from forcebound.errors import ConfigError, ForceboundError
 from forcebound.graph import checks
-from forcebound.graph.arguments import Argument, Arguments, Substitution, override_place
+from forcebound.graph.arguments import OVERRIDE, Argument, Arguments, Substitution, override_place
 from forcebound.graph.document import (
     find,
     missing,
@@ -30,7 +30,7 @@ from forcebound.graph.graph import KINDS, GraphConfig
 from forcebound.graph.model import read_graph
 from forcebound.graph.names import OF_GRAPH, ParameterName, parameter_name, split_setting
 from forcebound.graph.phases import read_phases
-from forcebound.graph.problems import Problems, unknown
+from forcebound.graph.problems import Problems, Related, unknown
 from forcebound.graph.tree import Value, from_plain, scalar
 from forcebound.haptics.parts.user_module import file_of, names_file
 from forcebound.messages.topology import HAND, HAND_SECTIONS, HANDS, Document, flat
@@ -119,17 +119,16 @@ def _filled(template: Value, overrides: Sequence[str], problems: Problems) -> Va
     filled = substitution.apply(template.without("arguments"))
     arguments.note_unused(of_arguments, substitution.used)
     filled = with_hands(with_named_hands(filled), partial(with_device_file, problems=problems))
-    given: set[tuple[str, ...]] = set()
     for text in paths:
         name, word = split_setting(text)
         place, at = override_place(text), ParameterName.parse(name)
-        if at.path in given:
-            problems.add(f"{name} is given twice", place)
-        elif (problem := _whose(at, filled)) is not None:
+        before, problem = filled.at(at.path), _whose(at, filled)
+        if before is not None and before.place.name.startswith(OVERRIDE):
+            problems.add(f"{name} is given twice", place, Related("first", before.place))
+        elif problem is not None:
             problems.add(problem, place)
         else:
             filled = filled.with_entry(at.path, Value(scalar(word), place, place, word))
-        given.add(at.path)
     return filled
 
 

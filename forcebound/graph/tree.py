@@ -73,6 +73,13 @@ class Value:
         """Return this mapping with other entries."""
         return replace(self, content=entries)
 
+    def at(self, keys: Sequence[str]) -> "Value | None":
+        """Return the value under a path of keys; None if there is none."""
+        found: Value | None = self
+        for key in keys:
+            found = None if found is None else found.entries.get(key)
+        return found
+
     def with_entry(self, keys: Sequence[str], value: "Value") -> "Value":
         """Return this mapping with a value under a path of keys."""
         if not keys:

@@ -77,6 +77,10 @@ class Outage(Ranged):
     """A time in which every packet that arrives is lost.
 
     Counted from the first packet that the link gets after the outages were set.
+
+    Attributes:
+        start: Of the outage.
+        duration: Of the outage.
     """
 
     start: Annotated[Time, NOT_NEGATIVE]

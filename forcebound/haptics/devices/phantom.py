@@ -24,18 +24,20 @@ class PhantomPremium15(SimulatedModel, AxesModel):
     simulated device has exactly these, so a law that relies on them has no hidden reserve.
 
     Attributes:
+        axes: Number of axes.
+        mass: Apparent mass at the tip; the usual figure of its data sheet.
+        substep: Longest step of the integration.
         force_sensor: Whether it measures the force of the simulated hand, of its spring and damper.
         truth: What the simulated device really has, where that differs from what is stated.
     """
 
     axes: Annotated[int, Range(at_least=1, at_most=MAX_AXES)] = 1
-    # Apparent mass at the tip; the usual data-sheet figure (paper: not given).
     mass: Annotated[Mass, POSITIVE] = 0.075
     damping: DampingOfAxes = 0.27  # paper 4.1
     friction: FrictionOfAxes = 0.12  # paper 4.1
     resolution: LengthOfAxes = 3e-5  # paper 4.1
     saturation: Annotated[Force, POSITIVE] = 8.5  # paper 4.1
-    substep: Annotated[Time, POSITIVE] = 5e-5  # longest integration step
+    substep: Annotated[Time, POSITIVE] = 5e-5
     # Above the fastest reach of a hand across the 0.38 m of the real one's workspace: in 0.15 s a
     # minimum-jerk motion (Flash and Hogan 1985) peaks at 1.875 * 0.38 m / 0.15 s = 4.7 m/s.
     largest_speed: Annotated[Speed, POSITIVE] | None = 5.0

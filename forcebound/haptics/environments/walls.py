@@ -74,7 +74,12 @@ def damper_force(velocity: float, damping: float) -> float:
 
 @dataclass(frozen=True)
 class _FlatWall(Ranged, StatelessEnvironment):
-    """Base of the walls: a force along the first axis alone."""
+    """Base of the walls: a force along the first axis alone.
+
+    Attributes:
+        stiffness: Force over penetration.
+        position: Of the surface, on the first axis.
+    """
 
     stiffness: Annotated[Stiffness, NOT_NEGATIVE] = 10_000.0  # paper 4.2: k = 10 N/mm
     position: Length = 0.010  # of the surface; paper 4.1: x_wall = 10 mm
@@ -103,6 +108,9 @@ class DampedWall(_FlatWall):
 
     Source: J. E. Colgate and J. M. Brown, Factors affecting the Z-width of a haptic display, IEEE
     International Conference on Robotics and Automation, 1994.
+
+    Attributes:
+        damping: Force over velocity behind the surface, as far as the wall does not pull.
     """
 
     damping: AnyDamping = 0.0
@@ -113,7 +121,12 @@ class DampedWall(_FlatWall):
 
 @dataclass(frozen=True)
 class TimeVaryingWall(_FlatWall):
-    """A wall of stiffness ``k_1 + k_2 t`` across the first axis (paper Eq. 32, second line)."""
+    """A wall of stiffness ``k_1 + k_2 t`` across the first axis (paper Eq. 32, second line).
+
+    Attributes:
+        stiffness: At the time at which the force engages, k_1.
+        stiffness_rate: Its growth, k_2.
+    """
 
     stiffness: Annotated[Stiffness, NOT_NEGATIVE] = 300.0  # k_1; paper 4.2: 0.3 N/mm
     stiffness_rate: StiffnessRate = 60.0  # k_2; paper 4.2: 0.06 N/mm per s
@@ -129,6 +142,10 @@ class PowerLawWall(_FlatWall):
     Written with a reference penetration d_0 so that ``stiffness`` keeps the unit N/m: at d = d_0
     the wall answers as a linear one of that stiffness. Exponent 1.5 is the contact of two spheres
     (H. Hertz, J. reine angew. Math. 92, 1881); 1 is the linear wall.
+
+    Attributes:
+        exponent: p; above 1 the wall hardens.
+        reference: Penetration d_0 at which ``stiffness`` is force over penetration.
     """
 
     exponent: Annotated[Ratio, Range(above=0, at_most=10)] = 1.5
@@ -143,6 +160,9 @@ class ActiveWall(_FlatWall):
     """A wall that gives energy: its damping is negative, so it pushes harder on the way out.
 
     A launch file may use it to see what a law survives.
+
+    Attributes:
+        damping: Force over velocity behind the surface; negative: it gives energy.
     """
 
     damping: AnyDamping = -20.0
@@ -153,7 +173,11 @@ class ActiveWall(_FlatWall):
 
 @dataclass(frozen=True)
 class Damper(Ranged, StatelessEnvironment):
-    """A force ``b v`` along every axis, everywhere."""
+    """A force ``b v`` along every axis, everywhere.
+
+    Attributes:
+        damping: b; negative: it gives energy.
+    """
 
     damping: AnyDamping = 5.0
 

@@ -260,7 +260,13 @@ class TremblingHand(_ApproachingHand):
 
 @dataclass(frozen=True)
 class SinusoidalHand(SoftGrip):
-    """Mass, spring and damper whose target is a sine along the first axis (paper Fig. 19: 2 Hz)."""
+    """Mass, spring and damper whose target is a sine along the first axis (paper Fig. 19: 2 Hz).
+
+    Attributes:
+        centre: Of the sine.
+        amplitude: Of the sine; it begins at ``centre - amplitude``.
+        frequency: Of the sine.
+    """
 
     centre: Length = 0.010
     amplitude: Annotated[Length, NOT_NEGATIVE] = 0.004
@@ -281,6 +287,13 @@ class ChirpHand(SoftGrip):
 
     Source: Farina, Simultaneous measurement of impulse response and distortion with a swept-sine
     technique, 108th Convention of the Audio Engineering Society, 2000.
+
+    Attributes:
+        centre: Of the sine, where it begins.
+        amplitude: Of the sine.
+        lowest: Frequency at the beginning.
+        highest: Frequency from the end of the sweep on.
+        sweep_time: From the lowest to the highest frequency.
     """
 
     mass: Annotated[Mass, NOT_NEGATIVE] = 0.05

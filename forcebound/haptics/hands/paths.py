@@ -88,6 +88,7 @@ class TrajectoryHand(SoftGrip):
     (docs/recordings.md).
 
     Attributes:
+        file: CSV file, or recording (``.mcap``).
         hand: The name of the hand in a recording of several.
     """
 
