@@ -7,6 +7,7 @@ import pytest
 from invoking import invoke
 from launch_texts import GOOD, problems_of, written
 
+from forcebound.errors import ConfigError
 from forcebound.graph.loader import load
 from forcebound.graph.resolved import to_document
 from forcebound.haptics.environments.walls import Wall
