@@ -157,9 +157,9 @@ def test_a_run_with_a_reading_that_the_bounder_refuses_goes_through_the_graph() 
     ("changed", "reason"),
     [
         ({"model": {"axes": 2}}, "2 axes"),
-        ({"model": {"lag": 1e-3}}, "lag"),
+        ({"model": {"lag": 1e-3, "watchdog": "reporting"}}, "lag"),
         ({"model": {"friction": (0.12,)}}, "friction"),
-        ({"model": {"watchdog": "none"}}, "watchdog"),
+        ({"model": {"watchdog": "none", "watchdog_limit": 0.1}}, "watchdog"),
         ({"operator": PointerHand()}, "pointer"),
         ({"links": {"force_command": Impairment(rate=1e6)}}, "rate"),
     ],

@@ -109,11 +109,11 @@ def test_an_outage_lasts_a_day_at_most(config: GraphConfig, tmp_path: Path) -> N
 
 
 def test_a_change_is_tried_on_a_copy(config: GraphConfig) -> None:
-    impossible = Impairment()
+    impossible, name = Impairment(), "links.environment_query.delay"
+    changed = config.with_hand(links={"environment_query": impossible})
     object.__setattr__(impossible, "delay", 1e308)  # a value that no range has caught
-    name = "links.environment_query.delay"
     with pytest.raises(ConfigError, match=r"links\.environment_query: cannot work"):
-        try_out(config.with_hand(links={"environment_query": impossible}), [name])
+        try_out(changed, [name])
     try_out(config.with_hand(links={"environment_query": Impairment(0.002)}), [name])
 
 

@@ -81,7 +81,7 @@ def change(config: GraphConfig, settings: Parameters) -> GraphConfig:
         if name not in known:
             raise ConfigError(unknown_parameter(written, config))
         if place.is_law:
-            _check_law(name, value, known[name])
+            check_takeable(name, value, known[name])
         values[name] = value
     return with_values(config, values)
 
@@ -141,8 +141,8 @@ def with_written(
     return replace(config, hands=hands, environment=environment)
 
 
-def _check_law(name: str, law: Any, present: str) -> None:
-    """Refuse a law that a running device cannot take."""
+def check_takeable(name: str, law: Any, present: str) -> None:
+    """Raise ConfigError for a law that a running device cannot take, by its parameter's name."""
     if law == present or law in takeable_laws():
         return
     message = unknown("law", str(law), takeable_laws())

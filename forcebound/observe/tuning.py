@@ -225,7 +225,7 @@ def _prepare_law(law: str, hand: str, graph: GraphStatus, kernels: Kernels | Non
     """Get ready for a law that the device of a hand is to take."""
     device = graph.processes.get(node_name(hand, DEVICE))
     if device is not None and device.state == "lost":
-        resume = f"`{resume_command(hand)}`"
+        resume = resume_command(hand)
         raise ConfigError(f"{parameter_name(hand, LAW)}: the device is lost; first, {resume}")
     status = None if device is None else device.answer
     if kernels is not None and isinstance(status, DeviceStatus) and status.law != law:

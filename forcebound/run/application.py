@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from forcebound.errors import ConfigError
 from forcebound.graph.graph import GraphConfig
 from forcebound.graph.names import ParameterName, parameter_name
-from forcebound.graph.parameters import PERFECT, parameters, with_values
+from forcebound.graph.parameters import PERFECT, check_takeable, parameters, with_values
 from forcebound.messages.control import Configure, Parameters
 from forcebound.messages.packets import Scene
 from forcebound.messages.topology import node_name
@@ -44,6 +44,9 @@ class Tuner:
             return {}
         known = self._known.items()
         changed = {n: v for n, v in request.parameters.items() if (n, v) not in known}
+        for name, value in changed.items():
+            if ParameterName.parse(name).is_law:  # before its file is read
+                check_takeable(name, value, self._known[name])
         config = with_values(self._config, changed)
         _apply(changed, config, graph)
         self._config = config

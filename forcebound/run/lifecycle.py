@@ -46,14 +46,14 @@ from forcebound.stop import INTERRUPTED
 
 ADVICE = (
     "the device is lost: zero force. Plug it in, switch it on, hold it in its home pose; then run"
-    " `{}` in another terminal. Ctrl-C ends the run"
+    " {} in another terminal. Ctrl-C ends the run"
 )
 STOPPED_EARLY = (INTERRUPTED, -signal.SIGTERM)  # exit status of a node that was not ready yet
 
 
 def resume_command(hand: str) -> str:
-    """Return the command that lets a hand's lost device be opened again."""
-    return "forcebound device resume" if hand == HAND else f"forcebound device resume {hand}"
+    """Return the command that lets a hand's lost device be opened again, between backticks."""
+    return "`forcebound device resume`" if hand == HAND else f"`forcebound device resume {hand}`"
 
 
 class Lifecycle:
