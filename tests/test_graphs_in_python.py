@@ -246,6 +246,11 @@ def test_a_run_of_a_graph_takes_other_values_by_their_paths() -> None:
     assert line.startswith("argument environment.stiffness:=1 kg: ")
 
 
+def test_the_law_of_an_only_hand_has_a_short_name_whatever_the_hand_is_called() -> None:
+    for name, label in (("hand", "none"), ("left", "left: none")):
+        assert fb.simulate(graph(hands={name: hand()}), law="none").label == label
+
+
 def test_a_class_of_this_program_runs_in_virtual_time() -> None:
     force = fb.simulate(graph(environment=Cushion(10e3))).telemetry["commanded_force"]
     assert np.array_equal(force, fb.simulate(graph()).telemetry["commanded_force"])

@@ -23,7 +23,7 @@ from forcebound.graph.tree import Value, from_plain
 from forcebound.haptics.laws import LAWS, BoundingLaw
 from forcebound.interface.figures import Figures
 from forcebound.messages.packets import Event
-from forcebound.messages.topology import HAND, Document, flat
+from forcebound.messages.topology import HAND, HANDS, Document, flat
 from forcebound.quantities import POSITIVE
 from forcebound.recordings.telemetry import TelemetryColumns
 from forcebound.run.progress import progress_bar
@@ -284,9 +284,10 @@ def template_of(launch: LaunchFile) -> Value:
     """Return a launch file with its arguments still open; of a graph, its law is one."""
     if isinstance(launch, GraphConfig):
         document = flat(to_document(launch))
-        if "device" in document:
-            document["arguments"] = {"law": document["device"]["law"]}
-            document["device"]["law"] = "$(arg law)"
+        if len(launch.hands) == 1:
+            (hand,) = [document] if "device" in document else document[HANDS].values()
+            document["arguments"] = {"law": hand["device"]["law"]}
+            hand["device"]["law"] = "$(arg law)"
         return from_plain(document, "graph")
     if isinstance(launch, str | Path):
         return read_template(launch)

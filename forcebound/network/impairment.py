@@ -156,6 +156,11 @@ class Impairment:
             raise ConfigError(message, field="trace")
 
     @property
+    def reorders(self) -> bool:
+        """True if packets may overtake others or come twice, so that some are rejected."""
+        return bool(self.jitter or self.reorder or self.duplicate or self.trace)
+
+    @property
     def is_plain(self) -> bool:
         """True if there is nothing but delay, uniform jitter and independent loss."""
         return self == Impairment(self.delay, self.jitter, self.loss)

@@ -285,10 +285,7 @@ def _notices(status: NodeStatus, hand: str, kind: str) -> int:
 
 
 def _rejected(seen: Observations) -> Iterator[Finding]:
-    is_reordered = any(
-        link.jitter or link.reorder or link.duplicate or link.trace
-        for link in seen.config.only.links.values()
-    )
+    is_reordered = any(link.reorders for link in seen.config.only.links.values())
     for name, process in seen.processes.items():
         for reason in () if process.last is None else process.last.rejected:
             rate = process.rate(partial(_rejections, reason=reason))
