@@ -166,9 +166,13 @@ def test_what_no_part_of_a_graph_has_is_refused() -> None:
         fb.Link(delay=cast(Any, "2 ms"))
     with pytest.raises(ConfigError, match=r"expected a forcebound\.Graph, .* got 3"):
         fb.simulate(cast(Any, 3))
-    odd = graph(phases=(fb.Phase("odd", 0.1, {"environment.stifness": 1.0}),))
-    with pytest.raises(ConfigError, match="unknown key in environment"):
-        fb.simulate(odd)
+    for name, message in (
+        ("environment.stifness", "unknown key in environment"),
+        ("links.environment_query", "unknown parameter"),
+        ("left.device.law", "left.device.law: unknown law"),
+    ):
+        with pytest.raises(ConfigError, match=message):
+            fb.simulate(graph(phases=(fb.Phase("odd", 0.1, {name: 1.0}),)))
 
 
 def test_another_part_is_checked_with_the_others() -> None:

@@ -22,7 +22,6 @@ from forcebound.haptics.parts.plain import plain
 from forcebound.haptics.parts.user_module import names_file
 from forcebound.messages.control import Parameters
 from forcebound.messages.topology import (
-    HAND,
     IMPAIRABLE,
     LINKS,
     ONE_HAND,
@@ -115,7 +114,8 @@ def with_written(
     written: dict[tuple[str, tuple[str, ...]], Value] = {}  # sections that change, by hand
     for name, value in values.items():
         place = ParameterName.parse(name)
-        if place.section not in (*SECTIONS, "device") or place.hand not in (HAND, *hands):
+        is_of_hand = place.hand in hands and (place.section == "device" or bool(place.topic))
+        if not is_of_hand and place.section != "environment":
             raise ConfigError(unknown_parameter(name, config))
         section = place.keys[: 2 if place.topic else 1]
         if (place.hand, section) not in written:

@@ -46,7 +46,7 @@ class Tuner:
         changed = {n: v for n, v in request.parameters.items() if (n, v) not in known}
         for name, value in changed.items():
             if ParameterName.parse(name).is_law:  # before its file is read
-                check_takeable(name, value, self._known[name])
+                check_takeable(name, value, self._known.get(name, ""))
         config = with_values(self._config, changed)
         _apply(changed, config, graph)
         self._config = config
