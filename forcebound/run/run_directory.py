@@ -205,7 +205,11 @@ def run_directory() -> Iterator[Path]:
         with shared(Path(folder)):
             yield Path(folder)
     finally:
-        shutil.rmtree(folder, ignore_errors=True)
+        try:
+            shutil.rmtree(folder, ignore_errors=True)
+        except KeyboardInterrupt:  # a signal just now: the rest, and then the end
+            shutil.rmtree(folder, ignore_errors=True)
+            raise
 
 
 def run_folders() -> set[Path]:
