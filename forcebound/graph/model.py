@@ -6,7 +6,7 @@ parts by themselves (:mod:`forcebound.graph.parts`).
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from types import MappingProxyType
 from typing import Annotated, Any, TypeAlias
 
@@ -206,31 +206,32 @@ def read_part(
 ) -> Any:
     """Return what ``finish`` makes of a part and its settings; None with a problem noted."""
     kind: Value | None = value.entries.get("kind")
-    make: Callable[..., Any] = PartSpec
+    kept: Values = {}  # the values of a part that is not made here
     if kind is not None and kind.text in KINDS[section] and not makes(section, kind.text):
-        form = Form(section, settings)
-        own = {name: one.plain for name, one in value.entries.items() if name not in settings}
+        kept = {name: one.plain for name, one in value.entries.items() if name not in settings}
+        form, make = Form(section, settings), partial(_spec, kept)
     else:
         found = _class_of(section, value, problems)
         if found is None:
             return None
-        make, form, own = found, _form(section, found, tuple(settings.values())), {}
-    values = form.read(value, problems, own)
+        form, make = _form(section, found, tuple(settings.values())), partial(found)
+    values = form.read(value, problems, kept)
     if values is None:
         return None
     beside = {name: values.pop(name) for name in settings if name in values}
+    values.pop("kind", None)
     try:
-        if own:
-            part = PartSpec(own.pop("kind"), own)
-        else:
-            values.pop("kind")
-            with user_code(""):
-                part = make(**values)
-            check_plain(part)
+        with user_code(""):
+            part = make(**values)
+        check_plain(part)
         return finish(part, beside, value)
     except ConfigError as error:
         note_error(error, section, value, problems)
     return None
+
+
+def _spec(kept: Values) -> PartSpec:
+    return PartSpec(kept["kind"], {name: one for name, one in kept.items() if name != "kind"})
 
 
 @lru_cache(maxsize=256)
