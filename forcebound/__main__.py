@@ -4,6 +4,7 @@ import gc
 import io
 import signal
 import sys
+from types import FrameType
 
 from forcebound.stop import INTERRUPTED, ending_signals
 
@@ -19,18 +20,27 @@ def main() -> None:
     nothing behind. After its end they change neither its result nor its exit status.
     """
     gc.set_threshold(GARBAGE_THRESHOLD)
+    is_over = False
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        if not is_over:
+            raise KeyboardInterrupt
+
     ending = ending_signals()
     for number in ending:
-        signal.signal(number, signal.default_int_handler)
+        signal.signal(number, interrupt)
     if isinstance(sys.stdout, io.TextIOWrapper):  # a terminal or a pipe that is not UTF-8
         sys.stdout.reconfigure(errors="replace")
     try:
-        from forcebound.cli import main as command
+        try:
+            from forcebound.cli import main as command
 
-        command()
+            command()
+        finally:
+            is_over = True
     except KeyboardInterrupt:
         sys.exit(INTERRUPTED)
-    finally:
+    finally:  # the end of Python gives a handler of ours up, and a signal its usual effect
         for number in ending:
             signal.signal(number, signal.SIG_IGN)
 
