@@ -25,6 +25,7 @@ from forcebound.messages.control import ResumeDevice
 from forcebound.messages.topology import Graph, flat
 from forcebound.observe.doctor import examine
 from forcebound.observe.observation import observe
+from forcebound.observe.tuning import find_parameters
 from forcebound.recordings.recording import read
 from forcebound.roles import LAUNCHER, LOST
 from forcebound.run.actions import Announce, Ended, Engaged, Reported, RunPhase, Start, Terminate
@@ -148,6 +149,8 @@ def test_parameters_begin_with_the_hand(config: GraphConfig) -> None:
     }
     changed = change(config, {delay: 0.0, "left.device.law": "tdpa"})
     assert [hand.servo.law for hand in changed.hands.values()] == ["tdpa", "none"]
+    for written in ("left.device.law", "hands.left.device.law"):
+        assert find_parameters(changed, [written]) == {"left.device.law": "tdpa"}
     with pytest.raises(ConfigError, match=r"left\.device\.law or right\.device\.law"):
         change(config, {"device.law": "none"})
 

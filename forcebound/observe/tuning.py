@@ -79,7 +79,7 @@ def find_parameters(config: GraphConfig, names: Sequence[str]) -> Parameters:
         return parameters(config)
     every = every_parameter(config)
     found: Parameters = {}
-    for name in names:
+    for name in (str(ParameterName.parse(name)) for name in names):
         matching = {key: every[key] for key in every if key == name or key.startswith(f"{name}.")}
         if not matching:
             raise ConfigError(unknown_parameter(name, config))
