@@ -149,8 +149,8 @@ def test_parameters_begin_with_the_hand(config: GraphConfig) -> None:
     }
     changed = change(config, {delay: 0.0, "left.device.law": "tdpa"})
     assert [hand.servo.law for hand in changed.hands.values()] == ["tdpa", "none"]
-    for written in ("left.device.law", "hands.left.device.law"):
-        assert find_parameters(changed, [written]) == {"left.device.law": "tdpa"}
+    for name in ("left.device.law", "hands.left.device.law"):
+        assert find_parameters(changed, [name]) == {"left.device.law": "tdpa"}
     with pytest.raises(ConfigError, match=r"left\.device\.law or right\.device\.law"):
         change(config, {"device.law": "none"})
 
