@@ -55,8 +55,8 @@ examples: $(STAMP)
 
 # Some ten minutes on two idle cores.
 audit: $(STAMP)
-	$(BIN)/forcebound audit --runs 1000 --search 1000 --output docs/audit.md
-	$(BIN)/forcebound audit worlds --runs 60 --search 60 --output docs/audit-worlds.md
+	$(BIN)/forcebound audit --runs 1000 --search 1000 --output proofs/docs/audit.md
+	$(BIN)/forcebound audit worlds --runs 60 --search 60 --output proofs/docs/audit-worlds.md
 
 # All figures with date, commit and machine, on one page; some ten minutes on an idle machine.
 bench: $(STAMP)
@@ -64,7 +64,7 @@ bench: $(STAMP)
 
 # What a number costs; some minutes on an idle machine.
 prices: $(STAMP)
-	$(BIN)/python experiments/certificate_grid.py --page docs/prices.md
+	$(BIN)/python -m forcebound_proofs.certificate_grid --page proofs/docs/prices.md
 
 # The pages of all keys of launch files and of all figures of a run, from their tables.
 reference: $(STAMP)
@@ -114,7 +114,7 @@ hapi: $(STAMP)
 	  --constraint constraints.txt --target results/hapi HaplyHAPI
 	PYTHONPATH=results/hapi $(BIN)/pytest -m live -k maker tests/test_emulators_live.py
 
-$(STAMP): pyproject.toml constraints.txt
+$(STAMP): pyproject.toml proofs/pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \
 	  echo "forcebound needs Python 3.11 or newer; $(PYTHON) is `$(PYTHON) --version`."; \
 	  echo "Name another one: make PYTHON=python3.12 $(MAKECMDGOALS)"; exit 2; }
@@ -123,7 +123,7 @@ $(STAMP): pyproject.toml constraints.txt
 	@echo "Installing into $(VENV): a minute or more."
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --disable-pip-version-check \
-	  --constraint constraints.txt --editable '.[dev]'
+	  --constraint constraints.txt --editable '.[dev]' --editable proofs
 	@touch $(STAMP)
 
 clean:

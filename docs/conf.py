@@ -21,8 +21,12 @@ version = release = version_of("forcebound")
 
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx_copybutton"]
 root_doc = "docs/index"
-include_patterns = ["*.md", "docs/**.md", "examples/README.md"]
-exclude_patterns = [*({*FOLDERS} - {"docs", "examples"}), "examples/*/**"]  # not even searched
+include_patterns = ["*.md", "docs/**.md", "proofs/docs/**.md", "examples/README.md"]
+exclude_patterns = [
+    *({*FOLDERS} - {"docs", "examples", "proofs"}),
+    "examples/*/**",
+    "proofs/README.md",
+]  # not even searched
 
 myst_enable_extensions = ["dollarmath"]
 myst_heading_anchors = 4  # named as repository browsers do; links to them are checked

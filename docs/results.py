@@ -268,7 +268,7 @@ the twin without it feels more, and its remedy *gives* what the twin with the re
 |---|---|---|
 | `watchdog_limit` | no watchdog, so a force must be safe for `device.watchdog_limit`, but for `device.allowance` | a limit of 20 ms at most, and the smallest allowance that gives nearly all |
 | `write_delay` | a force acts later than its reading, as stated (`device.write_delay`) or recorded | half of it |
-| `lag`, `presliding`, `gain_error`, `weight_error`, `resolution` | numbers of the device, with their price ([prices.md](prices.md)) | half of it |
+| `lag`, `presliding`, `gain_error`, `weight_error`, `resolution` | numbers of the device, with their price ([prices.md](../proofs/docs/prices.md)) | half of it |
 | `hold_limit` | a fixed `device.hold_limit` | `auto` |
 | `missed_ticks` | ticks that were late or missed; if the device's own reads and writes take more than a period, that is said | punctual ticks; else a `device.rate` that the device can keep |
 | `late_answers` | half of the answers are older than a period, or some are missing | answers at once |

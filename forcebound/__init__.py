@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from forcebound.interface.laws import bound
     from forcebound.interface.live import Running, launch
     from forcebound.interface.runs import Run, plot, read, simulate
-    from forcebound.interface.sweeps import Runs, linspace, sweep
+    from forcebound.lab.sweeps import Runs, linspace, sweep
     from forcebound.network.impairment import Impairment as Link
 
     # Each class has keys of its kind.
@@ -87,9 +87,9 @@ _PLACES = {
     "plot": "interface.runs",
     "read": "interface.runs",
     "simulate": "interface.runs",
-    "Runs": "interface.sweeps",
-    "linspace": "interface.sweeps",
-    "sweep": "interface.sweeps",
+    "Runs": "lab.sweeps",
+    "linspace": "lab.sweeps",
+    "sweep": "lab.sweeps",
 }
 
 

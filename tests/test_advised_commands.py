@@ -27,11 +27,9 @@ ADVISING = {
 }
 NO_SENTENCES = ADVISING | {
     "network/notices.py",
-    "lab/audit.py",
     "lab/views.py",
     "cli/parts.py",
     "graph/schema.py",
-    "lab/paper/setup.py",
 }
 
 

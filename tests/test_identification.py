@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from experiments.identification_bounds import evaluate, is_reached, judge
 from experiments.identified_devices import ARM, KNOB, Altered, Weighted
 from forcebound.errors import DeviceError
 from forcebound.graph.servo import ServoSettings, dissipation_of
@@ -21,6 +20,7 @@ from forcebound.lab.identification.estimators import Bounded, Point
 from forcebound.lab.identification.procedure import Found, Plan, identify
 from forcebound.lab.identification.rig import VirtualClock
 from forcebound.messages.packets import Vector
+from forcebound_proofs.identification_bounds import evaluate, is_reached, judge
 
 SHORT = dataclasses.replace(KNOB, levels=(0.4, 1.0), pushes=2, strokes=4)
 

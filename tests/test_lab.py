@@ -1,7 +1,6 @@
 """The engine of campaigns: parts, resuming, results; cases and views."""
 
 import linecache
-import math
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -10,11 +9,10 @@ from importlib import import_module
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
 import pytest
 
 from forcebound.errors import ConfigError
-from forcebound.lab.cases import NOISES, Range, decode, encode, grid, search, seed_of
+from forcebound.lab.cases import grid
 from forcebound.lab.engine import Campaign, Row, run
 from forcebound.lab.table import read_about, read_table
 from forcebound.lab.views import energy, groups, least, share, table, verdict
@@ -121,32 +119,6 @@ def test_a_changed_script_is_another_campaign(
     first, again, other = (digests_of_script(tmp_path, f, monkeypatch) for f in ("2", "2", "30"))
     assert first == again
     assert len({*first, *other}) == 4
-
-
-def test_a_code_names_the_numbers_of_a_case_and_a_name_is_a_seed_or_a_code() -> None:
-    ranges = {"a": Range(1.0, 2.0), "b": Range(1e-3, 1.0, is_logarithmic=True, zero_share=0.1)}
-    for point, numbers in (([0.0, 0.0], (1.0, 0.0)), ([1.0, 1.0], (2.0, 1.0))):
-        choices, found = decode(encode((3,), point), (4,), ranges)
-        assert choices == [3]
-        assert tuple(found.values()) == pytest.approx(numbers)
-    for wrong in ("", "x1", "c0", "c" + "w" * 5, "c40000"):
-        with pytest.raises(ConfigError):
-            decode(wrong, (4,), ranges)
-    assert (seed_of("12"), seed_of("c12")) == (12, None)
-    with pytest.raises(ConfigError):
-        seed_of("9" * 30)
-
-
-def test_the_search_goes_to_the_lowest_objective() -> None:
-    ranges = {name: Range(0.0, 1.0) for name in "xyz"}
-
-    def distance(code: str) -> tuple[float, float]:
-        far = math.dist(decode(code, (NOISES,), ranges)[1].values(), (0.2, 0.7, 0.5))
-        return far, far
-
-    found = list(search(distance, (), 3, 200, np.random.default_rng(1)))
-    assert len(found) == 200
-    assert min(found) < 0.05 < min(found[:12])
 
 
 def test_rows_are_grouped_counted_and_shown() -> None:

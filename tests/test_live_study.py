@@ -19,14 +19,14 @@ from waiting import until
 from forcebound.errors import ConfigError, RunError
 from forcebound.graph.loader import build, read_template
 from forcebound.interface.live import launch_unrecorded
+from forcebound.lab.study.graph import Sample, StudyGraph, mover_of, played, wall_at_hand
+from forcebound.lab.study.live import Approach, Inbox, LiveStudy
 from forcebound.lab.study.observers import _approaching
+from forcebound.lab.study.page import StudyServer
 from forcebound.lab.study.plan import Block, Study
 from forcebound.lab.study.session import Session
-from forcebound.observe.live_study import Approach, Inbox, LiveStudy
 from forcebound.observe.page.feed import request_of
 from forcebound.observe.page.pace import BURST, MOST_MESSAGES, Limit
-from forcebound.observe.page.study import StudyServer
-from forcebound.observe.study_graph import Sample, StudyGraph, mover_of, played, wall_at_hand
 from forcebound.run.results import results_of
 from forcebound.run.virtual import run_virtual
 

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from forcebound.haptics.laws import LAWS, Sample
-from forcebound.lab.paper.noncausal import (
+from forcebound_proofs.paper.noncausal import (
     less_conservative_noncausal,
     more_conservative_noncausal,
 )

@@ -24,7 +24,6 @@ from forcebound.cli import main
 from forcebound.errors import ConfigError
 from forcebound.graph.loader import read_template
 from forcebound.graph.problems import Problems
-from forcebound.lab.paper.setup import USER_STUDY
 from forcebound.lab.study import analysis
 from forcebound.lab.study.analysis import Data
 from forcebound.lab.study.data import COLUMNS
@@ -37,6 +36,7 @@ from forcebound.lab.study.psychometric import fit
 from forcebound.lab.study.report import write_report
 from forcebound.lab.study.session import Session
 from forcebound.run.virtual import run_virtual
+from forcebound_proofs.paper.setup import USER_STUDY
 
 IN_BAND = {"slow": 0.035, "fast": 0.2}  # m/s
 TEXT = (SHIPPED / "friction.yaml").read_text()

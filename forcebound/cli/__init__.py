@@ -24,8 +24,12 @@ from forcebound.stop import INTERRUPTED
 
 __all__ = ["main"]
 
+#: Distributions whose commands come as entry points; the former is this one.
+LAB, PROOFS = "forcebound", "forcebound-proofs"
+ENTRY_POINTS = "forcebound.commands"
+
 #: Commands in the order of the help, under what they are for: the module of each, with its function
-#: if that has another name, and a line for the help.
+#: if that has another name, or the distribution that has it; and a line for the help.
 COMMANDS = {
     "Run a graph": {
         "demo": ("demo", "Press a simulated hand into a wall, live, in 20 s."),
@@ -55,21 +59,21 @@ COMMANDS = {
         "record": ("recordings", "Record a running graph from now on."),
         "plot": ("recordings", "Draw recordings side by side."),
         "export": ("recordings", "Write the topics of a recording as tables."),
-        "replay": ("recordings", "Verify a recording, or run it once more with other parts."),
+        "replay": (LAB, "Verify a recording, or run it once more with other parts."),
         "recover": ("recordings", "Make a complete recording of a cut one."),
     },
     "Devices, and parts of your own": {
         "device": ("parts", "List serial ports; go on with a lost device."),
         "emulate": ("parts", "Play a device on a pseudo-terminal."),
-        "identify": ("parts", "Measure the numbers that a device's certificate rests on."),
+        "identify": (LAB, "Measure the numbers that a device's certificate rests on."),
         "check": ("parts", "Check a part against its contract."),
     },
     "Studies": {
-        "sweep": ("study", "Run a graph over a grid of its parameters."),
-        "map": ("study:draw_map", "Draw the map of a sweep's result."),
-        "audit": ("study", "Attack the laws in simulation."),
-        "reproduce": ("study", "Repeat the paper's experiments."),
-        "study": ("user_study", "Run a study with people, or simulated observers."),
+        "sweep": (LAB, "Run a graph over a grid of its parameters."),
+        "map": (LAB, "Draw the map of a sweep's result."),
+        "audit": (PROOFS, "Attack the laws in simulation."),
+        "reproduce": (PROOFS, "Repeat the paper's experiments."),
+        "study": (LAB, "Run a study with people, or simulated observers."),
     },
     "This machine": {
         "completion": ("start", "Let the Tab key complete commands and arguments."),
@@ -88,9 +92,22 @@ class _Commands(UserDict[str, Any]):
     """Commands by name, each imported when it is asked for."""
 
     def __getitem__(self, name: str) -> Any:
-        module, _, function = PLACES[name][0].partition(":")
+        place, _ = PLACES[name]
+        if place in (LAB, PROOFS):
+            return _of_entry_point(name, place)
+        module, _, function = place.partition(":")
         made = getattr(import_module(f"forcebound.cli.{module}"), function or name)
         return made if isinstance(made, click.Command) else command(name)(made)
+
+
+def _of_entry_point(name: str, distribution: str) -> click.Command:
+    """Return a command that lies above the command line, or in another distribution."""
+    from importlib.metadata import entry_points
+
+    for found in entry_points(group=ENTRY_POINTS, name=name):
+        made = found.load()
+        return made if isinstance(made, click.Command) else command(name)(made)
+    raise ConfigError(f"`forcebound {name}` needs {distribution}: pip install {distribution}")
 
 
 class _Group(Group):

@@ -2,8 +2,8 @@
 
 import json
 import os
-from collections.abc import Callable, Iterable
-from contextlib import nullcontext, suppress
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, nullcontext, suppress
 from functools import partial
 from importlib.util import find_spec
 from inspect import Parameter, signature
@@ -103,3 +103,14 @@ def print_document(document: T, as_json: bool, lines: Callable[[T], Iterable[str
         print_json(document)
     else:
         show("\n".join(lines(document)))
+
+
+@contextmanager
+def continued(words: str = "the same command") -> Iterator[None]:
+    """If the user interrupts a campaign that keeps its parts, say how it goes on."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        if words:
+            show(f"forcebound: {words} continues with what is left", err=True)
+        raise

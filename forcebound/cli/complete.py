@@ -19,8 +19,6 @@ with when_used():
     from forcebound.graph import document, loader
     from forcebound.haptics import controllers
     from forcebound.haptics import laws as bounding
-    from forcebound.lab.study import plan as study_plan
-    from forcebound.lab.sweep import plan as sweep_plan
     from forcebound.messages import topology
     from forcebound.observe import runs as running
     from forcebound.recordings import recording
@@ -76,14 +74,14 @@ def offering(words: Callable[[click.Context, str], Iterable[str]]) -> Offer:
     return offer
 
 
-def _files(*endings: str, shipped: Callable[[], Iterable[str]] = tuple[str]) -> Offer:
+def files(*endings: str, shipped: Callable[[], Iterable[str]] = tuple[str]) -> Offer:
     """Return an :func:`offering` of files with these endings, of folders, and of shipped files.
 
     Those can be named without ending.
     """
 
     @offering
-    def files(_: click.Context, begun: str) -> Iterable[str]:
+    def found(_: click.Context, begun: str) -> Iterable[str]:
         yield from (Path(name).stem for name in shipped())
         folder, sign, _name = begun.rpartition("/")
         for path in sorted(Path(folder + sign).iterdir()):
@@ -92,7 +90,7 @@ def _files(*endings: str, shipped: Callable[[], Iterable[str]] = tuple[str]) -> 
             elif path.suffix in endings:
                 yield f"{folder}{sign}{path.name}"
 
-    return files
+    return found
 
 
 @offering
@@ -101,11 +99,9 @@ def graphs(_: click.Context, begun: str) -> Iterable[str]:
     return (run.file.partition(" ")[0] for run in running.running().values())
 
 
-launch_files = _files(".yaml", ".yml", shipped=lambda: document.shipped())
-sweeps = _files(".yaml", ".yml", shipped=lambda: sweep_plan.shipped())
-studies = _files(".yaml", ".yml", shipped=lambda: study_plan.shipped())
-parts = _files(".py")
-recordings = _files(RECORDING_SUFFIX)
+launch_files = files(".yaml", ".yml", shipped=lambda: document.shipped())
+parts = files(".py")
+recordings = files(RECORDING_SUFFIX)
 laws = offering(lambda *_: bounding.LAWS)
 
 

@@ -1,6 +1,5 @@
 """Commands about devices, and about parts of a user's own: list, play, measure, check."""
 
-import sys
 import time
 from functools import partial
 from pathlib import Path
@@ -16,19 +15,16 @@ from forcebound.cli.common import (
     command,
     print_document,
     print_json,
-    require,
-    say,
     show,
 )
 from forcebound.cli.lazy import when_used
-from forcebound.errors import ConfigError, RunError
+from forcebound.errors import RunError
 from forcebound.results.printing import print_rows
 
 with when_used():
     from forcebound.hardware import ports
     from forcebound.hardware.emulators import faults as emulated
     from forcebound.hardware.emulators import program
-    from forcebound.lab.identification import command as identification
     from forcebound.observe import control
     from forcebound.run import check as contract
 
@@ -120,55 +116,6 @@ def emulate(
             operator, command = None, f"`forcebound identify {kind} device:={link}`"
         advice = f"in another terminal: {command}"
     program.run(kind, (model, operator), link, planned, until_unused, show, advice)
-
-
-def identify(
-    device: str | None = opt.argument(required=False),
-    arguments: tuple[str, ...] = opt.settings,
-    output: Path = opt.output("File to write.", Path("device.yaml")),
-    checked: Path | None = opt.file(
-        "Test whether a device has changed.", "--check", metavar="DEVICE.yaml"
-    ),
-    reach: str | None = opt.option("How far an axis may move to either side, e.g. 30mm or 20deg."),
-    force: str | None = opt.option("Largest force of an axis, e.g. 2N or '0.05 N m'."),
-    weight: str | None = opt.option(
-        "Mass that you hang on each axis, e.g. 100g, to measure the gain."
-    ),
-    lever: str | None = opt.option("Radius at which it pulls at a joint, e.g. 40mm."),
-    yes: bool = opt.flag("Do not wait for Enter before the device moves."),
-    as_json: bool = opt.as_json,
-) -> None:
-    r"""Measure DEVICE, a kind of device or a launch file, and write what it may state.
-
-    The motors move the device by themselves. With --check: a short test of the device of a file;
-    exit status 1 if it no longer keeps what the file states.
-
-    \b
-    forcebound identify five_bar
-    forcebound identify haply_2diy device:=auto --weight 30g --lever 70mm
-    forcebound identify --check device.yaml
-    """
-    require("identify", "scipy", "lab")
-
-    def ready(line: str) -> None:
-        say(line)
-        if not yes and sys.stdin.isatty():
-            click.prompt("Press Enter when ready", default="", show_default=False, err=True)
-
-    if checked is not None:
-        if device is not None:
-            raise ConfigError(f"--check names the device by its file: leave out {device!r}")
-        found = identification.check(checked, say, ready)
-        print_document(found, as_json, identification.check_lines)
-        if not found.passed:
-            raise RunError(f"{checked} promises what the device no longer keeps: identify it again")
-        return
-    if device is None:
-        raise ConfigError("name a device: a kind such as five_bar, or a launch file")
-    document = identification.run(
-        device, arguments, output, say, ready, reach=reach, force=force, weight=weight, lever=lever
-    )
-    print_document(document, as_json, identification.lines)
 
 
 class Progress:

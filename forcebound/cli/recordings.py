@@ -1,24 +1,17 @@
 """Commands that make a recording of a running graph, or something of one."""
 
-import sys
-from collections.abc import Iterator, Sequence
-from dataclasses import asdict
+from collections.abc import Sequence
 from pathlib import Path
-from typing import NoReturn
-
-import click
 
 from forcebound.cli import complete
 from forcebound.cli import options as opt
 from forcebound.cli.common import print_json, show
 from forcebound.cli.lazy import when_used
-from forcebound.cli.outcome import show_results, show_run
+from forcebound.cli.outcome import show_results
 from forcebound.files import content_of
 from forcebound.stop import Stop
 
 with when_used():
-    from forcebound.lab import replay as again
-    from forcebound.lab import verification
     from forcebound.messages import packets, topology
     from forcebound.observe import recorder
     from forcebound.recordings import export as tabled
@@ -28,7 +21,7 @@ with when_used():
     from forcebound.run import results as run_results
 
 _recorded = opt.running(require_graph=True, named="`forcebound record GRAPH`")
-_run = opt.argument(complete.recordings, metavar="RUN.mcap", type=opt.FILE)
+given_run = opt.argument(complete.recordings, metavar="RUN.mcap", type=opt.FILE)
 
 
 def record(
@@ -103,7 +96,9 @@ def plot(
     show(f"picture: {output}")
 
 
-def _read(run: Path, hand: str | None, topics: Sequence[str] | None = None) -> "recorded.Recording":
+def read_saying(
+    run: Path, hand: str | None, topics: Sequence[str] | None = None
+) -> "recorded.Recording":
     """Return a recording, with these topics or all, and say if it is incomplete."""
     recording = recorded.read(run, tuple(packets.TOPICS) if topics is None else topics, hand)
     if not recording.complete:
@@ -112,7 +107,7 @@ def _read(run: Path, hand: str | None, topics: Sequence[str] | None = None) -> "
 
 
 def export(
-    run: Path = _run,
+    run: Path = given_run,
     csv: Path = opt.option(
         "Into this folder, as CSV.", type=opt.FOLDER, metavar="DIR", required=True
     ),
@@ -127,14 +122,14 @@ def export(
     forcebound export run.mcap --csv tables
     forcebound export run.mcap --csv tables --overwrite
     """
-    for name, recording in _read(run, hand).by_hand.items():
+    for name, recording in read_saying(run, hand).by_hand.items():
         folder = csv if name == topology.HAND else csv / name
         for file in tabled.export(recording, folder, overwrite):
             show(str(file))
 
 
 def recover(
-    run: Path = _run,
+    run: Path = given_run,
     output: Path = opt.recording("The recording to write.", "-o", "--output", required=True),
     as_json: bool = opt.as_json,
 ) -> None:
@@ -152,79 +147,3 @@ def recover(
         show(f"lost: the last {found.lost_bytes} bytes, which cannot be read")
     show("lost: what the recorder had not yet written; in a live run, at most the last 0.25 s")
     show(f"recording: {output}")
-
-
-def replay(
-    run: Path = _run,
-    arguments: tuple[str, ...] = opt.settings,
-    verify: bool = opt.flag("Check that its inputs give its forces, to the bit."),
-    network: bool = opt.flag("Use the recorded delays instead of the set ones."),
-    environment: bool = opt.flag("Use the recorded replies; they do not react to the hand."),
-    live: bool = opt.flag("In real time. Default: in virtual time."),
-    hand: str | None = opt.hand,
-    duration: float | None = opt.run_duration,
-    record: Path | None = opt.record,
-    shows_all: bool = opt.shows_all,
-    as_json: bool = opt.as_json,
-) -> None:
-    r"""Run the graph of a recording once more, its hand fed from the recording.
-
-    NAME:=VALUE puts another part in place of the recorded one (law, device, operator, controller,
-    environment) or changes a key of the launch file (environment.stiffness).
-
-    --verify runs no graph: the recorded inputs through the same law give the recorded forces, to
-    the bit. Exit status 1: a force differs, a command or a tick is missing. If the recording begins
-    after the force engaged, verification begins at a new law.
-
-    Several hands run together, and each is verified. One of them alone (--hand) needs
-    --environment: what the others did to their world is in the recorded replies only.
-
-    \b
-    forcebound replay run.mcap law:=none
-    forcebound replay run.mcap --network --live --record again.mcap controller:=local_model
-    forcebound replay run.mcap --environment law:=tdpa
-    forcebound replay run.mcap --verify
-    forcebound replay two.mcap left.law:=none
-    forcebound replay two.mcap --hand left --environment law:=none
-    """
-    if verify:
-        if live or network or environment or duration or record:
-            raise click.UsageError("--verify runs no graph: give it alone, or with NAME:=VALUE")
-        _verify(run, hand, arguments, as_json)
-    if record is not None and record.exists() and record.samefile(run):
-        raise click.UsageError(f"--record: {record} is the recording itself")
-    recording = _read(run, hand, (packets.TOPIC_OF[packets.Telemetry],))
-    fed = {"hand": True, "network": network, "environment": environment}
-    config = again.graph_of(recording, arguments, [feed for feed, is_fed in fed.items() if is_fed])
-    seconds = again.duration_of(recording, config) if duration is None else duration
-    words = " ".join((str(run), *arguments)) if live else None
-    show_run(config, seconds, record, as_json, shows_all, words)
-
-
-def _verify(run: Path, hand: str | None, settings: Sequence[str], as_json: bool) -> NoReturn:
-    found = {}
-    for name, recording in _read(run, hand, verification.TOPICS).by_hand.items():
-        device = again.device_of(recording, settings)
-        with content_of(run):
-            found[name] = verification.verify(recording, device)
-    if as_json:
-        documents = {name: asdict(one) | {"is_same": one.is_same} for name, one in found.items()}
-        print_json(documents.get(topology.HAND, {"hands": documents}))
-    else:
-        for name, one in found.items():
-            show("\n".join([*([f"{name}:"] if name != topology.HAND else []), *_lines(one)]))
-    sys.exit(0 if all(one.is_same for one in found.values()) else 1)
-
-
-def _lines(found: "verification.Verified") -> Iterator[str]:
-    yield f"verified: {found.verified} of {found.ticks} ticks, {found.differing} differ"
-    if found.difference:
-        yield f"first difference: {found.difference}"
-    if found.unknown:
-        yield f"not verified: {found.unknown} ticks of an earlier ledger, see --help"
-    if found.verified + found.unknown < found.ticks:
-        yield "a tick is missing from the recording; what follows it cannot be verified"
-    yield (
-        f"commands: {found.commands} forces follow from a recorded one,"
-        f" {found.unknown_commands} from none"
-    )

@@ -31,7 +31,6 @@ from forcebound.haptics.environments.walls import (
 from forcebound.haptics.laws import LAWS, DeviceConstants
 from forcebound.haptics.laws.one_axis import one_axis
 from forcebound.haptics.laws.sample import NO_MEMORY, NO_WRITE, start_axis
-from forcebound.lab.adversaries import pushing_force
 from forcebound.nodes.velocity import low_pass, low_pass_gain
 
 Floats: TypeAlias = NDArray[np.float64]
@@ -105,6 +104,13 @@ class Body(NamedTuple):
 
 
 Loop: TypeAlias = Callable[[System, DeviceConstants, Course, Floats, Floats], int]
+
+
+def pushing_force(velocity: float, magnitude: float, threshold: float) -> float:
+    """Return a force of ``magnitude``, in N, that pushes along a ``velocity`` above a threshold."""
+    if abs(velocity) <= threshold:
+        return 0.0
+    return -magnitude if velocity > 0.0 else magnitude
 
 
 def answer(system: System, x: float, v: float, elapsed: float, chance: float) -> float:

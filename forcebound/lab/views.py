@@ -1,7 +1,7 @@
 """Views of the rows of a campaign: groups, Markdown tables, verdicts, pages."""
 
 import platform
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -9,7 +9,6 @@ from typing import Any
 from forcebound.errors import ConfigError
 from forcebound.files import check_writable, reason
 from forcebound.haptics.laws import ENERGY_TOLERANCE
-from forcebound.lab.cases import Range
 from forcebound.lab.engine import Row
 
 
@@ -37,12 +36,6 @@ def table(heads: Sequence[str], rows: Iterable[Sequence[object]]) -> Iterator[st
     yield "|---" * len(heads) + "|"
     for row in rows:
         yield f"| {' | '.join(map(str, row))} |"
-
-
-def ranges(numbers: Mapping[str, Range]) -> Iterator[tuple[object, ...]]:
-    """Yield a row of a table for each number of a case: its name and its ends."""
-    for name, one in numbers.items():
-        yield f"`{name}`", f"{one.low:g}", f"{one.high:g}"
 
 
 def energy(value: float | None) -> str:

@@ -1,0 +1,1 @@
+"""Commands of the lab, which the command line finds as entry points."""

@@ -1,0 +1,1 @@
+"""What shows that forcebound keeps its promises: attacks, the paper's experiments, grids."""

@@ -1,0 +1,249 @@
+"""The audit: certified laws stay passive, and a broken law is found."""
+
+import dataclasses
+import json
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from forcebound.cli import main
+from forcebound.errors import ConfigError
+from forcebound.haptics.laws import (
+    ENERGY_TOLERANCE,
+    LAWS,
+    DeviceConstants,
+    ForceBounder,
+    Sample,
+)
+from forcebound.haptics.laws.law import State
+from forcebound.lab.engine import rows_of_each
+from forcebound.lab.table import read_table
+from forcebound_proofs.audit import run
+from forcebound_proofs.audit_replay import lines
+from forcebound_proofs.cases import encode
+from forcebound_proofs.law_cases import (
+    ADVERSARIES,
+    CLOCKS,
+    RANGES,
+    case_of,
+    clock_of,
+    dissipation_of,
+)
+from forcebound_proofs.law_run import TRACE_COLUMNS, LawResult, attack
+from forcebound_proofs.laws import NICHES, cases, section, summary
+
+CERTIFIED_LAWS = sorted(name for name, law in LAWS.items() if law.is_certified)
+OTHER_LAWS = sorted(set(LAWS) - set(CERTIFIED_LAWS))
+RUNS = 400
+SECONDS = 1.0
+COLUMNS = {name: column for column, name in enumerate(TRACE_COLUMNS)}
+
+
+def result_of(law: str, case: str | int, seconds: float = SECONDS) -> LawResult:
+    return attack(law, case_of(str(case), seconds))[0]
+
+
+def worst_of(law: str, runs: int) -> LawResult:
+    results = (result_of(law, seed) for seed in range(1, runs + 1))
+    return min(results, key=lambda one: min(one.energy_min_j, one.loss_and_work_min_j))
+
+
+@pytest.mark.parametrize("law", CERTIFIED_LAWS)
+def test_a_certified_law_never_lets_the_energy_fall_below_zero(law: str) -> None:
+    worst = worst_of(law, RUNS)
+    assert min(worst.energy_min_j, worst.loss_and_work_min_j) >= -ENERGY_TOLERANCE
+
+
+@pytest.mark.parametrize("law", ["none", "less_conservative", "more_conservative", "aol", "tdpa"])
+def test_the_audit_catches_the_laws_that_leak(law: str) -> None:
+    worst = worst_of(law, 100)
+    assert worst.energy_min_j < -1e-3
+
+
+@pytest.mark.parametrize("law", ["none", *CERTIFIED_LAWS])
+def test_the_plant_of_the_audit_makes_no_energy(law: str) -> None:
+    for seed in range(50):
+        result = result_of(law, seed)
+        assert result.balance_min_j >= -1e-12 * max(1.0, abs(result.energy_min_j))
+
+
+@pytest.mark.no_cover  # too many samples
+@pytest.mark.parametrize("law", sorted(LAWS))
+def test_the_compiled_audit_and_the_live_bounder_are_the_same_law_bit_by_bit(law: str) -> None:
+    for seed in range(12):
+        scenario = case_of(str(seed), 0.3)
+        _, trace = attack(law, scenario)
+        bounder = ForceBounder(law, dissipation_of(scenario))
+        bounder.start(0, (0.0,))
+        # The trace has seconds; rounding gives the whole nanoseconds back.
+        for row in trace:
+            reading, asked, force = (
+                row[COLUMNS[name]] for name in ("reading", "commanded", "force")
+            )
+            time_ns = round(row[COLUMNS["time"]] * 1e9)
+            bounded = bounder.bound(time_ns, (reading,), (asked,))
+            bounder.settle(bounded)
+            assert bounded == (force,)
+
+
+def test_every_kind_of_trouble_occurs_and_often_several_at_once() -> None:
+    cases = [case_of(str(seed), SECONDS) for seed in range(300)]
+    assert {(case.adversary, case.sensor) for case in cases} == set(NICHES)
+    rough = [case for case in cases if case.jitter and case.overruns and case.resolution]
+    assert sum(case.delay > 0 for case in rough) > 15
+    for name, least in (("loss", 90), ("corruption", 60)):
+        assert sum(getattr(case, name) > 0 for case in cases) > least
+
+
+def test_a_searched_case_is_made_again_from_its_code() -> None:
+    rng = np.random.default_rng(1)
+    for niche in NICHES:
+        code = encode((*niche, int(rng.integers(32))), rng.random(len(RANGES)).tolist())
+        case = case_of(code, SECONDS)
+        assert (case.name, case.adversary, case.sensor) == (code, *niche)
+        assert case_of(code, SECONDS) == case
+        dissipation_of(case)  # refuses what is out of range
+
+
+def test_a_case_has_the_clock_that_the_papers_laws_assume_or_another_one() -> None:
+    exact = case_of(encode((0, 0, 0), [0.0] * len(RANGES)), SECONDS)
+    others = exact._replace(resolution=1e-5), exact._replace(resolution=1e-5, jitter=0.1)
+    assert [clock_of(one) for one in (exact, *others)] == list(CLOCKS)
+
+
+def test_the_summary_and_the_page_say_which_law_is_passive_and_how_to_see_it_again() -> None:
+    found = cases(["none", "certified"], 20, 24, seconds=0.5)
+    rows = summary(rows_of_each(found))
+    assert sum(case.runs for case in found) == 88
+    assert [row["law"] for row in rows] == ["none", "certified"]
+    assert [row["verdict"] for row in rows] == ["leaks", "passive"]
+    assert all(row["holds"] for row in rows)  # "none" promises nothing
+    assert rows[0]["loss_and_work_min_j"] < -1.0
+    for row in rows:
+        for kind, runs in (("random", 20), ("search", 24)):
+            assert row[kind]["runs"] == runs
+            again = result_of(row["law"], row[kind]["case"], 0.5)
+            assert again.loss_and_work_min_j == row[kind]["loss_and_work_min_j"]
+        assert sum(cell["runs"] for cell in row["clocks"].values()) == 44
+    text = "\n".join(section({"seconds": 0.5, "laws": rows}))
+    assert "| `certified` | 0 | 0 | 0 |" in text
+    assert f"| leaks | {rows[0]['case']} |" in text
+
+
+def test_the_command_ends_with_status_1_only_for_a_broken_promise(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    report, rows = tmp_path / "audit.md", tmp_path / "rows.parquet"
+    options = ["audit", "--runs", "10", "--search", "0", "--workers", "0"]
+    chosen = ["--law", "certified", "--certificate", "plain", "--rows", str(rows)]
+    done = CliRunner().invoke(main, [*options, *chosen, "--output", str(report), "--json"])
+    assert done.exit_code == 0, done.output
+    document = json.loads(done.stdout)
+    assert document["runs"] == 20
+    assert [row["holds"] for row in (*document["laws"], *document["certificates"])] == [True, True]
+    assert "--runs 10 --search 0 --seed 1 --law certified --certificate plain" in report.read_text()
+    table = read_table(rows).columns
+    assert table["law"] == ["certified"] * 11  # a row for each run, and one for a restart
+    monkeypatch.setitem(LAWS, "broken", dataclasses.replace(LAWS["none"], is_certified=True))
+    done = CliRunner().invoke(main, [*options, "--law", "broken"])
+    assert done.exit_code == 1, done.output
+    assert "BROKEN" in done.stdout
+
+
+@pytest.mark.parametrize("words", [["audit"], ["audit", "worlds"]])
+def test_an_interrupted_audit_that_keeps_its_rows_says_how_to_continue(
+    words: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*arguments: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("forcebound_proofs.audit.run_here", interrupted)
+    options = ["--runs", "1", "--search", "0"]
+    kept = CliRunner().invoke(main, [*words, *options, "--rows", str(tmp_path / "a.parquet")])
+    lost = CliRunner().invoke(main, [*words, *options])
+    assert ["continues" in one.stderr for one in (kept, lost)] == [True, False]
+
+
+def test_the_command_shows_a_run_again_and_draws_it(tmp_path: Path) -> None:
+    picture = tmp_path / "run.png"
+    options = ["audit", "replay", "aol", "3", "--duration", "200 ms"]
+    done = CliRunner().invoke(main, [*options, "--output", str(picture), "--json"])
+    assert done.exit_code == 0, done.output
+    document = json.loads(done.stdout)
+    assert document["loss_and_work_min_j"] == result_of("aol", 3, 0.2).loss_and_work_min_j
+    assert document["case"]["adversary"] in ADVERSARIES
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    units = {line.split()[0]: line.split()[2:] for line in lines(document)}
+    assert units["mass"] == ["kg"]
+    assert units["damping"] == ["N", "s/m"]
+    assert units["share_left"] == []
+
+
+def test_an_unknown_law_and_an_audit_without_runs_are_refused() -> None:
+    with pytest.raises(ConfigError, match="known are aol"):
+        result_of("unbound", 1)
+    with pytest.raises(ConfigError, match="known are aol"):
+        run(["unbound"], runs=1, searched=0, workers=0)
+    with pytest.raises(ConfigError, match="runs must be >= 1"):
+        run(["certified"], runs=0, searched=0, workers=0)
+
+
+@pytest.mark.slow
+def test_a_tenth_of_the_audit() -> None:
+    document = run(list(LAWS), runs=600, searched=600)
+    assert document["runs"] >= 10_000
+    rows = {row["law"]: row for row in document["laws"]}
+    for law in CERTIFIED_LAWS:
+        assert rows[law]["loss_and_work_min_j"] >= -1e-9
+        assert rows[law]["energy_min_j"] >= -1e-9
+    for law in OTHER_LAWS:
+        assert rows[law]["random"]["loss_and_work_min_j"] < -1e-3
+        assert rows[law]["search"]["loss_and_work_min_j"] < -1e-3
+
+
+Limit: TypeAlias = tuple[State, float, float]
+LIMIT = LAWS["certified"].limit
+
+# Certified laws with one part missing: the audit must find each of them out
+
+
+def without_watchdog_price(state: State, sample: Sample, device: DeviceConstants) -> Limit:
+    return LIMIT(state + sample.penalty, sample, device)
+
+
+def with_nominal_period(state: State, sample: Sample, device: DeviceConstants) -> Limit:
+    ledger, _, added = LIMIT(state, sample, device)
+    available = max(ledger - sample.held_price, 0.0)
+    largest = device.friction + 2.0 * (device.damping / device.period * available) ** 0.5
+    return ledger, largest, added
+
+
+def with_quantisation_taken_for_travel(
+    state: State, sample: Sample, device: DeviceConstants
+) -> Limit:
+    return LIMIT(state + device.friction * sample.distance - sample.friction_loss, sample, device)
+
+
+def without_price_of_change(state: State, sample: Sample, device: DeviceConstants) -> Limit:
+    return LIMIT(state + sample.change_price, sample, device)
+
+
+@pytest.mark.parametrize(
+    "limit",
+    [
+        without_watchdog_price,
+        with_nominal_period,
+        with_quantisation_taken_for_travel,
+        without_price_of_change,
+    ],
+)
+def test_the_audit_catches_a_certified_law_with_a_part_missing(
+    limit: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    limits_holds = LAWS["certified"].limits_holds and limit is not with_nominal_period
+    broken = dataclasses.replace(LAWS["certified"], limit=limit, limits_holds=limits_holds)
+    monkeypatch.setitem(LAWS, limit.__name__, broken)
+    assert worst_of(limit.__name__, RUNS).loss_and_work_min_j < -100 * ENERGY_TOLERANCE
