@@ -249,7 +249,7 @@ def test_an_audit_without_its_package_is_refused_before_the_random_runs(
     monkeypatch.setitem(sys.modules, "cma", None)
     result = invoke("audit", "--runs", "1000000", "--search", "10", "--law", "certified")
     assert result.exit_code == 2
-    assert "pip install 'forcebound[lab]'" in result.stderr
+    assert "pip install forcebound-proofs" in result.stderr
 
 
 def test_a_table_that_is_wider_than_the_terminal_keeps_its_numbers_whole(

@@ -107,7 +107,7 @@ def _of_entry_point(name: str, distribution: str) -> click.Command:
     for found in entry_points(group=ENTRY_POINTS, name=name):
         made = found.load()
         return made if isinstance(made, click.Command) else command(name)(made)
-    raise ConfigError(f"`forcebound {name}` needs {distribution}: pip install {distribution}")
+    raise ConfigError(f"the command {name} needs {distribution}: pip install {distribution}")
 
 
 class _Group(Group):

@@ -120,7 +120,7 @@ def optimiser() -> Any:
         import cma
     except ImportError as error:
         raise ConfigError(
-            "the search needs the package cma: pip install 'forcebound-proofs'; or use --search 0"
+            "the search needs the package cma: pip install forcebound-proofs; or use --search 0"
         ) from error
     return cma
 

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
 from forcebound.errors import ConfigError
+from forcebound.graph.document import SHIPPED
 from forcebound.haptics.controllers import CONTROLLERS as CONTROLLER_KINDS
 from forcebound.haptics.controllers import ControllerModel
 from forcebound.haptics.environments import ENVIRONMENTS, EnvironmentModel
@@ -145,7 +146,7 @@ def _fixtures(n: Numbers) -> EnvironmentModel:
 BACK = (0.042, 0.0, 0.008)  # m, of the rabbit: its back is near 0 m
 OPEN_BOX = Path(__file__).parent / "open_box.obj"  # a face is missing
 
-BOXES = Path(__file__).parents[1] / "launch_files" / "push_boxes.xml"  # needs the extra mujoco
+BOXES = SHIPPED / "push_boxes.xml"  # needs the extra mujoco
 
 
 def _bodies(n: Numbers) -> EnvironmentModel:
