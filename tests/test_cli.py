@@ -25,7 +25,7 @@ def test_help_names_every_command_and_imports_nothing_heavy() -> None:
     program = (
         "import sys; from forcebound.cli import main\n"
         "try: main(['--help'])\n"
-        "finally: print(sorted({'numpy','numba','zmq','matplotlib','rich'} "
+        "finally: print(sorted({'numpy','numba','zmq','matplotlib','tqdm','tabulate'} "
         "& set(sys.modules)))"
     )
     out = subprocess.run(
@@ -41,7 +41,7 @@ def test_help_of_no_command_imports_what_only_its_work_needs() -> None:
     program = (
         "import sys; from forcebound.cli import main\n"
         "for name in main.commands: main([name, '--help'], standalone_mode=False)\n"
-        "print(sorted({'numpy','zmq','msgspec','rich','asyncio','forcebound.graph',"
+        "print(sorted({'numpy','zmq','msgspec','tqdm','tabulate','asyncio','forcebound.graph',"
         "'forcebound.messages','forcebound.run'} & set(sys.modules)))"
     )
     out = subprocess.run(

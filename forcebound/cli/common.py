@@ -5,14 +5,12 @@ import os
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from functools import partial
-from importlib.util import find_spec
 from inspect import Parameter, signature
 from typing import Any, TypeAlias, TypeVar
 
 import click
 
 from forcebound.cli.lazy import when_used
-from forcebound.errors import ConfigError
 from forcebound.files import printable
 
 with when_used():
@@ -75,15 +73,6 @@ def show(text: str, err: bool = False) -> None:
 
 #: Shows a line on standard error.
 say = partial(show, err=True)
-
-
-def require(what: str, package: str, extra: str) -> None:
-    """Raise ConfigError, with what to install, where a package that something needs is missing."""
-    if find_spec(package) is None:
-        raise ConfigError(f"{what} needs {package}: pip install 'forcebound[{extra}]'")
-
-
-check_tornado = partial(require, "the page", "tornado", "view")
 
 
 def print_json(document: Any) -> None:

@@ -76,8 +76,7 @@ def show_run(
 def _run_virtual(
     config: "graph.GraphConfig", duration: float | None, record: Path | None, as_json: bool
 ) -> "Mapping[str, run_results.RunResult]":
-    is_shown = sys.stderr.isatty() and not as_json
-    with progress.progress_bar("ms of virtual time", after=SLOW, shown=is_shown) as bar:
+    with progress.progress_bar("ms of virtual time", after=SLOW, shown=not as_json) as bar:
         results = virtual.run_virtual_hands(
             config, duration, record, may_end_early=True, progress=bar
         )

@@ -13,10 +13,11 @@ import click
 
 from forcebound.cli import complete
 from forcebound.cli import options as opt
-from forcebound.cli.common import check_tornado, print_document, print_json, show
+from forcebound.cli.common import print_document, print_json, show
 from forcebound.cli.lazy import when_used
 from forcebound.cli.outcome import show_run
 from forcebound.ending import end
+from forcebound.extras import check_installed
 from forcebound.files import check_writable
 
 with when_used():
@@ -67,7 +68,7 @@ def launch(
     forcebound launch two_machines.yaml --hand left
     """
     if has_view:
-        check_tornado()
+        check_installed("the page", "tornado")
     also = partial(live.check_here, record=record)
     config = _configuration(file, arguments, check, show_args, as_json, hands=hands, also=also)
     if config is not None:

@@ -10,9 +10,10 @@ from threading import Thread
 import click
 
 from forcebound.cli import options as opt
-from forcebound.cli.common import check_tornado, show
+from forcebound.cli.common import show
 from forcebound.cli.lazy import when_used
 from forcebound.errors import ConfigError, ForceboundError
+from forcebound.extras import check_installed
 from forcebound.folders import runtime_folder
 from forcebound.realtime import on_cores
 
@@ -99,7 +100,7 @@ def view(
     forcebound view
     forcebound view --wait --run pointer_wall --port 8000
     """
-    check_tornado()
+    check_installed("the page", "tornado")
     first: Path | None = None
     if launcher is not None:
         first = runs.find_launched(launcher)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forcebound.errors import ConfigError, RunError
+from forcebound.extras import check_installed
 from forcebound.graph.graph import GraphConfig
 from forcebound.graph.parameters import change
 from forcebound.haptics.devices.simulated import pad
@@ -26,10 +27,8 @@ from forcebound.messages.packets import DeviceState, Event, Packet, Telemetry, V
 from forcebound.messages.topology import HAND
 from forcebound.run.virtual import VirtualGraph, check_has_virtual_time
 
-try:
-    import gymnasium
-except ImportError:
-    raise ConfigError("this needs gymnasium: pip install 'forcebound[gymnasium]'") from None
+check_installed("forcebound.interface.gym", "gymnasium")
+import gymnasium  # noqa: E402
 
 Numbers: TypeAlias = NDArray[np.float64]
 OBSERVED = ("position", "velocity", "applied_force", "commanded_force")

@@ -1,8 +1,6 @@
 """One run: simulated, or read from a recording."""
 
-import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields, replace
 from functools import cached_property
 from pathlib import Path
@@ -12,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forcebound.errors import ConfigError, RunError
+from forcebound.extras import needed
 from forcebound.files import recording_file
 from forcebound.graph import checks
 from forcebound.graph.graph import KINDS, SECTION_SETTINGS, EnvironmentConfig, GraphConfig
@@ -151,7 +150,7 @@ class Run:
                 found[name] = column.reshape(-1)
             else:
                 found |= {f"{name}_{axis}": values for axis, values in enumerate(column.T)}
-        return needed("pandas").DataFrame(found).set_index("time")
+        return needed("to_pandas", "pandas").DataFrame(found).set_index("time")
 
     def plot(self, *panels: str) -> "NDArray[Any]":
         """Draw the run of one hand; see :func:`plot`. Returns the axes, from top to bottom."""
@@ -193,7 +192,7 @@ def simulate(
     """
     config = configuration(launch, arguments, duration, seed)
     path = None if record is None else recording_file(Path(record))
-    with shown_progress("ms of virtual time") as progress:
+    with progress_bar("ms of virtual time", after=1.0) as progress:
         results = run_virtual_hands(config, record=path, progress=progress)
     for hand, result in results.items():
         if result.failed:
@@ -222,7 +221,7 @@ def plot(*runs: Run, panels: Sequence[str] = ()) -> "NDArray[Any]":
     Returns:
         The axes, shape (panels, columns), each a :class:`matplotlib.axes.Axes`.
     """
-    from matplotlib import pyplot
+    pyplot = needed("plot", "matplotlib.pyplot")
 
     from forcebound.recordings.recording import read as read_recording
     from forcebound.results.panels import PANELS
@@ -353,21 +352,3 @@ def _known_part(section: str, part: Any) -> Document:
     KINDS[section].known(type(part), type(part).__name__)
     check_plain(part)
     return part_document(section, part)
-
-
-@contextmanager
-def shown_progress(name: str) -> Iterator[Callable[[int, int], None]]:
-    """Yield a function that shows progress once it takes long, in a terminal or a notebook."""
-    is_notebook = {"ipykernel", "ipywidgets"} <= sys.modules.keys()  # which draw it
-    with progress_bar(name, after=1.0, shown=sys.stderr.isatty() or is_notebook) as show:
-        yield show
-
-
-def needed(package: str) -> Any:
-    """Return an optional package; ConfigError that says how to install it if it is missing."""
-    from importlib import import_module
-
-    try:
-        return import_module(package)
-    except ImportError:
-        raise ConfigError(f"this needs {package}: pip install {package}") from None

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forcebound.errors import ConfigError, RunError
+from forcebound.extras import needed
 from forcebound.graph.graph import KINDS
 from forcebound.graph.loader import build
 from forcebound.graph.names import text_of
@@ -27,8 +28,6 @@ from forcebound.interface.figures import is_figure, name_of
 from forcebound.interface.runs import (
     LaunchFile,
     is_part,
-    needed,
-    shown_progress,
     template_of,
     time_of,
     with_parts,
@@ -38,6 +37,7 @@ from forcebound.lab.sweep.plan import Sweep, between
 from forcebound.lab.sweep.runner import run_cases
 from forcebound.lab.views import table
 from forcebound.lab.workers import local_executor
+from forcebound.run.progress import progress_bar
 from forcebound.units import split_quantity, to_si
 
 FEW = 8  # runs, which are done before processes have started
@@ -111,7 +111,7 @@ class Runs:
         parameters = (key for key in self._keys if not is_figure(self._keys[key]))
         own = ("case", "engine", "error", *parameters)
         names = [name for name in self._keys if name not in own and name_of(name)[0] == name]
-        return needed("pandas").DataFrame({name: self[name] for name in names})
+        return needed("to_pandas", "pandas").DataFrame({name: self[name] for name in names})
 
     def __repr__(self) -> str:
         shown = [name for name in (*self.varied, *SHOWN) if name in self._keys]
@@ -207,7 +207,7 @@ def _run(files: Sequence[_File], cases: Sequence[_Case], workers: int | None) ->
     campaign = Campaign("runs", cases, partial(_run_part, files), part)
     begin = None if count == 0 else partial(_add_parts, _own_parts())
     with (
-        shown_progress("runs") as progress,
+        progress_bar("runs", after=1.0) as progress,
         local_executor(count, begin, imports_main=False) as executor,
     ):
         return run(campaign, executor, progress).rows
@@ -227,7 +227,7 @@ def _own_parts() -> bytes:
     own = {section: table.added for section, table in _TABLES.items() if table.added}
     if not own:
         return b""
-    import cloudpickle
+    cloudpickle = needed("a part of your own in other processes", "cloudpickle")
 
     # Fields of a class know by identity that they have no default.
     copyreg.pickle(type(dataclasses.MISSING), lambda one: (getattr, (dataclasses, "MISSING")))

@@ -8,14 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from forcebound.errors import ConfigError
+from forcebound.extras import needed
 from forcebound.files import content_of, read_bytes, reason
 from forcebound.lab.engine import Row
 
-try:
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-except ImportError as missing:  # pragma: no cover - an installation without the extra
-    raise ConfigError("Parquet files need pyarrow: pip install 'forcebound[lab]'") from missing
+pa = needed("a Parquet file", "pyarrow")
+pq = needed("a Parquet file", "pyarrow.parquet")
 
 _KEY = b"forcebound"
 _TYPES = (pa.bool_(), pa.int64(), pa.float64(), pa.string())  # of the columns that we write

@@ -24,6 +24,7 @@ from multiprocessing.context import SpawnContext, SpawnProcess
 from typing import Any, TypeVar
 
 from forcebound.errors import ConfigError, RunError
+from forcebound.extras import needed
 from forcebound.realtime import die_with_parent
 
 Task = TypeVar("Task")
@@ -120,15 +121,12 @@ def cluster_executor(address: str) -> Iterator[Executor]:
     Raises:
         ConfigError: If dask is not installed or there is no scheduler.
     """
-    try:
-        from distributed import Client
-    except ImportError as error:
-        raise ConfigError("--cluster needs dask: pip install 'forcebound[cluster]'") from error
+    distributed = needed("a cluster", "distributed")
     logging.getLogger("distributed.client").setLevel(
         logging.CRITICAL
     )  # completed reports a lost one
     try:
-        client: Any = Client(address, timeout="10s", set_as_default=False)  # type: ignore[no-untyped-call]  # dask has no types
+        client: Any = distributed.Client(address, timeout="10s", set_as_default=False)
     except (OSError, ValueError) as error:
         raise ConfigError(f"no dask scheduler at {address}: {error}") from error
     with client:

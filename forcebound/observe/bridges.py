@@ -23,6 +23,7 @@ from typing import TypeAlias
 import msgspec
 
 from forcebound.errors import ConfigError
+from forcebound.extras import needed
 from forcebound.messages.packets import Packet, Telemetry
 from forcebound.network.sockets import Network
 from forcebound.observe.streams import fields_of_packet, packets_of, streams_of
@@ -89,11 +90,7 @@ def frames(topic: str, packet: Packet, at_ns: int) -> tuple[bytes, bytes]:
 @contextmanager
 def foxglove(streams: Mapping[str, Schema], port: int) -> Iterator[Send]:
     """Serve Foxglove."""
-    try:
-        import foxglove as sdk
-    except ImportError as missing:
-        needed = "this bridge needs Foxglove's SDK: pip install 'forcebound[foxglove]'"
-        raise ConfigError(needed) from missing
+    sdk = needed("this bridge", "foxglove")
     # It calls each packet an error that a closed window no longer takes: thousands of lines.
     logging.getLogger("foxglove.websocket.connected_client.poller").setLevel(logging.CRITICAL)
     context = sdk.Context()

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from forcebound.errors import ConfigError
+from forcebound.extras import check_installed
 from forcebound.files import check_writable
 from forcebound.messages.events import LAW_CHANGED, PARAMETERS_SET, PHASE_BEGINS, PUBLISHED
 from forcebound.messages.packets import Event
@@ -247,6 +248,7 @@ def check_picture(path: Path) -> None:
     """
     if path.suffix.lower() not in FORMATS:
         raise ConfigError(f"a picture must end in {' or '.join(FORMATS)}, got {path.name!r}")
+    check_installed("a picture", "matplotlib")
     check_writable(path, "the picture")
 
 

@@ -22,8 +22,6 @@ from forcebound.cli.common import (
 from forcebound.cli.lazy import when_used
 
 with when_used():
-    from rich import console
-
     from forcebound.lab import views
     from forcebound_proofs import audit as of_laws
     from forcebound_proofs import audit_replay
@@ -144,6 +142,5 @@ def reproduce(
     if as_json:
         print_json(done.document)
         return
-    for table in paper.tables(done):
-        console.Console().print(table)
+    paper.print_tables(done)
     show(f"pictures and numbers: {out}")

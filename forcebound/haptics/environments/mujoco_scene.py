@@ -9,6 +9,7 @@ import numpy as np
 
 from forcebound.bounded_child import ChildError, in_bounded_child
 from forcebound.errors import ConfigError
+from forcebound.extras import needed
 from forcebound.files import open_file, reason
 from forcebound.messages.packets import Shape
 
@@ -27,11 +28,7 @@ _logger = logging.getLogger(__name__)
 
 def engine() -> Any:
     """Return the module ``mujoco``, whose warnings go to our log."""
-    try:
-        import mujoco
-    except ImportError:
-        words = "environment bodies needs MuJoCo: pip install 'forcebound[mujoco]'"
-        raise ConfigError(words) from None
+    mujoco = needed("the environment bodies", "mujoco")
     # It would write its warnings into a file of the current folder.
     mujoco.set_mju_user_warning(lambda words: _logger.debug("MuJoCo: %s", words))
     return mujoco

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 
 from forcebound.errors import ConfigError
+from forcebound.extras import needed
 from forcebound.files import content_of, read_bytes, reason
 from forcebound.haptics.geometry.mesh_formats import FLAT, triangles_in
 
@@ -52,7 +53,7 @@ def read_mesh(file: Path, scale: float | None = None, may_be_open: bool = False)
     explore. ConfigError, with place and what to do, if it cannot be read, has no triangles or too
     many, is too large or too small, or is open where it may not be.
     """
-    import trimesh  # takes a while
+    trimesh = needed("a mesh", "trimesh")  # takes a while
 
     (points, faces), digest = load_file(file, "mesh", (".stl", ".obj", ".ply"))
     if not 0 < len(faces) <= MOST_TRIANGLES:
@@ -181,7 +182,7 @@ def smoothed(mesh: Mesh) -> Array:
     Each is the mean of all triangles there, beside a crease that of one. Triangles count by their
     angle at the corner, so that it does not matter how a face is cut.
     """
-    import trimesh
+    trimesh = needed("a mesh", "trimesh")
 
     shape: Any = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
     normals = shape.face_normals

@@ -16,6 +16,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from forcebound.errors import ConfigError
+from forcebound.extras import needed
 from forcebound.files import content_of
 
 Array: TypeAlias = "np.ndarray[Any, Any]"
@@ -102,7 +103,7 @@ def _statements(data: bytes) -> Iterator[tuple[int, list[str]]]:
 
 def _stl(file: Path, data: bytes) -> tuple[Array, Array]:
     """Read an STL file; its first word does not say whether it is text, since many lie."""
-    from trimesh.exchange.stl import load_stl_binary
+    load_stl_binary = needed("an STL file", "trimesh.exchange.stl").load_stl_binary
 
     data = data.removeprefix(b"\xef\xbb\xbf")
     count = int.from_bytes(data[80:84], "little")
@@ -134,7 +135,7 @@ def _stl(file: Path, data: bytes) -> tuple[Array, Array]:
 
 def _ply(file: Path, data: bytes) -> tuple[Array, Any]:
     """Read a PLY file; without faces it is one of points."""
-    from trimesh.exchange.ply import load_ply
+    load_ply = needed("a PLY file", "trimesh.exchange.ply").load_ply
 
     head, end, body = data.partition(b"end_header")
     counts = {name.decode(): int(count) for name, count in _ELEMENT.findall(head)}

@@ -25,6 +25,7 @@ import numpy as np
 
 from forcebound.compiled import jit
 from forcebound.errors import ConfigError
+from forcebound.extras import needed
 from forcebound.files import version_of
 from forcebound.haptics.geometry.mesh_file import read_data
 from forcebound.haptics.geometry.vectors import Vector3, tangential
@@ -101,9 +102,8 @@ def _read(path: Path, version: tuple[int, int]) -> Any:
         if path.suffix == ".npy":
             raw = np.asarray(np.load(BytesIO(data), allow_pickle=False), float)
         else:
-            from PIL import Image
-
-            with Image.open(BytesIO(data)) as picture:  # brightness, by the weights of ITU-R 601
+            image = needed("a picture as height map", "PIL.Image")
+            with image.open(BytesIO(data)) as picture:  # brightness, by the weights of ITU-R 601
                 raw = np.asarray(picture.convert("F"), float)[::-1]  # its lowest row first
     except Exception as error:  # of bytes that are no such file
         words = f"the height map {path} cannot be read ({type(error).__name__}): {advice}"

@@ -6,9 +6,10 @@ from pathlib import Path
 import click
 
 from forcebound.cli import options as opt
-from forcebound.cli.common import print_document, require, say
+from forcebound.cli.common import print_document, say
 from forcebound.cli.lazy import when_used
 from forcebound.errors import ConfigError, RunError
+from forcebound.extras import check_installed
 
 with when_used():
     from forcebound.lab.identification import command as identification
@@ -33,14 +34,15 @@ def identify(
     r"""Measure DEVICE, a kind of device or a launch file, and write what it may state.
 
     The motors move the device by themselves. With --check: a short test of the device of a file;
-    exit status 1 if it no longer keeps what the file states.
+    exit status 1 if it no longer keeps what the file states. Needs the extra lab: pip install
+    'forcebound[lab]'.
 
     \b
     forcebound identify five_bar
     forcebound identify haply_2diy device:=auto --weight 30g --lever 70mm
     forcebound identify --check device.yaml
     """
-    require("identify", "scipy", "lab")
+    check_installed("identify", "scipy")
 
     def ready(line: str) -> None:
         say(line)

@@ -7,10 +7,11 @@ import click
 
 from forcebound.cli import complete
 from forcebound.cli import options as opt
-from forcebound.cli.common import Group, check_tornado, command, say, show
+from forcebound.cli.common import Group, command, say, show
 from forcebound.cli.lazy import when_used
 from forcebound.cli.view import shown
 from forcebound.errors import ConfigError
+from forcebound.extras import check_installed
 
 with when_used():
     import asyncio
@@ -143,7 +144,7 @@ def run_live_study(
     Raises:
         ConfigError: As :class:`Session`; if tornado or pylsl is missing, or a wall moves.
     """
-    check_tornado()
+    check_installed("the page", "tornado")
     graph = graphs.StudyGraph(plan, live.launch_unrecorded)
     kind: data.Kind = "person" if graph.movers == {"person"} else "rehearsal"
     marks = markers.Markers(graph.publish, None if lsl is None else markers.find_lsl(lsl))
@@ -171,9 +172,7 @@ def analyse(folder: Path = opt.argument(type=opt.FOLDER)) -> None:
     \b
     forcebound study analyse friction
     """
-    try:
-        written = report.write_report(folder)
-    except ModuleNotFoundError as error:
-        raise ConfigError(f"needs {error.name}: pip install 'forcebound[study]'") from error
+    check_installed("an analysis", "matplotlib", "scipy", "statsmodels")
+    written = report.write_report(folder)
     show(written.read_text(encoding="utf-8"))
     show(f"report: {written}")

@@ -29,6 +29,8 @@ def sweep(
 ) -> None:
     r"""Run a sweep file, e.g. z_width or stability_map; continue an interrupted sweep.
 
+    Needs the extra lab: pip install 'forcebound[lab]'.
+
     \b
     forcebound sweep stability_map --plot
     forcebound sweep my_sweep.yaml -o my_sweep.parquet --workers 2
@@ -50,6 +52,8 @@ def draw_map(
     ),
 ) -> None:
     r"""Draw the map of a sweep's RESULT.parquet, with theoretical limits.
+
+    Needs the extra lab: pip install 'forcebound[lab]'.
 
     \b
     forcebound map stability_map.parquet -o map.svg

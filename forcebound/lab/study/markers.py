@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from importlib import import_module
 from typing import Any
 
-from forcebound.errors import ConfigError
+from forcebound.extras import missing
 from forcebound.lab.study.session import Mark
 from forcebound.messages.events import TrialEvent
 
@@ -20,9 +20,7 @@ def find_lsl(scope: str) -> Any:
         # Warnings and errors, not how it starts.
         lsl.set_config_content(f"[log]\nlevel = -1\n[multicast]\nResolveScope = {scope}\n")
     except (ImportError, RuntimeError) as error:  # RuntimeError: without its library, or old
-        raise ConfigError(
-            f"--lsl needs pylsl: pip install 'forcebound[study]' ({error})"
-        ) from error
+        raise missing("--lsl", "pylsl", error) from error
     return lsl
 
 

@@ -2,19 +2,19 @@
 
 import json
 import shlex
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
 
 from forcebound.errors import ConfigError
 from forcebound.results.plots import save
+from forcebound.results.printing import print_rows
 from forcebound_proofs.paper import ALIASES, EXPERIMENTS
 from forcebound_proofs.paper.outcome import Outcome
 from forcebound_proofs.paper.setup import Runs
 
-RIGHT = ("ours", "10 to 90 %", "paper")  # columns of numbers
+HEADS = ("quantity", "law", "ours", "10 to 90 %", "paper", "unit")
 
 
 @dataclass(frozen=True)
@@ -85,22 +85,17 @@ def to_document(outcomes: dict[str, Outcome], command: str) -> dict[str, object]
     return document
 
 
-def tables(done: Reproduction) -> Iterator[Any]:
-    """Yield the numbers of each experiment as a table for the terminal, and its finding."""
-    from rich.table import Table
-
+def print_tables(done: Reproduction) -> None:
+    """Print the numbers of each experiment as a table, and its finding."""
     for name, outcome in done.outcomes.items():
-        title = f"{name}: {outcome.title}"
-        table = Table(title=title, title_justify="left", box=None, pad_edge=False)
-        for head in ("quantity", "law", "ours", "10 to 90 %", "paper", "unit"):
-            table.add_column(head, justify="right" if head in RIGHT else "left")
+        rows = []
         for number in outcome.numbers:
             unit = "" if number.unit == "1" else number.unit
             spread = " to ".join(show(one) for one in number.spread or ())
-            shown = (show(number.ours), spread, show(number.paper))
-            table.add_row(number.quantity, number.law, *shown, unit)
-        yield table
-        yield f"{outcome.finding}\n"
+            numbers = (show(number.ours), spread, show(number.paper))
+            rows.append((number.quantity, number.law, *numbers, unit))
+        print_rows(HEADS, rows, f"{name}: {outcome.title}", flush_left=2)
+        print(f"{outcome.finding}\n")
 
 
 def show(value: float | None) -> str:
