@@ -12,7 +12,7 @@
 FROM python:3.12.11-slim-bookworm
 WORKDIR /forcebound
 COPY . .
-RUN pip install --no-cache-dir --constraint constraints.txt '.[lab,mujoco,view]'
+RUN pip install --no-cache-dir --constraint constraints.txt '.[lab,mesh,mujoco,view]'
 RUN useradd --create-home hand
 USER hand
 WORKDIR /home/hand

@@ -21,11 +21,11 @@ version = release = version_of("forcebound")
 
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx_copybutton"]
 root_doc = "docs/index"
-include_patterns = ["*.md", "docs/**.md", "proofs/docs/**.md", "examples/README.md"]
+include_patterns = ["*.md", "docs/**.md", "proofs/**.md", "examples/README.md"]
 exclude_patterns = [
     *({*FOLDERS} - {"docs", "examples", "proofs"}),
     "examples/*/**",
-    "proofs/README.md",
+    "proofs/forcebound_proofs",
 ]  # not even searched
 
 myst_enable_extensions = ["dollarmath"]

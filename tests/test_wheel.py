@@ -80,6 +80,32 @@ def test_the_wheel_simulates_and_launches_outside_the_clone(installed: Path) -> 
         assert summary["true_energy_min_j"] >= 0.0, command
 
 
+NEEDS = {  # an extra by its name, or another distribution
+    "sweep z_width": "[lab]",
+    "map result.parquet": "[plot]",
+    "plot run.mcap": "[plot]",
+    "identify five_bar": "[lab]",
+    "simulate touch_mesh": "[mesh]",
+    "simulate push_boxes": "[mujoco]",
+    "study analyse .": "[plot]",
+    "view": "[view]",
+    "audit": "forcebound-proofs",
+    "reproduce table1": "forcebound-proofs",
+}
+
+
+@pytest.mark.parametrize("words", NEEDS)
+def test_what_a_command_needs_and_is_not_there_is_named_in_a_sentence(
+    installed: Path, words: str
+) -> None:
+    command = [installed / "env" / "bin" / "forcebound", *words.split()]
+    done = subprocess.run(command, cwd=installed, capture_output=True, text=True)
+    assert done.returncode == 2
+    assert "needs" in done.stderr
+    assert NEEDS[words] in done.stderr
+    assert "Traceback" not in done.stderr
+
+
 SAMPLE = """
 import forcebound as fb
 from numpy import float64

@@ -11,7 +11,7 @@ from forcebound.cli import options as opt
 from forcebound.cli.common import show
 from forcebound.cli.lazy import when_used
 from forcebound.cli.outcome import status_line
-from forcebound.errors import RunError
+from forcebound.errors import ConfigError, RunError
 from forcebound.results.printing import print_rows
 
 with when_used():
@@ -37,7 +37,7 @@ MESSAGE = (
 )
 
 AFTERWARDS = """
-picture:      {folder}/demo.png
+picture:      {picture}
 all figures:  {command} plot --all {folder}/none.mcap {folder}/certified.mcap
 do it by hand, in a browser (extra view):  {command} launch pointer_wall --view
 """
@@ -63,8 +63,14 @@ def demo(
             results += live.run_live(config, record=folder / f"{law}.mcap", screen=screen).values()
         if results[-1].interrupted:
             raise KeyboardInterrupt
-    drawn = plots.figure([(r.label, r.columns, r.document) for r in results])
-    plots.save(drawn, folder / "demo.png")
+    try:
+        plots.check_picture(folder / "demo.png")
+    except ConfigError as error:  # without the extra plot
+        picture = str(error)
+    else:
+        drawn = plots.figure([(r.label, r.columns, r.document) for r in results])
+        plots.save(drawn, folder / "demo.png")
+        picture = str(folder / "demo.png")
     head, rows = tables.summary_table([(result.label, result.summary) for result in results])
     show("")
     print_rows(head, [row for row in rows if row[0] in TELLING])
@@ -79,4 +85,4 @@ def demo(
     )
     show("\n" + click.wrap_text(words, 100))
     command = "forcebound" if shutil.which("forcebound") else os.path.relpath(sys.argv[0])
-    show(AFTERWARDS.format(folder=folder, command=command).rstrip())
+    show(AFTERWARDS.format(picture=picture, folder=folder, command=command).rstrip())

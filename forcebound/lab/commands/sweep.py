@@ -7,6 +7,7 @@ from forcebound.cli import options as opt
 from forcebound.cli.common import continued, print_document, show
 from forcebound.cli.lazy import when_used
 from forcebound.errors import RunError
+from forcebound.extras import check_installed
 
 with when_used():
     from forcebound.lab.sweep import maps, plan, runner
@@ -58,6 +59,7 @@ def draw_map(
     \b
     forcebound map stability_map.parquet -o map.svg
     """
+    check_installed("a map", "matplotlib", "pyarrow")
     output = output or result.with_suffix(".png")
     maps.draw(result, output)
     show(f"map: {output}")
