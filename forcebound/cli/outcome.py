@@ -16,7 +16,7 @@ with when_used():
     from forcebound.graph import graph
     from forcebound.messages import topology
     from forcebound.results import coupling, tables
-    from forcebound.run import live, progress, virtual
+    from forcebound.run import fork_server, live, progress, virtual
     from forcebound.run import results as run_results
     from forcebound.run import screen as screens
 
@@ -41,6 +41,7 @@ def show_run(
     shows_all: bool,
     command: str | None = None,
     folder: Path = Path(),
+    server: "fork_server.ForkServer | None" = None,
 ) -> None:
     """Run a graph, show its results by hand; RunError, once they are shown, if the run failed.
 
@@ -50,7 +51,7 @@ def show_run(
         results = _run_virtual(config, duration, record, as_json)
     else:
         with status_line(as_json) as screen:
-            results = live.run_live(config, duration, record, None, command, screen, folder)
+            results = live.run_live(config, duration, record, None, command, screen, folder, server)
             screen.status("computing the figures")
             for result in results.values():
                 _ = result.summary

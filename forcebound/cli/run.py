@@ -24,7 +24,7 @@ with when_used():
     from forcebound.graph import document as files
     from forcebound.graph import graph, loader, resolved
     from forcebound.messages import topology
-    from forcebound.run import live, trial
+    from forcebound.run import fork_server, live, trial
 
 PAGE_END_TIMEOUT_S = 15.0  # for the last message to pages, and the end of a recording
 
@@ -70,12 +70,13 @@ def launch(
     if has_view:
         check_installed("the page", "tornado")
     also = partial(live.check_here, record=record)
-    config = _configuration(file, arguments, check, show_args, as_json, hands=hands, also=also)
-    if config is not None:
-        words = " ".join((file, *arguments, *(f"--hand {hand}" for hand in hands)))
-        with _page() if has_view else nullcontext():
-            folder = files.folder_of(Path(file))
-            show_run(config, duration, record, as_json, shows_all, words, folder)
+    with nullcontext() if check or show_args else fork_server.fork_server() as server:
+        config = _configuration(file, arguments, check, show_args, as_json, hands=hands, also=also)
+        if config is not None:
+            words = " ".join((file, *arguments, *(f"--hand {hand}" for hand in hands)))
+            with _page() if has_view else nullcontext():
+                folder = files.folder_of(Path(file))
+                show_run(config, duration, record, as_json, shows_all, words, folder, server)
 
 
 @contextmanager

@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 
 from forcebound.ending import end
 from forcebound.files import printable
+from forcebound.run.fork_server import Forked, ForkServer
 from forcebound.stop import SignalPipe, ending_signals
 
 LAST_CHANCE = 2.0  # s to SIGKILL, for the rest of a group, or when the launcher itself fails
@@ -51,12 +52,13 @@ class Child:
         command: Sequence[str],
         show: Callable[[str, str], None],
         own_session: bool = True,
+        server: ForkServer | None = None,
     ) -> None:
         self.name = name
         self.tail: deque[str] = deque(maxlen=TAIL_LINES)
         self._show = show
         self._partial = b""
-        self.process = subprocess.Popen(
+        self.process = self._forked(server, command, own_session) or subprocess.Popen(
             command,
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
@@ -68,6 +70,17 @@ class Child:
         assert self.process.stdout is not None
         self.descriptor = self.process.stdout.fileno()
         os.set_blocking(self.descriptor, False)
+
+    def _forked(
+        self, server: ForkServer | None, command: Sequence[str], own_session: bool
+    ) -> Forked | None:
+        """Return a process of the fork server; None if the server has ended."""
+        try:
+            cores = os.sched_getaffinity(0)
+            return None if server is None else server.start(command, own_session, cores)
+        except OSError as error:
+            self._show(self.name, f"starts by itself: {error.strerror}")
+            return None
 
     def read(self) -> bool:
         """Show the complete lines read so far; return False at the end of the stream."""

@@ -1,10 +1,9 @@
 """Live run of a launch file: a run directory, four processes, a recording."""
 
 import os
-import sys
 import time
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -29,6 +28,7 @@ from forcebound.messages.topology import node_name
 from forcebound.network.ends import check_ends
 from forcebound.roles import ENVIRONMENT, LAUNCHER
 from forcebound.run.actions import TimeLimits
+from forcebound.run.fork_server import PROGRAM, ForkServer, fork_server
 from forcebound.run.results import RunResult, run_metadata
 from forcebound.run.run_directory import (
     BEFORE_FILE,
@@ -70,6 +70,7 @@ def run_live(
     file: str = "",
     screen: Screen | None = None,
     folder: Path = Path(),
+    server: ForkServer | None = None,
 ) -> dict[str, RunResult]:
     """Run a graph as processes, one per node and one that records; return the result by hand.
 
@@ -84,6 +85,7 @@ def run_live(
         file: Launch file, with its arguments, by which one may know the graph.
         screen: Where to say what happens; None: on standard error, lines of the processes only.
         folder: That has the files that a parameter may name during the run, maybe further below.
+        server: Forks the processes; None: one of this run.
 
     Raises:
         ConfigError: As :func:`check_here`.
@@ -108,8 +110,10 @@ def run_live(
         run.write(run_dir)
         cores = realtime.leave_core(core)
         try:
-            supervisor = _supervisor(config, run_dir, duration, limits, screen, cores)
-            interrupted, failure = supervisor.run(), ""
+            with nullcontext(server) if server else fork_server() as forking:
+                supervisor = _supervisor(config, run_dir, duration, limits, screen, cores)
+                supervisor.server = forking
+                interrupted, failure = supervisor.run(), ""
         except RunError as error:
             if _discard_if_empty(recording):
                 raise
@@ -275,8 +279,7 @@ def take_back(started: GraphConfig, run_dir: Path, node: str) -> Parameters:
 
 def node_command(name: str, run_dir: Path) -> list[str]:
     """Return the command line of one process of a run."""
-    program = [sys.executable, "-m", "forcebound", "node", name]
-    return [*program, str(run_dir / LAUNCH_FILE), "--run-dir", str(run_dir)]
+    return [*PROGRAM, "node", name, str(run_dir / LAUNCH_FILE), "--run-dir", str(run_dir)]
 
 
 def _taken_cores() -> list[int | None]:

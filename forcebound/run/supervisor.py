@@ -49,6 +49,7 @@ from forcebound.run.actions import (
     TimeLimits,
 )
 from forcebound.run.children import LAST_CHANCE, Child, OsSignals, name_begins
+from forcebound.run.fork_server import ForkServer
 from forcebound.run.lifecycle import STOPPED_EARLY, Lifecycle
 from forcebound.run.screen import Screen, doing
 
@@ -81,6 +82,7 @@ class Supervisor:
     revert: Callable[[str], control.Parameters] = lambda _: {}
     start_cores: Collection[int] = ()
     graph: Graph = ONE_HAND
+    server: ForkServer | None = None
 
     def __post_init__(self) -> None:
         self._coming = deque(self.phases)
@@ -171,7 +173,7 @@ class Supervisor:
     def _start(self, name: str) -> None:
         # A new session also is a new share of the processor: a recorder needs none.
         own_session = self.graph.nodes[name].role != RECORDER
-        child = Child(name, self.commands[name], self.screen.show, own_session)
+        child = Child(name, self.commands[name], self.screen.show, own_session, self.server)
         self._selector.register(child.descriptor, selectors.EVENT_READ, child)
         self._children[name] = child
         self._running.add(name)

@@ -42,8 +42,6 @@ from forcebound.run.run_directory import (
 )
 from forcebound.stop import Stop
 
-BEGUN_NS = time.monotonic_ns()  # of this process, before it reads its configuration
-
 _logger = logging.getLogger(__name__)
 
 
@@ -54,6 +52,7 @@ def run_node(name: str, run_dir: Path) -> int:
         ConfigError: If an endpoint is in use, or a key is missing.
         DeviceError: If the device failed; its last force is zero, if it still took it.
     """
+    begun_ns = time.monotonic_ns()  # before it reads its configuration
     with Stop() as stop:
         run = RunDocument.read(run_dir)
         never_wait_for_a_reader()
@@ -61,7 +60,7 @@ def run_node(name: str, run_dir: Path) -> int:
         try:
             if _has_launcher(run):  # it may have ended before the line above
                 config = read_configuration(run_dir, parts_of(run.graph.nodes[name].role))
-                return _run_or_lose(name, config, run, run_dir, stop)
+                return _run_or_lose(name, config, run, run_dir, stop, begun_ns)
         except (ConfigError, DeviceError):
             raise
         except Exception:
@@ -81,6 +80,7 @@ def serve_environment(file: Path, arguments: Sequence[str] = ()) -> None:
     """
     from forcebound.graph.loader import load_tried  # a process of a launcher reads no launch file
 
+    begun_ns = time.monotonic_ns()
     with Stop() as stop:
         config = load_tried(file, arguments)
         remotes = {name: hand.remote for name, hand in config.hands.items() if hand.remote}
@@ -106,15 +106,15 @@ def serve_environment(file: Path, arguments: Sequence[str] = ()) -> None:
             )
             write_configuration(run_dir, config)  # for `forcebound param`
             run.write(run_dir)
-            _run(ENVIRONMENT, config, run, run_dir, stop, ends)
+            _run(ENVIRONMENT, config, run, run_dir, stop, begun_ns, ends)
 
 
 def _run_or_lose(
-    name: str, config: GraphConfig, run: RunDocument, run_dir: Path, stop: Stop
+    name: str, config: GraphConfig, run: RunDocument, run_dir: Path, stop: Stop, begun_ns: int
 ) -> int:
     """Run one process; return ``LOST`` for a device that failed and waits for its user."""
     try:
-        _run(name, config, run, run_dir, stop)
+        _run(name, config, run, run_dir, stop, begun_ns)
     except DeviceError as failure:
         hand = config.hands[run.graph.nodes[name].hand or HAND]
         if hand.device.on_loss != "wait" and not isinstance(failure, GuardianError):
@@ -142,6 +142,7 @@ def _run(
     run: RunDocument,
     run_dir: Path,
     stop: Stop,
+    begun_ns: int,
     remote_ends: Mapping[str, RemoteEnd] | None = None,
 ) -> None:
     role = run.graph.nodes[name].role
@@ -167,7 +168,7 @@ def _run(
         share = hands.index(node.hand) / len(hands)
         node.phase_ns = round(share * 1e9 / config.hands[node.hand].servo.rate)
     links = build_links(config)  # a perfect link needs no model: its socket keeps the newest
-    tuner = Tuner(config, BEGUN_NS)
+    tuner = Tuner(config, begun_ns)
     status = run_process(node, name, run_dir, links, settings, stop, tuner, ends, run.graph)
     if isinstance(node, EnvironmentNode):
         _logger.info("queries answered by %s: %d", node.name, node.answered)
