@@ -5,10 +5,32 @@ import signal
 import subprocess
 import time
 from contextlib import suppress
-from typing import Any
+from typing import Protocol
 
 
-def end(process: "subprocess.Popen[Any]", grace: float) -> None:
+class Process(Protocol):
+    """A child process, such as a :class:`subprocess.Popen`."""
+
+    pid: int
+
+    def poll(self) -> int | None:
+        """Return the status; None while it runs."""
+        ...
+
+    def wait(self, timeout: float | None = None) -> int:
+        """Return the status when it has ended; TimeoutExpired after ``timeout`` s."""
+        ...
+
+    def terminate(self) -> None:
+        """Ask it to end."""
+        ...
+
+    def kill(self) -> None:
+        """End it by force."""
+        ...
+
+
+def end(process: Process, grace: float) -> None:
     """End a process and its group if it still runs: SIGTERM, then SIGKILL after ``grace`` s."""
     if process.poll() is not None:
         return
@@ -26,6 +48,8 @@ def end_group(leader: int, grace: float) -> None:
     deadline = time.monotonic() + grace
     with suppress(ProcessLookupError):
         while time.monotonic() < deadline:
+            with suppress(ChildProcessError):  # orphans of its group that became our children
+                os.waitpid(-leader, os.WNOHANG)
             os.killpg(leader, 0)
             time.sleep(0.01)
         os.killpg(leader, signal.SIGKILL)

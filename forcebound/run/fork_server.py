@@ -20,6 +20,7 @@ earlier, the nodes go on, and the next one starts as an interpreter.
 
 import ctypes
 import gc
+import io
 import json
 import os
 import signal
@@ -215,8 +216,10 @@ def _fork_orphan() -> int:
 def _become(output: int, words: Sequence[str], own_session: bool, cores: Collection[int]) -> None:
     """Take the place of an interpreter that has just been started."""
     os.setsid() if own_session else os.setpgid(0, 0)
-    for stream in (1, 2):
-        os.dup2(output, stream)
+    for descriptor, name in ((1, "stdout"), (2, "stderr")):
+        os.dup2(output, descriptor)
+        raw = io.FileIO(descriptor, "wb", closefd=False)
+        setattr(sys, name, io.TextIOWrapper(raw, errors="backslashreplace", write_through=True))
     os.close(output)
     os.sched_setaffinity(0, cores)
     sys.argv[1:] = words
