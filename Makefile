@@ -58,7 +58,8 @@ audit: $(STAMP)
 	$(BIN)/forcebound audit --runs 1000 --search 1000 --output proofs/docs/audit.md
 	$(BIN)/forcebound audit worlds --runs 60 --search 60 --output proofs/docs/audit-worlds.md
 
-# All figures with date, commit and machine, on one page; some ten minutes on an idle machine.
+# One row for each benchmark with date, commit and machine, all rounds beside it; some ten minutes on
+# an idle machine, refused (status 2) on a busy one; status 1: written, but a target was missed.
 bench: $(STAMP)
 	$(BIN)/python -m benchmarks --page docs/benchmarks.md
 

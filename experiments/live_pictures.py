@@ -20,7 +20,7 @@ from typing import Any
 import click
 from PIL import Image
 
-from benchmarks.onlookers import END_TIMEOUT_S, Graph, graph, page
+from benchmarks.observers import END_TIMEOUT_S, Graph, graph, page
 
 STEPS = 30  # moves of a drag
 PHONE = {"width": 390, "height": 844, "deviceScaleFactor": 1.5, "mobile": True}
