@@ -160,7 +160,7 @@ def line_exchange(port: str) -> Callable[[], object]:
 
 
 def echo(port: str) -> None:
-    """Return what comes through a pseudo-terminal at ``port``, at once, until killed."""
+    """Send the bytes that come through a pseudo-terminal at ``port`` back at once, until killed."""
     be_punctual()
     descriptor, end = os.openpty()
     tty.setraw(end)

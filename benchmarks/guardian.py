@@ -186,7 +186,7 @@ def _seconds_to_zero(folder: Path, launch: "subprocess.Popen[bytes]") -> float:
 
 
 def _awaited(look: Callable[[], Any], launch: "subprocess.Popen[bytes]") -> Any:
-    """Return what is found as soon as it is; ChildProcessError if the graph ends before."""
+    """Return the first result that is true; ChildProcessError if the graph ends before."""
     while not (found := look()):
         if launch.poll() is not None:
             raise ChildProcessError("the graph has ended")

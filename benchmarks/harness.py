@@ -209,7 +209,7 @@ def compare(
 def beyond(
     ours: Measured, base: Measured, share: str, target: float | None, shown: str = ""
 ) -> Figure:
-    """Return what a percentile is beyond the median of a baseline, in us."""
+    """Return the excess of a percentile over the median of a baseline, in us."""
 
     def difference(a: list[Round], b: list[Round]) -> float:
         return (percentile(a, share) - percentile(b, "p50")) / 1e3

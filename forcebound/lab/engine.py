@@ -107,7 +107,7 @@ class Campaign:
 
 
 class CampaignResult(NamedTuple):
-    """What a campaign has found."""
+    """Result of a campaign."""
 
     rows: list[Row]  # in the order of the cases
     resumed: int  # runs that an earlier, interrupted campaign had done

@@ -242,7 +242,7 @@ class Pointer:
         return None
 
     def send(self) -> None:
-        """Send the newest place if the device has answered to the one before."""
+        """Send the latest place once the device has acknowledged the one before."""
         if self._asked is not None:
             stamp, asked = self._asked
             answer = self._client.answer()

@@ -313,7 +313,7 @@ class _Handler(tornado.web.RequestHandler):
         self.set_header("Cache-Control", "no-store")
 
     def log_exception(self, *_: object) -> None:
-        """Say nothing: a refusal is the browser's to tell."""
+        """Log nothing: the browser shows the status of a refusal."""
 
 
 class _Index(_Handler):

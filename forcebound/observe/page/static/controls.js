@@ -215,7 +215,7 @@ export class Controls {
     this.recorded.textContent = file ? `${file.split("/").at(-1)}: ${Math.round(seconds)} s` : said;
   }
 
-  /** Show the law, and which of the two buttons has its way now. */
+  /** Show the law, and which of the two presets is active. */
   showLaw() {
     for (const { list, power, present } of this.laws) {
       if (document.activeElement !== list || !list.hasAttribute("aria-busy")) list.value = present;
