@@ -27,7 +27,7 @@ from tornado.websocket import websocket_connect
 
 from benchmarks.harness import BareLoop, Figure, Measured, Result, between_loops, compare, note
 from forcebound.errors import RunError
-from forcebound.messages.packets import TOPICS
+from forcebound.messages.topology import ONE_HAND
 from forcebound.observe.measure import Round
 from forcebound.recordings.recording import read
 
@@ -38,6 +38,7 @@ END_TIMEOUT_S = 120.0
 BASELINE = "baseline"
 TARGET = 1.05  # times the baseline
 COMMANDS = ("list --watch", "echo telemetry --json", "hz", "graph", "delay --links", "log")
+TOPICS = tuple(dict.fromkeys(stream.topic for stream in ONE_HAND.streams))
 PORTS = {"plotjuggler": 19872, "foxglove": 18765}
 PAGE, READERS = "live page", 3
 
@@ -170,7 +171,10 @@ async def _receive(*clients: AsyncIterator[object]) -> int:
             received.set()
 
     listening = [asyncio.create_task(listen(client)) for client in clients]
-    await asyncio.wait_for(received.wait(), END_TIMEOUT_S)
+    try:
+        await asyncio.wait_for(received.wait(), END_TIMEOUT_S)
+    except TimeoutError:
+        raise RunError(f"no client received anything within {END_TIMEOUT_S:g} s") from None
     begin_ns = time.monotonic_ns()
     await asyncio.sleep(SECONDS)
     for task in listening:
