@@ -1,4 +1,4 @@
-"""Pictures of the live page, for README and docs: ``python -m experiments.live_pictures [FOLDER]``.
+"""Pictures of the live page, for README and docs.
 
 Debian's Chromium shows a graph that runs; somebody drags its hand, breaks it and makes it safe. The
 numbers in a picture are those of this machine: take it idle. The moving picture shows the same.
@@ -196,7 +196,3 @@ def save(driver: Any, picture: Path) -> None:
     """Write what the browser shows."""
     driver.save_screenshot(str(picture))
     click.echo(f"wrote {picture}")
-
-
-if __name__ == "__main__":
-    main()
