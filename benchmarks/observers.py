@@ -145,9 +145,14 @@ def shown(name: str, observer: str, share: str) -> str:
 def _turn(observer: str, running: Graph) -> Turn:
     note(observer)
     program = [sys.executable, "-m", "forcebound"]
+    (run_dir,) = Path(running.variables["XDG_RUNTIME_DIR"]).glob("forcebound-*")
+    here = [str(run_dir)]  # other graphs may run
+    if not observer.startswith("delay"):  # which has no option for it
+        here.insert(0, "--run")
     begin_ns = time.monotonic_ns()
     if observer in PORTS:
-        command = [*program, "bridge", observer, *TOPICS, "--port", str(PORTS[observer])]
+        command = [*program, "bridge", observer, *TOPICS, *here]
+        command += ["--port", str(PORTS[observer])]
         with _serving(command, running, subprocess.DEVNULL):
             begin_ns = asyncio.run(_receive(CLIENTS[observer](PORTS[observer])))
     elif observer == PAGE:
@@ -155,7 +160,7 @@ def _turn(observer: str, running: Graph) -> Turn:
             address = served.address.replace("http:", "ws:").replace("/?", "/live?")
             begin_ns = asyncio.run(_receive(*(_as_page(address) for _ in range(READERS))))
     elif observer in COMMANDS:
-        command = [*program, *observer.split(), "--duration", f"{SECONDS} s"]
+        command = [*program, *observer.split(), *here, "--duration", f"{SECONDS} s"]
         subprocess.run(command, env=running.variables, stdout=subprocess.DEVNULL, check=True)
     else:
         running.run_for(SECONDS)

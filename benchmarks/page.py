@@ -32,8 +32,8 @@ def refusal(name: str, result: Result) -> str | None:
     if (ratio := steadiness(result[0])) <= STEADY:
         return None
     return (
-        f"{name}: the bare loop took {ratio:.2f} times its quickest median between two rounds, "
-        f"at most {STEADY} allowed: other programs run here, so stop them and repeat it"
+        f"{name}: before or after a round a bare loop of pyzmq took {ratio:.2f} times its quickest "
+        f"median, more than {STEADY}: other programs disturbed it; stop them and repeat it"
     )
 
 
