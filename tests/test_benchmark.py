@@ -1,3 +1,4 @@
+import importlib
 import json
 import math
 import os
@@ -261,12 +262,19 @@ def test_a_page_is_of_all_benchmarks(bench: Callable[..., Any], tmp_path: Path) 
     assert list(tmp_path.iterdir()) == []
 
 
+def test_the_published_page_has_the_row_of_each_benchmark() -> None:
+    text = (Path(__file__).parent.parent / "docs/benchmarks.md").read_text(encoding="utf-8")
+    rows = [line.strip("| ").split(" | ") for line in text.splitlines() if line.endswith("` |")]
+    modules = {name: importlib.import_module(f"benchmarks.{name}") for name in command.NAMES}
+    assert [(row[0], row[-1]) for row in rows] == [
+        (module.ASKED, f"`{name}`") for name, module in modules.items()
+    ]
+
+
 @pytest.mark.live
 @needs_compiler
 @pytest.mark.parametrize("name", [name for name in command.NAMES if name not in command.SLOW])
 def test_a_short_run_gives_every_figure(name: str) -> None:
-    import importlib
-
     module = importlib.import_module(f"benchmarks.{name}")
     contestants, figures = module.run(0.3, 1000.0)
     for one in contestants:
