@@ -13,12 +13,13 @@ from forcebound.cli import options as opt
 from forcebound.cli.common import Function, Group, command, print_document, print_json, say, show
 from forcebound.cli.lazy import when_used
 from forcebound.errors import RunError
+from forcebound.units import energy_in_words
 
 with when_used():
     from rich import console
 
     from forcebound.lab import audit as of_laws
-    from forcebound.lab import audit_replay, views
+    from forcebound.lab import audit_replay
     from forcebound.lab import sensitivity as wrong_numbers
     from forcebound.lab import worlds as of_worlds
     from forcebound.lab.paper import reproduce as paper
@@ -129,7 +130,7 @@ def sensitivity(
     """
     document = wrong_numbers.run(kind, runs, workers)
     rows = document["mistakes"]
-    lines = [f"{row['summary']:<46}{views.energy(row['energy_min_j']):>12}" for row in rows]
+    lines = [f"{row['summary']:<46}{energy_in_words(row['energy_min_j']):>12}" for row in rows]
     print_document(document, as_json, lambda _: lines)
 
 

@@ -10,7 +10,8 @@ from forcebound.lab.cases import objective, search
 from forcebound.lab.engine import Row
 from forcebound.lab.law_cases import ADVERSARIES, CLOCKS, RANGES, SENSORS, case_of, clock_of
 from forcebound.lab.law_run import SECONDS, attack
-from forcebound.lab.views import energy, groups, least, ranges, table, verdict
+from forcebound.lab.views import groups, least, ranges, table, verdict
+from forcebound.units import energy_in_words as energy
 
 NICHES = [(a, s) for a in range(len(ADVERSARIES)) for s in range(len(SENSORS))]
 LOSS = "loss_and_work_min_j"

@@ -12,9 +12,10 @@ from forcebound.haptics.laws import ENERGY_TOLERANCE, LAWS, check_law
 from forcebound.lab.audit import Options
 from forcebound.lab.cases import objective, search
 from forcebound.lab.engine import Row
-from forcebound.lab.views import energy, groups, least, ranges, share, table, verdict
+from forcebound.lab.views import groups, least, ranges, share, table, verdict
 from forcebound.lab.world_cases import NUMBERS, WATCHDOGS, WORLDS, case_of, check_name
 from forcebound.lab.world_run import SECONDS, attack
+from forcebound.units import energy_in_words as energy
 
 NEARLY_SPENT = 0.01  # share of the energy; an attack that leaves less has nearly spent it
 PART = 50  # runs: about a second

@@ -11,10 +11,10 @@ from msgspec.structs import replace
 from forcebound.haptics.laws import ENERGY_TOLERANCE
 from forcebound.messages.topology import Document
 from forcebound.recordings.launched import DeviceSection, Launched, launched
-from forcebound.results.cells import MM, Summary, lost
+from forcebound.results.cells import Summary, lost
 from forcebound.results.promises import COSTS_FORCE, in_words, is_uncovered
 from forcebound.results.samples import is_certified
-from forcebound.units import energy_in_words, in_unit
+from forcebound.units import MM, energy_in_words, in_unit
 
 MOST_LAWS = 4  # lines, of a run that changed its law: the last ones
 ALL = 0.995  # of the stiffness

@@ -21,7 +21,8 @@ from forcebound.lab.paths.draft import Random
 from forcebound.lab.paths.run import Vector
 from forcebound.lab.paths.search import Restart
 from forcebound.lab.paths.transfer import TRANSFER, two_hands
-from forcebound.lab.views import energy, groups, least, table, verdict
+from forcebound.lab.views import groups, least, table, verdict
+from forcebound.units import energy_in_words as energy
 
 OF_RESTART = {"r": 100, "s": 500}  # runs
 RESTARTS_LEFT_OUT = 4  # searches with the number left out

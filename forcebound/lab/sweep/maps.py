@@ -33,20 +33,20 @@ from forcebound.results.colours import colours_of
 from forcebound.results.panels import in_figure
 from forcebound.results.perception import WEBER_FRACTIONS
 from forcebound.results.plots import save
-from forcebound.results.tables import axis_labels
-from forcebound.units import to_si
+from forcebound.results.tables import axes_of_figures
+from forcebound.units import MJ, MM_S, MS, N_MM, Everyday, to_si
 
 Array: TypeAlias = np.ndarray[Any, Any]
 
-#: Parameters and figures in everyday units: label, factor.
-UNITS: dict[str, tuple[str, float]] = {
-    "stiffness": ("stiffness of the wall (N/mm)", 1e-3),
-    "damping": ("damping of the wall (N s/m)", 1.0),
-    "delay": ("delay, each way (ms)", 1e3),
-    "compute_delay": ("computation time (ms)", 1e3),
-    "approach_speed": ("approach speed (mm/s)", 1e3),
-} | axis_labels()
-
+FIGURE_AXES = axes_of_figures()
+#: Words for the axis of a parameter or figure, and its unit.
+AXES: dict[str, tuple[str, Everyday]] = {
+    "stiffness": ("stiffness of the wall", N_MM),
+    "damping": ("damping of the wall", Everyday("N s/m", "N s/m")),
+    "delay": ("delay, each way", MS),
+    "compute_delay": ("computation time", MS),
+    "approach_speed": ("approach speed", MM_S),
+} | FIGURE_AXES
 
 LONGEST_TITLE = 400  # characters
 _LEAKS = LinearSegmentedColormap.from_list("leaks", ["#ffd9a8", "#e06010", "#600018"])
@@ -66,7 +66,7 @@ _STYLES = {
     "with_hand": "-.",
     "encoder": ":",
 }
-_LEAK = ENERGY_TOLERANCE * 1e3  # mJ
+_LEAK = ENERGY_TOLERANCE * MJ.factor  # mJ
 
 
 def draw(result: Path, picture: Path) -> None:
@@ -105,15 +105,13 @@ def label_of(table: Table, name: str) -> str:
 
 def _axis(table: Table, name: str) -> tuple[str, float]:
     """Label and factor: of an argument that is not known here, in the unit of the sweep file."""
-    if name in UNITS:
-        return UNITS[name]
-    hand, _, figure = name.partition(".")
-    if figure in axis_labels():
-        label, factor = UNITS[figure]
-        return f"{in_figure(hand)}: {label}", factor
-    words, unit = name.replace("_", " "), (table.about.get("units") or {}).get(name, "")
-    size = to_si(f"1 {unit}") if unit else None
-    return (in_figure(words), 1.0) if not size else (in_figure(f"{words} ({unit})"), 1.0 / size)
+    hand, _, figure = name.rpartition(".")
+    if figure in (FIGURE_AXES if hand else AXES):
+        words, unit = AXES[figure]
+        return unit.label(f"{in_figure(hand)}: {words}" if hand else words), unit.factor
+    words, written = name.replace("_", " "), (table.about.get("units") or {}).get(name, "")
+    size = to_si(f"1 {written}") if written else None
+    return (in_figure(words), 1.0) if not size else (in_figure(f"{words} ({written})"), 1.0 / size)
 
 
 def column_of(table: Table, name: str) -> list[Any]:
@@ -390,7 +388,7 @@ def _draw_limits(axis: Axes, shown: _Map, chosen: Array) -> None:
         for position in shown.xs:
             rows = np.flatnonzero(chosen & (shown.x == position) & ran)
             row = {key: column[rows[0]] for key, column in columns.items() if rows.size}
-            line.append(limit_of(row, name) * 1e-3 if row else math.nan)
+            line.append(limit_of(row, name) * N_MM.factor if row else math.nan)
         steps = "steps-mid" if shown.drawing["x"] == "delay" else "default"
         axis.plot(
             shown.xs, line, "k", ls=_STYLES[name], lw=1.3, drawstyle=steps, label=LABELS[name]
