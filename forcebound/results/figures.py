@@ -387,3 +387,11 @@ FIGURES: tuple[Figure, ...] = (
     Figure("links", "lost or damaged", NUMBER, ticks.links, cell=cells.lost),
     Figure("faults", "faults", NUMBER, ticks.faults, cell=cells.counts("faults")),
 )
+
+_OF_STATE = (
+    *("law", "true_energy_min", "energy_left", "observed_energy_min", "observed_energy_error"),
+    *("final_speed", "at_rest", "limit_cycle_amplitude", "contact_bounces", "penetration_at_rest"),
+    *("broken_promises", "largest_allowance", "hold_limit_overruns"),
+)
+#: Those from which the state of a hand is known.
+OF_STATE = tuple(figure for figure in FIGURES if figure.name in _OF_STATE)
