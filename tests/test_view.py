@@ -226,7 +226,7 @@ def test_pages_see_the_graph_and_change_it_and_nobody_else_gets_in(
         await page.until("nodes", lambda m: any(p["steps"] for p in m["processes"]))
         assert await page.asks(do="end_recording") is None
         ended = await page.until("recording", lambda m: m["file"] is None)
-        assert ended["said"].endswith(recording["file"])
+        assert ended["result"].endswith(recording["file"])
         server.stop()
         await page.until("over")
         await serving

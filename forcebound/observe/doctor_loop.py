@@ -83,11 +83,11 @@ def _delay(seen: Observations) -> Iterator[Finding]:
 
 def _injected_delay(config: GraphConfig) -> float | None:
     """Return what links and environment add to the loop at most, in s; None: hard to say."""
-    ways = [config.only.links[topic] for topic in LINKS if topic in config.only.links]
-    ways += [config.environment.computation] * 2  # a query may have to wait for the one before
-    if any(not way.is_plain or way.loss for way in ways):
+    parts = [config.only.links[topic] for topic in LINKS if topic in config.only.links]
+    parts += [config.environment.computation] * 2  # a query may have to wait for the one before
+    if any(not part.is_plain or part.loss for part in parts):
         return None
-    return sum(way.delay + way.jitter for way in ways)
+    return sum(part.delay + part.jitter for part in parts)
 
 
 def _ticks(seen: Observations) -> Iterator[Finding]:

@@ -96,12 +96,12 @@ def _refused_speeds(holds: Holds, time: Floats, largest: float) -> Floats:
     """Return the speeds that refused readings imply, in m/s, 0 of the others: as the bounder."""
     speed = np.zeros(holds.read.size)
     slack = float(np.linalg.norm(np.broadcast_to(holds.resolution, holds.reading.shape[1])))
-    ways = np.linalg.norm(np.diff(holds.reading, axis=0), axis=1)
+    moves = np.linalg.norm(np.diff(holds.reading, axis=0), axis=1)
     taken = 0
-    for k in range(1, speed.size if (ways > largest * np.diff(time) + slack).any() else 0):
-        way, dt = math.dist(holds.reading[k], holds.reading[taken]), time[k] - time[taken]
-        if way > largest * dt + slack:
-            speed[k] = way / max(dt, ROUNDING)
+    for k in range(1, speed.size if (moves > largest * np.diff(time) + slack).any() else 0):
+        move, dt = math.dist(holds.reading[k], holds.reading[taken]), time[k] - time[taken]
+        if move > largest * dt + slack:
+            speed[k] = move / max(dt, ROUNDING)
         else:
             taken = k
     return np.minimum(speed, LARGEST_SPEED)

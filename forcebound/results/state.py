@@ -4,14 +4,14 @@ It is made of the figures of a run, or of those of a run that goes on. The verdi
 the live page have it from here, so none of them denies what another one says.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from enum import StrEnum
 from typing import NamedTuple
 
 from forcebound.haptics.laws import ENERGY_TOLERANCE
 from forcebound.recordings.launched import DeviceSection, Launched
 from forcebound.results.cells import Summary
-from forcebound.results.promises import COSTS_FORCE, in_words, is_uncovered
+from forcebound.results.promises import COSTS_FORCE, BrokenPromise, in_words, is_uncovered
 from forcebound.results.samples import is_certified
 from forcebound.units import MM, energy_in_words
 
@@ -50,7 +50,8 @@ def state(s: Summary, run: Launched) -> State:
         s: Its figures by key; of those that are not measured yet, None.
         run: Its launch file.
     """
-    lowest, promises = s["true_energy_min_j"], s["broken_promises"]
+    lowest = s["true_energy_min_j"]
+    promises: Sequence[BrokenPromise] = s["broken_promises"]
     known = _motor(s) if lowest is None else _received(s, run)
     paid = [one for one in promises if not is_uncovered(one) and one["promise"] != COSTS_FORCE]
     if any(map(is_uncovered, promises)):
@@ -71,7 +72,7 @@ def state(s: Summary, run: Launched) -> State:
     return State(kind, head, known, costly, "".join(_rest(s, run)))
 
 
-def _all_in_words(promises: Iterable[Summary]) -> str:
+def _all_in_words(promises: Iterable[BrokenPromise]) -> str:
     return "; ".join(map(in_words, promises))
 
 
