@@ -146,12 +146,9 @@ class LiveState:
         share = f"{given:.3g} N of the {asked:.3g} N that the environment commands"
         at_rest = self._speed is not None and self._speed < REST_SPEED
         motion = "At rest." if at_rest else "In contact." if asked else "Moving freely."
-        if self._broken and now.kind is not Passivity.PASSIVE:
-            return now.kind, f"{now.head}.", f"{now.known}.{late}"
-        if now.kind is Passivity.NOT_PASSIVE:
-            return now.kind, now.passivity, f"Law {law}. {motion}{late}"
-        if now.kind is Passivity.UNKNOWN:
-            return now.kind, f"{now.head}. {motion}", f"{now.known}.{late}"
+        if now.kind is not Passivity.PASSIVE:
+            known = f"{now.known[0].upper()}{now.known[1:]}. Law {law}."
+            return now.kind, f"{now.head}. {motion}", f"{known}{late}"
         cause = self.judged.cause
         if late and is_short and not is_free and (not cause or "ticks come late" in cause):
             return "late", "Late ticks: the surface feels softer.", f"{share}.{late}"
