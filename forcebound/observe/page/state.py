@@ -16,7 +16,7 @@ from forcebound.messages.topology import Document
 from forcebound.recordings.launched import launched
 from forcebound.recordings.telemetry import TelemetryColumns
 from forcebound.results.cells import Summary
-from forcebound.results.contact import REST_SPEED, final_speed
+from forcebound.results.contact import REST_SPEED, REST_WINDOW, final_speed
 from forcebound.results.energy import BESIDE, MotorAccount
 from forcebound.results.promises import BrokenPromise
 from forcebound.results.samples import Samples
@@ -84,8 +84,9 @@ class LiveState:
         if is_of_now and self.judged.broken:
             self._broken = self.judged.broken
         document["device"]["law"] = law
-        now = state(self._figures(document, is_of_now), launched(document))
-        kind, head, more = self._words(now, law)
+        figures = self._figures(document, is_of_now)
+        now = state(figures, launched(document))
+        kind, head, more = self._words(now, law, bool(figures["at_rest"]))
         seen = f"Seen from {self._seen_from:.3g} s on." if self._seen_from else ""
         return {
             "kind": kind,
@@ -125,14 +126,14 @@ class LiveState:
 
     @property
     def _speed(self) -> float | None:
-        places = [(one.time_ns, one.true_position) for one in self._past]
-        known = [(time_ns, place) for time_ns, place in places if place is not None]
-        if not known:
+        since = self._past[-1].time_ns - REST_WINDOW * 1e9
+        last = [one for one in self._past if one.time_ns >= since and one.true_position is not None]
+        if not last:
             return None
-        time = np.array([time_ns for time_ns, _ in known]) * 1e-9
-        return final_speed(time, np.array([place for _, place in known]))
+        time = np.array([one.time_ns for one in last]) * 1e-9
+        return final_speed(time, np.array([one.true_position for one in last]))
 
-    def _words(self, now: State, law: str) -> tuple[str, str, str]:
+    def _words(self, now: State, law: str, at_rest: bool) -> tuple[str, str, str]:
         """Return a word for the colour, the state as a sentence, and what explains it."""
         assert self.judged is not None
         last, missed = self._past[-1], self._missed
@@ -144,7 +145,6 @@ class LiveState:
         late = f" {missed:.0%} of the ticks are missed." if missed >= LATE else ""
         is_short, is_free = given < WHOLE * asked, law == "none"
         share = f"{given:.3g} N of the {asked:.3g} N that the environment commands"
-        at_rest = self._speed is not None and self._speed < REST_SPEED
         motion = "At rest." if at_rest else "In contact." if asked else "Moving freely."
         if now.kind is not Passivity.PASSIVE:
             known = f"{now.known[0].upper()}{now.known[1:]}. Law {law}."
