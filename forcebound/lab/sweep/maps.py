@@ -32,7 +32,7 @@ from forcebound.lab.table import Table, read_table
 from forcebound.results.colours import colours_of
 from forcebound.results.panels import in_figure
 from forcebound.results.perception import WEBER_FRACTIONS
-from forcebound.results.plots import save
+from forcebound.results.plots import blank, plain, save
 from forcebound.results.tables import axes_of_figures
 from forcebound.units import MJ, MM_S, MS, N_MM, Everyday, to_si
 
@@ -94,7 +94,6 @@ def _drawn(table: Table, result: Path) -> Figure:
     figure = draw_surfaces(table, drawing) if "y" in drawing else _curves(table, drawing)
     title = drawing.get("title") or table.about.get("description", "")
     figure.suptitle(fill(in_figure(title, LONGEST_TITLE), round(10 * figure.get_figwidth())))
-    figure.set_dpi(130)
     return figure
 
 
@@ -154,7 +153,7 @@ def _curves(table: Table, drawing: Values) -> Figure:
     ]
     rest = list(zip(*(table.columns[name] for name in others), strict=True)) or [()] * x.size
     panels: Sequence[tuple[Any, ...]] = list(dict.fromkeys(rest))
-    figure = Figure(figsize=(4.6 * len(panels) + 2.4, 4.2), layout="constrained")
+    figure = blank(4.6 * len(panels) + 2.4, 4.2)
     axes = figure.subplots(1, len(panels), sharey=True, squeeze=False).ravel()
     names = list(dict.fromkeys(per))
     colours = colours_of(names)
@@ -175,7 +174,7 @@ def _curves(table: Table, drawing: Values) -> Figure:
         )
         axis.set_xlabel(label_of(table, drawing["x"]))
         axis.set_xlim(x.min(), x.max())
-        axis.grid(alpha=0.3)
+        plain(axis)
     axes[0].set_ylabel(label_of(table, drawing["value"]))
     if drawing.get("scale") == "log":
         axes[0].set_yscale("log")
@@ -252,9 +251,7 @@ def draw_surfaces(table: Table, drawing: Values) -> Figure:
     panels = list(dict.fromkeys(shown.group))
     columns = min(_COLUMNS, len(panels))
     rows = -(-len(panels) // columns)
-    figure = Figure(
-        figsize=(max(3.4 * columns + 1.6, 7.0), max(2.6 * rows + 1.0, 4.6)), layout="constrained"
-    )
+    figure = blank(max(3.4 * columns + 1.6, 7.0), max(2.6 * rows + 1.0, 4.6))
     axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
     norm, leak_norm = _scale(shown), _leak_scale(shown.leaks)
     for axis, panel in zip(axes, panels, strict=False):
