@@ -137,16 +137,20 @@ def test_the_error_is_that_of_readings_where_the_force_changes() -> None:
     assert moving.error == pytest.approx(0.1 * 1e-3 * 1.0)  # later the motor has taken more
 
 
+def part(holds: Holds, start: int, end: int) -> Holds:
+    names = ("read", "write", "end", "force", "reading", "late")
+    return holds._replace(**{name: getattr(holds, name)[start:end] for name in names})
+
+
 @pytest.mark.parametrize("law", ["none", "certified"])
 def test_the_account_that_goes_on_is_that_of_the_whole_run(law: str) -> None:
     result = run_virtual(load("stiff_wall", [f"law:={law}", "delay:=5 ms"]), 2.0)
     holds = Samples(result.columns, result.document).holds
     account, start = MotorAccount(), 0
     for end in (300, 301, 950, holds.read.size):
-        block = [one[start:end] if np.ndim(one) else one for one in holds]
-        account.take(Holds(*block))
+        account.take(part(holds, start, end))
         start = max(end - 2 * BESIDE - 1, 0)
-    whole = observe(Holds(*(one[:-BESIDE] if np.size(one) > 1 else one for one in holds)))
+    whole = observe(part(holds, 0, holds.read.size - BESIDE))
     assert whole is not None
     assert account.energy_min == pytest.approx(whole.energy_min, rel=1e-6, abs=1e-9)
     assert account.error == pytest.approx(whole.error, rel=0.01, abs=1e-9)

@@ -118,12 +118,18 @@ def test_page_and_verdict_name_the_same_broken_promise() -> None:
 
 
 DEVICE: Document = {"kind": "x", "law": "certified", "rate": 1000.0}
-HEALTHY = {"swing": 0.0, "applied": 20.0, "fall": 0.01, "lost": 0.0, "engagement": 1.0}
+HEALTHY: dict[str, Any] = {
+    "swing": 0.0,
+    "applied": 20.0,
+    "fall": 0.01,
+    "lost": 0.0,
+    "engagement": 1.0,
+}
 
 
 def words_of(law: str = "certified", cause: str = "", **change: Any) -> dict[str, str]:
     """The state after two seconds of samples, with some changes to a hand at rest in a wall."""
-    case = HEALTHY | {"is_true": True, "away": 0.0, "delay": 1e-3} | change
+    case = HEALTHY | {"is_true": True, "away": 0.0, "delay": 1e-3, "engagement": 1.0} | change
     packets = []
     for tick in range(2001):
         time, is_in = tick * 1e-3, tick <= 2000 - 1e3 * case["away"]

@@ -8,7 +8,6 @@ A summary and its reasons, the tables that commands print, the labels of maps an
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
-from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -57,7 +56,8 @@ class Figure:
         name: Its name in Python.
         label: Of its row in a table; empty: it has none.
         unit: Of its value.
-        of: Returns the value of a run that has what it needs, ready for JSON; None: missing.
+        of: Returns the value of a run that has what it needs, ready for JSON, None: missing; or the
+            path of an attribute of it, None without it.
         needs: What it needs of a run.
         cell: How a summary's cell is made; None: of the value in its unit.
     """
@@ -65,7 +65,7 @@ class Figure:
     name: str
     label: str
     unit: Everyday
-    of: Callable[[Samples], Any]
+    of: Callable[[Samples], Any] | str
     needs: Needs = need.ALWAYS
     cell: Cell | None = None
 
@@ -73,6 +73,15 @@ class Figure:
     def key(self) -> str:
         """Its key in a summary, with the SI unit of its value: ``peak_force_n``."""
         return self.name + self.unit.suffix
+
+    def value(self, run: Samples) -> Any:
+        """Return the value of a run that has what it needs; None: missing."""
+        if not isinstance(self.of, str):
+            return self.of(run)
+        value: Any = run
+        for name in self.of.split("."):
+            value = getattr(value, name, None)
+        return value
 
     def text(self, summary: Summary) -> str:
         """Return what a table shows of a summary; empty: no row."""
@@ -104,12 +113,6 @@ def _delays(delay: str) -> Callable[[Samples], dict[str, float | None]]:
 def _duration(run: Samples) -> float | None:
     time = run.run.time[run.since]
     return float(np.ptp(time)) if time.size else None
-
-
-def _of(name: str) -> Callable[[Samples], Any]:
-    """Return a function that gives an attribute of what figures share; None without it."""
-    shared, _, name = name.partition(".")
-    return lambda run: getattr(getattr(run, shared), name, None)
 
 
 def _bandwidth(run: Samples) -> float | None:
@@ -228,14 +231,14 @@ _OF_THE_BOUNDER = (
         "refused_readings",
         "refused readings",
         NUMBER,
-        _of("report.refused_readings"),
+        "report.refused_readings",
         cell=cells.refused,
     ),
     Figure(
         "late_writes",
         "writes later than stated",
         NUMBER,
-        _of("report.late_writes"),
+        "report.late_writes",
         cell=cells.late_writes,
     ),
     Figure("longest_write_delay", "", IN_MS, ticks.longest_write_delay),
@@ -244,11 +247,11 @@ _OF_THE_BOUNDER = (
         "largest_allowance",
         "largest allowance used",
         MJ,
-        _of("report.largest_allowance"),
+        "report.largest_allowance",
         cell=cells.allowance,
     ),
-    Figure("allowance_repaid", "", NUMBER, _of("report.allowance_repaid")),
-    Figure("energy_cap", "energy cap", MJ, attrgetter("device.cap"), cell=cells.energy_cap),
+    Figure("allowance_repaid", "", NUMBER, "report.allowance_repaid"),
+    Figure("energy_cap", "energy cap", MJ, "device.cap", cell=cells.energy_cap),
     Figure(
         "number_sources",
         "numbers of the device",
@@ -265,23 +268,17 @@ REPORTED = tuple(figure.key for figure in _OF_THE_BOUNDER)
 
 #: All figures, in the order of the table.
 FIGURES: tuple[Figure, ...] = (
-    Figure("law", "law", NUMBER, attrgetter("device.law"), cell=lambda s: s["law"] or UNDEFINED),
+    Figure("law", "law", NUMBER, "device.law", cell=lambda s: s["law"] or UNDEFINED),
     Figure("duration", "duration", S, _duration),
     Figure("samples", "samples", NUMBER, lambda run: int(run.since.sum())),
-    Figure(
-        "displayed_stiffness",
-        "displayed stiffness",
-        N_MM,
-        attrgetter("displayed_stiffness"),
-        need.STEADY,
-    ),
+    Figure("displayed_stiffness", "displayed stiffness", N_MM, "displayed_stiffness", need.STEADY),
     Figure("stiffness", "", N_MM, _felt, need.ASKED),
-    Figure("rate_hardness", "rate-hardness", N_MM, attrgetter("rate_hardness"), need.INWARDS),
+    Figure("rate_hardness", "rate-hardness", N_MM, "rate_hardness", need.INWARDS),
     Figure(
         "extended_rate_hardness",
         "extended rate-hardness",
         N_MM,
-        attrgetter("extended_rate_hardness"),
+        "extended_rate_hardness",
         need.INWARDS,
     ),
     Figure("transparency_bandwidth", "transparency bandwidth", HZ, _bandwidth, need.BANDWIDTH),
@@ -303,8 +300,8 @@ FIGURES: tuple[Figure, ...] = (
     ),
     Figure("vibration_frequency", "", HZ, _strongest("frequency"), need.VIBRATION),
     Figure("vibration", "", NUMBER, _vibration, need.SPECTRUM),
-    Figure("settling_time", "settling time", MS, _of("settling.time"), need.SETTLED),
-    Figure("overshoot_share", "overshoot", WHOLE, _of("settling.overshoot"), need.SETTLED),
+    Figure("settling_time", "settling time", MS, "settling.time", need.SETTLED),
+    Figure("overshoot_share", "overshoot", WHOLE, "settling.overshoot", need.SETTLED),
     Figure(
         "limit_cycle_amplitude",
         "limit-cycle amplitude",
@@ -312,20 +309,16 @@ FIGURES: tuple[Figure, ...] = (
         lambda run: limit_cycle_amplitude(run.time, run.path),
         need.SURFACE,
     ),
-    Figure("contact_bounces", "contact bounces", NUMBER, attrgetter("bounces"), need.SURFACE),
-    Figure("final_speed", "speed at the end", MM_S, attrgetter("final_speed"), need.TRUTH),
-    Figure("at_rest", "", NUMBER, attrgetter("is_at_rest"), need.TRUTH),
-    Figure(
-        "penetration_at_rest", "penetration at rest", MM, attrgetter("resting_depth"), need.AT_REST
-    ),
+    Figure("contact_bounces", "contact bounces", NUMBER, "bounces", need.SURFACE),
+    Figure("final_speed", "speed at the end", MM_S, "final_speed", need.TRUTH),
+    Figure("at_rest", "", NUMBER, "is_at_rest", need.TRUTH),
+    Figure("penetration_at_rest", "penetration at rest", MM, "resting_depth", need.AT_REST),
     Figure(
         "true_energy_min", "minimum energy (ground truth)", MJ, _minimum("true_energy"), need.TRUTH
     ),
     Figure("energy_left", "", MJ, _energy_left, need.TOUCHED),
-    Figure("largest_energy_fall", "largest fall of energy", MJ, _of("fall.energy"), need.TRUTH),
-    Figure(
-        "energy_regain_time", "time to regain it", MS, _of("fall.time_to_regain"), need.REGAINED
-    ),
+    Figure("largest_energy_fall", "largest fall of energy", MJ, "fall.energy", need.TRUTH),
+    Figure("energy_regain_time", "time to regain it", MS, "fall.time_to_regain", need.REGAINED),
     Figure(
         "energy_since_contact_min", "minimum energy since contact", MJ, _since_contact, need.BROUGHT
     ),
@@ -333,22 +326,18 @@ FIGURES: tuple[Figure, ...] = (
         "observed_energy_min",
         "minimum energy (motor alone)",
         MJ,
-        _of("observed.energy_min"),
+        "observed.energy_min",
         need.ENGAGED,
     ),
-    Figure("observed_energy_error", "", MJ, _of("observed.error"), need.ENGAGED),
+    Figure("observed_energy_error", "", MJ, "observed.error", need.ENGAGED),
     Figure(
-        "observed_power_min",
-        "minimum power (motor alone)",
-        W,
-        _of("observed.power_min"),
-        need.ENGAGED,
+        "observed_power_min", "minimum power (motor alone)", W, "observed.power_min", need.ENGAGED
     ),
     Figure(
         "observed_deficit_share",
         "time in deficit (motor alone)",
         PERCENT,
-        _of("observed.deficit_share"),
+        "observed.deficit_share",
         need.ENGAGED,
     ),
     Figure(

@@ -13,7 +13,7 @@ from forcebound.recordings.launched import DeviceSection, Launched
 from forcebound.results.cells import Summary
 from forcebound.results.promises import COSTS_FORCE, BrokenPromise, in_words, is_uncovered
 from forcebound.results.samples import is_certified
-from forcebound.units import MM, energy_in_words
+from forcebound.units import MM, energy_in_words, in_unit
 
 STAYS = "pressing"  # the hand that a passive wall brings to rest; others move by themselves
 WALL = "wall"  # in place of a hand: nobody holds this device
@@ -52,21 +52,21 @@ def state(s: Summary, run: Launched) -> State:
     """
     lowest = s["true_energy_min_j"]
     promises: Sequence[BrokenPromise] = s["broken_promises"]
-    known = _motor(s) if lowest is None else _received(s, run)
-    paid = [one for one in promises if not is_uncovered(one) and one["promise"] != COSTS_FORCE]
-    if any(map(is_uncovered, promises)):
-        kind, head = Passivity.UNCOVERED, "Not covered by the certificate"
-        known = f"{_all_in_words(filter(is_uncovered, promises))}. In this run {known}"
-    elif paid:
-        kind, head = Passivity.PASSIVE, "Covered by the certificate all the same"
-        known = f"{_all_in_words(paid)}. In this run {known}"
-    elif lowest is None:
-        kind, head, known = _without_truth(s, run.device, known)
+    if lowest is None:
+        kind, head, known = _without_truth(s, run.device, _motor(s))
     else:
         kind, head = _with_truth(s, run.device, lowest)
-    if lowest is not None and _leaks(s, run.device, lowest):
-        kind = Passivity.NOT_PASSIVE
-    if not head:  # both together are judged by results.coupling
+        known = _received(s, run)
+    measured = _motor(s) if lowest is None else known
+    paid = [one for one in promises if not is_uncovered(one) and one["promise"] != COSTS_FORCE]
+    if any(map(is_uncovered, promises)):
+        head = "Not covered by the certificate"
+        kind = kind if kind is Passivity.NOT_PASSIVE else Passivity.UNCOVERED
+        known = f"{_all_in_words(filter(is_uncovered, promises))}. In this run {measured}"
+    elif paid:
+        head = "Covered by the certificate all the same"
+        known = f"{_all_in_words(paid)}. In this run {measured}"
+    elif not head:
         head, known = known[0].upper() + known[1:], ""
     costly = "".join(f"{in_words(one)}. " for one in promises if one["promise"] == COSTS_FORCE)
     return State(kind, head, known, costly, "".join(_rest(s, run)))
@@ -76,20 +76,15 @@ def _all_in_words(promises: Iterable[BrokenPromise]) -> str:
     return "; ".join(map(in_words, promises))
 
 
-def _leaks(s: Summary, device: DeviceSection, lowest: float) -> bool:
-    allowed = device.allowance if _is_certified(s, device) else 0.0
-    return lowest < -max(allowed, ENERGY_TOLERANCE) and not device.energy_partner
-
-
 def _with_truth(s: Summary, device: DeviceSection, lowest: float) -> tuple[Passivity, str]:
     if lowest >= -ENERGY_TOLERANCE:
         return Passivity.PASSIVE, "Passive"
-    if device.energy_partner:
+    if device.energy_partner:  # both together are judged by results.coupling
         return Passivity.PASSIVE, ""
-    if _leaks(s, device, lowest):
+    allowed = device.allowance if _is_certified(s, device) else 0.0
+    if lowest < -allowed:
         return Passivity.NOT_PASSIVE, "Not passive"
-    within = f"Passive but for device.allowance ({energy_in_words(device.allowance)})"
-    return Passivity.PASSIVE, within
+    return Passivity.PASSIVE, f"Passive but for device.allowance ({energy_in_words(allowed)})"
 
 
 def _is_certified(s: Summary, device: DeviceSection) -> bool:
@@ -150,7 +145,7 @@ def _rest(s: Summary, run: Launched) -> Iterator[str]:
         depth = s["penetration_at_rest_m"]
         yield "At rest at the end" + (f", {MM.show(depth)} deep." if depth else ".")
     elif speed is not None:
-        yield f"Not at rest: it moves at {float(f'{1e3 * speed:.3g}'):g} mm/s at the end"
+        yield f"Not at rest: it moves at {in_unit(speed, 'mm/s', 3)} at the end"
         yield f", and turned round {times(turns)} after first contact." if turns else "."
         hand = run.operator.kind
         if hand not in ("", STAYS, WALL):

@@ -53,7 +53,7 @@ def figures_of(run: Samples, figures: Sequence[Figure] = FIGURES) -> Summary:
     undefined = {}
     for figure in figures:
         missing = [lacks[need] for need in figure.needs.of_run.split() if need in lacks]
-        found[figure.key] = value = None if missing else figure.of(run)
+        found[figure.key] = value = None if missing else figure.value(run)
         if value is None and figure.needs.of_run:
             undefined[figure.key] = (*missing, figure.needs.otherwise)[0]
     return {**found, "undefined": undefined}
@@ -88,7 +88,7 @@ def _phase(part: TelemetryColumns, config: Document) -> Summary:
         "duration_s": float(part.elapsed[-1] - part.elapsed[0]),
         "answered_share": answered_share(part),
         "force_share": float(np.mean(part.engagement > 0.0)),
-        **{figure.key: figure.of(run) for figure in FIGURES if figure.key in _OF_A_PHASE},
+        **{figure.key: figure.value(run) for figure in FIGURES if figure.key in _OF_A_PHASE},
         "true_energy_min_j": float(energy.min()) if energy.size else None,
         "deadline_misses": int(part.deadline_misses[-1] - part.deadline_misses[0]),
     }

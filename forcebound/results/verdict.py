@@ -123,6 +123,5 @@ def _of_the_device(s: Summary, run: Launched) -> str:
     busy, rate = s["reads_and_writes_s"] or 0.0, run.device.rate or 0.0
     if busy * rate <= 1.0:
         return ""
-    return (
-        f", since its reads and writes take {1e3 * busy:.2g} ms of a period of {1e3 / rate:.2g} ms"
-    )
+    taken, period = in_unit(busy, "ms", 2), in_unit(1.0 / rate, "ms", 2)
+    return f", since its reads and writes take {taken} of a period of {period}"

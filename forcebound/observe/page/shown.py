@@ -57,7 +57,7 @@ class ShownGraph:
             self._next_state = now + READABLE
             words = {name: one.state.describe() for name, one in self.feed.hands.items()}
             known = {name: one for name, one in words.items() if one is not None}
-            messages.append({"type": "state", "hands": known})
+            messages += [{"type": "state", "hands": known}] if known else []
         return messages
 
     def take_judged(self, judged: Mapping[str, Judged]) -> None:

@@ -18,6 +18,7 @@ from forcebound.recordings.telemetry import TelemetryColumns
 from forcebound.results.cells import Summary
 from forcebound.results.contact import REST_SPEED, REST_WINDOW, final_speed
 from forcebound.results.energy import BESIDE, MotorAccount
+from forcebound.results.figures import OF_STATE
 from forcebound.results.promises import BrokenPromise
 from forcebound.results.samples import Samples
 from forcebound.results.state import Passivity, State, state
@@ -98,7 +99,7 @@ class LiveState:
         }
 
     def _figures(self, document: Document, is_of_now: bool) -> Summary:
-        """Return the figures of :data:`forcebound.results.figures.OF_STATE` so far."""
+        """Return the figures of the state so far; those of a finished run are None."""
         assert self.judged is not None
         if len(self._holds) > 3 * BESIDE:
             columns = TelemetryColumns.from_packets(self._holds)
@@ -109,16 +110,13 @@ class LiveState:
         report = self.judged.report if is_of_now else None
         speed = self._speed
         return {
+            **dict.fromkeys(figure.key for figure in OF_STATE),
             "law": document["device"]["law"],
             "true_energy_min_j": self._lowest if math.isfinite(self._lowest) else None,
-            "energy_left_j": None,
             "observed_energy_min_j": self._motor.energy_min,
             "observed_energy_error_j": self._motor.error,
             "final_speed_m_per_s": speed,
             "at_rest": None if speed is None else speed < REST_SPEED,
-            "limit_cycle_amplitude_m": None,
-            "contact_bounces": None,
-            "penetration_at_rest_m": None,
             "broken_promises": self._broken,
             "largest_allowance_j": None if report is None else report.largest_allowance,
             "hold_limit_overruns": None if report is None else report.overruns,

@@ -142,7 +142,6 @@ const WORST = ["not_passive", "uncovered", "late", "unknown", "off", "passive"];
 
 /** Show the states of hands: {name, colour, kind, head, more, force, energy, cause} of each, all words of the server. */
 function showStates(known) {
-  if (!known.length) return;
   const worst = WORST.flatMap((kind) => known.filter((one) => one.kind === kind))[0];
   const whose = all.length > 1 ? `${worst.name}: ` : "";
   say({ ...worst, head: whose + worst.head }, true);
