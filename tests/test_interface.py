@@ -334,7 +334,7 @@ def test_the_samples_of_a_run_have_its_contacts() -> None:
     inside = run.telemetry["position"][run.telemetry["engagement"] > 0.0, 0] > 0.010
     assert samples.entries == np.count_nonzero(np.diff(inside.astype(int)) > 0) > 1
     assert samples.first_contact == np.argmax(inside)
-    assert samples.bounces == figures.contact_bounces
+    assert float(samples.bounces) == float(figures.contact_bounces)
     assert samples.depth[samples.contact].max() == figures.peak_penetration
     assert samples.displayed_stiffness == figures.displayed_stiffness
     speed = np.diff(run.telemetry["true_position"][:, 0]).max() * samples.rate
