@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from forcebound.interface.runs import Run, plot, read, simulate
     from forcebound.lab.sweeps import Runs, linspace, sweep
     from forcebound.network.impairment import Impairment as Link
+    from forcebound.results.samples import Samples
 
     # Each class has keys of its kind.
     controllers: Table[type[Any]]
@@ -48,6 +49,7 @@ __all__ = [
     "Run",
     "Running",
     "Runs",
+    "Samples",
     "Servo",
     "World",
     "bound",
@@ -81,6 +83,7 @@ _PLACES = {
     "World": "graph.graph:EnvironmentConfig",
     "Servo": "graph.servo:ServoSettings",
     "Link": "network.impairment:Impairment",
+    "Samples": "results.samples",
     "Running": "interface.live",
     "launch": "interface.live",
     "Run": "interface.runs",

@@ -15,7 +15,8 @@ from forcebound.errors import ConfigError
 from forcebound.lab.cases import grid
 from forcebound.lab.engine import Campaign, Row, run
 from forcebound.lab.table import read_about, read_table
-from forcebound.lab.views import energy, groups, least, share, table, verdict
+from forcebound.lab.views import groups, least, share, table, verdict
+from forcebound.units import energy_in_words as energy
 
 
 def squares(cases: Sequence[int]) -> list[Row]:

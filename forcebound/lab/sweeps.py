@@ -68,7 +68,7 @@ class Runs:
         self.rows = rows
         self.varied = tuple(varied)
         keys = dict.fromkeys(key for row in rows for key in row)
-        figures = {name_of(key)[0]: key for key in keys if is_figure(key)}
+        figures = {name_of(key): key for key in keys if is_figure(key)}
         self._keys = {key: key for key in keys} | figures
         self._keys |= {name: f"over.{name}" for name in varied}
 
@@ -110,7 +110,7 @@ class Runs:
         """Return a pandas.DataFrame of the varied arguments and all figures; needs pandas."""
         parameters = (key for key in self._keys if not is_figure(self._keys[key]))
         own = ("case", "engine", "error", *parameters)
-        names = [name for name in self._keys if name not in own and name_of(name)[0] == name]
+        names = [name for name in self._keys if name not in own and name_of(name) == name]
         return needed("to_pandas", "pandas").DataFrame({name: self[name] for name in names})
 
     def __repr__(self) -> str:

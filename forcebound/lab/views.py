@@ -38,17 +38,6 @@ def table(heads: Sequence[str], rows: Iterable[Sequence[object]]) -> Iterator[st
         yield f"| {' | '.join(map(str, row))} |"
 
 
-def energy(value: float | None) -> str:
-    """Return an energy, in J, with a fitting unit; rounding errors are zero."""
-    if value is None:
-        return "–"
-    if abs(value) < ENERGY_TOLERANCE:
-        return "0"
-    if abs(value) >= 10.0:
-        return f"{value:,.0f} J"
-    return f"{value:.3g} J" if abs(value) >= 1.0 else f"{1e3 * value:.3g} mJ"
-
-
 def verdict(lowest: float, is_certified: bool = True) -> str:
     """Return the verdict on a law whose lowest energy, in J, is this."""
     leaks = lowest < -ENERGY_TOLERANCE

@@ -20,9 +20,9 @@ from forcebound.cli.common import (
     show,
 )
 from forcebound.cli.lazy import when_used
+from forcebound.units import energy_in_words
 
 with when_used():
-    from forcebound.lab import views
     from forcebound_proofs import audit as of_laws
     from forcebound_proofs import audit_replay
     from forcebound_proofs import sensitivity as wrong_numbers
@@ -123,7 +123,7 @@ def sensitivity(
     """
     document = wrong_numbers.run(kind, runs, workers)
     rows = document["mistakes"]
-    lines = [f"{row['summary']:<46}{views.energy(row['energy_min_j']):>12}" for row in rows]
+    lines = [f"{row['summary']:<46}{energy_in_words(row['energy_min_j']):>12}" for row in rows]
     print_document(document, as_json, lambda _: lines)
 
 

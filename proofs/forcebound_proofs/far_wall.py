@@ -30,7 +30,8 @@ from forcebound.haptics.environments.solid import Shape, Solid
 from forcebound.haptics.hands.hands import StrokingHand
 from forcebound.haptics.hands.paths import TrajectoryHand
 from forcebound.recordings.telemetry import TelemetryColumns
-from forcebound.results.contact import count_bounces, displayed_stiffness
+from forcebound.results.contact import count_bounces
+from forcebound.results.samples import Samples
 from forcebound.run.virtual import run_virtual
 
 LAWS = ("certified", "certified_fading")
@@ -88,16 +89,16 @@ def touching_hand(folder: Path) -> TrajectoryHand:
 
 def figures(config: GraphConfig) -> tuple[Figures, TelemetryColumns]:
     """Return the figures of a run, and its telemetry."""
-    columns = run_virtual(config, DURATION).columns
+    result = run_virtual(config, DURATION)
+    columns, samples = result.columns, Samples(result.columns, result.document)
     touches_twice = isinstance(config.only.operator, TrajectoryHand)
     depth = columns.position[:, 0] - SURFACE
     since = columns.elapsed >= AGAIN if touches_twice else columns.elapsed > 0.0
-    stiffness = displayed_stiffness(columns.time, columns.applied_force[:, 0], depth)
     contact = since & (np.cumsum(since & (depth > 0.0)) > 0)
     first = depth[columns.elapsed < AGAIN / 2.0].max()
     energy = float(columns.true_energy[columns.elapsed > 0.0].min())
     bounces = count_bounces(columns.position[contact, 0])
-    return Figures(stiffness or 0.0, energy, bounces, float(first)), columns
+    return Figures(samples.displayed_stiffness or 0.0, energy, bounces, float(first)), columns
 
 
 def row(name: str, found: Figures, reference: Figures) -> str:

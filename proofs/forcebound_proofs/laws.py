@@ -7,7 +7,8 @@ import numpy as np
 
 from forcebound.haptics.laws import ENERGY_TOLERANCE, LAWS, check_law
 from forcebound.lab.engine import Row
-from forcebound.lab.views import energy, groups, least, table, verdict
+from forcebound.lab.views import groups, least, table, verdict
+from forcebound.units import energy_in_words as energy
 from forcebound_proofs.cases import objective, ranges, search
 from forcebound_proofs.law_cases import ADVERSARIES, CLOCKS, RANGES, SENSORS, case_of, clock_of
 from forcebound_proofs.law_run import SECONDS, attack

@@ -10,7 +10,8 @@ from forcebound.haptics.controllers import CONTROLLERS
 from forcebound.haptics.environments.mujoco_scene import engine
 from forcebound.haptics.laws import ENERGY_TOLERANCE, LAWS, check_law
 from forcebound.lab.engine import Row
-from forcebound.lab.views import energy, groups, least, share, table, verdict
+from forcebound.lab.views import groups, least, share, table, verdict
+from forcebound.units import energy_in_words as energy
 from forcebound_proofs.audit import Options
 from forcebound_proofs.cases import objective, ranges, search
 from forcebound_proofs.world_cases import NUMBERS, WATCHDOGS, WORLDS, case_of, check_name

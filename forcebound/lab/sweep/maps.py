@@ -32,21 +32,21 @@ from forcebound.lab.table import Table, read_table
 from forcebound.results.colours import colours_of
 from forcebound.results.panels import in_figure
 from forcebound.results.perception import WEBER_FRACTIONS
-from forcebound.results.plots import save
-from forcebound.results.tables import axis_labels
-from forcebound.units import to_si
+from forcebound.results.plots import blank, plain, save
+from forcebound.results.tables import axes_of_figures
+from forcebound.units import MJ, MM_S, MS, N_MM, Everyday, to_si
 
 Array: TypeAlias = np.ndarray[Any, Any]
 
-#: Parameters and figures in everyday units: label, factor.
-UNITS: dict[str, tuple[str, float]] = {
-    "stiffness": ("stiffness of the wall (N/mm)", 1e-3),
-    "damping": ("damping of the wall (N s/m)", 1.0),
-    "delay": ("delay, each way (ms)", 1e3),
-    "compute_delay": ("computation time (ms)", 1e3),
-    "approach_speed": ("approach speed (mm/s)", 1e3),
-} | axis_labels()
-
+FIGURE_AXES = axes_of_figures()
+#: Words for the axis of a parameter or figure, and its unit.
+AXES: dict[str, tuple[str, Everyday]] = {
+    "stiffness": ("stiffness of the wall", N_MM),
+    "damping": ("damping of the wall", Everyday("N s/m", "N s/m")),
+    "delay": ("delay, each way", MS),
+    "compute_delay": ("computation time", MS),
+    "approach_speed": ("approach speed", MM_S),
+} | FIGURE_AXES
 
 LONGEST_TITLE = 400  # characters
 _LEAKS = LinearSegmentedColormap.from_list("leaks", ["#ffd9a8", "#e06010", "#600018"])
@@ -66,7 +66,7 @@ _STYLES = {
     "with_hand": "-.",
     "encoder": ":",
 }
-_LEAK = ENERGY_TOLERANCE * 1e3  # mJ
+_LEAK = ENERGY_TOLERANCE * MJ.factor  # mJ
 
 
 def draw(result: Path, picture: Path) -> None:
@@ -94,7 +94,6 @@ def _drawn(table: Table, result: Path) -> Figure:
     figure = draw_surfaces(table, drawing) if "y" in drawing else _curves(table, drawing)
     title = drawing.get("title") or table.about.get("description", "")
     figure.suptitle(fill(in_figure(title, LONGEST_TITLE), round(10 * figure.get_figwidth())))
-    figure.set_dpi(130)
     return figure
 
 
@@ -105,15 +104,13 @@ def label_of(table: Table, name: str) -> str:
 
 def _axis(table: Table, name: str) -> tuple[str, float]:
     """Label and factor: of an argument that is not known here, in the unit of the sweep file."""
-    if name in UNITS:
-        return UNITS[name]
-    hand, _, figure = name.partition(".")
-    if figure in axis_labels():
-        label, factor = UNITS[figure]
-        return f"{in_figure(hand)}: {label}", factor
-    words, unit = name.replace("_", " "), (table.about.get("units") or {}).get(name, "")
-    size = to_si(f"1 {unit}") if unit else None
-    return (in_figure(words), 1.0) if not size else (in_figure(f"{words} ({unit})"), 1.0 / size)
+    hand, _, figure = name.rpartition(".")
+    if figure in (FIGURE_AXES if hand else AXES):
+        words, unit = AXES[figure]
+        return unit.label(f"{in_figure(hand)}: {words}" if hand else words), unit.factor
+    words, written = name.replace("_", " "), (table.about.get("units") or {}).get(name, "")
+    size = to_si(f"1 {written}") if written else None
+    return (in_figure(words), 1.0) if not size else (in_figure(f"{words} ({written})"), 1.0 / size)
 
 
 def column_of(table: Table, name: str) -> list[Any]:
@@ -156,7 +153,7 @@ def _curves(table: Table, drawing: Values) -> Figure:
     ]
     rest = list(zip(*(table.columns[name] for name in others), strict=True)) or [()] * x.size
     panels: Sequence[tuple[Any, ...]] = list(dict.fromkeys(rest))
-    figure = Figure(figsize=(4.6 * len(panels) + 2.4, 4.2), layout="constrained")
+    figure = blank(4.6 * len(panels) + 2.4, 4.2)
     axes = figure.subplots(1, len(panels), sharey=True, squeeze=False).ravel()
     names = list(dict.fromkeys(per))
     colours = colours_of(names)
@@ -177,7 +174,7 @@ def _curves(table: Table, drawing: Values) -> Figure:
         )
         axis.set_xlabel(label_of(table, drawing["x"]))
         axis.set_xlim(x.min(), x.max())
-        axis.grid(alpha=0.3)
+        plain(axis)
     axes[0].set_ylabel(label_of(table, drawing["value"]))
     if drawing.get("scale") == "log":
         axes[0].set_yscale("log")
@@ -254,9 +251,7 @@ def draw_surfaces(table: Table, drawing: Values) -> Figure:
     panels = list(dict.fromkeys(shown.group))
     columns = min(_COLUMNS, len(panels))
     rows = -(-len(panels) // columns)
-    figure = Figure(
-        figsize=(max(3.4 * columns + 1.6, 7.0), max(2.6 * rows + 1.0, 4.6)), layout="constrained"
-    )
+    figure = blank(max(3.4 * columns + 1.6, 7.0), max(2.6 * rows + 1.0, 4.6))
     axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
     norm, leak_norm = _scale(shown), _leak_scale(shown.leaks)
     for axis, panel in zip(axes, panels, strict=False):
@@ -390,7 +385,7 @@ def _draw_limits(axis: Axes, shown: _Map, chosen: Array) -> None:
         for position in shown.xs:
             rows = np.flatnonzero(chosen & (shown.x == position) & ran)
             row = {key: column[rows[0]] for key, column in columns.items() if rows.size}
-            line.append(limit_of(row, name) * 1e-3 if row else math.nan)
+            line.append(limit_of(row, name) * N_MM.factor if row else math.nan)
         steps = "steps-mid" if shown.drawing["x"] == "delay" else "default"
         axis.plot(
             shown.xs, line, "k", ls=_STYLES[name], lw=1.3, drawstyle=steps, label=LABELS[name]

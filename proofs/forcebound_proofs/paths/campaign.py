@@ -16,7 +16,8 @@ import numpy as np
 from forcebound.errors import ConfigError
 from forcebound.haptics.laws import ENERGY_TOLERANCE, LAWS
 from forcebound.lab.engine import Row
-from forcebound.lab.views import energy, groups, least, table, verdict
+from forcebound.lab.views import groups, least, table, verdict
+from forcebound.units import energy_in_words as energy
 from forcebound_proofs.paths.certificates import CERTIFICATES, draw
 from forcebound_proofs.paths.draft import Random
 from forcebound_proofs.paths.run import Vector
