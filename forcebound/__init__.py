@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from forcebound.interface.laws import bound
     from forcebound.interface.live import Running, launch
     from forcebound.interface.runs import Run, plot, read, simulate
-    from forcebound.lab.sweeps import Runs, linspace, sweep
+    from forcebound.lab.sweeps import Runs, geomspace, linspace, sweep
     from forcebound.network.impairment import Impairment as Link
 
     # Each class has keys of its kind.
@@ -55,6 +55,7 @@ __all__ = [
     "devices",
     "environments",
     "errors",
+    "geomspace",
     "launch",
     "laws",
     "linspace",
@@ -88,6 +89,7 @@ _PLACES = {
     "read": "interface.runs",
     "simulate": "interface.runs",
     "Runs": "lab.sweeps",
+    "geomspace": "lab.sweeps",
     "linspace": "lab.sweeps",
     "sweep": "lab.sweeps",
 }

@@ -45,15 +45,20 @@ def sweep(
 
 def draw_map(
     result: Path = opt.argument(type=opt.FILE),
+    value: str | None = opt.option("Figure or measure to draw. Default: that of the sweep file."),
+    x: str | None = opt.option("Varied argument of the axis across; without --y: curves."),
+    y: str | None = opt.option("Varied argument of the axis upwards."),
+    per: str | None = opt.option("Varied argument with a panel, or a curve, for each value."),
     output: Path | None = opt.output(
         "Picture file, .png or .svg. Default: name of the result, .png."
     ),
 ) -> None:
-    r"""Draw the map of a sweep's RESULT.parquet, with theoretical limits.
+    r"""Draw the map of a sweep's RESULT.parquet, with theoretical limits, or any column of it.
 
     \b
     forcebound map stability_map.parquet -o map.svg
+    forcebound map runs.parquet --value contacts --x delay --y stiffness --per law
     """
     output = output or result.with_suffix(".png")
-    maps.draw(result, output)
+    maps.draw(result, output, value=value, x=x, y=y, per=per)
     show(f"map: {output}")

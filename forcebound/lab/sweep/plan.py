@@ -9,7 +9,7 @@ import math
 import os
 import random
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import product
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeAlias
@@ -88,16 +88,17 @@ _DRAWN = _form("range", {"from": _END, "to": _END}, _SCALE)
 
 @dataclass(frozen=True)
 class Sweep:
-    """A sweep, ready to run."""
+    """A launch file and the values of its arguments, ready to run."""
 
-    name: str  # of its file, without the ending
-    description: str
     template: Value  # launch file; forcebound.graph.loader.build makes a case of it
     duration: float | None  # s, of each run; None: that of the launch file
     constants: Mapping[str, str]  # arguments that are the same in all cases, as text
     columns: tuple[str, ...]  # arguments that vary, in order
     cases: tuple[tuple[str, ...], ...]  # their values, as text, a row for each case
-    drawing: Values  # the map section, as plain values; empty without one
+    name: str = "sweep"  # of its file, without the ending
+    description: str = ""
+    drawing: Values = field(default_factory=dict)  # the map section; empty without one
+    same: Values = field(default_factory=dict)  # columns that are the same in all its rows
 
     def overrides(self, case: int) -> list[str]:
         """Return the arguments of a case, each ``name:=value``."""

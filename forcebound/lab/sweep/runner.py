@@ -3,19 +3,27 @@
 import json
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
 from functools import cache, partial
+from itertools import groupby
+from operator import itemgetter
 from pathlib import Path
+from types import MappingProxyType
+from typing import TypeAlias
 
 from forcebound.errors import ConfigError, ForceboundError
+from forcebound.graph.forms import Values
 from forcebound.graph.graph import GraphConfig
 from forcebound.graph.loader import build
 from forcebound.graph.names import parameter_name
 from forcebound.graph.problems import unknown
+from forcebound.haptics.laws import LAWS
+from forcebound.interface.runs import Run
 from forcebound.lab.engine import Campaign, Progress, Row, run
 from forcebound.lab.runs import run_all
+from forcebound.lab.sweep.measures import Measures, value_of
 from forcebound.lab.sweep.plan import Sweep, load_sweep
 from forcebound.lab.workers import cluster_executor, local_executor
 from forcebound.messages.topology import HAND, HAND_SECTIONS
@@ -24,20 +32,83 @@ from forcebound.run.progress import progress_bar
 from forcebound.run.results import RunResult
 from forcebound.units import split_quantity, to_si
 
-SMALLEST_PART, LARGEST_PART, PARTS = 32, 256, 64  # cases in a part; parts aimed at
+LARGEST_PART, PARTS = 256, 64  # cases in a part; parts aimed at
 #: Keys of a launch file without effect in virtual time.
 NO_PARAMETERS = ("forcebound", "description", "realtime", "units")
 
 
-def _units(sweep: Sweep) -> dict[str, str]:
-    """Units in which the varied arguments are written, by name."""
-    texts = zip(sweep.columns, zip(*sweep.cases, strict=True), strict=True)
-    known = ((name, text) for name, column in texts for text in column if to_si(text) is not None)
-    return {name: unit for name, text in known if (unit := split_quantity(text)[1])}
+Case: TypeAlias = tuple[int, tuple[str, ...]]  # index of its sweep, and values of its columns
 
 
-def run_cases(sweep: Sweep, cases: Sequence[tuple[int, tuple[str, ...]]]) -> list[Row]:
-    """Return a row for each case, which has a number and values; a failed one has a row, too."""
+def campaign_of(
+    sweeps: Sequence[Sweep], cases: Sequence[Case], measures: Measures, drawing: Values
+) -> Campaign:
+    """Return the campaign of cases, each of one of some sweeps.
+
+    Args:
+        sweeps: The sweeps; they differ in their launch file.
+        cases: The cases, in the order of the rows.
+        measures: Functions of each run, by the name of their column.
+        drawing: The map section.
+    """
+    first = dict(reversed(cases))  # of each sweep
+    decisive = [
+        (
+            one.template.plain,
+            one.duration,
+            one.constants,
+            one.columns,
+            one.same,
+            _parts(one, values),
+        )
+        for one, values in ((one, first[index]) for index, one in enumerate(sweeps))
+    ]
+    texts = (pair for i, values in cases for pair in zip(sweeps[i].columns, values, strict=True))
+    known = ((name, text) for name, text in texts if to_si(text) is not None)
+    units = {name: unit for name, text in known if (unit := split_quantity(text)[1])}
+    about = {"name": sweeps[0].name, "description": sweeps[0].description, "units": units}
+    return Campaign(
+        sweeps[0].name,
+        [(number, *case) for number, case in enumerate(cases)],
+        partial(_run_part, [replace(one, cases=()) for one in sweeps], measures),
+        part=min(math.ceil(len(cases) / PARTS), LARGEST_PART),
+        decisive=(decisive, dict(measures)),
+        about={**about, "map": dict(drawing)},
+    )
+
+
+def _parts(sweep: Sweep, values: tuple[str, ...]) -> list[object]:
+    """Return the parts of a case, whose code decides its rows; none if it is wrong."""
+    try:
+        config = build(sweep.template, replace(sweep, cases=(values,)).overrides(0))
+    except ForceboundError:
+        return []
+    hands = config.hands.values()
+    parts = [part for hand in hands for part in (hand.device, hand.controller, hand.operator)]
+    laws = [LAWS[hand.servo.law] for hand in hands]
+    return [*map(type, [*parts, config.environment.model]), *laws]
+
+
+def _run_part(
+    sweeps: Sequence[Sweep], measures: Measures, cases: Sequence[tuple[int, int, tuple[str, ...]]]
+) -> list[Row]:
+    rows: list[Row] = []
+    for index, group in groupby(cases, itemgetter(1)):
+        rows += run_cases(sweeps[index], [(number, texts) for number, _, texts in group], measures)
+    return rows
+
+
+def run_cases(
+    sweep: Sweep,
+    cases: Sequence[tuple[int, tuple[str, ...]]],
+    measures: Measures = MappingProxyType({}),
+    is_trial: bool = False,
+) -> list[Row]:
+    """Return a row for each case, which has a number and values; a failed one has a row, too.
+
+    Raises:
+        ConfigError: In a trial, if a measure returns something that no column can have.
+    """
     rows: list[Row] = []
     configs: list[GraphConfig] = []
     places: list[int] = []
@@ -47,37 +118,52 @@ def run_cases(sweep: Sweep, cases: Sequence[tuple[int, tuple[str, ...]]]) -> lis
         for name, text in zip(sweep.columns, values, strict=True):
             in_si = to_si(text)
             row[f"over.{name}"] = text if in_si is None else in_si
-        rows.append(row)
+        rows.append(row | dict(sweep.same))
         try:
             config = build(sweep.template, sweep.overrides(place))
         except ForceboundError as error:
-            row["error"] = f"{type(error).__name__}: {error}"
+            rows[place]["error"] = f"{type(error).__name__}: {error}"
             continue
         if sweep.duration is not None:
             config = replace(config, duration=sweep.duration)
         configs.append(config)
         places.append(place)
     for place, ran in zip(places, run_all(configs), strict=True):
-        rows[place]["engine"] = ran.engine
+        row = rows[place]
+        row["engine"] = ran.engine
         failures = {hand: one.failed for hand, one in ran.results.items() if one.failed}
         if ran.error is not None:
-            rows[place]["error"] = f"{type(ran.error).__name__}: {ran.error}"
+            row["error"] = f"{type(ran.error).__name__}: {ran.error}"
         elif failures:
             (hand, why), *_ = failures.items()
-            rows[place]["error"] = (
-                f"RunError: {hand}: {why}" if hand != HAND else f"RunError: {why}"
-            )
+            row["error"] = f"RunError: {hand}: {why}" if hand != HAND else f"RunError: {why}"
         else:
-            for hand, result in ran.results.items():
-                rows[place] |= _of_hand(hand, result)
+            _add_figures(row, ran.results, measures, is_trial)
     return rows
+
+
+def _add_figures(
+    row: Row, results: Mapping[str, RunResult], measures: Measures, is_trial: bool
+) -> None:
+    """Add the figures and measures of a run to its row, or why a measure failed."""
+    results = {hand: replace(result, explains=False) for hand, result in results.items()}
+    case = ", ".join(f"{k[5:]}={v}" for k, v in row.items() if k.startswith("over."))
+    for hand, result in results.items():
+        row |= _of_hand(hand, result)
+    for name, measure in measures.items():
+        try:
+            row[name] = value_of(name, measure, Run(results))
+        except ForceboundError as error:
+            if is_trial and isinstance(error, ConfigError):
+                raise
+            row["error"] = row["error"] or f"{error} (case {row['case']}: {case})"
 
 
 def _of_hand(hand: str, result: RunResult) -> Row:
     """Return parameters and figures of a hand, by their names: ``left.peak_force_n``."""
     document = {k: value for k, value in result.document.items() if k not in NO_PARAMETERS}
     own = {k: value for k, value in document.items() if k in HAND_SECTIONS}
-    own = _flat(own) | _flat(_figures(replace(result, explains=False).summary))
+    own = _flat(own) | _flat(_figures(result.summary))
     of_all = _flat({k: value for k, value in document.items() if k not in HAND_SECTIONS})
     return of_all | {parameter_name(hand, name): value for name, value in own.items()}
 
@@ -120,19 +206,7 @@ def run_sweep(
         ConfigError: If ``result`` or the folder of parts is another sweep's, or not writable.
         RunError: If the executor's processes end before the work is done.
     """
-    campaign = Campaign(
-        sweep.name,
-        list(enumerate(sweep.cases)),
-        partial(run_cases, replace(sweep, cases=())),
-        part=min(max(math.ceil(len(sweep.cases) / PARTS), SMALLEST_PART), LARGEST_PART),
-        decisive=(sweep.template.plain, sweep.duration, dict(sweep.constants), sweep.columns),
-        about={
-            "description": sweep.description,
-            "map": dict(sweep.drawing),
-            "name": sweep.name,
-            "units": _units(sweep),
-        },
-    )
+    campaign = campaign_of([sweep], [(0, values) for values in sweep.cases], {}, sweep.drawing)
     rows, resumed = run(campaign, executor, progress, result, restart, overwrite)
     errors = [row["error"] for row in rows if row["error"] is not None]
     return {
@@ -177,7 +251,7 @@ def run_file(
         document = run_sweep(sweep, result, executor, show, restart, overwrite)
     document["seconds"] = round(time.monotonic() - began, 3)
     if plot and sweep.drawing:
-        from forcebound.lab.sweep.maps import draw
+        from forcebound.lab.sweep.maps import draw  # matplotlib is slow to import
 
         picture = result.with_suffix(".png")
         draw(result, picture)
