@@ -30,6 +30,10 @@ def twice(cases: Sequence[int]) -> list[Row]:
     return [{"x": x, "square": 2.0 * x, "is_even": x % 2 == 0} for x in cases]
 
 
+def powers(exponent: int, cases: Sequence[int]) -> list[Row]:
+    return [{"power": x**exponent} for x in cases]
+
+
 class Weighed(NamedTuple):
     """A case of several runs."""
 
@@ -184,7 +188,7 @@ def test_a_case_without_a_stable_form_is_refused() -> None:
 
 def test_other_parts_and_arguments_of_the_function_are_another_campaign() -> None:
     assert digest(1, 2, part=1) != digest(1, 2, part=2)
-    works = [partial(squares, factor) for factor in (2, 2, 3)]
+    works = [partial(powers, exponent) for exponent in (2, 2, 3)]
     digests = [Campaign("a", [1], work).digest for work in works]
     assert digests[0] == digests[1] != digests[2]
 

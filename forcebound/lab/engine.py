@@ -238,7 +238,7 @@ def write_json(path: Path, content: Any) -> None:
     """Write a file in one step: a reader sees all of it or none."""
     unfinished = path.with_suffix(".unfinished")
     with unfinished.open("w") as file:
-        json.dump(content, file)
+        file.write(json.dumps(content))
         file.flush()
         os.fsync(file.fileno())
     unfinished.replace(path)

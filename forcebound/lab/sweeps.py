@@ -142,13 +142,14 @@ class Runs:
         """
         import matplotlib
         from matplotlib import pyplot
+        from matplotlib.figure import Figure
 
         from forcebound.lab.sweep.maps import figure_of
         from forcebound.lab.table import Table
         from forcebound.results.plots import save
 
         is_inline = "inline" in matplotlib.get_backend()  # it shows all of pyplot, and the result
-        new = pyplot.Figure if is_inline else pyplot.figure
+        new = Figure if is_inline else pyplot.figure
         keys = dict.fromkeys(key for row in self.rows for key in row)
         columns = {key: [row.get(key) for row in self.rows] for key in keys}
         table = Table(columns, {"units": self._units})
@@ -236,7 +237,12 @@ def sweep(
     executors = cluster_executor(cluster) if cluster else local_executor(count)
     path = None if result is None else Path(result)
     with shown_progress("runs") as progress, executors as executor:
-        rows = run(campaign, executor, progress, path, restart, overwrite).rows
+        try:
+            rows = run(campaign, executor, progress, path, restart, overwrite).rows
+        except KeyboardInterrupt as error:
+            if path is not None:
+                error.add_note(f"The same call goes on from the parts in {path}.parts.")
+            raise
     runs = Runs(rows, tuple(varied), campaign.about["units"])
     if len(runs.errors) == len(runs):
         raise RunError(f"every run failed; the first: {runs.errors[0]}")

@@ -41,7 +41,10 @@ def value_of(name: str, measure: Callable[[Run], Any], run: Run) -> Any:
         raise RunError(f"measure {name!r}: {type(error).__name__}: {error}") from error
     if value is None or isinstance(value, str):
         return value
-    array = np.array(value, dtype=object if isinstance(value, dict | set) else None)
+    try:
+        array = np.array(value)
+    except ValueError:  # lists of several lengths
+        array = np.array(None)
     if array.ndim > 1 or array.dtype.kind not in "biuf":
         expected = "a number, a bool, text or a list of numbers"
         raise ConfigError(f"measure {name!r} must return {expected}, got {value!r:.100}")
