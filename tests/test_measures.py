@@ -23,7 +23,7 @@ def contacts(run: fb.Run) -> int:
 
 
 def is_deep(run: fb.Run) -> np.bool_:
-    return run.telemetry["true_position"][:, 0].max() > 0.011
+    return np.bool_(run.telemetry["true_position"].max() > 0.011)
 
 
 def forces(run: fb.Run) -> np.ndarray:

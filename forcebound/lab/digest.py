@@ -52,7 +52,7 @@ def digest_of(value: object) -> str:
 
 
 class _Forms:
-    """What JSON can hold of a value that it does not know; a second time, of code the name."""
+    """Forms of values that JSON does not know; of code that was seen before, its name."""
 
     def __init__(self) -> None:
         self._seen: set[int] = set()

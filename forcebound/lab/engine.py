@@ -171,7 +171,7 @@ def run(
 
 
 def run_here(campaign: Campaign, workers: int | None, result: Path | None = None) -> CampaignResult:
-    """Run a campaign on this machine with a progress bar.
+    """Run a campaign on this machine with a progress bar; errors as of :func:`run`.
 
     Args:
         campaign: The campaign.

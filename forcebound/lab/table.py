@@ -1,4 +1,9 @@
-"""Rows of a campaign as one Parquet file; its description and map are in the file's metadata."""
+"""Rows of a campaign as one Parquet file; its description and map are in the file's metadata.
+
+::
+
+    read_table(Path("runs.parquet")).columns["contacts"]
+"""
 
 import json
 import os
@@ -80,11 +85,11 @@ class _Columns(Mapping[str, list[Any]]):
         if not pa.types.is_dictionary(column.type):
             values: list[Any] = column.to_pylist()
             return values
-        found = []  # one text for all rows that have it, however long it is
+        texts_of_rows = []  # one text for all rows that have it, however long it is
         for chunk in column.chunks:
             texts = [*chunk.dictionary.to_pylist(), None]
-            found += [texts[-1 if at is None else at] for at in chunk.indices.to_pylist()]
-        return found
+            texts_of_rows += [texts[-1 if at is None else at] for at in chunk.indices.to_pylist()]
+        return texts_of_rows
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._content.column_names)

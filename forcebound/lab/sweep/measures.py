@@ -29,7 +29,7 @@ def check_measures(measures: Measures, arguments: Iterable[str]) -> None:
 
 
 def value_of(name: str, measure: Callable[[Run], Any], run: Run) -> Any:
-    """Return what a measure says of a run: a number, bool, text, list of numbers, or None.
+    """Return the value of a measure for a run: a number, bool, text, list of numbers, or None.
 
     Raises:
         RunError: If it raises.

@@ -161,12 +161,12 @@ def _sweep(root: Value, file: Path, overrides: Sequence[str], problems: Problems
     for name in _SECTIONS.keys() & root.entries.keys():
         head[name] = _SECTIONS[name].read(root.entries[name], problems)
     problems.raise_if_any()
-    found = find(Path(head["launch"]), file.parent)
-    if found is None:
+    launch = find(Path(head["launch"]), file.parent)
+    if launch is None:
         place = root.entries["launch"].place
         problems.add(f"there is no launch file {head['launch']!r}", place)
         raise problems.error()
-    known = {argument.name for argument in arguments_of(found)}
+    known = {argument.name for argument in arguments_of(launch)}
     given = _overrides(overrides, known)
     constants = _entries(root, known, problems, "set")
     for name, value in constants.items():
@@ -195,7 +195,7 @@ def _sweep(root: Value, file: Path, overrides: Sequence[str], problems: Problems
     return Sweep(
         name=file.stem,
         description=head.get("description", ""),
-        template=read_template(found),
+        template=read_template(launch),
         duration=head.get("duration"),
         constants={name: value.text for name, value in constants.items()} | given,
         columns=(*grid, *drawn),
@@ -230,13 +230,13 @@ def _over(
     entries: Mapping[str, Value], draw: _Draw | None, problems: Problems
 ) -> dict[str, list[str]]:
     """Return the values of each argument, or the draws of it."""
-    found: dict[str, list[str]] = {}
+    values_of: dict[str, list[str]] = {}
     for name, value in entries.items():
-        found[name] = _values(name, value, draw, problems)
-        if draw is None and math.prod(map(len, found.values())) > MAX_CASES:
+        values_of[name] = _values(name, value, draw, problems)
+        if draw is None and math.prod(map(len, values_of.values())) > MAX_CASES:
             problems.add(f"more than {MAX_CASES} cases in one sweep", value.place)
             break
-    return found
+    return values_of
 
 
 def _values(name: str, value: Value, draw: _Draw | None, problems: Problems) -> list[str]:
