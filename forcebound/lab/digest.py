@@ -68,7 +68,7 @@ class _Forms:
         if isinstance(value, property):
             return value.fget
         if isinstance(value, CodeType):
-            return [value.co_code.hex(), value.co_consts, value.co_names]
+            return [value.co_code, value.co_consts, value.co_names]
         if not isinstance(value, type | FunctionType):
             return value.__reduce_ex__(2)
         name = f"{value.__module__}.{value.__qualname__}"

@@ -4,7 +4,6 @@ import logging
 import math
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forcebound.errors import ConfigError, RunError
-from forcebound.graph.loader import build
 from forcebound.graph.names import text_of
 from forcebound.graph.problems import unknown
 from forcebound.haptics.laws import LAWS, BoundingLaw
@@ -30,7 +28,7 @@ from forcebound.interface.runs import (
 from forcebound.lab.engine import Row, run
 from forcebound.lab.sweep.measures import Measures, check_measures
 from forcebound.lab.sweep.plan import Sweep, between
-from forcebound.lab.sweep.runner import Case, campaign_of, run_cases
+from forcebound.lab.sweep.runner import Case, campaign_of, run_case
 from forcebound.lab.views import table
 from forcebound.lab.workers import cluster_executor, local_executor
 from forcebound.units import split_quantity, to_si
@@ -232,7 +230,12 @@ def sweep(
         cases.append((list(files).index(key), texts))
     drawing = {"value": next(iter(measures), "displayed_stiffness_n_per_m")}
     campaign = campaign_of([*files.values()], cases, measures, drawing)
-    _try_first(files[next(iter(files))], cases[0][1], measures)
+    (_, of_first), first = cases[0], next(iter(files.values()))
+    first.graph(of_first)  # wrong names: at once
+    if measures:
+        row = run_case(first, 0, of_first, measures, is_trial=True)
+        if row["error"] is not None:
+            _logger.warning("the first run failed: %s", row["error"])
     count = 0 if len(cases) < FEW or len(os.sched_getaffinity(0)) == 1 else workers
     executors = cluster_executor(cluster) if cluster else local_executor(count)
     path = None if result is None else Path(result)
@@ -249,16 +252,6 @@ def sweep(
     if runs.errors:
         _logger.warning("%d of %d runs failed: %s", len(runs.errors), len(runs), runs.errors[0])
     return runs
-
-
-def _try_first(sweep: Sweep, values: tuple[str, ...], measures: Measures) -> None:
-    """Raise if names are wrong, or if a measure of the first run returns what no column can be."""
-    first = replace(sweep, cases=(values,))
-    build(first.template, first.overrides(0))
-    if measures:
-        (row,) = run_cases(first, [(0, values)], measures, is_trial=True)
-        if row["error"] is not None:
-            _logger.warning("the first run failed: %s", row["error"])
 
 
 def linspace(first: float | str, last: float | str, count: int) -> list[str]:

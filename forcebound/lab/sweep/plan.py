@@ -4,12 +4,11 @@ With ``random``, each combination of ``over`` has the same ``count`` draws, so c
 in nothing else.
 """
 
-import dataclasses
 import math
 import os
 import random
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import product
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeAlias
@@ -19,8 +18,8 @@ from forcebound.files import read_text
 from forcebound.graph.document import MAX_BYTES, find
 from forcebound.graph.fields import Field
 from forcebound.graph.forms import Form, Values
-from forcebound.graph.graph import FORMAT
-from forcebound.graph.loader import arguments_of, read_template
+from forcebound.graph.graph import FORMAT, GraphConfig
+from forcebound.graph.loader import arguments_of, build, read_template
 from forcebound.graph.names import split_setting
 from forcebound.graph.problems import Problems, nearest_file, unknown
 from forcebound.graph.tree import Value, parse
@@ -90,7 +89,7 @@ _DRAWN = _form("range", {"from": _END, "to": _END}, _SCALE)
 class Sweep:
     """A launch file and the values of its arguments, ready to run."""
 
-    template: Value  # launch file; forcebound.graph.loader.build makes a case of it
+    template: Value  # launch file, its arguments still open
     duration: float | None  # s, of each run; None: that of the launch file
     constants: Mapping[str, str]  # arguments that are the same in all cases, as text
     columns: tuple[str, ...]  # arguments that vary, in order
@@ -100,10 +99,15 @@ class Sweep:
     drawing: Values = field(default_factory=dict)  # the map section; empty without one
     same: Values = field(default_factory=dict)  # columns that are the same in all its rows
 
-    def overrides(self, case: int) -> list[str]:
-        """Return the arguments of a case, each ``name:=value``."""
-        values = {**self.constants, **dict(zip(self.columns, self.cases[case], strict=True))}
-        return [f"{name}:={value}" for name, value in values.items()]
+    def overrides(self, values: Sequence[str]) -> list[str]:
+        """Return the arguments of a case with these values, each ``name:=value``."""
+        arguments = {**self.constants, **dict(zip(self.columns, values, strict=True))}
+        return [f"{name}:={value}" for name, value in arguments.items()]
+
+    def graph(self, values: Sequence[str]) -> GraphConfig:
+        """Return the graph of a case with these values; ConfigError if one is wrong."""
+        config = build(self.template, self.overrides(values))
+        return config if self.duration is None else replace(config, duration=self.duration)
 
 
 def shipped() -> list[str]:
@@ -252,7 +256,7 @@ def _values(name: str, value: Value, draw: _Draw | None, problems: Problems) -> 
         return [value.text] * (1 if draw is None else draw[1])
     kind = next((key for key in _VALUES if key in value.entries and key != "from"), "from")
     form = _VALUES[kind] if draw is None or kind != "from" else _DRAWN
-    read = dataclasses.replace(form, name=name).read(value, problems)
+    read = replace(form, name=name).read(value, problems)
     if not read:
         return []
     if kind == "all":

@@ -3,20 +3,16 @@
 import json
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
 from functools import cache, partial
-from itertools import groupby
-from operator import itemgetter
 from pathlib import Path
 from types import MappingProxyType
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
-from forcebound.errors import ConfigError, ForceboundError
+from forcebound.errors import ConfigError, ForceboundError, RunError
 from forcebound.graph.forms import Values
-from forcebound.graph.graph import GraphConfig
-from forcebound.graph.loader import build
 from forcebound.graph.names import parameter_name
 from forcebound.graph.problems import unknown
 from forcebound.haptics.laws import LAWS
@@ -37,7 +33,7 @@ LARGEST_PART, PARTS = 256, 64  # cases in a part; parts aimed at
 NO_PARAMETERS = ("forcebound", "description", "realtime", "units")
 
 
-Case: TypeAlias = tuple[int, tuple[str, ...]]  # index of its sweep, and values of its columns
+Case: TypeAlias = tuple[int, Sequence[str]]  # index of its sweep, and values of its columns
 
 
 def campaign_of(
@@ -52,35 +48,28 @@ def campaign_of(
         drawing: The map section.
     """
     first = dict(reversed(cases))  # of each sweep
-    decisive = [
-        (
-            one.template.plain,
-            one.duration,
-            one.constants,
-            one.columns,
-            one.same,
-            _parts(one, values),
-        )
-        for one, values in ((one, first[index]) for index, one in enumerate(sweeps))
-    ]
+    sweeps = [replace(one, cases=()) for one in sweeps]
     texts = (pair for i, values in cases for pair in zip(sweeps[i].columns, values, strict=True))
     known = ((name, text) for name, text in texts if to_si(text) is not None)
     units = {name: unit for name, text in known if (unit := split_quantity(text)[1])}
     about = {"name": sweeps[0].name, "description": sweeps[0].description, "units": units}
+    shown: Any = {"name": "", "description": "", "drawing": {}}  # decides no row
+    files = [replace(one, template=one.template.plain, **shown) for one in sweeps]
+    parts = [_parts(one, first[index]) for index, one in enumerate(sweeps)]
     return Campaign(
         sweeps[0].name,
         [(number, *case) for number, case in enumerate(cases)],
-        partial(_run_part, [replace(one, cases=()) for one in sweeps], measures),
+        partial(_run_part, sweeps, measures),
         part=min(math.ceil(len(cases) / PARTS), LARGEST_PART),
-        decisive=(decisive, dict(measures)),
+        decisive=(files, parts, dict(measures)),
         about={**about, "map": dict(drawing)},
     )
 
 
-def _parts(sweep: Sweep, values: tuple[str, ...]) -> list[object]:
+def _parts(sweep: Sweep, values: Sequence[str]) -> list[object]:
     """Return the parts of a case, whose code decides its rows; none if it is wrong."""
     try:
-        config = build(sweep.template, replace(sweep, cases=(values,)).overrides(0))
+        config = sweep.graph(values)
     except ForceboundError:
         return []
     hands = config.hands.values()
@@ -90,64 +79,40 @@ def _parts(sweep: Sweep, values: tuple[str, ...]) -> list[object]:
 
 
 def _run_part(
-    sweeps: Sequence[Sweep], measures: Measures, cases: Sequence[tuple[int, int, tuple[str, ...]]]
+    sweeps: Sequence[Sweep], measures: Measures, cases: Sequence[tuple[int, int, Sequence[str]]]
 ) -> list[Row]:
-    rows: list[Row] = []
-    for index, group in groupby(cases, itemgetter(1)):
-        rows += run_cases(sweeps[index], [(number, texts) for number, _, texts in group], measures)
-    return rows
+    return [run_case(sweeps[index], number, values, measures) for number, index, values in cases]
 
 
-def run_cases(
+def run_case(
     sweep: Sweep,
-    cases: Sequence[tuple[int, tuple[str, ...]]],
+    number: int,
+    values: Sequence[str],
     measures: Measures = MappingProxyType({}),
     is_trial: bool = False,
-) -> list[Row]:
-    """Return a row for each case, which has a number and values; a failed one has a row, too.
+) -> Row:
+    """Return the row of a case; a failed one has one, too.
 
     Raises:
         ConfigError: In a trial, if a measure returns something that no column can have.
     """
-    rows: list[Row] = []
-    configs: list[GraphConfig] = []
-    places: list[int] = []
-    sweep = replace(sweep, cases=tuple(values for _, values in cases))
-    for place, (number, values) in enumerate(cases):
-        row: Row = {"case": number, "engine": None, "error": None}
-        for name, text in zip(sweep.columns, values, strict=True):
-            in_si = to_si(text)
-            row[f"over.{name}"] = text if in_si is None else in_si
-        rows.append(row | dict(sweep.same))
-        try:
-            config = build(sweep.template, sweep.overrides(place))
-        except ForceboundError as error:
-            rows[place]["error"] = f"{type(error).__name__}: {error}"
-            continue
-        if sweep.duration is not None:
-            config = replace(config, duration=sweep.duration)
-        configs.append(config)
-        places.append(place)
-    for place, ran in zip(places, run_all(configs), strict=True):
-        row = rows[place]
+    row: Row = {"case": number, "engine": None, "error": None}
+    for name, text in zip(sweep.columns, values, strict=True):
+        in_si = to_si(text)
+        row[f"over.{name}"] = text if in_si is None else in_si
+    row |= sweep.same
+    case = ", ".join(f"{key[5:]}={value}" for key, value in row.items() if key.startswith("over."))
+    try:
+        (ran,) = run_all([sweep.graph(values)])
         row["engine"] = ran.engine
-        failures = {hand: one.failed for hand, one in ran.results.items() if one.failed}
         if ran.error is not None:
-            row["error"] = f"{type(ran.error).__name__}: {ran.error}"
-        elif failures:
-            (hand, why), *_ = failures.items()
-            row["error"] = f"RunError: {hand}: {why}" if hand != HAND else f"RunError: {why}"
-        else:
-            _add_figures(row, ran.results, measures, is_trial)
-    return rows
-
-
-def _add_figures(
-    row: Row, results: Mapping[str, RunResult], measures: Measures, is_trial: bool
-) -> None:
-    """Add the figures and measures of a run to its row, or why a measure failed."""
-    results = {hand: replace(result, explains=False) for hand, result in results.items()}
-    case = ", ".join(f"{k[5:]}={v}" for k, v in row.items() if k.startswith("over."))
+            raise ran.error
+        for hand, result in ran.results.items():
+            if result.failed:
+                raise RunError(f"{hand}: {result.failed}" if hand != HAND else result.failed)
+    except Exception as error:  # any failure of a user's part is this case's error
+        return row | {"error": f"{type(error).__name__}: {error}"}
+    results = {hand: replace(result, explains=False) for hand, result in ran.results.items()}
     for hand, result in results.items():
         row |= _of_hand(hand, result)
     for name, measure in measures.items():
@@ -156,7 +121,8 @@ def _add_figures(
         except ForceboundError as error:
             if is_trial and isinstance(error, ConfigError):
                 raise
-            row["error"] = row["error"] or f"{error} (case {row['case']}: {case})"
+            row["error"] = row["error"] or f"{error} (case {number}: {case})"
+    return row
 
 
 def _of_hand(hand: str, result: RunResult) -> Row:
@@ -239,7 +205,7 @@ def run_file(
     """
     sweep = load_sweep(file, arguments)
     if arguments:  # the same in all cases, so checked once
-        build(sweep.template, sweep.overrides(0))
+        sweep.graph(sweep.cases[0])
     if plot:
         _check_axes(sweep)
     _check_values(sweep)
@@ -292,7 +258,7 @@ def _name_or_unit(text: str) -> str:
 
 def _error_of(sweep: Sweep, case: int) -> ConfigError | None:
     try:
-        build(sweep.template, sweep.overrides(case))
+        sweep.graph(sweep.cases[case])
     except ConfigError as error:
         return error
     return None
@@ -302,7 +268,7 @@ def _check_map(sweep: Sweep) -> None:
     """Run the first case, and raise unless it has the figures that the map is to show."""
     if not sweep.drawing:
         return
-    (row,) = run_cases(sweep, [(0, sweep.cases[0])])
+    row = run_case(sweep, 0, sweep.cases[0])
     figures = [name for name in row if not name.startswith("over.")]
     for key in sweep.drawing.keys() & {"value", "leaks"}:
         name = sweep.drawing[key]
