@@ -211,6 +211,25 @@ def test_a_changed_function_of_a_notebook_has_another_digest() -> None:
     assert len({*digests}) == 3
 
 
+CLASS = """
+class Measure:
+    factor = 2
+    @property
+    def twice(self): return 2 * self.factor
+    @staticmethod
+    def half(x): return x / 2
+    def __call__(self, run): return self.twice
+measure = Measure()
+"""
+
+
+def test_a_changed_class_of_a_notebook_has_another_digest() -> None:
+    texts = [CLASS, CLASS, CLASS.replace("factor = 2", "factor = 3"), CLASS.replace("/ 2", "/ 3")]
+    texts += [CLASS.replace("2 * self", "3 * self"), CLASS.replace("n self.twice", "n self.factor")]
+    digests = [digest_of(typed_in(text)) for text in texts]
+    assert len({*digests}) == len(texts) - 1
+
+
 def test_the_digest_knows_the_sources_of_the_package(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

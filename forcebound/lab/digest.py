@@ -16,8 +16,8 @@ from typing import Any
 import forcebound
 from forcebound.errors import ConfigError
 
-#: Attributes of a class that count where its source is not known.
-_OF_A_CLASS = (FunctionType, classmethod, staticmethod, property, int, float, str, tuple)
+#: Attributes of a class that count where it has no source file.
+_OF_A_CLASS = FunctionType | classmethod | staticmethod | property | int | float | str | tuple
 
 
 @cache
@@ -59,14 +59,13 @@ class _Forms:
 
     def __call__(self, value: Any) -> Any:
         value = inspect.unwrap(value) if callable(value) else value
+        value = value.fget if isinstance(value, property) else value
         if isinstance(value, set | frozenset):
             return sorted(json.dumps(one, default=self, check_circular=False) for one in value)
         if isinstance(value, bytes):
             return value.hex()
         if isinstance(value, ModuleType):
             return value.__name__
-        if isinstance(value, property):
-            return value.fget
         if isinstance(value, CodeType):
             return [value.co_code, value.co_consts, value.co_names]
         if not isinstance(value, type | FunctionType):
@@ -77,8 +76,7 @@ class _Forms:
         self._seen.add(id(value))
         source = _source_of(value.__module__)
         if isinstance(value, type):
-            inside = vars(value).items()
-            return [name, source or [one for one in inside if isinstance(one[1], _OF_A_CLASS)]]
+            return [name, source or [v for v in vars(value).values() if isinstance(v, _OF_A_CLASS)]]
         known, code = value.__globals__, value.__code__
         used = {} if source else {one: known[one] for one in _globals_of(code) if one in known}
         cells = [cell.cell_contents for cell in value.__closure__ or ()]

@@ -118,7 +118,8 @@ class Runs:
         y: str | None = None,
         per: str | None = None,
         output: str | Path | None = None,
-        **drawing: Any,
+        scale: str = "linear",
+        leaks: str | None = None,
     ) -> "Figure":
         """Draw a column over varied arguments, as ``forcebound map`` does.
 
@@ -129,8 +130,8 @@ class Runs:
             per: Has a panel of the map, or a curve, for each of its values; default: the first
                 argument that is text.
             output: Picture to write, ``.png`` or ``.svg``.
-            drawing: ``scale``, ``leaks``, ``limits``, ``title``, as in the section ``map`` of a
-                sweep file.
+            scale: Of the value; ``"log"``: logarithmic.
+            leaks: Figure of an energy; where it is below zero, a cell of a map is red.
 
         Returns:
             The figure, in a notebook the cell shows it; pyplot has it elsewhere.
@@ -138,20 +139,19 @@ class Runs:
         Raises:
             ConfigError: If there is no such column, or it is not of numbers.
         """
-        import matplotlib
-        from matplotlib import pyplot
-        from matplotlib.figure import Figure
+        from matplotlib import get_backend, pyplot
 
         from forcebound.lab.sweep.maps import figure_of
         from forcebound.lab.table import Table
         from forcebound.results.plots import save
 
-        is_inline = "inline" in matplotlib.get_backend()  # it shows all of pyplot, and the result
-        new = Figure if is_inline else pyplot.figure
         keys = dict.fromkeys(key for row in self.rows for key in row)
         columns = {key: [row.get(key) for row in self.rows] for key in keys}
         table = Table(columns, {"units": self._units})
-        figure = figure_of(table, new, value=value, x=x, y=y, per=per, **drawing)
+        shown = {"value": value, "x": x, "y": y, "per": per, "scale": scale, "leaks": leaks}
+        figure = figure_of(table, pyplot.figure, **shown)
+        if "inline" in get_backend():  # which shows all that pyplot has, and again the result
+            pyplot.close(figure)
         if output is not None:
             save(figure, output)
         return figure

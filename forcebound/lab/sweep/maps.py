@@ -124,8 +124,7 @@ def _curves(table: Table, drawing: Values, new: Callable[..., Figure]) -> Figure
         axis.grid(alpha=0.3)
     for axis in axes[::columns]:
         axis.set_ylabel(axis_of(table, drawing["value"])[0])
-    if drawing.get("scale") == "log":
-        axes[0].set_yscale("log")
+    axes[0].set_yscale("log" if drawing.get("scale") == "log" else "linear")
     if not rests.all():
         faint = Line2D([], [], color="black", lw=1.0, alpha=0.3)
         legend["faint: the hand does\nnot come to rest"] = faint
@@ -140,7 +139,7 @@ def _panels(
     """Return a figure, the axes of its panels, and how many are in a row; sizes in inches."""
     columns = min(_COLUMNS, count)
     rows = -(-count // columns)
-    size = max(each[0] * columns + more[0], 7.0), max(each[1] * rows + more[1], 4.2)
+    size = max(each[0] * columns + more[0], 7.0), max(each[1] * rows + more[1], 4.6)
     figure = new(figsize=size, layout="constrained")
     axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
     for axis in axes[count:]:
