@@ -17,7 +17,7 @@ import forcebound
 from forcebound.errors import ConfigError
 
 #: Attributes of a class that count where it has no source file.
-_OF_A_CLASS = FunctionType | classmethod | staticmethod | property | int | float | str | tuple
+_OF_A_CLASS = (FunctionType, classmethod, staticmethod, property, int, float, str, tuple)
 
 
 @cache

@@ -118,7 +118,8 @@ def _opened(path: Path) -> Any:
         raise ConfigError(f"cannot read {path}: {reason(error)}") from None
     try:
         schema = pq.read_schema(pa.BufferReader(data))
-        is_flat = all(_of_cells(field.type) in _TYPES for field in schema)
+        kinds = [f.type.value_type if pa.types.is_list(f.type) else f.type for f in schema]
+        is_flat = all(kind in _TYPES for kind in kinds)
         texts = [field.name for field in schema if pa.types.is_string(field.type)]
         file = pq.ParquetFile(pa.BufferReader(data), read_dictionary=texts)
         is_ours = is_flat and _KEY in (file.schema_arrow.metadata or {})
@@ -136,10 +137,6 @@ def _opened(path: Path) -> Any:
             f"to more than {MAX_BYTES} bytes"
         )
     return file
-
-
-def _of_cells(kind: Any) -> Any:
-    return kind.value_type if pa.types.is_list(kind) else kind
 
 
 def _about(file: Any) -> Row:

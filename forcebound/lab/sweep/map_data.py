@@ -44,7 +44,7 @@ def drawing_of(table: Table, **given: Any) -> Values:
         dropped |= {"x", "y", "limits"} if {"x", "y"} & given.keys() else set()
         drawing = {k: v for k, v in drawing.items() if k not in dropped} | given
         varied = [key[5:] for key in table.columns if key.startswith("over.")]
-        texts = [name for name in varied if any(map(_is_text, column_of(table, name)))]
+        texts = [name for name in varied if str in map(type, column_of(table, name))]
         numbers = [name for name in varied if name not in (*texts, SEED, drawing.get("y"))]
         if "x" not in drawing:
             if not numbers:
@@ -61,10 +61,6 @@ def drawing_of(table: Table, **given: Any) -> Values:
     if not {per, f"over.{per}"} & set(table.columns):  # held constant on the command line
         drawing.pop("per", None)
     return drawing
-
-
-def _is_text(value: Any) -> bool:
-    return isinstance(value, str)
 
 
 def key_of(table: Table, name: str) -> str:

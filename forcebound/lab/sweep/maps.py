@@ -26,18 +26,9 @@ from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 from forcebound.files import content_of
 from forcebound.graph.forms import Values
 from forcebound.haptics.laws import ENERGY_TOLERANCE
+from forcebound.lab.sweep import map_data as data
 from forcebound.lab.sweep.limits import LABELS, limit_of
-from forcebound.lab.sweep.map_data import (
-    SEED,
-    Array,
-    Cells,
-    axis_of,
-    column_of,
-    drawing_of,
-    groups_of,
-    numbers_of,
-    rests_of,
-)
+from forcebound.lab.sweep.map_data import Array, Cells
 from forcebound.lab.table import Table, read_table
 from forcebound.results.colours import colours_of
 from forcebound.results.panels import in_figure
@@ -85,7 +76,7 @@ def draw(result: Path, picture: Path, **given: Any) -> None:
 
 def figure_of(table: Table, new: Callable[..., Figure] = Figure, **given: Any) -> Figure:
     """Return the figure of a map, made by ``new``; else as :func:`draw`."""
-    drawing = drawing_of(table, **given)
+    drawing = data.drawing_of(table, **given)
     figure = (_surfaces if "y" in drawing else _curves)(table, drawing, new)
     title = drawing.get("title") or table.about.get("description", "")
     figure.suptitle(fill(in_figure(title, LONGEST_TITLE), round(10 * figure.get_figwidth())))
@@ -98,15 +89,15 @@ def _curves(table: Table, drawing: Values, new: Callable[..., Figure]) -> Figure
 
     Faint where the hand did not come to rest: there a mean over the steady state means little.
     """
-    x, value = numbers_of(table, drawing["x"]), numbers_of(table, drawing["value"])
-    per = groups_of(table, drawing)
-    shown = {f"over.{name}" for name in (drawing["x"], drawing.get("per"), SEED)}
+    x, value = data.numbers_of(table, drawing["x"]), data.numbers_of(table, drawing["value"])
+    per = data.groups_of(table, drawing)
+    shown = {f"over.{name}" for name in (drawing["x"], drawing.get("per"), data.SEED)}
     others = [key for key in table.columns if key.startswith("over.") and key not in shown]
     rest = list(zip(*(table.columns[name] for name in others), strict=True)) or [()] * x.size
     panels = list(dict.fromkeys(rest))
     figure, axes, columns = _panels(new, len(panels), (4.6, 3.2), (2.4, 1.0))
     names = list(dict.fromkeys(per))
-    rests = rests_of(table, x.size) > 0.0
+    rests = data.rests_of(table, x.size) > 0.0
     legend: Legend = {}
     for axis, panel in zip(axes, panels, strict=False):
         for number, (name, colour) in enumerate(zip(names, colours_of(names), strict=True)):
@@ -119,11 +110,11 @@ def _curves(table: Table, drawing: Values, new: Callable[..., Figure]) -> Figure
             legend |= {} if name is None else {_words(name): line}
         settings = (_setting(table, n[5:], v) for n, v in zip(others, panel, strict=True))
         axis.set_title(", ".join(settings), fontsize=10)
-        axis.set_xlabel(axis_of(table, drawing["x"])[0])
+        axis.set_xlabel(data.axis_of(table, drawing["x"])[0])
         axis.set_xlim(x.min(), x.max())
         axis.grid(alpha=0.3)
     for axis in axes[::columns]:
-        axis.set_ylabel(axis_of(table, drawing["value"])[0])
+        axis.set_ylabel(data.axis_of(table, drawing["value"])[0])
     axes[0].set_yscale("log" if drawing.get("scale") == "log" else "linear")
     if not rests.all():
         faint = Line2D([], [], color="black", lw=1.0, alpha=0.3)
@@ -154,7 +145,7 @@ def _words(name: object) -> str:
 def _setting(table: Table, name: str, value: Any) -> str:
     if isinstance(value, str):
         return in_figure(f"{name.replace('_', ' ')} {value}")
-    label, factor = axis_of(table, name)
+    label, factor = data.axis_of(table, name)
     return f"{label} {value * factor:g}"
 
 
@@ -171,7 +162,7 @@ def _surfaces(table: Table, drawing: Values, new: Callable[..., Figure]) -> Figu
         axis.set_title(_words(panel), fontsize=10)
     _arrange(axes, cells, len(panels), columns)
     if not cells.is_energy:
-        _add_bar(figure, axes, norm, "viridis", axis_of(table, drawing["value"])[0])
+        _add_bar(figure, axes, norm, "viridis", data.axis_of(table, drawing["value"])[0])
     if np.isfinite(cells.leaks).any():
         _add_bar(figure, axes, leak_norm, _LEAKS, "energy given to the hand (mJ)")
     shown: dict[str, Any] = {"loc": "outside lower center", "frameon": False}
@@ -219,7 +210,7 @@ def _draw_limits(axis: Axes, cells: Cells, chosen: Array) -> Legend:
     if not names or cells.drawing["y"] != "stiffness":
         return {}
     columns = cells.table.columns
-    ran = np.array([error is None for error in column_of(cells.table, "error")])
+    ran = np.array([error is None for error in data.column_of(cells.table, "error")])
     legend: Legend = {}
     for name in names:
         if name == "with_hand" and not any(columns.get("operator.damping", ())):
@@ -249,7 +240,7 @@ def _arrange(axes: Array, cells: Cells, panels: int, columns: int) -> None:
             axis.set_major_locator(MaxNLocator(MOST_TICKS))
     axes[0].set_xlim(xs[0], xs[-1])
     axes[0].set_ylim(ys[0], ys[-1])
-    x, y = (axis_of(cells.table, cells.drawing[key])[0] for key in "xy")
+    x, y = (data.axis_of(cells.table, cells.drawing[key])[0] for key in "xy")
     for number in range(panels):
         if number + columns >= panels:
             axes[number].set_xlabel(x)
