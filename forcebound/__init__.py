@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from forcebound.interface.laws import bound
     from forcebound.interface.live import Running, launch
     from forcebound.interface.runs import Run, plot, read, simulate
-    from forcebound.lab.sweeps import Runs, linspace, sweep
+    from forcebound.lab.sweeps import Runs, geomspace, linspace, sweep
     from forcebound.network.impairment import Impairment as Link
     from forcebound.results.samples import Samples
 
@@ -57,6 +57,7 @@ __all__ = [
     "devices",
     "environments",
     "errors",
+    "geomspace",
     "launch",
     "laws",
     "linspace",
@@ -91,6 +92,7 @@ _PLACES = {
     "read": "interface.runs",
     "simulate": "interface.runs",
     "Runs": "lab.sweeps",
+    "geomspace": "lab.sweeps",
     "linspace": "lab.sweeps",
     "sweep": "lab.sweeps",
 }

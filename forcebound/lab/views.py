@@ -13,11 +13,17 @@ from forcebound.lab.engine import Row
 
 
 def groups(rows: Iterable[Row], *keys: str) -> dict[tuple[Any, ...], list[Row]]:
-    """Return the rows by their values of ``keys``, in the order in which these first occur."""
-    found: dict[tuple[Any, ...], list[Row]] = {}
+    """Return the rows by their values of ``keys``, in the order in which these first occur.
+
+    ::
+
+        for (law,), own in groups(rows, "law").items():
+            print(law, least(own, "true_energy_min_j")["over.delay"])
+    """
+    grouped: dict[tuple[Any, ...], list[Row]] = {}
     for row in rows:
-        found.setdefault(tuple([row.get(key) for key in keys]), []).append(row)
-    return found
+        grouped.setdefault(tuple([row.get(key) for key in keys]), []).append(row)
+    return grouped
 
 
 def least(rows: Sequence[Row], key: str) -> Row:

@@ -228,7 +228,7 @@ class Compared(Struct, frozen=True):
 
 
 class Checked(Struct, frozen=True):
-    """What a check found."""
+    """Result of a check."""
 
     file: str
     numbers: list[Compared]

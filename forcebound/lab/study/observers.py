@@ -145,8 +145,8 @@ def _target_speed(study: Study, block: str) -> float:
             _approaching(study, own, config, speed, 0.0, phase * math.tau / PHASES)
             for phase in range(PHASES)
         )
-        ways = (replace(one, duration=one.duration - study.touch_time) for one in graphs)
-        runs = (measure(_run(one), study.guidance.line, study.touch_time) for one in ways)
+        shortened = (replace(one, duration=one.duration - study.touch_time) for one in graphs)
+        runs = (measure(_run(one), study.guidance.line, study.touch_time) for one in shortened)
         speeds = [run.speed for run in runs if run.speed is not None]
         if len(speeds) == PHASES and own.holds(fmean(speeds)):
             found[abs(fmean(speeds) - asked)] = speed

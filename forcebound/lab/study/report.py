@@ -85,7 +85,7 @@ def _percent(share: float) -> str:
 
 
 def _touches(data: Data) -> Iterator[str]:
-    """Yield what was felt: means over the touches of each condition, and of both."""
+    """Yield the measures: means over the touches of each condition, and of both."""
     yield "## Touches"
     yield ""
     rows = []
@@ -115,7 +115,7 @@ def _in_units(penetration: float, force: float, stiffness: float) -> list[str]:
 
 
 def _observers(data: Data) -> Iterator[str]:
-    """Yield what ideal observers of these stiffnesses would have chosen."""
+    """Yield the choices of ideal observers of these stiffnesses."""
     yield "## By Weber fraction and lapse rate"
     yield ""
     yield "What an observer would choose who compares the displayed stiffness of these touches, %."
