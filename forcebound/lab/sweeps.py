@@ -30,6 +30,7 @@ from forcebound.lab.sweep.plan import Sweep, between
 from forcebound.lab.sweep.runner import Case, campaign_of, run_case
 from forcebound.lab.views import table
 from forcebound.lab.workers import cluster_executor, local_executor
+from forcebound.run.progress import progress_bar
 from forcebound.units import split_quantity, to_si
 
 if TYPE_CHECKING:
