@@ -64,7 +64,7 @@ bench: $(STAMP)
 
 # What a number costs; some minutes on an idle machine.
 prices: $(STAMP)
-	$(BIN)/python -m forcebound_proofs.certificate_grid --page proofs/docs/prices.md
+	$(BIN)/python -m forcebound_proofs certificate_grid --page proofs/docs/prices.md
 
 # The pages of all keys of launch files and of all figures of a run, from their tables.
 reference: $(STAMP)

@@ -14,6 +14,7 @@ from click.testing import CliRunner
 from forcebound.cli import main
 from forcebound.errors import ConfigError
 from forcebound.graph.loader import load
+from forcebound.lab.study.plan import load_study
 from forcebound_proofs import fit_table1
 from forcebound_proofs.paper import (
     ALIASES,
@@ -33,6 +34,7 @@ from forcebound_proofs.paper.setup import (
     PAPER_LAWS,
     SPEEDS,
     TRIALS,
+    USER_STUDY,
     Runs,
 )
 
@@ -135,6 +137,14 @@ def test_no_certified_law_gives_energy_in_any_experiment(runs: Runs) -> None:
         contacts.append(runs.contact("palpation", f"law:={law}"))
         for contact in contacts:
             assert contact.lowest_energy * 1e-3 >= -1e-9
+
+
+def test_the_shipped_study_states_the_averages_of_the_papers_user_study() -> None:
+    study = load_study("friction")
+    for block, speed in (("slow", "low"), ("fast", "high")):
+        ours, theirs = study.published[block], USER_STUDY[speed]
+        assert (ours.penetration, ours.force) == (theirs.depth, theirs.force)
+        assert ours.stiffness == pytest.approx(theirs.stiffness * 1e3)
 
 
 # --- Figures and equations -----------------------------------------------------------------------
