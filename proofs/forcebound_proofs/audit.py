@@ -150,9 +150,10 @@ def replay_lines(document: Row) -> Iterator[str]:
 
 def _draw(columns: dict[str, Floats], title: str, picture: Path) -> None:
     """Draw position, forces and energies over time; .png or .svg."""
-    from matplotlib.figure import Figure
+    from forcebound.results.colours import COMMANDED, PHYSICAL
+    from forcebound_proofs import drawing as drawing_of
 
-    figure = Figure(figsize=(10.0, 7.0), layout="constrained")
+    colours = (COMMANDED, PHYSICAL)
     energies = columns["energy"], columns["loss_and_work"]
     in_joules = max(np.abs(one).max() for one in energies) >= 10.0
     scale, unit = (1.0, "J") if in_joules else (1e3, "mJ")
@@ -164,16 +165,13 @@ def _draw(columns: dict[str, Floats], title: str, picture: Path) -> None:
         f"energy ({unit})": (scale, {"of the hand": "energy", "loss plus work": "loss_and_work"}),
     }
     shown = {key: one for key, one in panels.items() if {*one[1].values()} & {*columns}}
-    every = figure.subplots(len(shown), 1, sharex=True)
+    drawing, every = drawing_of.rows_of(len(shown))
     for axes, (label, (factor, curves)) in zip(every, shown.items(), strict=True):
-        for name, column in curves.items():
+        for colour, (name, column) in zip(colours, curves.items(), strict=True):
             if column in columns:
-                axes.plot(columns["time"], factor * columns[column], lw=1.0, label=name)
-        axes.set_ylabel(label)
-    axes.axhline(0.0, color="k", lw=0.7)
-    axes.axvline(columns["time"][lowest], color="r", lw=0.7, label=words)
-    axes.set_xlabel("time (s)")
-    for axes in every:
-        axes.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), fontsize="small")
-    figure.suptitle(f"{title}: {words}", fontsize="small")
-    save(figure, picture)
+                drawing_of.line(axes, columns["time"], factor * columns[column], name, colour)
+        axes.axvline(columns["time"][lowest], color="r", lw=0.7, label=words)
+        drawing_of.finish(axes, label, "time (s)")
+    every[-1].axhline(0.0, color="k", lw=0.7)
+    drawing.suptitle(f"{title}: {words}", fontsize="small")
+    save(drawing, picture)

@@ -32,6 +32,7 @@ from forcebound.lab.engine import Campaign, Row, run_here
 from forcebound.lab.views import groups, table
 from forcebound.recordings.telemetry import TelemetryColumns
 from forcebound.results.contact import count_bounces, displayed_stiffness
+from forcebound.results.plots import save
 from forcebound.run.virtual import run_virtual
 
 LAWS = ("certified", "certified_fading")
@@ -225,22 +226,21 @@ def main(plot: Path | None, only_limits: bool) -> None:
 
 def draw(file: Path) -> None:
     """Draw depth and force over time: the second hand, the first law."""
-    from matplotlib.figure import Figure
+    from forcebound_proofs.drawing import TIME, finish, line, rows_of
 
-    figure = Figure(figsize=(10.0, 6.0), layout="constrained")
-    depths, forces = figure.subplots(2, 1, sharex=True)
+    drawing, (depths, forces) = rows_of(2, height=2.7)
     cases = [(0, "direct"), *((delay, name) for delay in DELAYS for name in DRAWN)]
-    for delay, controller in cases:
-        name, width = f"{controller}, {delay} ms", 1.2 if delay else 2.5
+    for number, (delay, controller) in enumerate(cases):
+        style: dict[str, Any] = {"linewidth": 1.2 if delay else 2.5, "colour": f"C{number}"}
         drawn = {"law": LAWS[0], "delay": delay, "controller": controller, "power": None}
         with TemporaryDirectory() as folder:
             _, columns = press(drawn, touching_hand(Path(folder)))
-        depth = (columns.position[:, 0] - SURFACE) * 1e3
-        depths.plot(columns.elapsed, depth, linewidth=width, label=name)
-        forces.plot(columns.elapsed, columns.applied_force[:, 0], linewidth=width)
-    depths.set(ylabel="depth in the wall (mm)", ylim=(-2.0, 6.0))
+        name, depth = f"{controller}, {delay} ms", (columns.position[:, 0] - SURFACE) * 1e3
+        line(depths, columns.elapsed, depth, name, **style)
+        line(forces, columns.elapsed, columns.applied_force[:, 0], name, **style)
     depths.axhspan(-2.0, 0.0, color="0.93")
-    depths.legend(loc="upper right", ncols=2)
-    figure.suptitle("Best case: a flat wall that stands still, and was touched before")
-    forces.set(ylabel="applied force (N)", xlabel="time since the force engaged (s)", xlim=(0, 2))
-    figure.savefig(file, dpi=110)
+    drawing.suptitle("Best case: a flat wall that stands still, and was touched before")
+    finish(depths, "depth in the wall (mm)", window=(0.0, 2.0))
+    depths.set_ylim(-2.0, 6.0)
+    finish(forces, "applied force (N)", TIME, window=(0.0, 2.0))
+    save(drawing, file)

@@ -67,7 +67,9 @@ def test_the_plant_of_the_audit_makes_no_energy(law: str) -> None:
 
 
 @pytest.mark.no_cover  # too many samples
-@pytest.mark.parametrize("law", sorted(LAWS))
+@pytest.mark.parametrize(
+    "law", [*CERTIFIED_LAWS, *(pytest.param(law, marks=pytest.mark.slow) for law in OTHER_LAWS)]
+)
 def test_the_compiled_audit_and_the_live_bounder_are_the_same_law_bit_by_bit(law: str) -> None:
     for seed in range(12):
         scenario = case_of(str(seed), 0.3)
@@ -241,10 +243,15 @@ def without_price_of_change(state: State, sample: Sample, device: DeviceConstant
 @pytest.mark.parametrize(
     "limit",
     [
-        without_watchdog_price,
         with_nominal_period,
-        with_quantisation_taken_for_travel,
-        without_price_of_change,
+        *(
+            pytest.param(limit, marks=pytest.mark.slow)
+            for limit in (
+                without_watchdog_price,
+                with_quantisation_taken_for_travel,
+                without_price_of_change,
+            )
+        ),
     ],
 )
 def test_the_audit_catches_a_certified_law_with_a_part_missing(

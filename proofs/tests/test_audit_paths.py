@@ -2,6 +2,7 @@
 
 import json
 import math
+from collections.abc import Iterable
 from itertools import pairwise
 from typing import Any
 
@@ -17,7 +18,8 @@ from forcebound_proofs.attack import MARGIN, RANDOM, SEARCH, Series, attack_name
 from forcebound_proofs.audit import Options, replay, run
 from forcebound_proofs.paths.arm import walk_at_tip
 from forcebound_proofs.paths.campaign import WITHOUT, drawn
-from forcebound_proofs.paths.certificates import CERTIFICATES
+from forcebound_proofs.paths.certificates import CERTIFICATES, finished
+from forcebound_proofs.paths.draft import plain
 from forcebound_proofs.paths.run import PathResult, Walk
 from forcebound_proofs.paths.search import Program, Restart
 from forcebound_proofs.paths.truth import (
@@ -35,6 +37,7 @@ from forcebound_proofs.sensitivity import MISTAKES, device_of, stated_by
 pytestmark = pytest.mark.no_cover  # attacks by the thousand would take twice the time
 
 CERTIFIED = ("certified", "certified_fading")
+PAPERS = ("none", "less_conservative", "more_conservative", "aol", "tdpa")
 
 
 def devices(axes: int, presliding: float = 0.0, lag: float = 0.0) -> Any:
@@ -142,13 +145,21 @@ def worst(restart: Restart) -> float:
     return restart.margin(restart.worst.result)
 
 
-@pytest.mark.parametrize("law", CERTIFIED)
-@pytest.mark.parametrize("certificate", sorted(CERTIFICATES))
+def daily(names: Iterable[str], *chosen: str) -> list[Any]:
+    """Return parameters of which all but some are campaigns."""
+    return [one if one in chosen else pytest.param(one, marks=pytest.mark.slow) for one in names]
+
+
+@pytest.mark.parametrize("law", daily(CERTIFIED, "certified"))
+@pytest.mark.parametrize(
+    "certificate", daily(sorted(CERTIFICATES), "all", "energy_transfer", "guarding", "plain")
+)
 def test_no_certificate_leaks(certificate: str, law: str) -> None:
     assert worst(attacked(certificate, law)) >= -ENERGY_TOLERANCE
 
 
-@pytest.mark.parametrize("law", ["none", "less_conservative", "more_conservative", "aol", "tdpa"])
+@pytest.mark.slow
+@pytest.mark.parametrize("law", PAPERS)
 def test_the_laws_of_the_paper_leak(law: str) -> None:
     found = attacked("plain", law, restarts=4)
     assert found.worst is not None
@@ -156,7 +167,8 @@ def test_the_laws_of_the_paper_leak(law: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "certificate", sorted(name for name in CERTIFICATES if CERTIFICATES[name].left_out)
+    "certificate",
+    daily(sorted(name for name in CERTIFICATES if CERTIFICATES[name].left_out), "gain"),
 )
 def test_a_number_that_is_left_out_is_found(certificate: str) -> None:
     assert worst(attacked(certificate, "certified", left_out=True, restarts=4)) < -1e-6
@@ -269,12 +281,12 @@ PHANTOM = "phantom_premium_1_5"
     ("mistake", "most"),
     [
         ("nothing", None),
-        ("any_hand", None),
-        ("look_50us", -1e-4),
-        ("drop_50us", -1e-4),
-        ("readings_4r", -1e-4),
         ("delay_400us", -1e-4),
-        ("wrong_readings_any_speed", -1e-3),
+        pytest.param("any_hand", None, marks=pytest.mark.slow),
+        pytest.param("look_50us", -1e-4, marks=pytest.mark.slow),
+        pytest.param("drop_50us", -1e-4, marks=pytest.mark.slow),
+        pytest.param("readings_4r", -1e-4, marks=pytest.mark.slow),
+        pytest.param("wrong_readings_any_speed", -1e-3, marks=pytest.mark.slow),
     ],
 )
 def test_a_broken_promise_costs_energy_and_a_kept_one_none(
@@ -331,7 +343,7 @@ def test_a_force_on_its_way_that_is_forgotten_is_found(
     assert lowest < -1e-3 if leaks else lowest >= -ENERGY_TOLERANCE
 
 
-TURN = 60  # samples of a ledger
+TURN = 40  # samples of a ledger
 
 
 class BeginsAgain:
@@ -372,13 +384,14 @@ class LedgersInTurn(Restart):
 def test_a_ledger_that_begins_while_a_lagging_motor_still_has_a_force_is_found(
     pause: int, leaks: bool
 ) -> None:
-    """With a lag of at most one period 30 periods leave nothing: the device node waits for 20."""
+    """With a lag of three periods 30 periods leave next to nothing; the node waits longer."""
     lowest = 0.0
-    for seed in range(6):
+    for seed in range(2):
         random = np.random.default_rng(seed)
-        case = drawn("lag", "certified", random).case
-        restart = LedgersInTurn(case, 3 * TURN)
+        draft = plain(random, 1)
+        draft.fields["lag"] = draft.device.lag = 3.0 * draft.fields["period"]
+        restart = LedgersInTurn(finished("certified", draft), 3 * TURN)
         restart.pause = pause
-        restart.search(random, 200)
+        restart.search(random, 120)
         lowest = min(lowest, worst(restart))
-    assert lowest < -1e-6 if leaks else lowest >= -ENERGY_TOLERANCE
+    assert lowest < -1e-5 if leaks else lowest >= -ENERGY_TOLERANCE

@@ -34,7 +34,11 @@ GONE_WRONG = ("exploding_body", "holed_wall", "jumping_proxy")
 @pytest.mark.no_cover  # runs too short to be measured only at their begin, as all others are
 @pytest.mark.parametrize(
     ("law", "controllers"),
-    [("certified", sorted(CONTROLLERS)), ("certified_fading", ["direct"])],
+    [
+        ("certified", ["direct"]),
+        pytest.param("certified", sorted(CONTROLLERS), marks=pytest.mark.slow),
+        pytest.param("certified_fading", sorted(CONTROLLERS), marks=pytest.mark.slow),
+    ],
 )
 def test_no_world_and_no_controller_makes_a_certified_law_leak(
     law: str, controllers: list[str]

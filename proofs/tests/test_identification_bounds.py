@@ -9,7 +9,7 @@ from forcebound_proofs.identification_bounds import evaluate, is_reached, judge
 
 @pytest.mark.no_cover  # too many samples
 @pytest.mark.parametrize(
-    "seeds", [(2, 4), pytest.param(range(1, 101), marks=pytest.mark.slow)], ids=["two", "many"]
+    "seeds", [(2,), pytest.param(range(1, 101), marks=pytest.mark.slow)], ids=["one", "many"]
 )
 def test_bounds_hold_and_are_narrow(seeds: Sequence[int]) -> None:
     document = evaluate([judge(seed) for seed in seeds])

@@ -2,8 +2,9 @@
 
 import numpy as np
 
+from forcebound_proofs.drawing import finish, law_line, line, rows_of
 from forcebound_proofs.paper.contacts import minimum_energies
-from forcebound_proofs.paper.outcome import Number, Outcome, by_law, finish, law_line, line, rows_of
+from forcebound_proofs.paper.outcome import Number, Outcome, by_law
 from forcebound_proofs.paper.setup import CERTIFIED, Contact, Runs, command
 
 LAWS = ("less_conservative", "aol", "more_conservative", *CERTIFIED)
