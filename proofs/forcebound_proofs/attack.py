@@ -25,6 +25,7 @@ RANDOM, SEARCH = "random", "search"  # kinds of series
 MARGIN = "margin_j"  # of a row: what a passive law keeps at or above zero, in J
 PIECE = 50  # random runs of one series
 
+Names: TypeAlias = Sequence[str]
 Floats: TypeAlias = NDArray[np.float64]
 
 #: Attacks by the first word of their names: module and class.
@@ -34,6 +35,23 @@ ATTACKS: dict[str, str] = {
     "worlds": "forcebound_proofs.worlds:WorldAttack",
     "sensitivity": "forcebound_proofs.sensitivity:MistakeAttack",
 }
+
+#: Columns of tables of worst runs: cells of a row of :meth:`Attack.summary`.
+COLUMNS: dict[str, Callable[[Row], str]] = {
+    "law": lambda row: f"`{row['law']}`",
+    "runs": lambda row: f"{row['runs']:,}",
+    "lowest energy": lambda row: energy(row[MARGIN]),
+    "verdict": lambda row: str(row["verdict"]),
+    "case": lambda row: str(row["case"]),
+}
+
+
+class Budget(NamedTuple):
+    """How much is to be run."""
+
+    runs: int  # at random, of each law and target
+    searched: int  # in searches, of each
+    seed: int = 1  # of the first random run, and of the searches
 
 
 class Outcome(NamedTuple):
@@ -74,22 +92,18 @@ class Attack(ABC):
 
     name: ClassVar[str]  # key of ATTACKS
     introduction: ClassVar[str]  # of its section
-    #: Columns of the table of its worst runs: heads, and cells of a row of :meth:`summary`.
-    columns: ClassVar[Mapping[str, Callable[[Row], str]]]
+    #: Heads of the table of its worst runs, and the cells of those that are not in `COLUMNS`.
+    columns: ClassVar[Mapping[str, Callable[[Row], str] | None]]
     groups: ClassVar[tuple[str, ...]] = ("kind",)  # keys of rows; the summary has each group's
 
     @abstractmethod
-    def series(
-        self, laws: Sequence[str], targets: Sequence[str], runs: int, searched: int, seed: int
-    ) -> list[Series]:
+    def series(self, laws: Names, targets: Names, budget: Budget) -> list[Series]:
         """Return what is to be run.
 
         Args:
             laws: Keys of :data:`forcebound.haptics.laws.LAWS`; none: those that it is meant for.
             targets: What they are attacked through; none: everything.
-            runs: At random, of each law and target.
-            searched: In searches, of each.
-            seed: Of the first random run, and of the searches.
+            budget: Of each law and target.
 
         Raises:
             ConfigError: If a law or a target is not known.
@@ -159,8 +173,8 @@ class Attack(ABC):
 
     def worst(self, rows: Sequence[Row]) -> Iterator[str]:
         """Yield a table of the worst run of each target and law."""
-        cells = ([cell(row) for cell in self.columns.values()] for row in rows)
-        yield from table(list(self.columns), cells)
+        cells = [cell or COLUMNS[head] for head, cell in self.columns.items()]
+        yield from table(list(self.columns), ([cell(row) for cell in cells] for row in rows))
 
 
 class CodedAttack(Attack):
@@ -196,10 +210,20 @@ class CodedAttack(Attack):
 
     def at_random(self, law: str, target: str, runs: int, seed: int) -> list[Series]:
         """Return series of random runs, with the seeds from ``seed`` on."""
-        return [
-            Series(self.name, law, target, RANDOM, seed + first, min(PIECE, runs - first))
-            for first in range(0, runs, PIECE)
-        ]
+        return cut(Series(self.name, law, target, RANDOM, seed, runs), PIECE, PIECE)
+
+
+def cut(series: Series, size: int, step: int = 1) -> list[Series]:
+    """Return series of at most ``size`` runs; the seed of each is by ``step`` larger."""
+    return [
+        series._replace(seed=series.seed + number * step, runs=min(size, series.runs - first))
+        for number, first in enumerate(range(0, series.runs, size))
+    ]
+
+
+def certified_laws() -> list[str]:
+    """Return the laws that have a certificate."""
+    return [name for name, law in LAWS.items() if law.is_certified]
 
 
 def objective(outcome: Outcome) -> float:
@@ -254,36 +278,3 @@ def spans(numbers: Mapping[str, Range]) -> Iterator[str]:
     """Yield a table of the numbers of a case: their names and their ends."""
     rows = ((f"`{name}`", f"{one.low:g}", f"{one.high:g}") for name, one in numbers.items())
     yield from table(("number, SI units", "from", "to"), rows)
-
-
-# Cells of the tables, from a row of a summary
-
-
-def target_cell(row: Row) -> str:
-    """Return what the law was attacked through."""
-    return f"`{row['target']}`"
-
-
-def law_cell(row: Row) -> str:
-    """Return the law."""
-    return f"`{row['law']}`"
-
-
-def runs_cell(row: Row) -> str:
-    """Return the number of runs."""
-    return f"{row['runs']:,}"
-
-
-def margin_cell(row: Row) -> str:
-    """Return the lowest energy."""
-    return energy(row[MARGIN])
-
-
-def verdict_cell(row: Row) -> str:
-    """Return the verdict."""
-    return str(row["verdict"])
-
-
-def case_cell(row: Row) -> str:
-    """Return the name of the run with the lowest energy."""
-    return str(row["case"])

@@ -11,7 +11,7 @@ from forcebound.errors import ConfigError
 from forcebound.lab.engine import Campaign, Row, run_here
 from forcebound.lab.views import check_page, origin, write_page
 from forcebound.results.plots import check_picture, save
-from forcebound_proofs.attack import ATTACKS, Floats, attack_named, attack_of
+from forcebound_proofs.attack import ATTACKS, Budget, Floats, attack_named, attack_of
 from forcebound_proofs.cases import optimiser
 
 PART = 100  # runs, at least, of a part of the work
@@ -84,7 +84,7 @@ def run(attacks: Mapping[str, Sequence[str]], laws: Sequence[str], options: Opti
     series = [
         one
         for name, targets in attacks.items()
-        for one in attack_named(name).series(laws, targets, *options[:3])
+        for one in attack_named(name).series(laws, targets, Budget(*options[:3]))
     ]
     rows = run_here(Campaign("audit", series, part=PART), options.workers, options.rows).rows
     document: Row = {"runs": sum(one.runs for one in series), "seed": options.seed}

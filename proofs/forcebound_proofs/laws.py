@@ -11,14 +11,12 @@ from forcebound.lab.views import energy, table
 from forcebound_proofs.attack import (
     MARGIN,
     SEARCH,
+    Budget,
     CodedAttack,
+    Names,
     Outcome,
     Series,
-    case_cell,
-    law_cell,
-    margin_cell,
     spans,
-    verdict_cell,
 )
 from forcebound_proofs.law_cases import (
     ADVERSARIES,
@@ -50,13 +48,13 @@ class LawAttack(CodedAttack):
 
     name = "laws"
     columns: ClassVar = {
-        "law": law_cell,
-        "lowest loss plus work": margin_cell,
+        "law": None,
+        "lowest energy": None,
         "random": lambda row: _of_kind("random", row),
         "search": lambda row: _of_kind("search", row),
         "share left": _left,
-        "verdict": verdict_cell,
-        "case": case_cell,
+        "verdict": None,
+        "case": None,
     }
     groups = ("kind", "clock")
     introduction = f"""\
@@ -80,11 +78,9 @@ other one lasts 0.3 to 2 T. The numbers of the cases are drawn from these evenly
 logarithm; many of them are 0 in some of the cases.
 """
 
-    def series(
-        self, laws: Sequence[str], targets: Sequence[str], runs: int, searched: int, seed: int
-    ) -> list[Series]:
-        """Return what is to be run; ``searched`` are shared by the pairs. There are no targets."""
-        found = []
+    def series(self, laws: Names, targets: Names, budget: Budget) -> list[Series]:
+        """Return what is to be run; the pairs share the searches. There are no targets."""
+        found, (runs, searched, seed) = [], budget
         for law in laws or LAWS:
             check_law(law)
             found += self.at_random(law, "", runs, seed)
@@ -144,7 +140,7 @@ logarithm; many of them are 0 in some of the cases.
         yield "Lowest loss plus work. Cases are hard in other ways at once.\n"
         lines = ([row["clock"].get(name, {}).get(MARGIN) for name in CLOCKS] for row in rows)
         cells = (map(energy, one) for one in lines)
-        named = ((law_cell(row), *one) for row, one in zip(rows, cells, strict=True))
+        named = ((f"`{row['law']}`", *one) for row, one in zip(rows, cells, strict=True))
         yield from table(("law", *CLOCKS), named)
 
 

@@ -15,14 +15,7 @@ from forcebound.errors import ConfigError
 from forcebound.haptics.devices import DEVICES, DeviceModel
 from forcebound.haptics.laws import ENERGY_TOLERANCE, LAWS, Dissipation
 from forcebound.lab.engine import Row
-from forcebound_proofs.attack import (
-    MARGIN,
-    RANDOM,
-    SEARCH,
-    Series,
-    case_cell,
-    margin_cell,
-)
+from forcebound_proofs.attack import MARGIN, RANDOM, SEARCH, Budget, Names, Series
 from forcebound_proofs.paths.certificates import finished
 from forcebound_proofs.paths.draft import Draft, Random
 from forcebound_proofs.paths.restarts import RestartAttack
@@ -140,8 +133,8 @@ class MistakeAttack(RestartAttack):
     sizes: ClassVar = {RANDOM: 100, SEARCH: 100}
     columns: ClassVar = {
         "what is wrong": lambda row: MISTAKES[row["target"].partition("/")[2]].summary,
-        "lowest energy found": margin_cell,
-        "case": case_cell,
+        "lowest energy": None,
+        "case": None,
     }
     introduction = f"""\
 ## What a wrong number costs
@@ -150,10 +143,9 @@ The lowest energy that a search finds within {LONGEST} samples if one promise of
 and all others are kept. The hand moves at {FASTEST_HAND:g} m/s at most, but for *any hand*.
 """
 
-    def series(
-        self, laws: Sequence[str], targets: Sequence[str], runs: int, searched: int, seed: int
-    ) -> list[Series]:
+    def series(self, laws: Names, targets: Names, budget: Budget) -> list[Series]:
         """Return what is to be run; ``targets``: devices, each with all mistakes."""
+        _, searched, seed = budget
         found = []
         for kind in targets or ["phantom_premium_1_5"]:
             stated_by(kind)

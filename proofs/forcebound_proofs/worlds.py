@@ -8,22 +8,19 @@ import numpy as np
 
 from forcebound.haptics.controllers import CONTROLLERS
 from forcebound.haptics.environments.mujoco_scene import engine
-from forcebound.haptics.laws import LAWS, check_law
+from forcebound.haptics.laws import check_law
 from forcebound.lab.engine import Row
 from forcebound.lab.views import energy, share, table
 from forcebound_proofs.attack import (
     MARGIN,
     SEARCH,
+    Budget,
     CodedAttack,
+    Names,
     Outcome,
     Series,
-    case_cell,
-    law_cell,
-    margin_cell,
-    runs_cell,
+    certified_laws,
     spans,
-    target_cell,
-    verdict_cell,
 )
 from forcebound_proofs.world_cases import (
     HAND_AND_DEVICE,
@@ -45,7 +42,7 @@ def _spent(row: Row) -> str:
 
 def _by_controller(row: Row, controllers: Sequence[str]) -> list[str]:
     margins = [row["controller"][name][MARGIN] for name in controllers]
-    return [target_cell(row), law_cell(row), *map(energy, margins)]
+    return [f"`{row['target']}`", f"`{row['law']}`", *map(energy, margins)]
 
 
 class WorldAttack(CodedAttack):
@@ -53,13 +50,13 @@ class WorldAttack(CodedAttack):
 
     name = "worlds"
     columns: ClassVar = {
-        "world": target_cell,
-        "law": law_cell,
-        "runs": runs_cell,
-        "lowest energy": margin_cell,
+        "world": lambda row: f"`{row['target']}`",
+        "law": None,
+        "runs": None,
+        "lowest energy": None,
         "nearly spent": _spent,
-        "verdict": verdict_cell,
-        "case": case_cell,
+        "verdict": None,
+        "case": None,
     }
     groups = ("controller",)
     introduction = f"""\
@@ -77,22 +74,18 @@ period; 0 is where a run begins. *Nearly spent*: share of the runs that leave le
 cases: what it gives away is what the attacks can do.
 """
 
-    def series(
-        self, laws: Sequence[str], targets: Sequence[str], runs: int, searched: int, seed: int
-    ) -> list[Series]:
+    def series(self, laws: Names, targets: Names, budget: Budget) -> list[Series]:
         """Return what is to be run; a target without a world, or a controller, is all of them."""
-        laws = laws or [name for name, law in LAWS.items() if law.is_certified]
+        found, (runs, searched, seed) = list[Series](), budget
+        laws = laws or certified_laws()
         for law in laws:
             check_law(law)
-        found = []
         for target in _every(targets or ["/"]):
             numbers_of(*target.split("/"))
             for law in dict.fromkeys((UNBOUNDED, *laws)):
-                few = law not in laws
-                found += self.at_random(
-                    law, target, int(UNBOUNDED_SHARE * runs) if few else runs, seed
-                )
-                if searched and not few:
+                share = 1.0 if law in laws else UNBOUNDED_SHARE
+                found += self.at_random(law, target, int(share * runs), seed)
+                if searched and law in laws:
                     found.append(Series(self.name, law, target, SEARCH, seed, searched))
         if any(one.target.startswith("bodies/") for one in found):
             engine()  # its absence would show only after most of the runs

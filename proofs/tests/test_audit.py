@@ -20,7 +20,7 @@ from forcebound.haptics.laws import (
 )
 from forcebound.haptics.laws.law import State
 from forcebound.lab.table import read_table
-from forcebound_proofs.attack import MARGIN, Outcome, attack_named
+from forcebound_proofs.attack import MARGIN, Budget, Outcome, attack_named
 from forcebound_proofs.audit import Options, replay, run
 from forcebound_proofs.cases import encode
 from forcebound_proofs.law_cases import (
@@ -115,7 +115,7 @@ def test_a_case_has_the_clock_that_the_papers_laws_assume_or_another_one() -> No
 
 def test_the_summary_and_the_page_say_which_law_is_passive_and_how_to_see_it_again() -> None:
     laws = attack_named("laws")
-    found = laws.series(["none", "certified"], (), 20, 24, 1)
+    found = laws.series(["none", "certified"], (), Budget(20, 24))
     rows = laws.summary(row for series in found for row in series.rows())
     assert sum(series.runs for series in found) == 88
     assert [row["law"] for row in rows] == ["none", "certified"]

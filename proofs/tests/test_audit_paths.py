@@ -14,7 +14,7 @@ from forcebound.cli import main
 from forcebound.compiled import record_type
 from forcebound.errors import ConfigError
 from forcebound.haptics.laws import ENERGY_TOLERANCE, Dissipation, ForceBounder
-from forcebound_proofs.attack import MARGIN, RANDOM, SEARCH, Series, attack_named
+from forcebound_proofs.attack import MARGIN, RANDOM, SEARCH, Budget, Series, attack_named
 from forcebound_proofs.audit import Options, replay, run
 from forcebound_proofs.paths.arm import walk_at_tip
 from forcebound_proofs.paths.campaign import WITHOUT, drawn
@@ -28,9 +28,9 @@ from forcebound_proofs.paths.truth import (
     Device,
     Floats,
     set_force,
-    strike,
     walk,
     work_along_path,
+    worst_hold,
 )
 from forcebound_proofs.sensitivity import MISTAKES, device_of, stated_by
 
@@ -111,13 +111,13 @@ def test_the_hand_loses_as_much_at_the_tip_as_in_the_joints(lag: float) -> None:
 @pytest.mark.parametrize("axes", [1, 2])
 @pytest.mark.parametrize("along", [True, False])
 @pytest.mark.parametrize("presliding", [0.0, 2e-4])
-def test_no_straight_move_is_worse_than_the_strike(
+def test_no_straight_move_is_worse_than_the_worst_hold(
     axes: int, along: bool, presliding: float
 ) -> None:
     random, every = np.random.default_rng(2), devices(axes, presliding)
     every[0].is_along_path = along
     force = np.array([2.0, -1.0, 0.0]) * (np.arange(AXES) < axes)
-    lowest = strike(every, [0.0], [force], [1e-3], math.inf)
+    lowest = worst_hold(every, [0.0], [force], [1e-3], math.inf)
     every[0].target[:] = force
     tried = []
     for _ in range(3000):
@@ -213,7 +213,7 @@ def test_the_old_force_costs_what_the_strongest_motor_can_do(
         hold_limit=limit, gain_error=0.1, write_delay=delay,
     )  # fmt: skip
     every, bounder = devices(2), ForceBounder(law, stated, 2)
-    device, energy, struck = every[0], 0.0, []
+    device, energy, lowest_ends = every[0], 0.0, []
     device.gain[:2] = gains
     bounder.start(0, (0.0, 0.0))
     force: tuple[float, ...] = (0.0, 0.0)
@@ -226,12 +226,12 @@ def test_the_old_force_costs_what_the_strongest_motor_can_do(
         read_ns = (index + 1) * 1_000_000
         force = bounder.bound(read_ns, tuple(device.position[:2].tolist()), asked)
         bounder.settle(force, read_ns + round(delay * 1e9))
-        struck.append(energy + strike(every, [delay], [(*force, 0.0)], [limit], math.inf))
+        lowest_ends.append(energy + worst_hold(every, [delay], [(*force, 0.0)], [limit], math.inf))
         energy += walk(device, delay, step * 0.4)
         set_force(device, (*force, 0.0))
         energy += walk(device, limit - delay, step * 0.6)
     assert force[1] > 1.0 or law != "certified"
-    assert min(struck) >= -ENERGY_TOLERANCE
+    assert min(lowest_ends) >= -ENERGY_TOLERANCE
 
 
 def test_a_run_is_repeated_by_its_name() -> None:
@@ -255,7 +255,7 @@ def test_what_once_broke_a_certificate_no_longer_does(name: str) -> None:
 
 
 def test_every_certificate_is_attacked_with_and_without_its_number() -> None:
-    found = attack_named("paths").series((), (), 150, 700, 1)
+    found = attack_named("paths").series((), (), Budget(150, 700))
     stated = [one for one in found if not one.target.startswith(WITHOUT)]
     assert sum(one.runs for one in stated) == 850 * len(CERTIFICATES) * len(CERTIFIED)
     assert {one.target for one in stated} == set(CERTIFICATES)
@@ -269,9 +269,9 @@ def test_a_name_that_is_no_run_and_a_law_without_certificates_are_refused() -> N
         with pytest.raises(ConfigError):
             paths.make(name)
     with pytest.raises(ConfigError, match="'aol'"):
-        paths.series(["aol"], ["plain"], 1, 0, 1)
+        paths.series(["aol"], ["plain"], Budget(1, 0))
     with pytest.raises(ConfigError, match="'unheard'"):
-        paths.series(["certified"], ["unheard"], 1, 0, 1)
+        paths.series(["certified"], ["unheard"], Budget(1, 0))
 
 
 PHANTOM = "phantom_premium_1_5"

@@ -11,20 +11,19 @@ from typing import ClassVar
 import numpy as np
 
 from forcebound.errors import ConfigError
-from forcebound.haptics.laws import LAWS
 from forcebound.lab.engine import Row
+from forcebound.lab.views import energy
 from forcebound_proofs.attack import (
     MARGIN,
     RANDOM,
     SEARCH,
+    Budget,
+    Names,
     Series,
-    case_cell,
+    certified_laws,
+    cut,
     is_stated,
-    law_cell,
     lowest,
-    margin_cell,
-    runs_cell,
-    verdict_cell,
 )
 from forcebound_proofs.paths.certificates import CERTIFICATES, draw
 from forcebound_proofs.paths.draft import Random
@@ -50,14 +49,14 @@ class PathAttack(RestartAttack):
     sizes: ClassVar = {RANDOM: 100, SEARCH: 500}
     columns: ClassVar = {
         "certificate": lambda row: CERTIFICATES[row["target"]].summary,
-        "law": law_cell,
-        "runs": runs_cell,
-        "lowest energy": margin_cell,
-        "case": case_cell,
+        "law": None,
+        "runs": None,
+        "lowest energy": None,
+        "case": None,
         "tight": lambda row: f"{row['tight']} of {row['searches']}",
-        "verdict": verdict_cell,
-        "left out": lambda row: margin_cell(row["without"] or {MARGIN: None}),
-        "case left out": lambda row: case_cell(row["without"] or {"case": ""}),
+        "verdict": None,
+        "left out": lambda row: energy(row["without"] and row["without"][MARGIN]),
+        "case left out": lambda row: row["without"]["case"] if row["without"] else "",
     }
     introduction = """\
 ## The certificates along any path
@@ -73,15 +72,14 @@ searches that come back to within 1e-6 J of zero after at least 0.1 mJ. *Left ou
 energy if the certificate's own number is stated as if the device did not have the effect.
 """
 
-    def series(
-        self, laws: Sequence[str], targets: Sequence[str], runs: int, searched: int, seed: int
-    ) -> list[Series]:
+    def series(self, laws: Names, targets: Names, budget: Budget) -> list[Series]:
         """Return what is to be run; where a number can be left out, some searches without it."""
-        laws = laws or [name for name, law in LAWS.items() if law.is_certified]
+        found, (runs, searched, seed) = [], budget
+        laws = laws or certified_laws()
         for law in laws:
-            if law not in LAWS or not LAWS[law].is_certified:
+            if law not in certified_laws():
                 raise ConfigError(f"only a certified law has certificates, got {law!r}")
-        found, without = [], min(searched, self.sizes[SEARCH] * LEFT_OUT_RESTARTS)
+        without = min(searched, self.sizes[SEARCH] * LEFT_OUT_RESTARTS)
         for name in targets or CERTIFICATES:
             self.check(name)
             for law in laws:
@@ -89,10 +87,8 @@ energy if the certificate's own number is stated as if the device did not have t
                 found += self.restarts(law, name, SEARCH, searched, seed)
                 if CERTIFICATES[name].left_out and without >= LEFT_OUT_RESTARTS:
                     share = without // LEFT_OUT_RESTARTS
-                    found += [
-                        Series(self.name, law, WITHOUT + name, SEARCH, seed + number, share)
-                        for number in range(LEFT_OUT_RESTARTS)
-                    ]
+                    every = (WITHOUT + name, SEARCH, seed, share * LEFT_OUT_RESTARTS)
+                    found += cut(Series(self.name, law, *every), share)
         return found
 
     def check(self, target: str) -> None:

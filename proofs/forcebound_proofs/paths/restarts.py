@@ -15,7 +15,7 @@ import numpy as np
 
 from forcebound.errors import ConfigError
 from forcebound.lab.engine import Row
-from forcebound_proofs.attack import RANDOM, SEARCH, Attack, Outcome, Series
+from forcebound_proofs.attack import RANDOM, SEARCH, Attack, Outcome, Series, cut
 from forcebound_proofs.paths.draft import Random
 from forcebound_proofs.paths.run import TRACE_COLUMNS, Vector
 from forcebound_proofs.paths.search import Restart
@@ -54,11 +54,7 @@ class RestartAttack(Attack):
 
     def restarts(self, law: str, target: str, kind: str, runs: int, seed: int) -> list[Series]:
         """Return series of a kind, each a restart, with the seeds from ``seed`` on."""
-        size = self.sizes[kind]
-        return [
-            Series(self.name, law, target, kind, seed + first // size, min(size, runs - first))
-            for first in range(0, runs, size)
-        ]
+        return cut(Series(self.name, law, target, kind, seed, runs), self.sizes[kind])
 
     def rows(self, series: Series) -> Iterator[Row]:
         """Run a restart; one row for all its runs."""

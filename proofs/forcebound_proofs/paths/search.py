@@ -13,7 +13,7 @@ import numpy as np
 
 from forcebound.haptics.laws import ENERGY_TOLERANCE, ForceBounder
 from forcebound_proofs.cases import minimise
-from forcebound_proofs.paths.path import COLUMNS, LARGE_PEAK, PLACES, SLOWLY, VECTORS
+from forcebound_proofs.paths.path import COLUMNS, LARGE_PEAK, PLACES, VECTORS, Command
 from forcebound_proofs.paths.run import AttackedDevice, PathResult, Vector, run
 from forcebound_proofs.paths.truth import AXES, Floats
 
@@ -120,7 +120,7 @@ class Restart:
         is_large = program.size > LARGE
         every = [first_guess(program, self.case.axes, random) for _ in range(self.hands)]
         first = np.concatenate(every)
-        if self.case.manner.command == SLOWLY:
+        if self.case.manner.command == Command.SLOWLY:
             program, first = from_axis_to_axis(random)
         minimise(
             lambda vector: self.attack(program, vector, to_zero),
@@ -168,7 +168,7 @@ def first_guess(program: Program, axes: int, random: np.random.Generator) -> Flo
         moving[:, speed] += 0.8
         moving[:, command] *= 0.1
         pushed[:, command] += random.choice([-0.7, 0.7], axes)
-        pushed[:, PLACES["strike"]] += random.choice([0.0, 0.5, 1.0])
+        pushed[:, PLACES["share_held"]] += random.choice([0.0, 0.5, 1.0])
     vector = np.zeros(program.size)
     vector[:AXES] = random.normal(size=AXES)
     vector[AXES:] = rows[:, program.columns].ravel()
