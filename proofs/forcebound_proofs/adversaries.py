@@ -73,97 +73,90 @@ class RandomForce(StatelessEnvironment):
         return tuple(self.magnitude * side for side in sides)
 
 
-class Touching(Environment):
-    """A spring of ``stiffness``, N/m, to a proxy."""
+@dataclass(frozen=True)
+class _Touched(EnvironmentModel):
+    """A spring to a proxy."""
 
-    def __init__(self, stiffness: float) -> None:
-        self._stiffness = stiffness
-        self._touched: Contact | None = None
+    stiffness: Annotated[Stiffness, POSITIVE] = 1000.0
+
+    def open(self, axes: int) -> Environment:
+        """Return a new instance; see :class:`forcebound.haptics.environments.EnvironmentModel`."""
+        return _Touching(self)
+
+    def proxy(self, position: Vector, elapsed: float) -> Vector | None:
+        """Return the place of the proxy, in m; None: free motion."""
+        raise NotImplementedError
+
+
+class _Touching(Environment):
+    def __init__(self, model: _Touched) -> None:
+        self._model = model
+        self._contact: Contact | None = None
 
     def contact(self, user: str) -> Contact | None:
-        """Return what the last question touched; None: free motion."""
-        return self._touched
+        return self._contact
 
-    def pull(self, position: Vector, proxy: Vector | None) -> Vector:
-        """Return the force of the spring to a proxy; None: free motion."""
-        self._touched = None
+    def proxy(self, position: Vector, elapsed: float) -> Vector | None:
+        return self._model.proxy(position, elapsed)
+
+    def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
+        self._contact, proxy = None, self.proxy(position, elapsed)
         if proxy is None:
             return (0.0,) * len(position)
         way = [p - x for p, x in zip(proxy, position, strict=True)]
         length = math.hypot(*way)
         if NEAREST < length < math.inf:
-            self._touched = Contact(proxy, tuple([one / length for one in way]))
-        return tuple([-self._stiffness * one for one in way])
+            self._contact = Contact(proxy, tuple([one / length for one in way]))
+        return tuple([-self._model.stiffness * one for one in way])
 
 
 @dataclass(frozen=True)
-class JumpingProxy(EnvironmentModel):
+class JumpingProxy(_Touched):
     """A wall whose proxy jumps by up to ``reach`` on each axis every ``interval``."""
 
-    stiffness: Annotated[Stiffness, POSITIVE] = 1000.0
     position: Length = 0.010  # of the surface
     reach: Annotated[Length, POSITIVE] = 0.005
     interval: Annotated[Time, POSITIVE] = 0.01
     seed: Seed = 1.0
 
-    def open(self, axes: int) -> Environment:
-        """Return a new instance; see :class:`forcebound.haptics.environments.EnvironmentModel`."""
-        return _Jumping(self)
-
-
-class _Jumping(Touching):
-    def __init__(self, model: JumpingProxy) -> None:
-        super().__init__(model.stiffness)
-        self._model = model
-
-    def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
-        model, step = self._model, int(elapsed / self._model.interval)
-        should = enumerate((min(position[0], model.position), *position[1:]))
-        jumps = [p + model.reach * (2.0 * uniform(model.seed, step, a) - 1.0) for a, p in should]
-        return self.pull(position, tuple(jumps))
+    def proxy(self, position: Vector, elapsed: float) -> Vector:
+        """Return the place of the proxy, in m."""
+        step, should = (
+            int(elapsed / self.interval),
+            (min(position[0], self.position), *position[1:]),
+        )
+        jumps = (2.0 * uniform(self.seed, step, axis) - 1.0 for axis in range(len(position)))
+        return tuple([p + self.reach * jump for p, jump in zip(should, jumps, strict=True)])
 
 
 @dataclass(frozen=True)
-class HoledWall(EnvironmentModel):
+class HoledWall(_Touched):
     """A wall of square tiles with an edge of ``tile``, a share of which is missing.
 
     Through a hole the hand gets behind the wall without a force; beside the hole the wall then
     pushes it out from the depth where it is. So does a mesh that is not closed.
     """
 
-    stiffness: Annotated[Stiffness, POSITIVE] = 1000.0
     position: Length = 0.010  # of the surface
     tile: Annotated[Length, POSITIVE] = 0.001
     holes: Annotated[Ratio, PROBABILITY] = 0.5
     seed: Seed = 1.0
 
-    def open(self, axes: int) -> Environment:
-        """Return a new instance; see :class:`forcebound.haptics.environments.EnvironmentModel`."""
-        return _Holed(self)
-
-
-class _Holed(Touching):
-    def __init__(self, model: HoledWall) -> None:
-        super().__init__(model.stiffness)
-        self._model = model
-
-    def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
-        model = self._model
-        row, column = (*(math.floor(x / model.tile) for x in position[1:3]), 0, 0)[:2]
-        is_hole = uniform(model.seed, row, column) < model.holes
-        is_free = position[0] <= model.position or is_hole
-        return self.pull(position, None if is_free else (model.position, *position[1:]))
+    def proxy(self, position: Vector, elapsed: float) -> Vector | None:
+        """Return the place of the proxy, in m; None: free motion."""
+        row, column = (*(math.floor(x / self.tile) for x in position[1:3]), 0, 0)[:2]
+        is_free = position[0] <= self.position or uniform(self.seed, row, column) < self.holes
+        return None if is_free else (self.position, *position[1:])
 
 
 @dataclass(frozen=True)
-class ExplodingBody(EnvironmentModel):
+class ExplodingBody(_Touched):
     """A body of ``mass`` on a spring, integrated with steps that are too long: it swings up.
 
     Once it is farther than ``reach`` from the hand it is put back there, at rest, as by an engine
     that resets what has exploded.
     """
 
-    stiffness: Annotated[Stiffness, POSITIVE] = 1000.0
     mass: Annotated[Mass, POSITIVE] = 0.1
     reach: Annotated[Length, POSITIVE] = 0.05
 
@@ -172,27 +165,27 @@ class ExplodingBody(EnvironmentModel):
         return _Exploding(self, axes)
 
 
-class _Exploding(Touching):
+class _Exploding(_Touching):
     def __init__(self, model: ExplodingBody, axes: int) -> None:
-        super().__init__(model.stiffness)
-        self._model = model
+        super().__init__(model)
+        self._body = model
         self._place: Vector | None = None
         self._velocity = self._rest = (0.0,) * axes
         self._elapsed = 0.0
 
-    def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
+    def proxy(self, position: Vector, elapsed: float) -> Vector:
         h = min(max(elapsed - self._elapsed, 0.0), LONGEST)
         self._elapsed = elapsed
         place = position if self._place is None else self._place
         pulls = zip(self._velocity, position, place, strict=True)
-        gain = h * self._model.stiffness / self._model.mass
+        gain = h * self._body.stiffness / self._body.mass
         # The explicit Euler rule: each step adds energy, however short it is.
         place = tuple([q + h * v for q, v in zip(place, self._velocity, strict=True)])
         self._velocity = tuple([v + gain * (x - q) for v, x, q in pulls])
-        if not math.dist(place, position) < self._model.reach:
+        if not math.dist(place, position) < self._body.reach:
             place, self._velocity = position, self._rest
         self._place = place
-        return self.pull(position, place)
+        return place
 
 
 ADVERSARIES: dict[str, type[EnvironmentModel]] = {

@@ -6,13 +6,12 @@ part that is new is drawn without a line here. What no type says is in :data:`SP
 
 import dataclasses
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Annotated, Any, Literal, get_args, get_origin
 
 from forcebound import quantities
 from forcebound.errors import ConfigError
 from forcebound.graph.fields import Field, fields_of
-from forcebound.haptics.environments import EnvironmentModel
 from forcebound.quantities import Unit
 from forcebound_proofs.cases import Range
 
@@ -52,10 +51,15 @@ def ranges_of(kind: type, given: tuple[str, ...] = ()) -> dict[str, Range]:
     return found
 
 
-def made(kind: Any, numbers: Mapping[str, float], **values: Any) -> Any:
+def made(
+    kind: Any,
+    numbers: Mapping[str, float],
+    values: Mapping[str, Any] = {},
+    check: Callable[[Any], object] = lambda part: None,
+) -> Any:
     """Return a part whose fields have ``values`` and these numbers of :func:`ranges_of`.
 
-    What does not go with the others has its default.
+    What does not go with the others, as the part or ``check`` find, has its default.
 
     Raises:
         ConfigError: If no part can be made.
@@ -71,8 +75,7 @@ def made(kind: Any, numbers: Mapping[str, float], **values: Any) -> Any:
     while True:
         try:
             part = kind(**{**drawn, **values})
-            if isinstance(part, EnvironmentModel):
-                part.check_files()
+            check(part)
         except ConfigError as error:
             if not drawn:
                 raise

@@ -69,7 +69,7 @@ def run_law(law: str, case: Scenario) -> Outcome:
         "peak_force_n": float(np.abs(force).max()),
     }
     margin = min(float(lost.min()), details["energy_min_j"])
-    trace = dict(zip(TRACE_COLUMNS, every, strict=True))
+    trace: dict[str, Floats] = dict(zip(TRACE_COLUMNS, every, strict=True))
     return Outcome(margin, float(left.min()), details, trace)
 
 

@@ -10,7 +10,7 @@ for one of a search.
 """
 
 import random
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
@@ -26,6 +26,7 @@ from forcebound.haptics.environments.fixtures import (
     WithFixtures,
     WorkspaceLimit,
 )
+from forcebound.haptics.environments.mujoco_scene import check_coupling
 from forcebound.haptics.environments.solid import Shape
 from forcebound.haptics.laws.dissipation import Watchdog
 from forcebound_proofs.adversaries import ADVERSARIES
@@ -69,6 +70,7 @@ WATCHDOGS: tuple[Watchdog, ...] = ("silent", "reporting", "guarding")
 
 OPEN_BOX = Path(__file__).parent / "open_box.obj"  # a face is missing
 BOXES = SHIPPED / "push_boxes.xml"  # needs the extra mujoco
+BOXES_STEP = 1e-3  # s
 HALF = 0.03  # m, of a box
 
 GROOVE = (
@@ -98,12 +100,17 @@ class World(NamedTuple):
     kind: Any
     values: Mapping[str, Any] = {}
     fixtures: Fixtures | None = None
+    check: Callable[[Any], object] = lambda model: None  # ConfigError: fields do not go together
 
 
 #: Worlds that are not just an environment of launch files with its fields drawn.
 SPECIAL: dict[str, World] = {
     **{name: World(kind) for name, kind in ADVERSARIES.items()},
-    "bodies": World(ENVIRONMENTS["bodies"], {"file": BOXES}),
+    "bodies": World(
+        ENVIRONMENTS["bodies"],
+        {"file": BOXES},
+        check=lambda model: check_coupling(model, BOXES_STEP),
+    ),
     "fixtures": World(ENVIRONMENTS["solid"], fixtures=FIXTURES),
     "mesh_with_hole": World(
         ENVIRONMENTS["mesh"],
@@ -161,7 +168,8 @@ class WorldScenario(NamedTuple):
     def environment(self) -> EnvironmentModel:
         """Return the environment."""
         world = world_named(self.world)
-        model: EnvironmentModel = made(world.kind, self.fields("environment"), **world.values)
+        kind, values, _, check = world
+        model: EnvironmentModel = made(kind, self.fields("environment"), values, check)
         return model if world.fixtures is None else WithFixtures(model, world.fixtures)
 
     def open_controller(self) -> Any:
@@ -177,7 +185,7 @@ def numbers_of(world: str, controller: str) -> dict[str, Range]:
         ConfigError: If there is no such world or controller.
     """
     check_name("controller", controller, list(CONTROLLERS))
-    kind, values, _ = world_named(world)
+    kind, values, *_ = world_named(world)
     return _numbers_of(kind, tuple(values), CONTROLLERS[controller])
 
 

@@ -16,6 +16,7 @@ from forcebound_proofs.attack import (
     SEARCH,
     Budget,
     CodedAttack,
+    Floats,
     Names,
     Outcome,
     Series,
@@ -122,7 +123,7 @@ cases: what it gives away is what the attacks can do.
         }
         margin = min(device.energy_min, device.lost_min)
         columns = np.array(device.looks).T if is_traced else ()
-        trace = dict(zip(TRACE_COLUMNS, columns, strict=False))
+        trace: dict[str, Floats] = dict(zip(TRACE_COLUMNS, columns, strict=False))
         return Outcome(margin, device.share_left, details, trace)
 
     def description(self, case: WorldScenario) -> Row:
