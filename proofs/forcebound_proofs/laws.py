@@ -9,6 +9,7 @@ from forcebound.haptics.laws import ENERGY_TOLERANCE, LAWS, check_law
 from forcebound.lab.engine import Row
 from forcebound.lab.views import energy, table
 from forcebound_proofs.attack import (
+    COLUMNS,
     MARGIN,
     SEARCH,
     Budget,
@@ -49,7 +50,7 @@ class LawAttack(CodedAttack):
     name = "laws"
     columns: ClassVar = {
         "law": None,
-        "lowest energy": None,
+        "lowest loss plus work": COLUMNS["lowest energy"],
         "random": lambda row: _of_kind("random", row),
         "search": lambda row: _of_kind("search", row),
         "share left": _left,
@@ -74,7 +75,7 @@ the search minimises the *share left*: the lowest ratio of the loss plus work to
 maximum.
 
 The device is stated to the law as it is. An *overrun* is a period up to six times as long; every
-other one lasts 0.3 to 2 T. The numbers of the cases are drawn from these evenly or by their
+other one lasts 0.3 to 2 T. The numbers of the cases are drawn from these ranges, evenly or by their
 logarithm; many of them are 0 in some of the cases.
 """
 

@@ -151,9 +151,7 @@ def daily(names: Iterable[str], *chosen: str) -> list[Any]:
 
 
 @pytest.mark.parametrize("law", daily(CERTIFIED, "certified"))
-@pytest.mark.parametrize(
-    "certificate", daily(sorted(CERTIFICATES), "all", "energy_transfer", "guarding", "plain")
-)
+@pytest.mark.parametrize("certificate", daily(sorted(CERTIFICATES), "all", "guarding", "plain"))
 def test_no_certificate_leaks(certificate: str, law: str) -> None:
     assert worst(attacked(certificate, law)) >= -ENERGY_TOLERANCE
 

@@ -153,6 +153,7 @@ def test_the_launch_file_holds_the_fitted_hand() -> None:
     assert (ours.only.operator, ours.environment) == (shipped.only.operator, shipped.environment)
 
 
+@pytest.mark.slow
 def test_no_certified_law_gives_energy_in_any_experiment(runs: Runs) -> None:
     for law in CERTIFIED:
         contacts = [runs.wall(law, approach) for approach in SPEEDS.values()]
@@ -221,9 +222,11 @@ def test_palpation_is_stiffer_with_memory_and_its_force_grows_with_every_law(run
     assert stiffness["aol"] > stiffness["more_conservative"]
 
 
-def test_the_time_varying_wall_is_shown_whole_by_the_laws_with_memory(runs: Runs) -> None:
-    for name in ("fig4", "fig6"):
-        assert EXPERIMENTS[name](runs).numbers[0].ours == pytest.approx(1.0, abs=0.005), name
+@pytest.mark.parametrize("name", ["fig4", pytest.param("fig6", marks=pytest.mark.slow)])
+def test_the_time_varying_wall_is_shown_whole_by_the_laws_with_memory(
+    runs: Runs, name: str
+) -> None:
+    assert EXPERIMENTS[name](runs).numbers[0].ours == pytest.approx(1.0, abs=0.005)
 
 
 # --- The files and the command -------------------------------------------------------------------
