@@ -58,7 +58,8 @@ CONTESTANTS: Mapping[str, LocalModel | None] = {
     "local_model": LocalModel(),
 }
 DRAWN = ("direct", "local_model")
-POWERS = (0.0, 0.005, 0.02, 0.05)  # W
+#: Local models, by what changes of the plane may give.
+POWERS = {f"{1e3 * power:g} mW": LocalModel(power=power) for power in (0.0, 0.005, 0.02, 0.05)}
 #: Scenes of ``--limits``: launch files, and a wall of ridges at distances in mm.
 SCENES = ("touch_sphere", *(f"ridges {n}" for n in (40, 10, 4, 2)), "touch_mesh", "push_mass")
 RIDGE = 4e-4  # m, from the valleys to the ridges
@@ -103,56 +104,51 @@ def figures(config: GraphConfig) -> tuple[Figures, TelemetryColumns]:
     return Figures(stiffness or 0.0, energy, bounces, float(first)), columns
 
 
-def press(case_of: Row, hand: Any) -> tuple[Figures, TelemetryColumns]:
-    """Return the figures of a case of the tables, and its telemetry."""
-    name, power = case_of["controller"], case_of["power"]
-    controller = CONTESTANTS[name] if power is None else LocalModel(power=power)
-    return figures(case(case_of["law"], case_of["delay"], controller, hand))
-
-
-def measure(cases: Sequence[Row]) -> list[Row]:
-    """Run some cases of the tables; return a row for each."""
+def press(cell: Row) -> tuple[Figures, TelemetryColumns]:
+    """Return the figures of a cell of the tables, and its telemetry."""
+    controller = {**CONTESTANTS, **POWERS}[cell["controller"]]
     with TemporaryDirectory() as folder:
-        hands = {ONCE: None, TWICE: touching_hand(Path(folder))}
-        return [{**one, **press(one, hands[one["hand"]])[0]._asdict()} for one in cases]
+        hand = touching_hand(Path(folder)) if cell["hand"] == TWICE else None
+        return figures(case(cell["law"], cell["delay"], controller, hand))
 
 
-def cases_of_tables() -> list[Row]:
-    """Return the cases of the tables: of each hand and law, its reference first."""
+def measure(cells: Sequence[Row]) -> list[Row]:
+    """Run some cells of the tables; return a row for each."""
+    return [{**cell, **press(cell)[0]._asdict()} for cell in cells]
+
+
+def cells_of_tables() -> list[Row]:
+    """Return the cells of the tables: of each hand and law, its reference first."""
     found = []
     for start in grid(hand=(ONCE, TWICE), law=LAWS):
-        found.append({**start, "delay": 0, "controller": "direct", "power": None})
+        found.append({**start, "delay": 0, "controller": "direct"})
         found += [{**start, **one} for one in grid(delay=DELAYS, controller=[*CONTESTANTS])]
-    powers = {"hand": TWICE, "law": LAWS[0], "delay": DELAYS[-1], "controller": "local_model"}
-    return [{"power": None, **one} for one in found] + [{**powers, "power": p} for p in POWERS]
+    return found + grid(hand=[TWICE], law=LAWS[:1], delay=DELAYS[-1:], controller=[*POWERS])
 
 
 def shown(rows: Sequence[Row], reference: Row) -> Iterator[str]:
     """Yield a table of rows, with the share of the reference's stiffness."""
-    cells = []
-    for row in rows:
-        share = row["stiffness"] / reference["stiffness"]
-        name = f"{row['controller']}, {row['delay']} ms"
-        cells.append(
-            (
-                name if row["power"] is None else f"{row['power'] * 1e3:g} mW",
-                f"{row['stiffness']:.0f} ({share:.2f})",
-                row["bounces"],
-                f"{row['first'] * 1e3:.1f}",
-                f"{row['energy'] * 1e3:.3f}",
-            )
+    cells = (
+        (
+            f"{row['controller']}, {row['delay']} ms",
+            f"{row['stiffness']:.0f} ({row['stiffness'] / reference['stiffness']:.2f})",
+            row["bounces"],
+            f"{row['first'] * 1e3:.1f}",
+            f"{row['energy'] * 1e3:.3f}",
         )
+        for row in rows
+    )
     yield from table(("controller", "stiffness, N/m", "bounces", "first, mm", "energy, mJ"), cells)
 
 
 def tables(rows: Sequence[Row]) -> Iterator[str]:
     """Yield the tables of the hands and laws, and that of the powers."""
-    usual = groups((row for row in rows if row["power"] is None), "hand", "law")
+    usual = groups((row for row in rows if row["controller"] in CONTESTANTS), "hand", "law")
     for (hand, law), own in usual.items():
         yield f"\n{hand}, {law}"
         yield from shown(own, own[0])
-    yield f"\nlocal_model with other powers, {TWICE}, {DELAYS[-1]} ms, {LAWS[0]}"
-    powers = [row for row in rows if row["power"] is not None]
+    yield f"\nlocal_model with other powers, {TWICE}, {LAWS[0]}"
+    powers = [row for row in rows if row["controller"] in POWERS]
     yield from shown(powers, usual[TWICE, LAWS[0]][0])
 
 
@@ -216,8 +212,8 @@ def limits() -> Iterator[str]:
 def main(plot: Path | None, only_limits: bool) -> None:
     """Stiffness of a wall that is far away, by controller and delay."""
     if not only_limits:
-        cases = cases_of_tables()
-        rows = run_here(Campaign("far wall", cases, measure, part=1), workers=None).rows
+        cells = cells_of_tables()
+        rows = run_here(Campaign("far wall", cells, measure, part=1), workers=None).rows
         click.echo("\n".join(tables(rows)))
     click.echo("\n".join(limits()))
     if plot:
@@ -229,12 +225,11 @@ def draw(file: Path) -> None:
     from forcebound_proofs.drawing import TIME, finish, line, rows_of
 
     drawing, (depths, forces) = rows_of(2, height=2.7)
-    cases = [(0, "direct"), *((delay, name) for delay in DELAYS for name in DRAWN)]
-    for number, (delay, controller) in enumerate(cases):
+    lines = [(0, "direct"), *((delay, name) for delay in DELAYS for name in DRAWN)]
+    for number, (delay, controller) in enumerate(lines):
         style: dict[str, Any] = {"linewidth": 1.2 if delay else 2.5, "colour": f"C{number}"}
-        drawn = {"law": LAWS[0], "delay": delay, "controller": controller, "power": None}
-        with TemporaryDirectory() as folder:
-            _, columns = press(drawn, touching_hand(Path(folder)))
+        cell = {"hand": TWICE, "law": LAWS[0], "delay": delay, "controller": controller}
+        _, columns = press(cell)
         name, depth = f"{controller}, {delay} ms", (columns.position[:, 0] - SURFACE) * 1e3
         line(depths, columns.elapsed, depth, name, **style)
         line(forces, columns.elapsed, columns.applied_force[:, 0], name, **style)

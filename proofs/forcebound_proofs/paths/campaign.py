@@ -11,6 +11,7 @@ from typing import ClassVar
 import numpy as np
 
 from forcebound.errors import ConfigError
+from forcebound.haptics.laws import LAWS
 from forcebound.lab.engine import Row
 from forcebound.lab.views import energy
 from forcebound_proofs.attack import (
@@ -77,7 +78,7 @@ energy if the certificate's own number is stated as if the device did not have t
         found, (runs, searched, seed) = [], budget
         laws = laws or certified_laws()
         for law in laws:
-            if law not in certified_laws():
+            if law not in LAWS or not LAWS[law].is_certified:
                 raise ConfigError(f"only a certified law has certificates, got {law!r}")
         without = min(searched, self.sizes[SEARCH] * LEFT_OUT_RESTARTS)
         for name in targets or CERTIFICATES:
