@@ -91,6 +91,7 @@ class Attack(ABC):
     """A kind of attack on laws."""
 
     name: ClassVar[str]  # key of ATTACKS
+    title: ClassVar[str] = "Audit of the laws"  # of a page that begins with it
     introduction: ClassVar[str]  # of its section
     #: Heads of the table of its worst runs, and the cells of those that are not in `COLUMNS`.
     columns: ClassVar[Mapping[str, Callable[[Row], str] | None]]

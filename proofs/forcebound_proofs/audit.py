@@ -17,7 +17,7 @@ from forcebound_proofs.cases import optimiser
 PART = 100  # runs, at least, of a part of the work
 
 INTRODUCTION = """\
-# Audit of the laws
+# {title}
 
 {runs:,} attacks, some drawn at random, some by a search for the lowest energy.
 
@@ -100,8 +100,10 @@ def _attacks_of(document: Row) -> list[str]:
 
 
 def _page(document: Row, command: str) -> Iterator[str]:
-    yield INTRODUCTION.format(runs=document["runs"], origin=origin(command))
-    for name in _attacks_of(document):
+    names = _attacks_of(document)
+    title = attack_named(names[0]).title
+    yield INTRODUCTION.format(title=title, runs=document["runs"], origin=origin(command))
+    for name in names:
         yield from attack_named(name).section(document[name])
 
 

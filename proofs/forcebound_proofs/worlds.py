@@ -50,6 +50,7 @@ class WorldAttack(CodedAttack):
     """Certified laws through every world and every controller; a target is WORLD/CONTROLLER."""
 
     name = "worlds"
+    title = "Audit in two and three axes"
     columns: ClassVar = {
         "world": lambda row: f"`{row['target']}`",
         "law": None,
@@ -61,7 +62,7 @@ class WorldAttack(CodedAttack):
     }
     groups = ("controller",)
     introduction = f"""\
-## Worlds and controllers, in two and three axes
+## Certified laws through worlds and controllers
 
 Each run is a graph of the live nodes in virtual time, for {SECONDS:g} s: law, safety chain,
 controller and environment are those of every other run. The device has two or three axes, each with

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import re
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -20,7 +21,7 @@ from forcebound.haptics.laws import (
 )
 from forcebound.haptics.laws.law import State
 from forcebound.lab.table import read_table
-from forcebound_proofs.attack import MARGIN, Budget, Outcome, attack_named
+from forcebound_proofs.attack import ATTACKS, MARGIN, Budget, Outcome, attack_named, attack_of
 from forcebound_proofs.audit import Options, replay, run
 from forcebound_proofs.cases import encode
 from forcebound_proofs.law_cases import (
@@ -187,6 +188,16 @@ def test_the_command_shows_a_run_of_any_attack_again_and_draws_it(
     assert document[MARGIN] == replay(law, name)[MARGIN]
     assert document["case"]["name"] == name
     assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize("page", ["audit", "audit-worlds"])
+def test_every_run_that_a_page_names_can_be_repeated(page: str) -> None:
+    text = (Path(__file__).parent.parent / "docs" / f"{page}.md").read_text(encoding="utf-8")
+    names = set(re.findall(rf"\b(?:{'|'.join(ATTACKS)}):[^\s`|]+", text))
+    assert len(names) > 50
+    for name in names:
+        attack, rest = attack_of(name)
+        attack.make(rest)
 
 
 def test_an_unknown_law_an_unknown_run_and_an_audit_without_runs_are_refused() -> None:
