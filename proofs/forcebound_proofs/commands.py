@@ -20,7 +20,6 @@ from forcebound.cli.common import (
     show,
 )
 from forcebound.cli.lazy import when_used
-from forcebound.lab.engine import Row
 
 with when_used():
     from rich import console
@@ -58,7 +57,10 @@ def _words(**selected: Sequence[str]) -> list[str]:
 
 
 def _attack(
-    attacks: Mapping[str, Sequence[str]], laws: Sequence[str], as_json: bool, options: Row
+    attacks: Mapping[str, Sequence[str]],
+    laws: Sequence[str],
+    as_json: bool,
+    options: dict[str, Any],
 ) -> None:
     """Run attacks and print what they have found; status 1 if a certified law does not hold."""
     chosen = audits.Options(**options)
