@@ -1,7 +1,8 @@
 """Figure 19: the laws under a 2 Hz sinusoidal motion, as in palpation."""
 
+from forcebound_proofs.drawing import finish, law_line, line, rows_of
 from forcebound_proofs.paper.contacts import minimum_energies
-from forcebound_proofs.paper.outcome import Number, Outcome, by_law, finish, law_line, line, rows_of
+from forcebound_proofs.paper.outcome import Number, Outcome, by_law
 from forcebound_proofs.paper.setup import CERTIFIED, Contact, Runs, command
 
 LAWS = ("less_conservative", "aol", "more_conservative", *CERTIFIED)

@@ -7,7 +7,7 @@ the fit.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -191,8 +191,12 @@ def dissipation(contact: Contact) -> Dissipation:
 class Runs:
     """Runs launch files in virtual time, each only once; ``progress`` gets a line on each run."""
 
-    def __init__(self, progress: Callable[[str], None] = lambda line: None) -> None:
-        self.progress = progress
+    def __init__(
+        self,
+        progress: Callable[[str], None] = lambda line: None,
+        tried: Sequence[Trial] = TRIALS,
+    ) -> None:
+        self.progress, self.tried = progress, tried
         self._done: dict[tuple[str, ...], Contact] = {}
         self._tried: dict[tuple[str, str, Hand], dict[str, Floats]] = {}
         self._template = read_template("paper_wall")
@@ -210,14 +214,14 @@ class Runs:
         return self.contact("paper_wall", f"law:={law}", *words)
 
     def trials(self, law: str, speed: str, hand: Hand = HAND) -> dict[str, Floats]:
-        """Return the measures of all trials against that wall, by name, shape ``(TRIALS,)``.
+        """Return the measures of all trials against that wall, by name, shape ``(trials,)``.
 
         They run in the compiled loop, which is equal to the nodes to the bit.
         """
         key = (law, speed, hand)
         if key not in self._tried:
-            self.progress(f"  {len(TRIALS)} trials of {law} at {speed} speed")
-            words = [(f"law:={law}", *hand.words(speed, trial)) for trial in TRIALS]
+            self.progress(f"  {len(self.tried)} trials of {law} at {speed} speed")
+            words = [(f"law:={law}", *hand.words(speed, trial)) for trial in self.tried]
             graphs = [replace(build(self._template, one), duration=DURATION) for one in words]
             contacts = [Contact(run_compiled(one) or run_virtual(one)) for one in graphs]
             self._tried[key] = {
