@@ -209,23 +209,21 @@ def sweep(
         RunError: If every run fails, or the processes end before the work is done.
     """
     measures = measures or {}
-    seconds = None if duration is None else time_of("duration", duration)
     template = template_of(launch)
     known = template.entries["arguments"].entries if "arguments" in template.entries else {}
     check_measures(measures, [*arguments, *known])
-    sweeps, cases = _cases(template, seconds, arguments)
+    sweeps, cases = _cases(template, duration, arguments)
     drawing = {"value": next(iter(measures), "displayed_stiffness_n_per_m")}
     campaign = campaign_of(sweeps, cases, measures, drawing)
     _try_first(sweeps[0], cases[0][1], measures)
     count = 0 if len(cases) < FEW or len(os.sched_getaffinity(0)) == 1 else workers
     executors = cluster_executor(cluster) if cluster else local_executor(count)
-    path = None if result is None else Path(result)
+    path = Path(result) if result else None
     with shown_progress("runs") as progress, executors as executor:
         try:
             rows = run(campaign, executor, progress, path, restart, overwrite).rows
         except KeyboardInterrupt as error:
-            if path is not None:
-                error.add_note(f"The same call goes on from the parts in {path}.parts.")
+            error.add_note(f"The same call goes on from the parts in {path}.parts." if path else "")
             raise
     varied = [name for name, value in arguments.items() if _is_list(value)]
     runs = Runs(rows, varied, campaign.about["units"])
@@ -237,11 +235,12 @@ def sweep(
 
 
 def _cases(
-    template: Value, seconds: float | None, arguments: Mapping[str, Any]
+    template: Value, duration: float | str | None, arguments: Mapping[str, Any]
 ) -> tuple[list[Sweep], list[Case]]:
     """Return a sweep for each choice of parts that were made in Python, and the cases of all."""
     varied = {name: _values(name, value) for name, value in arguments.items() if _is_list(value)}
     fixed = {name: value for name, value in arguments.items() if name not in varied}
+    seconds = None if duration is None else time_of("duration", duration)
     files: dict[tuple[int, ...], Sweep] = {}  # by the parts in them
     cases: list[Case] = []
     for values in product(*varied.values()):
