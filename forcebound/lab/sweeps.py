@@ -15,6 +15,7 @@ from forcebound.errors import ConfigError, RunError
 from forcebound.extras import check_installed, needed
 from forcebound.graph.names import text_of
 from forcebound.graph.problems import unknown
+from forcebound.graph.tree import Value
 from forcebound.haptics.laws import LAWS, BoundingLaw
 from forcebound.interface.figures import is_figure, name_of
 from forcebound.interface.runs import (
@@ -209,12 +210,38 @@ def sweep(
         RunError: If every run fails, or the processes end before the work is done.
     """
     measures = measures or {}
-    varied = {name: _values(name, value) for name, value in arguments.items() if _is_list(value)}
-    fixed = {name: value for name, value in arguments.items() if name not in varied}
-    seconds = None if duration is None else time_of("duration", duration)
     template = template_of(launch)
     known = template.entries["arguments"].entries if "arguments" in template.entries else {}
     check_measures(measures, [*arguments, *known])
+    sweeps, cases = _cases(template, duration, arguments)
+    drawing = {"value": next(iter(measures), "displayed_stiffness_n_per_m")}
+    campaign = campaign_of(sweeps, cases, measures, drawing)
+    _try_first(sweeps[0], cases[0][1], measures)
+    count = 0 if len(cases) < FEW or len(os.sched_getaffinity(0)) == 1 else workers
+    executors = cluster_executor(cluster) if cluster else local_executor(count)
+    path = Path(result) if result else None
+    with progress_bar("runs", after=1.0) as progress, executors as executor:
+        try:
+            rows = run(campaign, executor, progress, path, restart, overwrite).rows
+        except KeyboardInterrupt as error:
+            error.add_note(f"The same call goes on from the parts in {path}.parts." if path else "")
+            raise
+    varied = [name for name, value in arguments.items() if _is_list(value)]
+    runs = Runs(rows, varied, campaign.about["units"])
+    if len(runs.errors) == len(runs):
+        raise RunError(f"every run failed; the first: {runs.errors[0]}")
+    if runs.errors:
+        _logger.warning("%d of %d runs failed: %s", len(runs.errors), len(runs), runs.errors[0])
+    return runs
+
+
+def _cases(
+    template: Value, duration: float | str | None, arguments: Mapping[str, Any]
+) -> tuple[list[Sweep], list[Case]]:
+    """Return a sweep for each choice of parts that were made in Python, and the cases of all."""
+    varied = {name: _values(name, value) for name, value in arguments.items() if _is_list(value)}
+    fixed = {name: value for name, value in arguments.items() if name not in varied}
+    seconds = None if duration is None else time_of("duration", duration)
     files: dict[tuple[int, ...], Sweep] = {}  # by the parts in them
     cases: list[Case] = []
     for values in product(*varied.values()):
@@ -229,30 +256,16 @@ def sweep(
             files[key] = Sweep(made, seconds, constants, columns, (), same=same)
         texts = tuple(text_of(chosen[name]) for name in files[key].columns)
         cases.append((list(files).index(key), texts))
-    drawing = {"value": next(iter(measures), "displayed_stiffness_n_per_m")}
-    campaign = campaign_of([*files.values()], cases, measures, drawing)
-    (_, of_first), first = cases[0], next(iter(files.values()))
-    first.graph(of_first)  # wrong names: at once
+    return [*files.values()], cases
+
+
+def _try_first(sweep: Sweep, values: Sequence[str], measures: Measures) -> None:
+    """Raise if a name is wrong, or if a measure of the first run returns what no column can be."""
+    sweep.graph(values)
     if measures:
-        row = run_case(first, 0, of_first, measures, is_trial=True)
+        row = run_case(sweep, 0, values, measures, is_trial=True)
         if row["error"] is not None:
             _logger.warning("the first run failed: %s", row["error"])
-    count = 0 if len(cases) < FEW or len(os.sched_getaffinity(0)) == 1 else workers
-    executors = cluster_executor(cluster) if cluster else local_executor(count)
-    path = None if result is None else Path(result)
-    with progress_bar("runs", after=1.0) as progress, executors as executor:
-        try:
-            rows = run(campaign, executor, progress, path, restart, overwrite).rows
-        except KeyboardInterrupt as error:
-            if path is not None:
-                error.add_note(f"The same call goes on from the parts in {path}.parts.")
-            raise
-    runs = Runs(rows, tuple(varied), campaign.about["units"])
-    if len(runs.errors) == len(runs):
-        raise RunError(f"every run failed; the first: {runs.errors[0]}")
-    if runs.errors:
-        _logger.warning("%d of %d runs failed: %s", len(runs.errors), len(runs), runs.errors[0])
-    return runs
 
 
 def linspace(first: float | str, last: float | str, count: int) -> list[str]:
