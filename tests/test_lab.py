@@ -18,7 +18,7 @@ from forcebound.lab.cases import grid
 from forcebound.lab.digest import digest_of, sources
 from forcebound.lab.engine import Campaign, Row, run
 from forcebound.lab.table import read_about, read_table
-from forcebound.lab.views import groups, least, share, table, verdict
+from forcebound.lab.views import groups, table
 from forcebound.lab.workers import local_executor
 from forcebound.units import energy_in_words as energy
 
@@ -133,15 +133,10 @@ def test_a_changed_script_is_another_campaign(
 def test_rows_are_grouped_counted_and_shown() -> None:
     rows = squares(range(5))
     assert groups(rows, "is_even") == {(True,): rows[::2], (False,): rows[1::2]}
-    assert least(rows, "square") is rows[0]
-    assert share(rows, "is_even") == 0.6
     assert list(table(("x", "y"), [(1, "2")])) == ["| x | y |", "|---|---|", "| 1 | 2 |"]
     assert grid(a=[1, 2], b="xy")[1] == {"a": 1, "b": "y"}
     shown = [energy(one) for one in (None, 1e-12, -2e-3, 1.5, -1234.0)]
     assert shown == ["–", "0", "-2 mJ", "1.5 J", "-1,234 J"]
-    assert verdict(-1e-6) == "BROKEN"
-    assert verdict(-1e-12) == "passive"
-    assert verdict(-1.0, is_certified=False) == "leaks"
 
 
 class Plain:

@@ -18,9 +18,10 @@ from numpy.typing import NDArray
 from forcebound.errors import ConfigError
 from forcebound.haptics.laws import ENERGY_TOLERANCE, LAWS
 from forcebound.lab.engine import Row
-from forcebound.lab.views import groups, least, table, verdict
+from forcebound.lab.views import groups, table
 from forcebound.units import energy_in_words as energy
 from forcebound_proofs.cases import Range, search, seeds
+from forcebound_proofs.views import least, verdict
 
 RANDOM, SEARCH = "random", "search"  # kinds of series
 MARGIN = "margin_j"  # of a row: what a passive law keeps at or above zero, in J

@@ -9,10 +9,10 @@ import numpy as np
 
 from forcebound.errors import ConfigError
 from forcebound.lab.engine import Campaign, Row, run_here
-from forcebound.lab.views import check_page, origin, write_page
 from forcebound.results.plots import check_picture, save
 from forcebound_proofs.attack import ATTACKS, Budget, Floats, attack_named, attack_of
 from forcebound_proofs.cases import optimiser
+from forcebound_proofs.views import check_page, origin, write_page
 
 PART = 100  # runs, at least, of a part of the work
 

@@ -35,9 +35,10 @@ from forcebound.haptics.hands.hands import PressingHand, SinusoidalHand
 from forcebound.lab.cases import grid
 from forcebound.lab.engine import Campaign, Row, run_here
 from forcebound.lab.runs import run_all
-from forcebound.lab.views import check_page, groups, origin, table, write_page
+from forcebound.lab.views import groups, table
 from forcebound.recordings.telemetry import TelemetryColumns
 from forcebound.units import energy_in_words as energy
+from forcebound_proofs.views import check_page, origin, write_page
 
 LAWS = (
     "less_conservative",

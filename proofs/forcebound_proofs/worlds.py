@@ -10,7 +10,7 @@ from forcebound.haptics.controllers import CONTROLLERS
 from forcebound.haptics.environments.mujoco_scene import engine
 from forcebound.haptics.laws import check_law
 from forcebound.lab.engine import Row
-from forcebound.lab.views import share, table
+from forcebound.lab.views import table
 from forcebound.units import energy_in_words as energy
 from forcebound_proofs.attack import (
     MARGIN,
@@ -24,6 +24,7 @@ from forcebound_proofs.attack import (
     certified_laws,
     spans,
 )
+from forcebound_proofs.views import share
 from forcebound_proofs.world_cases import (
     HAND_AND_DEVICE,
     WATCHDOGS,
