@@ -117,7 +117,7 @@ def is_reached(document: dict[str, Any]) -> bool:
 
 
 def outcomes_of(seeds: Sequence[int]) -> list[Row]:
-    """Return a row for each seed: its outcome as one text, since it has lists."""
+    """Return a row for each seed: its outcome as one text, since it has lists by name."""
     return [{"seed": seed, "outcome": json.dumps(judge(seed))} for seed in seeds]
 
 
