@@ -12,8 +12,8 @@ COVERAGE := 88
 CORE_COVERAGE := 90
 FUZZ_SECONDS ?= 60# for each target
 
-.PHONY: demo test coverage check ruff mypy pyright imports test-slow examples endurance audit bench browser release \
-  reference docs prices fuzz hapi mutation clean
+.PHONY: demo test coverage check ruff mypy pyright imports test-slow examples endurance proofs bench browser release \
+  reference docs fuzz hapi mutation clean
 
 demo: $(STAMP)
 	$(BIN)/forcebound demo
@@ -44,7 +44,7 @@ imports: $(STAMP)
 	$(BIN)/lint-imports
 
 test-slow: $(STAMP)
-	$(BIN)/pytest -m slow
+	$(BIN)/pytest -m slow tests
 	$(BIN)/pytest -n 2 -m "not slow and not live and not endurance and not examples" --hypothesis-profile=random
 
 endurance: $(STAMP)
@@ -53,18 +53,23 @@ endurance: $(STAMP)
 examples: $(STAMP)
 	examples/build.sh; built=$$?; $(BIN)/pytest -m examples -rs && exit $$built
 
-# Some ten minutes on two idle cores.
-audit: $(STAMP)
+# The campaigns of the proofs and their pages: an hour or two on two idle cores. The attacks come
+# first; a leak of a certified law ends it.
+proofs: $(STAMP)
 	$(BIN)/forcebound audit --runs 1000 --search 1000 --output proofs/docs/audit.md
 	$(BIN)/forcebound audit worlds --runs 60 --search 60 --output proofs/docs/audit-worlds.md
+	$(BIN)/forcebound audit sensitivity
+	$(BIN)/python -m forcebound_proofs certificate_grid --page proofs/docs/prices.md
+	$(BIN)/forcebound reproduce
+	$(BIN)/python -m forcebound_proofs identification_bounds
+	$(BIN)/python -m forcebound_proofs late_ticks
+	$(BIN)/python -m forcebound_proofs far_wall --plot docs/far_wall.png
+	$(BIN)/pytest -m slow proofs/tests
 
-# All figures with date, commit and machine, on one page; some ten minutes on an idle machine.
+# One row for each benchmark with date, commit and machine, all rounds beside it; some ten minutes on
+# an idle machine, refused (status 2) on a busy one; status 1: written, but a target was missed.
 bench: $(STAMP)
 	$(BIN)/python -m benchmarks --page docs/benchmarks.md
-
-# What a number costs; some minutes on an idle machine.
-prices: $(STAMP)
-	$(BIN)/python -m forcebound_proofs.certificate_grid --page proofs/docs/prices.md
 
 # The pages of all keys of launch files and of all figures of a run, from their tables.
 reference: $(STAMP)

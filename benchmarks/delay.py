@@ -29,6 +29,8 @@ from forcebound.run.process.runner import run as run_node
 from forcebound.stop import Stop
 
 DURATION = 18.0
+ASKED = "error of an injected delay of 5 ms"
+SHOWN = "5 ms"  # on the page
 LINKS = {
     "perfect link": Impairment(),
     "1 ms": Impairment(0.001),
@@ -46,7 +48,9 @@ def run(duration: float, rate: float) -> Result:
     own, *impaired = found = alternate(duration, rate, contestants)
     targets = {"p50": 100.0, "p99": 500.0}
     return found, [
-        beyond(one, own, share, target) for one in impaired for share, target in targets.items()
+        beyond(one, own, share, target, f"({share})" if one.label == SHOWN else "")
+        for one in impaired
+        for share, target in targets.items()
     ]
 
 

@@ -39,6 +39,7 @@ from forcebound.observe.measure import Round, Timing, apart, pace, serving
 from forcebound.realtime import Settings, enter, freeze_garbage
 
 DURATION = 16.0
+ASKED = "reading from a serial device (emulated ODrive) by its driver"
 START = 60.0  # s, for a process that may have to compile
 LATE_NS = 300_000  # an exchange that takes longer is late
 TIMEOUT = 1.0  # s
@@ -61,7 +62,8 @@ def run(duration: float, rate: float) -> Result:
             found = alternate(duration, rate, contestants)
     driver, bare, line, tick = found
     return found, [
-        compare(driver, bare, "p50", 1.2),
+        at(driver, "p50", is_shown=True),
+        compare(driver, bare, "p50", 1.2, "bare pyserial"),
         compare(driver, bare, "p99"),
         compare(driver, line, "p99"),
         *map(_late, (driver, bare, line)),
@@ -158,7 +160,7 @@ def line_exchange(port: str) -> Callable[[], object]:
 
 
 def echo(port: str) -> None:
-    """Return what comes through a pseudo-terminal at ``port``, at once, until killed."""
+    """Send the bytes that come through a pseudo-terminal at ``port`` back at once, until killed."""
     be_punctual()
     descriptor, end = os.openpty()
     tty.setraw(end)

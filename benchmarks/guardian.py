@@ -28,6 +28,8 @@ from forcebound.observe.measure import Round, Timing
 from forcebound.roles import LAUNCHER
 
 DURATION = 60.0
+ASKED = "zero force after the device process of a graph was killed"
+IN_GRAPH = "killed in a graph"
 ROOT = Path(__file__).parent.parent
 TARGET = 0.020  # s
 FORCE, ZERO = b"force...", b"no force"
@@ -64,9 +66,9 @@ port.close()
 def run(duration: float, rate: float) -> Result:
     """Run the benchmark, each way to die once a second of its share of ``duration``."""
     contestants: dict[str, Contestant] = {fate: partial(_dies, fate) for fate in FATES}
-    contestants["killed in a graph"] = _dies_in_a_graph
+    contestants[IN_GRAPH] = _dies_in_a_graph
     found = alternate(duration, rate, contestants)
-    return found, [at(one, "max", 1e6 * TARGET) for one in found]
+    return found, [at(one, "max", 1e6 * TARGET, one.label == IN_GRAPH) for one in found]
 
 
 def _dies(fate: str, _: Timing) -> Round:
@@ -184,7 +186,7 @@ def _seconds_to_zero(folder: Path, launch: "subprocess.Popen[bytes]") -> float:
 
 
 def _awaited(look: Callable[[], Any], launch: "subprocess.Popen[bytes]") -> Any:
-    """Return what is found as soon as it is; ChildProcessError if the graph ends before."""
+    """Return the first result that is true; ChildProcessError if the graph ends before."""
     while not (found := look()):
         if launch.poll() is not None:
             raise ChildProcessError("the graph has ended")

@@ -1,36 +1,63 @@
 """The harness of all benchmarks: contestants in turns, their figures, and their targets.
 
 Each benchmark runs its reference in the same run, alternately: on a shared machine the same program
-may be five times slower a minute later, but ratios of neighbouring rounds mean something.
+may be five times slower a minute later, but ratios of neighbouring rounds mean something. A bare
+loop, which is measured before and after each round, shows how steady the machine was.
 """
 
 import os
 import platform
 import shutil
+import statistics
 import subprocess
 import sys
+import tempfile
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
 from typing import NamedTuple
 
+import zmq
+
 from forcebound.errors import RunError
-from forcebound.observe.measure import Round, Timing, percentile, plan
+from forcebound.observe.measure import Round, Timing, percentile, plan, serving
 from forcebound.realtime import Settings, choose_core, permits_fifo
 
 HERE = Path(__file__).parent
+STEADY = 1.3  # most that the bare loop may take, in times its quickest median
+LOOP_S = 0.25  # s, for which the bare loop is measured between two rounds
+MESSAGE = bytes(150)  # as large as a state of one axis
+FIRST_ANSWER_MS = 60_000
 Contestant = Callable[[Timing], Round]
+
+
+class BareLoop(NamedTuple):
+    """Times of one exchange of the bare loop, in ns.
+
+    The mean notices other programs on the core, which the median hardly does.
+    """
+
+    mean_ns: float
+    median_ns: float
 
 
 @dataclass
 class Measured:
-    """All rounds of one contestant, which ``label`` names in tables."""
+    """All rounds of one contestant, which ``label`` names in tables.
+
+    Attributes:
+        label: Its name.
+        rounds: In their order.
+        loops: The bare loop before each round and after the last one.
+    """
 
     label: str
     rounds: list[Round] = field(default_factory=list)
+    loops: list[BareLoop] = field(default_factory=list)
 
     def at(self, share: str) -> float:
         """Return a percentile of all rounds together, in ns; see :func:`percentile`."""
@@ -49,7 +76,10 @@ class Measured:
 
 
 class Figure(NamedTuple):
-    """A figure with its target; ``lowest`` and ``highest``: of two neighbouring rounds."""
+    """A figure with its target; ``lowest`` and ``highest``: of two neighbouring rounds.
+
+    ``shown`` is what stands after the value on the page; empty: the figure is not on it.
+    """
 
     what: str
     value: float
@@ -58,6 +88,7 @@ class Figure(NamedTuple):
     at_least: bool = False  # whether a larger value is better
     lowest: float | None = None
     highest: float | None = None
+    shown: str = ""
 
     @property
     def reached(self) -> bool | None:
@@ -82,8 +113,9 @@ def alternate(
         rounds: Of each; None: about one a second.
     """
     number, timing = plan(duration, len(contestants), rate)
-    found = [Measured(label) for label in contestants]
-    for turn in range(rounds or number):
+    loops: list[BareLoop] = []
+    found = [Measured(label, loops=loops) for label in contestants]
+    for turn in between_loops(rounds or number, loops):
         for measured in found:
             note(f"round {turn + 1} of {rounds or number}: {measured.label}")
             measured.rounds.append(contestants[measured.label](timing))
@@ -91,52 +123,121 @@ def alternate(
     return found
 
 
+def between_loops(rounds: int, loops: list[BareLoop]) -> Iterator[int]:
+    """Yield the number of each round; append the bare loop before and after each to ``loops``."""
+    with bare_loop() as measure:
+        for turn in range(rounds):
+            loops.append(measure())
+            yield turn
+        loops.append(measure())
+
+
+@contextmanager
+def bare_loop() -> Iterator[Callable[[], BareLoop]]:
+    """Give a function that measures a bare loop of pyzmq, this process and another one.
+
+    Both are on the core of the nodes in the ordinary scheduling class, so that any other program
+    there makes it slower. Nothing of it runs between two measurements.
+    """
+    core = choose_core("auto")
+    assert core is not None
+    with tempfile.TemporaryDirectory(prefix="forcebound-") as folder:
+        address = f"ipc://{folder}/loop"
+        with serving(_echo, address, core), zmq.Context() as context:
+            with _pinned(core):  # so is the context's own thread, which its first socket starts
+                socket = context.socket(zmq.PAIR)
+            with socket:
+                socket.linger, socket.rcvtimeo = 0, FIRST_ANSWER_MS
+                socket.connect(address)
+                _exchange(socket)
+                yield lambda: _measured_loop(socket, core)
+
+
+def _measured_loop(socket: "zmq.Socket[bytes]", core: int) -> BareLoop:
+    with _pinned(core):
+        end_ns, times_ns = time.monotonic_ns() + round(1e9 * LOOP_S), list[int]()
+        while time.monotonic_ns() < end_ns:
+            times_ns.append(timed(lambda: _exchange(socket)))
+    return BareLoop(statistics.fmean(times_ns), statistics.median(times_ns))
+
+
+@contextmanager
+def _pinned(core: int) -> Iterator[None]:
+    cores = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, {core})
+    try:
+        yield
+    finally:
+        os.sched_setaffinity(0, cores)
+
+
+def _exchange(socket: "zmq.Socket[bytes]") -> None:
+    socket.send(MESSAGE)
+    socket.recv()
+
+
+def _echo(address: str, core: int) -> None:
+    os.sched_setaffinity(0, {core})
+    with zmq.Context() as context, context.socket(zmq.PAIR) as socket:
+        socket.bind(address)
+        while True:
+            socket.send(socket.recv())
+
+
+def steadiness(contestants: list[Measured]) -> float:
+    """Return the slowest mean of the bare loop over its quickest median: 1 on an idle machine."""
+    loops = [loop for one in contestants for loop in one.loops]
+    return max(loop.mean_ns for loop in loops) / min(loop.median_ns for loop in loops)
+
+
 def compare(
-    ours: Measured, other: Measured, share: str = "p50", target: float | None = None
-) -> Figure:
-    """Return the ratio of a percentile to that of a reference with as many rounds."""
-    what = f"{ours.label} / {other.label}, {share.replace('_', '.')}"
-    return _against(
-        what,
-        "",
-        ours,
-        other,
-        target,
-        lambda a, b: max(percentile(a, share), 1) / max(percentile(b, share), 1),
-    )
-
-
-def beyond(ours: Measured, base: Measured, share: str, target: float | None) -> Figure:
-    """Return what a percentile is beyond the median of a baseline, in us."""
-    what = f"{ours.label}, {share} beyond {base.label}"
-    return _against(
-        what,
-        "us",
-        ours,
-        base,
-        target,
-        lambda a, b: (percentile(a, share) - percentile(b, "p50")) / 1e3,
-    )
-
-
-def _against(
-    what: str,
-    unit: str,
     ours: Measured,
     other: Measured,
-    target: float | None,
-    relation: Callable[[list[Round], list[Round]], float],
+    share: str = "p50",
+    target: float | None = None,
+    shown: str = "",
 ) -> Figure:
+    """Return the ratio of a percentile to that of a reference with as many rounds."""
+
+    def ratio(a: list[Round], b: list[Round]) -> float:
+        return max(percentile(a, share), 1) / max(percentile(b, share), 1)
+
+    what = f"{ours.label} / {other.label}, {share.replace('_', '.')}"
+    return Figure(what, *_related(ours, other, ratio, "", target), shown)
+
+
+def beyond(
+    ours: Measured, base: Measured, share: str, target: float | None, shown: str = ""
+) -> Figure:
+    """Return the excess of a percentile over the median of a baseline, in us."""
+
+    def difference(a: list[Round], b: list[Round]) -> float:
+        return (percentile(a, share) - percentile(b, "p50")) / 1e3
+
+    what = f"{ours.label}, {share} beyond {base.label}"
+    return Figure(what, *_related(ours, base, difference, "us", target), shown)
+
+
+def _related(
+    ours: Measured,
+    other: Measured,
+    relation: Callable[[list[Round], list[Round]], float],
+    unit: str,
+    target: float | None,
+) -> tuple[float, str, float | None, bool, float, float]:
     pairs = zip(ours.rounds, other.rounds, strict=True)
     each = [relation([a], [b]) for a, b in pairs if a.times_ns and b.times_ns]
-    value = relation(ours.rounds, other.rounds)
-    return Figure(what, value, unit, target, lowest=min(each), highest=max(each))
+    return relation(ours.rounds, other.rounds), unit, target, False, min(each), max(each)
 
 
-def at(measured: Measured, share: str, target_us: float | None = None) -> Figure:
-    """Return a percentile, in us."""
-    what = f"{measured.label}, {share.replace('_', '.')}"
-    return Figure(what, measured.at(share) / 1e3, "us", target_us)
+def at(
+    measured: Measured, share: str, target_us: float | None = None, is_shown: bool = False
+) -> Figure:
+    """Return a percentile, in us; on the page it has the name of the percentile."""
+    name = share.replace("_", ".")
+    what = f"{measured.label}, {name}"
+    value = measured.at(share) / 1e3
+    return Figure(what, value, "us", target_us, shown=f"({name})" if is_shown else "")
 
 
 def missed(measured: Measured, target: float | None = 0.0) -> Figure:

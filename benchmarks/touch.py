@@ -23,6 +23,7 @@ from forcebound.observe.measure import WARMUP, Round, Timing, pace
 from forcebound.realtime import Settings
 
 DURATION = 16.0
+ASKED = "closest point of a mesh of 500,000 triangles, random places"
 TARGET_US = 30.0  # p99
 TRIANGLES = 500_000
 RADIUS = 0.05  # m, of the ball
@@ -63,7 +64,8 @@ def run(duration: float, rate: float) -> Result:
     found = {one.label: one for one in alternate(duration, rate, contestants)}
     figures: list[Figure] = []
     for words in TASKS.values():
-        figures.append(at(found[f"{words}, ours"], "p99", TARGET_US))
+        is_shown = words == TASKS["random"]
+        figures.append(at(found[f"{words}, ours"], "p99", TARGET_US, is_shown))
         if (theirs := f"{words}, libigl") in found:
             figures += _against(words, found, answers[f"{words}, ours"], answers[theirs])
     return list(found.values()), figures
@@ -72,7 +74,8 @@ def run(duration: float, rate: float) -> Result:
 def _against(
     words: str, found: dict[str, Measured], ours: list[float], theirs: list[float]
 ) -> Iterator[Figure]:
-    yield compare(found[f"{words}, ours"], found[f"{words}, libigl"], "p50", 1.0)
+    shown = "libigl (p50)" if words == TASKS["random"] else ""
+    yield compare(found[f"{words}, ours"], found[f"{words}, libigl"], "p50", 1.0, shown)
     differences = [
         0.0 if math.isnan(a) and math.isnan(b) else abs(a - b) if a == a and b == b else math.inf
         for a, b in zip(ours, theirs, strict=True)

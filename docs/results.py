@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 
-from forcebound.results.cells import Unit
 from forcebound.results.figures import FIGURES
 
 _HEAD = """# Results of a run
@@ -367,7 +366,7 @@ def results_page() -> str:
 
 def _rows() -> Iterator[str]:
     for figure in FIGURES:
-        unit = figure.shown.name if isinstance(figure.shown, Unit) else ""
+        unit = figure.unit.unit if figure.label and figure.cell is None else ""
         label = f"{figure.label}, {unit}" if unit else figure.label
         needs = figure.needs.of_run.replace("force", "").strip().replace(" ", ", ")
         yield f"| {label} | `{figure.key}` | {needs} | {MEANINGS[figure.key]} |"

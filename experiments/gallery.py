@@ -1,7 +1,7 @@
 """Pictures of docs/gallery.md, by the commands that stand below them.
 
-Usage: ``python -m experiments.gallery [NAME]...``, such as ``wall stability_map``; without a name
-all of them, in ten minutes. The picture of the live page is one of ``experiments.live_pictures``.
+Without a name all of them, in ten minutes. The picture of the live page is one of
+``live_pictures``.
 """
 
 import os
@@ -48,7 +48,3 @@ def store(made: Path, picture: Path) -> None:
     image = Image.open(made).convert("RGB")
     image.thumbnail((LARGEST, 10 * LARGEST))
     image.quantize(COLOURS, dither=Image.Dither.NONE).save(picture, optimize=True)
-
-
-if __name__ == "__main__":
-    main()

@@ -48,11 +48,11 @@ class Altered(Device):
         self._device.close()
 
     def seen(self, reading: Vector) -> Vector:
-        """Return what a reading becomes."""
+        """Return the changed reading."""
         return reading
 
     def acting(self, force: Vector) -> Vector:
-        """Return what a force becomes."""
+        """Return the changed force."""
         return force
 
 

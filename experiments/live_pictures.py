@@ -1,4 +1,4 @@
-"""Pictures of the live page, for README and docs: ``python -m experiments.live_pictures [FOLDER]``.
+"""Pictures of the live page, for README and docs.
 
 Debian's Chromium shows a graph that runs; somebody drags its hand, breaks it and makes it safe. The
 numbers in a picture are those of this machine: take it idle. The moving picture shows the same.
@@ -20,7 +20,7 @@ from typing import Any
 import click
 from PIL import Image
 
-from benchmarks.onlookers import END_TIMEOUT_S, Graph, graph, page
+from benchmarks.observers import END_TIMEOUT_S, Graph, graph, page
 
 STEPS = 30  # moves of a drag
 PHONE = {"width": 390, "height": 844, "deviceScaleFactor": 1.5, "mobile": True}
@@ -196,7 +196,3 @@ def save(driver: Any, picture: Path) -> None:
     """Write what the browser shows."""
     driver.save_screenshot(str(picture))
     click.echo(f"wrote {picture}")
-
-
-if __name__ == "__main__":
-    main()

@@ -1,17 +1,15 @@
 """The rabbit of `touch_mesh`: a mesh with thin ears, a dent in its back, fur, and a plinth's edges.
 
-Usage: python experiments/rabbit.py [--out launch/rabbit.ply] [--picture docs/rabbit.png]
-
 Ellipsoids that melt into each other are cut into triangles by surface nets (S. F. F. Gibson,
 Constrained elastic surface nets, MERL TR99-24, 1999): a vertex in each cell of a grid that the
 surface passes, at the mean of where it crosses the cell's edges; a face for each crossed edge of
 the grid. The plinth is a box of its own, with true edges. Units: m; z is up, x forward.
 """
 
-import argparse
 from pathlib import Path
 from typing import Any, TypeAlias
 
+import click
 import numpy as np
 import trimesh
 
@@ -127,23 +125,18 @@ def draw(picture: Path) -> None:
     figure.savefig(picture, dpi=90, bbox_inches="tight")
 
 
-def main() -> None:
-    """Write the mesh."""
-    parser = argparse.ArgumentParser(description="Make the rabbit of touch_mesh.")
-    parser.add_argument("--out", type=Path, default=RABBIT)
-    parser.add_argument("--picture", type=Path)
-    arguments = parser.parse_args()
+@click.command()
+@click.option("--out", default=RABBIT, type=click.Path(path_type=Path), help="The mesh.")
+@click.option("--picture", type=click.Path(path_type=Path), help="Draw it, too.")
+def main(out: Path, picture: Path | None) -> None:
+    """Make the rabbit of touch_mesh."""
     axes = [np.arange(low, high, CELL) for low, high in zip(LOW, HIGH, strict=True)]
     vertices, faces = surface_net(rabbit(*np.meshgrid(*axes, indexing="ij")))
     animal = trimesh.Trimesh(CELL * vertices + LOW, faces, process=False)
     plinth = trimesh.creation.box(bounds=PLINTH)
     mesh: Any = trimesh.util.concatenate([animal, plinth])
     mesh.apply_scale(0.001)
-    arguments.out.write_bytes(mesh.export(file_type="ply"))
-    print(f"{arguments.out}: {len(mesh.faces)} triangles")
-    if arguments.picture is not None:
-        draw(arguments.picture)
-
-
-if __name__ == "__main__":
-    main()
+    out.write_bytes(mesh.export(file_type="ply"))
+    click.echo(f"{out}: {len(mesh.faces)} triangles")
+    if picture is not None:
+        draw(picture)

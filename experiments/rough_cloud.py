@@ -1,7 +1,5 @@
 """What a hand feels of a cloud of points.
 
-Usage: python experiments/rough_cloud.py
-
 The points are on a sphere of 30 mm, evenly or at random, and have the radius that they get where
 nothing is said. The hand presses straight on it at 60 places, until it is 10 mm below the points.
 The force must be along the radius; where it is less than half of what 10 mm give, the hand has
@@ -10,19 +8,23 @@ fallen through a hole.
 
 import math
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TypeAlias
 
+import click
 import numpy as np
 
 from forcebound.haptics.environments.solids_of_files import PointCloud
 from forcebound.haptics.geometry.points import neighbourhoods
+from forcebound.lab.views import table
 
 RADIUS = 0.03  # m
 STILL = (0.0, 0.0, 0.0)
 COUNTS, PRESSES = (3_000, 10_000, 30_000), 60
 DEEPEST, FROM, STEP = 0.010, -0.015, 0.0002  # m below the points
 STIFFNESS = 1000.0  # N/m
+HEADS = ("points", "radius, mm", "falls through", "off the radius, p50, deg", "p99, deg")
 
 Points: TypeAlias = "np.ndarray[tuple[int, ...], np.dtype[np.float64]]"
 
@@ -57,10 +59,8 @@ def pressed(model: PointCloud) -> tuple[int, list[float]]:
     return fallen, angles
 
 
-def show_presses(folder: Path) -> None:
-    """Print what a hand feels that presses."""
-    print("| points | radius, mm | falls through | off the radius, p50, deg | p99, deg |")
-    print("|---|---|---|---|---|")
+def presses(folder: Path) -> Iterator[tuple[str, ...]]:
+    """Yield the row of each cloud, under ``HEADS``."""
     for name, spread in (("even", evenly), ("random", at_random)):
         for count in COUNTS:
             file = folder / f"{name}{count}.npy"
@@ -69,15 +69,13 @@ def show_presses(folder: Path) -> None:
             fallen, angles = pressed(model)
             p50, p99 = np.percentile(angles, (50, 99))
             radius = np.median(neighbourhoods(model.content().points)[:, -1])
-            words = f"{1e3 * radius:.2f} | {fallen} of {PRESSES} | {p50:.1f} | {p99:.1f}"
-            print(f"| {count:,}, {name} | {words} |", flush=True)
+            fell = f"{fallen} of {PRESSES}"
+            yield f"{count:,}, {name}", f"{1e3 * radius:.2f}", fell, f"{p50:.1f}", f"{p99:.1f}"
 
 
+@click.command()
 def main() -> None:
-    """Print a table."""
+    """Print what a hand feels that presses on clouds of points."""
     with tempfile.TemporaryDirectory() as folder:
-        show_presses(Path(folder))
-
-
-if __name__ == "__main__":
-    main()
+        for line in table(HEADS, presses(Path(folder))):
+            click.echo(line)

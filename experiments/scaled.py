@@ -1,17 +1,15 @@
 """What the scaled controller is good for: a reach of 0.4 m with a device of 0.1 m.
 
-Usage: python experiments/scaled.py docs/scaled.png
-
 A hand moves as it can within the device's workspace; the figure has its way and that of the point
 in the environment, for each of the three ways to reach farther than the device. No physics: the
 hand is a path.
 """
 
-import argparse
 import math
 from collections.abc import Callable
 from pathlib import Path
 
+import click
 from matplotlib.figure import Figure
 
 from forcebound.haptics.controllers.scaled import Scaled
@@ -47,11 +45,10 @@ CASES: dict[str, tuple[Scaled, Callable[[float], tuple[float, int]]]] = {
 }
 
 
-def main() -> None:
-    """Draw the figure."""
-    parser = argparse.ArgumentParser(description="A reach of 0.4 m with a device of 0.1 m.")
-    parser.add_argument("picture", type=Path)
-    options = parser.parse_args()
+@click.command()
+@click.option("--out", default="docs/scaled.png", type=click.Path(path_type=Path))
+def main(out: Path) -> None:
+    """Draw a reach of 0.4 m with a device of 0.1 m."""
     figure = Figure(figsize=(11.0, 3.6), layout="constrained")
     panels = figure.subplots(1, len(CASES), sharey=True)
     for panel, (title, (model, hand)) in zip(panels, CASES.items(), strict=True):
@@ -71,8 +68,4 @@ def main() -> None:
         panel.grid(alpha=0.3)
     panels[0].set_ylabel("position (mm)")
     panels[0].legend()
-    figure.savefig(options.picture, dpi=110)
-
-
-if __name__ == "__main__":
-    main()
+    figure.savefig(out, dpi=110)

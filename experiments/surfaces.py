@@ -1,13 +1,10 @@
 """What the worlds with a surface do, in one figure: `docs/surfaces.png`.
 
-Usage: python experiments/surfaces.py [--out docs/surfaces.png]
-
 The proxy on a solid of shapes, on distances on a grid and on a cloud of points, each in a slice;
 and the force over the way for friction, stick-slip, a relief and a magnet. Worlds are asked as the
 environment node asks them, along ways that are drawn here.
 """
 
-import argparse
 import itertools
 import math
 import tempfile
@@ -15,6 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import click
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -117,11 +115,10 @@ def draw_magnet(axes: Axes) -> None:
     axes.legend(fontsize="small")
 
 
-def main() -> None:
-    """Draw the figure."""
-    parser = argparse.ArgumentParser(description="Draw what worlds with a surface do.")
-    parser.add_argument("--out", type=Path, default=Path("docs/surfaces.png"))
-    arguments = parser.parse_args()
+@click.command()
+@click.option("--out", default="docs/surfaces.png", type=click.Path(path_type=Path))
+def main(out: Path) -> None:
+    """Draw what the worlds with a surface do."""
     figure = Figure(figsize=(13.0, 8.0), dpi=90, layout="constrained")
     (shapes, grid, cloud), (friction, relief, magnet) = figure.subplots(2, 3)
     corners = [(-0.02, 0.05), (0.006, 0.05), (0.006, 0.034), (-0.009, 0.024), (-0.009, 0.012)]
@@ -139,8 +136,4 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         draw_relief(relief, Path(folder))
     draw_magnet(magnet)
-    figure.savefig(arguments.out)
-
-
-if __name__ == "__main__":
-    main()
+    figure.savefig(out)

@@ -1,8 +1,5 @@
 """Two hands, measured: a box between them; the transparency of leader and follower.
 
-Usage: python -m experiments.two_hands transparency [--out docs/transparency_two_hands.png]
-       python -m experiments.two_hands box [--out docs/gallery/two_hands.png]
-
 *Box*: ``two_hands`` behind 10 ms each way, without a law and with one. *Transparency*: in
 ``leader_follower`` and ``leader_follower_transfer`` a shaker in place of the leader's hand moves it
 from 1 to 30 Hz, the follower holds a spring of 1 N/mm and a damper of 2 N s/m, and the force of the
@@ -10,23 +7,21 @@ leader's motor over its displacement is the dynamic stiffness that is felt, with
 are in virtual time: the same command gives the same figures.
 """
 
-import argparse
-import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import click
 import numpy as np
 from matplotlib.figure import Figure
 
 from forcebound.graph.graph import GraphConfig
 from forcebound.graph.loader import load
 from forcebound.haptics.hands.hands import ChirpHand, PressingHand
-from forcebound.lab.views import table
-from forcebound.lab.workers import completed, local_executor
+from forcebound.lab.engine import Campaign, Row, run_here
+from forcebound.lab.views import groups, table
 from forcebound.results.spectrum import displayed_impedance
-from forcebound.run.progress import progress_bar
 from forcebound.run.virtual import run_virtual_hands
 
 PLAIN, TRANSFER = "leader_follower", "leader_follower_transfer"
@@ -39,6 +34,7 @@ DELAYS = (0, 1, 2, 5, 10)  # ms, each way
 AMPLITUDE = 0.003  # m, of the shaker
 HELD = PressingHand(mass=0.0, stiffness=1000.0, damping=2.0, start=0.0, end=0.0)  # by the follower
 SHOWN = (2.0, 5.0, 10.0, 20.0)  # Hz, in the table
+FELT = ("frequency", "stiffness", "phase")  # columns of a row of the campaign
 HIGHEST, SWEEP_TIME = 30.0, 12.0  # Hz, s
 SHAKES = 2.0  # s, of the box's run
 
@@ -55,8 +51,12 @@ class Task(NamedTuple):
         return load(file, [f"law:={law}", f"delay:={self.delay} ms"])
 
 
-def shake(task: Task) -> tuple[Any, Any]:
-    """Return frequencies, in Hz, and the complex dynamic stiffness felt there, in N/m."""
+def shake(tasks: Sequence[Task]) -> list[Row]:
+    """Return of each task the frequencies, in Hz, with the dynamic stiffness felt, in N/m, deg."""
+    return [task._asdict() | dict(zip(FELT, _felt(task), strict=True)) for task in tasks]
+
+
+def _felt(task: Task) -> tuple[list[float], ...]:
     config = task.config()
     shaker = ChirpHand(centre=0.0, amplitude=AMPLITUDE, highest=HIGHEST, sweep_time=SWEEP_TIME)
     leader = replace(config.hands["leader"], operator=shaker)
@@ -65,23 +65,10 @@ def shake(task: Task) -> tuple[Any, Any]:
     run = run_virtual_hands(config, SWEEP_TIME)["leader"].columns
     felt = displayed_impedance(run.applied_force[:, 0], run.true_position[:, 0], 1000.0)
     if felt is None:
-        return np.array([]), np.array([])
-    return felt.frequency, felt.stiffness + 2j * np.pi * felt.frequency * felt.damping
-
-
-def do_all(work: Any, tasks: Sequence[Task], workers: int | None) -> dict[Task, Any]:
-    """Return the result of each task."""
-    found: dict[Task, Any] = {}
-    with local_executor(workers) as executor, progress_bar("runs") as show:
-        for index, result in completed(executor, work, tasks):
-            found[tasks[index]] = result
-            show(len(found), len(tasks))
-    return {task: found[task] for task in tasks}
-
-
-def show(lines: Iterable[str]) -> None:
-    """Print lines."""
-    sys.stdout.write("\n".join(lines) + "\n")
+        return [], [], []
+    complete = felt.stiffness + 2j * np.pi * felt.frequency * felt.damping
+    values = np.array([felt.frequency, abs(complete), np.angle(complete, deg=True)])
+    return tuple(values[:, felt.frequency <= HIGHEST].tolist())
 
 
 def ideal(frequency: Any) -> Any:
@@ -95,18 +82,17 @@ def ideal(frequency: Any) -> Any:
 def transparency(workers: int | None) -> Figure:
     """Draw and print the stiffness that is felt by frequency, over delay, for each law."""
     tasks = [Task(label, delay) for label in LAWS for delay in DELAYS]
-    found = do_all(shake, tasks, workers)
+    rows = run_here(Campaign("transparency", tasks, shake, part=1), workers).rows
     figure = Figure(figsize=(11.0, 5.6), layout="constrained")
     panels = figure.subplots(2, len(LAWS), sharex=True, sharey="row")
-    hz = np.geomspace(1.0, HIGHEST, 100)
+    line = np.geomspace(1.0, HIGHEST, 100)
     for (upper, lower), label in zip(panels.T, LAWS, strict=True):
-        for delay in DELAYS:
-            frequency, felt = found[Task(label, delay)]
-            frequency, felt = (one[frequency <= HIGHEST] for one in (frequency, felt))
-            upper.loglog(frequency, abs(felt) * 1e-3, marker=".", label=f"{delay} ms")
-            lower.semilogx(frequency, np.angle(felt, deg=True), marker=".")
-        upper.loglog(hz, abs(ideal(hz)) * 1e-3, "k:", label="linear, no delay")
-        lower.semilogx(hz, np.angle(ideal(hz), deg=True), "k:")
+        for row in groups(rows, "label")[label,]:
+            hz, stiffness, phase = np.array([row[name] for name in FELT])
+            upper.loglog(hz, stiffness * 1e-3, marker=".", label=f"{row['delay']} ms")
+            lower.semilogx(hz, phase, marker=".")
+        upper.loglog(line, abs(ideal(line)) * 1e-3, "k:", label="linear, no delay")
+        lower.semilogx(line, np.angle(ideal(line), deg=True), "k:")
         lower.axhspan(-180.0, 0.0, color="tab:red", alpha=0.08)
         upper.set(title=label)
         upper.set_yticks((0.2, 0.5, 1.0))
@@ -121,18 +107,24 @@ def transparency(workers: int | None) -> Figure:
     panels[1, 0].set_ylabel("its phase (degrees)")
     handles, labels = panels[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, title="delay, each way", loc="outside right center")
-    rows = []
-    for task, (frequency, felt) in found.items():
-        near = [int(np.argmin(abs(frequency - at))) for at in SHOWN] if len(frequency) else []
-        cells = [
-            f"{abs(felt[i]) * 1e-3:.2f}, {np.angle(felt[i], deg=True):.0f}°"
-            if abs(frequency[i] - at) < 0.1 * at
-            else "–"
-            for i, at in zip(near, SHOWN, strict=True)
-        ]
-        rows.append((task.label, f"{task.delay} ms", *(cells or ["–"] * len(SHOWN))))
-    show(table(("law", "delay", *(f"{at:g} Hz" for at in SHOWN)), rows))
+    heads = ("law", "delay", *(f"{at:g} Hz" for at in SHOWN))
+    cells = [
+        (row["label"], f"{row['delay']} ms", *(_near(row, at) for at in SHOWN)) for row in rows
+    ]
+    click.echo("\n".join(table(heads, cells)))
     return figure
+
+
+def _near(row: Row, at: float) -> str:
+    """Return the stiffness, in N/mm, and its phase at the frequency nearest to one in Hz."""
+    felt = min(
+        zip(*(row[name] for name in FELT), strict=True),
+        key=lambda one: abs(one[0] - at),
+        default=None,
+    )
+    if felt is None or abs(felt[0] - at) >= 0.1 * at:
+        return "–"
+    return f"{felt[1] * 1e-3:.2f}, {felt[2]:.0f}°"
 
 
 def box(_: int | None) -> Figure:
@@ -163,19 +155,14 @@ FIGURES = {  # with the picture of each
 }
 
 
-def main() -> None:
-    """Make one of the figures."""
-    parser = argparse.ArgumentParser(description="Leader and follower, measured.")
-    parser.add_argument("figure", choices=FIGURES)
-    parser.add_argument("--out", type=Path, help="default: the picture in docs/")
-    parser.add_argument("--workers", type=int, help="processes; default: one per core")
-    options = parser.parse_args()
-    draw, picture = FIGURES[options.figure]
-    out = options.out or Path(picture)
+@click.command()
+@click.argument("figure", type=click.Choice(list(FIGURES)))
+@click.option("--out", type=click.Path(path_type=Path), help="Default: the picture in docs/.")
+@click.option("--workers", type=int, help="Processes; default: one per core.")
+def main(figure: str, out: Path | None, workers: int | None) -> None:
+    """Draw leader and follower, or a box between two hands."""
+    draw, picture = FIGURES[figure]
+    out = out or Path(picture)
     if not out.parent.is_dir():
-        parser.error(f"there is no folder {out.parent}: run it in the clone, or give --out")
-    draw(options.workers).savefig(out, dpi=100)
-
-
-if __name__ == "__main__":
-    main()
+        raise click.UsageError(f"no folder {out.parent}: run it in the clone, or give --out")
+    draw(workers).savefig(out, dpi=100)

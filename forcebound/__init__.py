@@ -29,8 +29,9 @@ if TYPE_CHECKING:
     from forcebound.interface.laws import bound
     from forcebound.interface.live import Running, launch
     from forcebound.interface.runs import Run, plot, read, simulate
-    from forcebound.lab.sweeps import Runs, linspace, sweep
+    from forcebound.lab.sweeps import Runs, geomspace, linspace, sweep
     from forcebound.network.impairment import Impairment as Link
+    from forcebound.results.samples import Samples
 
     # Each class has keys of its kind.
     controllers: Table[type[Any]]
@@ -48,6 +49,7 @@ __all__ = [
     "Run",
     "Running",
     "Runs",
+    "Samples",
     "Servo",
     "World",
     "bound",
@@ -55,6 +57,7 @@ __all__ = [
     "devices",
     "environments",
     "errors",
+    "geomspace",
     "launch",
     "laws",
     "linspace",
@@ -81,6 +84,7 @@ _PLACES = {
     "World": "graph.graph:EnvironmentConfig",
     "Servo": "graph.servo:ServoSettings",
     "Link": "network.impairment:Impairment",
+    "Samples": "results.samples",
     "Running": "interface.live",
     "launch": "interface.live",
     "Run": "interface.runs",
@@ -88,6 +92,7 @@ _PLACES = {
     "read": "interface.runs",
     "simulate": "interface.runs",
     "Runs": "lab.sweeps",
+    "geomspace": "lab.sweeps",
     "linspace": "lab.sweeps",
     "sweep": "lab.sweeps",
 }

@@ -7,6 +7,7 @@ import math
 import re
 from decimal import Decimal
 from functools import cache
+from typing import NamedTuple
 
 from forcebound.errors import ConfigError
 
@@ -64,13 +65,66 @@ def in_unit(value: float, unit: str, digits: int = 15) -> str:
     return f"{text} {unit}".rstrip()
 
 
-def energy_in_words(joules: float) -> str:
-    """Return an energy with three digits: ``13.9 J``, ``194 mJ``, ``0.4 uJ``."""
-    name, factor = next(
-        ((name, factor) for name, factor in (("J", 1.0), ("mJ", 1e3)) if joules * factor >= 0.9995),
-        ("uJ", 1e6),
-    )
-    return f"{joules * factor:.3g} {name}"
+class Everyday(NamedTuple):
+    """A quantity as people read it: in an everyday unit, with some digits after the point."""
+
+    si: str  # its SI unit; "" for a count or a share
+    unit: str  # everyday
+    digits: int = 2
+
+    @property
+    def factor(self) -> float:
+        """How many everyday units one SI unit has."""
+        return 1.0 if self.si == self.unit else float(_unit(self.si)[0] / _unit(self.unit)[0])
+
+    @property
+    def suffix(self) -> str:
+        """End of the key of a value in SI: ``_n_per_m``; "" for a count or a share."""
+        return f"_{self.si.lower()}".replace("/", "_per_").replace(" ", "_") if self.si else ""
+
+    def show(self, value: float | None) -> str:
+        """Return a value in SI as text; a dash for None."""
+        if value is None:
+            return UNDEFINED
+        # Adding zero turns a rounded -0.0 into 0.0: "-0.00 mJ" would read as a leak.
+        number = round(value * self.factor, self.digits) + 0.0
+        return f"{number:.{self.digits}f} {self.unit}".rstrip()
+
+    def label(self, words: str) -> str:
+        """Return the label of an axis: ``peak force (N)``."""
+        if words.endswith(")"):
+            return f"{words[:-1]}, {self.unit})"
+        return f"{words} ({self.unit})" if self.unit else words
+
+
+UNDEFINED = "–"
+NUMBER, HZ, DB = (Everyday(unit, unit, 0) for unit in ("", "Hz", "dB"))
+S, N, W = (Everyday(unit, unit) for unit in ("s", "N", "W"))
+MM, MM_S, MJ = Everyday("m", "mm"), Everyday("m/s", "mm/s"), Everyday("J", "mJ")
+MS, N_MM = Everyday("s", "ms", 0), Everyday("N/m", "N/mm")
+PERCENT, WHOLE = Everyday("", "%", 1), Everyday("", "%", 0)
+
+#: By SI unit, what people use for small values; of the stiffness for large ones.
+EVERYDAY = {each.si: each for each in (MM, MM_S, MJ, MS, N_MM)}
+
+NO_ENERGY = 1e-9  # J; less is a rounding error
+
+
+def energy_in_words(joules: float | None) -> str:
+    """Return an energy with three digits: ``13.9 J``, ``194 mJ``, ``-0.4 uJ``; a dash for None.
+
+    A rounding error is 0.
+    """
+    if joules is None:
+        return UNDEFINED
+    size = abs(joules)
+    if size < NO_ENERGY:
+        return "0"
+    if size >= 999.5:
+        return f"{joules:,.0f} J"
+    units = (("J", 1.0), ("mJ", 1e3))
+    unit, factor = next((one for one in units if size * one[1] >= 0.9995), ("uJ", 1e6))
+    return f"{joules * factor:.3g} {unit}"
 
 
 @cache

@@ -185,8 +185,7 @@ class BoundedDevice:
                 bounded = shorten(bounded, math.hypot(*bounded), bounder.limit)
         applied = device.write(time_ns, bounded)
         write_ns = time_ns if self._clock is None else self._clock()
-        stamps = self._stamps()
-        if stamps is not None:
+        if (stamps := self._stamps()) is not None:
             write_ns = stamps[1]
         write_ns += self._ahead_ns
         bounder.settle(applied, write_ns)

@@ -195,14 +195,8 @@ def test_check_and_show_args_start_nothing() -> None:
         (("simulate", "stiff_wall", "--record", "/proc/run.mcap"), "cannot write the recording"),
         (("bridge", "rviz"), "unknown command 'rviz'; known: foxglove, plotjuggler"),
         (("lunch",), "unknown command 'lunch'; did you mean 'launch'?"),
-        (("reproduce", "fig99"), "fig99"),
-        (("audit", "--law", "certifed"), "certifed"),
-        (("audit", "--output", "/nowhere/audit.md"), "no folder /nowhere"),
-        (("audit", "--output", "README"), "must end in .md"),
         (("sweep", "z_width", "-o", f"{__file__}/map.parquet"), "Not a directory"),
         (("check", "environment", "no.py"), "forcebound: environment: "),
-        (("audit", "replay", "none", "9" * 30), "a seed must be at most"),
-        (("audit", "replay", "none", "1", "--output", "run.txt"), "must end in .png or .svg"),
         (("sweep", "stability_map", "delay:=3 N"), "which is a force"),
     ],
 )
@@ -243,15 +237,6 @@ def test_a_map_of_a_figure_that_is_none_is_refused_before_the_sweep(tmp_path: Pa
     assert [one.name for one in tmp_path.iterdir()] == ["sweep.yaml"]
 
 
-def test_an_audit_without_its_package_is_refused_before_the_random_runs(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setitem(sys.modules, "cma", None)
-    result = invoke("audit", "--runs", "1000000", "--search", "10", "--law", "certified")
-    assert result.exit_code == 2
-    assert "pip install forcebound-proofs" in result.stderr
-
-
 def test_a_table_that_is_wider_than_the_terminal_keeps_its_numbers_whole(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -263,11 +248,11 @@ def test_a_table_that_is_wider_than_the_terminal_keeps_its_numbers_whole(
 
 
 def test_a_picture_that_cannot_be_written_is_refused_before_the_work(tmp_path: Path) -> None:
-    for words in (("audit", "replay", "certified", "3"), ("plot", str(tmp_path / "none.mcap"))):
-        result = invoke(*words, "-o", str(tmp_path / "none" / "run.png"))
-        assert result.exit_code == 2
-        assert "cannot write the picture" in result.stderr
-        assert not result.stdout
+    picture = str(tmp_path / "none" / "run.png")
+    result = invoke("plot", str(tmp_path / "none.mcap"), "-o", picture)
+    assert result.exit_code == 2
+    assert "cannot write the picture" in result.stderr
+    assert not result.stdout
 
 
 def test_a_reader_that_goes_away_is_no_damaged_recording(tmp_path: Path) -> None:

@@ -372,6 +372,18 @@ def test_the_doctor_names_why_there_is_little_force_and_the_setting_that_gives_m
     assert "device.hold_limit: auto" in finding.advice
 
 
+def test_a_hand_that_received_energy_is_a_problem_in_the_words_of_the_verdict() -> None:
+    config = graph("law:=none", "delay:=5 ms")
+    result = run_virtual(config, 2.0)
+    findings = examine(replace(healthy(config), telemetry=result.columns))
+    (first,) = (one for one in findings if one.kind == "not_passive")
+    assert first.severity == "problem"
+    assert f"{first.seen}." == result.summary["verdict"][0]
+    passive = graph("law:=certified", "delay:=5 ms")
+    seen = replace(healthy(passive), telemetry=run_virtual(passive, 2.0).columns)
+    assert "not_passive" not in kinds(examine(seen))
+
+
 def test_problems_come_first() -> None:
     config = graph("law:=none")
     findings = examine(healthy(config, recorder=process("telemetry", recording="stopped: x")))

@@ -10,7 +10,16 @@ from launch_texts import written
 from slow_bus import run_slow
 
 from forcebound.graph.loader import load
-from forcebound.results.energy import Holds, Observed, largest_fall, observe, since_contact
+from forcebound.results.energy import (
+    BESIDE,
+    Holds,
+    MotorAccount,
+    Observed,
+    largest_fall,
+    observe,
+    since_contact,
+)
+from forcebound.results.samples import Samples
 from forcebound.results.surface import Floats
 from forcebound.run.virtual import run_virtual
 
@@ -126,6 +135,25 @@ def test_the_error_is_that_of_readings_where_the_force_changes() -> None:
     moving = held(TIME, force, 0.1 * TIME[:, np.newaxis], late=1e-3)
     assert moving is not None
     assert moving.error == pytest.approx(0.1 * 1e-3 * 1.0)  # later the motor has taken more
+
+
+def part(holds: Holds, start: int, end: int) -> Holds:
+    names = ("read", "write", "end", "force", "reading", "late")
+    return holds._replace(**{name: getattr(holds, name)[start:end] for name in names})
+
+
+@pytest.mark.parametrize("law", ["none", "certified"])
+def test_the_account_that_goes_on_is_that_of_the_whole_run(law: str) -> None:
+    result = run_virtual(load("stiff_wall", [f"law:={law}", "delay:=5 ms"]), 2.0)
+    holds = Samples(result.columns, result.document).holds
+    account, start = MotorAccount(), 0
+    for end in (300, 301, 950, holds.read.size):
+        account.take(part(holds, start, end))
+        start = max(end - 2 * BESIDE - 1, 0)
+    whole = observe(part(holds, 0, holds.read.size - BESIDE))
+    assert whole is not None
+    assert account.energy_min == pytest.approx(whole.energy_min, rel=1e-6, abs=1e-9)
+    assert account.error == pytest.approx(whole.error, rel=0.01, abs=1e-9)
 
 
 @pytest.mark.parametrize(

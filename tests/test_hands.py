@@ -20,7 +20,7 @@ from forcebound.graph.model import restore
 from forcebound.graph.parameters import change, node_of, parameters
 from forcebound.graph.resolved import run_document, to_document
 from forcebound.lab.sweep.plan import load_sweep
-from forcebound.lab.sweep.runner import run_cases
+from forcebound.lab.sweep.runner import run_case
 from forcebound.messages.control import ResumeDevice
 from forcebound.messages.topology import Graph, flat
 from forcebound.observe.doctor import examine
@@ -239,7 +239,7 @@ def test_the_loop_delay_is_that_of_a_hand(recording: Path) -> None:
 def test_the_row_of_a_sweep_has_figures_of_each_hand(file: Path) -> None:
     sweep = "forcebound: 1\nlaunch: two.yaml\nduration: 500 ms\nover: {wall: [1 N/mm, 20 N/mm]}\n"
     plan = load_sweep(written(file.parent, sweep, "sweep.yaml"))
-    soft, hard = run_cases(plan, list(enumerate(plan.cases)))
+    soft, hard = (run_case(plan, number, case) for number, case in enumerate(plan.cases))
     assert soft["error"] is None
     assert (soft["environment.stiffness"], hard["environment.stiffness"]) == (1e3, 2e4)
     for hand in ("left", "right"):

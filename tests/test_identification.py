@@ -2,7 +2,6 @@
 
 import dataclasses
 import math
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -20,7 +19,6 @@ from forcebound.lab.identification.estimators import Bounded, Point
 from forcebound.lab.identification.procedure import Found, Plan, identify
 from forcebound.lab.identification.rig import VirtualClock
 from forcebound.messages.packets import Vector
-from forcebound_proofs.identification_bounds import evaluate, is_reached, judge
 
 SHORT = dataclasses.replace(KNOB, levels=(0.4, 1.0), pushes=2, strokes=4)
 
@@ -54,16 +52,6 @@ def found_of(model: DeviceModel, plan: Plan, altered: type[Altered] | None = Non
 
 
 @pytest.mark.no_cover  # too many samples, as those below
-@pytest.mark.parametrize(
-    "seeds", [(2, 4), pytest.param(range(1, 101), marks=pytest.mark.slow)], ids=["two", "many"]
-)
-def test_bounds_hold_and_are_narrow(seeds: Sequence[int]) -> None:
-    document = evaluate([judge(seed) for seed in seeds])
-    assert not document["failed"]
-    assert is_reached(document), document["numbers"]
-
-
-@pytest.mark.no_cover
 def test_less_friction_in_a_corner_is_found_out() -> None:
     middle = FiveBar().angles((0.0, 0.0))
     assert middle is not None

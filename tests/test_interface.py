@@ -326,3 +326,27 @@ def test_a_recording_that_lacks_its_end_says_so() -> None:
     early = result.columns.slice(result.columns.time < 1.0)
     assert replace(result, columns=early).summary["faults"]["recording_incomplete"] == 1
     assert "recording_incomplete" not in result.summary["faults"]
+
+
+def test_the_samples_of_a_run_have_its_contacts() -> None:
+    run = fb.simulate("stiff_wall", law="none", delay="5 ms", duration="2 s")
+    samples, figures = run.samples, run.figures
+    inside = run.telemetry["position"][run.telemetry["engagement"] > 0.0, 0] > 0.010
+    assert samples.entries == np.count_nonzero(np.diff(inside.astype(int)) > 0) > 1
+    assert samples.first_contact == np.argmax(inside)
+    assert float(samples.bounces) == float(figures.contact_bounces)
+    assert samples.depth[samples.contact].max() == figures.peak_penetration
+    assert samples.displayed_stiffness == figures.displayed_stiffness
+    speed = np.diff(run.telemetry["true_position"][:, 0]).max() * samples.rate
+    assert 0.0 < (samples.contact_speed or 0.0) <= speed
+    assert samples.resting_depth is None  # it moves
+
+
+def test_the_stiffness_of_means_and_the_mean_of_stiffnesses_differ_in_a_moving_hand() -> None:
+    moving = fb.simulate("palpation", law="more_conservative", duration="2 s").samples
+    assert moving.mean_stiffness != pytest.approx(moving.displayed_stiffness, rel=1e-3)
+    force, depth = moving.normal_force[moving.contact], moving.depth[moving.contact]
+    assert moving.mean_stiffness == pytest.approx(force.mean() / depth.mean())
+    resting = fb.simulate("stiff_wall", duration="3 s").samples
+    assert resting.is_at_rest
+    assert resting.resting_depth == pytest.approx(resting.depth[-1], rel=0.05)

@@ -2,20 +2,25 @@
 
 import linecache
 import sys
+import threading
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import numpy as np
 import pytest
 
 from forcebound.errors import ConfigError
 from forcebound.lab.cases import grid
+from forcebound.lab.digest import digest_of, sources
 from forcebound.lab.engine import Campaign, Row, run
 from forcebound.lab.table import read_about, read_table
-from forcebound.lab.views import energy, groups, least, share, table, verdict
+from forcebound.lab.views import groups, table
+from forcebound.lab.workers import local_executor
+from forcebound.units import energy_in_words as energy
 
 
 def squares(cases: Sequence[int]) -> list[Row]:
@@ -24,6 +29,10 @@ def squares(cases: Sequence[int]) -> list[Row]:
 
 def twice(cases: Sequence[int]) -> list[Row]:
     return [{"x": x, "square": 2.0 * x, "is_even": x % 2 == 0} for x in cases]
+
+
+def powers(exponent: int, cases: Sequence[int]) -> list[Row]:
+    return [{"power": x**exponent} for x in cases]
 
 
 class Weighed(NamedTuple):
@@ -124,12 +133,145 @@ def test_a_changed_script_is_another_campaign(
 def test_rows_are_grouped_counted_and_shown() -> None:
     rows = squares(range(5))
     assert groups(rows, "is_even") == {(True,): rows[::2], (False,): rows[1::2]}
-    assert least(rows, "square") is rows[0]
-    assert share(rows, "is_even") == 0.6
     assert list(table(("x", "y"), [(1, "2")])) == ["| x | y |", "|---|---|", "| 1 | 2 |"]
     assert grid(a=[1, 2], b="xy")[1] == {"a": 1, "b": "y"}
     shown = [energy(one) for one in (None, 1e-12, -2e-3, 1.5, -1234.0)]
     assert shown == ["–", "0", "-2 mJ", "1.5 J", "-1,234 J"]
-    assert verdict(-1e-6) == "BROKEN"
-    assert verdict(-1e-12) == "passive"
-    assert verdict(-1.0, is_certified=False) == "leaks"
+
+
+class Plain:
+    """A case of a class without a repr: as text it would have its address."""
+
+    def __init__(self, x: object) -> None:
+        self.x = x
+
+
+@dataclass(frozen=True)
+class Fields:
+    x: object
+
+
+def digest(*cases: object, **settings: Any) -> str:
+    return Campaign("a", cases, squares, **settings).digest
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        Plain,
+        Fields,
+        lambda x: np.array([x]),
+        lambda x: Path(str(x)),
+        lambda x: {x},
+        lambda x: b"%d" % x,
+    ],
+)
+def test_the_digest_of_a_case_is_that_of_its_content_whatever_its_class(
+    make: Callable[[int], object],
+) -> None:
+    assert digest(make(1)) == digest(make(1))
+    assert digest(make(1)) != digest(make(2))
+    assert digest(make(1)) != digest(Weighed(1))
+
+
+def test_a_case_without_a_stable_form_is_refused() -> None:
+    circle = Plain(None)
+    circle.x = circle
+    for case in (threading.Lock(), (one for one in "ab"), circle):
+        with pytest.raises(ConfigError, match="same in each process"):
+            _ = digest(Plain(case))
+
+
+def test_other_parts_and_arguments_of_the_function_are_another_campaign() -> None:
+    assert digest(1, 2, part=1) != digest(1, 2, part=2)
+    works = [partial(powers, exponent) for exponent in (2, 2, 3)]
+    digests = [Campaign("a", [1], work).digest for work in works]
+    assert digests[0] == digests[1] != digests[2]
+
+
+def typed_in(text: str) -> Any:
+    """Return `measure` of a text that has no file, as of the cell of a notebook."""
+    names = {"__name__": "no_such_module"}
+    exec(text, names)
+    return names["measure"]
+
+
+def test_a_changed_function_of_a_notebook_has_another_digest() -> None:
+    text = (
+        "FACTOR = 2\ndef twice(x): return FACTOR * x if x else measure(x)\n"
+        "def measure(run): return twice(run.x)\n"
+    )
+    texts = [text, f"other = 1\n{text}", text.replace("= 2", "= 3"), text.replace("* x", "+ x")]
+    digests = [digest_of(typed_in(one)) for one in texts]
+    assert digests[0] == digests[1]
+    assert len({*digests}) == 3
+
+
+CLASS = """
+class Measure:
+    factor = 2
+    @property
+    def twice(self): return 2 * self.factor
+    @staticmethod
+    def half(x): return x / 2
+    def __call__(self, run): return self.twice
+measure = Measure()
+"""
+
+
+def test_a_changed_class_of_a_notebook_has_another_digest() -> None:
+    texts = [CLASS, CLASS, CLASS.replace("factor = 2", "factor = 3"), CLASS.replace("/ 2", "/ 3")]
+    texts += [CLASS.replace("2 * self", "3 * self"), CLASS.replace("n self.twice", "n self.factor")]
+    digests = [digest_of(typed_in(text)) for text in texts]
+    assert len({*digests}) == len(texts) - 1
+
+
+def test_the_digest_knows_the_sources_of_the_package(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = digest(1)
+    (tmp_path / "__init__.py").write_text("")
+    (tmp_path / "law.py").write_text("x = 1\n")
+    monkeypatch.setattr("forcebound.__file__", str(tmp_path / "__init__.py"))
+    digests = []
+    for text in ("x = 1\n", "x = 1\n", "x = 2\n"):
+        (tmp_path / "law.py").write_text(text)
+        sources.cache_clear()
+        digests.append(digest(1))
+    sources.cache_clear()
+    assert digests[0] == digests[1] != digests[2]
+    assert before not in digests
+
+
+def lists(cases: Sequence[int]) -> list[Row]:
+    return [{"x": x, "whole": [*range(x)], "mixed": [x, 0.5], "failed": None} for x in cases]
+
+
+def test_rows_hold_lists_and_a_result_that_is_there_is_read(tmp_path: Path) -> None:
+    result = tmp_path / "lists.parquet"
+    made = Campaign("lists", range(3), lists, 1)
+    first = run(made, result=result)
+    assert first.resumed == 0
+    columns = read_table(result).columns
+    assert columns["whole"] == [[], [0], [0, 1]]
+    assert columns["mixed"] == [[0.0, 0.5], [1.0, 0.5], [2.0, 0.5]]
+    content = result.read_bytes()
+    again = run(made, result=result)
+    assert (again.rows, again.resumed) == (first.rows, 3)
+    assert result.read_bytes() == content
+    assert run(made, result=result, restart=True).resumed == 0
+
+
+def test_a_function_of_the_main_program_is_sent_by_value() -> None:
+    text = "FACTOR = 2\ndef measure(cases): return [{'x': FACTOR * x} for x in cases]\n"
+    names = vars(sys.modules["__main__"])
+    try:
+        exec(text, names)
+        measure = names["measure"]
+        with local_executor(1) as executor:
+            rows = run(Campaign("typed", [1, 2], measure, 1), executor).rows
+            with pytest.raises(ConfigError, match="workers=0"):
+                run(Campaign("lock", [threading.Lock()], measure), executor)
+    finally:
+        del names["measure"], names["FACTOR"]
+    assert rows == [{"x": 2}, {"x": 4}]

@@ -334,7 +334,7 @@ class FakePage:
     def __init__(self) -> None:
         self.received: list[Any] = []
 
-    def tell(self, text: str) -> None:
+    def send(self, text: str) -> None:
         self.received.append(json.loads(text)["type"])
 
 

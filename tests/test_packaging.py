@@ -1,5 +1,6 @@
 """The package: every folder is listed, layered and complete."""
 
+import ast
 import re
 import subprocess
 import sys
@@ -24,6 +25,18 @@ def test_every_room_is_packaged() -> None:
     assert packages == rooms() | {
         f"forcebound.{data}" for data in ("examples", "launch_files", "study_files")
     }
+
+
+def test_no_file_has_more_than_400_lines_and_no_function_more_than_60() -> None:
+    files = [*(ROOT / "forcebound").rglob("*.py"), *(ROOT / "nodes").rglob("*.py")]
+    files += (ROOT / "messages").rglob("*.py")
+    functions = (ast.FunctionDef, ast.AsyncFunctionDef)
+    for file in files:
+        text = file.read_text(encoding="utf-8")
+        assert text.count("\n") <= 400, file
+        for node in ast.walk(ast.parse(text)):
+            if isinstance(node, functions) and node.end_lineno is not None:
+                assert node.end_lineno - node.lineno < 60, (file, node.name)
 
 
 def test_every_room_has_its_layer() -> None:

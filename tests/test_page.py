@@ -9,11 +9,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from builders import MS, telemetry_packet
 
 import forcebound.observe.page
-from forcebound.messages.control import BounderReport
-from forcebound.observe.page.controls import Controls
+from forcebound.units import EVERYDAY
 
 PAGE = Path(forcebound.observe.page.__file__).parent / "static"
 TEXTS = {file.name: file.read_text() for file in PAGE.iterdir()}
@@ -69,15 +67,16 @@ def test_text_and_lines_stand_out(scheme: dict[str, str]) -> None:
 
 
 NODE = shutil.which("node")
+UNITS = {si: (one.factor, one.unit) for si, one in EVERYDAY.items()}  # as the server sends them
 
 
 def run(tmp_path: Path, script: str) -> Any:
     """What an expression of JavaScript gives, which uses modules of the page without a page."""
-    for name in ("state.js", "scale.js", "shapes.js"):
+    for name in ("scale.js", "shapes.js"):
         (tmp_path / name).write_text(SCRIPTS[name])
     (tmp_path / "package.json").write_text('{"type": "module"}')
-    head = "import { State } from './state.js'; import * as scale from './scale.js';"
-    head += "import { facesOf } from './shapes.js';"
+    head = "import * as scale from './scale.js'; import { facesOf } from './shapes.js';"
+    head += f"Object.assign(scale.units, {json.dumps(UNITS)});"
     (tmp_path / "main.js").write_text(f"{head} console.log(JSON.stringify({script}));")
     words = [str(NODE), str(tmp_path / "main.js")]
     return json.loads(subprocess.run(words, capture_output=True, check=True, text=True).stdout)
@@ -89,115 +88,6 @@ def test_a_script_can_be_read(name: str) -> None:
     words = [str(NODE), "--check", "--input-type=module", "-"]
     done = subprocess.run(words, input=SCRIPTS[name], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-
-
-STATE = """(() => {
-  const state = new State();
-  Object.assign(state, { law, reason, holder });
-  for (let i = 0; i <= 60; i += 1) {
-    const time = 1 + i / 30, x = 0.012 + swing * Math.sin(20 * time), isIn = time <= 3 - away;
-    state.take({ time: [time], position: [[x]], commanded: [[isIn ? 20 : 0]],
-      applied: [[isIn ? applied : 0]],
-      energy: [fall * (time - 1)], true_energy: [isTrue ? fall * (time - 1) : null],
-      misses: Math.round(lost * 1e3 * time),
-      delay: [delay], engagement, since: 1, limit: [8.5] });
-  }
-  state.broken = broken;
-  const { kind, head, more } = state.words("wall");
-  return [kind, /[\\d.]+ m?J/.exec(head)?.[0] ?? "", head, more];
-})()"""
-HEALTHY = {
-    "law": "certified", "swing": 0.0, "applied": 20.0, "fall": 0.01, "lost": 0.0, "delay": 1e-3,
-    "engagement": 1.0, "isTrue": True, "reason": "", "away": 0.0, "broken": "",
-    "holder": "the hand",
-}  # fmt: skip
-
-
-def state_of(tmp_path: Path, change: dict[str, Any]) -> list[str]:
-    """Kind, energy, head and explanation of the state after two seconds of frames."""
-    known = "".join(f"const {k} = {json.dumps(v)};" for k, v in (HEALTHY | change).items())
-    state: list[str] = run(tmp_path, f"(() => {{ {known} return {STATE}; }})()")
-    return state
-
-
-@pytest.mark.skipif(NODE is None, reason="needs node")
-@pytest.mark.parametrize(
-    ("change", "kind", "energy"),
-    [
-        ({}, "passive", ""),
-        ({"swing": 5e-3}, "passive", ""),
-        ({"law": "none"}, "off", ""),  # nothing has happened, and nothing guards
-        ({"law": "none", "swing": 5e-3, "fall": -1.7}, "unstable", "3.4 J"),
-        ({"fall": -0.01}, "unstable", "20 mJ"),  # whatever the law is called
-        ({"lost": 0.1, "applied": 5.0}, "late", ""),
-        ({"lost": 0.1}, "passive", ""),  # ticks are missed, and nobody feels it
-        ({"applied": 5.0}, "passive", ""),
-        ({"delay": None}, "off", ""),
-        ({"engagement": 0.4}, "off", ""),
-        ({"isTrue": False}, "passive", ""),
-        ({"isTrue": False, "fall": -0.01}, "off", "20 mJ"),  # of the motor
-        ({"broken": "3 of 4"}, "late", ""),  # not passive, whatever the energy is
-        ({"broken": "3 of 4", "isTrue": False, "fall": -0.01}, "late", ""),
-        ({"broken": "3 of 4", "fall": -0.01}, "unstable", "20 mJ"),
-    ],
-)
-def test_the_state_in_words(tmp_path: Path, change: dict[str, Any], kind: str, energy: str) -> None:
-    assert state_of(tmp_path, change)[:2] == [kind, energy]
-
-
-@pytest.mark.skipif(NODE is None, reason="needs node")
-@pytest.mark.parametrize(
-    ("change", "words", "absent"),
-    [
-        ({}, "all 20 N", "ticks"),
-        ({"applied": 5.0}, "5 N of the 20 N", "ticks"),
-        ({"applied": 5.0, "reason": "too far: come nearer"}, "commands: too far.", "nearer"),
-        ({"applied": 5.0, "reason": "too far", "law": "none"}, "5 N of the 20 N", "too far"),
-        ({"lost": 0.015, "applied": 5.0}, "30 ticks were missed in this contact", "% of the ticks"),
-        ({"lost": 0.005, "applied": 5.0}, "5 N of the 20 N", "press again"),  # too few to feel
-        ({"lost": 0.015}, "all 20 N", "press again"),
-        ({"lost": 0.1, "applied": 5.0}, "10 % of the ticks", "press again"),
-        ({"law": "none", "swing": 5e-3, "fall": -1.7}, "none", "ticks"),
-        ({"isTrue": False, "fall": -0.01}, "friction", "ticks"),
-        ({"broken": "3 of 4"}, "3 of 4", "all 20 N"),
-        ({"broken": "3 of 4", "fall": -0.01}, "3 of 4", "all 20 N"),
-        ({"away": 0.2}, "all 20 N", "No contact"),  # a bounce
-        ({"away": 0.3}, "No contact", "20 N"),
-    ],
-)
-def test_what_explains_the_state(
-    tmp_path: Path, change: dict[str, Any], words: str, absent: str
-) -> None:
-    *_, head, more = state_of(tmp_path, change)
-    assert words in more
-    assert absent not in more
-    assert ("Late ticks" in head) == (change.get("lost") == 0.1)
-    assert ("assive" in head) <= ("broken" not in change or change.get("fall") == -0.01)
-
-
-@pytest.mark.parametrize(("law", "is_named"), [("certified", True), ("none", False)])
-def test_the_page_gets_the_promise_that_a_device_breaks_now(law: str, is_named: bool) -> None:
-    controls = Controls.__new__(Controls)  # without a graph
-    device = {"law": law, "rate": 1000.0, "write_delay": 4e-4}
-    report = BounderReport(hold_limit=1e-3, longest_hold_limit=1e-3, largest_allowance=1e-4)
-    vars(controls).update(_devices=dict.fromkeys(("left", "right"), (device, report)))
-    late, punctual = (
-        [
-            telemetry_packet(n, applied_force=(1.0,), read_ns=n * MS, write_ns=n * MS + delay)
-            for n in range(9)
-        ]
-        for delay in (500_000, 400_000)
-    )
-    found = controls.broken({"left": (late, ()), "right": (punctual, ())})
-    assert found["right"] == ""
-    assert ("9 of 9 forces acted later than device.write_delay" in found["left"]) == is_named
-
-
-@pytest.mark.skipif(NODE is None, reason="needs node")
-def test_a_follower_that_nobody_holds_has_no_hand(tmp_path: Path) -> None:
-    *_, head, _ = state_of(tmp_path, {"fall": -0.01, "holder": "what it meets"})
-    assert "what it meets received" in head
-    assert "hand" not in head
 
 
 @pytest.mark.skipif(NODE is None, reason="needs node")

@@ -1,6 +1,7 @@
 """Summaries of runs with known stiffness, rate-hardness, bounces and energies."""
 
 import math
+from pathlib import Path
 
 import pytest
 from msgspec.structs import replace
@@ -8,8 +9,16 @@ from pressed import WALL, config, pressing, summary_of, ticks
 
 from forcebound.messages.events import EventLog
 from forcebound.recordings.telemetry import TelemetryColumns
+from forcebound.results.figures import FIGURES
 from forcebound.results.summary import summarize
 from forcebound.results.tables import summary_rows
+
+KEYS = Path(__file__).parent / "golden" / "summary_keys.txt"  # recordings and programs have them
+
+
+def test_the_keys_of_a_summary_stay_as_they_are() -> None:
+    assert [figure.key for figure in FIGURES] == KEYS.read_text().split()
+
 
 # --- Stiffness and hardness ----------------------------------------------------------------------
 

@@ -38,7 +38,7 @@ def test_a_grid_has_every_combination_the_last_argument_fastest(
     sweep = load_sweep(written(tmp_path, f"{head}  {over}\n"))
     assert list(sweep.cases) == expected
     names = [f"{name}:={value}" for name, value in zip(sweep.columns, expected[0], strict=True)]
-    assert sweep.overrides(0) == ["approach_speed:=100 mm/s", *names]
+    assert sweep.overrides(sweep.cases[0]) == ["approach_speed:=100 mm/s", *names]
 
 
 def test_random_draws_are_the_same_for_all_combinations_and_every_time(tmp_path: Path) -> None:
@@ -68,7 +68,7 @@ def test_any_value_of_the_launch_file_varies_by_its_path(tmp_path: Path) -> None
 def test_an_argument_on_the_command_line_no_longer_varies(tmp_path: Path) -> None:
     sweep = load_sweep(written(tmp_path, SMALL), ["law:=aol"])
     assert sweep.columns == ("stiffness",)
-    assert "law:=aol" in sweep.overrides(0)
+    assert "law:=aol" in sweep.overrides(sweep.cases[0])
 
 
 @pytest.mark.parametrize(
@@ -106,7 +106,7 @@ def test_a_shipped_sweep_can_be_built_case_by_case(name: str) -> None:
     sweep = load_sweep(SHIPPED / name)
     assert sweep.drawing
     for case in range(0, len(sweep.cases), 97):
-        build(sweep.template, sweep.overrides(case))
+        build(sweep.template, sweep.overrides(sweep.cases[case]))
 
 
 def test_a_row_has_parameters_figures_and_engine(tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ import pytest
 from sweep_files import LONG, SMALL, written
 from waiting import TIMEOUT, until
 
+import forcebound as fb
 from forcebound.lab.sweep.plan import load_sweep
 from forcebound.lab.sweep.runner import run_file, run_sweep
 
@@ -125,6 +126,18 @@ def dask_cluster(folder: Path, workers: int) -> Iterator[tuple[str, subprocess.P
         yield json.loads(note.read_text())["address"], scheduler
 
 
+def held(run: fb.Run) -> float:
+    return NEWTON * 5.0
+
+
+NEWTON = 1.0
+held.__module__ = "__main__"  # as in a script, which no worker can import
+
+
+def of_a_module(run: fb.Run) -> float:
+    return 1.0
+
+
 @pytest.mark.live
 @pytest.mark.xdist_group("processes")
 def test_a_cluster_gives_the_same_file_and_its_end_ends_a_sweep_with_one_line(
@@ -139,6 +152,10 @@ def test_a_cluster_gives_the_same_file_and_its_end_ends_a_sweep_with_one_line(
         assert done.returncode == 0, done.stderr.decode()
         assert json.loads(done.stdout)["cases"] == 80
         assert there.read_bytes() == here.read_bytes()
+        measured = fb.sweep("stiff_wall", seed=[1, 2], cluster=address, measures={"held": held})
+        assert measured["held"].tolist() == [5.0, 5.0]
+        with pytest.raises(fb.errors.RunError, match="test_sweep_live"):
+            fb.sweep("stiff_wall", seed=[1], cluster=address, measures={"of_a_module": of_a_module})
         file = written(tmp_path, LONG.replace("count: 320", "count: 3200"))
         with started(file, tmp_path / "cut.parquet", "--cluster", address) as process:
             scheduler.kill()

@@ -8,14 +8,18 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from click.testing import CliRunner
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 from sweep_files import SMALL, written
 
+from forcebound.cli import main
 from forcebound.errors import ConfigError
 from forcebound.haptics.laws import LAWS
-from forcebound.lab.sweep import maps
-from forcebound.lab.sweep.maps import draw, draw_surfaces
+from forcebound.lab.cases import grid
+from forcebound.lab.engine import Campaign, run
+from forcebound.lab.sweep.map_data import drawing_of
+from forcebound.lab.sweep.maps import draw, figure_of
 from forcebound.lab.sweep.plan import load_sweep
 from forcebound.lab.sweep.runner import run_sweep
 from forcebound.lab.table import read_table
@@ -68,7 +72,7 @@ def test_a_map_of_stiffness_shows_leaks_rest_and_where_a_wall_feels_softer(tmp_p
     result = tmp_path / "map.parquet"
     run_sweep(load_sweep(written(tmp_path, GRID.replace("per: law }", shown))), result)
     table = read_table(result)
-    figure = draw_surfaces(table, table.about["map"])
+    figure = figure_of(table)
     panels = [axes for axes in figure.axes if axes.get_title()]
     assert [axes.get_title() for axes in panels] == ["none", "certified"]
     red = [np.ma.count(np.ma.asarray(axes.collections[1].get_array())) for axes in panels]
@@ -91,7 +95,7 @@ def test_a_map_of_energy_for_one_law_has_one_panel_and_one_scale(tmp_path: Path)
     text = GRID.replace("displayed_stiffness_n_per_m, scale: log", "true_energy_min_j")
     result = tmp_path / "map.parquet"
     run_sweep(load_sweep(written(tmp_path, text), ["law:=certified"]), result)
-    figure = maps._drawn(read_table(result), result)
+    figure = figure_of(read_table(result))
     assert "no energy given" in texts(figure)
     assert len(figure.axes) == 2
     draw(result, tmp_path / "map.svg")
@@ -115,7 +119,7 @@ def test_names_in_a_result_are_drawn_as_they_are(tmp_path: Path, drawing: dict[s
     }
     shown = {"x": "stiffness", "value": "peak_force_n", "per": "law", "title": name, **drawing}
     path = hostile(tmp_path / "a.parquet", columns, {"map": shown})
-    figure = maps._drawn(read_table(path), path)
+    figure = figure_of(read_table(path))
     texts = [text.get_text() for text in figure.findobj(Text)]
     assert texts.count(in_figure(name)) >= 1
     draw(path, tmp_path / "x.png")
@@ -148,7 +152,60 @@ def test_a_result_with_too_many_rows_is_refused(
 
 
 def test_a_file_that_is_no_result_is_refused(tmp_path: Path) -> None:
-    nested = hostile(tmp_path / "a.parquet", {"x": [[1.0] * 9]}, {})
+    nested = hostile(tmp_path / "a.parquet", {"x": [[[1.0]] * 9]}, {})
     for path in (nested, written(tmp_path, SMALL)):
         with pytest.raises(ConfigError, match="not a result of a sweep"):
             draw(path, tmp_path / "x.png")
+
+
+def made_in_python(path: Path, drawing: dict[str, str], **more: Any) -> Path:
+    """A result of a campaign in Python, whose rows have no more than its function gave."""
+    cases = grid(law=["none", "tdpa"], stiffness=[1e3, 2e3, 4e3], delay=[0.0, 1e-3])
+    rows = [{**case, "contacts": i, **more} for i, case in enumerate(cases)]
+    run(Campaign("contacts", rows, list, about={"map": drawing}), result=path)
+    return path
+
+
+def test_a_campaign_in_python_has_a_map_of_two_arguments(tmp_path: Path) -> None:
+    drawing = {"x": "delay", "y": "stiffness", "value": "contacts", "per": "law"}
+    result = made_in_python(tmp_path / "a.parquet", drawing)
+    figure = figure_of(read_table(result))
+    assert [axes.get_title() for axes in figure.axes][:2] == ["none", "tdpa"]
+    draw(result, tmp_path / "a.png")
+    with pytest.raises(ConfigError, match="error"):
+        draw(result, tmp_path / "a.png", limits=["colgate_schenkel"])
+
+
+def test_any_column_is_drawn_but_no_list(tmp_path: Path) -> None:
+    result = made_in_python(tmp_path / "a.parquet", {}, depths=[1.0, 2.0], peak_force_n=2.0)
+    for value in ("contacts", "peak_force", "peak_force_n"):
+        figure = figure_of(read_table(result), value=value, x="delay", y="stiffness", per="law")
+        assert len([axes for axes in figure.axes if axes.get_title()]) == 2
+    for wrong in ("depths", "law", "contact"):
+        with pytest.raises(ConfigError, match=wrong):
+            draw(result, tmp_path / "x.png", value=wrong, x="delay")
+
+
+def test_axes_that_are_not_named_are_the_varied_arguments(tmp_path: Path) -> None:
+    result = tmp_path / "map.parquet"
+    run_sweep(load_sweep(written(tmp_path, GRID.partition("map:")[0])), result)
+    with pytest.raises(ConfigError, match="column"):
+        draw(result, tmp_path / "x.png")
+    arguments = ["map", str(result), "--value", "contact_bounces", "-o", str(tmp_path / "x.png")]
+    done = CliRunner().invoke(main, arguments)
+    assert done.exit_code == 0, done.output
+    table = read_table(result)
+    drawing = drawing_of(table, value="contact_bounces")
+    assert drawing == {"value": "contact_bounces", "x": "stiffness", "y": "delay", "per": "law"}
+    curves = figure_of(table, value="contact_bounces", x="stiffness")
+    assert len(curves.axes) == 3  # delays
+    assert [text.get_text() for text in curves.legends[0].get_texts()][:2] == ["none", "certified"]
+
+
+def test_a_result_with_too_many_entries_in_lists_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("forcebound.lab.table.MAX_VALUES", 999)
+    result = hostile(tmp_path / "a.parquet", {"x": [[1.0] * 1000]}, {})
+    with pytest.raises(ConfigError, match="999"):
+        read_table(result)

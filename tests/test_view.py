@@ -186,6 +186,8 @@ def test_pages_see_the_graph_and_change_it_and_nobody_else_gets_in(
         hello = await page.until("hello")
         assert (hello["name"], hello["axes"], hello["may_change"]) == ("pointer_wall", 1, True)
         assert "certified" in hello["laws"]
+        assert hello["units"]["N/m"] == [1e-3, "N/mm"]
+        await page.until("state", lambda m: m["hands"]["hand"]["head"].startswith("Passive."))
         assert not (await audience.until("hello"))["may_change"]
         assert "only look" in str(await audience.asks(do="set", settings={"device.law": "none"}))
 
@@ -218,6 +220,7 @@ def test_pages_see_the_graph_and_change_it_and_nobody_else_gets_in(
         )
         await page.until("parameters", lambda m: m["values"]["device.law"] == "none")
         await page.until("frame", lambda m: m["law"] == "none" and m["since"] > 0.0)
+        await page.until("state", lambda m: m["hands"]["hand"]["kind"] == "not_passive")
         assert await page.asks(do="safe") is None
         await page.until("event", lambda m: m["message"].startswith("law: certified"))
         safe = await page.until("frame", lambda frame: frame["engagement"] == 1.0)
@@ -226,7 +229,7 @@ def test_pages_see_the_graph_and_change_it_and_nobody_else_gets_in(
         await page.until("nodes", lambda m: any(p["steps"] for p in m["processes"]))
         assert await page.asks(do="end_recording") is None
         ended = await page.until("recording", lambda m: m["file"] is None)
-        assert ended["said"].endswith(recording["file"])
+        assert ended["result"].endswith(recording["file"])
         server.stop()
         await page.until("over")
         await serving

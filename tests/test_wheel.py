@@ -98,7 +98,7 @@ NEEDS = {  # an extra by its name, or another distribution
 def test_what_a_command_needs_and_is_not_there_is_named_in_a_sentence(
     installed: Path, words: str
 ) -> None:
-    command = [installed / "env" / "bin" / "forcebound", *words.split()]
+    command = [str(installed / "env" / "bin" / "forcebound"), *words.split()]
     done = subprocess.run(command, cwd=installed, capture_output=True, text=True)
     assert done.returncode == 2
     assert "needs" in done.stderr

@@ -6,35 +6,24 @@ from typing import Any
 
 from forcebound.graph.problems import unknown
 from forcebound.results.cells import Summary
-from forcebound.results.figures import FIGURES
+from forcebound.results.figures import FIGURES, IN_MS
 from forcebound.results.printing import print_rows
 from forcebound.results.tables import summary_table
 
-#: SI unit by the end of a key of a summary, the longest first.
-UNITS = {
-    "_n_per_m": "N/m",
-    "_m_per_s": "m/s",
-    "_hz": "Hz",
-    "_db": "dB",
-    "_n": "N",
-    "_m": "m",
-    "_j": "J",
-    "_s": "s",
-    "_w": "W",
-}
+_BY_KEY = {figure.key: figure for figure in FIGURES}
+_LISTS = ("displayed_impedance", "vibration", "stiffness")  # several numbers each
+_NUMBERS = [one for one in FIGURES if one.name not in _LISTS and one.unit != IN_MS]
 
 
-def name_of(key: str) -> tuple[str, str]:
-    """Return name and SI unit of a figure by its key: ``peak_force_n`` is ``peak_force``, N."""
-    for end, unit in UNITS.items():
-        if key.endswith(end):
-            return key.removesuffix(end), unit
-    return key, ""
+def name_of(key: str) -> str:
+    """Return the name of a figure by its key: ``left.peak_force_n`` is ``left.peak_force``."""
+    hand, dot, last = key.rpartition(".")
+    return f"{hand}{dot}{_BY_KEY[last].name}" if last in _BY_KEY else key
 
 
 def is_figure(key: str) -> bool:
     """Return whether a key of a row is a figure: ``peak_force_n``, or ``left.peak_force_n``."""
-    return "." not in key or key.rpartition(".")[2] in _LABELS
+    return "." not in key or key.rpartition(".")[2] in _BY_KEY
 
 
 class Quantity(float):
@@ -63,14 +52,6 @@ class Quantity(float):
         return Quantity, (float(self), self.unit, self.label, self.reason)
 
 
-_LISTS = ("displayed_impedance", "vibration", "stiffness_n_per_m")  # several numbers each
-_LABELS = {
-    figure.key: figure.label or figure.key.replace("_", " ")
-    for figure in FIGURES
-    if figure.key not in _LISTS and not figure.key.endswith("_ms")
-}
-
-
 class Figures(Mapping[str, Quantity]):
     """The figures of a run by name, ``figures.peak_force`` or ``figures["peak_force"]``.
 
@@ -83,12 +64,13 @@ class Figures(Mapping[str, Quantity]):
         self._head = head
         self._values: dict[str, Quantity] = {}
         reasons = summary.get("undefined", {})
-        for key, label in _LABELS.items():
-            value = summary.get(key)
+        for figure in _NUMBERS:
+            value = summary.get(figure.key)
             if value is None or isinstance(value, int | float):
-                name, unit = name_of(key)
                 number = math.nan if value is None else float(value)
-                self._values[name] = Quantity(number, unit, label, reasons.get(key, ""))
+                label = figure.label or figure.name.replace("_", " ")
+                reason = reasons.get(figure.key, "")
+                self._values[figure.name] = Quantity(number, figure.unit.si, label, reason)
 
     def __getattr__(self, name: str) -> Quantity:
         values: dict[str, Quantity] = self.__dict__.get("_values", {})

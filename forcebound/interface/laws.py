@@ -58,8 +58,7 @@ def bound(
         raise ConfigError("position and force must be finite numbers")
     period = time_of("period", period)
     law = law if isinstance(law, str) else known_law(law)
-    fastest = np.abs(np.diff(readings, axis=0)).max(initial=0.0) / period
-    if fastest > FASTEST:
+    if (fastest := np.abs(np.diff(readings, axis=0)).max(initial=0.0) / period) > FASTEST:
         raise ConfigError(
             f"position moves at up to {fastest:.3g} m/s: is it in m, and period in s?"
         )

@@ -25,6 +25,7 @@ from forcebound.messages.packets import Event
 from forcebound.messages.topology import HAND, HANDS, Document, flat
 from forcebound.quantities import POSITIVE
 from forcebound.recordings.telemetry import TelemetryColumns
+from forcebound.results.samples import Samples
 from forcebound.run.progress import progress_bar
 from forcebound.run.results import RunResult, results_of
 from forcebound.run.virtual import run_virtual_hands
@@ -95,6 +96,12 @@ class Run:
     def telemetry(self) -> Telemetry:
         """Columns of the telemetry."""
         return Telemetry(self._result.columns)
+
+    @cached_property
+    def samples(self) -> Samples:
+        """The samples with an engaged force, and what happened in their contacts."""
+        result = self._result
+        return Samples(result.columns, result.document, result.events)
 
     @property
     def events(self) -> Sequence[Event]:

@@ -11,5 +11,10 @@ def by_logarithm(low: float, high: float, share: float) -> float:
 
 
 def grid(**values: Sequence[Any]) -> list[dict[str, Any]]:
-    """Return each combination of the values; the last parameter varies fastest."""
+    """Return each combination of the values; the last parameter varies fastest.
+
+    ::
+
+        grid(law=["none", "tdpa"], delay=[0.0, 2e-3])[1]  # {"law": "none", "delay": 0.002}
+    """
     return [dict(zip(values, one, strict=True)) for one in product(*values.values())]

@@ -7,25 +7,23 @@ interrupted campaign that is run again does only what is missing there. When all
 become one Parquet file, in one step (:mod:`forcebound.lab.table`).
 """
 
-import hashlib
-import inspect
 import json
 import os
 import shutil
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
-from functools import partial
-from importlib.metadata import version
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol, TypeAlias
 
 from forcebound.errors import ConfigError
 from forcebound.files import read_bytes, reason
+from forcebound.lab.digest import digest_of, sources
 from forcebound.lab.workers import completed, local_executor
 from forcebound.run.progress import progress_bar
 
-#: Plain values by name, ready for JSON; of a result file: numbers, strings, booleans, None.
+#: Plain values by name, ready for JSON; of a result file: numbers, strings, booleans, None, lists.
 Row: TypeAlias = dict[str, Any]
 Progress: TypeAlias = Callable[[int, int], None]  # called with the runs done, and in total
 
@@ -50,19 +48,16 @@ def rows_of_each(cases: Sequence[Runnable]) -> list[Row]:
     return [row for case in cases for row in case.rows()]
 
 
-def _source_of(work: Any) -> str:
-    """Return a name and the text of the file that defines it: a changed script differs."""
-    if isinstance(work, partial):
-        work = work.func
-    try:
-        return str(work.__qualname__) + inspect.getsource(inspect.getmodule(work) or work)
-    except (OSError, TypeError):  # typed in, or built in
-        return ""
-
-
 @dataclass(frozen=True)
 class Campaign:
     """Cases and how they are run.
+
+    ::
+
+        def squares(cases):
+            return [{"x": x, "square": x * x} for x in cases]
+
+        rows = run_here(Campaign("squares", range(1000), squares), workers=2).rows
 
     Attributes:
         name: A few words for the progress bar.
@@ -70,7 +65,8 @@ class Campaign:
         work: Returns the rows of some of the cases, each one run; can be pickled. By default the
             cases are :class:`Runnable`.
         part: Runs of a part; there should be several parts for each process.
-        decisive: Whatever else decides the rows, such as a launch file's text; JSON.
+        decisive: Whatever else decides the rows, such as a launch file's content; None: the
+            arguments of ``work``, if it is a :func:`functools.partial`.
         about: Metadata of the result: ``map`` says how ``forcebound map`` draws it.
     """
 
@@ -78,16 +74,21 @@ class Campaign:
     cases: Sequence[Any]
     work: Callable[[Sequence[Any]], list[Row]] = rows_of_each
     part: int = 500
-    decisive: Sequence[Any] = ()
+    decisive: Sequence[Any] | None = None
     about: Row = field(default_factory=dict)
 
-    @property
+    @cached_property
     def digest(self) -> str:
-        """Text that two campaigns share only if version, work, cases and ``decisive`` are equal."""
-        code = [_source_of(one) for one in (self.work, *dict.fromkeys(map(type, self.cases)))]
-        decisive = [version("forcebound"), code, self.decisive, self.cases]
-        text = json.dumps(decisive, default=str)
-        return hashlib.sha256(text.encode()).hexdigest()
+        """Text that two campaigns share only if code, parts, cases and ``decisive`` are equal.
+
+        Raises:
+            ConfigError: If a case has no form that is the same in each process.
+        """
+        work: Any = self.work
+        if self.decisive is not None and isinstance(work, partial):
+            work = work.func
+        classes = [*dict.fromkeys(map(type, self.cases))]
+        return digest_of([sources(), work, classes, self.part, self.decisive, [*self.cases]])
 
     def runs(self, part: Sequence[int]) -> int:
         """Return the number of runs of some cases, by their indices."""
@@ -107,10 +108,10 @@ class Campaign:
 
 
 class CampaignResult(NamedTuple):
-    """What a campaign has found."""
+    """Result of a campaign."""
 
     rows: list[Row]  # in the order of the cases
-    resumed: int  # runs that an earlier, interrupted campaign had done
+    resumed: int  # runs that were on disk
 
 
 def run(
@@ -123,45 +124,54 @@ def run(
 ) -> CampaignResult:
     """Run a campaign, or the parts of it that are not on disk yet.
 
+    A ``result`` that is there already is read, and its metadata written again.
+
     Args:
         campaign: The campaign.
         executor: Runs the parts; None: this process.
         progress: Called when a part is done, in this process.
         result: Parquet file to write; None: the rows are only returned.
-        restart: Discard the parts of an earlier run.
+        restart: Discard what an earlier run left, its result included.
         overwrite: Replace a ``result`` of another campaign.
 
     Raises:
-        ConfigError: If ``result`` or its parts are another campaign's, or cannot be written.
+        ConfigError: If ``result`` or its parts are another campaign's, or cannot be written; or if
+            something cannot be sent to the executor.
         RunError: If the executor's processes end before the work is done.
     """
+    finished: dict[int, list[Row]] = {}
+    folder = None
     if result is not None:
-        from forcebound.lab.table import write_table  # fails early if pyarrow is missing
+        from forcebound.lab.table import read_table, write_table  # fails early without pyarrow
 
-        _check_result(result, campaign.digest, overwrite)
+        about = {**campaign.about, "digest": campaign.digest}
+        if _is_done(result, campaign.digest, overwrite) and not restart:
+            rows = read_table(result).rows
+            write_table(rows, result, about)
+            return CampaignResult(rows, campaign.runs(range(len(campaign.cases))))
+        folder = _Folder(result, campaign.digest, restart)
+        finished = folder.finished()
     parts = campaign.parts()
     runs = [campaign.runs(part) for part in parts]
-    folder = None if result is None else _Folder(result, campaign.digest, restart)
-    found = folder.found() if folder else {}
-    missing = [number for number in range(len(parts)) if number not in found]
+    missing = [number for number in range(len(parts)) if number not in finished]
     done = resumed = sum(runs) - sum(runs[number] for number in missing)
     progress(done, sum(runs))
     tasks = [[campaign.cases[index] for index in parts[number]] for number in missing]
     for place, rows in completed(executor, campaign.work, tasks):
-        found[missing[place]] = rows
+        finished[missing[place]] = rows
         if folder:
             folder.add(missing[place], rows)
         done += runs[missing[place]]
         progress(done, sum(runs))
-    rows = [row for number in range(len(parts)) for row in found[number]]
+    rows = [row for number in range(len(parts)) for row in finished[number]]
     if result is not None and folder:
-        write_table(rows, result, {**campaign.about, "digest": campaign.digest})
+        write_table(rows, result, about)
         folder.remove()
     return CampaignResult(rows, resumed)
 
 
 def run_here(campaign: Campaign, workers: int | None, result: Path | None = None) -> CampaignResult:
-    """Run a campaign on this machine with a progress bar.
+    """Run a campaign on this machine with a progress bar; errors as of :func:`run`.
 
     Args:
         campaign: The campaign.
@@ -172,21 +182,22 @@ def run_here(campaign: Campaign, workers: int | None, result: Path | None = None
         return run(campaign, executor, show, result)
 
 
-def _check_result(result: Path, digest: str, overwrite: bool) -> None:
-    """Refuse to replace a file that is not an earlier result of the same campaign."""
+def _is_done(result: Path, digest: str, overwrite: bool) -> bool:
+    """Return whether a file is the result of a campaign; ConfigError if it is of another one."""
     from forcebound.lab.table import read_about
 
-    if overwrite or not result.exists():
-        return
+    if not result.exists():
+        return False
     try:
-        is_ours = read_about(result).get("digest") == digest
+        is_ours: bool = read_about(result).get("digest") == digest
     except ConfigError:
         is_ours = False
-    if not is_ours:
+    if not is_ours and not overwrite:
         raise ConfigError(
-            f"{result} exists and is not a result of these cases (others, or of another version); "
-            "choose another file, or delete it (a sweep: --overwrite)"
+            f"{result} exists and is not a result of these cases (others, or of other code); "
+            "choose another file, or delete it (a sweep: --overwrite, overwrite=True)"
         )
+    return is_ours
 
 
 class _Folder:
@@ -200,8 +211,8 @@ class _Folder:
                 shutil.rmtree(self._folder)
             if note.exists() and json.loads(read_bytes(note, MAX_PART))["digest"] != digest:
                 raise ConfigError(
-                    f"{self._folder} holds parts of other cases, or of another version; choose "
-                    "another file, or delete the folder (a sweep: --restart)"
+                    f"{self._folder} holds parts of other cases, or of other code; choose "
+                    "another file, or delete the folder (a sweep: --restart, restart=True)"
                 )
             self._folder.mkdir(parents=True, exist_ok=True)
             if not note.exists():
@@ -209,15 +220,17 @@ class _Folder:
         except OSError as error:
             raise ConfigError(f"cannot write {self._folder}: {reason(error)}") from error
 
-    def found(self) -> dict[int, list[Row]]:
+    def finished(self) -> dict[int, list[Row]]:
         """Return the rows of the parts that are there."""
         files = self._folder.glob("[0-9]*.json")
         return {int(file.stem): json.loads(read_bytes(file, MAX_PART)) for file in files}
 
     def add(self, number: int, rows: list[Row]) -> None:
+        """Keep the rows of a part."""
         write_json(self._folder / f"{number:07d}.json", rows)
 
     def remove(self) -> None:
+        """Delete all parts."""
         shutil.rmtree(self._folder)
 
 
@@ -225,7 +238,7 @@ def write_json(path: Path, content: Any) -> None:
     """Write a file in one step: a reader sees all of it or none."""
     unfinished = path.with_suffix(".unfinished")
     with unfinished.open("w") as file:
-        json.dump(content, file)
+        file.write(json.dumps(content))
         file.flush()
         os.fsync(file.fileno())
     unfinished.replace(path)

@@ -7,7 +7,13 @@ read, saturate, bound, write. Sweeps, the audit of laws and the fit of the paper
 
 What does not depend on forces comes from outside (:class:`Course`): when the ticks are, where the
 hand wants to be, and which earlier tick's answer each force is. So delays, jitter and losses are
-indices here; :mod:`forcebound.lab.runs` takes them from the links of the graph.
+indices here; :mod:`forcebound.lab.runs` takes them from the links of the graph::
+
+    config = fb.Graph.read("stiff_wall", law="none")
+    timing = timing_of(config)
+    trace = np.zeros((timing.seq.size, len(TRACE)))
+    device = LAWS["none"].device(dissipation_of(config.only.device, config.only.servo))
+    loop("none")(system_of(config), device, course_of(config, timing), trace, NO_MOTION)
 """
 
 import math
@@ -82,7 +88,7 @@ class System(NamedTuple):
 
 
 class Course(NamedTuple):
-    """What does not depend on forces; ``n`` ticks, each with two instants: sample and write."""
+    """Inputs of a run that no force changes; ``n`` ticks of two instants each: sample and write."""
 
     instants_ns: Integers  # (2n,)
     targets: Floats  # (2n,), m, of the hand
@@ -94,7 +100,7 @@ class Course(NamedTuple):
 
 
 class Body(NamedTuple):
-    """What moves, and until when."""
+    """State of the plant, and its time."""
 
     moving: Moving
     hand_force: float  # N, mean of the last step

@@ -66,7 +66,13 @@ class Ran:
 
 
 def run_all(configs: Sequence[GraphConfig]) -> list[Ran]:
-    """Return an outcome of each case, in their order; a failed one does not stop the others."""
+    """Return an outcome of each case, in their order; a failed one does not stop the others.
+
+    ::
+
+        graphs = [fb.Graph.read("stiff_wall", delay=delay) for delay in ("0 ms", "2 ms")]
+        peaks = [ran.result.summary["peak_force_n"] for ran in run_all(graphs)]  # N
+    """
     return [_run(config) for config in configs]
 
 
@@ -85,7 +91,12 @@ def _run(config: GraphConfig) -> Ran:
 
 
 def unserved(config: GraphConfig) -> Iterator[str]:
-    """Yield what of a graph the loop does not serve; nothing if it serves all of it."""
+    """Yield in words why the loop does not serve a graph; nothing if it does.
+
+    ::
+
+        list(unserved(fb.Graph.read("three_axes")))  # ["3 axes"]
+    """
     device: Any = config.only.device
     environment, hand, servo = config.environment, config.only.operator, config.only.servo
     if type(device) is not PhantomPremium15:
@@ -163,7 +174,7 @@ def system_of(config: GraphConfig) -> System:
 
 
 def course_of(config: GraphConfig, timing: TelemetryColumns) -> Course:
-    """Return what in a run of a graph does not depend on forces, with its :func:`timing_of`."""
+    """Return the course of a run of a graph, whose :func:`timing_of` is ``timing``."""
     servo, hand = config.only.servo, config.only.operator or NoHand()
     ticks = timing.seq.size
     targets = _targets if getattr(hand, "file", None) is None else _targets.__wrapped__
@@ -195,9 +206,9 @@ def timing_of(config: GraphConfig) -> TelemetryColumns:
         RunError: If the run is too short to have a sample.
     """
     links, computation = tuple(sorted(config.only.links.items())), config.environment.computation
-    ways = [way for _, way in links] + [computation]
-    is_fixed = all(way == Impairment(way.delay) for way in ways)
-    reads_file = any(way.trace for way in ways)
+    delays = [*dict(links).values(), computation]
+    is_fixed = all(one == Impairment(one.delay) for one in delays)
+    reads_file = any(one.trace for one in delays)
     servo = replace(config.only.servo, law="none", velocity_cutoff=100.0, energy_cap="auto")
     environment = replace(config.environment, model=Wall(), fixtures=None)
     timing = _timing.__wrapped__ if reads_file else _timing

@@ -1,4 +1,9 @@
-"""Rows of a campaign as one Parquet file; its description and map are in the file's metadata."""
+"""Rows of a campaign as one Parquet file; its description and map are in the file's metadata.
+
+::
+
+    read_table(Path("runs.parquet")).columns["contacts"]
+"""
 
 import json
 import os
@@ -16,9 +21,10 @@ pa = needed("a Parquet file", "pyarrow")
 pq = needed("a Parquet file", "pyarrow.parquet")
 
 _KEY = b"forcebound"
-_TYPES = (pa.bool_(), pa.int64(), pa.float64(), pa.string())  # of the columns that we write
+_TYPES = (pa.bool_(), pa.int64(), pa.float64(), pa.string())  # of cells and of entries of lists
 MAX_BYTES = 1_000_000_000  # that a result has, and unpacks to; two million rows have some 100 MB
 MAX_ROWS = 5_000_000
+MAX_VALUES = 10 * MAX_ROWS  # of a column, all lists together
 _TEXTS = ("error", "engine")  # text columns, even if empty
 
 
@@ -28,6 +34,12 @@ class Table:
 
     columns: Mapping[str, list[Any]]
     about: Row
+
+    @property
+    def rows(self) -> list[Row]:
+        """The rows; each has all columns."""
+        rows = zip(*self.columns.values(), strict=True)
+        return [dict(zip(self.columns, row, strict=True)) for row in rows]
 
 
 def write_table(rows: Sequence[Row], path: Path, about: Row) -> None:
@@ -71,11 +83,11 @@ class _Columns(Mapping[str, list[Any]]):
         if not pa.types.is_dictionary(column.type):
             values: list[Any] = column.to_pylist()
             return values
-        found = []  # one text for all rows that have it, however long it is
+        texts_of_rows = []  # one text for all rows that have it, however long it is
         for chunk in column.chunks:
             texts = [*chunk.dictionary.to_pylist(), None]
-            found += [texts[-1 if at is None else at] for at in chunk.indices.to_pylist()]
-        return found
+            texts_of_rows += [texts[-1 if at is None else at] for at in chunk.indices.to_pylist()]
+        return texts_of_rows
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._content.column_names)
@@ -104,7 +116,8 @@ def _opened(path: Path) -> Any:
         raise ConfigError(f"cannot read {path}: {reason(error)}") from None
     try:
         schema = pq.read_schema(pa.BufferReader(data))
-        is_flat = all(field.type in _TYPES for field in schema)
+        kinds = [f.type.value_type if pa.types.is_list(f.type) else f.type for f in schema]
+        is_flat = all(kind in _TYPES for kind in kinds)
         texts = [field.name for field in schema if pa.types.is_string(field.type)]
         file = pq.ParquetFile(pa.BufferReader(data), read_dictionary=texts)
         is_ours = is_flat and _KEY in (file.schema_arrow.metadata or {})
@@ -113,9 +126,14 @@ def _opened(path: Path) -> Any:
     if not is_ours:
         raise ConfigError(f"{path} is not a result of a sweep")
     content = file.metadata
-    unpacked = sum(content.row_group(i).total_byte_size for i in range(content.num_row_groups))
-    if unpacked > MAX_BYTES or content.num_rows > MAX_ROWS:
-        raise ConfigError(f"{path} has more than {MAX_ROWS} rows or unpacks to {MAX_BYTES} bytes")
+    groups = [content.row_group(i) for i in range(content.num_row_groups)]
+    unpacked = sum(group.total_byte_size for group in groups)
+    values = [group.column(i).num_values for group in groups for i in range(group.num_columns)]
+    if unpacked > MAX_BYTES or content.num_rows > MAX_ROWS or max(values, default=0) > MAX_VALUES:
+        raise ConfigError(
+            f"{path} has more than {MAX_ROWS} rows or {MAX_VALUES} numbers in a column, or unpacks "
+            f"to more than {MAX_BYTES} bytes"
+        )
     return file
 
 
@@ -125,13 +143,24 @@ def _about(file: Any) -> Row:
 
 
 def _array(name: str, values: list[Any]) -> Any:
+    known = [value for value in values if value is not None]
+    if known and all(isinstance(value, list) for value in known):
+        kind = _kind([entry for value in known for entry in value])
+        lists = [None if v is None else [_in_kind(kind, entry) for entry in v] for v in values]
+        return pa.array(lists, pa.list_(kind))
+    kind = _kind(known) if known or name not in _TEXTS else pa.string()
+    return pa.array([_in_kind(kind, value) for value in values], kind)
+
+
+def _kind(values: list[Any]) -> Any:
     kinds = {type(value) for value in values if value is not None}
-    if not kinds:
-        return pa.array(values, pa.string() if name in _TEXTS else pa.float64())
     if kinds == {bool}:
-        return pa.array(values, pa.bool_())
+        return pa.bool_()
     if kinds == {int}:
-        return pa.array(values, pa.int64())
-    if kinds <= {int, float}:
-        return pa.array([None if v is None else float(v) for v in values], pa.float64())
-    return pa.array([None if v is None else str(v) for v in values], pa.string())
+        return pa.int64()
+    return pa.float64() if kinds <= {int, float} else pa.string()
+
+
+def _in_kind(kind: Any, value: Any) -> Any:
+    to = {pa.float64(): float, pa.string(): str}.get(kind)
+    return value if value is None or to is None else to(value)

@@ -36,7 +36,7 @@ TOPICS = tuple(TOPIC_OF[kind] for kind in (Telemetry, ForceCommand, Event))  # t
 
 @dataclass
 class Verified:
-    """What a verification has found."""
+    """Result of a verification."""
 
     ticks: int  # in the recording
     verified: int = 0  # of them, up to the first one that is missing
@@ -137,14 +137,14 @@ class _Rerun:
             self._commands.setdefault(command.device_seq, []).append(command)
 
     def run(self, packets: Sequence[Telemetry]) -> Verified:
-        """Return what the packets give."""
-        self._found = Verified(len(packets))
+        """Return the verification of the packets."""
+        self._result = Verified(len(packets))
         for life in _lives(packets):
             self._device = _RecordedDevice(self._model, self._takes_limit, life[0])
             self._begin()
             if not self._live(life):
                 break
-        return self._found
+        return self._result
 
     def _begin(self) -> None:
         """Begin the ledger of a device that starts; its law is the last one of its former life."""
@@ -168,7 +168,7 @@ class _Rerun:
                     " no other ledger begins in it (a new law): record from the beginning, with"
                     " --record"
                 )
-            self._found.unknown += start
+            self._result.unknown += start
             self._law = self._laws[life[start - 1].time_ns]
             self._begin()
             self._bounded.begin()
@@ -186,7 +186,7 @@ class _Rerun:
         return True
 
     def _tick(self, packet: Telemetry, before: Telemetry | None) -> None:
-        found, bounded, self._device.packet = self._found, self._bounded, packet
+        result, bounded, self._device.packet = self._result, self._bounded, packet
         self._follow(packet)
         totals = [
             ((one and one.received_energy) or 0.0, (one and one.given_energy) or 0.0)
@@ -213,9 +213,9 @@ class _Rerun:
             for name, (new, old) in pairs.items()
             if not _are_same(new, old)
         ]
-        found.verified += 1
-        found.differing += bool(differing)
-        found.difference = found.difference or "".join(differing[:1])
+        result.verified += 1
+        result.differing += bool(differing)
+        result.difference = result.difference or "".join(differing[:1])
 
     def _follow(self, packet: Telemetry) -> None:
         """Count whether the commanded force is what the stages make of a recorded command."""
@@ -230,8 +230,8 @@ class _Rerun:
             demand = self._chain.demand(packet.time_ns)
             if (packet.commanded_force, packet.engagement) == (demand.force, demand.engagement):
                 break
-        self._found.unknown_commands += command is missing
-        self._found.commands += command is not missing
+        self._result.unknown_commands += command is missing
+        self._result.commands += command is not missing
 
 
 def _are_same(new: Vector, old: Vector) -> bool:

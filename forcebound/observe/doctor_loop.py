@@ -1,6 +1,8 @@
 """Diagnosis of a running graph: its force, delays, ticks, recording and law."""
 
+import math
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,9 +13,11 @@ from forcebound.messages.control import DeviceStatus, RecorderStatus
 from forcebound.messages.topology import LINKS, flat, node_name
 from forcebound.observe.findings import Finding, note, problem
 from forcebound.observe.observation import Observations
-from forcebound.recordings.launched import launched
 from forcebound.results.bounder import Cause, Limited
+from forcebound.results.figures import OF_STATE
 from forcebound.results.samples import Samples
+from forcebound.results.state import Passivity, state
+from forcebound.results.summary import figures_of
 from forcebound.results.ticks import reads_and_writes
 from forcebound.roles import DEVICE
 from forcebound.run.process.recorder import COMPLETE
@@ -79,11 +83,11 @@ def _delay(seen: Observations) -> Iterator[Finding]:
 
 def _injected_delay(config: GraphConfig) -> float | None:
     """Return what links and environment add to the loop at most, in s; None: hard to say."""
-    ways = [config.only.links[topic] for topic in LINKS if topic in config.only.links]
-    ways += [config.environment.computation] * 2  # a query may have to wait for the one before
-    if any(not way.is_plain or way.loss for way in ways):
+    parts = [config.only.links[topic] for topic in LINKS if topic in config.only.links]
+    parts += [config.environment.computation] * 2  # a query may have to wait for the one before
+    if any(not part.is_plain or part.loss for part in parts):
         return None
-    return sum(way.delay + way.jitter for way in ways)
+    return sum(part.delay + part.jitter for part in parts)
 
 
 def _ticks(seen: Observations) -> Iterator[Finding]:
@@ -154,8 +158,8 @@ def _law(seen: Observations) -> Iterator[Finding]:
         command = f"forcebound param set {parameter_name(seen.hand, LAW)}:=certified"
         yield note("no_law", seen.name(DEVICE), words, command=command)
         return
-    document = flat(to_document(seen.config))
-    force = Limited(seen.telemetry, launched(document).device)
+    run = _run(seen)
+    force = Limited(seen.telemetry, run.device)
     if not force:
         return
     share = float(force.limited.sum() / force.pushing.sum())
@@ -164,10 +168,26 @@ def _law(seen: Observations) -> Iterator[Finding]:
         f"law {law} limits the force in {share:.0%} of the ticks with one: "
         f"of {commanded:.2g} N commanded it applies {applied:.2g} N"
     )
-    status = seen.of(DeviceStatus).last
-    run = Samples(seen.telemetry, document)
-    run.report = None if status is None else status.bounder
     yield note("law_limits", seen.name(DEVICE), words, causes=tuple(run.causes))
+
+
+def _run(seen: Observations) -> Samples:
+    """Return what was seen as a run, with the true energy since its law began, if that is known."""
+    device, telemetry = seen.of(DeviceStatus), seen.telemetry
+    before = [math.nan if one is None else one.energy_before for one in (device.first, device.last)]
+    energy = telemetry.true_energy - (before[1] if before[0] == before[1] else math.nan)
+    run = Samples(replace(telemetry, true_energy=energy), flat(to_document(seen.config)))
+    run.report = None if device.last is None else device.last.bounder
+    return run
+
+
+def _state(seen: Observations) -> Iterator[Finding]:
+    if not seen.telemetry.time_ns.size:
+        return
+    run = _run(seen)
+    now = state(figures_of(run, OF_STATE), run.launched)
+    if now.kind in (Passivity.NOT_PASSIVE, Passivity.UNCOVERED):
+        yield problem(now.kind, seen.name(DEVICE), now.passivity.removesuffix("."))
 
 
 LOOP_RULES: tuple[Callable[[Observations], Iterator[Finding]], ...] = (
@@ -175,5 +195,6 @@ LOOP_RULES: tuple[Callable[[Observations], Iterator[Finding]], ...] = (
     _delay,
     _ticks,
     _recorder,
+    _state,
     _law,
 )

@@ -2,44 +2,20 @@
 
 from collections import Counter
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, TypeAlias
+
+from forcebound.units import DB, MJ, UNDEFINED, Everyday
 
 #: Figures of a run, or of a part of it, by their keys, ready for JSON; docs/results.md lists them.
 Summary: TypeAlias = dict[str, Any]
 Cell: TypeAlias = Callable[[Summary], str]  # empty: no row
 
-UNDEFINED = "–"
 NOT_FELT = -20  # dB; see forcebound.results.perception.vibration_threshold
-
-
-class Unit(NamedTuple):
-    """An everyday unit: its name, how many of it an SI unit has, shown digits."""
-
-    name: str
-    factor: float = 1.0
-    digits: int = 2
-
-    def show(self, value: float | None) -> str:
-        """Return a value in SI units as text; a dash for None."""
-        if value is None:
-            return UNDEFINED
-        # Adding zero turns a rounded -0.0 into 0.0: "-0.00 mJ" would read as a leak.
-        number = round(value * self.factor, self.digits) + 0.0
-        return f"{number:.{self.digits}f} {self.name}".rstrip()
-
-
-NUMBER, HZ, DB = (Unit(name, digits=0) for name in ("", "Hz", "dB"))
-S, N, W = (Unit(name) for name in ("s", "N", "W"))
-MM, MM_S, MJ = (Unit(name, 1e3) for name in ("mm", "mm/s", "mJ"))
-MS = Unit("ms", 1e3, 0)
-N_MM = Unit("N/mm", 1e-3)
-PERCENT = Unit("%", 1e2, 1)
-WHOLE = Unit("%", 1e2, 0)
 
 
 def percentiles(delays: Mapping[str, float | None], digits: int) -> str:
     """Return p50, p99 and maximum of a delay, without unit."""
-    return "/".join(Unit("", digits=digits).show(delays[key]) for key in ("p50", "p99", "max"))
+    return "/".join(Everyday("", "", digits).show(delays[key]) for key in ("p50", "p99", "max"))
 
 
 def _delays(key: str) -> Cell:
@@ -92,7 +68,7 @@ def allowance(s: Summary) -> str:
     if not s["largest_allowance_j"]:
         return ""
     repaid = "repaid" if s["allowance_repaid"] else "not repaid"
-    return f"{Unit('mJ', 1e3, 3).show(s['largest_allowance_j'])}, {repaid}"
+    return f"{MJ._replace(digits=3).show(s['largest_allowance_j'])}, {repaid}"
 
 
 def energy_cap(s: Summary) -> str:

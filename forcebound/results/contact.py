@@ -60,6 +60,18 @@ def displayed_stiffness(time: Floats, force: Floats, depth: Floats) -> float | N
     return float(np.mean(force[steady] / depth[steady])) if steady.any() else None
 
 
+def mean_stiffness(force: Floats, depth: Floats) -> float | None:
+    """Return mean force over mean depth of the samples in contact, in N/m; None without any.
+
+    Not the mean of their ratios, as :func:`displayed_stiffness` is: of a hand that moves, a shallow
+    sample weighs there as much as a deep one. So palpation and touches of a study have this one.
+
+    Source: the enhanced force bounding paper, 2017, section 5.3.
+    """
+    contact = depth > 0.0
+    return float(np.mean(force[contact]) / np.mean(depth[contact])) if contact.any() else None
+
+
 def rate_hardness(time: Floats, force: Floats, depth: Floats) -> float | None:
     r"""Return the rate-hardness of the first contact over 10 ms, in N/m.
 

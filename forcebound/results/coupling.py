@@ -12,10 +12,10 @@ import numpy as np
 from forcebound.haptics.laws import ENERGY_TOLERANCE
 from forcebound.messages.topology import Document
 from forcebound.recordings.telemetry import TelemetryColumns
-from forcebound.results.cells import MM, N_MM, N, Summary
+from forcebound.results.cells import Summary
 from forcebound.results.contact import displayed_stiffness, rms
 from forcebound.results.surface import Floats
-from forcebound.units import energy_in_words
+from forcebound.units import MM, N_MM, N, energy_in_words
 
 _LAST = itemgetter(-1)
 APART = 0.005  # m, between leader and follower at the start, where nothing is said

@@ -14,6 +14,7 @@ from forcebound.results.surface import Floats
 
 POWER_WINDOW = 10  # samples over which the observed power is a mean: one step of an encoder in one
 #                    sample is 0.2 W at 8 N
+BESIDE = 8  # holds on either side of others that change what is known of these
 SHORTEST = 1e-6  # s between two readings; less is none
 
 
@@ -119,6 +120,53 @@ def observe(holds: Holds) -> Observed | None:
     """
     if holds.read.size < 2:
         return None
+    begin, work, error, doubt = _accounts(holds)
+    energy = np.concatenate(([0.0], np.cumsum(work)))
+    error = np.concatenate(([0.0], np.cumsum(error))) + doubt
+    power = (energy[POWER_WINDOW:] - energy[:-POWER_WINDOW]) / (
+        begin[POWER_WINDOW:] - begin[:-POWER_WINDOW]
+    )
+    return Observed(
+        float(energy.min()),
+        float(energy.min() - (energy - error).min()),
+        float(power.min()) if power.size else None,
+        float(np.mean(energy < 0.0)),
+    )
+
+
+class MotorAccount:
+    """The same observer of a run that goes on: the energy of a motor from its first force on.
+
+    Attributes:
+        energy_min: Lowest energy that it took so far, in J.
+        error: By which the true minimum may be lower, in J.
+    """
+
+    def __init__(self) -> None:
+        self.energy_min = self.error = 0.0
+        self._energy = self._error = self._least = 0.0
+        self._has_begun = False
+
+    def take(self, holds: Holds) -> None:
+        """Take the next holds, with the ``BESIDE`` before and behind them, which are known too."""
+        _, work, error, doubt = _accounts(holds)
+        inner = slice(BESIDE if self._has_begun else 0, -BESIDE)
+        energies = self._energy + np.cumsum(work[inner])
+        errors = self._error + np.cumsum(error[inner])
+        if energies.size:
+            self._has_begun = True
+            self._energy, self._error = float(energies[-1]), float(errors[-1])
+            least = (energies - errors - doubt[1:][inner]).min()
+            self._least = min(self._least, float(least))
+            self.energy_min = min(self.energy_min, float(energies.min()))
+            self.error = self.energy_min - self._least
+
+
+def _accounts(holds: Holds) -> tuple[Floats, Floats, Floats, Floats]:
+    """Return when the forces act; work and error of each hold; the error of the one that goes on.
+
+    Shapes are ``(n,)``, those of work and error ``(n - 1,)``.
+    """
     # A lag shifts a step by its time constant. Beyond the last reading no path is known.
     begin = np.minimum(holds.write + holds.lag, holds.read[-1])
     end = np.clip(holds.end[:-1] + holds.lag, begin[:-1], begin[1:])
@@ -129,19 +177,9 @@ def observe(holds: Holds) -> Observed | None:
         for times in (begin, end)
     )
     work = np.sum(force[:-1] * (ends[0] - begins[0][:-1]), axis=1)
-    energy = np.concatenate(([0.0], np.cumsum(work)))
     before = np.concatenate((np.zeros_like(force[:1]), kept))
     changed = _dot(force - before, begins[1])[:-1] + _dot(force[:-1] - kept, ends[1])
-    error = np.concatenate(([0.0], np.cumsum(changed))) + _dot(before, begins[1])
-    power = (energy[POWER_WINDOW:] - energy[:-POWER_WINDOW]) / (
-        begin[POWER_WINDOW:] - begin[:-POWER_WINDOW]
-    )
-    return Observed(
-        float(energy.min()),
-        float(energy.min() - (energy - error).min()),
-        float(power.min()) if power.size else None,
-        float(np.mean(energy < 0.0)),
-    )
+    return begin, work, changed, _dot(before, begins[1])
 
 
 def _doubt(holds: Holds) -> Floats:
@@ -159,5 +197,5 @@ def _at(times: Floats, known: Floats, values: Floats) -> Floats:
     return np.stack([np.interp(times, known, column) for column in values.T], axis=1)
 
 
-def _dot(force: Floats, way: Floats) -> Floats:
-    return np.asarray(np.sum(np.abs(force) * way, axis=1))
+def _dot(force: Floats, path: Floats) -> Floats:
+    return np.asarray(np.sum(np.abs(force) * path, axis=1))

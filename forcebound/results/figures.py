@@ -8,7 +8,6 @@ A summary and its reasons, the tables that commands print, the labels of maps an
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
-from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -17,31 +16,9 @@ from numpy.typing import NDArray
 from forcebound.results import cells, ticks
 from forcebound.results import samples as need
 from forcebound.results.bounder import Limited
-from forcebound.results.cells import (
-    HZ,
-    MJ,
-    MM,
-    MM_S,
-    MS,
-    N_MM,
-    NUMBER,
-    PERCENT,
-    WHOLE,
-    Cell,
-    N,
-    S,
-    Summary,
-    Unit,
-    W,
-)
+from forcebound.results.cells import Cell, Summary
 from forcebound.results.contact import (
-    REST_SPEED,
-    at_end,
-    count_bounces,
-    displayed_stiffness,
-    extended_rate_hardness,
     limit_cycle_amplitude,
-    rate_hardness,
     rms,
     steady_window,
 )
@@ -50,7 +27,25 @@ from forcebound.results.promises import broken_promises
 from forcebound.results.samples import Needs, Samples
 from forcebound.results.spectrum import transparency_bandwidth
 from forcebound.results.stiffness import felt_stiffness
-from forcebound.results.surface import Floats
+from forcebound.units import (
+    DB,
+    HZ,
+    MJ,
+    MM,
+    MM_S,
+    MS,
+    N_MM,
+    NUMBER,
+    PERCENT,
+    UNDEFINED,
+    WHOLE,
+    Everyday,
+    N,
+    S,
+    W,
+)
+
+IN_MS = Everyday("ms", "ms")  # of values that a summary has in ms
 
 
 @dataclass(frozen=True)
@@ -58,25 +53,42 @@ class Figure:
     """One figure of a run.
 
     Attributes:
-        key: Of the figure in a summary, with the SI unit of its value.
+        name: Its name in Python.
         label: Of its row in a table; empty: it has none.
-        shown: Everyday unit, or how a summary's cell is made, empty for no row.
-        of: Returns the value of a run that has what it needs, ready for JSON; None: missing.
+        unit: Of its value.
+        of: Returns the value of a run that has what it needs, ready for JSON, None: missing; or the
+            path of an attribute of it, None without it.
         needs: What it needs of a run.
+        cell: How a summary's cell is made; None: of the value in its unit.
     """
 
-    key: str
+    name: str
     label: str
-    shown: Unit | Cell | None
-    of: Callable[[Samples], Any]
+    unit: Everyday
+    of: Callable[[Samples], Any] | str
     needs: Needs = need.ALWAYS
+    cell: Cell | None = None
 
-    def cell(self, summary: Summary) -> str:
+    @property
+    def key(self) -> str:
+        """Its key in a summary, with the SI unit of its value: ``peak_force_n``."""
+        return self.name + self.unit.suffix
+
+    def value(self, run: Samples) -> Any:
+        """Return the value of a run that has what it needs; None: missing."""
+        if not isinstance(self.of, str):
+            return self.of(run)
+        value: Any = run
+        for name in self.of.split("."):
+            value = getattr(value, name, None)
+        return value
+
+    def text(self, summary: Summary) -> str:
         """Return what a table shows of a summary; empty: no row."""
-        if isinstance(self.shown, Unit):
-            value = summary[self.key]
-            return "" if value is None and self.needs.is_optional else self.shown.show(value)
-        return "" if self.shown is None else self.shown(summary)
+        if self.cell is not None:
+            return self.cell(summary)
+        value = summary[self.key]
+        return "" if value is None and self.needs.is_optional else self.unit.show(value)
 
 
 def _or_none(statistic: Callable[[Any], Any], values: NDArray[Any]) -> float | None:
@@ -101,22 +113,6 @@ def _delays(delay: str) -> Callable[[Samples], dict[str, float | None]]:
 def _duration(run: Samples) -> float | None:
     time = run.run.time[run.since]
     return float(np.ptp(time)) if time.size else None
-
-
-def _of(name: str) -> Callable[[Samples], Any]:
-    """Return a function that gives an attribute of what figures share; None without it."""
-    shared, _, name = name.partition(".")
-    return lambda run: getattr(getattr(run, shared), name, None)
-
-
-def _of_contact(measure: Callable[[Floats, Floats, Floats], Any]) -> Callable[[Samples], Any]:
-    """Return a function that gives a measure of time, normal force and depth."""
-    return lambda run: measure(run.time, run.normal_force, run.depth)
-
-
-_stiffness, _hardness, _extended = (
-    _of_contact(one) for one in (displayed_stiffness, rate_hardness, extended_rate_hardness)
-)
 
 
 def _bandwidth(run: Samples) -> float | None:
@@ -188,20 +184,6 @@ def _vibration(run: Samples) -> dict[str, list[float] | None] | None:
     }
 
 
-def _at_rest(run: Samples) -> bool | None:
-    return None if run.final_speed is None else run.final_speed < REST_SPEED
-
-
-def _resting_depth(run: Samples) -> float | None:
-    resting = run.depth[at_end(run.time) & run.contact]
-    return _or_none(np.mean, resting) if _at_rest(run) else None
-
-
-def _bounces(run: Samples) -> int:
-    first = int(np.argmax(run.contact)) if run.contact.any() else run.depth.size
-    return count_bounces(run.depth[first:])
-
-
 def _since_contact(run: Samples) -> float | None:
     columns, first = run.columns, int(np.argmax(run.contact))
     assert run.mass is not None
@@ -242,110 +224,124 @@ def _little_force(run: Samples) -> list[dict[str, object]]:
 
 #: Figures that rest on the report of the bounder; a sweep has none of them.
 _OF_THE_BOUNDER = (
-    Figure("hold_limit_ms", "hold limit mean/longest", cells.hold_limit, ticks.hold_limits),
-    Figure("refused_readings", "refused readings", cells.refused, _of("report.refused_readings")),
-    Figure("late_writes", "writes later than stated", cells.late_writes, _of("report.late_writes")),
-    Figure("longest_write_delay_ms", "", None, ticks.longest_write_delay),
-    Figure("reads_and_writes_s", "", None, lambda run: ticks.reads_and_writes(run.columns)),
     Figure(
-        "largest_allowance_j",
-        "largest allowance used",
-        cells.allowance,
-        _of("report.largest_allowance"),
+        "hold_limit", "hold limit mean/longest", IN_MS, ticks.hold_limits, cell=cells.hold_limit
     ),
-    Figure("allowance_repaid", "", None, _of("report.allowance_repaid")),
-    Figure("energy_cap_j", "energy cap", cells.energy_cap, attrgetter("device.cap")),
-    Figure("number_sources", "numbers of the device", cells.counts("number_sources", ""), _sources),
-    Figure("broken_promises", "", None, broken_promises),
-    Figure("little_force", "little force because of", cells.little_force, _little_force),
+    Figure(
+        "refused_readings",
+        "refused readings",
+        NUMBER,
+        "report.refused_readings",
+        cell=cells.refused,
+    ),
+    Figure(
+        "late_writes",
+        "writes later than stated",
+        NUMBER,
+        "report.late_writes",
+        cell=cells.late_writes,
+    ),
+    Figure("longest_write_delay", "", IN_MS, ticks.longest_write_delay),
+    Figure("reads_and_writes", "", S, lambda run: ticks.reads_and_writes(run.columns)),
+    Figure(
+        "largest_allowance",
+        "largest allowance used",
+        MJ,
+        "report.largest_allowance",
+        cell=cells.allowance,
+    ),
+    Figure("allowance_repaid", "", NUMBER, "report.allowance_repaid"),
+    Figure("energy_cap", "energy cap", MJ, "device.cap", cell=cells.energy_cap),
+    Figure(
+        "number_sources",
+        "numbers of the device",
+        NUMBER,
+        _sources,
+        cell=cells.counts("number_sources", ""),
+    ),
+    Figure("broken_promises", "", NUMBER, broken_promises),
+    Figure(
+        "little_force", "little force because of", NUMBER, _little_force, cell=cells.little_force
+    ),
 )
 REPORTED = tuple(figure.key for figure in _OF_THE_BOUNDER)
 
 #: All figures, in the order of the table.
 FIGURES: tuple[Figure, ...] = (
-    Figure("law", "law", lambda s: s["law"] or cells.UNDEFINED, attrgetter("device.law")),
-    Figure("duration_s", "duration", S, _duration),
+    Figure("law", "law", NUMBER, "device.law", cell=lambda s: s["law"] or UNDEFINED),
+    Figure("duration", "duration", S, _duration),
     Figure("samples", "samples", NUMBER, lambda run: int(run.since.sum())),
-    Figure("displayed_stiffness_n_per_m", "displayed stiffness", N_MM, _stiffness, need.STEADY),
-    Figure("stiffness_n_per_m", "", None, _felt, need.ASKED),
-    Figure("rate_hardness_n_per_m", "rate-hardness", N_MM, _hardness, need.INWARDS),
+    Figure("displayed_stiffness", "displayed stiffness", N_MM, "displayed_stiffness", need.STEADY),
+    Figure("stiffness", "", N_MM, _felt, need.ASKED),
+    Figure("rate_hardness", "rate-hardness", N_MM, "rate_hardness", need.INWARDS),
     Figure(
-        "extended_rate_hardness_n_per_m", "extended rate-hardness", N_MM, _extended, need.INWARDS
+        "extended_rate_hardness",
+        "extended rate-hardness",
+        N_MM,
+        "extended_rate_hardness",
+        need.INWARDS,
     ),
-    Figure("transparency_bandwidth_hz", "transparency bandwidth", HZ, _bandwidth, need.BANDWIDTH),
-    Figure("displayed_impedance", "", None, _impedance, need.IMPEDANCE),
-    Figure("peak_force_n", "peak force", N, _peak_force),
-    Figure("peak_penetration_m", "peak penetration", MM, _deepest, need.SURFACE),
-    Figure("peak_tangential_force_n", "peak tangential force", N, _across, need.ACROSS),
+    Figure("transparency_bandwidth", "transparency bandwidth", HZ, _bandwidth, need.BANDWIDTH),
+    Figure("displayed_impedance", "", NUMBER, _impedance, need.IMPEDANCE),
+    Figure("peak_force", "peak force", N, _peak_force),
+    Figure("peak_penetration", "peak penetration", MM, _deepest, need.SURFACE),
+    Figure("peak_tangential_force", "peak tangential force", N, _across, need.ACROSS),
     Figure("tangential_share", "tangential over normal force", WHOLE, _share_across, need.ACROSS),
-    Figure("peak_proxy_distance_m", "peak proxy distance", MM, _proxy_distance, need.PROXY),
-    Figure("force_error_rms_n", "force error, RMS", N, _force_error, need.PUSHED),
-    Figure("wall_error_rms_n", "error to the ideal wall, RMS", N, _wall_error, need.WALL),
+    Figure("peak_proxy_distance", "peak proxy distance", MM, _proxy_distance, need.PROXY),
+    Figure("force_error_rms", "force error, RMS", N, _force_error, need.PUSHED),
+    Figure("wall_error_rms", "error to the ideal wall, RMS", N, _wall_error, need.WALL),
     Figure(
-        "vibration_above_threshold_db",
+        "vibration_above_threshold",
         "vibration above threshold",
-        cells.vibration,
+        DB,
         _strongest("above_threshold"),
         need.VIBRATION,
+        cells.vibration,
     ),
-    Figure("vibration_frequency_hz", "", None, _strongest("frequency"), need.VIBRATION),
-    Figure("vibration", "", None, _vibration, need.SPECTRUM),
-    Figure("settling_time_s", "settling time", MS, _of("settling.time"), need.SETTLED),
-    Figure("overshoot_share", "overshoot", WHOLE, _of("settling.overshoot"), need.SETTLED),
+    Figure("vibration_frequency", "", HZ, _strongest("frequency"), need.VIBRATION),
+    Figure("vibration", "", NUMBER, _vibration, need.SPECTRUM),
+    Figure("settling_time", "settling time", MS, "settling.time", need.SETTLED),
+    Figure("overshoot_share", "overshoot", WHOLE, "settling.overshoot", need.SETTLED),
     Figure(
-        "limit_cycle_amplitude_m",
+        "limit_cycle_amplitude",
         "limit-cycle amplitude",
         MM,
         lambda run: limit_cycle_amplitude(run.time, run.path),
         need.SURFACE,
     ),
-    Figure("contact_bounces", "contact bounces", NUMBER, _bounces, need.SURFACE),
-    Figure("final_speed_m_per_s", "speed at the end", MM_S, attrgetter("final_speed"), need.TRUTH),
-    Figure("at_rest", "", None, _at_rest, need.TRUTH),
-    Figure("penetration_at_rest_m", "penetration at rest", MM, _resting_depth, need.AT_REST),
+    Figure("contact_bounces", "contact bounces", NUMBER, "bounces", need.SURFACE),
+    Figure("final_speed", "speed at the end", MM_S, "final_speed", need.TRUTH),
+    Figure("at_rest", "", NUMBER, "is_at_rest", need.TRUTH),
+    Figure("penetration_at_rest", "penetration at rest", MM, "resting_depth", need.AT_REST),
     Figure(
-        "true_energy_min_j",
-        "minimum energy (ground truth)",
-        MJ,
-        _minimum("true_energy"),
-        need.TRUTH,
+        "true_energy_min", "minimum energy (ground truth)", MJ, _minimum("true_energy"), need.TRUTH
     ),
-    Figure("energy_left_j", "", None, _energy_left, need.TOUCHED),
-    Figure("largest_energy_fall_j", "largest fall of energy", MJ, _of("fall.energy"), need.TRUTH),
+    Figure("energy_left", "", MJ, _energy_left, need.TOUCHED),
+    Figure("largest_energy_fall", "largest fall of energy", MJ, "fall.energy", need.TRUTH),
+    Figure("energy_regain_time", "time to regain it", MS, "fall.time_to_regain", need.REGAINED),
     Figure(
-        "energy_regain_time_s", "time to regain it", MS, _of("fall.time_to_regain"), need.REGAINED
+        "energy_since_contact_min", "minimum energy since contact", MJ, _since_contact, need.BROUGHT
     ),
     Figure(
-        "energy_since_contact_min_j",
-        "minimum energy since contact",
-        MJ,
-        _since_contact,
-        need.BROUGHT,
-    ),
-    Figure(
-        "observed_energy_min_j",
+        "observed_energy_min",
         "minimum energy (motor alone)",
         MJ,
-        _of("observed.energy_min"),
+        "observed.energy_min",
         need.ENGAGED,
     ),
-    Figure("observed_energy_error_j", "", None, _of("observed.error"), need.ENGAGED),
+    Figure("observed_energy_error", "", MJ, "observed.error", need.ENGAGED),
     Figure(
-        "observed_power_min_w",
-        "minimum power (motor alone)",
-        W,
-        _of("observed.power_min"),
-        need.ENGAGED,
+        "observed_power_min", "minimum power (motor alone)", W, "observed.power_min", need.ENGAGED
     ),
     Figure(
         "observed_deficit_share",
         "time in deficit (motor alone)",
         PERCENT,
-        _of("observed.deficit_share"),
+        "observed.deficit_share",
         need.ENGAGED,
     ),
     Figure(
-        "estimated_energy_min_j",
+        "estimated_energy_min",
         "minimum energy (estimated)",
         MJ,
         _minimum("estimated_energy"),
@@ -357,14 +353,34 @@ FIGURES: tuple[Figure, ...] = (
     Figure("bounder_active_share", "bounder active", PERCENT, _bounded, need.PUSHED),
     Figure("answered_share", "ticks answered", PERCENT, ticks.answered),
     Figure("same_tick_share", "answered in the same tick", PERCENT, ticks.same_tick_share),
-    Figure("loop_delay_ms", "loop delay p50/p99/max", cells.loop_delay, _delays("loop_delay")),
-    Figure("reply_age_ms", "age of the reply p50/p99/max", cells.reply_age, _delays("reply_age")),
+    Figure(
+        "loop_delay", "loop delay p50/p99/max", IN_MS, _delays("loop_delay"), cell=cells.loop_delay
+    ),
+    Figure(
+        "reply_age",
+        "age of the reply p50/p99/max",
+        IN_MS,
+        _delays("reply_age"),
+        cell=cells.reply_age,
+    ),
     Figure("deadline_misses", "deadline misses", NUMBER, ticks.deadline_misses),
     Figure("hold_limit_overruns", "hold-limit overruns", NUMBER, ticks.hold_limit_overruns),
     *_OF_THE_BOUNDER,
     Figure(
-        "rejected_packets", "rejected packets", cells.counts("rejected_packets"), ticks.rejected
+        "rejected_packets",
+        "rejected packets",
+        NUMBER,
+        ticks.rejected,
+        cell=cells.counts("rejected_packets"),
     ),
-    Figure("links", "lost or damaged", cells.lost, ticks.links),
-    Figure("faults", "faults", cells.counts("faults"), ticks.faults),
+    Figure("links", "lost or damaged", NUMBER, ticks.links, cell=cells.lost),
+    Figure("faults", "faults", NUMBER, ticks.faults, cell=cells.counts("faults")),
 )
+
+_OF_STATE = (
+    *("law", "true_energy_min", "energy_left", "observed_energy_min", "observed_energy_error"),
+    *("final_speed", "at_rest", "limit_cycle_amplitude", "contact_bounces", "penetration_at_rest"),
+    *("broken_promises", "largest_allowance", "hold_limit_overruns"),
+)
+#: Those from which the state of a hand is known.
+OF_STATE = tuple(figure for figure in FIGURES if figure.name in _OF_STATE)

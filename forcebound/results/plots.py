@@ -74,14 +74,11 @@ def figure(
     Raises:
         ConfigError: If a launch file does not fit its run.
     """
-    from matplotlib.figure import Figure
-
     if panels is None:
         axes = max(columns.position.shape[1] for _, columns, _ in runs)
         panels = (*DEFAULT_PANELS, *PATH_PANELS[: axes - 1])
     rows = {name: PANELS[name] for name in panels} | signal_panels(chain(*signals))
-    size = (1.6 + 4.4 * len(runs), 0.9 + 1.75 * len(rows))
-    drawing = (new or Figure)(figsize=size, dpi=150, layout="constrained")
+    drawing = blank(1.6 + 4.4 * len(runs), 0.9 + 1.75 * len(rows), new)
     grid = drawing.subplots(len(rows), len(runs), squeeze=False)
     known = zip(events or [()] * len(runs), signals or [()] * len(runs), strict=True)
     for column, run, (marked, curves) in zip(grid.T, runs, known, strict=True):
@@ -91,6 +88,19 @@ def figure(
         _arrange_row(name, list(row_axes))
     drawing.align_ylabels(list(grid[:, 0]))
     return drawing
+
+
+def blank(width: float, height: float, new: Callable[..., Figure] | None = None) -> Figure:
+    """Return an empty figure of a size in inches; ``new`` makes it, None: without pyplot."""
+    from matplotlib.figure import Figure
+
+    return (new or Figure)(figsize=(width, height), dpi=150, layout="constrained")
+
+
+def plain(axes: Axes) -> None:
+    """Give axes a faint grid, and no lines above and to the right."""
+    axes.grid(True, color=NEUTRAL, alpha=0.2, linewidth=0.6)
+    axes.spines[["top", "right"]].set_visible(False)
 
 
 def _draw_column(
@@ -166,8 +176,7 @@ def _title(run: Run) -> str:
 
 def _arrange_row(name: str, row: list[Axes]) -> None:
     for axes in row:
-        axes.grid(True, color=NEUTRAL, alpha=0.2, linewidth=0.6)
-        axes.spines[["top", "right"]].set_visible(False)
+        plain(axes)
         axes.tick_params(labelsize=8)
         axes.margins(x=0.01)
     if name == "energy":

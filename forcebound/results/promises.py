@@ -16,6 +16,7 @@ import numpy as np
 from forcebound.results.energy import Holds
 from forcebound.results.samples import Samples, is_certified
 from forcebound.results.surface import Floats, Mask
+from forcebound.units import in_unit
 
 ROUNDING = 5e-10  # s; stamps are whole nanoseconds
 LARGEST_SPEED = 3e8  # m/s; a recording may imply any
@@ -96,12 +97,12 @@ def _refused_speeds(holds: Holds, time: Floats, largest: float) -> Floats:
     """Return the speeds that refused readings imply, in m/s, 0 of the others: as the bounder."""
     speed = np.zeros(holds.read.size)
     slack = float(np.linalg.norm(np.broadcast_to(holds.resolution, holds.reading.shape[1])))
-    ways = np.linalg.norm(np.diff(holds.reading, axis=0), axis=1)
+    moves = np.linalg.norm(np.diff(holds.reading, axis=0), axis=1)
     taken = 0
-    for k in range(1, speed.size if (ways > largest * np.diff(time) + slack).any() else 0):
-        way, dt = math.dist(holds.reading[k], holds.reading[taken]), time[k] - time[taken]
-        if way > largest * dt + slack:
-            speed[k] = way / max(dt, ROUNDING)
+    for k in range(1, speed.size if (moves > largest * np.diff(time) + slack).any() else 0):
+        move, dt = math.dist(holds.reading[k], holds.reading[taken]), time[k] - time[taken]
+        if move > largest * dt + slack:
+            speed[k] = move / max(dt, ROUNDING)
         else:
             taken = k
     return np.minimum(speed, LARGEST_SPEED)
@@ -112,12 +113,10 @@ def in_words(broken: BrokenPromise) -> str:
     what, remedy = _WORDS[broken["promise"]]
     if broken["is_paid"] and broken["promise"] == "write_delay":
         remedy = "the ledger had enough for each of them"
-    factor, unit = (1e3, "ms") if broken["unit"] == "s" else (1.0, broken["unit"])
+    unit = "ms" if broken["unit"] == "s" else broken["unit"]
     most = broken["largest"]
     numbers = (broken["stated"], broken["typical"], most, ROUNDED_UP * most)
-    stated, typical, largest, more = (
-        f"{float(f'{factor * number:.3g}'):g} {unit}" for number in numbers
-    )
+    stated, typical, largest, more = (in_unit(number, unit, 3) for number in numbers)
     counts = f"{broken['count']:,} of {broken['of']:,}"
     return (
         f"{counts} {what} device.{broken['promise']} ({stated}): typically {typical}, at most"

@@ -1,6 +1,7 @@
 """A run as its figures see it: the samples with an engaged force, what they touched, what is known.
 
-What several figures share is worked out once.
+What several figures share is worked out once. ``fb.Run.samples`` gives it to users: what happened
+in a contact is defined here and nowhere else.
 """
 
 import math
@@ -19,7 +20,19 @@ from forcebound.messages.topology import Document
 from forcebound.recordings.launched import launched
 from forcebound.recordings.telemetry import TelemetryColumns
 from forcebound.results.bounder import Cause, bounder_report, saturated
-from forcebound.results.contact import Settling, final_speed, settling, steady_window
+from forcebound.results.contact import (
+    REST_SPEED,
+    Settling,
+    at_end,
+    count_bounces,
+    displayed_stiffness,
+    extended_rate_hardness,
+    final_speed,
+    mean_stiffness,
+    rate_hardness,
+    settling,
+    steady_window,
+)
 from forcebound.results.energy import Fall, Holds, Observed, largest_fall, observe
 from forcebound.results.little_force import causes_of_little_force
 from forcebound.results.spectrum import Impedance, Vibration, displayed_impedance, vibration
@@ -35,7 +48,21 @@ def is_certified(name: str | None) -> bool:
 
 
 class Samples:
-    """A run and what its figures are made of; arrays are of the samples with an engaged force."""
+    """A run and what its figures are made of, in SI units.
+
+    Arrays have one row per sample with an engaged force; forces and positions are ``(n, axes)``.
+    A number that the run does not have is None.
+
+    Attributes:
+        time: In s since the force engaged, ``(n,)``.
+        columns: Telemetry of these samples.
+        contact: Which samples are in contact, ``(n,)``: behind a surface; where the environment
+            has none, a force is commanded.
+        depth: Of the reading behind the surface, in m, ``(n,)``, below 0 outside; NaN: no surface.
+        saturated: Commanded force after saturation, in N.
+        rate: Of the ticks, in Hz.
+        has_truth: Whether the true positions are known, as of a simulated device.
+    """
 
     def __init__(
         self,
@@ -106,6 +133,61 @@ class Samples:
     def normal_force(self) -> Floats:
         """Applied force against the surface's normal, in N."""
         return self.surface.along(self.columns.applied_force)
+
+    @property
+    def first_contact(self) -> int | None:
+        """Index of the first sample in contact."""
+        return int(np.argmax(self.contact)) if self.contact.any() else None
+
+    @property
+    def entries(self) -> int:
+        """How often the hand entered the contact: samples in contact that follow one outside."""
+        return int(np.count_nonzero(self.contact[1:] & ~self.contact[:-1]))
+
+    @property
+    def bounces(self) -> int:
+        """Turning points of the depth since first contact; see :func:`.contact.count_bounces`."""
+        return 0 if self.first_contact is None else count_bounces(self.depth[self.first_contact :])
+
+    @property
+    def contact_speed(self) -> float | None:
+        """Speed into the surface over the sample that reaches it first, in m/s."""
+        first = int(np.argmax(self.path > 0.0))
+        if not first:
+            return None
+        moved, time = self.path[first - 1 : first + 1], self.time[first - 1 : first + 1]
+        return float(np.diff(moved)[0] / np.diff(time)[0])
+
+    @property
+    def displayed_stiffness(self) -> float | None:
+        """In N/m; see :func:`.contact.displayed_stiffness`."""
+        return displayed_stiffness(self.time, self.normal_force, self.depth)
+
+    @property
+    def rate_hardness(self) -> float | None:
+        """In N/m; see :func:`.contact.rate_hardness`."""
+        return rate_hardness(self.time, self.normal_force, self.depth)
+
+    @property
+    def extended_rate_hardness(self) -> float | None:
+        """In N/m; see :func:`.contact.extended_rate_hardness`."""
+        return extended_rate_hardness(self.time, self.normal_force, self.depth)
+
+    @property
+    def mean_stiffness(self) -> float | None:
+        """In N/m; see :func:`.contact.mean_stiffness`."""
+        return mean_stiffness(self.normal_force, self.depth)
+
+    @property
+    def is_at_rest(self) -> bool | None:
+        """Whether it is slower than 1 mm/s at the end, see :attr:`final_speed`."""
+        return None if self.final_speed is None else self.final_speed < REST_SPEED
+
+    @property
+    def resting_depth(self) -> float | None:
+        """Mean depth in the last 0.5 s of a hand at rest in contact, in m."""
+        resting = self.depth[at_end(self.time) & self.contact]
+        return float(resting.mean()) if resting.size and self.is_at_rest else None
 
     @cached_property
     def final_speed(self) -> float | None:

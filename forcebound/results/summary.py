@@ -14,7 +14,7 @@ from forcebound.messages.packets import Event
 from forcebound.messages.topology import Document
 from forcebound.recordings.telemetry import TelemetryColumns
 from forcebound.results.cells import Summary
-from forcebound.results.figures import FIGURES
+from forcebound.results.figures import FIGURES, Figure
 from forcebound.results.samples import Samples
 from forcebound.results.ticks import answered_share
 
@@ -43,16 +43,20 @@ def summarize(
     Raises:
         ConfigError: If the launch file describes a surface that does not fit the run.
     """
-    run = Samples(columns, config, events, explains)
+    return figures_of(Samples(columns, config, events, explains))
+
+
+def figures_of(run: Samples, figures: Sequence[Figure] = FIGURES) -> Summary:
+    """Return figures of a run, as :func:`summarize`."""
     lacks = run.lacks()
-    figures: Summary = {}
+    found: Summary = {}
     undefined = {}
-    for figure in FIGURES:
+    for figure in figures:
         missing = [lacks[need] for need in figure.needs.of_run.split() if need in lacks]
-        figures[figure.key] = value = None if missing else figure.of(run)
+        found[figure.key] = value = None if missing else figure.value(run)
         if value is None and figure.needs.of_run:
             undefined[figure.key] = (*missing, figure.needs.otherwise)[0]
-    return {**figures, "undefined": undefined}
+    return {**found, "undefined": undefined}
 
 
 def summarize_phases(
@@ -84,7 +88,7 @@ def _phase(part: TelemetryColumns, config: Document) -> Summary:
         "duration_s": float(part.elapsed[-1] - part.elapsed[0]),
         "answered_share": answered_share(part),
         "force_share": float(np.mean(part.engagement > 0.0)),
-        **{figure.key: figure.of(run) for figure in FIGURES if figure.key in _OF_A_PHASE},
+        **{figure.key: figure.value(run) for figure in FIGURES if figure.key in _OF_A_PHASE},
         "true_energy_min_j": float(energy.min()) if energy.size else None,
         "deadline_misses": int(part.deadline_misses[-1] - part.deadline_misses[0]),
     }

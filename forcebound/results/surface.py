@@ -32,7 +32,7 @@ Mask: TypeAlias = NDArray[np.bool_]
 class Scale(NamedTuple):
     """Where a hand feels the environment, and how: behind the controller `scaled`, elsewhere."""
 
-    motion: float = 1.0  # way in the environment over way of the hand
+    motion: float = 1.0  # path in the environment over path of the hand
     force: float = 1.0  # on the hand over that of the environment
     origin: float = 0.0  # m, in the environment on each axis, where the hand is at 0 m
 
@@ -57,7 +57,7 @@ class Touch:
     normal: Floats  # (n, axes), outward
     stiffness: Floats | None  # N/m, (n,); None where force is not this times depth
     proxy: Floats | None = None  # m, (n, axes), NaN in free motion; None: a wall
-    wall: Wall | None = None  # None: the environment said the proxy
+    wall: Wall | None = None  # None: the environment reports the proxy
 
     @property
     def constant_stiffness(self) -> float | None:
@@ -81,7 +81,7 @@ def touch_of_run(
     """Return what a run touched where the hand is; None if that is not known.
 
     Args:
-        columns: Telemetry of the run, with the contacts that its environment said.
+        columns: Telemetry of the run, with the contacts that its environment reported.
         events: Of the run: what begins a phase, and what has changed a parameter.
         config: The launch file as resolved for the run; reads ``controller``, ``environment`` and
             ``phases``.
@@ -110,7 +110,7 @@ def touch_of_run(
 
 
 def _touch_of_contacts(columns: TelemetryColumns, scale: Scale, stiffness: Floats | None) -> Touch:
-    """What the environment said of each tick, or of the newest one before it that it answered.
+    """What the environment reported for each tick, or of the newest one before it that it answered.
 
     In free motion the surface is the plane that was touched last, or will be touched first: a hand
     that leaves it has a negative depth there, so that a bounce can be seen.

@@ -1,10 +1,11 @@
-"""Tables of summaries in everyday units (N/mm, mm, mJ, ms), and labels of maps."""
+"""Tables of summaries in everyday units (N/mm, mm, mJ, ms), and words for the axes of maps."""
 
 from collections.abc import Iterable, Sequence
 
-from forcebound.results.cells import MJ, PERCENT, N, Summary, Unit, percentiles
+from forcebound.results.cells import Summary, percentiles
 from forcebound.results.figures import FIGURES
 from forcebound.results.perception import Difference
+from forcebound.units import MJ, PERCENT, Everyday, N
 
 
 def summary_rows(summary: Summary) -> list[tuple[str, str]]:
@@ -13,7 +14,7 @@ def summary_rows(summary: Summary) -> list[tuple[str, str]]:
     The labels do not depend on the run, except for those of the bounder and of several axes, so the
     rows of several runs go side by side into one table.
     """
-    rows = [(figure.label, figure.cell(summary)) for figure in FIGURES if figure.label]
+    rows = [(figure.label, figure.text(summary)) for figure in FIGURES if figure.label]
     return [(label, cell) for label, cell in rows if cell]
 
 
@@ -32,19 +33,9 @@ def summary_table(
     return ("", *(label for label, _ in shown)), list(rows)
 
 
-def axis_labels() -> dict[str, tuple[str, float]]:
-    """Return by key the label of a figure for the axis of a map, and the factor of its unit."""
-    return {
-        figure.key: (_with_unit(figure.label, figure.shown.name), figure.shown.factor)
-        for figure in FIGURES
-        if isinstance(figure.shown, Unit)
-    }
-
-
-def _with_unit(label: str, unit: str) -> str:
-    if label.endswith(")"):
-        return f"{label[:-1]}, {unit})"
-    return f"{label} ({unit})" if unit else label
+def axes_of_figures() -> dict[str, tuple[str, Everyday]]:
+    """Return by key the words of a figure for the axis of a map, and its unit."""
+    return {one.key: (one.label, one.unit) for one in FIGURES if one.label and one.cell is None}
 
 
 def difference_text(of: Difference) -> str:

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 SMOOTH = 10  # ticks to either side, over which a recorded speed is a mean
 ENOUGH = 3.0  # s of a long run that touches then, for the sake of speed
-WAY = 1e-4  # m, over which joints turn as at a point
+STEP = 1e-4  # m, over which joints turn as at a point
 
 
 @dataclass(frozen=True)
@@ -126,13 +126,13 @@ class Twin:
         """Return mass and stiffness of the hand; damping and friction with the device, per axis."""
         grip, names = run.launched.operator, ("mass", "stiffness", "damping")
         mass, spring, damper = (getattr(grip, n) or getattr(SoftGrip, n) for n in names)
-        turns = ways = np.eye(self._columns.position.shape[1])
+        turns = unit = np.eye(self._columns.position.shape[1])
         if self._model is not None and self._kinematics is not None:
             places = (
-                tuple(self._columns.position[-1] + WAY * way) for way in (*ways, 0.0 * ways[0])
+                tuple(self._columns.position[-1] + STEP * one) for one in (*unit, 0.0 * unit[0])
             )
             turned = np.array([self._model.angles(place) for place in places])
-            turns = (turned[:-1] - turned[-1]) / WAY
+            turns = (turned[:-1] - turned[-1]) / STEP
         damping = damper + (turns**2 * np.array(self.stated.damping)).sum(axis=1)
         friction = (np.abs(turns) * np.array(self.stated.friction)).sum(axis=1)
         return mass + (run.mass or 0.0), spring, damping, friction

@@ -1,44 +1,47 @@
-"""Command ``forcebound audit``: the campaigns against laws and certificates, and their page."""
+"""Command ``forcebound audit``: attacks on laws, their page, and one run again by its name."""
 
-from collections.abc import Iterable, Iterator, Sequence
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
+
+import numpy as np
 
 from forcebound.errors import ConfigError
-from forcebound.haptics.laws import LAWS
 from forcebound.lab.engine import Campaign, Row, run_here
-from forcebound.lab.views import check_page, origin, write_page
-from forcebound_proofs import laws as of_laws
+from forcebound.results.plots import check_picture, save
+from forcebound_proofs.attack import ATTACKS, Budget, Floats, attack_named, attack_of
 from forcebound_proofs.cases import optimiser
-from forcebound_proofs.law_run import SECONDS
-from forcebound_proofs.paths import campaign as of_paths
-from forcebound_proofs.paths.certificates import CERTIFICATES
+from forcebound_proofs.views import check_page, origin, write_page
+
+PART = 100  # runs, at least, of a part of the work
 
 INTRODUCTION = """\
-# Audit of the laws
+# {title}
 
-{runs:,} attacks on the laws and their certificates, some drawn at random, some by a search for the
-lowest energy.
+{runs:,} attacks, some drawn at random, some by a search for the lowest energy.
 
 {origin}
 Any run can be repeated by name:
 
     forcebound audit replay LAW CASE --output run.png
 
-[audit-worlds.md](audit-worlds.md): the same laws in two and three axes, through every world and
-controller. [audit-method.md](audit-method.md): how the attacks work, and what they rest on.
+[audit.md](audit.md) has the laws and their certificates, [audit-worlds.md](audit-worlds.md) the
+certified laws in two and three axes, through every world and controller;
+[audit-method.md](audit-method.md) says how the attacks work, and what they rest on.
 """
 
 
 class Options(NamedTuple):
     """Options of an audit, as on the command line."""
 
-    runs: int = 100  # at random, of each case
-    searched: int = 100  # in a search, of each case
+    runs: int = 100  # at random, of each law and target
+    searched: int = 100  # in a search, of each
     seed: int = 1  # of the first random run, and of the search
     workers: int | None = None  # processes; None: one for each core; 0: this process
     out: Path | None = None  # page to write
     rows: Path | None = None  # Parquet file that gets the rows
+    words: Sequence[str] = ()  # of the command line, beside these options
 
     def check(self) -> None:
         """Check, before the work begins, that there is something to run, and what it needs.
@@ -54,72 +57,123 @@ class Options(NamedTuple):
         if self.searched:
             optimiser()  # its absence would show only after the random runs
 
-    def run(self, name: str, cases: Sequence[Any], part: int = 500) -> list[Row]:
-        """Return the rows of cases."""
-        return run_here(Campaign(name, cases, part=part), self.workers, self.rows).rows
-
-    def write(self, name: str, chosen: dict[str, Sequence[str]], lines: Iterable[str]) -> None:
-        """Write the page; its introduction gets the command line of the audit ``name``."""
-        words = "".join(f" --{what} {one}" for what, given in chosen.items() for one in given)
+    @property
+    def command(self) -> str:
+        """The command that makes the page."""
+        words = f"forcebound audit {' '.join(self.words)}".rstrip()
         numbers = f"--runs {self.runs} --search {self.searched} --seed {self.seed}"
-        command = origin(f"forcebound {name} {numbers}{words} --output {self.out}")
-        write_page(self.out, (line.replace("{origin}", command) for line in lines))
+        return f"{words} {numbers} --output {self.out}"
 
 
-def run(laws: Sequence[str] = (), certificates: Sequence[str] = (), **given: Any) -> Row:
-    """Run the campaigns and write their page; ``given``: :class:`Options`.
+def run(attacks: Mapping[str, Sequence[str]], laws: Sequence[str], options: Options) -> Row:
+    """Run attacks and write their page.
 
-    With laws alone, or certificates alone, only that campaign runs.
+    Args:
+        attacks: Keys of :data:`.ATTACKS`, and what each attacks laws through; none: everything.
+        laws: Keys of :data:`forcebound.haptics.laws.LAWS`; none: those that each is meant for.
+        options: Of the audit.
 
     Returns:
-        ``runs`` in all, ``seed``, ``seconds``, and ``laws`` and ``certificates`` as returned by
-        :func:`forcebound_proofs.laws.summary` and :func:`forcebound_proofs.paths.campaign.summary`.
+        ``runs`` in all, ``seed``, and by the name of each attack what its
+        :meth:`forcebound_proofs.attack.Attack.summary` returns.
 
     Raises:
-        ConfigError: If there is nothing to run, or a law or a certificate is not known.
+        ConfigError: If there is nothing to run, or a law or a target is not known.
     """
-    options = Options(**given)
     options.check()
-    numbers = options[:3]
-    cases: list[Any] = []
-    if laws or not certificates:
-        cases += of_laws.cases(list(laws) or list(LAWS), *numbers)
-    if certificates or not laws:
-        certified = list(laws) or [name for name, law in LAWS.items() if law.is_certified]
-        cases += of_paths.cases(certified, list(certificates) or list(CERTIFICATES), *numbers)
-    found = options.run("audit", cases)
-    document: Row = {
-        "runs": sum(case.runs for case in cases),
-        "seed": options.seed,
-        "seconds": SECONDS,
-    }
-    parts = {
-        "laws": of_laws.summary([row for row in found if not row.get("certificate")]),
-        "certificates": of_paths.summary([row for row in found if row.get("certificate")]),
-    }
-    document |= {name: part for name, part in parts.items() if part}
-    options.write("audit", {"law": laws, "certificate": certificates}, _page(document))
+    series = [
+        one
+        for name, targets in attacks.items()
+        for one in attack_named(name).series(laws, targets, Budget(*options[:3]))
+    ]
+    rows = run_here(Campaign("audit", series, part=PART), options.workers, options.rows).rows
+    document: Row = {"runs": sum(one.runs for one in series), "seed": options.seed}
+    for name in attacks:
+        own = [row for row in rows if row["attack"] == name]
+        document[name] = attack_named(name).summary(own)
+    write_page(options.out, _page(document, options.command))
     return document
 
 
-def _page(document: Row) -> Iterator[str]:
-    yield INTRODUCTION.replace("{runs:,}", f"{document['runs']:,}")
-    if "certificates" in document:
-        yield from of_paths.section(document["certificates"])
-    if "laws" in document:
-        yield from of_laws.section(document)
+def _attacks_of(document: Row) -> list[str]:
+    return [name for name in ATTACKS if name in document]
+
+
+def _page(document: Row, command: str) -> Iterator[str]:
+    names = _attacks_of(document)
+    title = attack_named(names[0]).title
+    yield INTRODUCTION.format(title=title, runs=document["runs"], origin=origin(command))
+    for name in names:
+        yield from attack_named(name).section(document[name])
 
 
 def holds(document: Row) -> bool:
     """Return whether every certified law has kept what it promises."""
-    rows = (row for part in ("laws", "certificates", "worlds") for row in document.get(part, ()))
-    return all(row["holds"] for row in rows)
+    return all(row["holds"] for name in _attacks_of(document) for row in document[name])
 
 
 def lines(document: Row) -> Iterator[str]:
-    """Yield the result of the campaigns for a terminal."""
-    if "certificates" in document:
-        yield from of_paths.worst(document["certificates"])
-    if "laws" in document:
-        yield from of_laws.worst(document["laws"])
+    """Yield the result of an audit for a terminal."""
+    for name in _attacks_of(document):
+        yield from attack_named(name).worst(document[name])
     yield f"{document['runs']} runs; repeat one with `forcebound audit replay LAW CASE`"
+
+
+def replay(law: str, name: str, picture: Path | None = None) -> Row:
+    """Repeat a run by its name, draw it on request; return its case and its result.
+
+    Raises:
+        ConfigError: If the law or the run is not known, or the picture cannot be drawn.
+    """
+    if picture is not None:
+        check_picture(picture)
+    attack, rest = attack_of(name)
+    case = attack.make(rest)
+    outcome = attack.run(law, case, is_traced=picture is not None)
+    if picture is not None:
+        _draw(outcome.trace, f"{law}, {name}", picture)
+    found = {"margin_j": outcome.margin_j, "share_left": outcome.share_left, **outcome.details}
+    described = {**attack.description(case), "name": name}
+    return {"law": law, "case": _finite(described), **_finite(found)}
+
+
+def _finite(numbers: Row) -> Row:
+    """Leave out what is not stated, and what is infinite, which JSON has not."""
+    return {key: one for key, one in numbers.items() if one not in (None, math.inf, -math.inf)}
+
+
+def replay_lines(document: Row) -> Iterator[str]:
+    """Yield a repeated run for a terminal: its case, then its result, in SI units."""
+    for name, value in [*document["case"].items(), *document.items()]:
+        if name != "case":
+            shown = f"{value:.6g}" if isinstance(value, float) else str(value)
+            yield f"{name:<22}{shown}"
+
+
+def _draw(columns: dict[str, Floats], title: str, picture: Path) -> None:
+    """Draw position, forces and energies over time; .png or .svg."""
+    from forcebound.results.colours import COMMANDED, PHYSICAL
+    from forcebound_proofs import drawing as drawing_of
+
+    colours = (COMMANDED, PHYSICAL)
+    energies = columns["energy"], columns["loss_and_work"]
+    in_joules = max(np.abs(one).max() for one in energies) >= 10.0
+    scale, unit = (1.0, "J") if in_joules else (1e3, "mJ")
+    lowest = int(np.argmin(energies[1]))
+    words = f"lowest {scale * energies[1][lowest]:.3g} {unit}"
+    panels = {
+        "position (mm)": (1e3, {"position": "position", "reading": "reading"}),
+        "force (N)": (1.0, {"commanded": "commanded", "applied": "force"}),
+        f"energy ({unit})": (scale, {"of the hand": "energy", "loss plus work": "loss_and_work"}),
+    }
+    shown = {key: one for key, one in panels.items() if {*one[1].values()} & {*columns}}
+    drawing, every = drawing_of.rows_of(len(shown))
+    for axes, (label, (factor, curves)) in zip(every, shown.items(), strict=True):
+        for colour, (name, column) in zip(colours, curves.items(), strict=True):
+            if column in columns:
+                drawing_of.line(axes, columns["time"], factor * columns[column], name, colour)
+        axes.axvline(columns["time"][lowest], color="r", lw=0.7, label=words)
+        drawing_of.finish(axes, label, "time (s)")
+    every[-1].axhline(0.0, color="k", lw=0.7)
+    drawing.suptitle(f"{title}: {words}", fontsize="small")
+    save(drawing, picture)

@@ -6,14 +6,15 @@ of its parameters (``c`` and base-32 digits).
 
 import math
 import random
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, TypeVar
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from forcebound.errors import ConfigError
-from forcebound.haptics.laws import ENERGY_TOLERANCE
 from forcebound.lab.cases import by_logarithm
 
 LEVELS = 1024  # of each continuous parameter in a code: two base-32 digits
@@ -26,6 +27,7 @@ SPREAD = 0.25  # first standard deviation, of ranges of length 1
 
 LEAST_PEAK = 1e-5  # J, of an energy; what is left of less, as a share, has no meaning
 
+Floats: TypeAlias = NDArray[np.float64]
 Found = TypeVar("Found")
 
 
@@ -38,6 +40,7 @@ class Range:
     is_logarithmic: bool = False
     zeros: int = 0  # in a random draw, the odds of 0 against a value, as N to 1
     zero_share: float = 0.0  # in a code, the share of the range that means 0
+    is_signed: bool = False  # in a code, either sign is as likely
 
     def draw(self, random: random.Random) -> float:
         """Return a random value."""
@@ -56,6 +59,9 @@ class Range:
             return 0.0
         u -= self.zero_share
         present = 1.0 - self.zero_share
+        if self.is_signed:
+            side = 2.0 * u / present - 1.0
+            return math.copysign(replace(self, zero_share=0.0, is_signed=False).at(abs(side)), side)
         if self.is_logarithmic:
             return by_logarithm(self.low, self.high, u / present)
         return self.low + (self.high - self.low) * u / present
@@ -125,31 +131,70 @@ def optimiser() -> Any:
     return cma
 
 
-def objective(leak: float, share_left: float) -> float:
-    """Return the value that a search minimises.
+def seeds(first: int, count: int) -> list[str]:
+    """Return the names of so many random cases."""
+    return [str(seed) for seed in range(first, first + count)]
 
-    With a leak, its energy, in J. Without one, the share that was left, at the worst moment, of the
-    loss plus work up to then: the smaller it is, the closer the law is to a leak.
+
+def minimise(
+    cost: Callable[[Floats], float],
+    first: Floats,
+    spread: float,
+    population: int,
+    runs: int,
+    random: np.random.Generator | int,
+    **options: Any,
+) -> list[Floats]:
+    """Search for the lowest cost by CMA-ES; return the middle of the distribution over generations.
+
+    The covariance matrix adaptation evolution strategy (N. Hansen, "The CMA evolution strategy: a
+    tutorial", arXiv:1604.00772) draws points from a normal distribution and moves it towards those
+    with the lowest cost.
+
+    Args:
+        cost: Of a point.
+        first: Middle of the first generation.
+        spread: Standard deviation of the first generation.
+        population: Points of a generation.
+        runs: Points at most; it ends earlier if it has converged.
+        random: Decides all; or a seed.
+        options: Further options of the package.
+
+    Raises:
+        ConfigError: If the package ``cma`` is not installed.
     """
-    return leak if leak < -ENERGY_TOLERANCE else max(share_left, 0.0)
+    chance: dict[str, Any] = {"seed": random}
+    if isinstance(random, np.random.Generator):  # the package would seed numpy's global generator
+        chance = {"seed": np.nan, "randn": lambda *shape: random.standard_normal(shape)}
+    chosen = {"popsize": population, "verbose": -9, **chance, **options}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        strategy = optimiser().CMAEvolutionStrategy(first, spread, chosen)
+        middles, left = [], runs
+        while left > 0 and not strategy.stop():
+            points = [np.asarray(point) for point in strategy.ask()]
+            costs = [cost(point) for point in points[:left]]
+            left -= len(costs)
+            if len(costs) == len(points):
+                strategy.tell(points, costs)
+                middles.append(strategy.mean)
+    return middles
 
 
 def search(
     attack: Callable[[str], tuple[Found, float]],
-    niche: Sequence[int],
+    choices: Sequence[int],
     dimensions: int,
     runs: int,
     random: np.random.Generator,
-) -> Iterator[Found]:
-    """Search for the lowest objective by CMA-ES, and yield what every run has found.
+) -> list[Found]:
+    """Search for the lowest objective; return what each run has found.
 
-    The covariance matrix adaptation evolution strategy (N. Hansen, "The CMA evolution strategy: a
-    tutorial", arXiv:1604.00772) draws cases from a normal distribution and moves it towards those
-    with the lowest objective. After convergence it restarts at another point.
+    After convergence it restarts at another point.
 
     Args:
         attack: Returns result and objective of a code.
-        niche: First choices of each code; the last one is one of :data:`NOISES` sequences of
+        choices: First choices of each code; the last one is one of :data:`NOISES` sequences of
             random numbers.
         dimensions: Continuous parameters of a code.
         runs: How many.
@@ -158,30 +203,16 @@ def search(
     Raises:
         ConfigError: If the package ``cma`` is not installed.
     """
-    cma, left = optimiser(), runs
-    while left > 0:
-        choices = (*niche, int(random.integers(NOISES)))
-        strategy = cma.CMAEvolutionStrategy(
-            random.uniform(0.2, 0.8, dimensions),
-            SPREAD,
-            {
-                "bounds": [0.0, 1.0],
-                "popsize": GENERATION,
-                "randn": lambda *shape: random.standard_normal(shape),
-                "seed": np.nan,  # randn decides; the package would seed numpy's global generator
-                "verbose": -9,
-            },
-        )
-        while left > 0 and not strategy.stop():
-            points = strategy.ask()
-            results = [attack(encode(choices, point)) for point in points[:left]]
-            yield from (found for found, _ in results)
-            left -= len(results)
-            if len(results) == len(points):
-                strategy.tell(points, [value for _, value in results])
+    found: list[Found] = []
+    while len(found) < runs:
+        chosen = (*choices, int(random.integers(NOISES)))
 
+        def cost(point: Floats, chosen: Sequence[int] = chosen) -> float:
+            one, value = attack(encode(chosen, point.tolist()))
+            found.append(one)
+            return value
 
-def ranges(numbers: Mapping[str, Range]) -> Iterator[tuple[object, ...]]:
-    """Yield a row of a table for each number of a case: its name and its ends."""
-    for name, one in numbers.items():
-        yield f"`{name}`", f"{one.low:g}", f"{one.high:g}"
+        first = random.uniform(0.2, 0.8, dimensions)
+        left = runs - len(found)
+        minimise(cost, first, SPREAD, GENERATION, left, random, bounds=[0.0, 1.0])
+    return found

@@ -1,7 +1,5 @@
 """What the certificate costs: stiffness beside other laws, numbers of a device, power, drag.
 
-    python -m forcebound_proofs.certificate_grid [--prices] [--page proofs/docs/prices.md] [--json]
-
 The hand and the wall are those of ``stiff_wall``, the clock is steady. By default the hold limit is
 that of punctual ticks as shipped, 1.02 periods; with ``--hold-limit 1`` all laws rely on the same
 dissipation. Runs go through the compiled loop where it serves them, which gives the bits of the
@@ -10,13 +8,12 @@ virtual-time graph (``tests/test_one_axis.py``).
 ``--prices`` prints instead what the numbers of a device cost the certified law, on a device that
 has what it states; what a wrong number costs; and power and drag of each law. These runs go through
 the virtual-time graph and take some minutes. ``--page`` writes all tables into the text of
-``prices.md`` beside this file (``make prices``).
+``prices.md`` beside this file (``make proofs``).
 
 Aims: ``certified`` at least as stiff as the paper's less conservative law, ``certified_fading``
 at least 1.4 times as stiff as the paper's more conservative law, on average over the grid.
 """
 
-import argparse
 import json
 import math
 import sys
@@ -26,6 +23,7 @@ from pathlib import Path
 from statistics import mean
 from typing import Any
 
+import click
 import numpy as np
 
 from forcebound.errors import ConfigError
@@ -37,8 +35,10 @@ from forcebound.haptics.hands.hands import PressingHand, SinusoidalHand
 from forcebound.lab.cases import grid
 from forcebound.lab.engine import Campaign, Row, run_here
 from forcebound.lab.runs import run_all
-from forcebound.lab.views import check_page, energy, groups, origin, table, write_page
+from forcebound.lab.views import groups, table
 from forcebound.recordings.telemetry import TelemetryColumns
+from forcebound.units import energy_in_words as energy
+from forcebound_proofs.views import check_page, origin, write_page
 
 LAWS = (
     "less_conservative",
@@ -237,14 +237,14 @@ def judge(rows: Sequence[Row]) -> list[Row]:
     return verdicts
 
 
-def pressed(options: argparse.Namespace) -> dict[str, list[Row]]:
+def pressed(hold_limit: float) -> dict[str, list[Row]]:
     """Return the tables of the laws, and all rows of the grid."""
-    cases = grid(law=LAWS, **GRID, hold_limit=(options.hold_limit,))
+    cases = grid(law=LAWS, **GRID, hold_limit=(hold_limit,))
     rows = run_here(Campaign("grid", cases, measure, part=24), workers=None).rows
     return {"averages": average(rows), "aims": judge(rows), "rows": rows}
 
 
-def priced(options: argparse.Namespace) -> dict[str, list[Row]]:
+def priced(hold_limit: float) -> dict[str, list[Row]]:
     """Return the tables of ``--prices``."""
     cells = grid(**GRID)
     cases: list[Row] = [
@@ -253,7 +253,7 @@ def priced(options: argparse.Namespace) -> dict[str, list[Row]]:
         *({"law": law, "hand": "taken"} for law in MOTION_LAWS),
         *grid(law=MOTION_LAWS, hand=("taps",), delay=GRID["delay"]),
     ]
-    cases = [case | {"hold_limit": options.hold_limit} for case in cases]
+    cases = [case | {"hold_limit": hold_limit} for case in cases]
     rows = run_here(Campaign("prices", cases, measure, part=4), workers=None).rows
     by_hand = groups(rows, "hand")
     taken, taps = by_hand["taken",], groups(by_hand["taps",], "law")
@@ -278,31 +278,24 @@ def shown(rows: Sequence[Row]) -> str:
     return "\n".join(table([HEADS[key][0] for key in keys], cells))
 
 
-def main() -> int:
-    """Print tables; return 1 if an aim is not reached, else 0."""
-    parser = argparse.ArgumentParser(description="What the certificate costs.")
-    parser.add_argument("--json", action="store_true", help="print one JSON document")
-    parser.add_argument("--hold-limit", type=float, default=1.02, help="in periods")
-    parser.add_argument("--prices", action="store_true", help="print prices, power and drag")
-    parser.add_argument("--page", type=Path, help="write all tables to this Markdown file")
-    options = parser.parse_args()
+@click.command()
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON document.")
+@click.option("--hold-limit", default=1.02, show_default=True, help="In periods.")
+@click.option("--prices", is_flag=True, help="Print prices, power and drag.")
+@click.option("--page", type=click.Path(path_type=Path), help="Write all tables to this page.")
+def main(as_json: bool, hold_limit: float, prices: bool, page: Path | None) -> None:
+    """What the certificate costs; status 1 if an aim is not reached."""
     try:
-        check_page(options.page)
+        check_page(page)
     except ConfigError as error:
-        parser.error(f"--page: {error}")
-    found: dict[str, list[Row]] = {} if options.prices else pressed(options)
-    if options.prices or options.page:
-        found |= priced(options)
+        raise click.BadParameter(str(error), param_hint="--page") from None
+    found: dict[str, list[Row]] = {} if prices else pressed(hold_limit)
+    if prices or page:
+        found |= priced(hold_limit)
     tables = {name: shown(rows) for name, rows in found.items() if name != "rows"}
-    if options.page:
-        made = origin("python -m forcebound_proofs.certificate_grid --page proofs/docs/prices.md")
-        write_page(options.page, [PAGE.read_text().rstrip().format(origin=made, **tables)])
-    text = "\n\n".join(tables.values())
-    sys.stdout.write(
-        (json.dumps(found, indent=2, allow_nan=False) if options.json else text) + "\n"
-    )
-    return 0 if all(verdict["reached"] for verdict in found.get("aims", ())) else 1
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+    if page:
+        made = origin("python -m forcebound_proofs certificate_grid --page proofs/docs/prices.md")
+        write_page(page, [PAGE.read_text().rstrip().format(origin=made, **tables)])
+    document = json.dumps(found, indent=2, allow_nan=False)
+    click.echo(document if as_json else "\n\n".join(tables.values()))
+    sys.exit(0 if all(verdict["reached"] for verdict in found.get("aims", ())) else 1)

@@ -1,7 +1,7 @@
 """Commands ``forcebound audit`` and ``forcebound reproduce``, which it finds as entry points."""
 
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,17 +22,13 @@ from forcebound.cli.common import (
 from forcebound.cli.lazy import when_used
 
 with when_used():
-    from forcebound.lab import views
-    from forcebound_proofs import audit as of_laws
-    from forcebound_proofs import audit_replay
-    from forcebound_proofs import sensitivity as wrong_numbers
-    from forcebound_proofs import worlds as of_worlds
+    from forcebound_proofs import audit as audits
     from forcebound_proofs.paper import reproduce as paper
     from forcebound_proofs.paper import setup
 
 
-def _campaign(of_each: str, runs: int, *only: str) -> Callable[[Function], Function]:
-    """Return the options of an audit: laws, numbers of runs, seed, report, and parts to select."""
+def _campaign(of_each: str, runs: int) -> Callable[[Function], Function]:
+    """Return the options of an audit: laws, numbers of runs, seed, report."""
     return opt.several(
         runs=opt.number(f"Random runs of {of_each}.", default=runs),
         searched=opt.number(
@@ -47,25 +43,39 @@ def _campaign(of_each: str, runs: int, *only: str) -> Callable[[Function], Funct
             metavar="RUNS.parquet",
         ),
         as_json=opt.as_json,
-        **{f"{one}s": opt.repeated(f"Only this {one}; repeatable.", f"--{one}") for one in only},
     )
 
 
+def _only(what: str) -> Any:
+    return opt.repeated(f"Only this {what}; repeatable.", f"--{what}")
+
+
+def _words(**selected: Sequence[str]) -> list[str]:
+    return [f"--{name} {one}" for name, ones in selected.items() for one in ones]
+
+
 def _attack(
-    run: Callable[..., Any],
-    lines: Callable[[Any], Iterable[str]],
+    attacks: Mapping[str, Sequence[str]],
+    laws: Sequence[str],
     as_json: bool,
-    campaign: dict[str, object],
+    options: dict[str, Any],
 ) -> None:
-    with continued("the same command" if campaign["rows"] else ""):
-        document = run(**campaign)
-    print_document(document, as_json, lines)
-    sys.exit(0 if of_laws.holds(document) else 1)
+    """Run attacks and print what they have found; status 1 if a certified law does not hold."""
+    chosen = audits.Options(**options)
+    with continued("the same command" if chosen.rows else ""):
+        document = audits.run(attacks, laws, chosen)
+    print_document(document, as_json, audits.lines)
+    sys.exit(0 if audits.holds(document) else 1)
 
 
 @command(cls=Group, invoke_without_command=True, short_help="Attack the laws in simulation.")
-@_campaign("each law, and of it with each certificate", 1000, "certificate")
-def audit(as_json: bool, **campaign: Any) -> None:
+@_campaign("each law, and of it with each certificate", 1000)
+def audit(
+    laws: tuple[str, ...],
+    as_json: bool,
+    certificate: tuple[str, ...] = _only("certificate"),
+    **options: Any,
+) -> None:
     r"""Attack the laws and their certificates; exit status 1 if a certified law leaks energy.
 
     With --law alone the certificates are left out, with --certificate alone the laws.
@@ -75,28 +85,40 @@ def audit(as_json: bool, **campaign: Any) -> None:
     forcebound audit --law tdpa --runs 100 --search 0
     """
     if click.get_current_context().invoked_subcommand is None:
-        _attack(of_laws.run, of_laws.lines, as_json, campaign)
+        attacks: dict[str, Sequence[str]] = {}
+        if certificate or not laws:
+            attacks["paths"] = certificate
+        if laws or not certificate:
+            attacks["laws"] = ()
+        words = _words(law=laws, certificate=certificate)
+        _attack(attacks, laws, as_json, {**options, "words": words})
 
 
 @command("replay", audit, short_help="Repeat one run of an audit.")
 def replay(
     law: str = opt.argument(),
     case: str = opt.argument(),
-    duration: float | None = opt.run_duration,
     out: Path | None = opt.output("Draw the run to this file, .png or .svg.", metavar="RUN.png"),
     as_json: bool = opt.as_json,
 ) -> None:
-    r"""Repeat one run of an audit: LAW under CASE, a seed or a code, or one of a certificate.
+    r"""Repeat one run of an audit: LAW under CASE, as an audit names it. Numbers are in SI units.
 
     \b
-    forcebound audit replay tdpa 7 -o attack.png
+    forcebound audit replay tdpa laws:7 -o attack.png
+    forcebound audit replay certified paths:guarding:s3.17
     """
-    print_document(audit_replay.run_again(law, case, duration, out), as_json, audit_replay.lines)
+    print_document(audits.replay(law, case, out), as_json, audits.replay_lines)
 
 
 @command("worlds", audit, short_help="Attack the laws through worlds, in two and three axes.")
-@_campaign("each law with each world and controller", 100, "world", "controller")
-def worlds(as_json: bool, **campaign: Any) -> None:
+@_campaign("each law with each world and controller", 100)
+def worlds(
+    laws: tuple[str, ...],
+    as_json: bool,
+    world: tuple[str, ...] = _only("world"),
+    controller: tuple[str, ...] = _only("controller"),
+    **options: Any,
+) -> None:
     r"""Attack the certified laws through every world and controller; status 1 if one leaks.
 
     The law none meets some of the random cases, to show what the attacks can do.
@@ -104,15 +126,15 @@ def worlds(as_json: bool, **campaign: Any) -> None:
     \b
     forcebound audit worlds --world mesh --runs 20 --search 0
     """
-    _attack(of_worlds.run, of_worlds.lines, as_json, campaign)
+    targets = [f"{one}/{other}" for one in world or ("",) for other in controller or ("",)]
+    words = ["worlds", *_words(law=laws, world=world, controller=controller)]
+    _attack({"worlds": targets}, laws, as_json, {**options, "words": words})
 
 
 @command("sensitivity", audit, short_help="Show what a wrong number of a device costs.")
 def sensitivity(
-    kind: str = opt.option(
-        "Kind of device.", "--device", default="phantom_premium_1_5", show_default=True
-    ),
-    runs: int = opt.number("Runs of the search for each.", type=opt.COUNT, default=2000),
+    device: tuple[str, ...] = _only("device"),
+    searched: int = opt.number("Runs of the search for each.", "--runs", default=2000),
     workers: int | None = opt.workers,
     as_json: bool = opt.as_json,
 ) -> None:
@@ -121,10 +143,8 @@ def sensitivity(
     \b
     forcebound audit sensitivity --device knob --runs 100
     """
-    document = wrong_numbers.run(kind, runs, workers)
-    rows = document["mistakes"]
-    lines = [f"{row['summary']:<46}{views.energy(row['energy_min_j']):>12}" for row in rows]
-    print_document(document, as_json, lambda _: lines)
+    options = {"runs": 0, "searched": searched, "workers": workers}
+    _attack({"sensitivity": device}, (), as_json, options)
 
 
 def reproduce(

@@ -1,7 +1,5 @@
 """Stiffness of a wall that is far away: controllers against each other, and where that ends.
 
-Usage: python -m forcebound_proofs.far_wall [--limits] [--plot docs/far_wall.png]
-
 The walls are the best case of ``local_model``: flat, they stand still, and the second press finds a
 wall that was touched before. ``--limits`` prints only what bumps and moving bodies do to it.
 
@@ -14,13 +12,13 @@ powers of the local model. The last table, ``--limits``, compares the commanded 
 that the same world gives at the hand at once: RMS of the difference, and correlation.
 """
 
-import argparse
-import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
+import click
 import numpy as np
 
 from forcebound.graph.graph import GraphConfig
@@ -29,13 +27,19 @@ from forcebound.haptics.controllers.local_model import LocalModel
 from forcebound.haptics.environments.solid import Shape, Solid
 from forcebound.haptics.hands.hands import StrokingHand
 from forcebound.haptics.hands.paths import TrajectoryHand
+from forcebound.lab.cases import grid
+from forcebound.lab.engine import Campaign, Row, run_here
+from forcebound.lab.views import groups, table
 from forcebound.recordings.telemetry import TelemetryColumns
-from forcebound.results.contact import count_bounces, displayed_stiffness
+from forcebound.results.contact import count_bounces
+from forcebound.results.plots import save
+from forcebound.results.samples import Samples
 from forcebound.run.virtual import run_virtual
 
 LAWS = ("certified", "certified_fading")
 DELAYS = (20, 50)  # ms, each way
 SURFACE = 0.010  # m
+ONCE, TWICE = "presses once", "touches, then presses"  # hands
 AGAIN = 1.0  # s, beginning of the second press
 DURATION = 2.5  # s; the stiffness is taken over the last 40 %
 TOUCH_AND_PRESS = """time,x
@@ -55,7 +59,8 @@ CONTESTANTS: Mapping[str, LocalModel | None] = {
     "local_model": LocalModel(),
 }
 DRAWN = ("direct", "local_model")
-POWERS = (0.0, 0.005, 0.02, 0.05)  # W
+#: Local models, by what changes of the plane may give.
+POWERS = {f"{1e3 * power:g} mW": LocalModel(power=power) for power in (0.0, 0.005, 0.02, 0.05)}
 #: Scenes of ``--limits``: launch files, and a wall of ridges at distances in mm.
 SCENES = ("touch_sphere", *(f"ridges {n}" for n in (40, 10, 4, 2)), "touch_mesh", "push_mass")
 RIDGE = 4e-4  # m, from the valleys to the ridges
@@ -88,50 +93,64 @@ def touching_hand(folder: Path) -> TrajectoryHand:
 
 def figures(config: GraphConfig) -> tuple[Figures, TelemetryColumns]:
     """Return the figures of a run, and its telemetry."""
-    columns = run_virtual(config, DURATION).columns
+    result = run_virtual(config, DURATION)
+    columns, samples = result.columns, Samples(result.columns, result.document)
     touches_twice = isinstance(config.only.operator, TrajectoryHand)
     depth = columns.position[:, 0] - SURFACE
     since = columns.elapsed >= AGAIN if touches_twice else columns.elapsed > 0.0
-    stiffness = displayed_stiffness(columns.time, columns.applied_force[:, 0], depth)
     contact = since & (np.cumsum(since & (depth > 0.0)) > 0)
     first = depth[columns.elapsed < AGAIN / 2.0].max()
     energy = float(columns.true_energy[columns.elapsed > 0.0].min())
     bounces = count_bounces(columns.position[contact, 0])
-    return Figures(stiffness or 0.0, energy, bounces, float(first)), columns
+    return Figures(samples.displayed_stiffness or 0.0, energy, bounces, float(first)), columns
 
 
-def row(name: str, found: Figures, reference: Figures) -> str:
-    """Return a row of the table."""
-    share = found.stiffness / reference.stiffness
-    return (
-        f"| {name} | {found.stiffness:.0f} ({share:.2f}) | {found.bounces}"
-        f" | {found.first * 1e3:.1f} | {found.energy * 1e3:.3f} |"
+def press(cell: Row) -> tuple[Figures, TelemetryColumns]:
+    """Return the figures of a cell of the tables, and its telemetry."""
+    controller = {**CONTESTANTS, **POWERS}[cell["controller"]]
+    with TemporaryDirectory() as folder:
+        hand = touching_hand(Path(folder)) if cell["hand"] == TWICE else None
+        return figures(case(cell["law"], cell["delay"], controller, hand))
+
+
+def measure(cells: Sequence[Row]) -> list[Row]:
+    """Run some cells of the tables; return a row for each."""
+    return [{**cell, **press(cell)[0]._asdict()} for cell in cells]
+
+
+def cells_of_tables() -> list[Row]:
+    """Return the cells of the tables: of each hand and law, its reference first."""
+    found = []
+    for start in grid(hand=(ONCE, TWICE), law=LAWS):
+        found.append({**start, "delay": 0, "controller": "direct"})
+        found += [{**start, **one} for one in grid(delay=DELAYS, controller=[*CONTESTANTS])]
+    return found + grid(hand=[TWICE], law=LAWS[:1], delay=DELAYS[-1:], controller=[*POWERS])
+
+
+def shown(rows: Sequence[Row], reference: Row) -> Iterator[str]:
+    """Yield a table of rows, with the share of the reference's stiffness."""
+    cells = (
+        (
+            f"{row['controller']}, {row['delay']} ms",
+            f"{row['stiffness']:.0f} ({row['stiffness'] / reference['stiffness']:.2f})",
+            row["bounces"],
+            f"{row['first'] * 1e3:.1f}",
+            f"{row['energy'] * 1e3:.3f}",
+        )
+        for row in rows
     )
+    yield from table(("controller", "stiffness, N/m", "bounces", "first, mm", "energy, mJ"), cells)
 
 
-def table(law: str, hand: Any) -> dict[str, TelemetryColumns]:
-    """Print the table of one law and hand; return the runs of ``DRAWN``."""
-    print("| controller | stiffness, N/m | bounces | first, mm | energy, mJ |")
-    print("|---|---|---|---|---|")
-    near = "direct, 0 ms"
-    reference, columns = figures(case(law, 0, None, hand))
-    print(row(near, reference, reference))
-    runs = {near: columns}
-    for delay in DELAYS:
-        for name, controller in CONTESTANTS.items():
-            found, columns = figures(case(law, delay, controller, hand))
-            print(row(f"{name}, {delay} ms", found, reference), flush=True)
-            if name in DRAWN:
-                runs[f"{name}, {delay} ms"] = columns
-    return runs
-
-
-def print_powers(hand: Any) -> None:
-    """Print the second press, 50 ms each way, by what changes of the plane may give."""
-    reference, _ = figures(case(LAWS[0], 0, None, hand))
-    for power in POWERS:
-        found, _ = figures(case(LAWS[0], DELAYS[-1], LocalModel(power=power), hand))
-        print(row(f"{power * 1e3:g} mW", found, reference), flush=True)
+def tables(rows: Sequence[Row]) -> Iterator[str]:
+    """Yield the tables of the hands and laws, and that of the powers."""
+    usual = groups((row for row in rows if row["controller"] in CONTESTANTS), "hand", "law")
+    for (hand, law), own in usual.items():
+        yield f"\n{hand}, {law}"
+        yield from shown(own, own[0])
+    yield f"\nlocal_model with other powers, {TWICE}, {LAWS[0]}"
+    powers = [row for row in rows if row["controller"] in POWERS]
+    yield from shown(powers, usual[TWICE, LAWS[0]][0])
 
 
 def scene(name: str, controller: str, delay: int) -> GraphConfig:
@@ -168,59 +187,56 @@ def error_of(config: GraphConfig) -> tuple[float, float]:
     return error, float(np.corrcoef(*deviations)[0, 1])
 
 
-def print_limits() -> None:
-    """Print the error of each of ``SCENES``."""
-    cases = [(name, delay) for delay in (0, 20) for name in DRAWN]
-    print(f"| scene | {' | '.join(f'{name}, {delay} ms' for name, delay in cases)} |")
-    print("|---" * (1 + len(cases)) + "|")
-    for name in SCENES:
-        errors = (error_of(scene(name, *one)) for one in cases)
-        cells = (f"{error:.2f} N, {correlation:.2f}" for error, correlation in errors)
-        print(f"| {name} | {' | '.join(cells)} |", flush=True)
+def measure_scenes(cases: Sequence[Row]) -> list[Row]:
+    """Run some of the scenes; return a row for each."""
+    found = []
+    for one in cases:
+        error, correlation = error_of(scene(one["scene"], one["controller"], one["delay"]))
+        found.append({**one, "cell": f"{error:.2f} N, {correlation:.2f}"})
+    return found
 
 
-def main() -> None:
-    """Print the tables."""
-    parser = argparse.ArgumentParser(description="Stiffness of a wall that is far away.")
-    parser.add_argument("--plot", type=Path, help="draw the second hand's runs into this file")
-    parser.add_argument("--limits", action="store_true", help="print only the last table")
-    options = parser.parse_args()
-    if options.limits:
-        print_limits()
-        return
-    with tempfile.TemporaryDirectory() as folder:
-        hands = {"presses once": None, "touches, then presses": touching_hand(Path(folder))}
-        runs = {}
-        for name, hand in hands.items():
-            for law in LAWS:
-                print(f"\n{name}, {law}")
-                runs[name, law] = table(law, hand)
-        print("\nlocal_model with other powers, touches, then presses, 50 ms, certified")
-        print_powers(hands["touches, then presses"])
-    print("\ncommanded force against the right one: RMS error, correlation")
-    print_limits()
-    if options.plot:
-        draw(runs["touches, then presses", LAWS[0]], options.plot)
+def limits() -> Iterator[str]:
+    """Yield the table of the scenes: error and correlation of the force."""
+    cases = grid(scene=SCENES, delay=(0, 20), controller=DRAWN)
+    rows = run_here(Campaign("scenes", cases, measure_scenes, part=1), workers=None).rows
+    by_scene = groups(rows, "scene").items()
+    heads = [f"{row['controller']}, {row['delay']} ms" for row in rows[: 2 * len(DRAWN)]]
+    yield "\ncommanded force against the right one: RMS error, correlation"
+    lines = ((name, *(row["cell"] for row in own)) for (name,), own in by_scene)
+    yield from table(("scene", *heads), lines)
 
 
-def draw(runs: Mapping[str, TelemetryColumns], file: Path) -> None:
-    """Draw depth and force of runs over time."""
-    from matplotlib.figure import Figure
+@click.command()
+@click.option("--plot", type=click.Path(path_type=Path), help="Draw the second hand's runs.")
+@click.option("--limits", "only_limits", is_flag=True, help="Print only the last table.")
+def main(plot: Path | None, only_limits: bool) -> None:
+    """Stiffness of a wall that is far away, by controller and delay."""
+    if not only_limits:
+        cells = cells_of_tables()
+        rows = run_here(Campaign("far wall", cells, measure, part=1), workers=None).rows
+        click.echo("\n".join(tables(rows)))
+    click.echo("\n".join(limits()))
+    if plot:
+        draw(plot)
 
-    figure = Figure(figsize=(10.0, 6.0), layout="constrained")
-    depths, forces = figure.subplots(2, 1, sharex=True)
-    for name, columns in runs.items():
-        width = 2.5 if name == "direct, 0 ms" else 1.2
-        depth = (columns.position[:, 0] - SURFACE) * 1e3
-        depths.plot(columns.elapsed, depth, linewidth=width, label=name)
-        forces.plot(columns.elapsed, columns.applied_force[:, 0], linewidth=width)
-    depths.set(ylabel="depth in the wall (mm)", ylim=(-2.0, 6.0))
+
+def draw(file: Path) -> None:
+    """Draw depth and force over time: the second hand, the first law."""
+    from forcebound_proofs.drawing import TIME, finish, line, rows_of
+
+    drawing, (depths, forces) = rows_of(2, height=2.7)
+    lines = [(0, "direct"), *((delay, name) for delay in DELAYS for name in DRAWN)]
+    for number, (delay, controller) in enumerate(lines):
+        style: dict[str, Any] = {"linewidth": 1.2 if delay else 2.5, "colour": f"C{number}"}
+        cell = {"hand": TWICE, "law": LAWS[0], "delay": delay, "controller": controller}
+        _, columns = press(cell)
+        name, depth = f"{controller}, {delay} ms", (columns.position[:, 0] - SURFACE) * 1e3
+        line(depths, columns.elapsed, depth, name, **style)
+        line(forces, columns.elapsed, columns.applied_force[:, 0], name, **style)
     depths.axhspan(-2.0, 0.0, color="0.93")
-    depths.legend(loc="upper right", ncols=2)
-    figure.suptitle("Best case: a flat wall that stands still, and was touched before")
-    forces.set(ylabel="applied force (N)", xlabel="time since the force engaged (s)", xlim=(0, 2))
-    figure.savefig(file, dpi=110)
-
-
-if __name__ == "__main__":
-    main()
+    drawing.suptitle("Best case: a flat wall that stands still, and was touched before")
+    finish(depths, "depth in the wall (mm)", window=(0.0, 2.0))
+    depths.set_ylim(-2.0, 6.0)
+    finish(forces, "applied force (N)", TIME, window=(0.0, 2.0))
+    save(drawing, file)

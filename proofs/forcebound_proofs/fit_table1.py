@@ -1,4 +1,4 @@
-"""Fit of the hand of ``forcebound reproduce table1``: python -m forcebound_proofs.fit_table1.
+"""Fit of the hand of ``forcebound reproduce table1``.
 
 Eight numbers are sought: mass, stiffness, damping and tremor of the hand, its way to the wall and
 its target behind it, and its speed at each of the two. What differs from trial to trial is not
@@ -20,13 +20,11 @@ belongs into ``paper/setup.py``, whose hands ``forcebound reproduce`` then takes
 file.
 """
 
-import argparse
 import math
-import sys
 from collections.abc import Sequence
 from dataclasses import astuple
-from typing import Any
 
+import click
 import numpy as np
 from numpy.typing import NDArray
 
@@ -35,6 +33,7 @@ from forcebound.haptics.devices.plant import Axis
 from forcebound.haptics.laws import LAWS, Dissipation
 from forcebound.lab.one_axis import NO_MOTION, TRACE, WALL, Course, System, loop
 from forcebound.results.contact import displayed_stiffness, initial_rate_hardness
+from forcebound_proofs.cases import minimise
 from forcebound_proofs.paper.setup import (
     PAPER_LAWS,
     SURFACE,
@@ -165,18 +164,13 @@ def cost(hand: Hand, laws: Sequence[str]) -> float:
 
 def fit(laws: Sequence[str], generations: int, seed: int) -> Hand:
     """Search the hand for some laws."""
-    import cma
 
-    options = {"popsize": POPULATION, "maxiter": generations, "verbose": -9, "seed": seed}
-    strategy: Any = cma.CMAEvolutionStrategy(np.full(LOWEST.size, 0.5), WIDTH, options)
-    means = []
-    while not strategy.stop():
-        points = strategy.ask()
-        outside = [float(np.abs(point - np.clip(point, 0.0, 1.0)).sum()) for point in points]
-        costs = [cost(decode(point), laws) for point in points]
-        strategy.tell(points, [sum(pair) for pair in zip(costs, outside, strict=True)])
-        means.append(strategy.mean)
-    return decode(np.mean(means[-AVERAGED:], axis=0))
+    def outside_too(point: Floats) -> float:
+        return cost(decode(point), laws) + float(np.abs(point - np.clip(point, 0.0, 1.0)).sum())
+
+    first, runs = np.full(LOWEST.size, 0.5), POPULATION * generations
+    middles = minimise(outside_too, first, WIDTH, POPULATION, runs, seed)
+    return decode(np.mean(middles[-AVERAGED:], axis=0))
 
 
 def print_hand(hand: Hand, left_out: str | None) -> None:
@@ -189,21 +183,14 @@ def print_hand(hand: Hand, left_out: str | None) -> None:
     free = {law: table[list(PAPER_LAWS).index(law)][list(cells)] for law, cells in FREE.items()}
     predicted = f"  predicted {rms(free.pop(left_out)):.3f}" if left_out else ""
     fitted = rms(np.concatenate(list(free.values())))
-    print(f"all cells {rms(table):.3f}  fitted {fitted:.3f}{predicted}")
-    print(", ".join(f"{number:g}" for number in astuple(hand)), flush=True)
+    click.echo(f"all cells {rms(table):.3f}  fitted {fitted:.3f}{predicted}")
+    click.echo(", ".join(f"{number:g}" for number in astuple(hand)))
 
 
-def main() -> int:
-    """Fit; return the exit status."""
-    parser = argparse.ArgumentParser(description=str(__doc__).partition("\n")[0])
-    parser.add_argument("--without", choices=FREE, help="law to predict")
-    parser.add_argument("--generations", type=int, default=50)
-    parser.add_argument("--seed", type=int, default=1)
-    arguments = parser.parse_args()
-    laws = [law for law in FREE if law != arguments.without]
-    print_hand(fit(laws, arguments.generations, arguments.seed), arguments.without)
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+@click.command()
+@click.option("--without", type=click.Choice(list(FREE)), help="Law to predict.")
+@click.option("--generations", default=50, show_default=True, help="Of the search.")
+@click.option("--seed", default=1, show_default=True, help="Of the search.")
+def main(without: str | None, generations: int, seed: int) -> None:
+    """Fit the hand of the paper's Table 1."""
+    print_hand(fit([law for law in FREE if law != without], generations, seed), without)

@@ -1,8 +1,5 @@
 """Whether the bounds of an identification hold: seeded identifications of devices with known truth.
 
-    python -m forcebound_proofs.identification_bounds [--runs 1000] [--seed 1] [--workers N]
-        [--results runs.parquet] [--json]
-
 Each run draws a simulated device: every fourth a five-bar, the others a knob of one axis. Its
 damping, friction, presliding, inertia, encoders, motors' gains, lag and write delay are random; it
 is then identified in virtual time as ``forcebound identify`` does it, with a weight that a
@@ -10,19 +7,17 @@ simulated user hangs on each axis and takes off again.
 
 Aims: each bound holds in at least 99 % of the runs, and is not worse than 0.7 of the truth (a lower
 bound is at least 0.7 times the truth, an upper one at most the truth over 0.7).
-
-With ``--results`` the runs are kept in that file, and a study that was interrupted goes on.
 """
 
-import argparse
 import dataclasses
 import json
 import math
-import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
+
+import click
 
 from experiments.identified_devices import WEIGHTS, Weighted, draw
 from forcebound.errors import DeviceError
@@ -122,7 +117,7 @@ def is_reached(document: dict[str, Any]) -> bool:
 
 
 def outcomes_of(seeds: Sequence[int]) -> list[Row]:
-    """Return a row for each seed: its outcome as one text, since it has lists."""
+    """Return a row for each seed: its outcome as one text, since it has lists by name."""
     return [{"seed": seed, "outcome": json.dumps(judge(seed))} for seed in seeds]
 
 
@@ -143,23 +138,19 @@ def lines_of(document: dict[str, Any]) -> list[str]:
     return lines
 
 
-def main() -> int:
-    """Print how often each bound holds; return 1 if an aim is not reached, else 0."""
-    parser = argparse.ArgumentParser(description="Whether identified bounds hold.")
-    parser.add_argument("--runs", type=int, default=1000)
-    parser.add_argument("--seed", type=int, default=1, help="of the first run")
-    parser.add_argument("--workers", type=int, default=os.cpu_count(), help="0: this process alone")
-    parser.add_argument("--results", type=Path, help="Parquet file of the runs; goes on")
-    parser.add_argument("--json", action="store_true", help="print one JSON document")
-    options = parser.parse_args()
-    seeds = range(options.seed, options.seed + options.runs)
-    campaign = Campaign("identification", list(seeds), outcomes_of, part=1)
-    rows = run_here(campaign, options.workers, options.results).rows
+@click.command()
+@click.option("--runs", default=1000, show_default=True, help="Devices.")
+@click.option("--seed", default=1, show_default=True, help="Of the first run.")
+@click.option("--workers", type=int, help="Processes; 0: only this one. Default: one per core.")
+@click.option("--results", type=click.Path(path_type=Path), help="Parquet file of the runs.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON document.")
+def main(runs: int, seed: int, workers: int | None, results: Path | None, as_json: bool) -> None:
+    """How often each identified bound holds; status 1 if an aim is not reached.
+
+    With --results the runs are kept in that file, and a study that was interrupted goes on.
+    """
+    campaign = Campaign("identification", list(range(seed, seed + runs)), outcomes_of, part=1)
+    rows = run_here(campaign, workers, results).rows
     document = evaluate([json.loads(row["outcome"]) for row in rows])
-    printed = [json.dumps(document, indent=2), "\n"] if options.json else lines_of(document)
-    sys.stdout.writelines(printed)
-    return 0 if is_reached(document) and not document["failed"] else 1
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+    click.echo(json.dumps(document, indent=2) if as_json else "".join(lines_of(document)))
+    sys.exit(0 if is_reached(document) and not document["failed"] else 1)

@@ -1,7 +1,5 @@
 """Displayed stiffness when ticks are late: laws, hold limits and watchdogs against each other.
 
-Usage: python -m forcebound_proofs.late_ticks [--seeds 3] [--duration 6]
-
 The hand of `stiff_wall` presses into its wall without delay, in virtual time. A writer that is late
 now and then is drawn from a seed, the same for all contestants: 0.3 to 2 ms late so often a
 second, and every other write within 20 us of its time. A cell is the mean over the seeds of the
@@ -9,12 +7,17 @@ displayed stiffness, in N/mm; where they differ by more than a tenth, the lowest
 The lowest energy of the hand in all runs stands below the table.
 """
 
-import argparse
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
+import click
+
 from forcebound.graph.graph import GraphConfig
 from forcebound.graph.loader import load
+from forcebound.lab.cases import grid
+from forcebound.lab.engine import Campaign, Row, run_here
+from forcebound.lab.views import groups, table
 from forcebound.run.simulation import LateTicks
 from forcebound.run.virtual import run_virtual
 
@@ -42,6 +45,22 @@ def case(law: str, watchdog: str, hold_limit: float | str) -> GraphConfig:
     return config.with_hand(device=model, servo=servo)
 
 
+def measure(cases: Sequence[Row]) -> list[Row]:
+    """Run some presses and return a row for each."""
+    rows = []
+    for one in cases:
+        config = case(one["law"], one["watchdog"], one["hold_limit"])
+        late = LateTicks(rate=one["rate"], jitter=JITTER, seed=one["seed"])
+        summary = run_virtual(config, one["duration"], late_ticks=late).summary
+        found = {
+            "stiffness": (summary["displayed_stiffness_n_per_m"] or 0.0) * 1e-3,  # N/mm
+            "energy": summary["true_energy_min_j"],
+            "allowance": summary["largest_allowance_j"] or 0.0,
+        }
+        rows.append({**one, "hold_limit": str(one["hold_limit"]), **found})
+    return rows
+
+
 def cell(values: list[float]) -> str:
     """Return the mean, or the range if the values differ."""
     mean = sum(values) / len(values)
@@ -49,35 +68,27 @@ def cell(values: list[float]) -> str:
     return f"{mean:.2f}" if high - low <= 0.1 * mean else f"{low:.2f}-{high:.2f}"
 
 
-def main() -> None:
-    """Print the table."""
-    parser = argparse.ArgumentParser(description="Displayed stiffness when ticks are late.")
-    parser.add_argument("--seeds", type=int, default=3)
-    parser.add_argument("--duration", type=float, default=6.0, help="of a run, in s")
-    options = parser.parse_args()
+@click.command()
+@click.option("--seeds", default=3, show_default=True, help="Runs of each cell.")
+@click.option("--duration", default=6.0, show_default=True, help="Of a run, in s.")
+def main(seeds: int, duration: float) -> None:
+    """Displayed stiffness when ticks are late, by law, watchdog and hold limit."""
+    contestants = grid(law=LAWS, watchdog=list(WATCHDOGS), rate=RATES, hold_limit=HOLD_LIMITS)
+    cases = [
+        {**one, "seed": seed, "duration": duration}
+        for one in contestants
+        for seed in range(1, seeds + 1)
+    ]
+    rows = run_here(Campaign("late ticks", cases, measure, part=seeds), workers=None).rows
     heads = [f"{limit} T" if limit != "auto" else "auto" for limit in HOLD_LIMITS]
-    print(f"| law | watchdog | late ticks/s | {' | '.join(heads)} |")
-    print(f"|---|---|---|{'---|' * len(heads)}")
-    lowest, most = 0.0, 0.0
-    for law in LAWS:
-        for watchdog in WATCHDOGS:
-            for rate in RATES:
-                cells = []
-                for hold_limit in HOLD_LIMITS:
-                    values = []
-                    for seed in range(1, options.seeds + 1):
-                        config = case(law, watchdog, hold_limit)
-                        late = LateTicks(rate=rate, jitter=JITTER, seed=seed)
-                        summary = run_virtual(config, options.duration, late_ticks=late).summary
-                        values.append((summary["displayed_stiffness_n_per_m"] or 0.0) * 1e-3)
-                        lowest = min(lowest, summary["true_energy_min_j"])
-                        most = max(most, summary["largest_allowance_j"] or 0.0)
-                    cells.append(cell(values))
-                print(f"| `{law}` | {watchdog} | {rate:g} | {' | '.join(cells)} |", flush=True)
-    print(
-        f"\nlowest energy of the hand {lowest * 1e3:.3f} mJ, largest allowance {most * 1e3:.2f} mJ"
+    lines = []
+    for (law, watchdog, rate), own in groups(rows, "law", "watchdog", "rate").items():
+        each = groups(own, "hold_limit").values()
+        cells = [cell([row["stiffness"] for row in some]) for some in each]
+        lines.append((f"`{law}`", watchdog, f"{rate:g}", *cells))
+    click.echo("\n".join(table(("law", "watchdog", "late ticks/s", *heads), lines)))
+    lowest, most = min(row["energy"] for row in rows), max(row["allowance"] for row in rows)
+    click.echo(
+        f"\nlowest energy of the hand {min(lowest, 0.0) * 1e3:.3f} mJ, largest allowance"
+        f" {most * 1e3:.2f} mJ"
     )
-
-
-if __name__ == "__main__":
-    main()

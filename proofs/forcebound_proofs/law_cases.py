@@ -1,22 +1,27 @@
 """Cases of the audit of laws: devices, hands, adversaries and clocks, on one axis."""
 
 import random
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 from forcebound.haptics.laws import Dissipation
+from forcebound.lab import one_axis
 from forcebound_proofs.cases import NOISES, Range, decode, seed_of
 
 PERIOD = 1e-3  # s, nominal sampling period T
 
-ADVERSARIES = (
-    "late_wall",
-    "active_wall",
-    "negative_damper",
-    "random_force",
-    "velocity_pusher",
-    "late_spring",
-)
+#: Adversaries: their environment in :mod:`forcebound.lab.one_axis`, and what it takes of a case.
+ADVERSARIES: dict[str, tuple[int, Callable[["Scenario"], Sequence[float]]]] = {
+    "late_wall": (one_axis.WALL, lambda case: (case.stiffness, case.surface)),
+    "active_wall": (
+        one_axis.ACTIVE_WALL,
+        lambda case: (case.stiffness, -case.environment_damping, case.surface),
+    ),
+    "negative_damper": (one_axis.DAMPER, lambda case: (-case.environment_damping,)),
+    "random_force": (one_axis.RANDOM_FORCE, lambda case: (case.magnitude,)),
+    "velocity_pusher": (one_axis.PUSHER, lambda case: (case.magnitude,)),
+    "late_spring": (one_axis.SPRING, lambda case: (case.stiffness, case.surface)),
+}
 
 #: Kinds of reading errors, each of at most half the resolution.
 SENSORS = ("quantised", "noisy", "chattering", "leading")
@@ -47,7 +52,7 @@ class Scenario(NamedTuple):
     slow: float  # Hz, of its slow part
     fast: float  # Hz, of its fast part
     # environment
-    adversary: int  # index in ADVERSARIES
+    adversary: int  # place in ADVERSARIES
     stiffness: float  # N/m
     environment_damping: float  # N s/m, magnitude of what the adversary gives
     magnitude: float  # N, of its forces that do not depend on position

@@ -6,7 +6,7 @@ energies are computed here from the motion.
 """
 
 import math
-from typing import NamedTuple, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from forcebound.haptics.devices.plant import Axis
 from forcebound.haptics.laws import LAWS, check_law
 from forcebound.lab import one_axis
 from forcebound.lab.one_axis import MOTION, TRACE, Course, Integers, System, loop
+from forcebound_proofs.attack import Outcome
 from forcebound_proofs.cases import LEAST_PEAK
 from forcebound_proofs.law_cases import ADVERSARIES, PERIOD, Scenario, dissipation_of
 
@@ -22,17 +23,6 @@ Floats: TypeAlias = one_axis.Floats
 SECONDS = 2.0  # length of a run
 PIECES = 8  # plant steps in a hold, or in the part of it before or after the watchdog's cut
 UNFILTERED = 1e30  # Hz, cutoff of an adversary's velocity
-
-
-class LawResult(NamedTuple):
-    """Result of a run."""
-
-    energy_min_j: float  # lowest energy of the hand
-    loss_and_work_min_j: float  # lowest loss plus motor work
-    balance_min_j: float  # lowest balance of a plant step: the integrator's error
-    share_left: float  # lowest share left of the loss plus work so far; 1 if there was none
-    time_of_min_s: float  # when loss plus work was lowest
-    peak_force_n: float
 
 
 #: Columns of a trace, SI units; ``energy`` and ``loss_and_work`` are the lowest since the last row.
@@ -44,19 +34,11 @@ TRACE_COLUMNS = (
     "force",
     "energy",
     "loss_and_work",
-    "balance",
 )
 
 
-def attack(law: str, case: Scenario) -> tuple[LawResult, Floats]:
-    """Run one case.
-
-    Args:
-        law: A key of :data:`forcebound.haptics.laws.LAWS`.
-        case: The case to run.
-
-    Returns:
-        The result, and a trace of shape ``(samples, len(TRACE_COLUMNS))``.
+def run_law(law: str, case: Scenario) -> Outcome:
+    """Run one case; its trace has :data:`TRACE_COLUMNS`, each of shape ``(samples,)``.
 
     Raises:
         ConfigError: If the law is not known.
@@ -74,43 +56,26 @@ def attack(law: str, case: Scenario) -> tuple[LawResult, Floats]:
         case.saturation / np.maximum(magnitude, case.saturation) * columns["commanded_force"],
         columns["commanded_force"],
     )
-    trace: Floats = np.stack(
-        [
-            np.multiply(times_ns[1:], 1e-9, dtype=np.float64),
-            columns["true_position"],
-            columns["position"],
-            commanded,
-            columns["applied_force"],
-            *_energies(case, motion, np.cumsum(pieces) - pieces),
-        ],
-        axis=1,
-    )
-    lost = trace[:, 6]
+    force = columns["applied_force"]
+    energy, lost, balance = _energies(case, motion, np.cumsum(pieces) - pieces)
+    times = np.multiply(times_ns[1:], 1e-9, dtype=np.float64)
     earned = np.maximum.accumulate(lost)
-    lowest = int(np.argmin(lost))
-    result = LawResult(
-        energy_min_j=float(trace[:, 5].min()),
-        loss_and_work_min_j=float(lost[lowest]),
-        balance_min_j=float(trace[:, 7].min()),
-        share_left=float(
-            np.divide(lost, earned, where=earned > LEAST_PEAK, out=np.ones_like(lost)).min()
-        ),
-        time_of_min_s=float(trace[lowest, 0]),
-        peak_force_n=float(np.abs(trace[:, 4]).max()),
-    )
-    return result, trace
+    left = np.divide(lost, earned, where=earned > LEAST_PEAK, out=np.ones_like(lost))
+    every = (times, columns["true_position"], columns["position"], commanded, force, energy, lost)
+    details = {
+        "energy_min_j": float(energy.min()),
+        "balance_min_j": float(balance.min()),  # of a plant step: the integrator's error
+        "time_of_min_s": float(times[int(np.argmin(lost))]),
+        "peak_force_n": float(np.abs(force).max()),
+    }
+    margin = min(float(lost.min()), details["energy_min_j"])
+    trace: dict[str, Floats] = dict(zip(TRACE_COLUMNS, every, strict=True))
+    return Outcome(margin, float(left.min()), details, trace)
 
 
 def _system(case: Scenario) -> System:
-    k, b, surface, force = case.stiffness, case.environment_damping, case.surface, case.magnitude
-    environment, numbers = (  # in the order of ADVERSARIES
-        (one_axis.WALL, (k, surface, 0.0, 0.0)),
-        (one_axis.ACTIVE_WALL, (k, -b, surface, 0.0)),
-        (one_axis.DAMPER, (-b, 0.0, 0.0, 0.0)),
-        (one_axis.RANDOM_FORCE, (force, 0.0, 0.0, 0.0)),
-        (one_axis.PUSHER, (force, 0.0, 0.0, 0.0)),
-        (one_axis.SPRING, (k, surface, 0.0, 0.0)),
-    )[case.adversary]
+    environment, numbers = list(ADVERSARIES.values())[case.adversary]
+    a, b, c, d = (*numbers(case), 0.0, 0.0, 0.0)[:4]
     total, hand = case.mass + case.hand_mass, (case.hand_stiffness, case.hand_damping)
     return System(
         Axis(total, case.damping, case.friction, 0.0, 0.0, 0.0, *hand),
@@ -123,7 +88,7 @@ def _system(case: Scenario) -> System:
         largest_speed=math.inf,
         cutoff=UNFILTERED,
         environment=environment,
-        numbers=numbers,
+        numbers=(a, b, c, d),
         sensor=(one_axis.ENCODER, one_axis.NOISY, one_axis.NOISY, one_axis.LEADING)[case.sensor],
     )
 
@@ -140,7 +105,7 @@ def _course(case: Scenario) -> Course:
     noise = np.concatenate(([0.0], 2.0 * chance[:, 5] - 1.0))
     errors = (noise, noise, np.sign(noise), np.abs(np.sign(noise)))[case.sensor]
     # A late force answers an earlier tick, a corrupted one is random, a lost one stays the old one.
-    is_random = case.adversary == ADVERSARIES.index("random_force")
+    is_random = case.adversary == list(ADVERSARIES).index("random_force")
     answered = ticks.copy() if is_random else np.maximum(ticks - case.delay, 0)
     lost, corrupted = chance[:, 2] < case.loss, chance[:, 3] < case.corruption
     answered[1:][corrupted] = ticks.size + ticks[1:][corrupted]

@@ -2,71 +2,89 @@
 
 A certified law relies on the numbers of its device. Here one of them is wrong, and the attack of
 :mod:`forcebound_proofs.paths` looks for the lowest energy, with a hand that is no faster than
-:data:`FASTEST_HAND`.
+:data:`FASTEST_HAND`. Runs are named ``sensitivity:DEVICE/MISTAKE:s3.17``.
 """
 
 import math
-from collections.abc import Callable
-from typing import NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
 from forcebound.errors import ConfigError
 from forcebound.haptics.devices import DEVICES, DeviceModel
-from forcebound.haptics.laws import Dissipation
+from forcebound.haptics.laws import ENERGY_TOLERANCE, LAWS, Dissipation
 from forcebound.lab.engine import Row
-from forcebound.lab.views import groups, least
-from forcebound_proofs.audit import Options
+from forcebound_proofs.attack import MARGIN, RANDOM, SEARCH, Budget, Names, Series
 from forcebound_proofs.paths.certificates import finished
-from forcebound_proofs.paths.draft import Draft
+from forcebound_proofs.paths.draft import Draft, Random
+from forcebound_proofs.paths.restarts import RestartAttack
 from forcebound_proofs.paths.run import AttackedDevice
 from forcebound_proofs.paths.search import Restart
 
-LAW = "certified"
 FASTEST_HAND = 0.5  # m/s
 LONGEST = 1000  # samples of a run
-OF_RESTART = 100  # runs
 GUARD_PERIOD = 50e-6  # s
 ANY_HAND = "guarding, any hand: "
 
-#: What is wrong with a device, of which the law is not informed. ``damping``, ``friction`` and
-#: ``error`` are multiples of what it states, ``presliding`` of its resolution; numbers are in SI
-#: units. ``largest_speed`` and ``stated_delay`` are what the device states; other numbers than
-#: those of the truth are fields of :class:`forcebound_proofs.paths.run.AttackedDevice`.
-MISTAKES: dict[str, dict[str, float]] = {
-    "nothing is wrong": {},
-    "damping b stated 10 % too high": {"damping": 1.0 / 1.1},
-    "friction f_c stated 10 % too high": {"friction": 1.0 / 1.1},
-    "motor 2 % stronger than written": {"gain": 1.02},
-    "motor 5 % stronger than written": {"gain": 1.05},
-    "motor 5 % weaker than written": {"gain": 0.95},
-    "readings wrong by 2r": {"error": 2.0},
-    "readings wrong by 4r": {"error": 4.0},
-    "watchdog 15 % early or late": {"tolerance": 0.15},
-    ANY_HAND + "nothing is wrong": {},
-    ANY_HAND + "first look 20 us late": {"tolerance": 20 / 1020},
-    ANY_HAND + "first look 50 us late": {"tolerance": 50 / 1020},
-    ANY_HAND + "drops a force 50 us after the look": {"drop": 50e-6},
-    "stamps up to 2 ms late in 2 % of ticks": {"late_stamps": 0.02},
-    "1 % of the writes lost unnoticed": {"lost_writes": 0.01},
-    "reading to writing 50 us": {"write_delay": 50e-6},
-    "reading to writing 100 us": {"write_delay": 100e-6},
-    "reading to writing 400 us": {"write_delay": 400e-6},
-    "reading to writing 1.5 ms": {"write_delay": 1.5e-3},
-    "the same, 1 ms stated": {"write_delay": 1.5e-3, "stated_delay": 1e-3},
-    "the same, 1.5 ms stated: nothing is wrong": {"write_delay": 1.5e-3, "stated_delay": 1.5e-3},
-    "amplifier with a lag of 50 us": {"lag": 50e-6},
-    "amplifier with a lag of 400 us": {"lag": 400e-6},
-    "friction yields over half a resolution": {"presliding": 0.5},
-    "friction yields over 4 resolutions": {"presliding": 4.0},
-    "1 reading of 100 wrong by 10 mm": {"wrong_readings": 0.01},
-    "the same, no largest speed stated": {"wrong_readings": 0.01, "largest_speed": math.inf},
+
+class Mistake(NamedTuple):
+    """What is wrong with a device, of which the law is not informed.
+
+    ``damping``, ``friction`` and ``error`` are multiples of what it states, ``presliding`` of its
+    resolution; numbers are in SI units. ``largest_speed`` and ``stated_delay`` are what the device
+    states; other numbers than those of the truth are fields of
+    :class:`forcebound_proofs.paths.run.AttackedDevice`.
+    """
+
+    summary: str
+    numbers: Mapping[str, float] = {}
+    is_kept: bool = False  # the promise
+
+
+MISTAKES: dict[str, Mistake] = {
+    "nothing": Mistake("nothing is wrong", is_kept=True),
+    "damping": Mistake("damping b stated 10 % too high", {"damping": 1.0 / 1.1}),
+    "friction": Mistake("friction f_c stated 10 % too high", {"friction": 1.0 / 1.1}),
+    "gain_2": Mistake("motor 2 % stronger than written", {"gain": 1.02}),
+    "gain_5": Mistake("motor 5 % stronger than written", {"gain": 1.05}),
+    "weak_motor": Mistake("motor 5 % weaker than written", {"gain": 0.95}),
+    "readings_2r": Mistake("readings wrong by 2r", {"error": 2.0}),
+    "readings_4r": Mistake("readings wrong by 4r", {"error": 4.0}),
+    "watchdog": Mistake("watchdog 15 % early or late", {"tolerance": 0.15}),
+    "any_hand": Mistake(ANY_HAND + "nothing is wrong", is_kept=True),
+    "look_20us": Mistake(ANY_HAND + "first look 20 us late", {"tolerance": 20 / 1020}),
+    "look_50us": Mistake(ANY_HAND + "first look 50 us late", {"tolerance": 50 / 1020}),
+    "drop_50us": Mistake(ANY_HAND + "drops a force 50 us after the look", {"drop": 50e-6}),
+    "late_stamps": Mistake("stamps up to 2 ms late in 2 % of ticks", {"late_stamps": 0.02}),
+    "lost_writes": Mistake("1 % of the writes lost unnoticed", {"lost_writes": 0.01}),
+    "delay_50us": Mistake("reading to writing 50 us", {"write_delay": 50e-6}),
+    "delay_100us": Mistake("reading to writing 100 us", {"write_delay": 100e-6}),
+    "delay_400us": Mistake("reading to writing 400 us", {"write_delay": 400e-6}),
+    "delay": Mistake("reading to writing 1.5 ms", {"write_delay": 1.5e-3}),
+    "delay_1ms_stated": Mistake(
+        "the same, 1 ms stated", {"write_delay": 1.5e-3, "stated_delay": 1e-3}
+    ),
+    "delay_stated": Mistake(
+        "the same, 1.5 ms stated: nothing is wrong",
+        {"write_delay": 1.5e-3, "stated_delay": 1.5e-3},
+        is_kept=True,
+    ),
+    "lag_50us": Mistake("amplifier with a lag of 50 us", {"lag": 50e-6}),
+    "lag_400us": Mistake("amplifier with a lag of 400 us", {"lag": 400e-6}),
+    "presliding_half": Mistake("friction yields over half a resolution", {"presliding": 0.5}),
+    "presliding_4": Mistake("friction yields over 4 resolutions", {"presliding": 4.0}),
+    "wrong_readings": Mistake("1 reading of 100 wrong by 10 mm", {"wrong_readings": 0.01}),
+    "wrong_readings_any_speed": Mistake(
+        "the same, no largest speed stated", {"wrong_readings": 0.01, "largest_speed": math.inf}
+    ),
 }
 
 
-def device_of(kind: str, summary: str, random: np.random.Generator) -> AttackedDevice:
+def device_of(kind: str, mistake: str, random: Random, law: str) -> AttackedDevice:
     """Return a device of one axis with one of :data:`MISTAKES`, and a manner of attack."""
-    fields, wrong = stated_by(kind), dict(MISTAKES[summary])
+    summary, numbers, _ = MISTAKES[mistake]
+    fields, wrong = stated_by(kind), dict(numbers)
     fields["largest_speed"] = wrong.pop("largest_speed", fields["largest_speed"])
     fields["write_delay"] = wrong.pop("stated_delay", 0.0)
     draft = Draft(random, 1, fields)
@@ -83,23 +101,7 @@ def device_of(kind: str, summary: str, random: np.random.Generator) -> AttackedD
     device.lag, device.drop = wrong.pop("lag", 0.0), wrong.pop("drop", 0.0)
     draft.case |= wrong
     # Most promises cost most with a hand at its largest speed.
-    return finished(LAW, draft, None if is_any_hand else FASTEST_HAND)
-
-
-class MistakeCase(NamedTuple):
-    """A restart against a device with a mistake; every other restart is random."""
-
-    kind: str
-    summary: str
-    seed: int
-    runs: int
-
-    def rows(self) -> list[Row]:
-        """Run it."""
-        random = np.random.default_rng([self.seed, *map(ord, self.summary)])
-        found = Restart(device_of(self.kind, self.summary, random), LONGEST)
-        (found.search if self.seed % 2 else found.at_random)(random, self.runs)
-        return [{"summary": self.summary, "energy_min_j": found.lowest}]
+    return finished(law, draft, None if is_any_hand else FASTEST_HAND)
 
 
 def stated_by(kind: str) -> Row:
@@ -124,28 +126,53 @@ def stated_by(kind: str) -> Row:
     }
 
 
-def run(kind: str, runs: int, workers: int | None = None) -> Row:
-    """Search for the lowest energy with each mistake; return it ready for JSON.
+class MistakeAttack(RestartAttack):
+    """A certified law on devices with a mistake; every other restart is random."""
 
-    Args:
-        kind: Key of :data:`forcebound.haptics.devices.DEVICES`.
-        runs: Of each mistake, in restarts.
-        workers: Processes; None: one for each core; 0: this process.
+    name = "sensitivity"
+    sizes: ClassVar = {RANDOM: 100, SEARCH: 100}
+    columns: ClassVar = {
+        "what is wrong": lambda row: MISTAKES[row["target"].partition("/")[2]].summary,
+        "lowest energy": None,
+        "case": None,
+    }
+    introduction = f"""\
+## What a wrong number costs
 
-    Returns:
-        ``device``, ``runs``, ``samples`` and ``mistakes``: ``summary`` and ``energy_min_j`` each.
+The lowest energy that a search finds within {LONGEST} samples if one promise of a device is broken
+and all others are kept. The hand moves at {FASTEST_HAND:g} m/s at most, but for *any hand*.
+"""
 
-    Raises:
-        ConfigError: If there is no such device.
-    """
-    options = Options(runs=0, searched=runs, workers=workers)
-    options.check()
-    stated_by(kind)
-    cases = [
-        MistakeCase(kind, summary, 1 + first // OF_RESTART, min(OF_RESTART, runs - first))
-        for summary in MISTAKES
-        for first in range(0, runs, OF_RESTART)
-    ]
-    rows = options.run("sensitivity", cases, part=1)
-    lowest = [least(own, "energy_min_j") for own in groups(rows, "summary").values()]
-    return {"device": kind, "runs": runs, "samples": LONGEST, "mistakes": lowest}
+    def series(self, laws: Names, targets: Names, budget: Budget) -> list[Series]:
+        """Return what is to be run; ``targets``: devices, each with all mistakes."""
+        _, searched, seed = budget
+        found = []
+        for kind in targets or ["phantom_premium_1_5"]:
+            stated_by(kind)
+            for law in laws or ["certified"]:
+                for mistake in MISTAKES:
+                    every = self.restarts(law, f"{kind}/{mistake}", SEARCH, searched, seed)
+                    found += [
+                        one._replace(kind=SEARCH if one.seed % 2 else RANDOM) for one in every
+                    ]
+        return found
+
+    def check(self, target: str) -> None:
+        """Check that there is such a device, and such a mistake."""
+        kind, _, mistake = target.partition("/")
+        stated_by(kind)
+        if mistake not in MISTAKES:
+            raise ConfigError(f"no mistake {mistake!r}; known are {', '.join(MISTAKES)}")
+
+    def begin(self, law: str, target: str, kind: str, seed: int) -> tuple[Restart, Random]:
+        """Return a restart that has not begun, and its chance."""
+        device, _, mistake = target.partition("/")
+        random = np.random.default_rng([seed, *map(ord, MISTAKES[mistake].summary)])
+        return Restart(device_of(device, mistake, random, law), LONGEST, energy_alone=True), random
+
+    def further(self, rows: Sequence[Row]) -> Row:
+        """Return whether the law holds: where a promise is broken it cannot."""
+        _, _, mistake = rows[0]["target"].partition("/")
+        holds = min(row[MARGIN] for row in rows) >= -ENERGY_TOLERANCE
+        certified = LAWS[rows[0]["law"]].is_certified
+        return {"holds": holds or not certified or not MISTAKES[mistake].is_kept}

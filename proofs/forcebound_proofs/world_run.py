@@ -21,12 +21,13 @@ from forcebound.nodes.device import DeviceNode
 from forcebound.nodes.environment import EnvironmentNode
 from forcebound.run.simulation import LateTicks, Simulation
 from forcebound_proofs.cases import LEAST_PEAK
-from forcebound_proofs.world_cases import WATCHDOGS, WORLDS, WorldScenario, controller_of
+from forcebound_proofs.world_cases import SURFACE, WATCHDOGS, WorldScenario
 
 SECONDS = 0.25  # of a run
 ENGAGE = 0.01  # s: soon at full force
-START, ARRIVAL = -0.002, 0.03  # m, before the surface; s, until the hand presses
+START, ARRIVAL = SURFACE - 0.002, 0.03  # m, before the surface; s, until the hand presses
 SHORTEST_LATE = 0.3e-3  # s
+TRACE_COLUMNS = ("time", "position", "energy", "loss_and_work")  # SI units, of the first axis
 _SIDES = 2  # energies are looked at in the middle and at the end of each stretch of a hold
 
 
@@ -61,6 +62,7 @@ class WatchedDevice(SimulatedDevice):
         self._earned = 0.0  # J, largest loss plus work
         self.share_left = 1.0  # lowest share left of the loss plus work so far
         self.peak_force = 0.0  # N
+        self.looks: list[tuple[float, ...]] = []  # rows of TRACE_COLUMNS
 
     def write(self, time_ns: int, force: Vector) -> Vector:
         """Hold ``force`` from now on; see :class:`forcebound.haptics.devices.Device`."""
@@ -72,17 +74,19 @@ class WatchedDevice(SimulatedDevice):
         assert self._time_ns is not None
         begin_ns, step_ns = self._time_ns, (time_ns - self._time_ns) / _SIDES
         for side in range(1, _SIDES + 1):
-            super()._hold_until(time_ns if side == _SIDES else begin_ns + round(side * step_ns))
+            look_ns = time_ns if side == _SIDES else begin_ns + round(side * step_ns)
+            super()._hold_until(look_ns)
             truth = self._body.truth()
             lost = truth.energy - self._half_mass * math.hypot(*truth.velocity) ** 2
             self.energy_min = min(self.energy_min, truth.energy)
             self.lost_min = min(self.lost_min, lost)
             self._earned = max(self._earned, lost)
+            self.looks.append((look_ns * 1e-9, truth.position[0], truth.energy, lost))
             if self._earned > LEAST_PEAK:
                 self.share_left = min(self.share_left, lost / self._earned)
 
 
-def attack(law: str, case: WorldScenario, seconds: float = SECONDS) -> WatchedDevice:
+def run_world(law: str, case: WorldScenario) -> WatchedDevice:
     """Run a case, and return its device with the energies that it has kept.
 
     Raises:
@@ -101,15 +105,15 @@ def attack(law: str, case: WorldScenario, seconds: float = SECONDS) -> WatchedDe
     ).of(servo)
     device_node = DeviceNode(device, dissipation_of(model, servo), servo, lateness=lateness)
     nodes = [
-        EnvironmentNode(WORLDS[case.world](numbers), axes=case.axes),
-        ControllerNode(controller_of(case.controller, numbers).open(case.axes)),
+        EnvironmentNode(case.environment(), axes=case.axes),
+        ControllerNode(case.open_controller()),
         device_node,
     ]
     simulation = Simulation(nodes, _links_of(case), lambda packet: None, ())
     for node in nodes:
         node.events.is_logged = False
     device_node.engage()
-    end_ns = round(seconds * 1e9)
+    end_ns = round(SECONDS * 1e9)
     try:
         simulation.run(end_ns)
     finally:
@@ -145,7 +149,7 @@ def hand_of(case: WorldScenario) -> SpaceHand:
         numbers["hand_mass"],
         numbers["hand_stiffness"],
         numbers["hand_damping"],
-        numbers["pressing"],
+        SURFACE + numbers["pressing"],
         (numbers["amplitude"], *(numbers["sideways"] for _ in others)),
         (frequency, *(frequency * detuning**axis for axis in others)),
     )

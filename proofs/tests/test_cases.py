@@ -7,6 +7,7 @@ import pytest
 
 from forcebound.errors import ConfigError
 from forcebound_proofs.cases import NOISES, Range, decode, encode, search, seed_of
+from forcebound_proofs.views import least, share, verdict
 
 
 def test_a_code_names_the_numbers_of_a_case_and_a_name_is_a_seed_or_a_code() -> None:
@@ -33,3 +34,12 @@ def test_the_search_goes_to_the_lowest_objective() -> None:
     found = list(search(distance, (), 3, 200, np.random.default_rng(1)))
     assert len(found) == 200
     assert min(found) < 0.05 < min(found[:12])
+
+
+def test_rows_have_a_least_a_share_and_a_verdict() -> None:
+    rows = [{"square": x * x, "is_even": x % 2 == 0} for x in range(5)]
+    assert least(rows, "square") is rows[0]
+    assert share(rows, "is_even") == 0.6
+    assert verdict(-1e-6) == "BROKEN"
+    assert verdict(-1e-12) == "passive"
+    assert verdict(-1.0, is_certified=False) == "leaks"

@@ -4,6 +4,7 @@ from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 import pytest
@@ -25,6 +26,11 @@ from forcebound_proofs.far_wall import LAWS, Figures, case, error_of, figures, s
 NEAR = 0  # ms
 
 
+def slow(*values: Any) -> Any:
+    """Return parameters of a test that is a campaign's."""
+    return pytest.param(*values, marks=pytest.mark.slow)
+
+
 @cache
 def press(law: str, delay: int, controller: LocalModel | None, touches_before: bool) -> Figures:
     with TemporaryDirectory() as folder:
@@ -32,8 +38,8 @@ def press(law: str, delay: int, controller: LocalModel | None, touches_before: b
         return figures(case(law, delay, controller, hand))[0]
 
 
-@pytest.mark.parametrize("delay", [20, 50])
-@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("delay", [20, slow(50)])
+@pytest.mark.parametrize("law", [LAWS[0], slow(LAWS[1])])
 def test_after_the_first_contact_the_far_wall_feels_like_the_near_one(law: str, delay: int) -> None:
     near = press(law, NEAR, None, True)
     far = press(law, delay, LocalModel(), True)
@@ -45,7 +51,7 @@ def test_after_the_first_contact_the_far_wall_feels_like_the_near_one(law: str, 
     assert late.stiffness < 0.3 * near.stiffness  # what there is to gain
 
 
-@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("law", [LAWS[0], slow(LAWS[1])])
 def test_looking_ahead_makes_the_first_contact_stiff_when_an_answer_can_be_back(law: str) -> None:
     near = press(law, NEAR, None, False)
     far = press(law, 20, LocalModel(), False)
@@ -63,7 +69,7 @@ def test_an_environment_beyond_the_age_limit_is_refused_only_for_a_controller_th
         load("far_wall", [*arguments, "controller:=direct"])
 
 
-@pytest.mark.parametrize(("delay", "most"), [(20, 0.03), (50, 0.1)])
+@pytest.mark.parametrize(("delay", "most"), [(20, 0.03), slow(50, 0.1)])
 def test_the_plane_turns_with_a_hand_that_strokes_over_a_sphere(delay: int, most: float) -> None:
     assert error_of(scene("touch_sphere", "local_model", delay))[0] < most
 
@@ -72,6 +78,7 @@ def test_without_it_the_force_on_the_sphere_is_another_one() -> None:
     assert error_of(scene("touch_sphere", "direct", 20))[0] > 1.0
 
 
+@pytest.mark.slow
 def test_ridges_finer_than_the_way_of_a_round_trip_are_felt_in_the_wrong_place() -> None:
     def correlation(pitch: int, delay: int) -> float:
         return error_of(scene(f"ridges {pitch}", "local_model", delay))[1]
@@ -153,7 +160,7 @@ def bounces_after(change: str, *arguments: str) -> int:
     return count_bounces(columns.true_position[changed:, 0])
 
 
-@pytest.mark.parametrize("delay", [10, 20, 30, 50])
+@pytest.mark.parametrize("delay", [slow(10), 20, slow(30), slow(50)])
 @pytest.mark.parametrize("change", ["stiffness: 1 N/mm", "position: 20 mm"])
 def test_a_wall_that_softens_or_retreats_under_the_hand_does_not_ring(
     change: str, delay: int
@@ -163,7 +170,7 @@ def test_a_wall_that_softens_or_retreats_under_the_hand_does_not_ring(
     assert bounces_after(change, f"delay:={delay} ms") <= near + 1
 
 
-@pytest.mark.parametrize("delay", [10, 20, 50])
+@pytest.mark.parametrize("delay", [slow(10), 20, slow(50)])
 @pytest.mark.parametrize("controller", ["local_model", "virtual_coupling"])
 def test_the_force_of_a_wall_that_is_gone_ends_within_a_round_trip(
     tmp_path: Path, controller: str, delay: int

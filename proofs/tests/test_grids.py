@@ -7,35 +7,36 @@ import sys
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 
-from forcebound_proofs import certificate_grid
+from forcebound_proofs import certificate_grid, late_ticks
+from forcebound_proofs.__main__ import NAMES, main
 
 DOCS = Path(__file__).parent.parent / "docs"
 
 
 def study(name: str, *words: str) -> "subprocess.CompletedProcess[str]":
     return subprocess.run(
-        [sys.executable, "-m", f"forcebound_proofs.{name}", *words], capture_output=True, text=True
+        [sys.executable, "-m", "forcebound_proofs", name, *words], capture_output=True, text=True
     )
 
 
-@pytest.mark.parametrize("name", ["fit_table1", "certificate_grid"])
+@pytest.mark.parametrize("name", NAMES)
 def test_a_study_explains_its_options(name: str) -> None:
-    done = study(name, "--help")
-    assert done.returncode == 0, done.stderr
-    assert "usage" in done.stdout
+    done = CliRunner().invoke(main, [name, "--help"])
+    assert done.exit_code == 0, done.output
+    assert "Options:" in done.stdout
 
 
 def test_a_page_that_cannot_be_written_is_refused_before_the_work() -> None:
-    done = study("certificate_grid", "--page", "page.txt")
-    assert done.returncode == 2
+    done = CliRunner().invoke(main, ["certificate_grid", "--page", "page.txt"])
+    assert done.exit_code == 2
     assert "'page.txt'" in done.stderr
 
 
 def test_a_short_fit_of_table_1_prints_a_hand_and_what_it_predicts() -> None:
-    pytest.importorskip("cma", reason="cma is not installed (extra: lab)")
-    done = study("fit_table1", "--generations", "1", "--without", "aol")
-    assert done.returncode == 0, done.stderr
+    done = CliRunner().invoke(main, ["fit_table1", "--generations", "1", "--without", "aol"])
+    assert done.exit_code == 0, done.output
     errors = re.search(r"fitted ([\d.]+)  predicted ([\d.]+)", done.stdout)
     assert errors is not None, done.stdout
     assert all(0.0 < float(error) < 3.0 for error in errors.groups())
@@ -45,7 +46,7 @@ def test_a_short_fit_of_table_1_prints_a_hand_and_what_it_predicts() -> None:
 def test_the_page_of_prices_is_made_of_its_text_and_has_every_row() -> None:
     page = (DOCS / "prices.md").read_text(encoding="utf-8")
     parts = re.split(r"{\w+}", certificate_grid.PAGE.read_text(encoding="utf-8"))
-    assert re.fullmatch(".+".join(map(re.escape, parts)), page, re.DOTALL), "run: make prices"
+    assert re.fullmatch(".+".join(map(re.escape, parts)), page, re.DOTALL), "run: make proofs"
     for row in (*certificate_grid.PRICES, *certificate_grid.MISTAKES):
         assert f"| {row} |" in page
 
@@ -69,6 +70,14 @@ def test_a_wrong_number_costs_energy_and_the_power_stays_below_its_bound(number:
         assert 0.5 * row["power_bound_w"] < row["power_w"] <= row["power_bound_w"]
     else:
         assert row["true_energy_min_j"] < -1e-3
+
+
+def test_late_ticks_cost_a_silent_watchdog_force_and_a_guarding_one_little() -> None:
+    cell = {"law": "certified", "hold_limit": 1.25, "seed": 1, "duration": 0.8}
+    cases = [{**cell, "watchdog": one, "rate": 20.0} for one in ("guarding", "silent")]
+    guarding, silent = late_ticks.measure(cases)
+    assert guarding["stiffness"] > 2.0 * silent["stiffness"]
+    assert min(row["energy"] for row in (guarding, silent)) >= -1e-9
 
 
 @pytest.mark.slow

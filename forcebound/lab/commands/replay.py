@@ -69,29 +69,29 @@ def replay(
 
 
 def _verify(run: Path, hand: str | None, settings: Sequence[str], as_json: bool) -> NoReturn:
-    found = {}
+    verified = {}
     for name, recording in read_saying(run, hand, verification.TOPICS).by_hand.items():
         device = again.device_of(recording, settings)
         with content_of(run):
-            found[name] = verification.verify(recording, device)
+            verified[name] = verification.verify(recording, device)
     if as_json:
-        documents = {name: asdict(one) | {"is_same": one.is_same} for name, one in found.items()}
+        documents = {name: asdict(one) | {"is_same": one.is_same} for name, one in verified.items()}
         print_json(documents.get(topology.HAND, {"hands": documents}))
     else:
-        for name, one in found.items():
+        for name, one in verified.items():
             show("\n".join([*([f"{name}:"] if name != topology.HAND else []), *_lines(one)]))
-    sys.exit(0 if all(one.is_same for one in found.values()) else 1)
+    sys.exit(0 if all(one.is_same for one in verified.values()) else 1)
 
 
-def _lines(found: "verification.Verified") -> Iterator[str]:
-    yield f"verified: {found.verified} of {found.ticks} ticks, {found.differing} differ"
-    if found.difference:
-        yield f"first difference: {found.difference}"
-    if found.unknown:
-        yield f"not verified: {found.unknown} ticks of an earlier ledger, see --help"
-    if found.verified + found.unknown < found.ticks:
+def _lines(verified: "verification.Verified") -> Iterator[str]:
+    yield f"verified: {verified.verified} of {verified.ticks} ticks, {verified.differing} differ"
+    if verified.difference:
+        yield f"first difference: {verified.difference}"
+    if verified.unknown:
+        yield f"not verified: {verified.unknown} ticks of an earlier ledger, see --help"
+    if verified.verified + verified.unknown < verified.ticks:
         yield "a tick is missing from the recording; what follows it cannot be verified"
     yield (
-        f"commands: {found.commands} forces follow from a recorded one,"
-        f" {found.unknown_commands} from none"
+        f"commands: {verified.commands} forces follow from a recorded one,"
+        f" {verified.unknown_commands} from none"
     )

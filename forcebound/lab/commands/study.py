@@ -121,7 +121,7 @@ async def _serve(
     server.live = leading.LiveStudy(
         session,
         graph,
-        lambda message: server.later(server.tell, message),
+        lambda message: server.later(server.broadcast, message),
         lambda problem: say(f"forcebound: {problem}"),
     )
     running = asyncio.get_running_loop().run_in_executor(None, server.live.run)

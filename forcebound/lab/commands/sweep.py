@@ -21,7 +21,9 @@ def sweep(
     output: Path | None = opt.output("Parquet file to write. Default: name of the sweep file."),
     workers: int | None = opt.option("Number of processes. Default: one per core.", type=opt.COUNT),
     cluster: str | None = opt.option(
-        "Run on a dask cluster; address of its scheduler.", metavar="ADDRESS"
+        "Run on a dask cluster; address of its scheduler, tcp://127.0.0.1:8786. Whoever reaches a "
+        "scheduler runs code on it.",
+        metavar="ADDRESS",
     ),
     restart: bool = opt.flag("Discard earlier parts."),
     overwrite: bool = opt.flag("Replace the result of another sweep."),
@@ -48,18 +50,23 @@ def sweep(
 
 def draw_map(
     result: Path = opt.argument(type=opt.FILE),
+    value: str | None = opt.option("Figure or measure to draw. Default: that of the sweep file."),
+    x: str | None = opt.option("Varied argument of the axis across; without --y: curves."),
+    y: str | None = opt.option("Varied argument of the axis upwards."),
+    per: str | None = opt.option("Varied argument with a panel, or a curve, for each value."),
     output: Path | None = opt.output(
         "Picture file, .png or .svg. Default: name of the result, .png."
     ),
 ) -> None:
-    r"""Draw the map of a sweep's RESULT.parquet, with theoretical limits.
+    r"""Draw the map of a sweep's RESULT.parquet, with theoretical limits, or any column of it.
 
     Needs the extra lab: pip install 'forcebound[lab]'.
 
     \b
     forcebound map stability_map.parquet -o map.svg
+    forcebound map runs.parquet --value contacts --x delay --y stiffness --per law
     """
     check_installed("a map", "matplotlib", "pyarrow")
     output = output or result.with_suffix(".png")
-    maps.draw(result, output)
+    maps.draw(result, output, value=value, x=x, y=y, per=per)
     show(f"map: {output}")

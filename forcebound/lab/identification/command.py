@@ -228,7 +228,7 @@ class Compared(Struct, frozen=True):
 
 
 class Checked(Struct, frozen=True):
-    """What a check found."""
+    """Result of a check."""
 
     file: str
     numbers: list[Compared]
@@ -283,7 +283,7 @@ def lines(content: Document) -> list[str]:
         )
     judged = content["verdict"]
     shown = judged["stiffness"] / 1e3
-    text.append(f"a wall of the law certified, pressed by 2 mm: at most {shown:.3g} N/mm")
+    text.append(f"stiffest wall under certified, pressed by 2 mm: {shown:.3g} N/mm")
     for name, gain in judged["gains"].items():
         text.append(f"  {name:<13} {BETTER[name][1]}: {100.0 * (gain - 1.0):+.1f} %")
     text.append(f"what limits it most: {judged['limit']}")

@@ -70,7 +70,7 @@ class RecordedNumbers(msgspec.Struct):
 
 
 class Identified(msgspec.Struct):
-    """What a check of a device needs of the section ``identified``."""
+    """The section ``identified`` of a device file, as a check needs it."""
 
     plan: RecordedPlan
     serial_number: str
@@ -201,7 +201,7 @@ def document_of(
 
 
 def _further(found: Found) -> dict[str, object]:
-    """Return what is found beside the numbers of a device."""
+    """Return the estimates beside the numbers of a device."""
     lag, ends = lag_of(found), {"found": "estimate", "lower": "lower", "upper": "upper"}
     both = {"lag": [] if lag is None else [lag], "gain": found.gain}
     bounds = {
@@ -251,7 +251,7 @@ def write(path: Path, document: Document, command: str) -> None:
 
 
 def read(path: Path) -> Identified:
-    """Return what such a file says of an identification.
+    """Return the identification in a device file.
 
     Raises:
         ConfigError: If it cannot be read, is none, or is damaged.

@@ -16,17 +16,17 @@ Motion: TypeAlias = tuple[float, float, float]  # position, speed and accelerati
 
 
 class Rough(NamedTuple):
-    """What is roughly known of an axis, enough to drive it."""
+    """Rough numbers of an axis, enough to drive it."""
 
     inertia: float  # kg (joints: kg m^2)
     friction: float  # N (N m)
 
 
-class Way:
-    """A straight way of one axis: even acceleration, even speed, even deceleration.
+class Profile:
+    """A motion of one axis from place to place: even acceleration, even speed, even deceleration.
 
     From ``start`` to ``end``, in m (rad), with a ``speed``, in m/s (rad/s), in between, or less if
-    the way is too short; ``acceleration`` in m/s^2 (rad/s^2).
+    the distance is too short; ``acceleration`` in m/s^2 (rad/s^2).
     """
 
     def __init__(self, start: float, end: float, speed: float, acceleration: float) -> None:
@@ -124,31 +124,31 @@ class Drive:
         self.take_over(rest(rig, rig.period).readings[-1])
 
     def acceleration(self, axis: int) -> float:
-        """Return the acceleration of ways of an axis, in m/s^2 (rad/s^2)."""
+        """Return the acceleration of motions of an axis, in m/s^2 (rad/s^2)."""
         rough, most = self.rough[axis], 0.5 * self.rig.limits.force
         return max(min(4.0 * rough.friction, most - rough.friction), 0.2 * most) / rough.inertia
 
     def pass_along(
         self, axis: int, end: float, speed: float, ripple: Ripple | None = None
-    ) -> tuple[Way, Trace]:
-        """Move one axis to a position, in m (rad), and hold the others; return way and trace.
+    ) -> tuple[Profile, Trace]:
+        """Move one axis to a position, in m (rad), and hold the others; return profile and trace.
 
         A ripple is added while the axis should move at its even speed.
         """
-        way = Way(self.goal[axis], end, speed, self.acceleration(axis))
+        profile = Profile(self.goal[axis], end, speed, self.acceleration(axis))
         still = self._controller(
-            lambda one, elapsed: way.at(elapsed) if one == axis else (self.goal[one], 0.0, 0.0)
+            lambda one, elapsed: profile.at(elapsed) if one == axis else (self.goal[one], 0.0, 0.0)
         )
 
         def rippled(elapsed: float, reading: Vector) -> Vector:
             forces = list(still(elapsed, reading))
-            if ripple is not None and way.is_even(elapsed):
-                forces[axis] += ripple.at(elapsed - way.rise)
+            if ripple is not None and profile.is_even(elapsed):
+                forces[axis] += ripple.at(elapsed - profile.rise)
             return tuple(forces)
 
-        trace = self.rig.run(way.duration, still if ripple is None else rippled)
+        trace = self.rig.run(profile.duration, still if ripple is None else rippled)
         self.goal[axis] = end
-        return way, trace
+        return profile, trace
 
     def go(self, axis: int, end: float, speed: float) -> Trace:
         """Move one axis, wait until it rests, and return the trace of the rest."""

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from forcebound.errors import DeviceError
-from forcebound.lab.identification.drive import Drive, Ripple, Rough, Way
+from forcebound.lab.identification.drive import Drive, Profile, Ripple, Rough
 from forcebound.lab.identification.estimators import Point
 from forcebound.lab.identification.rig import Floats, Rig, Trace, come_to_rest, rest
 from forcebound.messages.packets import Vector
@@ -40,7 +40,7 @@ class Pass(NamedTuple):
     axis: int
     pose: int  # number of the pose of the others
     level: int  # number of the speed, from the slowest
-    way: Way  # that it should have gone
+    profile: Profile  # of its motion, as planned
     trace: Trace  # what happened
 
 
@@ -52,23 +52,23 @@ def start_to_move(rig: Rig, axis: int, side: int) -> float:
     Raises:
         DeviceError: If it does not move, moves the other way, or another axis moves instead.
     """
-    start, way = come_to_rest(rig), STARTED * rig.limits.reach
+    start, distance = come_to_rest(rig), STARTED * rig.limits.reach
     steepness = -side * rig.limits.force / RAMP
     trace = rig.run(
         RAMP,
         lambda elapsed, reading: _along(rig.axes, axis, steepness * elapsed),
-        lambda reading: bool(np.abs(start - reading).max() >= way),
+        lambda reading: bool(np.abs(start - reading).max() >= distance),
     )
     moved = trace.readings[-1] - start
     force = float(abs(trace.forces[-1, axis]))
-    _check_motion(axis, side, moved, way, force)
+    _check_motion(axis, side, moved, distance, force)
     rest(rig, STOPPING)
     return force
 
 
-def _check_motion(axis: int, side: int, moved: Floats, way: float, force: float) -> None:
+def _check_motion(axis: int, side: int, moved: Floats, distance: float, force: float) -> None:
     name, farthest = f"axis {axis + 1}", int(np.argmax(np.abs(moved)))
-    if abs(moved[farthest]) < way:
+    if abs(moved[farthest]) < distance:
         raise DeviceError(
             f"{name} does not move at a force of {force:.3g}: is the motor on, is the axis free? A"
             " larger --force lets it push harder"
@@ -111,14 +111,14 @@ def kick(rig: Rig, axis: int, side: int, started: float) -> Kick:
     """
     start = come_to_rest(rig)
     force = min(max(KICK * started, 0.05 * rig.limits.force), rig.limits.force)
-    way = KICKED * rig.limits.reach
+    distance = KICKED * rig.limits.reach
     pushed = rig.run(
         0.3,
         lambda elapsed, reading: _along(rig.axes, axis, -side * force),
-        lambda reading: abs(reading[axis] - start[axis]) >= way,
+        lambda reading: abs(reading[axis] - start[axis]) >= distance,
     )
     left = pushed.readings[-1, axis]
-    coasted = rest(rig, COAST, lambda reading: abs(reading[axis] - left) >= 2.0 * way)
+    coasted = rest(rig, COAST, lambda reading: abs(reading[axis] - left) >= 2.0 * distance)
     _brake(rig, axis, side, force)
     rest(rig, STOPPING)
     gone = np.abs(coasted.readings[:, axis] - coasted.readings[0, axis])

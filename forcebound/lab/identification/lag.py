@@ -55,7 +55,7 @@ def lag_of(strokes: Sequence[Pass], damping: float) -> Bounded | None:
 def _lag_of_stroke(stroke: Pass, damping: float) -> float | None:
     trace, axis = stroke.trace, stroke.axis
     elapsed = trace.read - trace.read[0]
-    ticks = np.flatnonzero([stroke.way.is_even(t) for t in elapsed.tolist()])
+    ticks = np.flatnonzero([stroke.profile.is_even(t) for t in elapsed.tolist()])
     if ticks.size < FEWEST or trace.late[: ticks[-1]].any():
         return None
     gaps = np.diff(trace.read[: ticks[-1]])

@@ -59,7 +59,7 @@ class Loss:
 
 @dataclass(frozen=True, kw_only=True)
 class AxisFound(Loss):
-    """What was found of one axis."""
+    """Identified numbers of one axis."""
 
     presliding: Bounded  # z_m, in m (rad)
     resolution: Bounded  # of the encoder, in m (rad)
@@ -68,7 +68,7 @@ class AxisFound(Loss):
 
 @dataclass(frozen=True)
 class Found:
-    """What was found of a device."""
+    """Identified numbers of a device."""
 
     axes: tuple[AxisFound, ...]
     measured_range: tuple[tuple[float, float], ...]  # m (rad), least and largest place of each axis
@@ -86,7 +86,7 @@ def identify(
     report: Callable[[str], None] = lambda line: None,
     middle: Vector | None = None,
 ) -> Found:
-    """Return what is found of a device that nobody holds.
+    """Return the identified numbers of a device that nobody holds.
 
     Args:
         device: Open, at rest.

@@ -30,7 +30,7 @@ STILL_TICKS, STILL = 60, 0.005  # share of the reach within these ticks
 
 @dataclass(frozen=True)
 class Limits:
-    """What a device may be made to do, in its coordinates."""
+    """Limits of what the rig does with a device, in its coordinates."""
 
     force: float  # N (joints: N m), largest of an axis
     speed: float  # m/s (rad/s); a faster axis stops the identification
@@ -38,7 +38,7 @@ class Limits:
 
 
 class Trace(NamedTuple):
-    """What happened in a run: a row for each tick."""
+    """Trace of a run: a row for each tick."""
 
     read: Floats  # s, when readings were latched
     effect: Floats  # s, when forces began to act
@@ -111,7 +111,7 @@ class Rig:
         controller: Controller,
         until: Callable[[Vector], bool] = lambda reading: False,
     ) -> Trace:
-        """Return what happens under the forces of a controller.
+        """Return the trace of a run under the forces of a controller.
 
         Args:
             seconds: How long.

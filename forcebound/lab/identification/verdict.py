@@ -80,7 +80,7 @@ def displayed_stiffness(model: DeviceModel, rate: float, start: Vector) -> float
 
 
 class Verdict(NamedTuple):
-    """What the law ``certified`` shows on a device."""
+    """Displayed stiffness of the law ``certified`` on a device."""
 
     stiffness: float  # N/m
     gains: dict[str, float]  # times as stiff on a device with a better number, see BETTER
@@ -88,7 +88,7 @@ class Verdict(NamedTuple):
 
 
 def verdict(model: Any, rate: float, start: Vector) -> Verdict:
-    """Return what the law ``certified`` shows on a device; arguments of `displayed_stiffness`."""
+    """Return that of a device; arguments of `displayed_stiffness`."""
 
     def shown(**changed: object) -> float:
         return displayed_stiffness(dataclasses.replace(model, **changed), rate, start)

@@ -70,7 +70,7 @@ _ROW = Form("the row", {name: Field(name, hint, True) for name, hint in _HINTS.i
 
 @dataclass(frozen=True, kw_only=True)
 class Register:
-    """What a folder keeps of its study, whichever participants leave."""
+    """Register of a folder, which stays whichever participants leave."""
 
     study: str
     digest: str
@@ -80,7 +80,7 @@ class Register:
 
 @dataclass(frozen=True, kw_only=True)
 class Participant:
-    """What is known of a participant; the folder has their identifier as its name."""
+    """A participant; the folder has their identifier as its name."""
 
     participant: str
     number: _Number  # from 0; the order follows from it
@@ -102,7 +102,7 @@ def read_document(file: Path, kind: type[_Document]) -> _Document:
 
 
 def read_participant(folder: Path) -> Participant:
-    """Return what a participant's folder says of them; ConfigError also if it is a copy."""
+    """Return the participant of a folder; ConfigError also if it is a copy."""
     about = read_document(folder / ABOUT, Participant)
     if about.participant != folder.name:
         raise ConfigError(

@@ -86,7 +86,7 @@ def wall_at_hand(config: GraphConfig) -> float:
 
 
 def mover_of(config: GraphConfig) -> Mover:
-    """Return what moves the hand of a graph."""
+    """Return the mover of the hand of a graph."""
     device = config.only.device
     if device.port:  # an emulator follows no pointer
         return "itself" if device.port == "emulated" else "person"
@@ -244,6 +244,6 @@ def _law(config: GraphConfig) -> str:
 
 
 def _fixed(config: GraphConfig) -> Parameters:
-    """Return what cannot change while a graph runs."""
+    """Return the parameters that cannot change while a graph runs."""
     changing = parameters(config)
     return {name: one for name, one in every_parameter(config).items() if name not in changing}

@@ -22,7 +22,7 @@ from forcebound.run.results import results_of
 
 LOOK = 0.01  # s between two looks at the graph; a message from a page is taken at once
 FRAME = 1.0 / 30.0  # s between two messages with the place of the marker
-LEAST_TIME = 0.02  # s of the way from the line on, from which there is a speed to show
+LEAST_TIME = 0.02  # s of the approach from the line on, from which there is a speed to show
 ORDINALS = ("First", "Second")
 GO_ON = ("Go on",)
 NOWHERE = Sample(0.0, 0.0, 0)  # before the first reading
@@ -76,7 +76,7 @@ def colour_of(block: Block, speed: float) -> int:
 
 
 class Inbox:
-    """What pages have sent: the newest message of each kind, so that a flood makes nobody wait."""
+    """Messages of the pages: the newest message of each kind, so that a flood makes nobody wait."""
 
     def __init__(self) -> None:
         self._newest: dict[str, Message] = {}
@@ -90,7 +90,7 @@ class Inbox:
             self._changed.notify()
 
     def take(self, seconds: float) -> Collection[Message]:
-        """Return what has come, waiting at most so long for it."""
+        """Return the messages, waiting at most so long for one."""
         with self._changed:
             self._changed.wait_for(lambda: self._newest, seconds)
             newest, self._newest = self._newest, {}
@@ -103,7 +103,7 @@ class LiveStudy:
     Args:
         session: Of the participant.
         graph: That presents the touches.
-        tell: Sends a message to the pages; called in the thread of :meth:`run`.
+        send: Sends a message to the pages; called in the thread of :meth:`run`.
         note: Says what is wrong to the experimenter, in the terminal.
     """
 
@@ -111,12 +111,12 @@ class LiveStudy:
         self,
         session: Session,
         graph: StudyGraph,
-        tell: Callable[[Message], None],
+        send: Callable[[Message], None],
         note: Callable[[str], None],
     ) -> None:
         self.inbox = Inbox()
         self.shown: Message = {}
-        self._session, self._graph, self._tell, self._note = session, graph, tell, note
+        self._session, self._graph, self._send, self._note = session, graph, send, note
         self._is_ready, self._hint = False, ""
         self._next_frame = self._ended = 0.0  # s; end of the last touch
         self._show("wait", "One moment")
@@ -176,20 +176,20 @@ class LiveStudy:
         assert step.recording is not None
         study, config = self._session.study, step.config
         wall, block = wall_at_hand(config), study.blocks[step.trial.block]
-        way = Approach(wall - study.guidance.line, wall, block)
+        approach = Approach(wall - study.guidance.line, wall, block)
         title, hint = f"{ORDINALS[step.interval - 1]} wall", self._hint
-        scene = {"line": way.line, "wall": wall}
+        scene = {"line": approach.line, "wall": wall}
         self._show("wait", title, hint or "One moment.")
         while not self._is_ready:
             self._look()
         self._graph.prepare(config)
         self._show("back", title, f"{hint} Wait behind the line.".strip(), scene=scene)
-        while not way.newest.time or way.newest.position > way.line:
-            self._follow(way)
+        while not approach.newest.time or approach.newest.position > approach.line:
+            self._follow(approach)
         self._graph.place(config)
         try:
             with self._graph.recording(step.recording):
-                self._present(Approach(way.line, wall, block), title, study.touch_time)
+                self._present(Approach(approach.line, wall, block), title, study.touch_time)
         finally:
             self._graph.clear()
         self._hint = ""
@@ -202,28 +202,30 @@ class LiveStudy:
                 "Start behind the line." if speed is None else words[colour_of(block, speed)]
             )
 
-    def _present(self, way: Approach, title: str, touch_time: float) -> None:
+    def _present(self, approach: Approach, title: str, touch_time: float) -> None:
         """Let the participant touch the wall, which is in its place, while it is recorded."""
         self._graph.samples()  # from before the recording, which would not have that contact
-        while not way.newest.time:
-            self._follow(way)
-        if way.newest.position > way.line:
+        while not approach.newest.time:
+            self._follow(approach)
+        if approach.newest.position > approach.line:
             raise AgainError("Too early.")
         self._session.begin()
-        self._show("go", title, "Touch the wall.", scene={"line": way.line, "wall": way.wall})
-        while way.contact is None or way.newest.time < way.contact + touch_time:
-            self._follow(way)
+        self._show(
+            "go", title, "Touch the wall.", scene={"line": approach.line, "wall": approach.wall}
+        )
+        while approach.contact is None or approach.newest.time < approach.contact + touch_time:
+            self._follow(approach)
             if not self._is_ready:
                 raise AgainError
         self._ended = time.monotonic()
 
-    def _follow(self, way: Approach) -> None:
+    def _follow(self, approach: Approach) -> None:
         """Take the readings since the last look, and move the marker."""
         for sample in self._look():
-            way.take(sample)
-        if way.newest.time and time.monotonic() >= self._next_frame:
+            approach.take(sample)
+        if approach.newest.time and time.monotonic() >= self._next_frame:
             self._next_frame = time.monotonic() + FRAME
-            self._tell({"type": "marker", "x": way.newest.position, "colour": way.colour})
+            self._send({"type": "marker", "x": approach.newest.position, "colour": approach.colour})
 
     def _choose(
         self, kind: str, title: str, text: str, choices: tuple[str, ...], least: float = 0.0
@@ -292,7 +294,7 @@ class LiveStudy:
             "rehearsal": self._session.kind == "rehearsal",
             "drags": "pointer" in self._graph.movers,
         }
-        self._tell(self.describe())
+        self._send(self.describe())
 
     def describe(self) -> Message:
         """Return the step of now, for a page."""

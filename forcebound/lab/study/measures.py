@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from forcebound.results.surface import touch_of_run
+from forcebound.results.contact import mean_stiffness
+from forcebound.results.samples import Samples
 from forcebound.run.results import RunResult
 
 
@@ -15,7 +16,7 @@ class Measures:
     speed: float | None = None  # m/s, between the starting line and the wall
     penetration: float | None = None  # m
     force: float | None = None  # N
-    stiffness: float | None = None  # N/m, mean force over mean penetration, as in the paper, 5.3
+    stiffness: float | None = None  # N/m, mean force over mean penetration
 
 
 def measure(run: RunResult, line: float, touch_time: float) -> Measures:
@@ -27,17 +28,16 @@ def measure(run: RunResult, line: float, touch_time: float) -> Measures:
         line: Distance of the starting line from the wall, in m.
         touch_time: Time from the first contact on that counts, in s.
     """
-    columns = run.columns
-    touch = touch_of_run(columns, run.events, run.document)
-    if touch is None or not (touch.depth > 0.0).any():
+    samples = Samples(run.columns, run.document, run.events, explains=False)
+    first = samples.first_contact
+    if samples.touch is None or first is None:
         return Measures()
-    depth, force, time = touch.depth, touch.along(columns.applied_force), columns.time
-    first = int(np.argmax(depth > 0.0))
+    depth, force, time = samples.depth, samples.normal_force, samples.time
     before = np.flatnonzero(depth[:first] <= -line)
     speed = None
     if before.size:
         start = int(before[-1])
         speed = float((depth[first] - depth[start]) / (time[first] - time[start]))
-    counted = (depth > 0.0) & (time >= time[first]) & (time <= time[first] + touch_time)
-    penetration, pushed = float(depth[counted].mean()), float(force[counted].mean())
-    return Measures(speed, penetration, pushed, pushed / penetration)
+    counted = samples.contact & (time <= time[first] + touch_time)
+    depth, force = depth[counted], force[counted]
+    return Measures(speed, float(depth.mean()), float(force.mean()), mean_stiffness(force, depth))

@@ -5,6 +5,7 @@ from the displayed stiffness of both touches. Nothing here was fitted to a study
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
@@ -14,12 +15,11 @@ from typing import Any, Literal
 
 from forcebound.errors import ConfigError, RunError
 from forcebound.graph.graph import GraphConfig
+from forcebound.lab.engine import Campaign, Row, run_here
 from forcebound.lab.runs import run_all
 from forcebound.lab.study.measures import Measures, measure
 from forcebound.lab.study.plan import Block, Study, load_study, wall_of
 from forcebound.lab.study.session import Session, Step
-from forcebound.lab.workers import completed, local_executor
-from forcebound.run.progress import progress_bar
 from forcebound.run.results import RunResult
 from forcebound.run.virtual import run_virtual
 
@@ -145,8 +145,8 @@ def _target_speed(study: Study, block: str) -> float:
             _approaching(study, own, config, speed, 0.0, phase * math.tau / PHASES)
             for phase in range(PHASES)
         )
-        ways = (replace(one, duration=one.duration - study.touch_time) for one in graphs)
-        runs = (measure(_run(one), study.guidance.line, study.touch_time) for one in ways)
+        shortened = (replace(one, duration=one.duration - study.touch_time) for one in graphs)
+        runs = (measure(_run(one), study.guidance.line, study.touch_time) for one in shortened)
         speeds = [run.speed for run in runs if run.speed is not None]
         if len(speeds) == PHASES and own.holds(fmean(speeds)):
             found[abs(fmean(speeds) - asked)] = speed
@@ -171,13 +171,13 @@ def run_observers(
     for name in names:  # in this order they get their numbers
         observer.session(study, folder, name).__exit__()
     work = partial(_take_part, observer, file, folder)
-    with progress_bar(study.name) as show, local_executor(workers) as executor:
-        for done, _ in enumerate(completed(executor, work, names), start=1):
-            show(done, count)
+    run_here(Campaign(study.name, names, work, part=1), workers)
 
 
-def _take_part(observer: Observer, file: str, folder: Path, name: str) -> None:
-    observer.take_part(_study(file), folder, name)
+def _take_part(observer: Observer, file: str, folder: Path, names: Sequence[str]) -> list[Row]:
+    for name in names:
+        observer.take_part(_study(file), folder, name)
+    return []
 
 
 _study = cache(load_study)  # one in each process, for all that is cached of it

@@ -36,7 +36,7 @@ class Trial:
 
     @property
     def columns(self) -> Row:
-        """What a row of this trial has before its touches, by column."""
+        """Columns of a row of this trial before its touches."""
         shown = enumerate(self.stimuli, start=1)
         return {
             "trial": str(self.number),

@@ -38,7 +38,7 @@ class StudyServer(Server):
         super().opened(page)
         if page.may_change:
             if self._leading is not None:
-                self._leading.tell(json.dumps({"type": "elsewhere"}))
+                self._leading.send(json.dumps({"type": "elsewhere"}))
             self._leading = page
             self.live.inbox.put({"do": "away"})  # until it is ready
 

@@ -42,7 +42,7 @@ _Settings: TypeAlias = dict[str, Any]
 
 @dataclass(frozen=True)
 class Stimulus:
-    """What a touch presents: a condition, and the value of the varied argument, if one varies."""
+    """Stimulus of a touch: a condition, and the value of the varied argument, if one varies."""
 
     condition: str
     level: str = ""  # as written: 1.2 N/mm

@@ -15,7 +15,7 @@ from forcebound.lab.study.plan import Pairs, Staircase
 from forcebound.lab.study.psychometric import Fit
 from forcebound.lab.views import table
 from forcebound.results.colours import NEUTRAL, PHYSICAL
-from forcebound.results.plots import save
+from forcebound.results.plots import blank, plain, save
 from forcebound.units import split_quantity
 
 WEBERS, LAPSES = (0.1, 0.23, 0.34, 0.5, 1.0), (0.0, 0.02, 0.1)  # 0.34: if 0.23 were at 75 %
@@ -85,7 +85,7 @@ def _percent(share: float) -> str:
 
 
 def _touches(data: Data) -> Iterator[str]:
-    """Yield what was felt: means over the touches of each condition, and of both."""
+    """Yield the measures: means over the touches of each condition, and of both."""
     yield "## Touches"
     yield ""
     rows = []
@@ -115,7 +115,7 @@ def _in_units(penetration: float, force: float, stiffness: float) -> list[str]:
 
 
 def _observers(data: Data) -> Iterator[str]:
-    """Yield what ideal observers of these stiffnesses would have chosen."""
+    """Yield the choices of ideal observers of these stiffnesses."""
     yield "## By Weber fraction and lapse rate"
     yield ""
     yield "What an observer would choose who compares the displayed stiffness of these touches, %."
@@ -171,7 +171,7 @@ def _people(rows: Sequence[Row]) -> Iterable[tuple[str, list[Row]]]:
 
 def _bars(data: Data, found: dict[analysis.Group, Shares]) -> Figure:
     """Draw the paper's Fig. 23: means with standard errors, the published beside ours."""
-    drawing = Figure(figsize=(5.0, 4.0), dpi=150, layout="constrained")
+    drawing = blank(5.0, 4.0)
     axes, people = drawing.subplots(), len(analysis.by_participant(data.rows))
     sides = [(0.0, PHYSICAL, f"ours, {people} {data.kind}")]
     sides += [(0.38, NEUTRAL, "published")] if data.study.published else []
@@ -188,13 +188,13 @@ def _bars(data: Data, found: dict[analysis.Group, Shares]) -> Figure:
     axes.set_xticks([place + 0.19 for place in range(len(found))], names)
     axes.set(ylabel="chosen as the answer (%)", ylim=(0.0, 105.0))
     axes.legend(frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
-    axes.spines[["top", "right"]].set_visible(False)
+    plain(axes)
     return drawing
 
 
 def _curves(data: Data, fits: dict[analysis.Group, Fit]) -> Figure:
     """Draw the psychometric functions of all participants together."""
-    drawing = Figure(figsize=(6.0, 4.0), dpi=150, layout="constrained")
+    drawing = blank(6.0, 4.0)
     axes, guess = drawing.subplots(), 0.5 if isinstance(data.study.method, Staircase) else 0.0
     for number, ((block, counted, _), fit) in enumerate(fits.items()):
         x = np.linspace(min(fit.levels), max(fit.levels), 200)
@@ -207,5 +207,5 @@ def _curves(data: Data, fits: dict[analysis.Group, Fit]) -> Figure:
     names = ("difference from the standard", "right answers") if guess else ("level", "chosen")
     axes.set(xlabel=f"{names[0]} ({_unit(data)})", ylabel=f"{names[1]} (%)", ylim=(-3.0, 103.0))
     axes.legend(frameon=False)
-    axes.spines[["top", "right"]].set_visible(False)
+    plain(axes)
     return drawing

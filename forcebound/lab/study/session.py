@@ -63,7 +63,7 @@ ROOM = 10_000_000  # bytes for all else
 
 @dataclass(frozen=True)
 class Step:
-    """What is next; each kind of step has the fields that its comment names."""
+    """The next step; each kind of step has the fields that its comment names."""
 
     kind: Literal["instruction", "break", "touch", "question", "feedback", "finished"]
     text: str = ""  # instruction, question
@@ -164,7 +164,7 @@ class Session:
         write_json(self.folder / ABOUT, asdict(about))
 
     def _opened(self, about: Participant) -> Participant:
-        """Return what is known with this session, whose study and launch files are written."""
+        """Return the participant with this session, whose study and launch files are written."""
         configs = {one: self.study.config(one) for pair in self.study.pairs for one in pair}
         opened = {
             "opened": _now(),
@@ -222,7 +222,7 @@ class Session:
 
     @property
     def step(self) -> Step:
-        """What is next; asking changes nothing."""
+        """The next step; asking changes nothing."""
         trial, every = self._trial, self.study.breaks.every
         if self._feedback is not None:
             return self._feedback

@@ -7,12 +7,13 @@ the wall, a white line is where a hand begins to feel it softer than it is (Webe
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable
 from pathlib import Path
 from textwrap import fill
 from typing import Any, TypeAlias
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LinearSegmentedColormap, ListedColormap, LogNorm, Normalize
@@ -22,37 +23,26 @@ from matplotlib.patches import Patch
 from matplotlib.patheffects import Normal, Stroke
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
-from forcebound.errors import ConfigError
 from forcebound.files import content_of
 from forcebound.graph.forms import Values
-from forcebound.graph.problems import unknown
 from forcebound.haptics.laws import ENERGY_TOLERANCE
+from forcebound.lab.sweep import map_data as data
 from forcebound.lab.sweep.limits import LABELS, limit_of
+from forcebound.lab.sweep.map_data import Array, Cells
 from forcebound.lab.table import Table, read_table
 from forcebound.results.colours import colours_of
 from forcebound.results.panels import in_figure
 from forcebound.results.perception import WEBER_FRACTIONS
-from forcebound.results.plots import save
-from forcebound.results.tables import axis_labels
-from forcebound.units import to_si
+from forcebound.results.plots import blank, plain, save
+from forcebound.units import MJ, N_MM
 
-Array: TypeAlias = np.ndarray[Any, Any]
-
-#: Parameters and figures in everyday units: label, factor.
-UNITS: dict[str, tuple[str, float]] = {
-    "stiffness": ("stiffness of the wall (N/mm)", 1e-3),
-    "damping": ("damping of the wall (N s/m)", 1.0),
-    "delay": ("delay, each way (ms)", 1e3),
-    "compute_delay": ("computation time (ms)", 1e3),
-    "approach_speed": ("approach speed (mm/s)", 1e3),
-} | axis_labels()
-
+Legend: TypeAlias = dict[str, Artist]  # what a drawn thing is like, by its words
 
 LONGEST_TITLE = 400  # characters
 _LEAKS = LinearSegmentedColormap.from_list("leaks", ["#ffd9a8", "#e06010", "#600018"])
 _PASSIVE = "#d8e6f2"
 _NO_FIGURE = "#eeeeee"
-_SOFTER: dict[str, Any] = {  # a white line that is seen on any colour, also in the key
+_SOFTER: dict[str, Any] = {  # a white line that is seen on any colour, also in the legend
     "linewidth": 1.4,
     "path_effects": [Stroke(linewidth=2.6, foreground="black"), Normal()],
 }
@@ -66,241 +56,178 @@ _STYLES = {
     "with_hand": "-.",
     "encoder": ":",
 }
-_LEAK = ENERGY_TOLERANCE * 1e3  # mJ
+_LEAK = ENERGY_TOLERANCE * MJ.factor  # mJ
 
 
-def draw(result: Path, picture: Path) -> None:
-    """Draw the map of a sweep file.
+def draw(result: Path, picture: Path, **given: Any) -> None:
+    """Draw a map of a sweep file.
 
     Args:
         result: Parquet file of the sweep.
         picture: File to write, ``.png`` or ``.svg``.
+        given: As of :func:`.map_data.drawing_of`.
 
     Raises:
-        ConfigError: If the result has no map or lacks a column of it.
+        ConfigError: If there is nothing to draw, or the result lacks a column of the map.
     """
     with content_of(result):
-        figure = _drawn(read_table(result), result)
+        figure = figure_of(read_table(result), **given)
     save(figure, picture)
 
 
-def _drawn(table: Table, result: Path) -> Figure:
-    drawing = table.about.get("map") or {}
-    if not drawing:
-        raise ConfigError(f"{result} has no map: its sweep file or campaign needs one")
-    per = drawing.get("per")
-    if not {per, f"over.{per}"} & set(table.columns):  # held constant on the command line
-        drawing = {key: value for key, value in drawing.items() if key != "per"}
-    figure = draw_surfaces(table, drawing) if "y" in drawing else _curves(table, drawing)
+def figure_of(table: Table, new: Callable[..., Figure] = Figure, **given: Any) -> Figure:
+    """Return the figure of a map, made by ``new``; else as :func:`draw`."""
+    drawing = data.drawing_of(table, **given)
+    figure = (_surfaces if "y" in drawing else _curves)(table, drawing, new)
     title = drawing.get("title") or table.about.get("description", "")
     figure.suptitle(fill(in_figure(title, LONGEST_TITLE), round(10 * figure.get_figwidth())))
-    figure.set_dpi(130)
     return figure
 
 
-def label_of(table: Table, name: str) -> str:
-    """Return the label of an axis for a parameter or figure."""
-    return _axis(table, name)[0]
-
-
-def _axis(table: Table, name: str) -> tuple[str, float]:
-    """Label and factor: of an argument that is not known here, in the unit of the sweep file."""
-    if name in UNITS:
-        return UNITS[name]
-    hand, _, figure = name.partition(".")
-    if figure in axis_labels():
-        label, factor = UNITS[figure]
-        return f"{in_figure(hand)}: {label}", factor
-    words, unit = name.replace("_", " "), (table.about.get("units") or {}).get(name, "")
-    size = to_si(f"1 {unit}") if unit else None
-    return (in_figure(words), 1.0) if not size else (in_figure(f"{words} ({unit})"), 1.0 / size)
-
-
-def column_of(table: Table, name: str) -> list[Any]:
-    """Return a column by its name, or that of a varied argument.
-
-    Raises:
-        ConfigError: If there is none.
-    """
-    for key in (f"over.{name}", name):
-        if key in table.columns:
-            return table.columns[key]
-    raise ConfigError(unknown("column of the result", name, table.columns))
-
-
-def numbers_of(table: Table, name: str) -> Array:
-    """Return a column of numbers in everyday units, NaN for none.
-
-    Raises:
-        ConfigError: If there is no such column, or it is text.
-    """
-    column = column_of(table, name)
-    try:
-        values = [math.nan if v is None else float(v) for v in column]
-    except ValueError:
-        raise ConfigError(f"the column {name!r} is text; a map needs numbers") from None
-    return np.array(values) * _axis(table, name)[1]
-
-
-def _curves(table: Table, drawing: Values) -> Figure:
+def _curves(table: Table, drawing: Values, new: Callable[..., Figure]) -> Figure:
     """Draw a panel for each combination of the other arguments, a line for each ``per``.
 
     Faint where the hand did not come to rest: there a mean over the steady state means little.
     """
-    x, value = numbers_of(table, drawing["x"]), numbers_of(table, drawing["value"])
-    per = column_of(table, drawing["per"]) if "per" in drawing else [None] * x.size
-    others = [
-        name
-        for name in table.columns
-        if name.startswith("over.") and name[5:] not in (drawing["x"], drawing.get("per"), "seed")
-    ]
+    x, value = data.numbers_of(table, drawing["x"]), data.numbers_of(table, drawing["value"])
+    per = data.groups_of(table, drawing)
+    shown = {f"over.{name}" for name in (drawing["x"], drawing.get("per"), data.SEED)}
+    others = [key for key in table.columns if key.startswith("over.") and key not in shown]
     rest = list(zip(*(table.columns[name] for name in others), strict=True)) or [()] * x.size
-    panels: Sequence[tuple[Any, ...]] = list(dict.fromkeys(rest))
-    figure = Figure(figsize=(4.6 * len(panels) + 2.4, 4.2), layout="constrained")
-    axes = figure.subplots(1, len(panels), sharey=True, squeeze=False).ravel()
+    panels = list(dict.fromkeys(rest))
+    figure, axes, columns = _panels(new, len(panels), (4.6, 3.2), (2.4, 1.0))
     names = list(dict.fromkeys(per))
-    colours = colours_of(names)
-    rests = _rests(table, x.size) > 0.0
-    for axis, panel in zip(axes, panels, strict=True):
-        for number, name in enumerate(names):
+    rests = data.rests_of(table, x.size) > 0.0
+    legend: Legend = {}
+    for axis, panel in zip(axes, panels, strict=False):
+        for number, (name, colour) in enumerate(zip(names, colours_of(names), strict=True)):
             rows = [i for i in range(x.size) if rest[i] == panel and per[i] == name]
             rows.sort(key=lambda i: x[i])
             style = ("-", "--", ":")[number // 10] if len(names) > 10 else "-"
-            label = None if name is None else in_figure(str(name).replace("_", " "))
-            colour = colours[number]
             axis.plot(x[rows], value[rows], style, color=colour, lw=1.0, alpha=0.3)
             at_rest = np.where(rests[rows], value[rows], np.nan)
-            axis.plot(x[rows], at_rest, style, color=colour, lw=1.6, marker=".", label=label)
-        axis.set_title(
-            ", ".join(_setting(table, n[5:], v) for n, v in zip(others, panel, strict=True)),
-            fontsize=10,
-        )
-        axis.set_xlabel(label_of(table, drawing["x"]))
+            (line,) = axis.plot(x[rows], at_rest, style, color=colour, lw=1.6, marker=".")
+            legend |= {} if name is None else {_words(name): line}
+        settings = (_setting(table, n[5:], v) for n, v in zip(others, panel, strict=True))
+        axis.set_title(", ".join(settings), fontsize=10)
+        axis.set_xlabel(data.axis_of(table, drawing["x"])[0])
         axis.set_xlim(x.min(), x.max())
-        axis.grid(alpha=0.3)
-    axes[0].set_ylabel(label_of(table, drawing["value"]))
-    if drawing.get("scale") == "log":
-        axes[0].set_yscale("log")
-    handles, labels = axes[0].get_legend_handles_labels() if names != [None] else ([], [])
+        plain(axis)
+    for axis in axes[::columns]:
+        axis.set_ylabel(data.axis_of(table, drawing["value"])[0])
+    axes[0].set_yscale("log" if drawing.get("scale") == "log" else "linear")
     if not rests.all():
-        handles.append(Line2D([], [], color="black", lw=1.0, alpha=0.3))
-        labels.append("faint: the hand does\nnot come to rest")
-    if handles:
-        figure.legend(handles, labels, loc="outside right center", frameon=False)
+        faint = Line2D([], [], color="black", lw=1.0, alpha=0.3)
+        legend["faint: the hand does\nnot come to rest"] = faint
+    if legend:
+        figure.legend([*legend.values()], [*legend], loc="outside right center", frameon=False)
     return figure
+
+
+def _panels(
+    new: Callable[..., Figure], count: int, each: tuple[float, float], more: tuple[float, float]
+) -> tuple[Figure, Array, int]:
+    """Return a figure, the axes of its panels, and how many are in a row; sizes in inches."""
+    columns = min(_COLUMNS, count)
+    rows = -(-count // columns)
+    size = max(each[0] * columns + more[0], 7.0), max(each[1] * rows + more[1], 4.6)
+    figure = blank(*size, new)
+    axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
+    for axis in axes[count:]:
+        axis.set_visible(False)
+    return figure, axes, columns
+
+
+def _words(name: object) -> str:
+    return "" if name is None else in_figure(str(name).replace("_", " "))
 
 
 def _setting(table: Table, name: str, value: Any) -> str:
     if isinstance(value, str):
         return in_figure(f"{name.replace('_', ' ')} {value}")
-    label, factor = _axis(table, name)
+    label, factor = data.axis_of(table, name)
     return f"{label} {value * factor:g}"
 
 
-def _rests(table: Table, size: int) -> Array:
-    """Return for each case 1 if all hands come to rest, or it is not known, else 0."""
-    rests = np.ones(size)
-    for name in table.columns:
-        if name.rpartition(".")[2] == "at_rest":
-            rests *= [1.0 if rest is None else float(rest) for rest in table.columns[name]]
-    return rests
-
-
-class _Map:
-    """The numbers of a map in everyday units, one for each case, and the axes of its panels.
-
-    Attributes:
-        leaks: Lowest energy, in mJ; NaN: not asked for.
-        rests: 1: all hands come to rest, 0: one does not.
-        group: Name of the panel.
-    """
-
-    def __init__(self, table: Table, drawing: Values) -> None:
-        self.table, self.drawing = table, drawing
-        self.x, self.y, self.value = (
-            numbers_of(table, drawing[key]) for key in ("x", "y", "value")
-        )
-        self.xs, self.ys = np.unique(self.x), np.unique(self.y)
-        self.is_energy = drawing["value"].endswith("energy_min_j")
-        self.leaks: Array = self.value if self.is_energy else np.full(self.x.size, math.nan)
-        if "leaks" in drawing and not self.is_energy:
-            self.leaks = numbers_of(table, drawing["leaks"])
-        self.rests = _rests(table, self.x.size)
-        names = column_of(table, drawing["per"]) if "per" in drawing else [None] * self.x.size
-        self.group = np.array(names, dtype=object)
-        self.is_softer = False  # somewhere, as a line shows
-
-    def grid(self, values: Array, chosen: Array) -> Array:
-        """Return the lowest value of all cases in each cell: of repeated seeds, the worst."""
-        grid = np.full((self.ys.size, self.xs.size), np.nan)
-        rows, columns = np.searchsorted(self.ys, self.y), np.searchsorted(self.xs, self.x)
-        np.fmin.at(grid, (rows[chosen], columns[chosen]), values[chosen])
-        return grid
-
-    @property
-    def shows_softness(self) -> bool:
-        """Whether it is a map of the displayed stiffness over that of the wall."""
-        asked = (self.drawing["value"], self.drawing["y"])
-        return asked == ("displayed_stiffness_n_per_m", "stiffness")
-
-
-def draw_surfaces(table: Table, drawing: Values) -> Figure:
-    """Return the figure of a map with two varied arguments.
-
-    Raises:
-        ConfigError: If the result lacks a column of the map.
-    """
-    shown = _Map(table, drawing)
-    panels = list(dict.fromkeys(shown.group))
-    columns = min(_COLUMNS, len(panels))
-    rows = -(-len(panels) // columns)
-    figure = Figure(
-        figsize=(max(3.4 * columns + 1.6, 7.0), max(2.6 * rows + 1.0, 4.6)), layout="constrained"
-    )
-    axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
-    norm, leak_norm = _scale(shown), _leak_scale(shown.leaks)
+def _surfaces(table: Table, drawing: Values, new: Callable[..., Figure]) -> Figure:
+    """Draw a panel for each ``per``, with a cell for each pair of x and y."""
+    cells = Cells(table, drawing)
+    panels = list(dict.fromkeys(cells.group))
+    figure, axes, columns = _panels(new, len(panels), (3.4, 2.6), (1.6, 1.0))
+    norm, leak_norm = _scale(cells), _leak_scale(cells.leaks)
+    legend: Legend = {}
     for axis, panel in zip(axes, panels, strict=False):
-        chosen = np.array([one == panel for one in shown.group])
-        _draw_panel(axis, shown, chosen, norm, leak_norm)
-        name = "" if panel is None else in_figure(str(panel).replace("_", " "))
-        axis.set_title(name, fontsize=10)
-    for axis in axes[len(panels) :]:
-        axis.set_visible(False)
-    _arrange(axes, shown, len(panels), columns)
-    _add_keys(figure, axes, shown, norm, leak_norm)
+        chosen = np.array([one == panel for one in cells.group])
+        legend |= _draw_panel(axis, cells, chosen, norm, leak_norm)
+        axis.set_title(_words(panel), fontsize=10)
+    _arrange(axes, cells, len(panels), columns)
+    if not cells.is_energy:
+        _add_bar(figure, axes, norm, "viridis", data.axis_of(table, drawing["value"])[0])
+    if np.isfinite(cells.leaks).any():
+        _add_bar(figure, axes, leak_norm, _LEAKS, "energy given to the hand (mJ)")
+    shown: dict[str, Any] = {"loc": "outside lower center", "frameon": False}
+    shown["ncols"] = 3 if figure.get_figwidth() > 10.0 else 2
+    figure.legend([*legend.values()], [*legend], **shown)
     return figure
 
 
 def _draw_panel(
-    axis: Axes, shown: _Map, chosen: Array, norm: Normalize, leak_norm: Normalize
-) -> None:
-    xs, ys = shown.xs, shown.ys
-    value, leaks = shown.grid(shown.value, chosen), shown.grid(shown.leaks, chosen)
-    rest = shown.grid(shown.rests, chosen)
+    axis: Axes, cells: Cells, chosen: Array, norm: Normalize, leak_norm: Normalize
+) -> Legend:
+    xs, ys = cells.xs, cells.ys
+    value, leaks = cells.grid(cells.value, chosen), cells.grid(cells.leaks, chosen)
     is_leak = leaks < -_LEAK
+    passive = np.where(leaks >= -_LEAK, 1.0, np.nan)
     axis.set_facecolor(_NO_FIGURE)
-    if shown.is_energy:
-        passive = np.where(leaks >= -_LEAK, 1.0, np.nan)
+    if cells.is_energy:
         axis.pcolormesh(xs, ys, passive, cmap=ListedColormap([_PASSIVE]))
     else:
         axis.pcolormesh(xs, ys, np.where(is_leak, np.nan, value), norm=norm, cmap="viridis")
     axis.pcolormesh(xs, ys, np.where(is_leak, -leaks, np.nan), norm=leak_norm, cmap=_LEAKS)
-    _draw_limits(axis, shown, chosen)
+    legend = _draw_limits(axis, cells, chosen)
+    if cells.is_energy:
+        legend["no energy given"] = Patch(facecolor=_PASSIVE)
+    if np.isnan(value[~is_leak]).any():
+        legend["no figure"] = Patch(facecolor=_NO_FIGURE, edgecolor="#808080")
     if xs.size < 2 or ys.size < 2:
-        return  # a row has no areas and no contours
-    restless = (rest == 0.0) & ~is_leak
+        return legend  # a row has no areas and no contours
+    restless = (cells.grid(cells.rests, chosen) == 0.0) & ~is_leak
     if restless.any():
         axis.contourf(xs, ys, restless, levels=[0.5, 1.5], hatches=["////"], colors="none")
-    if shown.shows_softness:
+        legend["no rest"] = Patch(facecolor="white", edgecolor="black", hatch="////")
+    if cells.shows_softness:
         softest = 1.0 - WEBER_FRACTIONS["displayed_stiffness_n_per_m"][0]
         share = np.where(is_leak, np.nan, value / ys[:, np.newaxis])
         if (share < softest).any() and (share > softest).any():
-            shown.is_softer = True
             axis.contour(xs, ys, share, levels=[softest], colors="white").set(**_SOFTER)
+            softer = Line2D([], [], color="white", **_SOFTER)
+            legend["a wall begins to feel softer than it is"] = softer
+    return legend
 
 
-def _arrange(axes: Array, shown: _Map, panels: int, columns: int) -> None:
-    xs, ys = shown.xs, shown.ys
+def _draw_limits(axis: Axes, cells: Cells, chosen: Array) -> Legend:
+    names = cells.drawing.get("limits", ())
+    if not names or cells.drawing["y"] != "stiffness":
+        return {}
+    columns = cells.table.columns
+    ran = np.array([error is None for error in data.column_of(cells.table, "error")])
+    legend: Legend = {}
+    for name in names:
+        if name == "with_hand" and not any(columns.get("operator.damping", ())):
+            continue  # the same line as without it
+        limits = []
+        for position in cells.xs:
+            rows = np.flatnonzero(chosen & (cells.x == position) & ran)
+            row = {key: column[rows[0]] for key, column in columns.items() if rows.size}
+            limits.append(limit_of(row, name) * N_MM.factor if row else math.nan)
+        steps: Any = "steps-mid" if cells.drawing["x"] == "delay" else "default"
+        (line,) = axis.plot(cells.xs, limits, "k", ls=_STYLES[name], lw=1.3, drawstyle=steps)
+        legend[LABELS[name]] = line
+    return legend
+
+
+def _arrange(axes: Array, cells: Cells, panels: int, columns: int) -> None:
+    xs, ys = cells.xs, cells.ys
     for axis, values in ((axes[0].xaxis, xs), (axes[0].yaxis, ys)):
         if _is_log(values):
             (axes[0].set_xscale if axis is axes[0].xaxis else axes[0].set_yscale)("log")
@@ -313,55 +240,26 @@ def _arrange(axes: Array, shown: _Map, panels: int, columns: int) -> None:
             axis.set_major_locator(MaxNLocator(MOST_TICKS))
     axes[0].set_xlim(xs[0], xs[-1])
     axes[0].set_ylim(ys[0], ys[-1])
+    x, y = (data.axis_of(cells.table, cells.drawing[key])[0] for key in "xy")
     for number in range(panels):
         if number + columns >= panels:
-            axes[number].set_xlabel(label_of(shown.table, shown.drawing["x"]))
+            axes[number].set_xlabel(x)
             axes[number].tick_params(labelbottom=True)
         if number % columns == 0:
-            axes[number].set_ylabel(label_of(shown.table, shown.drawing["y"]).replace(" (", "\n("))
+            axes[number].set_ylabel(y.replace(" (", "\n("))
 
 
-def _add_keys(
-    figure: Figure, axes: Array, shown: _Map, norm: Normalize, leak_norm: Normalize
-) -> None:
-    places = axes.tolist()
-    scales: list[tuple[Normalize, str | LinearSegmentedColormap, str]] = []
-    if not shown.is_energy:
-        scales.append((norm, "viridis", label_of(shown.table, shown.drawing["value"])))
-    if np.isfinite(shown.leaks).any():
-        scales.append((leak_norm, _LEAKS, "energy given to the hand (mJ)"))
-    for scale, colours, label in scales:
-        bar = figure.colorbar(ScalarMappable(scale, colours), ax=places, format="{x:g}")
-        bar.set_label(label)
-        bar.ax.yaxis.set_minor_formatter(NullFormatter())
-        if isinstance(scale, LogNorm):
-            bar.set_ticks(LogLocator(subs=(1.0, 2.0, 5.0)))
-    handles, labels = axes[0].get_legend_handles_labels()
-    handles, labels = list(handles), list(labels)
-    if shown.is_energy:
-        handles.append(Patch(facecolor=_PASSIVE))
-        labels.append("no energy given")
-    if ((shown.rests == 0.0) & ~(shown.leaks < -_LEAK)).any():
-        handles.append(Patch(facecolor="white", edgecolor="black", hatch="////"))
-        labels.append("no rest")
-    if np.isnan(shown.value[np.isnan(shown.leaks) | (shown.leaks >= -_LEAK)]).any():
-        handles.append(Patch(facecolor=_NO_FIGURE, edgecolor="#808080"))
-        labels.append("no figure")
-    if shown.is_softer:
-        handles.append(Line2D([], [], color="white", **_SOFTER))
-        labels.append("a wall begins to feel softer than it is")
-    figure.legend(
-        handles,
-        labels,
-        loc="outside lower center",
-        ncols=3 if figure.get_figwidth() > 10.0 else 2,
-        frameon=False,
-    )
+def _add_bar(figure: Figure, axes: Array, norm: Normalize, colours: Any, label: str) -> None:
+    bar = figure.colorbar(ScalarMappable(norm, colours), ax=axes.tolist(), format="{x:g}")
+    bar.set_label(label)
+    bar.ax.yaxis.set_minor_formatter(NullFormatter())
+    if isinstance(norm, LogNorm):
+        bar.set_ticks(LogLocator(subs=(1.0, 2.0, 5.0)))
 
 
-def _scale(shown: _Map) -> Normalize:
-    known = shown.value[np.isfinite(shown.value) & ~(shown.leaks < -_LEAK)]
-    if shown.drawing.get("scale") == "log" and (known > 0.0).any():
+def _scale(cells: Cells) -> Normalize:
+    known = cells.value[np.isfinite(cells.value) & ~(cells.leaks < -_LEAK)]
+    if cells.drawing.get("scale") == "log" and (known > 0.0).any():
         return LogNorm(known[known > 0.0].min(), known.max())
     return Normalize(known.min(initial=0.0), known.max(initial=1.0))
 
@@ -376,22 +274,3 @@ def _is_log(values: Array) -> bool:
         return False
     ratios = values[1:] / values[:-1]
     return bool(ratios.max() < 1.05 * ratios.min())
-
-
-def _draw_limits(axis: Axes, shown: _Map, chosen: Array) -> None:
-    if shown.drawing["y"] != "stiffness":
-        return
-    columns = shown.table.columns
-    ran = np.array([error is None for error in columns["error"]])
-    for name in shown.drawing.get("limits", ()):
-        if name == "with_hand" and not any(columns.get("operator.damping", ())):
-            continue  # the same line as without it
-        line = []
-        for position in shown.xs:
-            rows = np.flatnonzero(chosen & (shown.x == position) & ran)
-            row = {key: column[rows[0]] for key, column in columns.items() if rows.size}
-            line.append(limit_of(row, name) * 1e-3 if row else math.nan)
-        steps = "steps-mid" if shown.drawing["x"] == "delay" else "default"
-        axis.plot(
-            shown.xs, line, "k", ls=_STYLES[name], lw=1.3, drawstyle=steps, label=LABELS[name]
-        )

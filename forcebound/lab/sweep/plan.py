@@ -4,12 +4,11 @@ With ``random``, each combination of ``over`` has the same ``count`` draws, so c
 in nothing else.
 """
 
-import dataclasses
 import math
 import os
 import random
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from itertools import product
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeAlias
@@ -19,8 +18,8 @@ from forcebound.files import read_text
 from forcebound.graph.document import MAX_BYTES, find
 from forcebound.graph.fields import Field
 from forcebound.graph.forms import Form, Values
-from forcebound.graph.graph import FORMAT
-from forcebound.graph.loader import arguments_of, read_template
+from forcebound.graph.graph import FORMAT, GraphConfig
+from forcebound.graph.loader import arguments_of, build, read_template
 from forcebound.graph.names import split_setting
 from forcebound.graph.problems import Problems, nearest_file, unknown
 from forcebound.graph.tree import Value, parse
@@ -88,21 +87,27 @@ _DRAWN = _form("range", {"from": _END, "to": _END}, _SCALE)
 
 @dataclass(frozen=True)
 class Sweep:
-    """A sweep, ready to run."""
+    """A launch file and the values of its arguments, ready to run."""
 
-    name: str  # of its file, without the ending
-    description: str
-    template: Value  # launch file; forcebound.graph.loader.build makes a case of it
+    template: Value  # launch file, its arguments still open
     duration: float | None  # s, of each run; None: that of the launch file
     constants: Mapping[str, str]  # arguments that are the same in all cases, as text
     columns: tuple[str, ...]  # arguments that vary, in order
     cases: tuple[tuple[str, ...], ...]  # their values, as text, a row for each case
-    drawing: Values  # the map section, as plain values; empty without one
+    name: str = "sweep"  # of its file, without the ending
+    description: str = ""
+    drawing: Values = field(default_factory=dict)  # the map section; empty without one
+    same: Values = field(default_factory=dict)  # columns that are the same in all its rows
 
-    def overrides(self, case: int) -> list[str]:
-        """Return the arguments of a case, each ``name:=value``."""
-        values = {**self.constants, **dict(zip(self.columns, self.cases[case], strict=True))}
-        return [f"{name}:={value}" for name, value in values.items()]
+    def overrides(self, values: Sequence[str]) -> list[str]:
+        """Return the arguments of a case with these values, each ``name:=value``."""
+        arguments = {**self.constants, **dict(zip(self.columns, values, strict=True))}
+        return [f"{name}:={value}" for name, value in arguments.items()]
+
+    def graph(self, values: Sequence[str]) -> GraphConfig:
+        """Return the graph of a case with these values; ConfigError if one is wrong."""
+        config = build(self.template, self.overrides(values))
+        return config if self.duration is None else replace(config, duration=self.duration)
 
 
 def shipped() -> list[str]:
@@ -160,12 +165,12 @@ def _sweep(root: Value, file: Path, overrides: Sequence[str], problems: Problems
     for name in _SECTIONS.keys() & root.entries.keys():
         head[name] = _SECTIONS[name].read(root.entries[name], problems)
     problems.raise_if_any()
-    found = find(Path(head["launch"]), file.parent)
-    if found is None:
+    launch = find(Path(head["launch"]), file.parent)
+    if launch is None:
         place = root.entries["launch"].place
         problems.add(f"there is no launch file {head['launch']!r}", place)
         raise problems.error()
-    known = {argument.name for argument in arguments_of(found)}
+    known = {argument.name for argument in arguments_of(launch)}
     given = _overrides(overrides, known)
     constants = _entries(root, known, problems, "set")
     for name, value in constants.items():
@@ -194,7 +199,7 @@ def _sweep(root: Value, file: Path, overrides: Sequence[str], problems: Problems
     return Sweep(
         name=file.stem,
         description=head.get("description", ""),
-        template=read_template(found),
+        template=read_template(launch),
         duration=head.get("duration"),
         constants={name: value.text for name, value in constants.items()} | given,
         columns=(*grid, *drawn),
@@ -229,13 +234,13 @@ def _over(
     entries: Mapping[str, Value], draw: _Draw | None, problems: Problems
 ) -> dict[str, list[str]]:
     """Return the values of each argument, or the draws of it."""
-    found: dict[str, list[str]] = {}
+    values_of: dict[str, list[str]] = {}
     for name, value in entries.items():
-        found[name] = _values(name, value, draw, problems)
-        if draw is None and math.prod(map(len, found.values())) > MAX_CASES:
+        values_of[name] = _values(name, value, draw, problems)
+        if draw is None and math.prod(map(len, values_of.values())) > MAX_CASES:
             problems.add(f"more than {MAX_CASES} cases in one sweep", value.place)
             break
-    return found
+    return values_of
 
 
 def _values(name: str, value: Value, draw: _Draw | None, problems: Problems) -> list[str]:
@@ -251,7 +256,7 @@ def _values(name: str, value: Value, draw: _Draw | None, problems: Problems) -> 
         return [value.text] * (1 if draw is None else draw[1])
     kind = next((key for key in _VALUES if key in value.entries and key != "from"), "from")
     form = _VALUES[kind] if draw is None or kind != "from" else _DRAWN
-    read = dataclasses.replace(form, name=name).read(value, problems)
+    read = replace(form, name=name).read(value, problems)
     if not read:
         return []
     if kind == "all":

@@ -8,14 +8,18 @@ from concurrent.futures import Executor
 from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
+from types import MappingProxyType
+from typing import Any, TypeAlias
 
-from forcebound.errors import ConfigError, ForceboundError
-from forcebound.graph.graph import GraphConfig
-from forcebound.graph.loader import build
+from forcebound.errors import ConfigError, ForceboundError, RunError
+from forcebound.graph.forms import Values
 from forcebound.graph.names import parameter_name
 from forcebound.graph.problems import unknown
+from forcebound.haptics.laws import LAWS
+from forcebound.interface.runs import Run
 from forcebound.lab.engine import Campaign, Progress, Row, run
 from forcebound.lab.runs import run_all
+from forcebound.lab.sweep.measures import Measures, value_of
 from forcebound.lab.sweep.plan import Sweep, load_sweep
 from forcebound.lab.workers import cluster_executor, local_executor
 from forcebound.messages.topology import HAND, HAND_SECTIONS
@@ -24,60 +28,108 @@ from forcebound.run.progress import progress_bar
 from forcebound.run.results import RunResult
 from forcebound.units import split_quantity, to_si
 
-SMALLEST_PART, LARGEST_PART, PARTS = 32, 256, 64  # cases in a part; parts aimed at
+LARGEST_PART, PARTS = 256, 64  # cases in a part; parts aimed at
 #: Keys of a launch file without effect in virtual time.
 NO_PARAMETERS = ("forcebound", "description", "realtime", "units")
 
 
-def _units(sweep: Sweep) -> dict[str, str]:
-    """Units in which the varied arguments are written, by name."""
-    texts = zip(sweep.columns, zip(*sweep.cases, strict=True), strict=True)
-    known = ((name, text) for name, column in texts for text in column if to_si(text) is not None)
-    return {name: unit for name, text in known if (unit := split_quantity(text)[1])}
+Case: TypeAlias = tuple[int, Sequence[str]]  # index of its sweep, and values of its columns
 
 
-def run_cases(sweep: Sweep, cases: Sequence[tuple[int, tuple[str, ...]]]) -> list[Row]:
-    """Return a row for each case, which has a number and values; a failed one has a row, too."""
-    rows: list[Row] = []
-    configs: list[GraphConfig] = []
-    places: list[int] = []
-    sweep = replace(sweep, cases=tuple(values for _, values in cases))
-    for place, (number, values) in enumerate(cases):
-        row: Row = {"case": number, "engine": None, "error": None}
-        for name, text in zip(sweep.columns, values, strict=True):
-            in_si = to_si(text)
-            row[f"over.{name}"] = text if in_si is None else in_si
-        rows.append(row)
-        try:
-            config = build(sweep.template, sweep.overrides(place))
-        except ForceboundError as error:
-            row["error"] = f"{type(error).__name__}: {error}"
-            continue
-        if sweep.duration is not None:
-            config = replace(config, duration=sweep.duration)
-        configs.append(config)
-        places.append(place)
-    for place, ran in zip(places, run_all(configs), strict=True):
-        rows[place]["engine"] = ran.engine
-        failures = {hand: one.failed for hand, one in ran.results.items() if one.failed}
+def campaign_of(
+    sweeps: Sequence[Sweep], cases: Sequence[Case], measures: Measures, drawing: Values
+) -> Campaign:
+    """Return the campaign of cases, each of one of some sweeps.
+
+    Args:
+        sweeps: The sweeps; they differ in their launch file.
+        cases: The cases, in the order of the rows.
+        measures: Functions of each run, by the name of their column.
+        drawing: The map section.
+    """
+    first = dict(reversed(cases))  # of each sweep
+    sweeps = [replace(one, cases=()) for one in sweeps]
+    texts = (pair for i, values in cases for pair in zip(sweeps[i].columns, values, strict=True))
+    known = ((name, text) for name, text in texts if to_si(text) is not None)
+    units = {name: unit for name, text in known if (unit := split_quantity(text)[1])}
+    about = {"name": sweeps[0].name, "description": sweeps[0].description, "units": units}
+    shown: Any = {"name": "", "description": "", "drawing": {}}  # decides no row
+    files = [replace(one, template=one.template.plain, **shown) for one in sweeps]
+    parts = [_parts(one, first[index]) for index, one in enumerate(sweeps)]
+    return Campaign(
+        sweeps[0].name,
+        [(number, *case) for number, case in enumerate(cases)],
+        partial(_run_part, sweeps, measures),
+        part=min(math.ceil(len(cases) / PARTS), LARGEST_PART),
+        decisive=(files, parts, dict(measures)),
+        about={**about, "map": dict(drawing)},
+    )
+
+
+def _parts(sweep: Sweep, values: Sequence[str]) -> list[object]:
+    """Return the parts of a case, whose code decides its rows; none if it is wrong."""
+    try:
+        config = sweep.graph(values)
+    except ForceboundError:
+        return []
+    hands = config.hands.values()
+    parts = [part for hand in hands for part in (hand.device, hand.controller, hand.operator)]
+    laws = [LAWS[hand.servo.law] for hand in hands]
+    return [*map(type, [*parts, config.environment.model]), *laws]
+
+
+def _run_part(
+    sweeps: Sequence[Sweep], measures: Measures, cases: Sequence[tuple[int, int, Sequence[str]]]
+) -> list[Row]:
+    return [run_case(sweeps[index], number, values, measures) for number, index, values in cases]
+
+
+def run_case(
+    sweep: Sweep,
+    number: int,
+    values: Sequence[str],
+    measures: Measures = MappingProxyType({}),
+    is_trial: bool = False,
+) -> Row:
+    """Return the row of a case; a failed one has one, too.
+
+    Raises:
+        ConfigError: In a trial, if a measure returns something that no column can have.
+    """
+    row: Row = {"case": number, "engine": None, "error": None}
+    for name, text in zip(sweep.columns, values, strict=True):
+        in_si = to_si(text)
+        row[f"over.{name}"] = text if in_si is None else in_si
+    row |= sweep.same
+    case = ", ".join(f"{key[5:]}={value}" for key, value in row.items() if key.startswith("over."))
+    try:
+        (ran,) = run_all([sweep.graph(values)])
+        row["engine"] = ran.engine
         if ran.error is not None:
-            rows[place]["error"] = f"{type(ran.error).__name__}: {ran.error}"
-        elif failures:
-            (hand, why), *_ = failures.items()
-            rows[place]["error"] = (
-                f"RunError: {hand}: {why}" if hand != HAND else f"RunError: {why}"
-            )
-        else:
-            for hand, result in ran.results.items():
-                rows[place] |= _of_hand(hand, result)
-    return rows
+            raise ran.error
+        for hand, result in ran.results.items():
+            if result.failed:
+                raise RunError(f"{hand}: {result.failed}" if hand != HAND else result.failed)
+    except Exception as error:  # any failure of a user's part is this case's error
+        return row | {"error": f"{type(error).__name__}: {error}"}
+    results = {hand: replace(result, explains=False) for hand, result in ran.results.items()}
+    for hand, result in results.items():
+        row |= _of_hand(hand, result)
+    for name, measure in measures.items():
+        try:
+            row[name] = value_of(name, measure, Run(results))
+        except ForceboundError as error:
+            if is_trial and isinstance(error, ConfigError):
+                raise
+            row["error"] = row["error"] or f"{error} (case {number}: {case})"
+    return row
 
 
 def _of_hand(hand: str, result: RunResult) -> Row:
     """Return parameters and figures of a hand, by their names: ``left.peak_force_n``."""
     document = {k: value for k, value in result.document.items() if k not in NO_PARAMETERS}
     own = {k: value for k, value in document.items() if k in HAND_SECTIONS}
-    own = _flat(own) | _flat(_figures(replace(result, explains=False).summary))
+    own = _flat(own) | _flat(_figures(result.summary))
     of_all = _flat({k: value for k, value in document.items() if k not in HAND_SECTIONS})
     return of_all | {parameter_name(hand, name): value for name, value in own.items()}
 
@@ -120,19 +172,7 @@ def run_sweep(
         ConfigError: If ``result`` or the folder of parts is another sweep's, or not writable.
         RunError: If the executor's processes end before the work is done.
     """
-    campaign = Campaign(
-        sweep.name,
-        list(enumerate(sweep.cases)),
-        partial(run_cases, replace(sweep, cases=())),
-        part=min(max(math.ceil(len(sweep.cases) / PARTS), SMALLEST_PART), LARGEST_PART),
-        decisive=(sweep.template.plain, sweep.duration, dict(sweep.constants), sweep.columns),
-        about={
-            "description": sweep.description,
-            "map": dict(sweep.drawing),
-            "name": sweep.name,
-            "units": _units(sweep),
-        },
-    )
+    campaign = campaign_of([sweep], [(0, values) for values in sweep.cases], {}, sweep.drawing)
     rows, resumed = run(campaign, executor, progress, result, restart, overwrite)
     errors = [row["error"] for row in rows if row["error"] is not None]
     return {
@@ -165,7 +205,7 @@ def run_file(
     """
     sweep = load_sweep(file, arguments)
     if arguments:  # the same in all cases, so checked once
-        build(sweep.template, sweep.overrides(0))
+        sweep.graph(sweep.cases[0])
     if plot:
         _check_axes(sweep)
     _check_values(sweep)
@@ -177,7 +217,7 @@ def run_file(
         document = run_sweep(sweep, result, executor, show, restart, overwrite)
     document["seconds"] = round(time.monotonic() - began, 3)
     if plot and sweep.drawing:
-        from forcebound.lab.sweep.maps import draw
+        from forcebound.lab.sweep.maps import draw  # matplotlib is slow to import
 
         picture = result.with_suffix(".png")
         draw(result, picture)
@@ -218,7 +258,7 @@ def _name_or_unit(text: str) -> str:
 
 def _error_of(sweep: Sweep, case: int) -> ConfigError | None:
     try:
-        build(sweep.template, sweep.overrides(case))
+        sweep.graph(sweep.cases[case])
     except ConfigError as error:
         return error
     return None
@@ -228,7 +268,7 @@ def _check_map(sweep: Sweep) -> None:
     """Run the first case, and raise unless it has the figures that the map is to show."""
     if not sweep.drawing:
         return
-    (row,) = run_cases(sweep, [(0, sweep.cases[0])])
+    row = run_case(sweep, 0, sweep.cases[0])
     figures = [name for name in row if not name.startswith("over.")]
     for key in sweep.drawing.keys() & {"value", "leaks"}:
         name = sweep.drawing[key]

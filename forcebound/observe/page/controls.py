@@ -12,13 +12,12 @@ from forcebound.errors import ConfigError, ForceboundError
 from forcebound.graph.graph import GraphConfig, HandConfig
 from forcebound.graph.names import LAW, ParameterName, parameter_name
 from forcebound.graph.parameters import parameters, takeable_laws
-from forcebound.graph.resolved import hand_document, to_document
+from forcebound.graph.resolved import to_document
 from forcebound.haptics.environments import StatelessEnvironment
 from forcebound.haptics.environments.fixtures import WithFixtures
 from forcebound.haptics.hands import Operator
-from forcebound.haptics.hands.hands import WallInPlace
 from forcebound.haptics.hands.pointer import PointerHand
-from forcebound.messages.control import BounderReport, DeviceStatus, GetStatus, Point, Pointed
+from forcebound.messages.control import DeviceStatus, GetStatus, Point, Pointed
 from forcebound.messages.packets import Vector
 from forcebound.messages.topology import HAND, Document, endpoint, flat
 from forcebound.network.sockets import Network
@@ -28,6 +27,7 @@ from forcebound.observe.kernels import Kernels
 from forcebound.observe.page.feed import Message
 from forcebound.observe.page.reason import Reason, Recent
 from forcebound.observe.page.recording import PageRecording
+from forcebound.observe.page.state import Judged
 from forcebound.observe.tuning import (
     configuration,
     cut_links,
@@ -36,10 +36,11 @@ from forcebound.observe.tuning import (
     set_parameters,
 )
 from forcebound.recordings.telemetry import TelemetryColumns
-from forcebound.results.promises import broken_promises, in_words, is_uncovered
+from forcebound.results.promises import broken_promises
 from forcebound.results.samples import Samples
 from forcebound.roles import DEVICE, ENVIRONMENT
 from forcebound.run.run_directory import RunDocument, graph_in
+from forcebound.units import EVERYDAY
 
 DELAYED = ("links.environment_query.delay", "links.environment_reply.delay")
 BROKEN = {LAW: "none"} | dict.fromkeys(DELAYED, "5 ms")
@@ -62,8 +63,6 @@ class Controls:
             hand: known[hand].energy_before if hand in known else 0.0 for hand in hands
         }
         self._reasons = {hand: Reason() for hand in hands}
-        # Sections of hands, with the law of now, and the reports of their bounders.
-        self._devices: dict[str, tuple[Document, BounderReport]] = {}
         (loaded, *others) = {hand.servo.law for hand in hands.values()}
         self._kernels = Kernels(run_dir, "" if others else loaded)
         self._kernels.begin((BROKEN[LAW], SAFE[LAW]))
@@ -88,6 +87,7 @@ class Controls:
             "name": RunDocument.read(self._run_dir).file,
             "description": self._config.description,
             "axes": next(iter(hands.values())).facts.axes,  # all have as many
+            "units": {si: (one.factor, one.unit) for si, one in EVERYDAY.items()},
             "laws": takeable_laws(),
             "hands": [_described(name, hand) for name, hand in hands.items()],
         }
@@ -107,43 +107,18 @@ class Controls:
             "wall": _wall(config),
         }
 
-    def reasons(self, recent: Mapping[str, Recent]) -> dict[str, str]:
-        """Return why the law gives each hand little force; "": it does not, or the hand moves."""
-        known = self._statuses(STATUS_TIMEOUT)
-        self._devices = {
-            hand: (
-                {**hand_document(self._config.hands[hand])["device"], "law": status.law},
-                status.bounder,
-            )
-            for hand, status in known.items()
-        }
-        return {
-            hand: self._reasons[hand].look(own, partial(self._run, hand, known[hand]))
-            if hand in known
-            else ""
-            for hand, own in recent.items()
-        }
-
-    def _run(self, hand: str, status: DeviceStatus, columns: TelemetryColumns) -> Samples:
-        document = flat(to_document(configuration(self._run_dir, with_code=False)), hand)
-        document["device"]["law"] = status.law
-        run = Samples(columns, document)
-        run.report = status.bounder
-        return run
-
-    def broken(self, recent: Mapping[str, Recent]) -> dict[str, str]:
-        """Return why no certificate covers each hand lately; "": its law's does.
-
-        After :meth:`reasons`, which notes the law of now.
-        """
-        found = {}
-        for hand in recent.keys() & self._devices.keys():
+    def judge(self, recent: Mapping[str, Recent]) -> dict[str, Judged]:
+        """Return what is known of each hand whose device answers, from its newest packets."""
+        document = to_document(configuration(self._run_dir, with_code=False))
+        judged = {}
+        for hand, status in self._statuses(STATUS_TIMEOUT).items():
+            own = flat(document, hand)
+            own["device"]["law"] = status.law
+            cause = self._reasons[hand].look(recent[hand], partial(_run, own, status))
             columns = TelemetryColumns.from_packets(recent[hand][0])
-            device, report = self._devices[hand]
-            run = Samples(columns, {"device": device})
-            run.report = report
-            found[hand] = "; ".join(map(in_words, filter(is_uncovered, broken_promises(run))))
-        return found
+            run = _run({"device": own["device"]}, status, columns)
+            judged[hand] = Judged(own, status.bounder, cause, broken_promises(run))
+        return judged
 
     def _statuses(self, timeout: float) -> dict[str, DeviceStatus]:
         """Return the status of the device of each hand that answers; ConfigError without a run."""
@@ -242,7 +217,7 @@ class Pointer:
         return None
 
     def send(self) -> None:
-        """Send the newest place if the device has answered to the one before."""
+        """Send the latest place once the device has acknowledged the one before."""
         if self._asked is not None:
             stamp, asked = self._asked
             answer = self._client.answer()
@@ -263,6 +238,12 @@ class Pointer:
         self._network.close()
 
 
+def _run(document: Document, status: DeviceStatus, columns: TelemetryColumns) -> Samples:
+    run = Samples(columns, document)
+    run.report = status.bounder
+    return run
+
+
 def _wall(config: GraphConfig) -> float | None:
     """Where the surface of a wall is, in m; None: the environment itself says what there is."""
     model = config.environment.model
@@ -274,13 +255,10 @@ def _wall(config: GraphConfig) -> float | None:
 
 def _described(name: str, hand: HandConfig) -> Message:
     """What a page needs to know of a hand."""
-    facts, servo = hand.facts, hand.servo
     return {
         "name": name,
-        "period": servo.period_ns * 1e-9,
-        "workspace": facts.workspace,
+        "workspace": hand.facts.workspace,
         "pointer": _pointer(hand.operator),
-        "holder": "what it meets" if isinstance(hand.operator, WallInPlace) else "the hand",
     }
 
 

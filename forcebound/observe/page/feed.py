@@ -27,6 +27,7 @@ from forcebound.messages.packets import (
 from forcebound.messages.topology import HAND, node_name
 from forcebound.observe.page.reason import Recent
 from forcebound.observe.page.scene_files import content
+from forcebound.observe.page.state import LiveState
 from forcebound.observe.streams import fields_of_packet
 from forcebound.recordings.schema import declared_signals
 from forcebound.run.process.reader import Reader
@@ -142,6 +143,7 @@ class HandFeed:
 
     def __init__(self, energy_before: float, signals: Iterable[str], hand: str = HAND) -> None:
         self._hand = hand
+        self.state = LiveState()
         self._samples: list[Telemetry] = []  # since the last look
         self._contact: EnvironmentReply | None = None  # the newest since then
         self._held: dict[str, float | None] = dict.fromkeys(signals)
@@ -169,6 +171,9 @@ class HandFeed:
     def begin_law(self, time_ns: int, energy: float, name: str) -> None:
         """Count the energy from another law on, before which the true energy was ``energy``, J."""
         self._law = _LawStart(time_ns, energy, self._law.energy, name)
+        self.state.begin(name)
+        self._recent.clear()
+        self._replies.clear()
 
     def frame(self, keep: int) -> Message | None:
         """Return the frame of what has come since the last one; None: no sample has."""
@@ -176,8 +181,10 @@ class HandFeed:
         contact, self._contact = self._contact, None
         if not samples:
             return None
-        self._recent.extend(samples)
         energies = [self._energy_under_law(sample) for sample in samples]
+        before = sum(sample.time_ns <= self._law.time_ns for sample in samples)
+        self._recent.extend(samples[before:])
+        self.state.take(samples[before:], energies[before:])
         kept = slice((len(samples) - 1) % keep, None, keep)
         signals = self._signals_at(samples)
         return _frame(samples[kept], contact) | {
@@ -213,6 +220,7 @@ class HandFeed:
         """Return the true energy since the law of a sample began, in J."""
         if sample.elapsed == 0.0:  # a device has started
             self._law = _LawStart(0, 0.0, 0.0)
+            self.state.begin("")
         if sample.true_energy is None:
             return None
         law = self._law

@@ -48,11 +48,11 @@ class PageRecording:
             return
         process.terminate()
         try:
-            said, _ = process.communicate(timeout=END_TIMEOUT_S)
+            printed, _ = process.communicate(timeout=END_TIMEOUT_S)
         except subprocess.TimeoutExpired:
             process.kill()
-            said, _ = process.communicate()
-        self._result = [self._result, *said.splitlines()][-1].removeprefix("forcebound: ")
+            printed, _ = process.communicate()
+        self._result = [self._result, *printed.splitlines()][-1].removeprefix("forcebound: ")
 
     def describe(self) -> dict[str, object]:
         """Return what pages need to know: the file, since when, or what came of the last one."""
@@ -61,7 +61,7 @@ class PageRecording:
             "type": "recording",
             "file": str(self._file) if is_running else None,
             "seconds": time.monotonic() - self._began if is_running else None,
-            "said": self._result,
+            "result": self._result,
         }
 
     def _is_running(self) -> bool:

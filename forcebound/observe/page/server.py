@@ -6,7 +6,6 @@ import mimetypes
 import signal
 import socket
 import time
-from collections import deque
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
@@ -25,21 +24,19 @@ from forcebound.messages.events import LAW_CHANGED, PARAMETERS_SET
 from forcebound.messages.topology import HAND
 from forcebound.observe.listing import list_graphs
 from forcebound.observe.page.access import Access, hosts_of
-from forcebound.observe.page.controls import Controls, Pointer
-from forcebound.observe.page.feed import Feed, Message, request_of
-from forcebound.observe.page.pace import Limit, Pace
+from forcebound.observe.page.controls import Controls
+from forcebound.observe.page.feed import Message, request_of
+from forcebound.observe.page.pace import Limit
 from forcebound.observe.page.reason import Recent
-from forcebound.observe.runs import Watch
+from forcebound.observe.page.shown import FRAME, ShownGraph
 
 PAGE = Path(__file__).parent / "static"
-FRAME = 1.0 / 30.0  # s between two looks at the graph
 PROCESSES_PERIOD = 1.0  # s between two looks at its processes
 PING = 30.0  # s between two; as long may a page on a busy machine take to answer one
 CLOSE_TIMEOUT_S = 1.0  # s that pages have to close
 MOST_PAGES = 32
 MOST_CONNECTIONS = 64  # besides those of pages; a page needs a few while it loads
 MOST_REQUEST = 16_000  # B, of the head of a request; no route takes a body
-MOST_EVENTS = 50  # that a page which comes later gets
 IDLE = 10.0  # s that a connection may wait with its next request
 MOST_MESSAGE = 64_000  # B, of a message from a page
 MOST_WAITING = 2_000_000  # B that a page may leave unread before it misses frames
@@ -61,7 +58,7 @@ class Server:
     def __init__(self, listen: str = "127.0.0.1", port: int = 0, recordings: Path = Path()) -> None:
         listening = _bound(listen, port)
         self.access = Access(hosts_of(listen), listening.getsockname()[1])
-        self.graph: _Graph | None = None  # that is shown
+        self.graph: ShownGraph | None = None  # that is shown
         self.is_stopped = False
         self._loop = asyncio.get_running_loop()
         self._loop.add_signal_handler(signal.SIGTERM, self.stop)
@@ -99,16 +96,16 @@ class Server:
         """Show a graph until it ends, or :meth:`stop`; ConfigError if none runs there."""
         controls = await self._loop.run_in_executor(None, Controls, run_dir, self._recordings)
         try:
-            await self._follow(_Graph(run_dir, controls, self._pointed))
+            await self._follow(ShownGraph(run_dir, controls, self._pointed))
         finally:
             self.graph = None
-            self.tell(*self.describe())
+            self.broadcast(*self.describe())
             # After what is under way.
             await self._loop.run_in_executor(self.workers, controls.close)
-            self.tell(controls.recording.describe())
+            self.broadcast(controls.recording.describe())
 
-    async def _follow(self, graph: "_Graph") -> None:
-        """Tell the pages what comes from a graph, until its end."""
+    async def _follow(self, graph: ShownGraph) -> None:
+        """Send the pages what comes from a graph, until its end."""
         self.graph, loop = graph, self._loop
         for pointer in graph.pointers.values():
             loop.add_reader(pointer.descriptor, pointer.send)
@@ -121,7 +118,7 @@ class Server:
                 started = time.monotonic()
                 for message in graph.look(started):
                     self._note(message)
-                    self.tell(message)
+                    self.broadcast(message)
                 for pointer in graph.pointers.values():
                     pointer.send()
                 is_free = looking is None or looking.done()
@@ -162,8 +159,8 @@ class Server:
         self, page: "_Page", controls: Controls, request: Message, counts: Callable[[], bool]
     ) -> None:
         self.later(page.answer, request, controls.act(request, counts))
-        self.later(self.tell, controls.recording.describe())
-        self.tell_parameters(controls)
+        self.later(self.broadcast, controls.recording.describe())
+        self.broadcast_parameters(controls)
 
     def opened(self, page: "_Page") -> None:
         """Note that a page has opened."""
@@ -173,49 +170,50 @@ class Server:
         """Note that a page has closed."""
         self.pages.discard(page)
 
-    def tell(self, message: Message) -> None:
+    def broadcast(self, message: Message) -> None:
         """Send a message to every page; one that does not read misses it."""
         if self.pages:
             text = json.dumps(message)
             for page in tuple(self.pages):
-                page.tell(text)
+                page.send(text)
 
     def _note(self, message: Message) -> None:
         """Keep an event; send the parameters to the pages again when some have changed."""
         if message["type"] == "event" and self.graph:
             self.graph.events.append(message)
         if message.get("event") in (LAW_CHANGED, PARAMETERS_SET) and self.graph:
-            self.workers.submit(self.tell_parameters, self.graph.controls)
+            self.workers.submit(self.broadcast_parameters, self.graph.controls)
 
-    def tell_parameters(self, controls: Controls) -> None:
-        """Tell the pages the parameters of a graph; from a thread, since it takes time."""
+    def broadcast_parameters(self, controls: Controls) -> None:
+        """Send the pages the parameters of a graph; from a thread, since it takes time."""
         with suppress(ForceboundError):  # the graph has ended
-            self.later(self.tell, controls.parameters())
+            self.later(self.broadcast, controls.parameters())
 
     def _pointed(self, stamp: tuple["_Page", Any]) -> None:
-        """Tell a page that the device has taken its place."""
+        """Report to a page that the device has taken its place."""
         page, own = stamp
-        page.tell(json.dumps({"type": "taken", "stamp": own}))
+        page.send(json.dumps({"type": "taken", "stamp": own}))
 
-    def _look_at_nodes(self, graph: "_Graph", recent: Mapping[str, Recent]) -> None:
-        """Tell the pages of processes and little force; in a thread, since it takes time."""
+    def _look_at_nodes(self, graph: ShownGraph, recent: Mapping[str, Recent]) -> None:
+        """Send the pages the processes, and judge the hands; in a thread, since it takes time."""
         looked = time.monotonic()
         try:
             (listed,) = list_graphs(0.3, graph.run_dir)
-            reasons, broken = graph.controls.reasons(recent), graph.controls.broken(recent)
+            judged = graph.controls.judge(recent)
         except (ForceboundError, ValueError):
             return  # it ended just now
-        message = {"type": "nodes", "time": looked, "reasons": reasons, "broken": broken}
-        self.later(self.tell, message | {"processes": [asdict(one) for one in listed.processes]})
-        self.later(self.tell, graph.controls.recording.describe())
+        self.later(graph.take_judged, judged)
+        processes = [asdict(one) for one in listed.processes]
+        self.later(self.broadcast, {"type": "nodes", "time": looked, "processes": processes})
+        self.later(self.broadcast, graph.controls.recording.describe())
 
     def later(self, call: Callable[..., object], *arguments: object) -> None:
         """Call something in the server's own thread, from another one."""
         self._loop.call_soon_threadsafe(call, *arguments)
 
     async def close(self) -> None:
-        """Tell the pages that the server closes, and end."""
-        self.tell({"type": "closed"})
+        """Report to the pages that the server closes, and end."""
+        self.broadcast({"type": "closed"})
         for page in tuple(self.pages):
             page.close()
         end = time.monotonic() + CLOSE_TIMEOUT_S
@@ -224,50 +222,6 @@ class Server:
         self._http.stop()
         await self._http.close_all_connections()
         self.workers.shutdown(wait=True, cancel_futures=True)
-
-
-class _Graph:
-    """A running graph that is shown: what comes from it, and what may be done to it."""
-
-    def __init__(self, run_dir: Path, controls: Controls, taken: Callable[[Any], None]) -> None:
-        self.run_dir = run_dir
-        self._shown_since = time.monotonic()  # s; no other graph of this server has the same
-        self.watch = Watch(run_dir)
-        self.controls = controls
-        self.feed = Feed(run_dir, controls.energies_before)  # first: the graph may have ended
-        self.pointers = {hand: Pointer(run_dir, taken, hand) for hand in self.feed.hands}
-        self._misses = dict.fromkeys(self.feed.hands, 0)
-        self.pace = Pace(controls.period)
-        self.events: deque[Message] = deque(maxlen=MOST_EVENTS)  # for pages that come later
-
-    def describe(self) -> list[Message]:
-        """Return what a page needs to know before its first frame."""
-        controls, scene = self.controls, self.feed.scene
-        signals = [
-            {"hand": hand, "name": name, "label": about.text, "unit": about.unit}
-            for hand in self.feed.hands
-            for name in self.feed.signals_of(hand)
-            for about in (self.feed.signals[name],)
-        ]
-        hello = {**controls.describe(), "graph": self._shown_since, "signals": signals}
-        return [hello, controls.parameters(), *([scene] if scene else []), *self.events]
-
-    def look(self, now: float) -> list[Message]:
-        """Return the messages to the pages about what has come since the last look."""
-        messages = self.feed.look(self.pace.slowness)
-        for message in messages:
-            if message["type"] == "frame":
-                message["pointer"] = self.pointers[message["hand"]].place  # of any page
-                self._misses[message["hand"]] = message["misses"]
-                self.pace.note(sum(self._misses.values()), now)
-                message["pace"] = FRAME * self.pace.slowness
-        return messages
-
-    def close(self) -> None:
-        """Close what comes from the graph."""
-        self.feed.close()
-        for pointer in self.pointers.values():
-            pointer.close()
 
 
 class _Http(tornado.httpserver.HTTPServer):
@@ -313,7 +267,7 @@ class _Handler(tornado.web.RequestHandler):
         self.set_header("Cache-Control", "no-store")
 
     def log_exception(self, *_: object) -> None:
-        """Say nothing: a refusal is the browser's to tell."""
+        """Log nothing: the browser shows the status of a refusal."""
 
 
 class _Index(_Handler):
@@ -365,9 +319,9 @@ class _Page(_Handler, tornado.websocket.WebSocketHandler):
         self.server.opened(self)
 
     def greet(self) -> None:
-        """Tell what a page needs to know of the graph that is shown now."""
+        """Send what a page needs to know of the graph that is shown now."""
         for message in self.server.describe():
-            self.tell(json.dumps({**message, "may_change": self.may_change}))
+            self.send(json.dumps({**message, "may_change": self.may_change}))
 
     async def on_message(self, message: str | bytes) -> None:
         request = request_of(message) if self._limit.permits(time.monotonic()) else None
@@ -383,7 +337,7 @@ class _Page(_Handler, tornado.websocket.WebSocketHandler):
     def on_close(self) -> None:
         self.server.closed(self)
 
-    def tell(self, text: str) -> None:
+    def send(self, text: str) -> None:
         """Send a message unless the page has stopped reading."""
         stream = None if self.ws_connection is None else self.ws_connection.stream
         waiting = len(getattr(stream, "_write_buffer", ()))
@@ -397,4 +351,4 @@ class _Page(_Handler, tornado.websocket.WebSocketHandler):
             sent.add_done_callback(asyncio.Future.exception)  # it closed just now: no news
 
     def answer(self, request: Message, error: str | None) -> None:
-        self.tell(json.dumps({"type": "answer", "id": request.get("id"), "error": error}))
+        self.send(json.dumps({"type": "answer", "id": request.get("id"), "error": error}))

@@ -1,9 +1,8 @@
 """Figure 19: the laws under a 2 Hz sinusoidal motion, as in palpation."""
 
-import numpy as np
-
+from forcebound_proofs.drawing import finish, law_line, line, rows_of
 from forcebound_proofs.paper.contacts import minimum_energies
-from forcebound_proofs.paper.outcome import Number, Outcome, by_law, finish, law_line, line, rows_of
+from forcebound_proofs.paper.outcome import Number, Outcome, by_law
 from forcebound_proofs.paper.setup import CERTIFIED, Contact, Runs, command
 
 LAWS = ("less_conservative", "aol", "more_conservative", *CERTIFIED)
@@ -13,7 +12,7 @@ def run(runs: Runs) -> Outcome:
     """Reproduce the figure."""
     contacts = {law: runs.contact("palpation", f"law:={law}") for law in LAWS}
     peaks = {law: peak_forces(contact) for law, contact in contacts.items()}
-    stiffnesses = {law: mean_stiffness(contact) for law, contact in contacts.items()}
+    stiffnesses = {law: (one.seen.mean_stiffness or 0.0) * 1e-3 for law, one in contacts.items()}
     numbers = by_law("displayed stiffness, mean in contact", "N/mm", stiffnesses)
     for law in LAWS:
         numbers.append(Number("peak force, first second", "N", peaks[law][0], None, law))
@@ -51,12 +50,3 @@ def peak_forces(contact: Contact) -> list[float]:
     """Return the largest force of each whole second, in N."""
     seconds = [(contact.time >= s) & (contact.time < s + 1.0) for s in range(int(contact.time[-1]))]
     return [float(contact.applied[second].max()) for second in seconds]
-
-
-def mean_stiffness(contact: Contact) -> float:
-    """Return mean force over mean penetration of the samples in contact, in N/mm.
-
-    Not the mean of the ratios: a shallow sample of a moving hand would weigh as much as a deep one.
-    """
-    where = contact.in_contact
-    return float(np.mean(contact.applied[where]) / np.mean(contact.depth[where])) * 1e-3

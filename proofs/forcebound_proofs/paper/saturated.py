@@ -9,15 +9,8 @@ from matplotlib.axes import Axes
 from forcebound.haptics.laws import Dissipation
 from forcebound.results.colours import NEUTRAL
 from forcebound.results.surface import Floats
-from forcebound_proofs.paper.outcome import (
-    LOG_TICKS,
-    Number,
-    Outcome,
-    finish,
-    law_line,
-    line,
-    rows_of,
-)
+from forcebound_proofs.drawing import LOG_TICKS, finish, law_line, line, rows_of
+from forcebound_proofs.paper.outcome import Number, Outcome
 from forcebound_proofs.paper.setup import (
     CERTIFIED,
     HIGH,

@@ -7,7 +7,7 @@ the fit.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,14 +16,9 @@ from forcebound.graph.loader import build, from_document, load, read_template
 from forcebound.graph.servo import dissipation_of
 from forcebound.haptics.laws import Dissipation
 from forcebound.lab.runs import run_compiled
-from forcebound.recordings.launched import launched
-from forcebound.results.bounder import saturated
-from forcebound.results.contact import (
-    count_bounces,
-    displayed_stiffness,
-    initial_rate_hardness,
-)
-from forcebound.results.surface import Floats, touch_of_run
+from forcebound.results.contact import count_bounces, initial_rate_hardness
+from forcebound.results.samples import Samples
+from forcebound.results.surface import Floats
 from forcebound.run.results import RunResult
 from forcebound.run.virtual import run_virtual
 
@@ -137,21 +132,16 @@ class Contact:
 
     def __init__(self, run: RunResult) -> None:
         """Take a run of a launch file that has a wall."""
-        columns = run.columns
-        touch = touch_of_run(columns, (), run.document)
-        assert touch is not None, "every launch file of the experiments has a surface"
-        shown = slice(int(np.searchsorted(columns.time, 0.0)), None)
-        self.run = run
-        self.time = columns.time[shown]  # s
-        self.position = columns.position[shown, 0]  # m, reading
-        self.true_position = columns.true_position[shown, 0]  # m
-        self.commanded = saturated(columns, launched(run.document).device)[
-            shown, 0
-        ]  # N, after saturation
-        self.applied = columns.applied_force[shown, 0]  # N
-        self.depth: Floats = touch.depth[shown]  # m, of the reading; outside: < 0
-        self.in_contact = self.depth > 0.0
-        self.lowest_energy = float(columns.true_energy[shown].min()) * 1e3  # mJ, ground truth
+        seen = Samples(run.columns, run.document, explains=False)
+        assert seen.touch is not None, "every launch file of the experiments has a surface"
+        self.run, self.seen = run, seen
+        self.time = seen.time  # s
+        self.position = seen.columns.position[:, 0]  # m, reading
+        self.commanded = seen.saturated[:, 0]  # N, after saturation
+        self.applied = seen.columns.applied_force[:, 0]  # N
+        self.depth: Floats = seen.depth  # m, of the reading; outside: < 0
+        self.in_contact = seen.contact
+        self.lowest_energy = float(seen.columns.true_energy.min()) * 1e3  # mJ, ground truth
 
     @property
     def rate_hardness(self) -> float:
@@ -161,14 +151,12 @@ class Contact:
     @property
     def displayed_stiffness(self) -> float:
         """S_D of Table 1, in N/mm."""
-        return (displayed_stiffness(self.time, self.applied, self.depth) or math.nan) * 1e-3
+        return (self.seen.displayed_stiffness or math.nan) * 1e-3
 
     @property
     def contact_speed(self) -> float:
         """True speed of the handle over the sample in which it reaches the surface, in m/s."""
-        true, time = self.true_position, self.time
-        first = max(int(np.argmax(true > self.position[0] - self.depth[0])), 1)
-        return float((true[first] - true[first - 1]) / (time[first] - time[first - 1]))
+        return self.seen.contact_speed or math.nan
 
     @property
     def turns(self) -> int:
@@ -203,8 +191,12 @@ def dissipation(contact: Contact) -> Dissipation:
 class Runs:
     """Runs launch files in virtual time, each only once; ``progress`` gets a line on each run."""
 
-    def __init__(self, progress: Callable[[str], None] = lambda line: None) -> None:
-        self.progress = progress
+    def __init__(
+        self,
+        progress: Callable[[str], None] = lambda line: None,
+        tried: Sequence[Trial] = TRIALS,
+    ) -> None:
+        self.progress, self.tried = progress, tried
         self._done: dict[tuple[str, ...], Contact] = {}
         self._tried: dict[tuple[str, str, Hand], dict[str, Floats]] = {}
         self._template = read_template("paper_wall")
@@ -222,14 +214,14 @@ class Runs:
         return self.contact("paper_wall", f"law:={law}", *words)
 
     def trials(self, law: str, speed: str, hand: Hand = HAND) -> dict[str, Floats]:
-        """Return the measures of all trials against that wall, by name, shape ``(TRIALS,)``.
+        """Return the measures of all trials against that wall, by name, shape ``(trials,)``.
 
         They run in the compiled loop, which is equal to the nodes to the bit.
         """
         key = (law, speed, hand)
         if key not in self._tried:
-            self.progress(f"  {len(TRIALS)} trials of {law} at {speed} speed")
-            words = [(f"law:={law}", *hand.words(speed, trial)) for trial in TRIALS]
+            self.progress(f"  {len(self.tried)} trials of {law} at {speed} speed")
+            words = [(f"law:={law}", *hand.words(speed, trial)) for trial in self.tried]
             graphs = [replace(build(self._template, one), duration=DURATION) for one in words]
             contacts = [Contact(run_compiled(one) or run_virtual(one)) for one in graphs]
             self._tried[key] = {

@@ -17,14 +17,14 @@ from matplotlib.figure import Figure
 
 from forcebound.results.colours import COMMANDED, ESTIMATED, NEUTRAL, PHYSICAL
 from forcebound.results.surface import Floats
-from forcebound_proofs.paper.outcome import LOG_TICKS, Number, Outcome, plain
+from forcebound_proofs.drawing import LOG_TICKS, plain
+from forcebound_proofs.paper.outcome import Number, Outcome
 from forcebound_proofs.paper.setup import (
     CERTIFIED,
     HAND,
     LEFT_OUT,
     PAPER_LAWS,
     SPEEDS,
-    TRIALS,
     USER_STUDY,
     Hand,
     Runs,
@@ -134,7 +134,7 @@ def run(runs: Runs) -> Outcome:
         for name in SPEEDS
     }
     return Outcome(
-        title=f"rate-hardness and displayed stiffness of every law, {len(TRIALS)} trials",
+        title=f"rate-hardness and displayed stiffness of every law, {len(runs.tried)} trials",
         paper="Five laws at a high and a low approach speed, wall of 10 N/mm; single trials.",
         finding=(
             f"Root-mean-square logarithmic error of the medians {error:.3f} over all 20 cells, of "
@@ -164,7 +164,7 @@ def run(runs: Runs) -> Outcome:
             "setup": {
                 "hand": asdict(HAND),
                 "left_out": {law: asdict(hand) for law, hand in LEFT_OUT.items()},
-                "trials": [asdict(trial) for trial in TRIALS],
+                "trials": [asdict(trial) for trial in runs.tried],
                 "contact_speed_m_per_s": speeds,
             },
         },

@@ -11,11 +11,12 @@ import numpy as np
 
 from forcebound.haptics.laws import Dissipation, ForceBounder
 from forcebound.results.surface import Floats
+from forcebound_proofs.drawing import finish, law_line, line, rows_of
 from forcebound_proofs.paper.noncausal import (
     less_conservative_noncausal,
     more_conservative_noncausal,
 )
-from forcebound_proofs.paper.outcome import Number, Outcome, by_law, finish, law_line, line, rows_of
+from forcebound_proofs.paper.outcome import Number, Outcome, by_law
 from forcebound_proofs.paper.setup import (
     CERTIFIED,
     HIGH,

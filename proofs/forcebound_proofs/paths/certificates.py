@@ -13,7 +13,7 @@ import numpy as np
 
 from forcebound.haptics.laws import Dissipation
 from forcebound_proofs.paths.draft import Draft, Random, log_between, plain
-from forcebound_proofs.paths.path import COMMANDS, READINGS, SLOWLY, Manner
+from forcebound_proofs.paths.path import Command, Manner, Reading
 from forcebound_proofs.paths.run import AttackedDevice
 
 Effect: TypeAlias = Callable[["Draft"], None]
@@ -81,7 +81,7 @@ def in_turn(draft: Draft) -> None:
     device, axes = draft.device, draft.axes
     device.damping[:axes], device.friction[:axes], device.error[:] = 0.27, 0.12, 0.0
     device.gain[:2] = 1.0 - error, 1.0 + error
-    draft.case["command"] = SLOWLY
+    draft.case["command"] = Command.SLOWLY
     draft.fields["write_delay"] = draft.case["write_delay"] = 0.4 * period
 
 
@@ -358,7 +358,8 @@ def finished(law: str, draft: Draft, speed: float | None = None) -> AttackedDevi
     punctual = draft.case.pop("punctual_only", False)
     if draft.device.compensation.any() and draft.case.get("tolerance"):
         draft.case["ledger_only"] = True  # an early cut lets the weight fall
-    reading, command = int(random.integers(len(READINGS))), int(random.integers(len(COMMANDS)))
+    reading = Reading(int(random.integers(len(Reading))))
+    command = Command(int(random.integers(Command.SLOWLY)))  # any of those before it
     command = draft.case.pop("command", command)
     drawn = min(log_between(random, 1e-3, 1.0), stated.largest_speed)
     manner = Manner(

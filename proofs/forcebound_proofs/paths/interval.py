@@ -22,9 +22,9 @@ from forcebound_proofs.paths.truth import (
     cut,
     no_faster,
     set_force,
-    strike,
-    strike_guarded,
     walk,
+    worst_guarded_hold,
+    worst_hold,
 )
 
 
@@ -158,18 +158,18 @@ def through(device: Device, account: Account, times: Floats, moves: Floats) -> N
 
 
 @outlined
-def strike_all(devices: Devices, account: Account) -> None:
+def note_worst_holds(devices: Devices, account: Account) -> None:
     """Note the worst ends of the hold of the force that was written last (:func:`tick`)."""
     last = account.waiting - 1
     dues, forces, holds = account.due[: last + 1], account.queued[: last + 1], np.empty(last + 1)
     for place in range(last):
         holds[place] = account.queued_hold[place]
-    holds[last] = account.struck_hold
-    low, write = strike(devices, dues, forces, holds, account.cut_after), dues[last]
+    holds[last] = account.longest_hold
+    low, write = worst_hold(devices, dues, forces, holds, account.cut_after), dues[last]
     if devices[0].guard > 0.0:
-        low = min(low, strike_guarded(devices, write, account.force))
+        low = min(low, worst_guarded_hold(devices, write, account.force))
     low += account.energy
-    account.struck = min(account.struck, low)
+    account.lowest_end = min(account.lowest_end, low)
     if account.peak > LEAST_PEAK:
         account.share = min(account.share, low / account.peak)
     if account.peak > LARGE_PEAK:
@@ -178,8 +178,8 @@ def strike_all(devices: Devices, account: Account) -> None:
         account.fallen = min(account.fallen, low - min(account.energy, 0.0))
     if account.late_hold > 0.0:
         holds[last] = account.late_hold
-        late = strike(devices, dues, forces, holds, account.cut_after)
-        account.late_struck = min(account.late_struck, late + account.energy)
+        late = worst_hold(devices, dues, forces, holds, account.cut_after)
+        account.lowest_late_end = min(account.lowest_late_end, late + account.energy)
 
 
 @outlined
@@ -206,20 +206,20 @@ def pieces_of(
     if waiting > 1:
         worst_way(device, account.queued[1], max(times[3], 1e-9), moves[3])
     for axis in range(device.axes):
-        old, new = row.strike_old * moves[0, axis], row.strike * moves[1, axis]
+        old, new = row.share_before * moves[0, axis], row.share_held * moves[1, axis]
         drift = row.speed[axis]
         extra = row.micro[axis] + drift * held
         moves[0, axis] = old + drift * before
         moves[1, axis] = row.split * (new + extra) + row.turn
         moves[2, axis] = (1.0 - row.split) * (new + extra) - row.turn
-        after = row.strike * moves[3, axis] if waiting > 1 else row.back * new
+        after = row.share_held * moves[3, axis] if waiting > 1 else row.share_after * new
         moves[3, axis] = after + drift * times[3]
 
 
 def tick(
     devices: Devices, accounts: Sequence[Account], plan: Sequence[Interval], index: int
 ) -> None:
-    """Strike with the written force and walk through an interval, up to the next reading.
+    """Note the worst end of the written force's hold; walk to the next reading.
 
     Args:
         devices: The device, changed, and its copies.
@@ -234,7 +234,7 @@ def tick(
         account.last_move[axis] = -device.position[axis]
     if write < math.inf:
         send(account, write)
-        strike_all(devices, account)
+        note_worst_holds(devices, account)
     times, moves = np.zeros(4), np.zeros((4, AXES))
     pieces_of(device, account, row, times, moves)
     for piece in range(4):

@@ -2,11 +2,12 @@
 
 A run has a row of genes for each interval between two readings. :func:`plan_of` turns them into
 times, moves and commands; ``interval.py`` lets the device go through one interval. The hand knows
-the force before it moves: its moves are shares of the move that costs it least (``strike``), and on
-top of them multiples of the encoder's error (``micro``), a speed, and a turn within the hold.
+the force before it moves: its moves are shares of the move that costs it least (``worst_hold``),
+and on top of them multiples of the encoder's error (``micro``), a speed, and a turn in the hold.
 """
 
 import math
+from enum import IntEnum
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
@@ -22,9 +23,9 @@ class Interval:
     write: float  # ns after the reading
     applied: float  # share of the force that is applied
     cut: float  # error of the watchdog, -1 to 1
-    strike_old: float  # shares of the worst move: before the write,
-    strike: float  # in the hold,
-    back: float  # and, of the hold's, after the cut
+    share_before: float  # shares of the worst move: before the write,
+    share_held: float  # in the hold,
+    share_after: float  # and, of the hold's, after the cut
     turn: float  # m
     split: float  # share of the hold before the turn
     micro: PerAxis  # m
@@ -39,11 +40,30 @@ COLUMNS = FIELDS.itemsize // 8
 PLACES = {name: place // 8 for name, (_, place, *_) in (FIELDS.fields or {}).items()}
 VECTORS = ("micro", "speed", "misread", "command")
 
-# How the encoder errs, always by at most r.
-READINGS = ("genes", "stick", "lead", "trail", "push", "pull", "quantised", "edges")
-# What the environment commands.
-COMMANDS = ("genes", "along the motion", "against the motion", "alternating", "along the axis")
-SLOWLY = len(COMMANDS)  # in steps that friction pays for; only with a certificate that says so
+
+class Reading(IntEnum):
+    """How the encoder errs, always by at most r."""
+
+    GENES = 0  # as the genes say
+    STICKING = 1
+    LEADING = 2
+    TRAILING = 3
+    WITH_THE_FORCE = 4
+    AGAINST_THE_FORCE = 5
+    QUANTISED = 6
+    AT_THE_EDGES = 7
+
+
+class Command(IntEnum):
+    """What the environment commands."""
+
+    GENES = 0  # as the genes say
+    ALONG_THE_MOTION = 1
+    AGAINST_THE_MOTION = 2
+    ALTERNATING = 3
+    ON_THE_FIRST_AXIS = 4
+    SLOWLY = 5  # in steps that friction pays for; only with a certificate that says so
+
 
 QUEUE = 16  # forces that can be on their way
 
@@ -55,18 +75,18 @@ class Account:
 
     energy: float
     lowest: float
-    struck: float  # lowest of the worst ends of all holds
-    late_struck: float  # the same, of late holds
+    lowest_end: float  # lowest of the worst ends of all holds
+    lowest_late_end: float  # the same, of late holds
     fallen: float  # most that it can fall in a punctual hold while it is below zero
     peak: float
     share: float  # lowest after a peak, over that peak
     left: float  # lowest after a peak of LARGE_PEAK
     cut_after: float  # s until the watchdog drops the force
     cut_time: float  # s, when it did in this interval; -1: it did not
-    reading_mode: int  # place in READINGS
-    command_mode: int  # place in COMMANDS
+    reading_mode: int  # of Reading
+    command_mode: int  # of Command
     hold: float  # s, for which the device really holds the next force
-    struck_hold: float  # s, for which it is struck
+    longest_hold: float  # s, with which its worst end is sought
     late_hold: float  # s, in a late hold; 0: not tried
     force: PerAxis  # N, to be written
     waiting: int  # forces that have been written and do not act yet, in order:
@@ -83,8 +103,8 @@ class Account:
 class Manner(NamedTuple):
     """How the genes of a run are read."""
 
-    reading: int  # place in READINGS
-    command: int  # place in COMMANDS
+    reading: Reading
+    command: Command
     clock: int  # interval: 0 hold limit, 1 period, 2 up to the hold limit, 3 also overruns
     speed: float  # m/s, of the hand, for a gene of 1
     longest: float  # s, of an overrun
@@ -148,19 +168,19 @@ def plan_of(
 def misread(account: Account, device: Device, axis: int, share: float) -> float:
     """Return a reading that is wrong by at most r, in m."""
     position, error, mode = device.position[axis], device.error[axis], account.reading_mode
-    if mode == 1:
+    if mode == Reading.STICKING:
         return min(max(account.reading[axis], position - error), position + error)
-    if mode == 2:
+    if mode == Reading.LEADING:
         return position + math.copysign(error, account.last_move[axis])
-    if mode == 3:
+    if mode == Reading.TRAILING:
         return position - math.copysign(error, account.last_move[axis])
-    if mode == 4:
+    if mode == Reading.WITH_THE_FORCE:
         return position + math.copysign(error, device.target[axis] + device.weight[axis])
-    if mode == 5:
+    if mode == Reading.AGAINST_THE_FORCE:
         return position - math.copysign(error, device.target[axis] + device.weight[axis])
-    if mode == 6 and error > 0.0:
+    if mode == Reading.QUANTISED and error > 0.0:
         return 2.0 * error * math.floor(position / (2.0 * error) + 0.5)
-    if mode == 7:
+    if mode == Reading.AT_THE_EDGES:
         return position + math.copysign(error, share)
     return position + error * share
 
@@ -169,15 +189,15 @@ def misread(account: Account, device: Device, axis: int, share: float) -> float:
 def command_of(account: Account, device: Device, axis: int, index: int, command: float) -> float:
     """Return the command of an axis for the next reading, in N."""
     mode = account.command_mode
-    if mode == 1:
+    if mode == Command.ALONG_THE_MOTION:
         return math.copysign(command, -account.last_move[axis])
-    if mode == 2:
+    if mode == Command.AGAINST_THE_MOTION:
         return math.copysign(command, account.last_move[axis])
-    if mode == 3:
+    if mode == Command.ALTERNATING:
         return abs(command) * (1.0 - 2.0 * (index % 2))
-    if mode == 4:
+    if mode == Command.ON_THE_FIRST_AXIS:
         return command if axis == 0 else 0.0
-    if mode == SLOWLY:
+    if mode == Command.SLOWLY:
         force, step = account.force[axis], 1.5 * device.friction[axis]
         return min(max(command, force - step), force + step)
     return command

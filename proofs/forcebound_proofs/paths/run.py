@@ -193,7 +193,7 @@ class Walk:
             self._excess = max(self._excess, bounder.estimated_energy - float(account.energy))
         calls.set_holds(index, account)
         if self._trace is not None:
-            energies = float(account.energy), float(min(account.struck, account.lowest))
+            energies = float(account.energy), float(min(account.lowest_end, account.lowest))
             place = float(self._devices[0].position[0])
             row = (time_ns / 1e9, place, shown[0], command[0], force[0], *energies)
             self._trace.append(row)
@@ -207,14 +207,14 @@ class Walk:
 def _result(
     case: AttackedDevice, account: Any, hidden: float, excess: float, samples: int
 ) -> PathResult:
-    lowest = min(float(account.struck), float(account.lowest))
+    lowest = min(float(account.lowest_end), float(account.lowest))
     if case.owes:
         lowest = hidden
     late = case.late > 0.0  # then any hold so far may have been late
     counted = min(float(account.fallen), hidden) if late else lowest
     return PathResult(
         0.0 if case.ledger_only else counted,
-        min(float(account.late_struck), lowest) + case.allowance if late else math.inf,
+        min(float(account.lowest_late_end), lowest) + case.allowance if late else math.inf,
         float(account.peak),
         float(account.share),
         float(account.left),
@@ -239,7 +239,7 @@ def _begin(case: AttackedDevice, device: Any, account: Any, start: Floats) -> No
     account.energy = float(np.sum(device.friction / widths * away**2) / 2.0)
     account.share = account.left = account.cut_after = math.inf
     account.cut_time = -1.0
-    account.hold, account.struck_hold = math.inf, case.stated.hold_limit
+    account.hold, account.longest_hold = math.inf, case.stated.hold_limit
     account.reading_mode, account.command_mode = case.manner.reading, case.manner.command
 
 
@@ -340,12 +340,12 @@ class _Calls:
             self.bounder.settle(force)
 
     def set_holds(self, index: int, account: Any) -> None:
-        """Set how long the device holds this force, and how long it is struck."""
+        """Set how long the device holds this force, and with which hold its worst end is sought."""
         case, limit = self.case, self.limits[index]
         account.hold = limit * (1.0 + case.tolerance * self.cuts[index])
         if case.watchdog == "guarding":
             account.hold = round(float(account.hold), 9)  # its report is in ns, without an error
         if case.watchdog == "none":
             account.hold = case.stated.watchdog_limit
-        account.struck_hold = limit * (1.0 + case.tolerance) + case.devices[0].drop
+        account.longest_hold = limit * (1.0 + case.tolerance) + case.devices[0].drop
         account.late_hold = case.late

@@ -6,18 +6,19 @@ energy, and a cycle that is repeated. So a leak of a nanojoule a cycle adds up, 
 """
 
 import math
-import warnings
 from dataclasses import dataclass, field
 from typing import ClassVar, NamedTuple
 
 import numpy as np
 
 from forcebound.haptics.laws import ENERGY_TOLERANCE, ForceBounder
-from forcebound_proofs.cases import optimiser
-from forcebound_proofs.paths.path import COLUMNS, LARGE_PEAK, PLACES, SLOWLY, VECTORS
+from forcebound_proofs.cases import minimise
+from forcebound_proofs.paths.path import COLUMNS, LARGE_PEAK, PLACES, VECTORS, Command
 from forcebound_proofs.paths.run import AttackedDevice, PathResult, Vector, run
 from forcebound_proofs.paths.truth import AXES, Floats
 
+GENERATION, SPREAD = 16, 0.4  # runs, and standard deviation of genes, of a search
+LARGE = 60  # genes, of which a search adapts the variances alone
 NEAR = 1e-6  # J; a restart that ends nearer to zero than this is tight
 
 
@@ -41,7 +42,7 @@ class Program(NamedTuple):
         return rows[list(self.order)], vector[:AXES]
 
 
-class Attack(NamedTuple):
+class Attempt(NamedTuple):
     """A run of a restart, to be repeated; its number counts from 0."""
 
     number: int
@@ -52,17 +53,16 @@ class Attack(NamedTuple):
 
 @dataclass
 class Restart:
-    """What one restart has found: a device and a series of attacks on it."""
+    """A device and a series of attacks on it."""
 
     hands: ClassVar[int] = 1  # that a run moves
     case: AttackedDevice
     longest: int = 60  # samples of a run, at most
+    energy_alone: bool = False  # the law's estimate may be above the truth
     runs: int = 0
-    samples: int = 0  # of all runs
     left: float = math.inf  # J, lowest energy after a peak of 0.1 mJ
-    lowest: float = math.inf  # J, lowest true energy
-    worst: Attack | None = None  # the run with the lowest energy
-    last: Attack | None = None
+    worst: Attempt | None = None  # the run with the lowest margin
+    last: Attempt | None = None
     bounder: ForceBounder = field(init=False)
 
     def __post_init__(self) -> None:
@@ -72,6 +72,10 @@ class Restart:
     def is_tight(self) -> bool:
         """Whether a run came back to zero, or nearly, after the energy was at least 0.1 mJ."""
         return self.left < NEAR
+
+    def margin(self, result: PathResult) -> float:
+        """Return the energy that a law keeps at or above zero, in J."""
+        return result.lowest_j if self.energy_alone else result.worst
 
     def run(
         self, program: Program, vector: Floats, trace: list[Vector] | None = None
@@ -86,14 +90,12 @@ class Restart:
         Without a leak that is the share of the peak that was left or, ``to_zero``, the energy that
         was left after a peak of 0.1 mJ.
         """
-        self.last = Attack(self.runs, program, vector, self.run(program, vector))
+        self.last = Attempt(self.runs, program, vector, self.run(program, vector))
         result = self.last.result
-        if self.worst is None or result.worst < self.worst.result.worst:
+        if self.worst is None or self.margin(result) < self.margin(self.worst.result):
             self.worst = self.last
         self.runs += 1
-        self.samples += result.samples
         self.left = min(self.left, result.left_j)
-        self.lowest = min(self.lowest, result.lowest_j)
         if result.worst < -ENERGY_TOLERANCE / 10.0:
             return result.worst / 1e-6
         if to_zero and result.left_j < math.inf:
@@ -108,33 +110,25 @@ class Restart:
             self.attack(program, vector * 10 ** random.uniform(-1, 0.3))
 
     def search(self, random: np.random.Generator, runs: int) -> None:
-        """Attack with programs that CMA-ES (N. Hansen) improves, one after the other."""
+        """Attack with programs that a search improves, one after the other."""
         end = self.runs + runs
         while self.runs < end:
             self._improve(draw_program(random, self.case.axes, self.longest), random, end)
 
     def _improve(self, program: Program, random: np.random.Generator, end: int) -> None:
-        options = {
-            "seed": int(random.integers(1, 2**31)),
-            "verbose": -9,
-            "popsize": 16,
-            "CMA_diagonal": program.size > 60,
-            "tolfun": 1e-12,
-            "tolflatfitness": 20,
-        }
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            to_zero = bool(random.random() < 0.5)
-            every = [first_guess(program, self.case.axes, random) for _ in range(self.hands)]
-            first = np.concatenate(every)
-            if self.case.manner.command == SLOWLY:
-                program, first = from_axis_to_axis(random)
-            strategy = optimiser().CMAEvolutionStrategy(first, 0.4, options)
-            while self.runs < end and not strategy.stop():
-                vectors = strategy.ask()[: end - self.runs]
-                values = [self.attack(program, np.asarray(one), to_zero) for one in vectors]
-                if self.runs < end:
-                    strategy.tell(vectors, values)
+        seed, to_zero = int(random.integers(1, 2**31)), bool(random.random() < 0.5)
+        is_large = program.size > LARGE
+        every = [first_guess(program, self.case.axes, random) for _ in range(self.hands)]
+        first = np.concatenate(every)
+        if self.case.manner.command == Command.SLOWLY:
+            program, first = from_axis_to_axis(random)
+        minimise(
+            lambda vector: self.attack(program, vector, to_zero),
+            *(first, SPREAD, GENERATION, end - self.runs, seed),
+            CMA_diagonal=is_large,
+            tolfun=1e-12,
+            tolflatfitness=20,
+        )
 
 
 def draw_program(random: np.random.Generator, axes: int, longest: int) -> Program:
@@ -174,7 +168,7 @@ def first_guess(program: Program, axes: int, random: np.random.Generator) -> Flo
         moving[:, speed] += 0.8
         moving[:, command] *= 0.1
         pushed[:, command] += random.choice([-0.7, 0.7], axes)
-        pushed[:, PLACES["strike"]] += random.choice([0.0, 0.5, 1.0])
+        pushed[:, PLACES["share_held"]] += random.choice([0.0, 0.5, 1.0])
     vector = np.zeros(program.size)
     vector[:AXES] = random.normal(size=AXES)
     vector[AXES:] = rows[:, program.columns].ravel()

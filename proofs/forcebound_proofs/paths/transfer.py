@@ -131,10 +131,10 @@ class TwoHands(Restart):
             ready = [hand for hand in (0, 1) if done[hand] < samples]
             hand = min(ready, key=lambda one: walks[one].time_ns)
             account = walks[hand].account
-            account.struck = account.lowest = math.inf
+            account.lowest_end = account.lowest = math.inf
             walks[hand].step(done[hand])
             done[hand] += 1
-            low = float(min(account.struck, account.lowest))
+            low = float(min(account.lowest_end, account.lowest))
             lowest[hand] = min(lowest[hand], low)
             energies[hand] = low - sides[hand].received + sides[hand].given
             together = min(together, sum(energies))

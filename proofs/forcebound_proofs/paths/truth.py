@@ -13,8 +13,8 @@ Without mass this is the energy that any hand has put in, since a mass only adds
 * Friction is rigid, or a stop operator: an elastic bristle z that slides at :math:`|z| = z_m`. With
   friction along the path, z is a vector; on a straight line the bristle is dragged along a
   tractrix, whose work is known.
-* The worst end of a hold (:func:`strike`) is found piece by piece, again on straight pieces, so it
-  is the energy of a path that exists, never an estimate.
+* The worst end of a hold (:func:`worst_hold`) is found piece by piece, again on straight pieces, so
+  it is the energy of a path that exists, never an estimate.
 """
 
 import math
@@ -264,7 +264,7 @@ def worst_end(devices: Devices, duration: float, pieces: int) -> tuple[float, fl
 
 
 @outlined
-def strike(
+def worst_hold(
     devices: Devices, dues: Vector, forces: Sequence[Vector], holds: Vector, cut_after: float
 ) -> float:
     """Return the lowest energy, in J, that the hand can still reach before the force is dropped.
@@ -307,12 +307,12 @@ def strike(
 
 
 @outlined
-def strike_guarded(devices: Devices, write_after: float, force: Vector) -> float:
+def worst_guarded_hold(devices: Devices, write_after: float, force: Vector) -> float:
     """Return the lowest energy, in J, in a long hold that is guarded.
 
     The hand moves back by 2r, which the readings can hide, on all axes or on one of them, slowly;
     then as far as it pays before the watchdog has looked again and dropped the force. Arguments as
-    of :func:`strike`.
+    of :func:`worst_hold`.
     """
     lowest = 0.0
     for chosen in range(-1, devices[0].axes):

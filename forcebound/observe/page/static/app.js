@@ -2,12 +2,11 @@
 
 import { Controls } from "./controls.js";
 import { Figures } from "./figures.js";
-import { Choice, coloured, ofHand } from "./hands.js";
+import { Choice, coloured } from "./hands.js";
 import { PLOTS, Plot, linesOf, signalPlots } from "./plots.js";
 import { Window } from "./samples.js";
-import { joule, text } from "./scale.js";
+import { magnitude, text, units } from "./scale.js";
 import { Scene } from "./scene.js";
-import { State, magnitude } from "./state.js";
 
 const $ = (id) => document.getElementById(id);
 const token = new URLSearchParams(location.search).get("token") ?? "";
@@ -15,7 +14,6 @@ const shown = new Window();
 
 const SILENT = 1000; // ms without a frame: the signal is lost
 const FRAME = 1000 / 30 - 4; // ms between two pictures, at least
-const READABLE = 250; // ms between two wordings of the state, and values of the figures
 const AGAIN = 1000; // ms until the next attempt to connect
 const MOST_EVENTS = 200;
 const SLOWED = 1 / 29; // s between two frames: from then on the server has backed off
@@ -36,9 +34,10 @@ function send(message) {
 const scene = new Scene($("scene"), (hand, target, at) => send({ do: "point", hand, target, stamp: at }));
 const controls = new Controls(send);
 const figures = new Figures($("figures"));
-const states = new Map(); // by hand
+const frames = new Map(); // the newest, by hand
 const choice = new Choice($("hands"), showChoice);
 let hello = null; // the newest
+let all = []; // hands of the graph
 const { delay, ...main } = PLOTS;
 export const plots = Object.values(main).map((spec) => new Plot($("plots"), shown, spec));
 const delays = new Plot($("delays"), shown, delay); // behind the fold of the network
@@ -52,14 +51,14 @@ const takes = {
     isOver = false;
     hello = message;
     heard = performance.now();
-    const hands = coloured(message.hands);
-    states.clear();
-    for (const hand of hands) states.set(hand.name, Object.assign(new State(), hand));
+    const hands = all = coloured(message.hands);
+    frames.clear();
+    Object.assign(units, message.units);
     document.body.classList.toggle("several", hands.length > 1);
     document.body.style.setProperty("--count", hands.length);
     $("name").replaceChildren(Object.assign(document.createElement("span"), { textContent: "forcebound: " }), message.name.replace(/\.yaml\b/, ""));
     document.title = message.name;
-    shown.begin([...states.keys()]);
+    shown.begin(hands.map(({ name }) => name));
     scene.describe({ ...message, hands });
     controls.describe({ ...message, hands });
     choice.offer(hands);
@@ -67,7 +66,7 @@ const takes = {
   },
   frame(message) {
     heard = performance.now();
-    const samples = shown.live.get(message.hand), state = states.get(message.hand);
+    const samples = shown.live.get(message.hand);
     if (message.time[0] < samples.newest - 1) { samples.clear(); shown.marks = []; } // another clock
     if (message.time[0] > samples.newest + 1e-3 * SILENT) samples.push(samples.newest, {}); // a gap
     message.time.forEach((time, i) => {
@@ -78,13 +77,13 @@ const takes = {
       samples.push(time, values);
     });
     scene.take(message);
-    state.take(message);
+    frames.set(message.hand, message);
     if (message.since) shown.mark(message.since, message.law, message.hand);
     pace = message.pace;
-    if (heard - worded < READABLE) return;
-    worded = heard;
-    for (const one of choice.shown) if (states.get(one.name).frame) figures.showAll(states.get(one.name).frame, choice.shown.length > 1 ? `${one.name}: ` : "");
-    tell([...states.values()].filter((one) => one.frame));
+  },
+  state({ hands }) {
+    for (const { name } of choice.shown) if (frames.has(name)) figures.showAll(frames.get(name), choice.shown.length > 1 ? `${name}: ` : "");
+    showStates(all.filter(({ name }) => name in hands).map((hand) => ({ ...hand, ...hands[hand.name] })));
   },
   scene(message) {
     scene.objects = message.objects;
@@ -99,17 +98,9 @@ const takes = {
     while ($("events").children.length > MOST_EVENTS) $("events").lastChild.remove();
   },
   taken({ stamp }) { figures.show("pointer to device and back", `${text(performance.now() - stamp)} ms`); },
-  nodes(message) {
-    controls.nodes(message);
-    for (const [hand, state] of states) {
-      state.reason = message.reasons[hand] ?? "";
-      state.broken = message.broken[hand] || state.broken;
-    }
-    if (states.size === 1) $("why").title = Object.values(message.reasons)[0] ?? "";
-  },
+  nodes(message) { controls.nodes(message); },
   parameters(message) {
     scene.wall = message.wall;
-    for (const [hand, state] of states) state.law = message.values[ofHand(hand, "device.law")];
     controls.parameters(message);
   },
   answer(message) { controls.answer(message); },
@@ -139,7 +130,7 @@ function showChoice() {
 }
 
 function hintOf({ may_change, axes }) {
-  const hand = choice.shown.some(({ pointer }) => pointer), which = states.size < 2 ? "the hand" : choice.chosen ?? "the nearest hand";
+  const hand = choice.shown.some(({ pointer }) => pointer), which = all.length < 2 ? "the hand" : choice.chosen ?? "the nearest hand";
   const turn = axes > 2 ? "; Shift to turn" : "";
   if (!may_change) return `This page may only look${axes > 2 ? ": drag to turn" : ""}.`;
   if (hand && matchMedia("(pointer: coarse)").matches) return `Drag to move ${which}${axes > 2 ? "; two fingers turn" : ""}.`;
@@ -147,17 +138,15 @@ function hintOf({ may_change, axes }) {
     : "Nobody can drag this hand: it is real, or moves by itself. Launch files such as pointer_wall have one that can be dragged.";
 }
 
-const WORST = ["unstable", "late", "off", "passive"]; // kinds of states
+const WORST = ["not_passive", "uncovered", "late", "unknown", "off", "passive"]; // kinds of states
 
-/** Show the states of the hands of a graph that runs, and their forces and energies. */
-function tell(known) {
-  const all = known.map((state) => state.words(scene.hasWall ? "wall" : "surface"));
-  const worst = WORST.flatMap((kind) => all.filter((words) => words.kind === kind))[0];
-  const whose = states.size > 1 ? `${known[all.indexOf(worst)].name}: ` : "";
+/** Show the states of hands: {name, colour, kind, head, more, force, energy, cause} of each, all words of the server. */
+function showStates(known) {
+  const worst = WORST.flatMap((kind) => known.filter((one) => one.kind === kind))[0];
+  const whose = all.length > 1 ? `${worst.name}: ` : "";
   say({ ...worst, head: whose + worst.head }, true);
-  const [forces, energies] = [known.map(({ force }) => `${text(force)} N`), known.map(({ past }) => joule(past.at(-1).energy))];
-  if (whose) tellEach(known, all, forces, energies);
-  else [$("force").textContent, $("energy").textContent] = [forces[0], energies[0]];
+  if (whose) showEach(known);
+  else [$("force").textContent, $("energy").textContent, $("why").title] = [worst.force, worst.energy, worst.cause];
   const { preparing, present } = controls;
   $("note").textContent = [
     preparing && preparing !== present ? `Preparing law ${preparing}; until then, law ${present} goes on.` : "",
@@ -171,18 +160,18 @@ function tell(known) {
 }
 
 /** Show a line for each of several hands, in the order of the launch file: what moves cannot be read. */
-function tellEach(known, all, forces, energies) {
+function showEach(known) {
   while ($("each").children.length < known.length) {
     $("each").append(document.createElement("li"));
     $("each").lastChild.append(...["b", "strong", "data", "data", "small"].map((tag) => document.createElement(tag)));
   }
   [...$("each").children].forEach((line, i) => {
-    const { name, colour } = known[i], { kind, head, more } = all[i];
+    const { name, colour, kind, head, more, force, energy, cause } = known[i];
     line.dataset.state = kind;
-    line.title = known[i].reason;
+    line.title = cause;
     line.style.setProperty("--hand", `var(--${colour})`);
     line.classList.toggle("brief", !choice.shown.some((hand) => hand.name === name));
-    [name, head, forces[i], energies[i], more].forEach((words, j) => { if (line.children[j].textContent !== words) line.children[j].textContent = words; });
+    [name, head, force, energy, more].forEach((words, j) => { if (line.children[j].textContent !== words) line.children[j].textContent = words; });
   });
 }
 
@@ -192,7 +181,7 @@ function say({ head, more, kind = "away" }, isWell = false) {
   document.body.dataset.state = kind;
   for (const [id, words] of [["state", head], ["why", more]]) if ($(id).textContent !== words) $(id).textContent = words;
   if (!isWell) $("note").textContent = "";
-  $("each").hidden = !isWell || states.size < 2;
+  $("each").hidden = !isWell || all.length < 2;
   document.body.classList.toggle("is-away", !isWell);
   const isOff = !mayChange || socket?.readyState !== WebSocket.OPEN || isOver || isClosed;
   for (const part of document.querySelectorAll(".changes")) if (part.disabled !== isOff) part.disabled = isOff;
@@ -231,7 +220,7 @@ $("plots").addEventListener("keydown", (event) => {
   else if (event.key === "Escape") shown.age = null;
   else return;
   event.preventDefault();
-  $("readings").textContent = shown.age === null ? "" : `At ${text(-shown.age)} s. ${plots.map((plot) => plot.said).join(". ")}`;
+  $("readings").textContent = shown.age === null ? "" : `At ${text(-shown.age)} s. ${plots.map((plot) => plot.inWords).join(". ")}`;
 });
 
 // --- Connection ----------------------------------------------------------------------------------
@@ -253,7 +242,7 @@ function connect() {
 }
 
 let pace = 0; // s between two frames of the server, which are fewer where ticks are missed
-let worded = 0, drawn = 0, pictures = 0; // ms, when the state was worded and the scene drawn last; how many pictures so far
+let drawn = 0, pictures = 0; // ms, when the scene was drawn last; how many pictures so far
 
 /** Draw the scene, and one of the plots: each has its turn. */
 function draw(now) {

@@ -1,7 +1,7 @@
 // The controls: fields for the parameters, the law, nodes that stop and start, two buttons for visitors.
 
 import { ofHand } from "./hands.js";
-import { EVERYDAY } from "./scale.js";
+import { units } from "./scale.js";
 
 const make = (tag, properties = {}, ...children) => {
   const element = Object.assign(document.createElement(tag), properties);
@@ -10,7 +10,7 @@ const make = (tag, properties = {}, ...children) => {
 };
 
 /** The number of a quantity in SI units, of those that a slider has. */
-const siOf = (text) => parseFloat(text) * ({ "N/mm": 1e3, ms: 1e-3 }[text.split(" ")[1]] ?? 1);
+const siOf = (text) => parseFloat(text) / (Object.values(units).find(([, unit]) => unit === text.split(" ")[1])?.[0] ?? 1);
 
 const SMALL = 10; // of a unit; below, the everyday one is shown
 const RECORD = "Record";
@@ -22,10 +22,10 @@ const SLOWEST = 20; // ms, of the delay slider
 
 /** A quantity as one would write it: `5 ms` for `0.005 s`, `10 N/mm` for `10000 N/m`. */
 export function readable(text) {
-  const [, number, unit] = /^(-?[\d.]+(?:e[+-]?\d+)?) (\S.*)$/.exec(text) ?? [];
-  if (unit === "N/m" && Math.abs(number) >= 1000) return `${Number((number / 1e3).toPrecision(12))} N/mm`;
-  const [factor, shown] = EVERYDAY[unit] ?? [];
-  return factor && Math.abs(number) < SMALL ? `${Number((number * factor).toPrecision(12))} ${shown}` : text;
+  const [, number, si] = /^(-?[\d.]+(?:e[+-]?\d+)?) (\S.*)$/.exec(text) ?? [];
+  const [factor, unit] = units[si] ?? [];
+  const isEveryday = factor < 1 ? Math.abs(number) * factor >= 1 : factor && Math.abs(number) < SMALL;
+  return isEveryday ? `${Number((number * factor).toPrecision(12))} ${unit}` : text;
 }
 
 export class Controls {
@@ -149,7 +149,7 @@ export class Controls {
     return { row, take };
   }
 
-  /** A field for a parameter, whose range `range` will tell. */
+  /** A field for a parameter, whose range `range` will show. */
   input(name, range) {
     const input = make("input", { name, id: `p-${name}`, autocomplete: "off", spellcheck: false });
     const fault = make("small", { className: "fault", id: `f-${name}` });
@@ -209,13 +209,13 @@ export class Controls {
   }
 
   /** Show what is recorded, or what came of it. */
-  recording({ file, seconds, said }) {
+  recording({ file, seconds, result }) {
     this.record.textContent = file ? "Stop recording" : RECORD;
     this.record.setAttribute("aria-pressed", String(Boolean(file)));
-    this.recorded.textContent = file ? `${file.split("/").at(-1)}: ${Math.round(seconds)} s` : said;
+    this.recorded.textContent = file ? `${file.split("/").at(-1)}: ${Math.round(seconds)} s` : result;
   }
 
-  /** Show the law, and which of the two buttons has its way now. */
+  /** Show the law, and which preset is active. */
   showLaw() {
     for (const { list, power, present } of this.laws) {
       if (document.activeElement !== list || !list.hasAttribute("aria-busy")) list.value = present;

@@ -1,7 +1,6 @@
 // The figures: the values of now, each under its name.
 
-import { text } from "./scale.js";
-import { magnitude } from "./state.js";
+import { everyday, magnitude, quantity, text } from "./scale.js";
 
 export class Figures {
   /** @param list element for names and values */
@@ -30,13 +29,14 @@ export class Figures {
   /** Show the values of a frame; `whose`: words before their names. */
   showAll(frame, whose = "") {
     const newest = (name) => frame[name].at(-1) ?? NaN, show = (name, words) => this.show(whose + name, words);
-    show("position", `${newest("position").map((x) => text(1e3 * x)).join(", ")} mm`);
-    show("commanded", `${text(magnitude(newest("commanded")))} N`);
-    show("applied", `${text(magnitude(newest("applied")))} N`);
-    show("limit", `${text(newest("limit"))} N`);
-    show("true energy, this law", `${text(1e3 * newest("true_energy"))} mJ`);
-    show("loop delay", `${text(1e3 * newest("delay"))} ms`);
-    show("age of the reply", `${text(1e3 * newest("reply_age"))} ms`);
+    const [factor, unit] = everyday("m");
+    show("position", `${newest("position").map((x) => text(factor * x)).join(", ")} ${unit}`);
+    show("commanded", quantity(magnitude(newest("commanded")), "N"));
+    show("applied", quantity(magnitude(newest("applied")), "N"));
+    show("limit", quantity(newest("limit"), "N"));
+    show("true energy, this law", quantity(newest("true_energy"), "J"));
+    show("loop delay", quantity(newest("delay"), "s"));
+    show("age of the reply", quantity(newest("reply_age"), "s"));
     show("missed ticks", String(frame.misses));
   }
 }

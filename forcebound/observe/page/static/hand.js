@@ -1,7 +1,7 @@
 // Mouse, pen, fingers and keys on the scene: they move the hand's target, or turn and zoom the view.
 
 const MM = 1e-3;
-const WAYS = { ArrowLeft: [-MM, 0, 0], ArrowRight: [MM, 0, 0], ArrowUp: [0, MM, 0], ArrowDown: [0, -MM, 0],
+const STEPS = { ArrowLeft: [-MM, 0, 0], ArrowRight: [MM, 0, 0], ArrowUp: [0, MM, 0], ArrowDown: [0, -MM, 0],
   PageUp: [0, 0, MM], PageDown: [0, 0, -MM] };
 const TURN = 0.01; // rad for each pixel
 
@@ -43,13 +43,13 @@ export function listen(scene) {
   }, { passive: false });
   canvas.addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.altKey || event.metaKey) return; // these are the browser's
-    const way = WAYS[event.key];
+    const step = STEPS[event.key];
     if (event.key === "+" || event.key === "=") scene.zoom(0.8);
     else if (event.key === "-") scene.zoom(1.25);
-    else if (way && (event.shiftKey || !scene.hand)) scene.turn(-way[0] * 100, way[1] * 100);
-    else if (way) {
+    else if (step && (event.shiftKey || !scene.hand)) scene.turn(-step[0] * 100, step[1] * 100);
+    else if (step) {
       scene.grasp();
-      scene.move(way, event.timeStamp);
+      scene.move(step, event.timeStamp);
     } else return;
     event.preventDefault();
   });

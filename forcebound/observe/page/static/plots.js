@@ -1,7 +1,7 @@
 // Plots of the last seconds, on canvases. All of them share one window of time.
 
 import { colour, fit } from "./canvas.js";
-import { EVERYDAY, rangeOf, text, ticks } from "./scale.js";
+import { everyday, rangeOf, text, ticks } from "./scale.js";
 
 const GAP = -1; // in place of a column of pixels
 const MARGIN = { left: 46, right: 10, top: 24, bottom: 18 };
@@ -11,22 +11,22 @@ const MANY = 1e3; // from so many of its unit on, a plot is in its larger one
 const AXES = [["x", "true"], ["y", "second"], ["z", "energy"]];
 
 /**
- * The plots. `scale` turns SI into `unit`; `larger` is that of MANY; `least` is the smallest range, in `unit`; with `isOfLaw` the law in use sets
+ * The plots. `si` is the unit of the values; large ones are shown in it, with `isWide`; `least` is the smallest range, in the everyday unit; with `isOfLaw` the law in use sets
  * the range. A further curve is one more line {name, label, colour, isArea} here, or one more plot, and a value of that
  * name in the samples. `overview`: the one value of each hand that is shown while several hands share the plots.
  */
 export const PLOTS = {
-  position: { title: "Position", unit: "mm", scale: 1e3, least: 1, lines: [] },
-  force: { title: "Force", unit: "N", scale: 1, least: 1, isOfLaw: true, overview: "applied", lines: [
+  position: { title: "Position", si: "m", least: 1, lines: [] },
+  force: { title: "Force", si: "N", least: 1, isOfLaw: true, overview: "applied", lines: [
     { name: "limit", label: "limit", colour: "limit", isArea: true },
     { name: "commanded", label: "commanded", colour: "commanded" },
     { name: "applied", label: "applied", colour: "true" },
   ] },
-  energy: { title: "Energy", unit: "mJ", larger: "J", scale: 1e3, least: 1, isOfLaw: true, overview: "known_energy", lines: [
+  energy: { title: "Energy", si: "J", isWide: true, least: 1, isOfLaw: true, overview: "known_energy", lines: [
     { name: "energy", label: "estimated", colour: "energy" },
     { name: "true_energy", label: "true", colour: "true" },
   ] },
-  delay: { title: "Loop delay", unit: "ms", scale: 1e3, least: 0.1, overview: "delay", lines: [{ name: "delay", label: "delay", colour: "true" }] },
+  delay: { title: "Loop delay", si: "s", least: 0.1, overview: "delay", lines: [{ name: "delay", label: "delay", colour: "true" }] },
 };
 
 const DASHES = [[], [7, 4], [2, 4]]; // of the axes of several hands, whose curves have the colours of the hands
@@ -57,6 +57,9 @@ export class Plot {
     }, { passive: false });
   }
 
+  get scale() { return everyday(this.si)[0]; }
+  get unit() { return this.isLarge ? this.si : everyday(this.si)[1]; }
+
   draw() {
     const { context, width, height } = fit(this.canvas);
     const { from, to } = this.shown;
@@ -70,7 +73,7 @@ export class Plot {
     });
     [this.low, this.high] = rangeOf(inUse, GAP, this.least);
     const { low, high } = this;
-    this.isLarge = Boolean(this.larger) && Math.max(-low, high) >= MANY;
+    this.isLarge = Boolean(this.isWide) && Math.max(-low, high) >= MANY;
     const y = (value) => bottom - ((value - low) / (high - low)) * (bottom - top);
     this.drawAxes(context, { x, y, low, high, from, to, right, bottom, top });
     context.save();
@@ -182,10 +185,10 @@ export class Plot {
   shownAs(value) { return this.isLarge ? value / MANY : value; }
 
   /** Title and unit. */
-  get name() { return this.unit ? `${this.title}, ${this.isLarge ? this.larger : this.unit}` : this.title; }
+  get name() { return this.unit ? `${this.title}, ${this.unit}` : this.title; }
 
   /** The same in words, for those who do not see it. */
-  get said() { return `${this.name}: ${this.readings.map(({ words }) => words).join(", ")}`; }
+  get inWords() { return `${this.name}: ${this.readings.map(({ words }) => words).join(", ")}`; }
 
   drawKey(context, right) {
     const { cursor, from, to } = this.shown;
@@ -228,7 +231,6 @@ export function signalPlots(place, shown, published, hands) {
   return [...new Set(signals.map(({ unit }) => unit))].map((unit) => {
     const lines = signals.filter((each) => each.unit === unit)
       .map(({ name, label, hand }, i) => ({ name, hand, label: hands.length > 1 ? `${hand} ${label}` : label, colour: COLOURS[i % COLOURS.length] }));
-    const [scale, name] = EVERYDAY[unit] ?? [1, unit === "1" ? "" : unit];
-    return new Plot(place, shown, { title: "Signals", unit: name, scale, least: 1e-6, lines });
+    return new Plot(place, shown, { title: "Signals", si: unit === "1" ? "" : unit, least: 1e-6, lines });
   });
 }

@@ -1,8 +1,10 @@
 // Numbers as people read them: three digits, steps of 1, 2 and 5, ranges of plots. No element of the page is used here.
 
 const LEAST = 1e-9; // below, a number is a rounding error
-/** SI unit -> [how many, of which unit, people use for small values]. */
-export const EVERYDAY = { s: [1e3, "ms"], m: [1e3, "mm"], "m/s": [1e3, "mm/s"], J: [1e3, "mJ"] };
+/** SI unit -> [how many everyday units it has, which]; the server sends it. */
+export const units = {};
+
+export const magnitude = (vector) => (vector.length === 1 ? vector[0] : Math.hypot(...vector)); // on one axis with its sign
 
 /** A number with three digits. */
 export function text(value) {
@@ -10,8 +12,14 @@ export function text(value) {
   return Math.abs(value) < LEAST ? "0" : String(Number(value.toPrecision(3)));
 }
 
-/** An energy in J or mJ. */
-export const joule = (energy) => (Math.abs(energy) < 0.9995 ? `${text(Number((1e3 * energy).toFixed(1)))} mJ` : `${text(energy)} J`);
+/** How many everyday units an SI unit has, and which. */
+export const everyday = (si) => units[si] ?? [1, si];
+
+/** A value in SI, in its everyday unit. */
+export function quantity(value, si) {
+  const [factor, unit] = everyday(si);
+  return `${text(factor * value)} ${unit}`;
+}
 
 const round = (rough, factors) => {
   const power = 10 ** Math.floor(Math.log10(rough));
@@ -28,7 +36,7 @@ export function ticks(low, high, count) {
 /** The scale bar of a scene: a round length that is at most `most` pixels long. */
 export function scaleBar(pixelsPerMetre, most) {
   const metres = round(most / pixelsPerMetre, [5, 2, 1]).find((length) => length * pixelsPerMetre <= most);
-  return { pixels: metres * pixelsPerMetre, words: `${Number((1e3 * metres).toPrecision(1))} mm` };
+  return { pixels: metres * pixelsPerMetre, words: quantity(metres, "m") };
 }
 
 /** The range of a plot's columns [{at, low, high}] after the pixel `from`, with 0 and some room; at least `least`. */

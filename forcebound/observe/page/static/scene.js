@@ -91,7 +91,7 @@ export class Scene {
       solid: this.hasWall || this.objects.length > 0, box: this.boxed.length > 0 || this.hands.some(({ workspace }) => workspace) };
   }
 
-  /** Whether something is felt that is not drawn yet, since its file is on its way. */
+  /** Whether something is felt that is not drawn yet, since its file has not come. */
   get isLoading() { return this.objects.some((object) => object.digest && !this.files.has(object.digest)); }
 
   /** Where a point is on the canvas, in pixels, in the view of this picture. */
@@ -127,12 +127,12 @@ export class Scene {
     return result;
   }
 
-  /** Move the pointer by a way to the right, up and away on the screen, in m; `at`: when, by the event. */
+  /** Move the pointer to the right, up and away on the screen, in m; `at`: when, by the event. */
   move([right, up, away], at) {
     const { basis, hand } = this, reaches = this.reachesOf(hand);
-    const way = add(add(scaled(basis.right, right), scaled(basis.up, up)), scaled(basis.forward, away));
+    const step = add(add(scaled(basis.right, right), scaled(basis.up, up)), scaled(basis.forward, away));
     const start = pad(hand.pointer.start);
-    hand.target = add(hand.target, way).map((x, i) => Math.min(Math.max(x, start[i] - reaches[i]), start[i] + reaches[i]));
+    hand.target = add(hand.target, step).map((x, i) => Math.min(Math.max(x, start[i] - reaches[i]), start[i] + reaches[i]));
     hand.moved = performance.now();
     this.point(hand.name, hand.target.slice(0, this.axes), at);
   }
@@ -226,14 +226,14 @@ export class Scene {
 
   /** The spring of the hand, from where it pulls to the tip, and the ring of its end. */
   drawSpring(context, target, tip) {
-    const from = this.project(target), to = this.project(tip), way = [to[0] - from[0], to[1] - from[1]];
-    const length = Math.hypot(...way), turns = 14, wide = Math.min(9, length / 4);
+    const from = this.project(target), to = this.project(tip), line = [to[0] - from[0], to[1] - from[1]];
+    const length = Math.hypot(...line), turns = 14, wide = Math.min(9, length / 4);
     context.strokeStyle = colour("soft");
     context.lineWidth = 1.5;
     context.beginPath();
     for (let i = 0; i <= turns && length > 1; i += 1) {
       const off = i % turns === 0 ? 0 : i % 2 ? wide : -wide;
-      context.lineTo(from[0] + (way[0] * i) / turns - (way[1] / length) * off, from[1] + (way[1] * i) / turns + (way[0] / length) * off);
+      context.lineTo(from[0] + (line[0] * i) / turns - (line[1] / length) * off, from[1] + (line[1] * i) / turns + (line[0] / length) * off);
     }
     context.stroke();
     context.lineWidth = 3;

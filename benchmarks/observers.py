@@ -1,8 +1,9 @@
-"""Programs that look at a running graph: lateness and loop delay of its servo with each.
+"""Cost of observers: lateness and loop delay of the servo of a running graph with each.
 
-In turns: nobody looks, then one command after the other does, its start and end included; the
-bridges to PlotJuggler and Foxglove, each with a client that receives all topics; and the live page,
-with three programs that read what pages receive. The servo must not notice.
+In turns in each round, which has a graph of its own: the baseline without any; one command after
+the other, its start and end included; the bridges to PlotJuggler and Foxglove, each with a client
+that receives all topics; and the live page, with three programs that read what pages receive. They
+must not disturb the servo.
 """
 
 import asyncio
@@ -24,26 +25,28 @@ import zmq
 import zmq.asyncio
 from tornado.websocket import websocket_connect
 
-from benchmarks.harness import Figure, Measured, Result, compare, note
+from benchmarks.harness import BareLoop, Figure, Measured, Result, between_loops, compare, note
 from forcebound.errors import RunError
-from forcebound.messages.packets import TOPICS
+from forcebound.messages.topology import ONE_HAND
 from forcebound.observe.measure import Round
 from forcebound.recordings.recording import read
 
 DURATION = 90.0
+ASKED = "cost of the live page with three readers for the servo"
 SECONDS = 3.0  # of each turn
 END_TIMEOUT_S = 120.0
-ALONE = "nobody"
-TARGET = 1.05  # times that of a turn in which nobody looks
+BASELINE = "baseline"
+TARGET = 1.05  # times the baseline
 COMMANDS = ("list --watch", "echo telemetry --json", "hz", "graph", "delay --links", "log")
+TOPICS = tuple(dict.fromkeys(stream.topic for stream in ONE_HAND.streams))
 PORTS = {"plotjuggler": 19872, "foxglove": 18765}
 PAGE, READERS = "live page", 3
 
 
 class Turn(NamedTuple):
-    """A part of a run: who looks, and when, in ns of the monotonic clock."""
+    """A part of a run: the observer, and when it was there, in ns of the monotonic clock."""
 
-    viewers: str
+    observer: str
     begin_ns: int
     end_ns: int
 
@@ -113,34 +116,55 @@ def _serving(command: list[str], running: Graph, stdout: int) -> Iterator["subpr
 
 def run(duration: float, rate: float) -> Result:
     """Run the benchmark, at the rate of the launch file."""
-    kinds = (ALONE, *COMMANDS, *PORTS, PAGE)
-    turns = max(2, int(duration / SECONDS / len(kinds)))
-    with tempfile.TemporaryDirectory(prefix="fb-") as folder:
-        record = Path(folder) / "run.mcap"
-        words = ("stiff_wall", "--duration", "30min", "--record", str(record))
-        with graph(folder, *words) as running:
-            taken = [_turn(viewers, running) for _ in range(turns) for viewers in kinds]
-        return servo(record, taken)
+    observers = (BASELINE, *COMMANDS, *PORTS, PAGE)
+    found: dict[tuple[str, str], Measured] = {}
+    loops: list[BareLoop] = []
+    for _ in between_loops(max(2, int(duration / SECONDS / len(observers))), loops):
+        with tempfile.TemporaryDirectory(prefix="fb-") as folder:
+            record = Path(folder) / "run.mcap"
+            words = ("stiff_wall", "--duration", "30min", "--record", str(record))
+            with graph(folder, *words) as running:
+                taken = [_turn(observer, running) for observer in observers]
+            for (name, observer), times_ns in servo(record, taken).items():
+                empty = Measured(f"{name}, {observer}", loops=loops)
+                found.setdefault((name, observer), empty).rounds.append(Round(times_ns))
+    figures: list[Figure] = [
+        compare(one, found[name, BASELINE], share, TARGET, shown(name, observer, share))
+        for (name, observer), one in found.items()
+        for share in ("p50", "p99")
+        if observer != BASELINE
+    ]
+    return list(found.values()), figures
 
 
-def _turn(viewers: str, running: Graph) -> Turn:
-    note(viewers)
+def shown(name: str, observer: str, share: str) -> str:
+    """Return how the page calls a figure; empty: it is not on the page."""
+    return f"the {name} without it ({share})" if (observer, share) == (PAGE, "p99") else ""
+
+
+def _turn(observer: str, running: Graph) -> Turn:
+    note(observer)
     program = [sys.executable, "-m", "forcebound"]
+    (run_dir,) = Path(running.variables["XDG_RUNTIME_DIR"]).glob("forcebound-*")
+    here = [str(run_dir)]  # other graphs may run
+    if not observer.startswith("delay"):  # which has no option for it
+        here.insert(0, "--run")
     begin_ns = time.monotonic_ns()
-    if viewers in PORTS:
-        command = [*program, "bridge", viewers, *TOPICS, "--port", str(PORTS[viewers])]
+    if observer in PORTS:
+        command = [*program, "bridge", observer, *TOPICS, *here]
+        command += ["--port", str(PORTS[observer])]
         with _serving(command, running, subprocess.DEVNULL):
-            begin_ns = asyncio.run(_receive(CLIENTS[viewers](PORTS[viewers])))
-    elif viewers == PAGE:
+            begin_ns = asyncio.run(_receive(CLIENTS[observer](PORTS[observer])))
+    elif observer == PAGE:
         with page(running) as served:
             address = served.address.replace("http:", "ws:").replace("/?", "/live?")
             begin_ns = asyncio.run(_receive(*(_as_page(address) for _ in range(READERS))))
-    elif viewers in COMMANDS:
-        command = [*program, *viewers.split(), "--duration", f"{SECONDS} s"]
+    elif observer in COMMANDS:
+        command = [*program, *observer.split(), *here, "--duration", f"{SECONDS} s"]
         subprocess.run(command, env=running.variables, stdout=subprocess.DEVNULL, check=True)
     else:
         running.run_for(SECONDS)
-    return Turn(viewers, begin_ns, time.monotonic_ns())
+    return Turn(observer, begin_ns, time.monotonic_ns())
 
 
 async def _receive(*clients: AsyncIterator[object]) -> int:
@@ -152,7 +176,10 @@ async def _receive(*clients: AsyncIterator[object]) -> int:
             received.set()
 
     listening = [asyncio.create_task(listen(client)) for client in clients]
-    await asyncio.wait_for(received.wait(), END_TIMEOUT_S)
+    try:
+        await asyncio.wait_for(received.wait(), END_TIMEOUT_S)
+    except TimeoutError:
+        raise RunError(f"no client received anything within {END_TIMEOUT_S:g} s") from None
     begin_ns = time.monotonic_ns()
     await asyncio.sleep(SECONDS)
     for task in listening:
@@ -204,25 +231,14 @@ def lateness(time_ns: Any, period_ns: float) -> Any:
     return phase - np.percentile(phase, 1)
 
 
-def servo(record: Path, turns: Sequence[Turn]) -> Result:
-    """Return lateness of the writes and loop delay in each kind of turn, against nobody's."""
+def servo(record: Path, turns: Sequence[Turn]) -> dict[tuple[str, str], list[int]]:
+    """Return lateness of the writes and loop delay with each observer, in ns."""
     recording = read(record)
     columns, period_ns = recording.telemetry, 1e9 / recording.launch["device"]["rate"]
-    found: dict[tuple[str, str], Measured] = {}
-    for viewers, begin_ns, end_ns in turns:
+    found: dict[tuple[str, str], list[int]] = {}
+    for observer, begin_ns, end_ns in turns:
         here = (columns.time_ns >= begin_ns) & (columns.time_ns < end_ns)
-        delay = columns.loop_delay[here]
-        measured = {
-            "lateness": lateness(columns.time_ns[here], period_ns),
-            "loop delay": delay[np.isfinite(delay)] * 1e9,
-        }
-        for name, values in measured.items():
-            one = found.setdefault((name, viewers), Measured(f"{name}, {viewers}"))
-            one.rounds.append(Round(values.astype(int).tolist()))
-    figures: list[Figure] = [
-        compare(one, found[name, ALONE], share, TARGET)
-        for (name, viewers), one in found.items()
-        for share in ("p50", "p99")
-        if viewers != ALONE
-    ]
-    return list(found.values()), figures
+        late, delay = lateness(columns.time_ns[here], period_ns), columns.loop_delay[here] * 1e9
+        found["lateness", observer] = late.astype(int).tolist()
+        found["loop delay", observer] = delay[np.isfinite(delay)].astype(int).tolist()
+    return found
