@@ -1,12 +1,13 @@
 """A live graph: real processes in real time, started and ended from Python."""
 
+import atexit
 import json
 import shutil
 import subprocess
-import sys
 import tempfile
 import time
 import weakref
+from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
 from types import TracebackType
@@ -25,6 +26,7 @@ from forcebound.observe.control import ask
 from forcebound.observe.kernels import Kernels
 from forcebound.observe.runs import launched
 from forcebound.roles import LAUNCHER
+from forcebound.run import fork_server
 from forcebound.run.results import results_of
 from forcebound.stop import INTERRUPTED
 from forcebound.units import parse_quantity
@@ -35,25 +37,25 @@ POLL = 0.02  # s
 FIRST_SAMPLES = 5.0  # s to wait for them
 RUNNING = "running"  # phase of a launcher whose force is engaged
 
-# The command, in a process that ends its graph when its standard input does: with the block, or
-# with the program, however that ends.
-_COMMAND = """
-import os, signal, threading
-from forcebound.__main__ import main
-
-def watch():
-    os.read(0, 1)
-    os.kill(os.getpid(), signal.SIGTERM)
-
-threading.Thread(target=watch, daemon=True).start()
-main()
-"""
-
-
 _ELSEWHERE = (
     "a live graph consists of processes that cannot see an object of this one; keep its class in a"
     " file and name that, 'my_file.py', or use a package"
 )
+
+
+_servers: list[fork_server.ForkServer] = []  # of this program
+
+
+def _launcher(command: Sequence[str], log: int) -> fork_server.Launched:
+    """Start a launcher, from the server of this program, which is started with its first graph."""
+    if not _servers:
+        _servers.append(fork_server.started())
+        atexit.register(_servers[0].close)
+    try:
+        return _servers[0].launch(command, log)
+    except OSError as error:
+        _servers.pop().close()
+        raise RunError(f"the graph cannot be started: {error.strerror}") from error
 
 
 class Running:
@@ -74,13 +76,7 @@ class Running:
         self._result: Run | None = None
         recorded = ["--record", str(self._recording)] if records else []
         with self._log.open("wb") as log:
-            self._process = subprocess.Popen(
-                [sys.executable, "-c", _COMMAND, *command, *recorded],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.DEVNULL,
-                stderr=log,
-                start_new_session=True,  # Ctrl-C is for this program, which then ends it
-            )
+            self._process = _launcher([*command, *recorded], log.fileno())
         try:
             self.run_dir = self._await_force()
         except BaseException:
@@ -170,7 +166,6 @@ class Running:
 
     def close(self) -> None:
         """End the graph, with zero force first; no error if it has ended."""
-        assert self._process.stdin is not None
         self._process.stdin.close()
         try:
             self._process.wait(END_TIMEOUT)

@@ -76,8 +76,7 @@ class Child:
     ) -> Forked | None:
         """Return a process of the fork server; None if the server has ended."""
         try:
-            cores = os.sched_getaffinity(0)
-            return None if server is None else server.start(command, own_session, cores)
+            return None if server is None else server.start(command, own_session)
         except OSError as error:
             self._show(self.name, f"starts by itself: {error.strerror}")
             return None
