@@ -113,13 +113,16 @@ def _curves(table: Table, drawing: Values, new: Callable[..., Figure]) -> Figure
         axis.set_title(", ".join(settings), fontsize=10)
         axis.set_xlabel(data.axis_of(table, drawing["x"])[0])
         axis.set_xlim(x.min(), x.max())
+        axis.tick_params(labelbottom=True)  # there may be no panel below
         if _is_log(np.unique(x)):
             axis.set_xscale("log")
             _plain_numbers(axis.xaxis)
         plain(axis)
     for axis in axes[::columns]:
         axis.set_ylabel(data.axis_of(table, drawing["value"])[0])
-    axes[0].set_yscale("log" if drawing.get("scale") == "log" else "linear")
+    if drawing.get("scale") == "log":
+        axes[0].set_yscale("log")
+        _plain_numbers(axes[0].yaxis)
     if not rests.all():
         faint = Line2D([], [], color="black", lw=1.0, alpha=0.3)
         legend["faint: the hand does\nnot come to rest"] = faint
