@@ -45,7 +45,7 @@ def test_a_measure_is_a_column_of_what_it_says_of_each_run(
     file: str, engine: str, workers: int
 ) -> None:
     laws = ["none", "certified"]
-    measures = {"law_again": lambda run: run.label, "forces": forces, "peak": peak}
+    measures = {"law_again": lambda run: run.label, "forces": forces, "peak": peak, "a": contacts}
     if engine == "kernel":
         measures |= {"contacts": contacts, "is_deep": is_deep, "entries": entries}
     seeds = [*range(1, 5)]
@@ -113,9 +113,9 @@ def test_a_wrong_measure_is_refused_before_the_runs(name: str, measure: Any) -> 
         fb.sweep("stiff_wall", measures={name: measure}, duration="0.1 s")
 
 
-def interrupting(at: int) -> Callable[[str], Any]:
+def interrupting(at: int) -> Callable[[str, float], Any]:
     @contextlib.contextmanager
-    def progress(name: str) -> Iterator[Callable[[int, int], None]]:
+    def progress(name: str, after: float) -> Iterator[Callable[[int, int], None]]:
         def show(done: int, total: int) -> None:
             if done >= at:
                 raise KeyboardInterrupt
@@ -147,7 +147,7 @@ def test_an_interrupted_sweep_goes_on_and_a_finished_one_is_read(
 
     measure: Callable[[fb.Run], Any] = noted
     with monkeypatch.context() as patched:
-        patched.setattr("forcebound.lab.sweeps.shown_progress", interrupting(4))
+        patched.setattr("forcebound.lab.sweeps.progress_bar", interrupting(4))
         with pytest.raises(KeyboardInterrupt) as caught:
             sweep()
     assert "runs.parquet.parts" in "".join(caught.value.__notes__)
@@ -164,6 +164,9 @@ def test_an_interrupted_sweep_goes_on_and_a_finished_one_is_read(
         sweep()
     assert sweep(overwrite=True)["noted"].shape == (10,)
     assert read_table(tmp_path / "runs.parquet").about["map"] == {"value": "noted"}
+    again = fb.Runs.read(tmp_path / "runs.parquet")
+    assert again.varied == ("law", "seed")
+    assert again["noted"].tolist() == sweep()["noted"].tolist()
 
 
 def test_any_column_is_drawn(tmp_path: Path) -> None:
@@ -184,6 +187,9 @@ def test_any_column_is_drawn(tmp_path: Path) -> None:
     for wrong in ("forces", "contact", "law"):
         with pytest.raises(fb.errors.ConfigError, match=wrong):
             runs.plot(wrong)
+    for what in ({"x": "stifness"}, {"scale": "logarithmic"}):
+        with pytest.raises(fb.errors.ConfigError, match=next(iter(what.values()))):
+            runs.plot("contacts", **what)
 
 
 def test_geomspace_keeps_unit_and_ratio() -> None:
@@ -209,8 +215,9 @@ print(runs["deepest"].shape, runs["deepest"].min() > 0.0)
 
 @pytest.mark.parametrize("how", ["script", "-"])
 def test_functions_of_a_script_or_a_session_run_in_processes(tmp_path: Path, how: str) -> None:
-    (tmp_path / "script").write_text(SCRIPT)
     command = [sys.executable, how]
-    for _ in range(2):  # the second time it is read
-        done = subprocess.run(command, input=SCRIPT, cwd=tmp_path, capture_output=True, text=True)
+    for more in ("", "\nunused = 1  # and a comment"):  # the second time it is read
+        program = SCRIPT + more
+        (tmp_path / "script").write_text(program)
+        done = subprocess.run(command, input=program, cwd=tmp_path, capture_output=True, text=True)
         assert (done.stdout, done.stderr) == ("(8,) True\n", "")

@@ -34,8 +34,9 @@ def sources() -> str:
 def digest_of(value: object) -> str:
     """Return the digest of a value: of its fields and, where it has code, of the code.
 
-    A function or class counts with the source file that defines it; one of a notebook, which has no
-    file, with its bytecode and the globals that it names. An object counts as pickle sees it.
+    A function or class counts with the source file that defines it; one of a notebook or of the
+    program itself, whose other lines may change, with its bytecode and the globals that it names.
+    An object counts as pickle sees it.
 
     Raises:
         ConfigError: If some of it has no such form: it cannot be pickled, or contains itself.
@@ -84,6 +85,8 @@ class _Forms:
 
 
 def _source_of(module: str) -> str:
+    if module == "__main__":
+        return ""
     try:
         return inspect.getsource(sys.modules[module])
     except (KeyError, OSError, TypeError):  # typed in, or built in

@@ -68,6 +68,21 @@ class Runs:
         self._keys = {key: key for key in keys} | figures
         self._keys |= {name: f"over.{name}" for name in varied}
 
+    @classmethod
+    def read(cls, result: str | Path) -> "Runs":
+        """Return the runs of a result file, of :func:`sweep` or ``forcebound sweep``.
+
+        Raises:
+            ConfigError: If it is no such file.
+        """
+        from forcebound.lab.table import read_table
+
+        table = read_table(Path(result))
+        columns = {name: table.columns[name] for name in table.columns}
+        rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+        varied = [name.removeprefix("over.") for name in columns if name.startswith("over.")]
+        return cls(rows, varied, table.about.get("units"))
+
     def __len__(self) -> int:
         return len(self.rows)
 

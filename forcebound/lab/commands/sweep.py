@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+import click
+
 from forcebound.cli import complete
 from forcebound.cli import options as opt
 from forcebound.cli.common import continued, print_document, show
@@ -54,6 +56,9 @@ def draw_map(
     x: str | None = opt.option("Varied argument of the axis across; without --y: curves."),
     y: str | None = opt.option("Varied argument of the axis upwards."),
     per: str | None = opt.option("Varied argument with a panel, or a curve, for each value."),
+    scale: str | None = opt.option(
+        "Of the value: linear or log.", type=click.Choice(["linear", "log"])
+    ),
     output: Path | None = opt.output(
         "Picture file, .png or .svg. Default: name of the result, .png."
     ),
@@ -68,5 +73,5 @@ def draw_map(
     """
     check_installed("a map", "matplotlib", "pyarrow")
     output = output or result.with_suffix(".png")
-    maps.draw(result, output, value=value, x=x, y=y, per=per)
+    maps.draw(result, output, value=value, x=x, y=y, per=per, scale=scale)
     show(f"map: {output}")

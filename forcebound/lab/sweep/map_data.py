@@ -26,6 +26,7 @@ AXES: dict[str, tuple[str, Everyday]] = {
     "compute_delay": ("computation time", MS),
     "approach_speed": ("approach speed", MM_S),
 } | FIGURE_AXES
+SCALES = ("linear", "log")  # of the value
 SEED = "seed"  # an argument that repeats a case; no axis
 
 
@@ -55,6 +56,8 @@ def drawing_of(table: Table, **given: Any) -> Values:
                 drawing.setdefault("y", numbers[-2])
         if texts:
             drawing.setdefault("per", texts[0])
+    if drawing.get("scale", "linear") not in SCALES:
+        raise ConfigError(f"scale must be {' or '.join(SCALES)}, got {drawing['scale']!r}")
     if "value" not in drawing:
         raise ConfigError("there is no map: its sweep file has none; name a column to draw (value)")
     drawing |= {key: key_of(table, drawing[key]) for key in drawing.keys() & {"value", "leaks"}}
@@ -100,8 +103,9 @@ def numbers_of(table: Table, name: str) -> Array:
     Raises:
         ConfigError: If there is no such column, or it has texts or lists.
     """
+    column = column_of(table, name)
     try:
-        values = [math.nan if v is None else float(v) for v in column_of(table, name)]
+        values = [math.nan if v is None else float(v) for v in column]
     except (TypeError, ValueError):
         message = f"the column {name!r} has texts or lists; a map needs a number for each run"
         raise ConfigError(message) from None

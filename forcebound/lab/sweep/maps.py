@@ -7,7 +7,7 @@ the wall, a white line is where a hand begins to feel it softer than it is (Webe
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from textwrap import fill
 from typing import Any, TypeAlias
@@ -15,6 +15,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LinearSegmentedColormap, ListedColormap, LogNorm, Normalize
 from matplotlib.figure import Figure
@@ -112,10 +113,16 @@ def _curves(table: Table, drawing: Values, new: Callable[..., Figure]) -> Figure
         axis.set_title(", ".join(settings), fontsize=10)
         axis.set_xlabel(data.axis_of(table, drawing["x"])[0])
         axis.set_xlim(x.min(), x.max())
+        axis.tick_params(labelbottom=True)  # there may be no panel below
+        if _is_log(np.unique(x)):
+            axis.set_xscale("log")
+            _plain_numbers(axis.xaxis)
         plain(axis)
     for axis in axes[::columns]:
         axis.set_ylabel(data.axis_of(table, drawing["value"])[0])
-    axes[0].set_yscale("log" if drawing.get("scale") == "log" else "linear")
+    if drawing.get("scale") == "log":
+        axes[0].set_yscale("log")
+        _plain_numbers(axes[0].yaxis)
     if not rests.all():
         faint = Line2D([], [], color="black", lw=1.0, alpha=0.3)
         legend["faint: the hand does\nnot come to rest"] = faint
@@ -193,7 +200,8 @@ def _draw_panel(
         return legend  # a row has no areas and no contours
     restless = (cells.grid(cells.rests, chosen) == 0.0) & ~is_leak
     if restless.any():
-        axis.contourf(xs, ys, restless, levels=[0.5, 1.5], hatches=["////"], colors="none")
+        hatched = axis.pcolor(xs, ys, np.ma.masked_where(~restless, restless), shading="nearest")
+        hatched.set(array=None, facecolor="none", edgecolor="black", linewidth=0.0, hatch="////")
         legend["no rest"] = Patch(facecolor="white", edgecolor="black", hatch="////")
     if cells.shows_softness:
         softest = 1.0 - WEBER_FRACTIONS["displayed_stiffness_n_per_m"][0]
@@ -226,16 +234,20 @@ def _draw_limits(axis: Axes, cells: Cells, chosen: Array) -> Legend:
     return legend
 
 
+def _plain_numbers(axis: Axis, subs: Sequence[float] = (1.0, 2.0, 5.0)) -> None:
+    """Give a logarithmic axis numbers as they are written, at these multiples of decades."""
+    axis.set_major_locator(LogLocator(subs=subs, numticks=MOST_TICKS))
+    axis.set_major_formatter("{x:g}")
+    axis.set_minor_formatter(NullFormatter())
+
+
 def _arrange(axes: Array, cells: Cells, panels: int, columns: int) -> None:
     xs, ys = cells.xs, cells.ys
     for axis, values in ((axes[0].xaxis, xs), (axes[0].yaxis, ys)):
         if _is_log(values):
             (axes[0].set_xscale if axis is axes[0].xaxis else axes[0].set_yscale)("log")
             is_wide = axis is axes[0].xaxis and values[-1] > WIDE * values[0]
-            subs = (1.0,) if is_wide else (1.0, 2.0, 5.0)
-            axis.set_major_locator(LogLocator(subs=subs, numticks=MOST_TICKS))
-            axis.set_major_formatter("{x:g}")
-            axis.set_minor_formatter(NullFormatter())
+            _plain_numbers(axis, (1.0,) if is_wide else (1.0, 2.0, 5.0))
         else:
             axis.set_major_locator(MaxNLocator(MOST_TICKS))
     axes[0].set_xlim(xs[0], xs[-1])

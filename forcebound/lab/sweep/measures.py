@@ -19,7 +19,7 @@ _COLUMNS = ("case", "engine", "error", "seed", "duration", "failed", "interrupte
 def check_measures(measures: Measures, arguments: Iterable[str]) -> None:
     """Raise ConfigError for a measure that is no function, or has the name of another column."""
     keys = [figure.key for figure in FIGURES]
-    taken = {*arguments, *_COLUMNS, *keys, *(name_of(key)[0] for key in keys)}
+    taken = {*arguments, *_COLUMNS, *keys, *map(name_of, keys)}
     for name, measure in measures.items():
         if not callable(measure):
             raise ConfigError(f"measures: {name!r} must be a function of a run, got {measure!r}")
@@ -47,5 +47,6 @@ def value_of(name: str, measure: Callable[[Run], Any], run: Run) -> Any:
         array = np.array(None)
     if array.ndim > 1 or array.dtype.kind not in "biuf":
         expected = "a number, a bool, text or a list of numbers"
-        raise ConfigError(f"measure {name!r} must return {expected}, got {value!r:.100}")
+        got = f"an array of shape {array.shape}" if array.ndim > 1 else f"{value!r:.100}"
+        raise ConfigError(f"measure {name!r} must return {expected}, got {got}")
     return array.tolist()
