@@ -20,6 +20,7 @@ from pathlib import Path
 
 import pytest
 
+from forcebound.interface.live import end_server
 from forcebound.network import sockets
 
 MARK = "FORCEBOUND_TEST"
@@ -55,7 +56,10 @@ def no_leaks() -> Iterator[None]:
         patch.setattr(tempfile, "tempdir", None)  # so that TMPDIR is read again
         gc.freeze()  # what was there before takes long to look through
         with no_processes():
-            yield
+            try:
+                yield
+            finally:
+                end_server()
         gc.collect()  # what only a reference cycle holds is no leak
         gc.unfreeze()
         _expect_none("descriptors", lambda: _descriptors() - descriptors)

@@ -43,19 +43,25 @@ _ELSEWHERE = (
 )
 
 
-_servers: list[fork_server.ForkServer] = []  # of this program
+_servers: list[fork_server.ForkServer] = []  # of this program, which has one
 
 
 def _launcher(command: Sequence[str], log: int) -> fork_server.Launched:
     """Start a launcher, from the server of this program, which is started with its first graph."""
     if not _servers:
         _servers.append(fork_server.started())
-        atexit.register(_servers[0].close)
+        atexit.register(end_server)
     try:
         return _servers[0].launch(command, log)
     except OSError as error:
-        _servers.pop().close()
+        end_server()
         raise RunError(f"the graph cannot be started: {error.strerror}") from error
+
+
+def end_server() -> None:
+    """End the process that this program keeps for its next launch; its graphs go on."""
+    while _servers:
+        _servers.pop().close()
 
 
 class Running:

@@ -27,6 +27,7 @@ import errno
 import gc
 import io
 import json
+import logging
 import math
 import os
 import signal
@@ -43,6 +44,7 @@ from forcebound import realtime
 
 #: What a command line begins with.
 PROGRAM = (sys.executable, "-m", "forcebound")
+PR_SET_NAME = 15  # <linux/prctl.h>; of at most 15 bytes
 PR_SET_CHILD_SUBREAPER, PR_GET_CHILD_SUBREAPER = 36, 37  # <linux/prctl.h>
 LARGEST = 200_000  # bytes of a request: a command line and an environment
 PAUSE = 0.001  # s, between two looks whether a process has ended, or has its new parent
@@ -121,7 +123,7 @@ class ForkServer:
     """The end of a server in the process that uses it."""
 
     def __init__(self, channel: socket.socket, pid: int) -> None:
-        self._channel, self._pid = channel, pid
+        self.pid, self._channel = pid, channel
 
     def start(self, command: Sequence[str], own_session: bool) -> Forked:
         """Fork a node that does what a command line says, once the server is ready.
@@ -169,9 +171,9 @@ class ForkServer:
         """End the server."""
         self._channel.close()
         with suppress(ProcessLookupError):
-            os.kill(self._pid, signal.SIGKILL)
+            os.kill(self.pid, signal.SIGKILL)
         with suppress(ChildProcessError):
-            os.waitpid(self._pid, 0)
+            os.waitpid(self.pid, 0)
 
 
 def started() -> ForkServer:
@@ -210,7 +212,12 @@ def serve(descriptor: int) -> bool:
     from forcebound.run import worker  # noqa: F401
     from forcebound.run.trial import try_start
 
+    log, handler = logging.getLogger("forcebound"), logging.StreamHandler()
+    log.addHandler(handler)  # it says that it compiles, with an empty cache
+    log.setLevel(logging.INFO)
     try_start(load("stiff_wall"))
+    log.setLevel(logging.NOTSET)
+    log.removeHandler(handler)
     gc.collect()
     gc.freeze()
     return _serve(socket.socket(fileno=descriptor))
@@ -218,6 +225,7 @@ def serve(descriptor: int) -> bool:
 
 def _serve(channel: socket.socket) -> bool:
     realtime.die_with_parent(signal.SIGKILL)
+    _call_itself("server")
     while True:
         content, descriptors, _, _ = socket.recv_fds(channel, LARGEST, len(STREAMS) + 1)
         if not content:
@@ -266,7 +274,8 @@ def _go_on_as_launcher(report: int, status: int) -> None:
         os.dup2(status, 3)  # and nothing else stays open
         os.closerange(4, os.sysconf("SC_OPEN_MAX"))
         _, code = os.waitpid(pid, 0)
-        os.write(3, str(os.waitstatus_to_exitcode(code)).encode())
+        with suppress(OSError):  # nobody reads it
+            os.write(3, str(os.waitstatus_to_exitcode(code)).encode())
         os._exit(0)
     os.close(report)
     os.close(status)
@@ -303,6 +312,12 @@ def _become(
     os.environ.update(environ)
     os.sched_setaffinity(0, cores)
     sys.argv[1:] = words
+    _call_itself(words[1] if words[0] == "node" else words[0])
+
+
+def _call_itself(name: str) -> None:
+    """Set the name that ``ps -o comm`` and ``top`` show; the command line is the server's."""
+    _libc.prctl(PR_SET_NAME, ctypes.c_char_p(f"fb {name}".encode()))
 
 
 def _serve_itself() -> bool:
