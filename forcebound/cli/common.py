@@ -2,7 +2,8 @@
 
 import json
 import os
-from collections.abc import Callable, Iterable, Iterator
+import signal
+from collections.abc import Callable, Coroutine, Iterable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from functools import partial
 from inspect import Parameter, signature
@@ -12,8 +13,11 @@ import click
 
 from forcebound.cli.lazy import when_used
 from forcebound.files import printable
+from forcebound.stop import ending_signals
 
 with when_used():
+    import asyncio
+
     import msgspec
 
     from forcebound.graph import problems
@@ -103,3 +107,27 @@ def continued(words: str = "the same command") -> Iterator[None]:
         if words:
             show(f"forcebound: {words} continues with what is left", err=True)
         raise
+
+
+def run_to_signal(work: Coroutine[Any, Any, None]) -> None:
+    """Run a coroutine; a signal that ends a command cancels it, and what it does then goes on.
+
+    Raises:
+        KeyboardInterrupt: When it has ended after such a signal.
+    """
+    before = {number: signal.getsignal(number) for number in ending_signals()}
+
+    async def lead() -> None:
+        task, loop = asyncio.current_task(), asyncio.get_running_loop()
+        assert task is not None
+        for number in before:  # else it would be raised anywhere, and cancel all tasks at once
+            loop.add_signal_handler(number, task.cancel)
+        await work
+
+    try:
+        asyncio.run(lead())
+    except asyncio.CancelledError:
+        raise KeyboardInterrupt from None
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

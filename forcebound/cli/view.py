@@ -10,7 +10,7 @@ from threading import Thread
 import click
 
 from forcebound.cli import options as opt
-from forcebound.cli.common import show
+from forcebound.cli.common import run_to_signal, show
 from forcebound.cli.lazy import when_used
 from forcebound.errors import ConfigError, ForceboundError
 from forcebound.extras import check_installed
@@ -115,7 +115,7 @@ def view(
         finally:
             await server.close()
 
-    asyncio.run(serve())
+    run_to_signal(serve())
 
 
 async def _show_graphs(

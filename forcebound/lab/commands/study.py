@@ -7,7 +7,7 @@ import click
 
 from forcebound.cli import complete
 from forcebound.cli import options as opt
-from forcebound.cli.common import Group, command, say, show
+from forcebound.cli.common import Group, command, run_to_signal, say, show
 from forcebound.cli.lazy import when_used
 from forcebound.cli.view import shown
 from forcebound.errors import ConfigError
@@ -162,7 +162,7 @@ def run_live_study(
         finally:
             await server.close()
 
-    asyncio.run(lead())
+    run_to_signal(lead())
 
 
 @command("analyse", study, short_help="Analyse the data of a study.")
