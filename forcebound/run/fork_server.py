@@ -40,6 +40,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from typing import IO
 
+import numpy as np
+
 from forcebound import realtime
 
 #: What a command line begins with.
@@ -311,6 +313,7 @@ def _become(
     os.environ.clear()
     os.environ.update(environ)
     os.sched_setaffinity(0, cores)
+    np.random.seed()  # else all processes of a server have the same numbers
     sys.argv[1:] = words
     _call_itself(words[1] if words[0] == "node" else words[0])
 
