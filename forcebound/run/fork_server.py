@@ -40,8 +40,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from typing import IO
 
-import numpy as np
-
 from forcebound import realtime
 
 #: What a command line begins with.
@@ -301,6 +299,8 @@ def _become(
     cores: Sequence[int],
 ) -> None:
     """Take the place of an interpreter that has just been started."""
+    import numpy as np  # a launcher has not waited for it
+
     os.setsid() if own_session else os.setpgid(0, 0)
     for number, (name, descriptor) in enumerate(zip(STREAMS, descriptors, strict=True)):
         os.dup2(descriptor, number)
