@@ -160,7 +160,7 @@ def _draw(columns: dict[str, Floats], title: str, picture: Path) -> None:
     if judged not in columns:
         judged, called = ("loss_and_work", "loss plus work")
     energies = columns["energy"], columns[judged]
-    in_joules = max(np.abs(one).max() for one in energies) >= 10.0
+    in_joules = max(np.abs(one).max() for one in energies) >= 1.0
     scale, unit = (1.0, "J") if in_joules else (1e3, "mJ")
     lowest = int(np.argmin(energies[1]))
     words = f"lowest {scale * energies[1][lowest]:.3g} {unit}"
