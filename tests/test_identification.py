@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from experiments.identified_devices import ARM, KNOB, Altered, Weighted
 from forcebound.errors import DeviceError
 from forcebound.graph.servo import ServoSettings, dissipation_of
 from forcebound.haptics.devices import Device, DeviceModel
@@ -19,6 +18,7 @@ from forcebound.lab.identification.estimators import Bounded, Point
 from forcebound.lab.identification.procedure import Found, Plan, identify
 from forcebound.lab.identification.rig import VirtualClock
 from forcebound.messages.packets import Vector
+from forcebound_proofs.identified_devices import ARM, KNOB, Altered, Weighted
 
 SHORT = dataclasses.replace(KNOB, levels=(0.4, 1.0), pushes=2, strokes=4)
 

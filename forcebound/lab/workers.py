@@ -118,7 +118,7 @@ def _begin_worker() -> None:
 def cluster_executor(address: str) -> Iterator[Executor]:
     """Give the workers of a dask cluster; each needs this version of forcebound.
 
-    Whoever reaches a scheduler runs code on it and its workers: start it on loopback.
+    Anyone who reaches a scheduler runs code on it and its workers: start it on loopback.
 
     Args:
         address: Of the scheduler, such as ``tcp://127.0.0.1:8786``.

@@ -19,11 +19,11 @@ from typing import Any
 
 import click
 
-from experiments.identified_devices import WEIGHTS, Weighted, draw
 from forcebound.errors import DeviceError
 from forcebound.lab.engine import Campaign, Row, run_here
 from forcebound.lab.identification.procedure import Found, identify
 from forcebound.lab.identification.rig import VirtualClock
+from forcebound_proofs.identified_devices import WEIGHTS, Weighted, draw
 
 WORST = 0.7  # share of the truth
 AIM = 0.99  # share of the runs

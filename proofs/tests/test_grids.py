@@ -89,3 +89,10 @@ def test_the_certified_laws_are_as_stiff_as_they_are_meant_to_be() -> None:
     assert all(aim["ratio_of_mean_stiffness"] >= aim["aim"] >= 1.0 for aim in aims)
     assert all(aim["ratio_of_mean_rate_hardness"] >= 1.0 for aim in aims)
     assert all(row["true_energy_min_j"] >= -1e-9 for row in document["averages"])
+
+
+def test_the_studies_are_listed_outside_the_clone(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "forcebound_proofs", "--help"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert "identification_bounds" in done.stdout

@@ -23,8 +23,8 @@ def sweep(
     output: Path | None = opt.output("Parquet file to write. Default: name of the sweep file."),
     workers: int | None = opt.option("Number of processes. Default: one per core.", type=opt.COUNT),
     cluster: str | None = opt.option(
-        "Run on a dask cluster; address of its scheduler, tcp://127.0.0.1:8786. Whoever reaches a "
-        "scheduler runs code on it.",
+        "Run on a dask cluster; address of its scheduler, tcp://127.0.0.1:8786. Anyone who reaches "
+        "a scheduler runs code on it.",
         metavar="ADDRESS",
     ),
     restart: bool = opt.flag("Discard earlier parts."),

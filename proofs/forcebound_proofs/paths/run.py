@@ -20,8 +20,8 @@ SHORTEST_NS = 1000  # a law takes no reading that comes sooner after the last
 WORST_STAMP_NS = 2_000_000  # error of a stamp that is wrong
 WRONG_BY = 0.01  # m, of a reading that is wrong
 
-#: Columns of a trace, SI units, of the first axis.
-TRACE_COLUMNS = ("time", "position", "reading", "commanded", "force", "energy", "loss_and_work")
+#: Columns of a trace, SI units, of the first axis; ``lowest``: so far, ends of holds included.
+TRACE_COLUMNS = ("time", "position", "reading", "commanded", "force", "energy", "lowest")
 
 
 @dataclass(frozen=True)
