@@ -1,7 +1,8 @@
 """The leak check: what a test with processes and sockets may not leave behind.
 
 Each test has a mark in its environment. Every process that it starts inherits the mark, and keeps
-it if its parent dies. Afterwards there must be no process with the mark; it is killed.
+it if its parent dies. Afterwards there must be no process with the mark; it is killed. What the
+fork server has forked has the mark of that: such a process must have been there before the test.
 A test with sockets also gets a folder of its own for temporary files: afterwards there must be no
 file in it, no further descriptor or thread in this process, and no further shared memory.
 """
@@ -20,10 +21,11 @@ from pathlib import Path
 
 import pytest
 
-from forcebound.interface.live import end_server
+from forcebound.interface import live
 from forcebound.network import sockets
 
 MARK = "FORCEBOUND_TEST"
+FORKED = uuid.uuid4().hex  # mark of the fork server of this session, and of all that it forks
 GRACE = 20.0  # s for a killed process to end; only a test that fails waits as long
 SHARED_MEMORY = Path("/dev/shm")
 
@@ -33,14 +35,14 @@ def no_processes() -> Iterator[None]:
     """Fail if what runs inside leaves a process behind; kill it."""
     mark = uuid.uuid4().hex
     resource_tracker.ensure_running()  # multiprocessing's, which stays until this process ends
+    before = _processes(FORKED)
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv(MARK, mark)
         yield
-    variable = f"{MARK}={mark}"
     try:
-        _expect_none("processes", lambda: _processes(variable))
+        _expect_none("processes", lambda: _processes(mark, FORKED) - before)
     finally:
-        for left in _processes(variable):
+        for left in _processes(mark, FORKED) - before:
             with suppress(ProcessLookupError):
                 os.kill(int(left.partition(" ")[0]), signal.SIGKILL)
 
@@ -49,6 +51,9 @@ def no_processes() -> Iterator[None]:
 def no_leaks() -> Iterator[None]:
     """Fail if what runs inside leaves anything behind."""
     resource_tracker.ensure_running()  # as below
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv(MARK, FORKED)
+        live.server()
     threads, descriptors, memory = _threads(), _descriptors(), _shared_memory()
     with tempfile.TemporaryDirectory(prefix="fb-") as folder, pytest.MonkeyPatch.context() as patch:
         patch.setenv("TMPDIR", folder)
@@ -56,10 +61,7 @@ def no_leaks() -> Iterator[None]:
         patch.setattr(tempfile, "tempdir", None)  # so that TMPDIR is read again
         gc.freeze()  # what was there before takes long to look through
         with no_processes():
-            try:
-                yield
-            finally:
-                end_server()
+            yield
         gc.collect()  # what only a reference cycle holds is no leak
         gc.unfreeze()
         _expect_none("descriptors", lambda: _descriptors() - descriptors)
@@ -75,13 +77,14 @@ def _expect_none(what: str, find: Callable[[], set[str]]) -> None:
         sockets.wait((), 10_000_000)
 
 
-def _processes(variable: str) -> set[str]:
-    """The command lines of all processes with this variable in their environment."""
+def _processes(*marks: str) -> set[str]:
+    """The command lines of all processes with one of these marks in their environment."""
+    variables = {f"{MARK}={mark}".encode() for mark in marks}
     found = set()
     for process in Path("/proc").iterdir():
         if process.name.isdigit() and process.name != str(os.getpid()):
             with suppress(OSError):  # it is another user's, or has ended meanwhile
-                if variable.encode() in (process / "environ").read_bytes().split(b"\0"):
+                if not variables.isdisjoint((process / "environ").read_bytes().split(b"\0")):
                     command = (process / "cmdline").read_bytes().replace(b"\0", b" ")
                     found.add(f"{process.name} {command.decode(errors='replace')}".strip())
     return found

@@ -23,6 +23,7 @@ from addresses import LAUNCHERS
 from numpy.typing import NDArray
 from waiting import TIMEOUT
 
+from forcebound.interface import live
 from forcebound.messages.codec import decode
 from forcebound.messages.control import GetStatus, LauncherStatus, ProcessState
 from forcebound.messages.packets import Event, Telemetry
@@ -32,6 +33,7 @@ from forcebound.network.sockets import Network
 from forcebound.observe.control import ask_launcher
 from forcebound.recordings.recording import Recording, read
 from forcebound.recordings.telemetry import TelemetryColumns
+from forcebound.run.fork_server import Launched
 from forcebound.run.run_directory import TELEMETRY, graph_in
 
 AGE_LIMIT = 0.1  # s, of the shipped launch files
@@ -64,22 +66,33 @@ class LiveGraph:
         self,
         folder: Path,
         words: tuple[str, ...],
-        prefix: Sequence[str] = (),
+        prefix: Sequence[str] | None = None,
         variables: Mapping[str, str] | None = None,
     ) -> None:
         self.folder = folder
         self.variables = {"XDG_RUNTIME_DIR": str(folder), **(variables or {})}
         self.record = folder / "run.mcap"
         self.log_path = folder / "log"
-        command = [*prefix, sys.executable, "-m", "forcebound", "launch", *words]
-        with self.log_path.open("wb") as log:
-            self.process = subprocess.Popen(
-                [*command, "--duration", "1200 s", "--record", str(self.record), "--json"],
-                env={**os.environ, **self.variables},
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.PIPE,
-                stderr=log,
-            )
+        self._out_path = folder / "out"
+        end = ("--duration", "1200 s", "--record", str(self.record), "--json")
+        command = ["launch", *words, *end]
+        self.process: Launched | subprocess.Popen[bytes]
+        with (
+            self.log_path.open("wb") as log,
+            self._out_path.open("wb") as out,
+            pytest.MonkeyPatch.context() as patch,
+        ):
+            for name, value in self.variables.items():
+                patch.setenv(name, value)
+            if prefix is None:
+                self.process = live.server().launch(command, log.fileno(), out.fileno())
+            else:
+                self.process = subprocess.Popen(
+                    [*prefix, sys.executable, "-m", "forcebound", *command],
+                    stdin=subprocess.DEVNULL,
+                    stdout=out,
+                    stderr=log,
+                )
 
     @property
     def log(self) -> str:
@@ -185,9 +198,14 @@ class LiveGraph:
     def end(self, timeout: float = TIMEOUT) -> "Ended":
         """Interrupt the run as Ctrl-C does; return what it leaves."""
         self.process.send_signal(signal.SIGINT)
-        out, _ = self.process.communicate(timeout=timeout)
+        status, out = self.outcome(timeout)
         assert "Traceback" not in self.log, self.log
-        return Ended(self.process.returncode, out.decode(), self.log, self.record)
+        return Ended(status, out, self.log, self.record)
+
+    def outcome(self, timeout: float = TIMEOUT) -> tuple[int, str]:
+        """Wait for the end of the launcher; return its status and its output."""
+        status = self.process.wait(timeout)
+        return status, self._out_path.read_text()
 
 
 class Ended:
@@ -219,7 +237,7 @@ class Ended:
 @contextmanager
 def live_graph(
     *words: str,
-    prefix: Sequence[str] = (),
+    prefix: Sequence[str] | None = None,
     variables: Mapping[str, str] | None = None,
     is_alone: bool = True,
 ) -> Iterator[LiveGraph]:
@@ -227,7 +245,7 @@ def live_graph(
 
     Args:
         words: Launch file and arguments.
-        prefix: In front of its command line.
+        prefix: In front of its command line, as an interpreter of its own; None: it is forked.
         variables: Of its environment.
         is_alone: Whether it comes into contact without anybody's help; else that is not waited for.
     """
@@ -240,7 +258,9 @@ def live_graph(
         finally:
             children = children_of(graph.process.pid)
             graph.process.kill()  # the others die with it
-            graph.process.communicate()
+            graph.process.wait(TIMEOUT)
+            if graph.process.stdin is not None:
+                graph.process.stdin.close()
             sys.stderr.write(graph.log)  # which pytest shows if the test fails
             for pid in children:
                 with suppress(ProcessLookupError):  # what stands still must go on to end

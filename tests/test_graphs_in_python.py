@@ -318,6 +318,7 @@ class Pad(StatelessEnvironment):
 '''
 
 
+@pytest.mark.live
 def test_a_class_of_a_file_is_one(tmp_path: Path) -> None:
     file = written(tmp_path, FILE_OF_A_WORLD, "pad.py")
     pad: Any = fb.environments[str(file)]

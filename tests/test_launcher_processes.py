@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from addresses import LAUNCHERS
 from live_graph import PROCESSES_OF_THEIR_OWN, LiveGraph, is_alive, live_graph
-from waiting import TIMEOUT, until
+from waiting import until
 
 from forcebound.lab.replay import device_of
 from forcebound.lab.verification import verify
@@ -20,7 +20,7 @@ pytestmark = PROCESSES_OF_THEIR_OWN
 
 @pytest.fixture
 def graph() -> Iterator[LiveGraph]:
-    with live_graph("stiff_wall.yaml") as graph:
+    with live_graph("stiff_wall.yaml", prefix=()) as graph:  # as the command does
         yield graph
 
 
@@ -58,8 +58,8 @@ def test_an_interrupt_ends_the_run_with_zero_force_and_a_result(
 ) -> None:
     pids = pids_of(graph)
     graph.process.send_signal(number)
-    out, _ = graph.process.communicate(timeout=TIMEOUT)
-    assert graph.process.returncode == 0, graph.log
+    status, out = graph.outcome()
+    assert status == 0, graph.log
     assert json.loads(out)["samples"] > 0
     check_last_force(graph)
     assert not any(map(is_alive, pids.values()))
@@ -74,8 +74,8 @@ def test_a_suspended_recorder_ends_with_the_run_and_completes_its_file(
     os.kill(pids["recorder"], signal.SIGSTOP)
     graph.wait(0.5)
     graph.process.send_signal(signal.SIGKILL if is_killed else signal.SIGINT)
-    graph.process.communicate(timeout=TIMEOUT)
-    assert graph.process.returncode == (-signal.SIGKILL if is_killed else 0), graph.log
+    status, _ = graph.outcome()
+    assert status == (-signal.SIGKILL if is_killed else 0), graph.log
     until(lambda: not any(map(is_alive, pids.values())), "the processes to be gone")
     until(lambda: run_dirs(graph) == [], "the run directory to be gone")
     assert read(graph.record).complete
@@ -85,8 +85,8 @@ def test_a_signal_while_the_result_is_computed_leaves_nothing(graph: LiveGraph) 
     graph.process.send_signal(signal.SIGINT)
     until(lambda: not list(graph.runtime.glob(LAUNCHERS)), "the end of the run")
     graph.process.send_signal(signal.SIGTERM)
-    graph.process.communicate(timeout=TIMEOUT)
-    assert graph.process.returncode in (0, 130), graph.log  # 0: it was done already
+    status, _ = graph.outcome()
+    assert status in (0, 130), graph.log  # 0: it was done already
     assert "Traceback" not in graph.log
     assert run_dirs(graph) == []
     assert read(graph.record).complete
@@ -98,8 +98,8 @@ def test_a_device_or_recorder_that_dies_ends_the_run_and_is_named(
 ) -> None:
     pids = pids_of(graph)
     os.kill(pids[victim], signal.SIGKILL)
-    out, _ = graph.process.communicate(timeout=TIMEOUT)
-    assert graph.process.returncode == 1
+    status, out = graph.outcome()
+    assert status == 1
     assert f"{victim} ended unexpectedly, with signal SIGKILL" in graph.log
     assert "Traceback" not in graph.log
     assert not any(map(is_alive, pids.values()))

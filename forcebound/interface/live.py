@@ -46,13 +46,17 @@ _ELSEWHERE = (
 _servers: list[fork_server.ForkServer] = []  # of this program, which has one
 
 
-def _launcher(command: Sequence[str], log: int) -> fork_server.Launched:
-    """Start a launcher, from the server of this program, which is started with its first graph."""
+def server() -> fork_server.ForkServer:
+    """Return the server of this program, which is started when it is first asked for."""
     if not _servers:
         _servers.append(fork_server.started())
         atexit.register(end_server)
+    return _servers[0]
+
+
+def _launcher(command: Sequence[str], log: int) -> fork_server.Launched:
     try:
-        return _servers[0].launch(command, log)
+        return server().launch(command, log)
     except OSError as error:
         end_server()
         raise RunError(f"the graph cannot be started: {error.strerror}") from error

@@ -141,13 +141,14 @@ class ForkServer:
                 raise
         return Forked(pid, os.fdopen(reading, "rb", buffering=0))
 
-    def launch(self, words: Sequence[str], log: int) -> Launched:
-        """Fork a launcher, whose log goes to a descriptor. Errors are as of :meth:`start`."""
+    def launch(self, words: Sequence[str], log: int, output: int | None = None) -> Launched:
+        """Fork a launcher, whose log and output go to descriptors. Errors: as of :meth:`start`."""
         (stdin, our_stdin), (status, their_status) = os.pipe(), os.pipe()
         with os.fdopen(stdin), os.fdopen(their_status), open(os.devnull, "w") as nothing:
             request = {"words": words, "own_session": True, "is_launcher": True}
+            stdout = nothing.fileno() if output is None else output
             try:
-                pid = self._ask(request, stdin, nothing.fileno(), log, their_status)
+                pid = self._ask(request, stdin, stdout, log, their_status)
             except OSError:
                 os.close(our_stdin)
                 os.close(status)

@@ -110,10 +110,8 @@ def run_live(
         run.write(run_dir)
         cores = realtime.leave_core(core)
         try:
-            with nullcontext(server) if server else fork_server() as forking:
-                supervisor = _supervisor(config, run_dir, duration, limits, screen, cores)
-                supervisor.server = forking
-                interrupted, failure = supervisor.run(), ""
+            supervisor = _supervisor(config, run_dir, duration, limits, screen, cores)
+            interrupted, failure = _run(supervisor, server), ""
         except RunError as error:
             if _discard_if_empty(recording):
                 raise
@@ -123,6 +121,11 @@ def run_live(
         screen.status("reading the recording for the result")
         results = _results(recording, config.hands_here, interrupted)
         return {hand: replace(result, failure=failure) for hand, result in results.items()}
+
+
+def _run(supervisor: Supervisor, server: ForkServer | None) -> bool:
+    with nullcontext(server) if server else fork_server() as supervisor.server:
+        return supervisor.run()
 
 
 def _supervisor(
