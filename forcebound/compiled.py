@@ -10,11 +10,14 @@ needed. Two things are handled here and nowhere else:
   constants that these name, and where no such folder can be written nothing is cached.
 """
 
+import fcntl
 import hashlib
 import logging
 import sys
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
 from functools import cache
+from importlib import import_module
 from pathlib import Path
 from types import CodeType, FunctionType
 from typing import (
@@ -76,25 +79,51 @@ def jit(function: Callable[P, R], *, parallel: bool = False, fast: bool = False)
 
 
 @cache
-def _compiled(function: Callable[..., Any], parallel: bool, fast: bool) -> Any:
+def _numba() -> Any:
+    """Return numba. It imports scipy.linalg to see whether that is there, which takes 0.15 s."""
     import numba
+    from numba.np import linalg
 
+    check: Any = linalg.ensure_blas
+    linalg.ensure_blas = lambda: import_module("scipy") and None
+    arraymath: Any = import_module("numba.np.arraymath")
+    arraymath.ensure_blas = linalg.ensure_blas = check  # for a kernel that needs it
+    return numba
+
+
+@cache
+def _compiled(function: Callable[..., Any], parallel: bool, fast: bool) -> Any:
+    numba = _numba()
     is_known = _is_known_by_name(function)
     folder = cache_folder(_digest(function)) if is_known else None
     if folder is not None:
-        config: Any = numba.config  # pyright: ignore[reportPrivateImportUsage]
-        config.CACHE_DIR = str(folder)
+        numba.config.CACHE_DIR = str(folder)
         if not any(folder.iterdir()):
             _say_that_it_compiles()
     allow_in_kernels(_called_by(function))
-    return numba.njit(
+    compiled = numba.njit(
         cache=folder is not None, parallel=parallel, fastmath=fast, error_model="numpy", nogil=True
     )(function)
+    if folder is not None:
+        compiled.compile = _one_at_a_time(compiled.compile, folder / "lock")
+    return compiled
+
+
+def _one_at_a_time(compile_for: Callable[P, R], lock: Path) -> Callable[P, R]:
+    """Let other processes wait, and then find what the first has compiled."""
+
+    def compile_or_load(*signature: P.args, **options: P.kwargs) -> R:
+        with lock.open("w") as file:
+            with suppress(OSError):  # a file system without locks
+                fcntl.flock(file, fcntl.LOCK_EX)
+            return compile_for(*signature, **options)
+
+    return compile_or_load
 
 
 @cache
 def _say_that_it_compiles() -> None:
-    _logger.info("compiling (once, about half a minute)")
+    _logger.info("compiling (once, some 10 to 30 s)")
 
 
 def _is_known_by_name(function: Callable[..., Any]) -> bool:

@@ -4,6 +4,7 @@ import os
 import shutil
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -54,6 +55,14 @@ def test_kernel_follows_a_constant_of_another_file(package: Path) -> None:
     (package / "sample_constants.py").write_text("FACTOR = 5.00\n")
     after = run(package)
     assert (before[0], after[0]) == ("6.0", "10.0")
+
+
+def test_of_processes_that_start_together_one_compiles(package: Path) -> None:
+    with (package / "kernel.py").open("a") as file:
+        file.write("print(*jit(scale).stats.cache_misses.values())\n")
+    with ThreadPoolExecutor() as threads:
+        outputs = sorted(output for output, _ in threads.map(run, [package] * 3))
+    assert [output.split() for output in outputs] == [["6.0"], ["6.0"], ["6.0", "1"]]
 
 
 def test_unrelated_file_leaves_compiled_code_valid(package: Path) -> None:
