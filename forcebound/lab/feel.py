@@ -1,0 +1,215 @@
+"""A forecast of the stiffness that a hand will feel on a device, by what the device states.
+
+A launch file runs in virtual time, on punctual ticks, with its numbers and with others in place of
+some: a run for each. A device at a port is replaced by the simulated one with the same numbers.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from tabulate import tabulate
+
+from forcebound.errors import ConfigError
+from forcebound.graph.document import find
+from forcebound.graph.graph import GraphConfig
+from forcebound.graph.loader import load
+from forcebound.graph.parts import member_of
+from forcebound.haptics.devices import DEVICES, DeviceModel
+from forcebound.lab.sweeps import Runs, sweep
+from forcebound.messages.topology import Document
+from forcebound.units import MJ, MS, N_MM, Everyday
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+FELT = "displayed_stiffness"
+LIMITS = (0.005, 0.01, 0.02, 0.05, 0.1)  # s, of a device without a watchdog
+ALLOWANCES = (0.0, 0.002, 0.005, 0.01, 0.02)  # J
+SHORT_LIMIT = 0.02  # s, in which the boards that ship can end a force
+WHOLE = 0.95  # of the environment's stiffness, which is as good as all
+RATES = (0.5, 1.0, 2.0, 4.0)  # times what is stated
+FASTEST = 5000.0  # Hz, of a live run
+PUSH = 0.01  # m; an allowance is the energy of a force over this path
+HZ = Everyday("Hz", "Hz", 0)
+#: Launch files for a kind of device; for others stiff_wall.
+WALLS = {"five_bar": "five_bar_wall", "knob": "knob_wall", "serial_arm": "serial_arm_wall"}
+WALLS |= {"desktop_arm": "desktop_arm"}
+
+
+class Varied(NamedTuple):
+    """Runs over one number of the device, or over two: a curve for each value of the second."""
+
+    names: tuple[str, ...]  # keys of the section device
+    units: tuple[Everyday, ...]
+    runs: Runs
+
+
+class Forecast(NamedTuple):
+    """What a hand will feel.
+
+    Attributes:
+        name: Launch file or kind of device.
+        asked: Stiffness of the environment, in N/m.
+        felt: What a hand feels of it with all numbers as stated, in N/m.
+        stated: The numbers that vary, as stated, in SI units.
+        varied: Runs with others in their place.
+    """
+
+    name: str
+    asked: float
+    felt: float
+    stated: Mapping[str, float]
+    varied: Sequence[Varied]
+
+    @property
+    def document(self) -> Document:
+        """All of it, in SI units."""
+        runs = [
+            {"felt": felt, **dict(zip(one.names, values, strict=True))}
+            for one in self.varied
+            for *values, felt in _columns(one)
+        ]
+        stated = {"name": self.name, "stiffness": self.asked, "felt": self.felt}
+        return {**stated, "stated": dict(self.stated), "runs": runs}
+
+    @property
+    def lines(self) -> Iterator[str]:
+        """The forecast in words."""
+        units = {key: unit for one in self.varied for key, unit in zip(*one[:2], strict=True)}
+        stated = ", ".join(f"{key} {_text(self.stated[key], unit)}" for key, unit in units.items())
+        yield f"{self.name}: {self._felt(self.felt)}, as stated ({stated}), with punctual ticks"
+        for one in self.varied:
+            yield from _table(one)
+        yield from self._advice()
+
+    def _felt(self, felt: float) -> str:
+        share = min(felt / self.asked, 1.0)
+        return f"{_text(felt, N_MM)} of {_text(self.asked, N_MM)} ({share:.0%})"
+
+    def _advice(self) -> Iterator[str]:
+        if "allowance" not in self.stated or self.felt >= WHOLE * self.asked:
+            return
+        rows = {row[1]: row[2] for row in _columns(self.varied[0]) if row[0] == SHORT_LIMIT}
+        enough = WHOLE * max(rows.values())
+        given, felt = next((given, felt) for given, felt in rows.items() if felt >= enough)
+        yield ""
+        yield (
+            f"With watchdog_limit {_text(SHORT_LIMIT, MS)} and allowance {_text(given, MJ)}: "
+            f"{self._felt(felt)}. The hand can then get at most {_text(given, MJ)}, the energy of"
+            f" {given / PUSH:.2g} N over {1e3 * PUSH:.0f} mm."
+        )
+
+
+def _columns(one: Varied) -> Iterator[tuple[float, ...]]:
+    """Yield the values of each run, and the stiffness that its hand feels."""
+    keys = [f"device.{name}" for name in one.names]
+    yield from zip(*(one.runs[key].tolist() for key in (*keys, FELT)), strict=True)
+
+
+def _table(one: Varied) -> list[str]:
+    """Return the lines of a table: the first number down, the second across."""
+    felt = {tuple(values): felt for *values, felt in _columns(one)}
+    down, *rest = ([*dict.fromkeys(column)] for column in zip(*felt, strict=True))
+    across = [(value,) for value in rest[0]] if rest else [()]
+    units = one.units
+    head = [one.names[0], *(_text(value[0], units[1]) if value else "felt" for value in across)]
+    rows = [
+        [_text(value, units[0]), *(_text(felt[value, *other], N_MM) for other in across)]
+        for value in down
+    ]
+    title = f"felt, over {' and '.join(one.names)}"
+    return ["", f"{title}:", *tabulate([head, *rows], tablefmt="plain").splitlines()]
+
+
+def _text(value: float, unit: Everyday) -> str:
+    number = value * unit.factor
+    return f"{number:.0f} {unit.unit}" if number >= 1000.0 else f"{number:.3g} {unit.unit}"
+
+
+def forecast(name: str, arguments: Sequence[str] = ()) -> Forecast:
+    """Return the forecast for a launch file, or for a kind of device.
+
+    Raises:
+        ConfigError: If there is no such file or device, it has several hands or no stiffness.
+    """
+    config = _graph(name, arguments)
+    model, servo = config.only.device, config.only.servo
+    stated = {"rate": servo.rate}
+    plan: list[dict[str, tuple[Everyday, Sequence[float]]]] = []
+    if model.watchdog == "none":
+        stated |= {"watchdog_limit": model.longest_force, "allowance": servo.allowance}
+        limits = (MS, _with(LIMITS, model.longest_force))
+        plan = [{"watchdog_limit": limits, "allowance": (MJ, _with(ALLOWANCES, servo.allowance))}]
+    rates = [factor * servo.rate for factor in RATES if factor * servo.rate <= FASTEST]
+    plan.append({"rate": (HZ, rates)})
+    varied = []
+    for numbers in plan:
+        values: dict[str, Any] = {f"device.{key}": each for key, (_, each) in numbers.items()}
+        units = tuple(unit for unit, _ in numbers.values())
+        varied.append(Varied(tuple(numbers), units, sweep(config, **values)))
+    runs = varied[-1].runs
+    ((asked, felt),) = (
+        (row["environment.stiffness"], row["displayed_stiffness_n_per_m"])
+        for row in runs.where(**{"device.rate": servo.rate})
+    )
+    if felt is None:
+        raise ConfigError(f"{name}: expected an environment with a stiffness that the hand reaches")
+    return Forecast(name, asked, felt, stated, varied)
+
+
+def _graph(name: str, arguments: Sequence[str]) -> GraphConfig:
+    if find(Path(name)) is not None or (name.endswith((".yaml", ".yml")) and name not in DEVICES):
+        config = load(name, arguments)
+        model = config.only.device
+    else:
+        model = member_of("device", name, arguments)
+        config = load(model.simulated_in or WALLS.get(name, "stiff_wall"))
+    hands = {key: replace(hand, device=_simulated(model)) for key, hand in config.hands.items()}
+    return replace(config, hands=hands)
+
+
+def _simulated(model: DeviceModel) -> DeviceModel:
+    if model.simulated_in is None:
+        return model
+    kind = type(load(model.simulated_in).only.device)
+    same = {each.name for each in fields(kind)} & {each.name for each in fields(model)}
+    # Only a guard has a guard_period, and only a silent watchdog a tolerance.
+    stated = ((name, getattr(model, name)) for name in same - {"guard_period"})
+    numbers = {name: value for name, value in stated if value is not None}
+    return kind(**{**numbers, "watchdog_limit": model.longest_force})
+
+
+def _with(values: Sequence[float], stated: float) -> list[float]:
+    return sorted({*values, stated})
+
+
+def draw(found: Forecast) -> "Figure":
+    """Return a picture of a forecast: a panel for each table, with the stated numbers marked."""
+    from forcebound.results.plots import blank, plain
+
+    figure = blank(4.5 * len(found.varied) + 1.5, 3.6)
+    panels = figure.subplots(1, len(found.varied), sharey=True, squeeze=False)[0]
+    for panel, one in zip(panels, found.varied, strict=True):
+        unit, rows = one.units[0], [*_columns(one)]
+        for other in dict.fromkeys(row[1:-1] for row in rows):
+            curve = [(row[0] * unit.factor, row[-1] * N_MM.factor) for row in rows]
+            curve = [at for at, row in zip(curve, rows, strict=True) if row[1:-1] == other]
+            words = f"{one.names[1]} {_text(other[0], one.units[1])}" if other else None
+            panel.plot(*zip(*curve, strict=True), marker=".", label=words)
+        here = found.stated[one.names[0]] * unit.factor, found.felt * N_MM.factor
+        panel.plot(*here, "o", color="black", fillstyle="none", label="as stated")
+        panel.set_xscale("log")
+        panel.set_xticks([at * unit.factor for at in dict.fromkeys(row[0] for row in rows)])
+        panel.xaxis.set_major_formatter("{x:g}")
+        panel.xaxis.minorticks_off()
+        panel.set_xlabel(f"{one.names[0].replace('_', ' ')} ({unit.unit})")
+        panel.axhline(found.asked * N_MM.factor, color="grey", linestyle=":")
+        panel.set_ylim(bottom=0.0)
+        plain(panel)
+    handles, words = panels[0].get_legend_handles_labels()
+    figure.legend(handles, words, loc="outside right center", frameon=False)
+    panels[0].set_ylabel("stiffness felt (N/mm)")
+    figure.suptitle(f"{found.name}: dotted, the stiffness of the wall")
+    return figure
