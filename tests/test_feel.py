@@ -1,0 +1,67 @@
+"""``forcebound feel``: its rows are runs of the device as stated, and of others."""
+
+import json
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+import forcebound as fb
+from forcebound.cli import main
+from forcebound.lab import feel
+
+
+@pytest.fixture
+def few_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(feel, "LIMITS", (0.02,))
+    monkeypatch.setattr(feel, "ALLOWANCES", (0.0, 0.01))
+    monkeypatch.setattr(feel, "RATES", (0.5, 1.0))
+
+
+@pytest.mark.usefixtures("few_runs")
+def test_a_device_at_a_port_is_simulated_with_its_numbers(tmp_path: Path) -> None:
+    picture = tmp_path / "feel.png"
+    done = CliRunner().invoke(main, ["feel", "haply_2diy", "--json", "-o", str(picture)])
+    assert done.exit_code == 0, done.output
+    found = json.loads(done.stdout)
+    assert found["stated"] == {"rate": 1000.0, "watchdog_limit": 0.1, "allowance": 0.0}
+    rows = {(run.get("watchdog_limit"), run.get("allowance")): run["felt"] for run in found["runs"]}
+    numbers = "device: {watchdog: none, watchdog_limit: %s, allowance: %s, write_delay: 0.3 ms}"
+    for (limit, given), felt in rows.items():
+        if limit is not None:
+            same = tmp_path / "same.yaml"
+            text = f"forcebound: 1\ninclude: five_bar_wall.yaml\n{numbers % (limit, given)}\n"
+            same.write_text(text)
+            run = fb.simulate(same, **{"device.reply_wait": 0.8})
+            assert felt == pytest.approx(run.figures.displayed_stiffness)
+    assert rows[0.1, 0.0] < rows[0.02, 0.0] < rows[0.02, 0.01]
+    assert found["felt"] == rows[0.1, 0.0]
+    assert picture.stat().st_size > 10_000
+
+
+@pytest.mark.usefixtures("few_runs")
+def test_the_words_say_what_the_hand_can_get() -> None:
+    done = CliRunner().invoke(main, ["feel", "haply_2diy"])
+    assert "as stated (watchdog_limit 100 ms, allowance 0 mJ, rate 1000 Hz)" in done.output
+    last = done.output.splitlines()[-1]
+    assert last.startswith("With watchdog_limit 20 ms and allowance 10 mJ: 2 N/mm of 2 N/mm (100%)")
+    assert last.endswith("at most 10 mJ, the energy of 1 N over 10 mm.")
+
+
+@pytest.mark.usefixtures("few_runs")
+def test_a_kind_is_held_against_the_wall_of_its_launch_file() -> None:
+    found = feel.forecast("phantom_premium_1_5")
+    assert found.asked == 10_000.0
+    assert found.felt == pytest.approx(fb.simulate("stiff_wall").figures.displayed_stiffness)
+    (rates,) = found.varied
+    assert rates.runs["device.rate"].tolist() == [500.0, 1000.0]
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [("two_hands", "left, right"), ("push_mass", "stiffness"), ("nothing", "nothing")],
+)
+def test_what_has_no_forecast_is_refused(name: str, reason: str) -> None:
+    done = CliRunner().invoke(main, ["feel", name])
+    assert done.exit_code == 2, done.output
+    assert reason in done.output
