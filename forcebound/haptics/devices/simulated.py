@@ -142,7 +142,8 @@ class SimulatedDevice(Device):
         self._advance_to(time_ns)
         force = saturated(force, self._saturation)
         reading = self._body.reading() if self._motor.guards else ()
-        self._motor.write(time_ns, self._motor_force(force), force, reading)
+        commanded = self._motor_force(force) if self._scales else force
+        self._motor.write(time_ns, commanded, force, reading)
         return force
 
     def set_hold_limit(self, seconds: float) -> float:
@@ -169,8 +170,6 @@ class SimulatedDevice(Device):
 
     def _motor_force(self, force: Vector) -> Vector:
         """Return what the motor gives for a written force, in N, once its lag has passed."""
-        if not self._scales:
-            return force
         total = zip(self._gain, force, self._compensation, strict=True)
         return tuple([g * (f + c) for g, f, c in total])
 
@@ -192,25 +191,23 @@ class SimulatedDevice(Device):
             return
         motor = self._motor
         while motor.next_ns < time_ns:
-            self._hold_until(motor.next_ns)
+            self._hold_until(motor.next_ns, self._time_ns)
             reading = self._body.reading()
             if motor.change(reading):
                 self._reading_at_cut = reading
-        self._hold_until(time_ns)
+        self._hold_until(time_ns, self._time_ns)
 
-    def _hold_until(self, time_ns: int) -> None:
-        assert self._time_ns is not None
-        duration = (time_ns - self._time_ns) * 1e-9
+    def _hold_until(self, time_ns: int, since_ns: int) -> None:
+        duration = (time_ns - since_ns) * 1e-9
         if duration == 0.0:
             return
         self._time_ns = time_ns
-        end = self._target
+        start = end = self._target
         if self._pointer is not None:
-            end = self._pointer.advance(duration)
+            end = self._target = self._pointer.advance(duration)
         elif self._engaged_ns is not None:
-            end = self._target_at((time_ns - self._engaged_ns) * 1e-9)
-        self._body.move(self._target, end, duration, self._motor.force)
-        self._target = end
+            end = self._target = self._target_at((time_ns - self._engaged_ns) * 1e-9)
+        self._body.move(start, end, duration, self._motor.force)
 
 
 def pad(target: Vector, axes: int) -> Vector:
