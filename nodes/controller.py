@@ -13,6 +13,7 @@ from typing import ClassVar
 from msgspec.structs import replace
 
 from forcebound.haptics.controllers import Controller
+from forcebound.haptics.parts import overridden
 from forcebound.haptics.parts.signals import Signal
 from forcebound.haptics.parts.user_module import describe_user_error
 from forcebound.messages.control import (
@@ -61,6 +62,7 @@ class ControllerNode(Node):
     ) -> None:
         self._hand = hand
         self._controller = controller
+        self._answers_states = "on_state" in overridden(controller, Controller)
         self._queries = 0
         self._commands = 0
         self.events = EventLog(node_name(hand, CONTROLLER))
@@ -70,13 +72,15 @@ class ControllerNode(Node):
         self._failures = 0  # failed calls of the controller's code
 
     def step(self, time_ns: int, received: Sequence[Packet]) -> list[Packet]:
-        packets = self._lease.check(time_ns)
+        lease = self._lease
+        packets = lease.check(time_ns) if time_ns > lease.due_ns else []
         for packet in received:
             if type(packet) is DeviceState:
                 self._take_state(packet, time_ns, packets)
             elif type(packet) is EnvironmentReply:
                 self._take_reply(packet, time_ns, packets)
-        packets += self._signals.events(time_ns)
+        if self._signals.waiting:
+            packets += self._signals.events(time_ns)
         return packets
 
     def admit(self, packet: Packet, source: str, time_ns: int) -> bool:
@@ -104,7 +108,9 @@ class ControllerNode(Node):
 
     def _take_state(self, state: DeviceState, time_ns: int, packets: list[Packet]) -> None:
         try:
-            force = _force(self._controller.on_state(state, time_ns))
+            force = None
+            if self._answers_states:
+                force = _force(self._controller.on_state(state, time_ns))
             position, velocity = self._controller.query(state)
             position, velocity = _vector(position), _vector(velocity)
         except Exception as error:
