@@ -160,14 +160,13 @@ class Simulation:
         self.time_ns = until_ns
 
     def _step(self, seat: _Seat, time_ns: int) -> None:
-        node, links, mail = seat.node, seat.links, seat.mail
+        node, links, observed, deliveries = seat.node, seat.links, self._observed, self._deliveries
         received: list[Packet] = []
-        if mail:
-            received += mail.values()
-            mail.clear()
+        if seat.mail:
+            received += seat.mail.values()
+            seat.mail.clear()
         for link in links:
             received += link.due(time_ns)
-        observed, deliveries = self._observed, self._deliveries
         for packet in node.step(time_ns, received):
             kind = type(packet)
             if kind in observed:

@@ -125,7 +125,7 @@ class SimulatedDevice(Device):
         self._time_ns: int | None = None
         self._engaged_ns: int | None = None
         self._read_ns = 0
-        self._target = self._target_at(0.0)
+        self._target = pad(operator.target(0.0), self.axes)
         self._pointer = operator.follow(self.axes) if isinstance(operator, PointerHand) else None
 
     def engage(self, time_ns: int) -> None:
@@ -181,9 +181,6 @@ class SimulatedDevice(Device):
             return 0
         return self._operator.buttons((self._read_ns - began_ns) * 1e-9) or 0
 
-    def _target_at(self, elapsed: float) -> Vector:
-        return pad(self._operator.target(elapsed), self.axes)
-
     def _advance_to(self, time_ns: int) -> None:
         if self._time_ns is None:
             self._time_ns = time_ns
@@ -206,7 +203,8 @@ class SimulatedDevice(Device):
         if self._pointer is not None:
             end = self._target = self._pointer.advance(duration)
         elif self._engaged_ns is not None:
-            end = self._target = self._target_at((time_ns - self._engaged_ns) * 1e-9)
+            end = self._operator.target((time_ns - self._engaged_ns) * 1e-9)
+            self._target = end = end if len(end) == self.axes else pad(end, self.axes)
         self._body.move(start, end, duration, self._motor.force)
 
 
