@@ -108,9 +108,8 @@ class ControllerNode(Node):
 
     def _take_state(self, state: DeviceState, time_ns: int, packets: list[Packet]) -> None:
         try:
-            force = None
-            if self._answers_states:
-                force = _force(self._controller.on_state(state, time_ns))
+            force = self._controller.on_state(state, time_ns) if self._answers_states else None
+            force = None if force is None else _vector(force)
             position, velocity = self._controller.query(state)
             position, velocity = _vector(position), _vector(velocity)
         except Exception as error:
@@ -155,12 +154,12 @@ class ControllerNode(Node):
             self.reject("not_finite")
             reply = replace(reply, proxy=None, normal=None)
         try:
-            force = _force(self._controller.on_reply(reply, time_ns))
+            force = self._controller.on_reply(reply, time_ns)
+            if force is not None:
+                packets.append(self._answer(reply, _vector(force), time_ns))
         except Exception as error:
             self._fail("on_reply", error, time_ns, packets)
             return
-        if force is not None:
-            packets.append(self._answer(reply, force, time_ns))
         self._reply_ns = max(self._reply_ns or 0, reply.device_time_ns)
 
     def _answer(self, reply: EnvironmentReply, force: Vector, time_ns: int) -> ForceCommand:
@@ -188,7 +187,3 @@ class ControllerNode(Node):
 def _vector(answer: Vector) -> Vector:
     """Return the answer of a controller, which may have numbers of numpy, as it can be sent."""
     return tuple(map(float, answer))
-
-
-def _force(answer: Vector | None) -> Vector | None:
-    return None if answer is None else _vector(answer)

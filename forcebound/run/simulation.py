@@ -75,6 +75,7 @@ class _Seat:
     """A node of a simulation, and what waits for it."""
 
     node: Node
+    step: Callable[[int, Sequence[Packet]], Sequence[Packet]]  # of the node
     links: list[Link[Packet]] = field(default_factory=list)  # that are not perfect
     mail: dict[str, Packet] = field(default_factory=dict)  # delivered by the others, not taken
     # Of its entries in the heap that count, by their kind.
@@ -121,7 +122,7 @@ class Simulation:
         self.time_ns = 0
         names = [node.events.node for node in nodes]
         for name, node in zip(names, nodes, strict=True):
-            seat = _Seat(node)
+            seat = _Seat(node, node.step)
             for route, stream in graph.routes(name).items():
                 if stream.receiver != name:
                     continue
@@ -167,7 +168,7 @@ class Simulation:
             seat.mail.clear()
         for link in links:
             received += link.due(time_ns)
-        for packet in node.step(time_ns, received):
+        for packet in seat.step(time_ns, received):
             kind = type(packet)
             if kind in observed:
                 self._observe(packet)
