@@ -16,7 +16,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from heapq import heappop, heappush
 from random import Random
-from typing import Annotated, NamedTuple
+from typing import Annotated, TypeAlias
 
 from forcebound.errors import ConfigError
 from forcebound.graph.servo import ServoSettings
@@ -82,13 +82,8 @@ class _Seat:
     due: list[int | None] = field(default_factory=lambda: [None, None])
 
 
-class _Delivery(NamedTuple):
-    """Where the packets of a stream go."""
-
-    name: str  # of the stream
-    receiver: _Seat
-    link: Link[Packet] | None
-    wakes: bool  # whether the receiver wakes on arrival
+# Name of a stream, who receives it, its link, whether the receiver wakes on arrival.
+_Delivery: TypeAlias = tuple[str, _Seat, Link[Packet] | None, bool]
 
 
 class Simulation:
@@ -130,21 +125,21 @@ class Simulation:
                     raise ConfigError(f"no node of the graph publishes {stream.name}")
                 link = links.get(stream.name)
                 self._routes[stream.name] = route
-                self._deliveries[route] = _Delivery(stream.name, seat, link, node.wakes_on_arrival)
+                self._deliveries[route] = (stream.name, seat, link, node.wakes_on_arrival)
                 if link is not None:
                     seat.links.append(link)
             self._schedule(_WAKE, seat, node.wake_ns)
 
     def link(self, stream: str) -> Link[Packet] | None:
         """Return the model of the link of a stream; None if it is perfect."""
-        return self._deliveries[self._routes[stream]].link
+        return self._deliveries[self._routes[stream]][2]
 
     def set_link(self, stream: str, link: Link[Packet]) -> None:
         """Impair a link that was perfect."""
         route = self._routes[stream]
-        delivery = self._deliveries[route]
-        self._deliveries[route] = delivery._replace(link=link)
-        delivery.receiver.links.append(link)
+        name, receiver, _, wakes = self._deliveries[route]
+        self._deliveries[route] = (name, receiver, link, wakes)
+        receiver.links.append(link)
 
     def run(self, until_ns: int) -> None:
         """Let everything happen that is due before ``until_ns``."""
@@ -155,42 +150,42 @@ class Simulation:
                 continue  # superseded: the node has been rescheduled
             seat.due[kind] = None
             self.time_ns = time_ns
-            self._step(seat, time_ns)
+            now.append(seat)
             while now:
                 self._step(now.popleft(), time_ns)
         self.time_ns = until_ns
 
     def _step(self, seat: _Seat, time_ns: int) -> None:
-        node, links, observed, deliveries = seat.node, seat.links, self._observed, self._deliveries
+        mail, links, now = seat.mail, seat.links, self._now
         received: list[Packet] = []
-        if seat.mail:
-            received += seat.mail.values()
-            seat.mail.clear()
+        if mail:
+            received += mail.values()
+            mail.clear()
         for link in links:
             received += link.due(time_ns)
         for packet in seat.step(time_ns, received):
             kind = type(packet)
-            if kind in observed:
+            if kind in self._observed:
                 self._observe(packet)
-            delivery = deliveries.get((kind, packet.hand))
+            delivery = self._deliveries.get((kind, packet.hand))
             if delivery is None:
                 continue
             name, receiver, model, wakes = delivery
-            if model is not None:
-                if model.has_rate:
-                    model.accept(time_ns, packet, len(encode(packet)))
-                else:
-                    model.accept(time_ns, packet)
-                if wakes:
-                    self._schedule(_ARRIVAL, receiver, model.next_due_ns)
+            if model is None:
+                receiver.mail[name] = packet
+                if wakes and receiver not in now:
+                    now.append(receiver)
                 continue
-            receiver.mail[name] = packet
-            if wakes and receiver not in self._now:
-                self._now.append(receiver)
-        if links and node.wakes_on_arrival:
+            if model.has_rate:
+                model.accept(time_ns, packet, len(encode(packet)))
+            else:
+                model.accept(time_ns, packet)
+            if wakes:
+                self._schedule(_ARRIVAL, receiver, model.next_due_ns)
+        if links and seat.node.wakes_on_arrival:
             for link in links:
                 self._schedule(_ARRIVAL, seat, link.next_due_ns)
-        wake_ns = node.wake_ns
+        wake_ns = seat.node.wake_ns
         if wake_ns != seat.due[_WAKE]:
             seat.due[_WAKE] = None
             self._schedule(_WAKE, seat, wake_ns)
