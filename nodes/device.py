@@ -219,8 +219,14 @@ class DeviceNode(Node):
         if self.is_engaged:
             if self._chain.is_held:
                 self._is_answered = self._chain.command is not None
-            refused, missed = self._bounded.refused_readings, self.deadline_misses
-            packets += self._reports.look(time_ns, self._is_answered, refused, missed)
+            is_answered, reports, bounded = self._is_answered, self._reports, self._bounded
+            if (
+                is_answered is not reports.is_answered
+                or bounded.bounder.refused_readings != reports.refused
+                or time_ns >= reports.overload.end_ns
+            ):
+                refused, missed = bounded.refused_readings, self.deadline_misses
+                packets += reports.look(time_ns, is_answered, refused, missed)
         if self._next_law is not None and not self._bounded.holds_force:
             packets.append(self._change_law(self._next_law, time_ns))
         if self._exchange is not None:
