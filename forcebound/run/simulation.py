@@ -29,6 +29,7 @@ from forcebound.quantities import NOT_NEGATIVE, Frequency, Time, check_ranges
 
 _ARRIVAL, _WAKE = 0, 1  # order of entries of the same time
 
+
 @dataclass(frozen=True)
 class LateTicks:
     """Late ticks on purpose: the writes of a servo come late, as on a busy machine.
