@@ -199,18 +199,9 @@ class BoundedDevice:
             joints, torques = reading, applied
             tip = tip_force(kinematics, reading, applied, commanded, asked)
             limit *= math.hypot(*commanded) / (math.hypot(*asked) or math.inf)
-        return Written(
-            position,
-            tip,
-            limit,
-            read_ns - ahead_ns,
-            write_ns - ahead_ns,
-            joints,
-            torques,
-            cut,
-            None if jitter_ns is None else ahead_ns,
-            given,
-        )
+        read_ns, write_ns = read_ns - ahead_ns, write_ns - ahead_ns
+        ahead = None if jitter_ns is None else ahead_ns
+        return Written(position, tip, limit, read_ns, write_ns, joints, torques, cut, ahead, given)
 
     def _note(self, applied: Vector, read_ns: int, write_ns: int) -> None:
         self._read_ns = read_ns - self._ahead_ns

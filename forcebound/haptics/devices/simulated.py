@@ -188,14 +188,15 @@ class SimulatedDevice(Device):
             return
         motor = self._motor
         while motor.next_ns < time_ns:
-            self._hold_until(motor.next_ns, self._time_ns)
+            self._hold_until(motor.next_ns)
             reading = self._body.reading()
             if motor.change(reading):
                 self._reading_at_cut = reading
-        self._hold_until(time_ns, self._time_ns)
+        self._hold_until(time_ns)
 
-    def _hold_until(self, time_ns: int, since_ns: int) -> None:
-        duration = (time_ns - since_ns) * 1e-9
+    def _hold_until(self, time_ns: int) -> None:
+        assert self._time_ns is not None
+        duration = (time_ns - self._time_ns) * 1e-9
         if duration == 0.0:
             return
         self._time_ns = time_ns
