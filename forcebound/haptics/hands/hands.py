@@ -5,7 +5,7 @@ The functions of numbers alone are those that compiled kernels share with the ha
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import zip_longest
 from typing import Annotated, ClassVar, NamedTuple, TypeAlias
 
@@ -63,7 +63,8 @@ def segment(start: Coordinates, end: Coordinates) -> Segment:
 
 
 def _shifted(place: Vector, shift: Vector) -> Vector:
-    return tuple([a + b for a, b in zip_longest(place, shift, fillvalue=0.0)])
+    pairs = zip if len(place) == len(shift) else partial(zip_longest, fillvalue=0.0)  # zip: quick
+    return tuple([a + b for a, b in pairs(place, shift)])
 
 
 @dataclass(frozen=True, kw_only=True)
