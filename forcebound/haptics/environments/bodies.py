@@ -66,7 +66,9 @@ MOST_STEPS = 20  # for one answer; a scene that falls farther behind stands stil
 TOUCH = 1e-6  # m, least distance between hand and probe of a contact
 STATE = ("qpos", "qvel", "act", "ctrl", "mocap_pos", "mocap_quat", "qacc_warmstart")
 
-BAD = slice(3, 6)  # warnings of MuJoCo after which it puts everything back: mjWARN_BADQPOS to BADQACC
+BAD = slice(
+    3, 6
+)  # warnings of MuJoCo after which it puts everything back: mjWARN_BADQPOS to BADQACC
 
 _logger = logging.getLogger(__name__)
 
@@ -127,7 +129,9 @@ class _Probe:
         self.motion = _three(scene.jnt_dofadr[self.body.jntadr[0]])
         # Views into MuJoCo's memory, which stays where it is: to make them takes a while.
         self.place, self.spring_end = data.qpos[place], scene.qpos_spring[place]  # m
-        self.speed, self.applied = data.qvel[self.motion], data.qfrc_applied[self.motion]  # m/s, N
+        self.speed = data.qvel[self.motion]  # m/s
+        self.applied = data.qfrc_applied[self.motion]  # N, by the hand's damper
+        self.pushed = data.qfrc_constraint[self.motion]  # N, by contacts, and by the tie to a tool
         rigid = scene.body_weldid
         # By number of a geom, with one more for -1, which is none.
         touched = rigid[scene.geom_bodyid] == rigid[self.body.id if tool is None else tool]
@@ -248,11 +252,13 @@ class _Scene(Environment):
         steps = min(due, MOST_STEPS)
         hands = [(hand, self._probes[hand.number]) for hand in self._hands.values()]
         for hand, probe in hands:
-            probe.applied[:] = [self._model.damping * v for v in hand.speed]
+            applied, damping = probe.applied, self._model.damping  # entry by entry: quick
+            applied[0], applied[1], applied[2] = (damping * v for v in hand.speed)
         for i in range(steps):  # the spring ends where the hand was when the step began
             for hand, probe in hands:
                 end = along(hand.before, sub(hand.place, hand.before), i / steps)
-                probe.spring_end[:] = sub(end, self._origin)
+                spring_end = probe.spring_end
+                spring_end[0], spring_end[1], spring_end[2] = sub(end, self._origin)
             self._mujoco.mj_step(scene, data)
         for hand, _ in hands:
             hand.before = hand.place
@@ -297,16 +303,24 @@ class _Scene(Environment):
 
     def contact(self, user: str) -> Contact | None:
         hand = self._hands.get(user)
-        touching = self._data.contact.geom
-        if hand is None or not np.count_nonzero(self._probes[hand.number].touches.take(touching)):
+        if hand is None:
             return None
         place = self._probed(hand)
         offset = sub(place, hand.place)
         distance = norm(offset)
         if distance < TOUCH:
             return None
+        if not self._is_touching(self._probes[hand.number]):
+            return None
         normal = scale(offset, 1.0 / distance)
         return Contact(cut(place, self._axes), cut(normal, self._axes))
+
+    def _is_touching(self, probe: _Probe) -> bool:
+        """Return whether a contact of the last step is a probe's, or its tool's."""
+        # Nothing but contacts pushes a free probe; there may be some that do not push.
+        if self._model.tool is None and any(probe.pushed.tolist()):
+            return True
+        return bool(probe.touches.take(self._data.contact.geom).any())
 
     def scene(self) -> tuple[SceneObject, ...]:
         """Return the bodies' shapes where they are; a mesh is drawn as its box."""
