@@ -66,9 +66,8 @@ MOST_STEPS = 20  # for one answer; a scene that falls farther behind stands stil
 TOUCH = 1e-6  # m, least distance between hand and probe of a contact
 STATE = ("qpos", "qvel", "act", "ctrl", "mocap_pos", "mocap_quat", "qacc_warmstart")
 
-BAD = slice(
-    3, 6
-)  # warnings of MuJoCo after which it puts everything back: mjWARN_BADQPOS to BADQACC
+# Warnings of MuJoCo after which it puts everything back: mjWARN_BADQPOS to BADQACC.
+BAD = slice(3, 6)
 
 _logger = logging.getLogger(__name__)
 
