@@ -20,9 +20,11 @@ from typing import Any
 import numpy as np
 import pytest
 from addresses import LAUNCHERS
+from click.testing import CliRunner, Result
 from numpy.typing import NDArray
 from waiting import TIMEOUT
 
+from forcebound.cli import main
 from forcebound.messages.codec import decode
 from forcebound.messages.control import GetStatus, LauncherStatus, ProcessState
 from forcebound.messages.packets import Event, Telemetry
@@ -165,21 +167,14 @@ class LiveGraph:
 
             self.until(came, what)
 
-    def order(self, *words: str) -> "subprocess.CompletedProcess[str]":
-        """Run another command of forcebound, beside the graph."""
-        return subprocess.run(
-            [sys.executable, "-m", "forcebound", *words],
-            env={**os.environ, **self.variables},
-            capture_output=True,
-            text=True,
-            timeout=TIMEOUT,
-            check=False,
-        )
+    def order(self, *words: str) -> Result:
+        """Run another command of forcebound on the graph, in this process."""
+        return CliRunner().invoke(main, words, env=self.variables, catch_exceptions=False)
 
-    def do(self, *words: str) -> "subprocess.CompletedProcess[str]":
+    def do(self, *words: str) -> Result:
         """Run another command on the graph, which must succeed."""
         done = self.order(*words, "--run", str(self.run_dir))
-        assert done.returncode == 0, done.stderr
+        assert done.exit_code == 0, done.stderr
         return done
 
     def end(self, timeout: float = TIMEOUT) -> "Ended":
