@@ -104,7 +104,7 @@ class LiveGraph:
         while not happened():
             assert self.process.poll() is None, f"the run ended; its log:\n{self.log}"
             assert time.monotonic() < end, f"waited {TIMEOUT} s for {what}; log:\n{self.log}"
-            sockets.wait((), 10_000_000)
+            sockets.wait((), 20_000_000)
 
     def status(self) -> LauncherStatus:
         """Return what the launcher says of its processes."""
