@@ -31,7 +31,8 @@ OF_TIME = {
 def calm(tmp_path: Path) -> str:
     """A graph that leaves the other tests their share of the machine."""
     file = tmp_path / "calm.yaml"
-    file.write_text("forcebound: 1\ninclude: stiff_wall.yaml\nrealtime: {policy: other}\n")
+    text = "forcebound: 1\ninclude: stiff_wall.yaml\nrealtime: {policy: other}\n"
+    file.write_text(f"{text}device: {{rate: 500 Hz}}\n")
     return str(file)
 
 
