@@ -2,19 +2,17 @@
 
 Each obligation must be proved within a fixed limit of the solver's resources; each of its
 hypotheses, left out, must give a counterexample, and so must each term that a model of the ledger
-omits. What stays on paper is in docs/theory.md, 3.9. It needs the extra ``proof``; with cvc5
-installed, --second asks that solver too.
+omits. What stays on paper is in docs/theory.md, 3.9. It needs the extra "proof"; with cvc5
+installed, --second asks that solver, too.
 """
 
 import sys
 
 import click
 
-from forcebound.errors import ConfigError
-
 
 @click.command(help=__doc__)
-@click.option("--second", is_flag=True, help="Ask cvc5, too, for at most 5 s each.")
+@click.option("--second", is_flag=True, help="Ask cvc5, too, for at most 10 s each.")
 def main(second: bool) -> None:
     """Print a table; status 1 if one is not proved, or a control finds nothing."""
     try:
@@ -22,8 +20,8 @@ def main(second: bool) -> None:
     except ImportError as error:
         if error.name != "z3":
             raise
-        raise ConfigError("no z3: pip install 'forcebound-proofs[proof]' has it") from None
-    line = "{:<28} {:<4} {:<9} {:>9} {:<12} {}"
+        raise click.ClickException("z3 is missing: pip install './proofs[proof]'") from None
+    line = "{:<28} {:<4} {:<20} {:>8} {:<8} {}"
     print(line.format("lemma", "in", "Z3", "units", "control", "claim"))
     failed = 0
     for row in rows(second):

@@ -46,14 +46,14 @@ def judge(
     second: bool = False,
 ) -> Row:  # fmt: skip
     """Ask for a claim and its controls; all of them must be found wrong."""
-    answer, units = ask(whole) if whole else ("on paper", 0)
+    answer, units = ask(whole) if whole else ("not asked", 0)
     missed = [name for name, formulas in controls.items() if ask(formulas)[0] != "sat"]
     other = ask_other(whole) if second and whole else ""
     control = f"NOT {', '.join(missed)}" if missed else f"{len(controls)} of {len(controls)}"
     word = WORDS.get(answer, answer)
     if other:
         word += f", cvc5 {WORDS.get(other, 'unknown').lower()}"
-    holds = answer in ("unsat", "on paper") and not missed and other != "sat"
+    holds = answer in ("unsat", "not asked") and not missed and other != "sat"
     return Row(lemma, section, claim, word, units, control, holds)
 
 

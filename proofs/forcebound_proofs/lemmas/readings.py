@@ -89,7 +89,10 @@ class Ledger:
         foot = stated.half_resolution + stated.presliding * Fraction(3, 2)
         self.state = earned - stated.friction * foot
         self.reading = self.anchor = self.play = reading
-        self.mean = self.loss = self.actual = self.move = 0
+        self.mean: Any = 0
+        self.loss: Any = 0
+        self.actual: Any = 0
+        self.move: Any = 0
         self.half = 0
 
     def observe(self, reading: Any, halves: int, forces: Sequence[Any]) -> None:
@@ -196,7 +199,7 @@ LEAKS: dict[str, tuple[Stated, tuple[str, ...]]] = {
     "encoder and friction": (
         Stated(friction=1, half_resolution=1, intervals=(1,), hold_limit=1),
         ("price", "play"),
-    ),
+    )
 }
 
 
@@ -212,7 +215,7 @@ def leak(stated: Stated) -> list[Any]:
     earned = z3.Real("earned") if readings == 2 else z3.RealVal(0)
     gain = z3.Real("gain") if stated.gain else z3.RealVal(1)
     formulas = [earned >= 0, size(gain - 1) <= stated.gain]
-    ends = (1 - stated.gain, 1 + stated.gain)
+    ends: tuple[Any, ...] = (1 - stated.gain, 1 + stated.gain)
     if not stated.gain or stated.omitted == "gain":
         ends = (1,)
     ledgers = []
