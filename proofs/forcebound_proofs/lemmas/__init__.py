@@ -7,6 +7,7 @@ installed, --second asks that solver, too.
 """
 
 import sys
+from importlib.util import find_spec
 
 import click
 
@@ -21,6 +22,8 @@ def main(second: bool) -> None:
         if error.name != "z3":
             raise
         raise click.ClickException("z3 is missing: pip install './proofs[proof]'") from None
+    if second and not find_spec("cvc5"):
+        raise click.ClickException("cvc5 is missing: pip install cvc5")
     line = "{:<28} {:<4} {:<20} {:>8} {:<8} {}"
     print(line.format("lemma", "in", "Z3", "units", "control", "claim"))
     failed = 0

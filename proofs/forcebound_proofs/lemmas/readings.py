@@ -220,7 +220,7 @@ def leak(stated: Stated) -> list[Any]:
         ends = (1,)
     ledgers = []
     for k in range(readings):
-        reading = position = z3.Sum(z3.RealVal(0), *moves[: sum(stated.intervals[:k])])
+        reading = position = sum(moves[: sum(stated.intervals[:k])], z3.RealVal(0))
         if stated.half_resolution:
             reading = z3.Real(f"reading_{k}")
             formulas.append(size(reading - position) <= stated.half_resolution)
