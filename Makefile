@@ -65,6 +65,7 @@ examples: $(STAMP)
 # The campaigns of the proofs and their pages: an hour or two on two idle cores. The attacks come
 # first; a leak of a certified law ends it.
 proofs: $(STAMP)
+	$(BIN)/python -m forcebound_proofs lemmas
 	$(BIN)/forcebound audit --runs 1000 --search 1000 --output proofs/docs/audit.md
 	$(BIN)/forcebound audit worlds --runs 60 --search 60 --output proofs/docs/audit-worlds.md
 	$(BIN)/forcebound audit sensitivity
@@ -137,7 +138,7 @@ $(STAMP): pyproject.toml proofs/pyproject.toml constraints.txt
 	@echo "Installing into $(VENV): a minute or more."
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --disable-pip-version-check \
-	  --constraint constraints.txt --editable '.[dev]' --editable proofs
+	  --constraint constraints.txt --editable '.[dev]' --editable 'proofs[proof]'
 	@touch $(STAMP)
 
 clean:
