@@ -4,7 +4,8 @@ A model of one axis with an exact encoder and no friction, in units of b = 1 and
 in half periods; the force that is decided at reading n acts from half period 2n + DELAY on, until
 the next one acts. The solver chooses the moves and the forces that the ledger allows: every hand
 and environment. It finds the leak of a ledger that forgets a force on its way, and none in the
-ledger as it is.
+ledger as it is. The law allows no more than the model: it also asks that a force could be decided
+again at the next reading, which holds in the model, too.
 
 The model is transcribed from ``timeline.py`` (``cost_before``), ``waveform.py`` (``penalty``) and
 ``certified.py`` (``limit``), by their names; a test holds both against each other.
@@ -61,6 +62,16 @@ def forgetful(energy: Any, forces: Sequence[Any], moves: Sequence[Any], reading:
     return energy + move * move
 
 
+def held(energy: Any, forces: Sequence[Any], reading: int, force: Any) -> Any:
+    """Whether the ledger pays for a force that is decided at a reading (lemma 8)."""
+    return cost_before(forces, reading) + cost(force, 1) <= energy
+
+
+def lasting(energy: Any, force: Any) -> Any:
+    """Whether it would, if this were the force before, too: what the law asks besides."""
+    return cost(force, DELAY / 2 + 1) <= energy
+
+
 def leak(
     readings: int,
     account: Callable[..., Any],
@@ -75,8 +86,8 @@ def leak(
     for reading in range(readings):
         if reading > 0:
             energy = account(energy, forces, moves, reading)
-        held = before(forces, reading) + cost(forces[reading], 1) <= energy
-        solver.add(z3.Or(held, forces[reading] == 0))
+        paid = before(forces, reading) + cost(forces[reading], 1) <= energy
+        solver.add(z3.Or(paid, forces[reading] == 0))
     total, negative = 0, []
     for half, move in enumerate(moves):
         total = total + 2 * move * move + acting(forces, half) * move
@@ -103,6 +114,25 @@ def test_the_solver_finds_the_leak_of_a_ledger_without(
     assert leak(3, account, before) == z3.sat
 
 
+@pytest.mark.parametrize(("lasts", "answer"), [(True, z3.unsat), (False, z3.sat)])
+def test_a_force_that_lasts_is_allowed_again_and_without_the_rule_it_need_not_be(
+    lasts: bool, answer: Any
+) -> None:
+    """No force before exceeds this one, nothing moves, and the energy is what it was (lemma 9)."""
+    solver = z3.Solver()
+    solver.set("rlimit", LIMIT)
+    energy, force = z3.Real("energy"), z3.Real("force")
+    forces = [z3.Real(f"before_{k}") for k in range(3)]
+    for one in forces:
+        solver.add(-force <= one, one <= force)
+    solver.add(held(energy, forces, 3, force))
+    if lasts:
+        solver.add(lasting(energy, force))
+    again = [held(energy, [*forces, *[force] * k], 3 + k, force) for k in range(1, 5)]
+    solver.add(z3.Not(z3.And(again)))
+    assert solver.check() == answer
+
+
 def test_the_model_is_the_ledger_of_the_code() -> None:
     """With the model's numbers, the bounder's ledger and limits are the model's, to rounding."""
     random = np.random.default_rng(1)
@@ -121,8 +151,11 @@ def test_the_model_is_the_ledger_of_the_code() -> None:
             energy = account(energy, forces, moves, reading)
             asked = random.normal() * 3.0
             (force,) = bounder.bound(2 * reading * half_ns, (position,), (asked,))
-            left = energy - cost_before(forces, reading)
-            assert bounder.limit == pytest.approx(2.0 * math.sqrt(max(left, 0.0)), abs=1e-6)
+            left = max(min(energy - cost_before(forces, reading), energy / (DELAY / 2 + 1)), 0.0)
+            limit = 2.0 * math.sqrt(left)
+            assert bounder.limit == pytest.approx(limit, abs=1e-6)
+            assert held(energy, forces, reading, (1.0 - 1e-6) * limit) or limit == 0.0
+            assert lasting(energy, (1.0 - 1e-6) * limit) or limit == 0.0
             bounder.settle((force,), (2 * reading + DELAY) * half_ns)
             forces.append(force)
             assert bounder.estimated_energy == pytest.approx(energy, abs=1e-9)
