@@ -115,5 +115,4 @@ def test_no_force_is_more_than_the_ledger_pays_for(delay: float, lag: float) -> 
         assert allowed <= max(bounder.estimated_energy, none) + 1e-12
         motor.waiting.append((delay, force))
         paid.append(abs(force) > FRICTION)
-    assert 0.1 < np.mean(paid)
-
+    assert np.mean(paid) > 0.1
