@@ -103,7 +103,7 @@ def cost(ledger: Ledger, end: int, size: float, duration: float) -> float:
     """Return what is charged for a hold of ``size`` times the force ``trial``, in J.
 
     It is what the hold can cost, or more, if it would cost more with this force as the one that
-    acts already: so a force lasts (``docs/theory.md``, lemma 9). No force is charged what it costs.
+    acts already: so a force lasts (``docs/theory.md``, lemma 9). Zero is charged its own cost.
     """
     more = 0.0
     if ledger.write_delay > 0.0 and size > 0.0:
