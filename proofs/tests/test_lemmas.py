@@ -138,7 +138,9 @@ def test_a_model_is_the_ledger_of_the_code(name: str) -> None:
             for shorter, is_allowed in ((0.999, True), (1.001, False)):
                 asked = bounder.limit * shorter
                 if asked > 1e-6:
-                    assert all(one.may_be_held(asked, forces) for one in ledgers) == is_allowed
+                    allowed = [one.may_be_held(asked, forces) for one in ledgers]
+                    allowed += [one.lasts(asked) for one in ledgers]
+                    assert all(allowed) == is_allowed
             bounder.settle((force,), now + stated.delay * TICK_NS)
             forces.append(force)
             least = min(one.energy for one in ledgers)

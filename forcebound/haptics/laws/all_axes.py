@@ -18,7 +18,7 @@ from functools import cache
 from typing import TypeAlias
 
 from forcebound.compiled import allow_in_kernels, jit
-from forcebound.haptics.laws.allowance import gain_at, largest_force, surplus
+from forcebound.haptics.laws.allowance import gain_at, largest_force, strongest_gain, surplus
 from forcebound.haptics.laws.hold_cost import hold_cost
 from forcebound.haptics.laws.law import BoundingLaw
 from forcebound.haptics.laws.ledger import (
@@ -134,10 +134,9 @@ def _limit(law: BoundingLaw) -> Limit:
             for end in range(ledger.ends):
                 gain = gain_at(ledger, end)
                 held = Write(0.0, gain * ledger.held_price, 0.0)
-                strongest = gain if ledger.axes == 1 else 1.0 + ledger.gain
-                before = cost_before(ledger, strongest, ledger.write_delay)
+                before = cost_before(ledger, strongest_gain(ledger, end), ledger.write_delay)
                 available = energy(ledger.state[end], held, device) - ledger.spent
-                ledger.available[end] = available - before
+                ledger.before[end], ledger.available[end] = before, available - before
             if ledger.axes > 1 and ledger.gain > 0.0:
                 least = min(ledger.available[0], ledger.available[1]) - spread_price(ledger)
                 ledger.available[0] = ledger.available[1] = least
@@ -167,6 +166,8 @@ def _settle(law: BoundingLaw) -> Settle:
         for end in range(ledger.ends):
             price = gain_at(ledger, end) * ledger.held_price
             left = surplus(ledger, end, 1.0) if limits_holds else 0.0
+            if limits_holds and ledger.axes > 1 and ledger.gain > 0.0:
+                left = min(left, surplus(ledger, 1 - end, 1.0))  # one limit serves both ends
             write = Write(square, price, left)
             ledger.state[end] = settle_law(ledger.state[end], write, ledger.constants)
             budget = min(budget, ledger.available[end])
@@ -198,6 +199,7 @@ def begin(ledger: Ledger) -> None:
         axis.origin = reading
     ledger.held_price = ledger.spent = ledger.since = 0.0
     ledger.available[0] = ledger.available[1] = ledger.largest_leak = 0.0
+    ledger.before[0] = ledger.before[1] = 0.0
     ledger.age = ledger.given = ledger.budget = 0.0
     ledger.held_limit, ledger.until_cut = ledger.planned_limit, math.inf
     ledger.waiting = ledger.crowded = 0

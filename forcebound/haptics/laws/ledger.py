@@ -59,6 +59,7 @@ class Ledger:
     # The law: state and energy available for the next hold, at the least and the largest gain.
     state: Annotated[list[float], 2]
     available: Annotated[list[float], 2]
+    before: Annotated[list[float], 2]  # J, what older forces can give until that hold begins
     held_price: float  # J, of the last reading that was taken in
     spent: float  # J, the most that the force since that reading can have given
     since: float  # s, since that reading

@@ -220,6 +220,21 @@ def decision() -> Obligation:
     )
 
 
+def lasting_force() -> Obligation:
+    """A force that may follow itself is paid again while nothing moves; a write delay of 1.5 T."""
+    energy, f, b, period, before, force = Reals("G f b T F0 F")
+
+    def paid(*acting: Any) -> Any:
+        spent = sum(rigid_cost(size(one), f, b, period / 2) for one in acting)
+        return spent + rigid_cost(force, f, b, period) <= energy
+
+    return Obligation(
+        And(paid(before, force, force), paid(force, force, force)),
+        {"lasts": paid(force, force, force), "forces before": size(before) <= force},
+        [f >= 0, b > 0, period > 0, force >= 0],
+    )
+
+
 def cut_share() -> Obligation:
     """A cut at an unknown time: the worst share of the interval."""
     share, capability, done, earliest, latest = Reals("share capability work earliest latest")
@@ -352,6 +367,7 @@ OBLIGATIONS: tuple[tuple[str, str, Callable[[], Obligation]], ...] = (
     ("lemma 8, decision", "3.1", decision),
     ("lemma 8, length", "3.1", longer_hold),
     ("lemma 8, bisection", "3.1", stronger_hold),
+    ("lemma 9", "3.1", lasting_force),
     ("cut, share", "3.1", cut_share),
     ("cut, price", "3.1", cut_price),
     ("gain", "3.2", gain),

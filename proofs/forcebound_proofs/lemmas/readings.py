@@ -153,10 +153,21 @@ class Ledger:
         weak = 0 if s.presliding else s.friction  # friction pays for a force of at most its size
         return either(held, self.gain * size(force) <= weak)
 
-    def _lagging(self, force: Any) -> Any:
+    def lasts(self, force: Any) -> Any:
+        """Whether it could follow itself, too, which the law asks as well (lemma 9)."""
         s = self.stated
-        left = s.left**s.hold_limit
-        return lagging_cost(size(self.actual), force, 1, s.hold_limit * HALF, s.lag, left)
+        if s.lag:
+            asked = self._lagging(size(force), larger(size(self.actual), size(force)))
+            return asked <= larger(self.energy, self._lagging(0))
+        paid = s.cost(self.gain * force, s.hold_limit)
+        paid = paid + s.cost(self.gain * force, s.delay) if s.delay else paid
+        weak = 0 if s.presliding else s.friction
+        return either(paid <= self.energy, self.gain * size(force) <= weak)
+
+    def _lagging(self, force: Any, actual: Any = None) -> Any:
+        s = self.stated
+        left, actual = s.left**s.hold_limit, size(self.actual) if actual is None else actual
+        return lagging_cost(actual, force, 1, s.hold_limit * HALF, s.lag, left)
 
 
 def dissipated(stated: Stated, moves: Sequence[Any], forces: Sequence[Any], gain: Any) -> list[Any]:
