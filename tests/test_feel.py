@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 from click.testing import CliRunner
@@ -32,7 +33,8 @@ def test_a_device_at_a_port_is_simulated_with_its_numbers(tmp_path: Path) -> Non
             same = tmp_path / "same.yaml"
             text = f"forcebound: 1\ninclude: five_bar_wall.yaml\n{numbers % (limit, given)}\n"
             same.write_text(text)
-            run = fb.simulate(same, **{"device.reply_wait": 0.8})
+            late: Any = {"device.reply_wait": 0.8}
+            run = fb.simulate(same, **late)
             assert felt == pytest.approx(run.figures.displayed_stiffness)
     assert rows[0.1, 0.0] < rows[0.02, 0.0] < rows[0.02, 0.01]
     assert found["felt"] == rows[0.1, 0.0]
@@ -59,7 +61,7 @@ def test_a_kind_is_held_against_the_wall_of_its_launch_file() -> None:
 
 @pytest.mark.parametrize(
     ("name", "reason"),
-    [("two_hands", "left, right"), ("push_mass", "stiffness"), ("nothing", "nothing")],
+    [("two_hands", "left, right"), ("follow_path", "stiffness"), ("nothing", "nothing")],
 )
 def test_what_has_no_forecast_is_refused(name: str, reason: str) -> None:
     done = CliRunner().invoke(main, ["feel", name])

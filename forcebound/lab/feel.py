@@ -28,6 +28,7 @@ FELT = "displayed_stiffness"
 LIMITS = (0.005, 0.01, 0.02, 0.05, 0.1)  # s, of a device without a watchdog
 ALLOWANCES = (0.0, 0.002, 0.005, 0.01, 0.02)  # J
 SHORT_LIMIT = 0.02  # s, in which the boards that ship can end a force
+LONGEST_TICK = 1.25  # periods, for which a force must be held at the least
 WHOLE = 0.95  # of the environment's stiffness, which is as good as all
 RATES = (0.5, 1.0, 2.0, 4.0)  # times what is stated
 FASTEST = 5000.0  # Hz, of a live run
@@ -91,12 +92,14 @@ class Forecast(NamedTuple):
     def _advice(self) -> Iterator[str]:
         if "allowance" not in self.stated or self.felt >= WHOLE * self.asked:
             return
-        rows = {row[1]: row[2] for row in _columns(self.varied[0]) if row[0] == SHORT_LIMIT}
+        runs = [*_columns(self.varied[0])]
+        short = min(limit for limit, *_ in runs if limit >= SHORT_LIMIT)
+        rows = {given: felt for limit, given, felt in runs if limit == short}
         enough = WHOLE * max(rows.values())
         given, felt = next((given, felt) for given, felt in rows.items() if felt >= enough)
         yield ""
         yield (
-            f"With watchdog_limit {_text(SHORT_LIMIT, MS)} and allowance {_text(given, MJ)}: "
+            f"With watchdog_limit {_text(short, MS)} and allowance {_text(given, MJ)}: "
             f"{self._felt(felt)}. The hand can then get at most {_text(given, MJ)}, the energy of"
             f" {given / PUSH:.2g} N over {1e3 * PUSH:.0f} mm."
         )
@@ -140,7 +143,8 @@ def forecast(name: str, arguments: Sequence[str] = ()) -> Forecast:
     plan: list[dict[str, tuple[Everyday, Sequence[float]]]] = []
     if model.watchdog == "none":
         stated |= {"watchdog_limit": model.longest_force, "allowance": servo.allowance}
-        limits = (MS, _with(LIMITS, model.longest_force))
+        possible = [limit for limit in LIMITS if limit * servo.rate >= LONGEST_TICK]
+        limits = (MS, _with(possible, model.longest_force))
         plan = [{"watchdog_limit": limits, "allowance": (MJ, _with(ALLOWANCES, servo.allowance))}]
     rates = [factor * servo.rate for factor in RATES if factor * servo.rate <= FASTEST]
     plan.append({"rate": (HZ, rates)})
@@ -151,10 +155,10 @@ def forecast(name: str, arguments: Sequence[str] = ()) -> Forecast:
         varied.append(Varied(tuple(numbers), units, sweep(config, **values)))
     runs = varied[-1].runs
     ((asked, felt),) = (
-        (row["environment.stiffness"], row["displayed_stiffness_n_per_m"])
+        (row.get("environment.stiffness"), row["displayed_stiffness_n_per_m"])
         for row in runs.where(**{"device.rate": servo.rate})
     )
-    if felt is None:
+    if asked is None or felt is None:
         raise ConfigError(f"{name}: expected an environment with a stiffness that the hand reaches")
     return Forecast(name, asked, felt, stated, varied)
 
