@@ -48,13 +48,16 @@ class DamagedError(Exception):
 
 
 class _Bounded:
-    """A file that is asked for no more than it has."""
+    """A file at its beginning, with what it has now: a recorder may write faster than one reads."""
 
     def __init__(self, file: BinaryIO) -> None:
-        self._file, self.size = file, os.fstat(file.fileno()).st_size
+        self._file = file
+        self.size = self._left = os.fstat(file.fileno()).st_size
 
     def read(self, length: int) -> bytes:
-        return self._file.read(min(length, self.size))
+        data = self._file.read(min(length, self._left))
+        self._left -= len(data)
+        return data
 
 
 def contents(path: Path, topics: Collection[str]) -> Iterator[Metadata | tuple[str, bytes]]:

@@ -16,6 +16,7 @@ from mcap.data_stream import RecordBuilder
 from mcap.records import Channel, Chunk, Footer, Message, Metadata
 from msgspec.structs import asdict
 
+from forcebound import mcap_file
 from forcebound.cli import main
 from forcebound.errors import ConfigError
 from forcebound.graph.loader import load
@@ -199,6 +200,22 @@ def test_a_record_longer_than_its_file_is_damage(path: Path) -> None:
     path.write_bytes(data[:8] + b"\x0c" + (2**64 - 1).to_bytes(8, "little") + data[17:])
     with pytest.raises(ConfigError, match="not a recording"):
         read(path)
+
+
+def test_a_file_that_grows_faster_than_it_is_read_ends_where_it_ended(path: Path) -> None:
+    builder: Any = RecordBuilder()
+    chunk(b"".join(run())).write(builder)
+    more = bytes(builder.end())
+    recorded(path, *run())
+    footer = 9 + 20 + len(MAGIC)
+    path.write_bytes(path.read_bytes()[:-footer] + more)
+    count = 0
+    with path.open("ab") as file:
+        for one in mcap_file.readable(path, ["telemetry"]):
+            count += isinstance(one, tuple)
+            file.write(more)
+            file.flush()
+    assert count == 40
 
 
 # --- Values --------------------------------------------------------------------------------------
