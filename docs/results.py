@@ -211,7 +211,12 @@ MEANINGS = {
     "largest_allowance_j": (
         "the most that holds beyond the hold limit can have given the hand (`device.allowance`)"
     ),
-    "allowance_repaid": "whether the ledger has it back",
+    "allowance_repaid": "whether the ledger has it back, and what a faster hand can have got",
+    "fast_holds": (
+        "intervals between two readings, with a force above friction, in which the hand moved "
+        "faster than `device.hand_speed`. Only shown if there are any"
+    ),
+    "speed_leak_j": "the most energy that the hand can have got in them",
     "energy_cap_j": (
         "most energy that a certified law keeps for later: `device.energy_cap`, else as much "
         "as the saturation can use (null)"

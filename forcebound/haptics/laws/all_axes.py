@@ -42,8 +42,10 @@ from forcebound.haptics.laws.sample import (
     start_axis,
 )
 from forcebound.haptics.laws.timeline import (
+    acting_cost,
     advance_to_reading,
     cost_before,
+    cost_within,
     drop,
     may_be_dropped,
     send,
@@ -99,6 +101,12 @@ def _limit(law: BoundingLaw) -> Limit:
         advance_to_reading(ledger, duration)
         if limits_holds and verdict != REFUSED:
             verdict = verdict_on_reading(ledger, verdict)
+            if verdict != REFUSED and ledger.hand_speed < math.inf and is_fast(ledger):
+                least = math.inf
+                for end in range(ledger.ends):
+                    held = Write(0.0, gain_at(ledger, end) * ledger.held_price, 0.0)
+                    least = min(least, energy(ledger.state[end], held, device))
+                owe(ledger, least)
         largest, added_damping = math.inf if limits_holds else 0.0, 0.0
         if verdict == _NEW:
             restart(ledger)
@@ -186,9 +194,10 @@ def begin(ledger: Ledger) -> None:
         store_axis(axis.memory, start_axis(reading))
         begin_interval(axis.motor)
         axis.motor.target = axis.motor.actual = 0.0
-        axis.held = axis.trial = axis.work = 0.0
+        axis.held = axis.onset = axis.trial = axis.work = 0.0
         axis.origin = reading
-    ledger.held_price = ledger.spent = ledger.since = 0.0
+    ledger.held_price = ledger.spent = ledger.since = ledger.speed_leak = 0.0
+    ledger.fast_holds = 0
     ledger.available[0] = ledger.available[1] = ledger.largest_leak = 0.0
     ledger.age = ledger.given = ledger.budget = 0.0
     ledger.held_limit, ledger.until_cut = ledger.planned_limit, math.inf
@@ -213,6 +222,37 @@ def verdict_on_reading(ledger: Ledger, verdict: int) -> int:
     for k in range(ledger.axes):
         is_one_hold = is_one_hold and ledger.axis[k].constants.dropped == 0.0
     return _UNSURE if is_one_hold and verdict == TAKEN else RESTART
+
+
+def is_fast(ledger: Ledger) -> bool:
+    """Return whether a reading shows more than the hand's speed while the last force acted."""
+    square, acted = 0.0, min(ledger.age, ledger.since)
+    for k in range(ledger.axes):
+        move = ledger.reading[k] - ledger.axis[k].memory.reading
+        square += move * move
+    if ledger.is_dropped:
+        acted = min(acted, ledger.held_limit * (1.0 + ledger.tolerance))
+    way = ledger.hand_speed * max(acted, ledger.constants.period) + ledger.resolution
+    return bool(square > way * way)
+
+
+def owe(ledger: Ledger, least: float) -> None:
+    """Take in what a faster hand can have got since the last reading that was taken in, in J.
+
+    ``least`` is what the ledger had then. The forces before the next one cost as much as ever.
+    """
+    gain = 1.0 + ledger.gain
+    if ledger.axes > 1 and ledger.gain > 0.0:
+        least -= spread_price(ledger)
+    decay = acting_cost(ledger, 0.5 * ledger.lag, gain)
+    spent = ledger.spent + cost_before(ledger, gain, ledger.write_delay, True)
+    if ledger.waiting > 0:
+        decay = cost_within(ledger, 0.5 * ledger.lag, math.inf)
+    spent += decay
+    if spent > 0.0:
+        ledger.fast_holds += 1
+        least = max(least, -ledger.speed_leak, -ledger.largest_leak)
+        ledger.speed_leak = max(ledger.speed_leak, spent - least)
 
 
 def observe_axes(ledger: Ledger, dt: float, is_unsure: bool) -> tuple[Motion, float, float]:

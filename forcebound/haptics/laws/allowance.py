@@ -12,7 +12,7 @@ import math
 
 from forcebound.haptics.laws.hold_cost import lagging_cost, rigid_force
 from forcebound.haptics.laws.ledger import NONE, Ledger
-from forcebound.haptics.laws.timeline import cost_of_strengths
+from forcebound.haptics.laws.timeline import cost_of_strengths, reach
 
 HALVINGS = 40  # of the saturation: 8 pN
 
@@ -33,7 +33,8 @@ def largest_force(ledger: Ledger) -> float:
         for end in range(ledger.ends):
             for level in range(_levels(ledger)):
                 most, duration = _most(ledger, end, level), _duration(ledger, level)
-                force = rigid_force(most, friction, one.damping, duration) - error
+                way = reach(ledger, duration)
+                force = rigid_force(most, friction, one.damping, duration, way) - error
                 high = min(high, max(force, 0.0) / gain_at(ledger, end))
         return high
     force = high
@@ -98,7 +99,7 @@ def cost(ledger: Ledger, scale: float, duration: float) -> float:
         ledger.axis[k].strength = abs(scale * ledger.axis[k].trial)
     if ledger.lag == 0.0:
         return cost_of_strengths(ledger, duration)
-    lag = ledger.lag
+    lag, way = ledger.lag, reach(ledger, duration)
     total = square = before_square = 0.0
     for k in range(ledger.axes):
         axis = ledger.axis[k]
@@ -109,13 +110,13 @@ def cost(ledger: Ledger, scale: float, duration: float) -> float:
         error = one.weight_error - (one.friction if one.presliding == 0.0 else 0.0)
         if not ledger.is_along_path:
             before, after = max(before + error, 0.0), max(force + error, 0.0)
-            total += lagging_cost(before, after, one.damping, duration, lag)
+            total += lagging_cost(before, after, one.damping, duration, lag, way)
     if not ledger.is_along_path:
         return total
     error = ledger.path_error - ledger.constants.path_friction
     before = max(math.sqrt(before_square) + error, 0.0)
     after = max(math.sqrt(square) + error, 0.0)
-    return lagging_cost(before, after, ledger.axis[0].constants.damping, duration, lag)
+    return lagging_cost(before, after, ledger.axis[0].constants.damping, duration, lag, way)
 
 
 def _strongest(ledger: Ledger, k: int) -> float:
