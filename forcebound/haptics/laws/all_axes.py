@@ -233,7 +233,7 @@ def is_fast(ledger: Ledger) -> bool:
     if ledger.is_dropped:
         acted = min(acted, ledger.held_limit * (1.0 + ledger.tolerance))
     way = ledger.hand_speed * max(acted, ledger.constants.period) + ledger.resolution
-    return bool(square > way * way)
+    return bool(square > way * way * (1.0 + 1e-9))  # sums are rounded
 
 
 def owe(ledger: Ledger, least: float) -> None:
