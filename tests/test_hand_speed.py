@@ -152,10 +152,10 @@ def test_a_faster_hand_that_meets_no_force_is_not_counted() -> None:
 
 
 def test_a_late_hold_costs_much_less_with_a_speed() -> None:
-    late = {"watchdog": "none", "watchdog_limit": 20e-3, "allowance": 1e-3}
+    late: dict[str, Any] = {"watchdog": "none", "watchdog_limit": 20e-3, "allowance": 1e-3}
     forces = []
     for speed in (math.inf, 1.0):
-        stated: Any = replace(EXACT, hand_speed=speed, **late)
+        stated = replace(EXACT, hand_speed=speed, **late)
         hand = free(stated, 400)
         hand.move(0.0, 50.0)
         forces.append(hand.force)
