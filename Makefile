@@ -11,19 +11,28 @@ CORE := forcebound/haptics/laws/*,nodes/*,messages/*
 COVERAGE := 88
 CORE_COVERAGE := 90
 FUZZ_SECONDS ?= 60# for each target
+DAILY := -n 2 --dist loadgroup -m "not slow and not endurance"# of `make test` and `make coverage`
 
-.PHONY: demo test coverage check ruff mypy pyright imports test-slow examples endurance proofs bench browser release \
-  reference docs fuzz hapi mutation clean
+.PHONY: demo test tests checks-beside coverage check ruff mypy pyright imports test-slow examples \
+  endurance proofs bench browser release reference docs fuzz hapi mutation clean
 
 demo: $(STAMP)
 	$(BIN)/forcebound demo
 
-test: check
-	$(BIN)/pytest -n 2 --dist loadgroup -m "not slow and not endurance"
+# The checks run beside the tests, in the time that these leave; what they say comes last.
+test: $(STAMP)
+	@$(MAKE) --no-print-directory --keep-going --jobs=2 tests checks-beside; ended=$$?; \
+	  cat results/checks.txt; exit $$ended
+
+tests: $(STAMP)
+	$(BIN)/pytest $(DAILY) --durations=40 --durations-min=1
+
+checks-beside: $(STAMP)
+	@mkdir -p results; \
+	  nice $(MAKE) --no-print-directory --keep-going pyright mypy ruff imports > results/checks.txt 2>&1
 
 coverage: $(STAMP)
-	$(BIN)/pytest -n 2 --dist loadgroup -m "not slow and not endurance" --cov --cov-report=term:skip-covered \
-	  --cov-fail-under=$(COVERAGE)
+	$(BIN)/pytest $(DAILY) --cov --cov-report=term:skip-covered --cov-fail-under=$(COVERAGE)
 	$(BIN)/coverage report --include='$(CORE)' --fail-under=$(CORE_COVERAGE) --format=total
 
 # Two at a time; what each has to say comes when it is done.
@@ -56,6 +65,7 @@ examples: $(STAMP)
 # The campaigns of the proofs and their pages: an hour or two on two idle cores. The attacks come
 # first; a leak of a certified law ends it.
 proofs: $(STAMP)
+	$(BIN)/python -m forcebound_proofs lemmas
 	$(BIN)/forcebound audit --runs 1000 --search 1000 --output proofs/docs/audit.md
 	$(BIN)/forcebound audit worlds --runs 60 --search 60 --output proofs/docs/audit-worlds.md
 	$(BIN)/forcebound audit sensitivity
@@ -128,7 +138,7 @@ $(STAMP): pyproject.toml proofs/pyproject.toml constraints.txt
 	@echo "Installing into $(VENV): a minute or more."
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --disable-pip-version-check \
-	  --constraint constraints.txt --editable '.[dev]' --editable proofs
+	  --constraint constraints.txt --editable '.[dev]' --editable 'proofs[proof]'
 	@touch $(STAMP)
 
 clean:

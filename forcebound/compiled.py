@@ -100,6 +100,7 @@ def _compiled(function: Callable[..., Any], parallel: bool, fast: bool) -> Any:
         numba.config.CACHE_DIR = str(folder)
         if not any(folder.iterdir()):
             _say_that_it_compiles()
+        _share_between_checkouts()
     allow_in_kernels(_called_by(function))
     compiled = numba.njit(
         cache=folder is not None, parallel=parallel, fastmath=fast, error_model="numpy", nogil=True
@@ -131,6 +132,19 @@ def _is_known_by_name(function: Callable[..., Any]) -> bool:
     enclosed = [cell.cell_contents for cell in function.__closure__ or ()]
     modules = [one.__module__ for one in enclosed if isinstance(one, FunctionType)]
     return all(module.startswith(("forcebound.", "forcebound_user_")) for module in modules)
+
+
+@cache
+def _share_between_checkouts() -> None:
+    """Let equal sources share compiled code wherever they are: the digest says that they are equal.
+
+    numba would name its folder after the path. Before it compared contents (it compared times), the
+    class had another name; there it does as it would.
+    """
+    from numba.core import caching
+
+    if locator := getattr(caching, "UserProvidedCacheLocator", None):
+        locator.get_suitable_cache_subpath = staticmethod(lambda file: Path(file).parent.name)
 
 
 @cache

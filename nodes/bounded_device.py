@@ -20,7 +20,8 @@ law adds damping or the motors have steps.
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from typing import NamedTuple
+
+from msgspec import Struct
 
 from forcebound.haptics.devices import Device
 from forcebound.haptics.devices.kinematics import tip_force
@@ -28,11 +29,12 @@ from forcebound.haptics.laws import Dissipation, ForceBounder
 from forcebound.haptics.laws.bounder import saturated, shorten
 from forcebound.haptics.laws.hold_limit import FIXED, HoldLimit
 from forcebound.haptics.laws.ledger import SETTLED
+from forcebound.haptics.parts import overridden
 from forcebound.messages.control import BounderReport
 from forcebound.messages.packets import Vector
 
 
-class Written(NamedTuple):
+class Written(Struct, frozen=True, gc=False):
     """Result of one write, at the tip."""
 
     position: Vector  # m, of the reading that the bounder used
@@ -68,7 +70,9 @@ class BoundedDevice:
         self._exchanges = exchanges
         self._clock = clock
         self._kinematics = device.kinematics
-        self._stamps, self._jitter = device.stamps, device.latch_jitter
+        self._stamps, methods = device.stamps, overridden(device, Device)
+        self._jitter = device.latch_jitter if "latch_jitter" in methods else None
+        self._fresh_reading = device.fresh_reading if "fresh_reading" in methods else None
         self._ahead_ns = 0  # of the bounder's clock
         self._reports_cuts = dissipation.watchdog in ("guarding", "reporting")
         self.takes_limit = device.set_hold_limit(dissipation.hold_limit) is not None
@@ -135,7 +139,7 @@ class BoundedDevice:
 
     def read(self, time_ns: int) -> Vector:
         """Return the position of the tip, in m, for a state."""
-        reading = self._device.fresh_reading()
+        reading = None if self._fresh_reading is None else self._fresh_reading()
         if reading is None:
             reading = self._device.read(time_ns)
         return reading if self._kinematics is None else self._kinematics.position(reading)
@@ -157,13 +161,13 @@ class BoundedDevice:
         device, bounder, kinematics = self._device, self.bounder, self._kinematics
         read_ns = time_ns if self._clock is None else self._clock()
         reading = device.read(time_ns)
-        stamps, jitter_ns = self._stamps(), self._jitter()
-        if stamps is not None:
+        if (stamps := self._stamps()) is not None:
             read_ns = stamps[0]
-        before_ns = self._ahead_ns  # at the last reading, and so at a cut since
+        before_ns = ahead_ns = self._ahead_ns  # at the last reading, and so at a cut since
+        jitter_ns = None if self._jitter is None else self._jitter()
         if jitter_ns is not None:
-            self._ahead_ns += jitter_ns
-        read_ns += self._ahead_ns
+            self._ahead_ns = ahead_ns = before_ns + jitter_ns
+        read_ns += ahead_ns
         position, asked, cut, given = reading, commanded, None, 0.0
         if kinematics is not None:
             position = kinematics.position(reading)
@@ -187,7 +191,7 @@ class BoundedDevice:
         write_ns = time_ns if self._clock is None else self._clock()
         if (stamps := self._stamps()) is not None:
             write_ns = stamps[1]
-        write_ns += self._ahead_ns
+        write_ns += ahead_ns
         bounder.settle(applied, write_ns)
         self._note(applied, read_ns, write_ns)
         tip, limit, joints, torques = applied, bounder.limit, None, None
@@ -195,11 +199,9 @@ class BoundedDevice:
             joints, torques = reading, applied
             tip = tip_force(kinematics, reading, applied, commanded, asked)
             limit *= math.hypot(*commanded) / (math.hypot(*asked) or math.inf)
-        ahead_ns = None if jitter_ns is None else self._ahead_ns
-        read_ns, write_ns = read_ns - self._ahead_ns, write_ns - self._ahead_ns
-        return Written(
-            position, tip, limit, read_ns, write_ns, joints, torques, cut, ahead_ns, given
-        )
+        read_ns, write_ns = read_ns - ahead_ns, write_ns - ahead_ns
+        ahead = None if jitter_ns is None else ahead_ns
+        return Written(position, tip, limit, read_ns, write_ns, joints, torques, cut, ahead, given)
 
     def _note(self, applied: Vector, read_ns: int, write_ns: int) -> None:
         self._read_ns = read_ns - self._ahead_ns
@@ -208,10 +210,13 @@ class BoundedDevice:
         elif not self._is_zero:
             settling_ns = round(SETTLED * self._dissipation.lag * 1e9)
             self._is_zero, self._gone_ns = True, write_ns - self._ahead_ns + settling_ns
-        self._longest_delay_ns = max(self._longest_delay_ns, write_ns - read_ns)
+        if write_ns - read_ns > self._longest_delay_ns:
+            self._longest_delay_ns = write_ns - read_ns
+        use_limit = self._use_limit
         self._writes += 1
-        self._held += self._use_limit
-        self._longest = max(self._longest, self._use_limit)
+        self._held += use_limit
+        if use_limit > self._longest:
+            self._longest = use_limit
         interval_ns = 0 if self._write_ns is None else write_ns - self._write_ns
         if self._has_begun:
             self._write_ns = write_ns

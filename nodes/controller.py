@@ -13,6 +13,7 @@ from typing import ClassVar
 from msgspec.structs import replace
 
 from forcebound.haptics.controllers import Controller
+from forcebound.haptics.parts import overridden
 from forcebound.haptics.parts.signals import Signal
 from forcebound.haptics.parts.user_module import describe_user_error
 from forcebound.messages.control import (
@@ -61,6 +62,7 @@ class ControllerNode(Node):
     ) -> None:
         self._hand = hand
         self._controller = controller
+        self._answers_states = "on_state" in overridden(controller, Controller)
         self._queries = 0
         self._commands = 0
         self.events = EventLog(node_name(hand, CONTROLLER))
@@ -70,13 +72,15 @@ class ControllerNode(Node):
         self._failures = 0  # failed calls of the controller's code
 
     def step(self, time_ns: int, received: Sequence[Packet]) -> list[Packet]:
-        packets = self._lease.check(time_ns)
+        lease = self._lease
+        packets = lease.check(time_ns) if time_ns > lease.due_ns else []
         for packet in received:
             if type(packet) is DeviceState:
                 self._take_state(packet, time_ns, packets)
             elif type(packet) is EnvironmentReply:
                 self._take_reply(packet, time_ns, packets)
-        packets += self._signals.events(time_ns)
+        if self._signals.waiting:
+            packets += self._signals.events(time_ns)
         return packets
 
     def admit(self, packet: Packet, source: str, time_ns: int) -> bool:
@@ -104,7 +108,8 @@ class ControllerNode(Node):
 
     def _take_state(self, state: DeviceState, time_ns: int, packets: list[Packet]) -> None:
         try:
-            force = _force(self._controller.on_state(state, time_ns))
+            force = self._controller.on_state(state, time_ns) if self._answers_states else None
+            force = None if force is None else _vector(force)
             position, velocity = self._controller.query(state)
             position, velocity = _vector(position), _vector(velocity)
         except Exception as error:
@@ -149,12 +154,12 @@ class ControllerNode(Node):
             self.reject("not_finite")
             reply = replace(reply, proxy=None, normal=None)
         try:
-            force = _force(self._controller.on_reply(reply, time_ns))
+            force = self._controller.on_reply(reply, time_ns)
+            if force is not None:
+                packets.append(self._answer(reply, _vector(force), time_ns))
         except Exception as error:
             self._fail("on_reply", error, time_ns, packets)
             return
-        if force is not None:
-            packets.append(self._answer(reply, force, time_ns))
         self._reply_ns = max(self._reply_ns or 0, reply.device_time_ns)
 
     def _answer(self, reply: EnvironmentReply, force: Vector, time_ns: int) -> ForceCommand:
@@ -182,7 +187,3 @@ class ControllerNode(Node):
 def _vector(answer: Vector) -> Vector:
     """Return the answer of a controller, which may have numbers of numpy, as it can be sent."""
     return tuple(map(float, answer))
-
-
-def _force(answer: Vector | None) -> Vector | None:
-    return None if answer is None else _vector(answer)

@@ -25,6 +25,7 @@ from forcebound.errors import ConfigError, DeviceError
 from forcebound.graph.servo import ServoSettings
 from forcebound.haptics.devices import Device
 from forcebound.haptics.laws import LAWS, Dissipation
+from forcebound.haptics.parts import overridden
 from forcebound.haptics.parts.signals import Signal
 from forcebound.messages.control import (
     Answer,
@@ -71,6 +72,7 @@ class DeviceNode(Node):
 
     wakes_on_arrival: ClassVar[bool] = False
     requests: ClassVar[tuple[type[Request], ...]] = (Engage, Point)
+    wake_ns: int = 0  # of the next instant
 
     def __init__(
         self,
@@ -88,8 +90,9 @@ class DeviceNode(Node):
         self.hand = hand
         self._device = device
         self._servo = servo
-        self._orientation, self._buttons = device.orientation, device.buttons
-        self._measured_force = device.measured_force
+        self._buttons, self._measured_force = device.buttons, device.measured_force
+        turns = "orientation" in overridden(device, Device)
+        self._orientation = device.orientation if turns else None
         self._is_dragged = False
         self._period_ns = servo.period_ns
         self._reply_wait_ns = servo.reply_wait_ns
@@ -110,7 +113,6 @@ class DeviceNode(Node):
         self._start_ns: int | None = None  # of tick 0
         self._tick = 0
         self._writes_next = False
-        self._wake_ns = 0
         self._engage_requested = False
         self._engaged_ns: int | None = None
         self._stopped = False
@@ -127,10 +129,6 @@ class DeviceNode(Node):
         is_unknown = self._bounded.takes_limit and device.truth() is None
         about = {TAKES_HOLD_LIMIT: "true"} if is_unknown else {}
         self._reports = DeviceEvents(self.events, servo, about)
-
-    @property
-    def wake_ns(self) -> int:
-        return self._wake_ns
 
     @property
     def needs_packets(self) -> bool:
@@ -190,7 +188,7 @@ class DeviceNode(Node):
         if place is None:
             return Refused("no hand follows a pointer here: set operator: {kind: pointer}")
         self._is_dragged = True
-        return Pointed(tuple(place), self._wake_ns)
+        return Pointed(tuple(place), self.wake_ns)
 
     def stop(self, time_ns: int) -> None:
         """Write zero force, now and from now on; if that fails, the device's watchdog remains."""
@@ -213,26 +211,29 @@ class DeviceNode(Node):
                 self._exchange.take(packet)
             else:
                 self._chain.accept(packet, time_ns)
-        if time_ns < self._wake_ns:
+        if time_ns < self.wake_ns:
             return []
-        if self._writes_next:
-            packets: list[Packet] = [self._write(time_ns)]
-            if self.is_engaged:
-                if self._chain.is_held:
-                    self._is_answered = self._chain.command is not None
-                packets += self._reports.look(
-                    time_ns,
-                    self._is_answered,
-                    self._bounded.refused_readings,
-                    self.deadline_misses,
-                )
-            if self._next_law is not None and not self._bounded.holds_force:
-                packets.append(self._change_law(self._next_law, time_ns))
-            if self._exchange is not None:
-                packets.append(self._exchange.packet(time_ns))
+        if not self._writes_next:
+            return [self._sample(time_ns)]
+        packets: list[Packet] = [self._write(time_ns)]
+        if self.is_engaged:
+            if self._chain.is_held:
+                self._is_answered = self._chain.command is not None
+            is_answered, reports, bounded = self._is_answered, self._reports, self._bounded
+            if (
+                is_answered is not reports.is_answered
+                or bounded.bounder.refused_readings != reports.refused
+                or time_ns >= reports.overload.end_ns
+            ):
+                refused, missed = bounded.refused_readings, self.deadline_misses
+                packets += reports.look(time_ns, is_answered, refused, missed)
+        if self._next_law is not None and not self._bounded.holds_force:
+            packets.append(self._change_law(self._next_law, time_ns))
+        if self._exchange is not None:
+            packets.append(self._exchange.packet(time_ns))
+        if self._signals.waiting:
             packets += self._signals.events(time_ns)
-            return packets
-        return [self._sample(time_ns)]
+        return packets
 
     def _sample(self, time_ns: int) -> DeviceState:
         if self._start_ns is None:
@@ -261,7 +262,7 @@ class DeviceNode(Node):
             position,
             self._velocity,
             self._applied,
-            self._orientation(),
+            None if self._orientation is None else self._orientation(),
             self._buttons(),
             self._signals.numbers(),
             UNSET if measured is None else measured,
@@ -270,10 +271,10 @@ class DeviceNode(Node):
         self._chain.remember(state)
         self._writes_next = True
         due_ns = self._start_ns + self._tick * self._period_ns + self._reply_wait_ns
-        self._wake_ns = max(due_ns, time_ns + self._least_wait_ns)
+        self.wake_ns = max(due_ns, time_ns + self._least_wait_ns)
         if self._lateness is not None:
-            early_ns = max(self._wake_ns - time_ns, 0) // 2  # at most: reading comes first
-            self._wake_ns += max(self._lateness(), -early_ns)
+            early_ns = max(self.wake_ns - time_ns, 0) // 2  # at most: reading comes first
+            self.wake_ns += max(self._lateness(), -early_ns)
         return state
 
     def _write(self, time_ns: int) -> Telemetry:
@@ -293,9 +294,13 @@ class DeviceNode(Node):
             given, received = exchange.given, exchange.received
         self._applied = written.applied
         cut_ns, cut_position = written.cut or (None, None)
-        reply_ns = None if command is None else command.reply_time_ns
-        if reply_ns is not None and reply_ns > time_ns:  # a controller may say anything
-            reply_ns = None
+        device_seq = loop_delay = reply_age = None
+        if command is not None:
+            device_seq = command.device_seq
+            loop_delay = (time_ns - command.device_time_ns) * 1e-9
+            reply_ns = command.reply_time_ns
+            if reply_ns is not None and reply_ns <= time_ns:  # a controller may say anything
+                reply_age = (time_ns - reply_ns) * 1e-9
         truth = self._device.truth()
         telemetry = Telemetry(
             self._tick,
@@ -310,8 +315,8 @@ class DeviceNode(Node):
             None if truth is None else truth.position,
             None if truth is None else truth.hand_force,
             demand.engagement,
-            None if command is None else command.device_seq,
-            None if command is None else (time_ns - command.device_time_ns) * 1e-9,
+            device_seq,
+            loop_delay,
             self.deadline_misses,
             chain.rejected,
             written.read_ns,
@@ -321,7 +326,7 @@ class DeviceNode(Node):
             cut_ns,
             cut_position,
             written.ahead_ns,
-            None if reply_ns is None else (time_ns - reply_ns) * 1e-9,
+            reply_age,
             given,
             received,
             hand=self.hand,
@@ -353,7 +358,7 @@ class DeviceNode(Node):
             self.deadline_misses += overdue
             next_tick += overdue
         self._tick = next_tick
-        self._wake_ns = max(self._start_ns + next_tick * self._period_ns, time_ns)
+        self.wake_ns = max(self._start_ns + next_tick * self._period_ns, time_ns)
 
     def _elapsed(self, time_ns: int) -> float:
         return 0.0 if self._engaged_ns is None else (time_ns - self._engaged_ns) * 1e-9

@@ -18,17 +18,20 @@ class DeviceEvents:
     """Events of the ticks of a device node, limited in rate.
 
     ``about``: data of the device, which a recording must hold wherever a ledger begins.
+
+    :meth:`look` has something to do if ``is_answered`` or ``refused`` are no longer as here, or at
+    the ``end_ns`` of the ``overload``.
     """
 
     def __init__(
         self, log: EventLog, servo: ServoSettings, about: Mapping[str, str] | None = None
     ) -> None:
         self._log, self._servo, self._about = log, servo, about or {}
-        self._is_answered = False
+        self.is_answered = False
         self._next_answer_ns = 0
-        self._refused = 0
+        self.refused = 0
         self._next_refusal_ns = 0
-        self._overload = Overload(servo.period_ns)
+        self.overload = Overload(servo.period_ns)
 
     def look(self, time_ns: int, is_answered: bool, refused: int, missed: int) -> list[Packet]:
         """Return the events after a tick with an engaged force.
@@ -36,13 +39,13 @@ class DeviceEvents:
         It takes whether an answer gives the force, and readings refused and ticks missed so far.
         """
         events: list[Packet] = []
-        if self._is_answered != is_answered and time_ns >= self._next_answer_ns:
-            self._is_answered, self._next_answer_ns = is_answered, time_ns + STATE_INTERVAL_NS
+        if self.is_answered != is_answered and time_ns >= self._next_answer_ns:
+            self.is_answered, self._next_answer_ns = is_answered, time_ns + STATE_INTERVAL_NS
             events.append(self._answers(time_ns))
-        if refused > self._refused and time_ns >= self._next_refusal_ns:
-            self._refused, self._next_refusal_ns = refused, time_ns + REFUSAL_INTERVAL_NS
+        if refused > self.refused and time_ns >= self._next_refusal_ns:
+            self.refused, self._next_refusal_ns = refused, time_ns + REFUSAL_INTERVAL_NS
             events.append(self._refusals(time_ns))
-        warning = self._overload.observe(time_ns, missed)
+        warning = self.overload.observe(time_ns, missed)
         if warning is not None:
             events.append(self._log.emit(time_ns, "ticks_missed", warning, is_fault=True))
         return events
@@ -55,7 +58,7 @@ class DeviceEvents:
         ``before`` is of a simulated device: the law before, the true energy under it, and
         ``energy_before`` of the status, in J.
         """
-        self._overload = Overload(self._servo.period_ns)
+        self.overload = Overload(self._servo.period_ns)
         message, data = f"law: {law} from now on", {"law": law, **self._about}
         if before is not None:
             former, given, energy = before
@@ -84,7 +87,7 @@ class DeviceEvents:
         return self._log.emit(time_ns, BOUNDER_REPORTED, message, report.as_texts())
 
     def _answers(self, time_ns: int) -> Event:
-        if self._is_answered:
+        if self.is_answered:
             message = "replies received; ramping force up"
             return self._log.emit(time_ns, "force_engages", message, self._about)
         limit = self._servo.age_limit * 1e3
@@ -93,10 +96,10 @@ class DeviceEvents:
 
     def _refusals(self, time_ns: int) -> Event:
         message = (
-            f"refused readings so far: {self._refused}; they are not finite, too soon after"
+            f"refused readings so far: {self.refused}; they are not finite, too soon after"
             " another, or faster than device.largest_speed: look at the encoder and its cable"
         )
-        data = {"refused": str(self._refused)}
+        data = {"refused": str(self.refused)}
         return self._log.emit(time_ns, "readings_refused", message, data, is_fault=True)
 
 
@@ -105,19 +108,19 @@ class Overload:
 
     def __init__(self, period_ns: int) -> None:
         self._ticks = WINDOW_NS / period_ns
-        self._window_end_ns: int | None = None
+        self.end_ns = 0  # of the window; 0: none has begun
         self._missed_before = 0
         self._next_warning_ns = 0
 
     def observe(self, time_ns: int, missed: int) -> str | None:
         """Return a warning if many ticks of the last second were ``missed``; else None."""
-        end_ns = self._window_end_ns
-        if end_ns is not None and time_ns < end_ns:
+        end_ns = self.end_ns
+        if time_ns < end_ns:
             return None
         lately = missed - self._missed_before
-        self._window_end_ns = time_ns + WINDOW_NS
+        self.end_ns = time_ns + WINDOW_NS
         self._missed_before = missed
-        if end_ns is None or lately <= SHARE * self._ticks or time_ns < self._next_warning_ns:
+        if end_ns == 0 or lately <= SHARE * self._ticks or time_ns < self._next_warning_ns:
             return None
         self._next_warning_ns = time_ns + REPEAT_NS
         return (

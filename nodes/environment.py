@@ -176,6 +176,7 @@ class EnvironmentNode(Node):
         methods = overridden(self._environment, Environment)
         self._takes_readings = "take_readings" in methods
         self._notices_leaving = "leave" in methods
+        self._reports_contacts = "contact" in methods
 
     def close(self) -> None:
         close_part(self._environment.close, ENVIRONMENT)
@@ -189,7 +190,8 @@ class EnvironmentNode(Node):
             self._drop_absent(time_ns)
         was_due, answered = self._scene.is_due, self._seq
         packets = self._answers(time_ns)
-        packets += self._signals.events(time_ns)
+        if self._signals.waiting:
+            packets += self._signals.events(time_ns)
         if self._seq != answered:
             self._scene.note_answer(time_ns)
         if was_due and (self._seq == answered or not self._scene.may_wait(time_ns)):
@@ -313,7 +315,7 @@ class EnvironmentNode(Node):
             force = _vector(answer, query)
             if not all(map(isfinite, force)):
                 raise ValueError(f"expected a finite force, got {force} N")
-            contact = environment.contact(query.hand)
+            contact = environment.contact(query.hand) if self._reports_contacts else None
             signals = self._signals.numbers()
             self._is_sound, self._failing_ns = True, None
             if contact is None:

@@ -12,7 +12,7 @@ answer of another one must not displace that of the holder there.
 """
 
 from forcebound.messages.events import EventKind, EventLog
-from forcebound.messages.packets import Event, Packet
+from forcebound.messages.packets import MAX_COUNT, Event, Packet
 
 LEASE_NS = 1_000_000_000  # by default; twice the age limit where that is more
 REJECTED_INTERVAL_NS = 1_000_000_000  # between two events about rejected environments
@@ -33,6 +33,7 @@ class Lease:
         self.heard_ns = 0  # last answer of the holder; set by the node that receives it
         self._emitted_ns: int | None = None
         self.holder: str | None = None
+        self.due_ns = MAX_COUNT  # after that, :meth:`check` has something to do
         self._claim: tuple[str, str] | None = None  # name and source whose replies are admitted
         self._claimed_ns = 0  # when the last of these arrived
         self._to_emit: list[Packet] = []
@@ -41,9 +42,10 @@ class Lease:
         """End the lease of a holder that has been silent for too long; return what happened."""
         events, self._to_emit = self._to_emit, []
         lease_ns = self._dead_lease_ns if self._is_dead else self._lease_ns
-        if self.holder is None or time_ns - self.heard_ns <= lease_ns:
+        self.due_ns = MAX_COUNT if self.holder is None else self.heard_ns + lease_ns
+        if self.holder is None or time_ns <= self.due_ns:
             return events
-        environment, self.holder = self.holder, None
+        environment, self.holder, self.due_ns = self.holder, None, MAX_COUNT
         self._claim = None
         silence = (time_ns - self.heard_ns) * 1e-9
         how = "is gone" if self._is_dead else f"has been silent for {silence:.1f} s"
@@ -67,6 +69,7 @@ class Lease:
         if claim != self._claim:
             serving = self._claim[0] if self._claim is not None else str(self.holder)
             self._to_emit += self._reject(environment, serving, time_ns)
+            self.due_ns = 0
             return False
         self._claimed_ns = time_ns
         return True
@@ -77,6 +80,7 @@ class Lease:
             return self._reject(environment, self.holder, time_ns)
         self.holder = environment
         self.heard_ns = time_ns
+        self.due_ns = 0
         message = f"environment {environment} serves now"
         return [self._event(time_ns, "environment_serves", message, environment)]
 
@@ -88,6 +92,7 @@ class Lease:
         """
         if self.holder is not None:
             self._is_dead = self._is_dead or self.holder.startswith(process)
+            self.due_ns = 0
         elif self._claim is not None and self._claim[0].startswith(process):
             self._claim = None
 

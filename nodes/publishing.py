@@ -18,6 +18,9 @@ class Signals:
 
     A number that is not declared is an error where the part publishes it
     (:class:`forcebound.haptics.parts.signals.SignalError`), or here if it did so in its ``open``.
+
+    Attributes:
+        waiting: Events of the part that were not taken yet; without any, there is nothing to do.
     """
 
     def __init__(
@@ -35,7 +38,7 @@ class Signals:
     def watch(self, part: Publisher) -> None:
         """Take what this part publishes from now on."""
         part.published.declare(self._declared)
-        self._held, self._waiting = part.published.numbers, part.published.events
+        self._held, self.waiting = part.published.numbers, part.published.events
 
     def numbers(self) -> Mapping[str, float] | UnsetType:
         """Return the numbers of now, for a packet; unset without any."""
@@ -43,12 +46,10 @@ class Signals:
 
     def events(self, time_ns: int) -> list[Event]:
         """Return the events since the last call."""
-        if not self._waiting:
-            return []
         if time_ns - self._begin_ns >= 1_000_000_000:
             self._begin_ns, self._left = time_ns, EVENTS_PER_SECOND
         sent = []
-        for event, message, is_fault in self._waiting:
+        for event, message, is_fault in self.waiting:
             is_text = isinstance(event, str) and isinstance(message, str)
             if self._left and is_text and _is_kind(event):
                 self._left -= 1
@@ -56,7 +57,7 @@ class Signals:
                 sent.append(self._log.publish(time_ns, event, words, is_fault=is_fault is True))
             else:
                 self._reject("event")
-        self._waiting.clear()
+        self.waiting.clear()
         return sent
 
 

@@ -20,9 +20,11 @@ from typing import Any
 import numpy as np
 import pytest
 from addresses import LAUNCHERS
+from click.testing import CliRunner, Result
 from numpy.typing import NDArray
 from waiting import TIMEOUT
 
+from forcebound.cli import main
 from forcebound.interface import live
 from forcebound.messages.codec import decode
 from forcebound.messages.control import GetStatus, LauncherStatus, ProcessState
@@ -115,7 +117,7 @@ class LiveGraph:
         while not happened():
             assert self.process.poll() is None, f"the run ended; its log:\n{self.log}"
             assert time.monotonic() < end, f"waited {TIMEOUT} s for {what}; log:\n{self.log}"
-            sockets.wait((), 10_000_000)
+            sockets.wait((), 20_000_000)
 
     def status(self) -> LauncherStatus:
         """Return what the launcher says of its processes."""
@@ -178,21 +180,14 @@ class LiveGraph:
 
             self.until(came, what)
 
-    def order(self, *words: str) -> "subprocess.CompletedProcess[str]":
-        """Run another command of forcebound, beside the graph."""
-        return subprocess.run(
-            [sys.executable, "-m", "forcebound", *words],
-            env={**os.environ, **self.variables},
-            capture_output=True,
-            text=True,
-            timeout=TIMEOUT,
-            check=False,
-        )
+    def order(self, *words: str) -> Result:
+        """Run another command of forcebound on the graph, in this process."""
+        return CliRunner().invoke(main, words, env=self.variables, catch_exceptions=False)
 
-    def do(self, *words: str) -> "subprocess.CompletedProcess[str]":
+    def do(self, *words: str) -> Result:
         """Run another command on the graph, which must succeed."""
         done = self.order(*words, "--run", str(self.run_dir))
-        assert done.returncode == 0, done.stderr
+        assert done.exit_code == 0, done.stderr
         return done
 
     def end(self, timeout: float = TIMEOUT) -> "Ended":

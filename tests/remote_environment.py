@@ -104,9 +104,17 @@ operator:
   frequency: 2 Hz
 """
 
+# What a test of connections, commands or changes needs not more often, the machine has for others.
+RATE = "500 Hz"
+
 
 def write_launch_file(
-    folder: Path, name: str, remote: str = "", more: str = "", base: str = "stiff_wall.yaml"
+    folder: Path,
+    name: str,
+    remote: str = "",
+    more: str = "",
+    base: str = "stiff_wall.yaml",
+    rate: str = RATE,
 ) -> Path:
     """Write a launch file of a hand that hits a stiff wall again and again.
 
@@ -116,12 +124,13 @@ def write_launch_file(
         remote: Entries of its section ``remote``; empty: none.
         more: Further sections.
         base: What it includes.
+        rate: Of the servo.
     """
     file = folder / name
     section = f"remote: {{ {remote} }}\n" if remote else ""
     file.write_text(
         f"forcebound: 1\ndescription: A hand and a wall.\ninclude: {base}\n"
-        f"realtime: {{ policy: other }}\n{section}{HAND}{more}"
+        f"realtime: {{ policy: other }}\ndevice: {{ rate: {rate} }}\n{section}{HAND}{more}"
     )
     return file
 
@@ -136,7 +145,8 @@ def write_hands(folder: Path, **remotes: str) -> Path:
     hands = []
     for hand, remote in remotes.items():
         section = f"remote: {{ {remote} }}\n" if remote else ""
-        hands.append(f"{hand}:\n{indent(f'include: stiff_wall.yaml{HAND}{section}', '  ')}")
+        text = f"include: stiff_wall.yaml\ndevice: {{ rate: {RATE} }}{HAND}{section}"
+        hands.append(f"{hand}:\n{indent(text, '  ')}")
     file = folder / "hands.yaml"
     file.write_text(
         "forcebound: 1\nseed: 1\nduration: 10\nrealtime: { policy: other }\n"

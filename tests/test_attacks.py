@@ -307,7 +307,7 @@ def deceive_controller(graph: LiveGraph, port: int, random_: random.Random) -> t
 def test_attackers_in_place_of_the_controller_and_of_the_environment(tmp_path: Path) -> None:
     random_, port = random.Random(1), free_port()
     remote = f"address: 127.0.0.1, port: {port}, local: true, insecure: true"
-    with live_graph(str(write_launch_file(tmp_path, "a.yaml", remote))) as graph:
+    with live_graph(str(write_launch_file(tmp_path, "a.yaml", remote, rate="1 kHz"))) as graph:
         device = graph.pid("device")
         without_answers = [
             flood(graph, random_),

@@ -1,4 +1,4 @@
-"""The cache of compiled kernels: a changed callee counts, an unrelated file does not."""
+"""The cache of compiled kernels: a changed callee counts, an unrelated file or path does not."""
 
 import os
 import shutil
@@ -38,15 +38,16 @@ def package(tmp_path: Path) -> Path:
     return copy
 
 
-def run(package: Path) -> tuple[str, set[Path]]:
-    """What the kernel prints, and the folders of compiled code."""
-    home = package.parent / "home"
+def run(package: Path, home: Path | None = None) -> tuple[str, dict[Path, int]]:
+    """What the kernel prints, and the files of compiled code with the times of their changes."""
+    home = home or package.parent / "home"
     environment = os.environ | {"HOME": str(home), "PYTHONPATH": str(package.parent)}
     command = [sys.executable, "-m", "forcebound.kernel"]
     done = subprocess.run(
         command, env=environment, cwd=package.parent, capture_output=True, text=True, check=True
     )
-    return done.stdout.strip(), set((home / ".cache" / "forcebound").iterdir())
+    files = (path for path in (home / ".cache" / "forcebound").rglob("*.nb?") if path.is_file())
+    return done.stdout.strip(), {path: path.stat().st_mtime_ns for path in files}
 
 
 def test_kernel_follows_a_constant_of_another_file(package: Path) -> None:
@@ -69,3 +70,10 @@ def test_unrelated_file_leaves_compiled_code_valid(package: Path) -> None:
     before = run(package)
     (package / "unrelated.py").write_text("NEW = 1\n")
     assert run(package) == before
+
+
+def test_equal_sources_elsewhere_share_compiled_code(package: Path, tmp_path: Path) -> None:
+    before = run(package)
+    assert before[1]
+    elsewhere = Path(shutil.copytree(package, tmp_path / "elsewhere" / "forcebound"))
+    assert run(elsewhere, home=tmp_path / "home") == before

@@ -144,7 +144,7 @@ def test_a_wall_clock_that_jumps_by_an_hour_is_not_felt(tmp_path: Path) -> None:
         timeout=TIMEOUT,
     )
     assert float(seen.stdout) > 3599.0, "the wall clock does not jump"
-    file = write_launch_file(tmp_path, "a.yaml")
+    file = write_launch_file(tmp_path, "a.yaml", rate="1 kHz")
     with live_graph(str(file), variables=variables) as graph:
         begin_ns = time.monotonic_ns()
         graph.wait(3.0)
@@ -175,7 +175,7 @@ def test_links_that_reorder_double_and_lose_everything_in_turn(tmp_path: Path) -
             f"  - {{ name: after {topic}, duration: 1200 ms }}",
         ]
     more = "links:\n" + "".join(f"  {topic}: {{ {bad} }}\n" for topic in links)
-    file = write_launch_file(tmp_path, "a.yaml", more=more + "\n".join(phases) + "\n")
+    file = write_launch_file(tmp_path, "a.yaml", more=more + "\n".join(phases) + "\n", rate="1 kHz")
     with live_graph(str(file)) as graph:
         graph.wait(3.0 + 1.9 * len(links))
         ended = graph.end()

@@ -31,7 +31,8 @@ OF_TIME = {
 def calm(tmp_path: Path) -> str:
     """A graph that leaves the other tests their share of the machine."""
     file = tmp_path / "calm.yaml"
-    file.write_text("forcebound: 1\ninclude: stiff_wall.yaml\nrealtime: {policy: other}\n")
+    text = "forcebound: 1\ninclude: stiff_wall.yaml\nrealtime: {policy: other}\n"
+    file.write_text(f"{text}device: {{rate: 500 Hz}}\n")
     return str(file)
 
 
@@ -41,8 +42,8 @@ def examine(graph: LiveGraph) -> tuple[int, dict[str, dict[str, Any]]]:
     assert done.stderr == ""
     document = json.loads(done.stdout)
     assert document["graph"] == str(graph.run_dir.resolve())
-    assert document["is_well"] == (done.returncode == 0)
-    return done.returncode, {finding["kind"]: finding for finding in document["findings"]}
+    assert document["is_well"] == (done.exit_code == 0)
+    return done.exit_code, {finding["kind"]: finding for finding in document["findings"]}
 
 
 def problems(found: dict[str, dict[str, Any]]) -> set[str]:
@@ -80,7 +81,7 @@ def test_a_healthy_graph_then_a_suspended_environment_then_a_link_that_loses_all
         graph.wait_until_in_contact()
         graph.do("stop", "environment")
         done = graph.order("doctor", "--run", str(graph.run_dir))
-        assert done.returncode == 1
+        assert done.exit_code == 1
         assert "problem  environment: is stopped on request" in done.stdout
         assert "-> forcebound start environment" in done.stdout
         assert graph.end().exit_status == 0

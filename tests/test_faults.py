@@ -86,7 +86,7 @@ def test_an_environment_leaves_and_comes_back_by_command() -> None:
             ("start", "wall"): "no node 'wall' in this graph; its nodes are",
         }.items():
             refused = graph.order(*words, *run)
-            assert refused.returncode == 2
+            assert refused.exit_code == 2
             assert reason in refused.stderr
         graph.do("stop", "environment")
         harm_ns = time.monotonic_ns()

@@ -305,7 +305,9 @@ def test_a_device_that_does_not_wait_ends_the_run_of_all_hands(config: GraphConf
 @pytest.mark.xdist_group("processes")
 @pytest.mark.no_cover
 def test_every_command_knows_the_hands_of_a_running_graph(file: Path, tmp_path: Path) -> None:
-    calm = TWO.replace("seed: 1", "seed: 1\nrealtime: {policy: other}")
+    text = TWO.replace("seed: 1", "seed: 1\nrealtime: {policy: other}")
+    text = text.replace("{law: none}", "{law: none, rate: 250 Hz}")
+    calm = text.replace("  left:\n", "  left:\n    device: {rate: 250 Hz}\n")
     record = tmp_path / "live.mcap"
     with forcebound.launch(written(tmp_path, calm), record=record) as graph:
         run = ("--run", str(graph.run_dir))
@@ -325,7 +327,7 @@ def test_every_command_knows_the_hands_of_a_running_graph(file: Path, tmp_path: 
         assert whose.exit_code == 2
         assert "left/telemetry or right/telemetry" in whose.stderr
         delays = invoke(
-            "delay", str(graph.run_dir), "--hand", "right", "--duration", "3s", "--json"
+            "delay", str(graph.run_dir), "--hand", "right", "--duration", "1s", "--json"
         )
         assert json.loads(delays.stdout)["ticks"] > 0
         edges = {edge["topic"] for edge in found("graph", "--duration", "100ms")}

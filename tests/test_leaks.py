@@ -14,6 +14,8 @@ from pathlib import Path
 import leaks
 import pytest
 
+pytestmark = pytest.mark.live  # so that the fork server of the session is there before
+
 
 def process(stack: ExitStack) -> None:
     child = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)

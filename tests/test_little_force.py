@@ -24,7 +24,7 @@ from forcebound.run.results import RunResult
 from forcebound.run.simulation import LateTicks
 from forcebound.run.virtual import VirtualGraph, run_virtual
 
-DURATION = 2.5  # s; the hand rests in the wall after one
+DURATION = 1.5  # s; the hand rests in the wall after one
 NEAR = 0.1  # of the stiffness that a remedy gives
 MISSED = LateTicks(rate=50.0, shortest=1e-3, longest=2e-3)  # 5 % of the ticks
 NO_WATCHDOG = "watchdog: none, watchdog_limit: 100 ms"

@@ -174,6 +174,7 @@ def test_any_column_is_drawn(tmp_path: Path) -> None:
     runs = fb.sweep(
         "stiff_wall", law=["none", "tdpa"], stiffness=fb.geomspace("1 N/mm", "4 N/mm", 3),
         delay=["0 ms", "2 ms"], duration="0.3 s", measures={"contacts": contacts, "forces": forces},
+        workers=0,
     )  # fmt: skip
     picture = tmp_path / "map.png"
     figure = runs.plot("contacts", x="delay", y="stiffness", per="law", output=picture)
@@ -208,7 +209,8 @@ class Deepest:
 def depth(run): return run.telemetry["true_position"][:, 0] - SURFACE
 measures = {"deepest": Deepest(SURFACE)}
 seeds = list(range(1, 9))
-runs = fb.sweep("stiff_wall", seed=seeds, duration="0.3 s", measures=measures, result="a.parquet")
+given = dict(seed=seeds, duration="0.3 s", workers=1)
+runs = fb.sweep("stiff_wall", measures=measures, result="a.parquet", **given)
 print(runs["deepest"].shape, runs["deepest"].min() > 0.0)
 """
 

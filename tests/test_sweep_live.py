@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from invoking import invoke
 from sweep_files import LONG, SMALL, written
 from waiting import TIMEOUT, until
 
@@ -18,8 +19,8 @@ from forcebound.lab.sweep.plan import load_sweep
 from forcebound.lab.sweep.runner import run_file, run_sweep
 
 
-def command(file: Path, result: Path, *options: str) -> list[str]:
-    return [sys.executable, "-m", "forcebound", "sweep", str(file), "-o", str(result), *options]
+def words(file: Path, result: Path, *options: str) -> list[str]:
+    return ["sweep", str(file), "-o", str(result), *options]
 
 
 @contextlib.contextmanager
@@ -29,7 +30,10 @@ def started(file: Path, result: Path, *options: str) -> Iterator[subprocess.Pope
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # as `&` in a script does
     of_terminal = signal.signal(signal.SIGHUP, signal.SIG_DFL)
     process = subprocess.Popen(
-        command(file, result, *options), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        [sys.executable, "-m", "forcebound", *words(file, result, *options)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
     )
     signal.signal(signal.SIGINT, before)
     signal.signal(signal.SIGHUP, of_terminal)
@@ -48,16 +52,13 @@ def started(file: Path, result: Path, *options: str) -> Iterator[subprocess.Pope
 def test_a_sweep_killed_halfway_gives_the_same_file_as_one_that_was_not(tmp_path: Path) -> None:
     file = written(tmp_path, LONG)
     whole, cut = tmp_path / "whole.parquet", tmp_path / "cut.parquet"
-    assert run_file(str(file), output=whole, workers=1)["cases"] == 640
+    assert run_file(str(file), output=whole, workers=0)["cases"] == 640
     parts = cut.with_name("cut.parquet.parts")
     with started(file, cut, "--workers", "1") as process:
         process.send_signal(signal.SIGKILL)
     assert parts.exists()
     assert not cut.exists()
-    again = subprocess.run(
-        command(file, cut, "--workers", "1", "--json"), capture_output=True, text=True
-    )
-    document = json.loads(again.stdout)
+    document = json.loads(invoke(*words(file, cut, "--workers", "1", "--json")).stdout)
     assert 0 < document["resumed"] < document["cases"]
     assert cut.read_bytes() == whole.read_bytes()
     assert not parts.exists()
@@ -147,9 +148,8 @@ def test_a_cluster_gives_the_same_file_and_its_end_ends_a_sweep_with_one_line(
     here, there = tmp_path / "here.parquet", tmp_path / "there.parquet"
     run_sweep(load_sweep(file), here)
     with dask_cluster(tmp_path, workers=2) as (address, scheduler):
-        words = command(file, there, "--cluster", address, "--json")
-        done = subprocess.run(words, capture_output=True)
-        assert done.returncode == 0, done.stderr.decode()
+        done = invoke(*words(file, there, "--cluster", address, "--json"))
+        assert done.exit_code == 0, done.stderr
         assert json.loads(done.stdout)["cases"] == 80
         assert there.read_bytes() == here.read_bytes()
         measured = fb.sweep("stiff_wall", seed=[1, 2], cluster=address, measures={"held": held})

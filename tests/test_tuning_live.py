@@ -17,7 +17,7 @@ def test_a_change_while_the_environment_is_away_is_recorded_when_it_has_it(tmp_p
         run = ("--run", str(graph.run_dir))
         graph.signal("environment", signal.SIGSTOP)
         kept = graph.order("param", "set", "environment.stiffness:=9 N/mm", *run)
-        assert kept.returncode == 1
+        assert kept.exit_code == 1
         assert "environment did not answer; the change is kept" in kept.stderr
         graph.signal("environment", signal.SIGCONT)
         graph.until(lambda: "changed: environment.stiffness = 9 N/mm" in graph.log, "the change")
@@ -94,16 +94,16 @@ def test_a_stand_by_is_told_from_the_environment_that_serves(tmp_path: Path, run
         [elsewhere] = set(run_dir.glob("forcebound-*")) - {graph.run_dir}
         run, far = ("--run", str(graph.run_dir)), ("--run", str(elsewhere))
         refused = graph.order("param", "set", "links.environment_reply.delay:=15 ms", *far)
-        assert refused.returncode == 2
+        assert refused.exit_code == 2
         assert "on the machine of the graph" in refused.stderr
         listed = graph.order("param", "get", "links", *far).stdout.splitlines()
         of_graph = {line.split(".")[1] for line in listed if "# belongs to another machine" in line}
         assert of_graph == {"device_state", "environment_reply", "force_command"}
         waits = graph.order("param", "set", "environment.stiffness:=9 N/mm", *far)
-        assert waits.returncode == 0, waits.stderr
+        assert waits.exit_code == 0, waits.stderr
         assert "not this environment, which waits" in waits.stderr
         served = graph.order("param", "set", "environment.stiffness:=9 N/mm", *run)
-        assert (served.returncode, served.stderr) == (0, "")
+        assert (served.exit_code, served.stderr) == (0, "")
 
         seen = {}
         for where in (run, far):

@@ -40,7 +40,7 @@ from forcebound.observe.page.access import LOOPBACK, Access, hosts_of
 from forcebound.observe.page.controls import Controls
 from forcebound.observe.page.pace import SLOWEST, Pace
 from forcebound.observe.page.scene_files import content
-from forcebound.observe.page.server import Server
+from forcebound.observe.page.server import Server, _Page
 from forcebound.recordings.recording import Recording, read
 from forcebound.run.run_directory import RunDocument
 
@@ -269,6 +269,13 @@ def check_part(recording: Recording) -> None:
     config = graph_of(recording)
     length = float(np.ptp(recording.telemetry.time))
     assert duration_of(recording, config) == pytest.approx(length, abs=0.01)
+
+
+def test_a_page_that_has_just_closed_gets_nothing_and_ends_nothing() -> None:
+    page = Mock()  # tornado has closed its stream, and has not yet said so
+    page.ws_connection.stream = Mock(closed=lambda: True, _write_buffer=None)
+    _Page.send(page, "news")
+    page.write_message.assert_not_called()
 
 
 def test_pages_give_way_while_ticks_are_missed_and_come_back() -> None:

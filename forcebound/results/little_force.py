@@ -12,7 +12,7 @@ import numpy as np
 
 from forcebound.errors import ConfigError
 from forcebound.haptics.laws import LAWS
-from forcebound.haptics.laws.bounder import LARGEST_READING
+from forcebound.haptics.laws.all_axes import LARGEST_READING
 from forcebound.haptics.laws.hold_limit import FLOOR
 from forcebound.results.bounder import Cause
 from forcebound.results.twin import Change, Twin

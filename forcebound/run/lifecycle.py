@@ -8,9 +8,9 @@
 
 While RUNNING, and only then, the end of a controller or an environment does not end the run: it is
 restarted (:mod:`forcebound.run.restarts`), with zero force after the age limit. They may also be
-stopped and started on request; a node stopped on request stays stopped until a start request. A device
-that is lost and may wait (exit status ``LOST``) is started again when the user says that it is in
-order, and only then; its force engages again. None of this delays the end of the run.
+stopped and started on request; a node stopped on request stays stopped until a start request. A
+device that is lost and may wait (exit status ``LOST``) is started again when the user says that it
+is in order, and only then; its force engages again. None of this delays the end of the run.
 
 Stopping goes group by group (:mod:`forcebound.roles`): the device first, the recorder last. A
 process that does not stop in time is killed; a recorder that answers has more time. Only the first

@@ -13,7 +13,7 @@ Strategy:
 
 from collections import deque
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from heapq import heappop, heappush
 from random import Random
 from typing import Annotated, TypeAlias
@@ -28,9 +28,6 @@ from forcebound.nodes import Node
 from forcebound.quantities import NOT_NEGATIVE, Frequency, Time, check_ranges
 
 _ARRIVAL, _WAKE = 0, 1  # order of entries of the same time
-
-# Name of a stream, index of the node that receives it, its link, whether the node wakes on arrival.
-_Delivery: TypeAlias = tuple[str, int, Link[Packet] | None, bool]
 
 
 @dataclass(frozen=True)
@@ -74,6 +71,22 @@ class LateTicks:
         return draw_ns
 
 
+@dataclass(slots=True, eq=False)
+class _Seat:
+    """A node of a simulation, and what waits for it."""
+
+    node: Node
+    step: Callable[[int, Sequence[Packet]], Sequence[Packet]]  # of the node
+    links: list[Link[Packet]] = field(default_factory=list)  # that are not perfect
+    mail: dict[str, Packet] = field(default_factory=dict)  # delivered by the others, not taken
+    # Of its entries in the heap that count, by their kind.
+    due: list[int | None] = field(default_factory=lambda: [None, None])
+
+
+# Name of a stream, who receives it, its link, whether the receiver wakes on arrival.
+_Delivery: TypeAlias = tuple[str, _Seat, Link[Packet] | None, bool]
+
+
 class Simulation:
     """A graph of nodes in virtual time; those of one instant are stepped in the order of ``nodes``.
 
@@ -97,28 +110,26 @@ class Simulation:
         self.graph = graph
         self._observe = observe
         self._observed = frozenset(observed)
-        self._mail: list[dict[str, Packet]] = [{} for _ in nodes]  # delivered, not taken
-        self._links: list[list[Link[Packet]]] = [[] for _ in nodes]
         self._deliveries: dict[Route, _Delivery] = {}
         self._routes: dict[str, Route] = {}  # by the name of the stream
-        self._heap: list[tuple[int, int, int, int]] = []  # time, kind, number, node
+        self._heap: list[tuple[int, int, int, _Seat]] = []  # time, kind, number, whose
         self._number = 0
-        self._due: list[list[int | None]] = [[None] * len(nodes), [None] * len(nodes)]  # by kind
-        self._now: deque[int] = deque()  # nodes to which something was delivered just now
+        self._now: deque[_Seat] = deque()  # to which something was delivered just now
         self.time_ns = 0
         names = [node.events.node for node in nodes]
-        for index, node in enumerate(nodes):
-            for route, stream in graph.routes(names[index]).items():
-                if stream.receiver != names[index]:
+        for name, node in zip(names, nodes, strict=True):
+            seat = _Seat(node, node.step)
+            for route, stream in graph.routes(name).items():
+                if stream.receiver != name:
                     continue
                 if stream.sender not in names:
                     raise ConfigError(f"no node of the graph publishes {stream.name}")
                 link = links.get(stream.name)
                 self._routes[stream.name] = route
-                self._deliveries[route] = (stream.name, index, link, node.wakes_on_arrival)
+                self._deliveries[route] = (stream.name, seat, link, node.wakes_on_arrival)
                 if link is not None:
-                    self._links[index].append(link)
-            self._schedule(_WAKE, index, node.wake_ns)
+                    seat.links.append(link)
+            self._schedule(_WAKE, seat, node.wake_ns)
 
     def link(self, stream: str) -> Link[Packet] | None:
         """Return the model of the link of a stream; None if it is perfect."""
@@ -127,66 +138,64 @@ class Simulation:
     def set_link(self, stream: str, link: Link[Packet]) -> None:
         """Impair a link that was perfect."""
         route = self._routes[stream]
-        name, index, _, wakes_on_arrival = self._deliveries[route]
-        self._deliveries[route] = (name, index, link, wakes_on_arrival)
-        self._links[index].append(link)
+        name, receiver, _, wakes = self._deliveries[route]
+        self._deliveries[route] = (name, receiver, link, wakes)
+        receiver.links.append(link)
 
     def run(self, until_ns: int) -> None:
         """Let everything happen that is due before ``until_ns``."""
-        heap = self._heap
+        heap, now = self._heap, self._now
         while heap and heap[0][0] < until_ns:
-            time_ns, kind, _, index = heappop(heap)
-            due = self._due[kind]
-            if time_ns != due[index]:
+            time_ns, kind, _, seat = heappop(heap)
+            if time_ns != seat.due[kind]:
                 continue  # superseded: the node has been rescheduled
-            due[index] = None
+            seat.due[kind] = None
             self.time_ns = time_ns
-            self._step(index, time_ns)
-            while self._now:
-                self._step(self._now.popleft(), time_ns)
+            now.append(seat)
+            while now:
+                self._step(now.popleft(), time_ns)
         self.time_ns = until_ns
 
-    def _step(self, index: int, time_ns: int) -> None:
-        node, observed, deliveries = self.nodes[index], self._observed, self._deliveries
-        mail = self._mail[index]
-        received = list(mail.values())
-        mail.clear()
-        links = self._links[index]
+    def _step(self, seat: _Seat, time_ns: int) -> None:
+        mail, links, now = seat.mail, seat.links, self._now
+        received: list[Packet] = []
+        if mail:
+            received += mail.values()
+            mail.clear()
         for link in links:
             received += link.due(time_ns)
-        for packet in node.step(time_ns, received):
+        for packet in seat.step(time_ns, received):
             kind = type(packet)
-            if kind in observed:
+            if kind in self._observed:
                 self._observe(packet)
-            delivery = deliveries.get((kind, packet.hand))
+            delivery = self._deliveries.get((kind, packet.hand))
             if delivery is None:
                 continue
-            name, receiver, model, wakes_on_arrival = delivery
-            if model is not None:
-                if model.has_rate:
-                    model.accept(time_ns, packet, len(encode(packet)))
-                else:
-                    model.accept(time_ns, packet)
-                if wakes_on_arrival:
-                    self._schedule(_ARRIVAL, receiver, model.next_due_ns)
+            name, receiver, model, wakes = delivery
+            if model is None:
+                receiver.mail[name] = packet
+                if wakes and receiver not in now:
+                    now.append(receiver)
                 continue
-            self._mail[receiver][name] = packet
-            if wakes_on_arrival and receiver not in self._now:
-                self._now.append(receiver)
-        if links and node.wakes_on_arrival:
+            if model.has_rate:
+                model.accept(time_ns, packet, len(encode(packet)))
+            else:
+                model.accept(time_ns, packet)
+            if wakes:
+                self._schedule(_ARRIVAL, receiver, model.next_due_ns)
+        if links and seat.node.wakes_on_arrival:
             for link in links:
-                self._schedule(_ARRIVAL, index, link.next_due_ns)
-        wake_ns = node.wake_ns
-        wakes = self._due[_WAKE]
-        if wake_ns != wakes[index]:
-            wakes[index] = None
-            self._schedule(_WAKE, index, wake_ns)
+                self._schedule(_ARRIVAL, seat, link.next_due_ns)
+        wake_ns = seat.node.wake_ns
+        if wake_ns != seat.due[_WAKE]:
+            seat.due[_WAKE] = None
+            self._schedule(_WAKE, seat, wake_ns)
 
-    def _schedule(self, kind: int, index: int, time_ns: int | None) -> None:
+    def _schedule(self, kind: int, seat: _Seat, time_ns: int | None) -> None:
         if time_ns is None:
             return
-        due_ns = self._due[kind][index]
+        due_ns = seat.due[kind]
         if due_ns is None or time_ns < due_ns:
-            self._due[kind][index] = time_ns
+            seat.due[kind] = time_ns
             self._number += 1
-            heappush(self._heap, (time_ns, kind, self._number, index))
+            heappush(self._heap, (time_ns, kind, self._number, seat))

@@ -4,7 +4,14 @@ from importlib import import_module
 
 import click
 
-NAMES = ("certificate_grid", "far_wall", "fit_table1", "identification_bounds", "late_ticks")
+NAMES = (
+    "certificate_grid",
+    "far_wall",
+    "fit_table1",
+    "identification_bounds",
+    "late_ticks",
+    "lemmas",
+)
 
 
 class Studies(click.Group):

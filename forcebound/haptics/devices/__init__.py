@@ -16,7 +16,9 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
-from typing import ClassVar, Literal, NamedTuple, Protocol, TypeAlias
+from typing import ClassVar, Literal, Protocol, TypeAlias
+
+from msgspec import Struct
 
 from forcebound.errors import ConfigError
 from forcebound.haptics.hands import Operator
@@ -31,7 +33,7 @@ __all__ = ["DEVICES", "AxesModel", "Device", "DeviceModel", "Kinematics", "Sourc
 Source: TypeAlias = Literal["measured", "data sheet", "assumed"]
 
 
-class Truth(NamedTuple):
+class Truth(Struct, frozen=True, array_like=True, gc=False):
     """Ground truth of a simulated device, which no law may see."""
 
     position: Vector  # m, not quantised

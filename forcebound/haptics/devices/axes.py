@@ -1,7 +1,8 @@
 """The body of a device with independent axes: a plant for each, in one hand."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from struct import Struct
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
@@ -110,13 +111,14 @@ class AxesBody:
             self._axes.reading[axis] = quantise(x, float(self._axes.resolution[axis]))
         self._energy = 0.0
         # numpy takes longer to set or get a number
-        self._bytes = self._records.view(np.uint8).data
+        data = self._records.view(np.uint8).data
         unused = 8 * (MAX_AXES - axes)
-        self._set_inputs = Struct(f"{axes}d{unused}x" * 3).pack_into
-        self._get = Struct(f"{axes}d").unpack_from
+        self._set_inputs = partial(Struct(f"{axes}d{unused}x" * 3).pack_into, data, 0)
         places: Any = record_type(Axes).fields
-        self._x, self._v, self._muscle, self._reading = (
-            places[name][1] for name in ("x", "v", "muscle", "reading")
+        get = Struct(f"{axes}d").unpack_from
+        self.reading: Callable[[], Vector]
+        self._x, self._v, self._muscle, self.reading = (
+            partial(get, data, places[name][1]) for name in ("x", "v", "muscle", "reading")
         )
         self._advance: Any = jit(advance_axes)
         # Compile, or load from the cache, before time matters.
@@ -124,13 +126,8 @@ class AxesBody:
         self.move((0.0,) * axes, (0.0,) * axes, 1e-3, (0.0,) * axes)
         self._records[:], self._energy = unmoved, 0.0
 
-    def reading(self) -> Vector:
-        return self._get(self._bytes, self._reading)
-
     def truth(self) -> Truth:
-        get, data = self._get, self._bytes
-        muscle = get(data, self._muscle)
-        return Truth(get(data, self._x), get(data, self._v), muscle, self._energy)
+        return Truth(self._x(), self._v(), self._muscle(), self._energy)
 
     def kinetic_energy(self) -> float:
         speeds = self._axes.v[: self._axes.count]
@@ -138,8 +135,8 @@ class AxesBody:
 
     def move(self, target: Vector, target_end: Vector, duration: float, commanded: Vector) -> None:
         if self._weak_spot is not None:
-            share = self._weak_spot.share_at(self._get(self._bytes, self._x))
+            share = self._weak_spot.share_at(self._x())
             friction, presliding = self._sound
             self._axes.friction, self._axes.presliding = share * friction, share * presliding
-        self._set_inputs(self._bytes, 0, *target, *target_end, *commanded)
+        self._set_inputs(*target, *target_end, *commanded)
         self._energy = self._advance(self._records, duration)

@@ -38,11 +38,16 @@ import numpy as np
 
 from forcebound.compiled import allow_in_kernels, jit
 from forcebound.haptics.devices.kinematics import Floats, Pose
-from forcebound.haptics.devices.plant import count_steps, mean_speed, yield_by
+from forcebound.haptics.devices.plant import count_steps, mean_speed, quantise, yield_by
 
-ANGLE, SPEED, BRISTLE, TORQUE = 0, 1, 2, 3  # rows of ``joints``
-INERTIA, DAMPING, FRICTION, PRESLIDING = 0, 1, 2, 3  # rows of ``plant``
-MASS, STIFFNESS, HAND_DAMPING = 0, 1, 2  # of ``hand``
+# Rows of the ``numbers`` of an arm, each with an entry per joint, or per coordinate of the tip.
+ANGLE, SPEED, BRISTLE, TORQUE = 0, 1, 2, 3  # rad, rad/s, rad, N m: the joints
+INERTIA, DAMPING, FRICTION, PRESLIDING, RESOLUTION = 4, 5, 6, 7, 8  # what they have
+TARGET, TARGET_END, COMMANDED = 9, 10, 11  # m, m, N m: of a move
+READING, TIP, TIP_SPEED, MUSCLE = 12, 13, 14, 15  # rad, m, m/s, N: after it
+ROWS = 16
+# Of ``settings``, which end with the geometry of the pose.
+MASS, STIFFNESS, HAND_DAMPING, SUBSTEP, LAG, GEOMETRY = 0, 1, 2, 3, 4, 5  # kg, N/m, N s/m, s, s
 SWEEPS, CONVERGED = 100, 1e-13
 
 
@@ -50,60 +55,57 @@ SWEEPS, CONVERGED = 100, 1e-13
 def arm_kernel(pose: Pose) -> Any:
     """Return the compiled motion of one kind of arm.
 
-    It takes ``joints``, ``plant``, ``hand`` (rows above), ``geometry`` of ``pose``, the torques
-    commanded of the motors (N m), the hand's target at the start and at the end (m; in
-    between it moves evenly), duration, longest step and the motors' lag (s), and ``muscle``, which
-    becomes the mean force of the hand's spring and damper in the last step (N). It returns the
-    energy that has flowed from the hand into the device, in J; ``joints`` has moved.
+    It takes ``numbers`` and ``settings`` (rows and entries above), and for how long to move, in s.
+    The hand's target moves evenly; ``MUSCLE`` becomes the mean force of the hand's spring and
+    damper in the last step. It returns the energy that has flowed from the hand into the device, in
+    J, and whether there is a tip that torques could move: the Jacobian is not zero.
     """
 
-    def advance(
-        joints: Floats,
-        plant: Floats,
-        hand: Floats,
-        geometry: Floats,
-        commanded: Floats,
-        target: Floats,
-        target_end: Floats,
-        duration: float,
-        substep: float,
-        lag: float,
-        muscle: Floats,
-    ) -> float:
-        size = commanded.size
-        steps = count_steps(duration, substep)
+    def advance(numbers: Floats, settings: Floats, duration: float) -> tuple[float, bool]:
+        size = numbers.shape[1]
+        geometry, lag = settings[GEOMETRY:], settings[LAG]
+        steps = count_steps(duration, settings[SUBSTEP])
         h = duration / steps
         decay = math.exp(-h / lag) if lag > 0.0 else 0.0
         share = lag / h * (1.0 - decay)
-        scratch = np.zeros((7, size))
-        tip, goal, goal_speed, force, motor, mean, ahead = scratch
+        scratch = np.zeros((6, size))
+        goal, goal_speed, force, motor, mean, ahead = scratch
+        tip, muscle = numbers[TIP], numbers[MUSCLE]
         jacobian, matrix = np.zeros((size, size)), np.zeros((size, size))
         energy = 0.0
         for i in range(steps):
             for j in range(size):
-                lack = joints[TORQUE, j] - commanded[j]
-                motor[j] = commanded[j] + lack * share
-                joints[TORQUE, j] = commanded[j] + lack * decay
-                goal_speed[j] = (target_end[j] - target[j]) / duration
-                goal[j] = target[j] + goal_speed[j] * (i + 0.5) * h
-                ahead[j] = joints[ANGLE, j] + 0.5 * h * joints[SPEED, j]
+                commanded, target = numbers[COMMANDED, j], numbers[TARGET, j]
+                lack = numbers[TORQUE, j] - commanded
+                motor[j] = commanded + lack * share
+                numbers[TORQUE, j] = commanded + lack * decay
+                goal_speed[j] = (numbers[TARGET_END, j] - target) / duration
+                goal[j] = target + goal_speed[j] * (i + 0.5) * h
+                ahead[j] = numbers[ANGLE, j] + 0.5 * h * numbers[SPEED, j]
             pose(ahead, geometry, tip, jacobian)
             for j in range(size):
-                mean[j] = joints[SPEED, j]
-            pose(joints[ANGLE], geometry, tip, matrix)
+                mean[j] = numbers[SPEED, j]
+            pose(numbers[ANGLE], geometry, tip, matrix)
             for k in range(size):  # of the hand, if the tip stood still in this step
                 force[k] = (
-                    hand[STIFFNESS] * (goal[k] - tip[k])
-                    + hand[HAND_DAMPING] * goal_speed[k]
-                    + 2.0 * hand[MASS] / h * speed_of_tip(matrix, mean, k)
+                    settings[STIFFNESS] * (goal[k] - tip[k])
+                    + settings[HAND_DAMPING] * goal_speed[k]
+                    + 2.0 * settings[MASS] / h * speed_of_tip(matrix, mean, k)
                 )
-            find_speeds(mean, joints, plant, motor, jacobian, force, hand, h, matrix)
+            find_speeds(mean, numbers, motor, jacobian, force, settings, h, matrix)
             for k in range(size):
                 speed = speed_of_tip(jacobian, mean, k)
-                spring = hand[STIFFNESS] * (goal[k] - tip[k] - 0.5 * h * speed)
-                muscle[k] = spring + hand[HAND_DAMPING] * (goal_speed[k] - speed)
-            energy += turn(joints, plant, motor, mean, h)
-        return energy
+                spring = settings[STIFFNESS] * (goal[k] - tip[k] - 0.5 * h * speed)
+                muscle[k] = spring + settings[HAND_DAMPING] * (goal_speed[k] - speed)
+            energy += turn(numbers, motor, mean, h)
+        pose(numbers[ANGLE], geometry, tip, jacobian)
+        is_held = False
+        for k in range(size):
+            numbers[READING, k] = quantise(numbers[ANGLE, k], numbers[RESOLUTION, k])
+            numbers[TIP_SPEED, k] = speed_of_tip(jacobian, numbers[SPEED], k)
+            for j in range(size):
+                is_held = is_held or jacobian[k, j] != 0.0
+        return energy, is_held
 
     allow_in_kernels([pose])
     return jit(advance)
@@ -119,34 +121,38 @@ def speed_of_tip(jacobian: Floats, speeds: Floats, k: int) -> float:
 
 def find_speeds(
     mean: Floats,
-    joints: Floats,
-    plant: Floats,
+    numbers: Floats,
     motor: Floats,
     jacobian: Floats,
     force: Floats,
-    hand: Floats,
+    settings: Floats,
     h: float,
     matrix: Floats,
 ) -> None:
     """Set ``mean`` to the mean speeds of the step, in rad/s; ``matrix`` is overwritten."""
     size = mean.size
-    impedance = 2.0 * hand[MASS] / h + hand[HAND_DAMPING] + 0.5 * h * hand[STIFFNESS]
+    impedance = 2.0 * settings[MASS] / h + settings[HAND_DAMPING] + 0.5 * h * settings[STIFFNESS]
     for j in range(size):
         for m in range(size):
             matrix[j, m] = 0.0
             for k in range(size):
                 matrix[j, m] += impedance * jacobian[k, j] * jacobian[k, m]
-        matrix[j, j] += 2.0 * plant[INERTIA, j] / h + plant[DAMPING, j]
+        matrix[j, j] += 2.0 * numbers[INERTIA, j] / h + numbers[DAMPING, j]
     for _ in range(SWEEPS):
         change = largest = 0.0
         for j in range(size):
-            drive = 2.0 * plant[INERTIA, j] / h * joints[SPEED, j] - motor[j]
+            drive = 2.0 * numbers[INERTIA, j] / h * numbers[SPEED, j] - motor[j]
             for k in range(size):
                 drive += jacobian[k, j] * force[k]
                 if k != j:
                     drive -= matrix[j, k] * mean[k]
             speed = mean_speed(
-                drive, matrix[j, j], h, plant[FRICTION, j], plant[PRESLIDING, j], joints[BRISTLE, j]
+                drive,
+                matrix[j, j],
+                h,
+                numbers[FRICTION, j],
+                numbers[PRESLIDING, j],
+                numbers[BRISTLE, j],
             )
             change = max(change, abs(speed - mean[j]))
             largest = max(largest, abs(speed))
@@ -155,23 +161,24 @@ def find_speeds(
             break
 
 
-def turn(joints: Floats, plant: Floats, motor: Floats, mean: Floats, h: float) -> float:
+def turn(numbers: Floats, motor: Floats, mean: Floats, h: float) -> float:
     """Turn the joints by one step; return the energy that they took from the hand, in J."""
     energy = 0.0
     for j in range(mean.size):
-        before, end = joints[SPEED, j], 2.0 * mean[j] - joints[SPEED, j]
+        before, end = numbers[SPEED, j], 2.0 * mean[j] - numbers[SPEED, j]
         turned = h * mean[j]
-        energy += 0.5 * plant[INERTIA, j] * (end * end - before * before)
-        energy += (plant[DAMPING, j] * mean[j] + motor[j]) * turned
-        friction, presliding, bristle = plant[FRICTION, j], plant[PRESLIDING, j], joints[BRISTLE, j]
+        energy += 0.5 * numbers[INERTIA, j] * (end * end - before * before)
+        energy += (numbers[DAMPING, j] * mean[j] + motor[j]) * turned
+        friction, presliding = numbers[FRICTION, j], numbers[PRESLIDING, j]
+        bristle = numbers[BRISTLE, j]
         if presliding > 0.0:
             yielded = yield_by(bristle, turned, presliding)
             energy += 0.5 * friction / presliding * (yielded * yielded - bristle * bristle)
             energy += friction * abs(turned - (yielded - bristle))
-            joints[BRISTLE, j] = yielded
+            numbers[BRISTLE, j] = yielded
         else:
             energy += friction * abs(turned)
             end = end if end * mean[j] > 0.0 else 0.0
-        joints[ANGLE, j] += turned
-        joints[SPEED, j] = end
+        numbers[ANGLE, j] += turned
+        numbers[SPEED, j] = end
     return energy

@@ -6,7 +6,9 @@ and a driver of a real one through :class:`ArmKinematics`.
 
 import math
 from collections.abc import Callable
+from functools import partial
 from operator import mul
+from struct import Struct
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from forcebound.compiled import jit
@@ -41,6 +43,8 @@ class ArmKinematics:
         self._compiled_pose: Any = jit(pose)
         self._taken: Vector = ()
         self._angles = np.zeros(joints)
+        # numpy takes longer to set numbers
+        self._set_angles = partial(Struct(f"{joints}d").pack_into, self._angles.data, 0)
         self._numbers = np.array(geometry)
         self._tip = np.zeros(joints)
         self._jacobian = np.zeros((joints, joints))
@@ -54,16 +58,6 @@ class ArmKinematics:
         """Return the derivatives of the position by the angles, in m/rad: a row per coordinate."""
         self._take(angles)
         return tuple(map(tuple, self._jacobian.tolist()))
-
-    def velocity(self, angles: Vector, speeds: Floats) -> Vector:
-        """Return the velocity of the tip, in m/s, of joints that turn at ``speeds``, in rad/s."""
-        self._take(angles)
-        return tuple((self._jacobian @ speeds).tolist())
-
-    def is_held(self, angles: Vector) -> bool:
-        """Return whether there is a tip that torques could move: the Jacobian is not zero."""
-        self._take(angles)
-        return bool(self._jacobian.any())
 
     def torque(self, angles: Vector, force: Vector) -> Vector:
         """Return the torques of a force; see :class:`forcebound.haptics.devices.Kinematics`.
@@ -80,7 +74,7 @@ class ArmKinematics:
         if angles == self._taken:  # position and torque are asked of the same reading
             return
         self._taken = angles
-        self._angles[:] = angles
+        self._set_angles(*angles)
         self._compiled_pose(self._angles, self._numbers, self._tip, self._jacobian)
 
 

@@ -125,7 +125,7 @@ class SimulatedDevice(Device):
         self._time_ns: int | None = None
         self._engaged_ns: int | None = None
         self._read_ns = 0
-        self._target = self._target_at(0.0)
+        self._target = pad(operator.target(0.0), self.axes)
         self._pointer = operator.follow(self.axes) if isinstance(operator, PointerHand) else None
 
     def engage(self, time_ns: int) -> None:
@@ -142,7 +142,8 @@ class SimulatedDevice(Device):
         self._advance_to(time_ns)
         force = saturated(force, self._saturation)
         reading = self._body.reading() if self._motor.guards else ()
-        self._motor.write(time_ns, self._motor_force(force), force, reading)
+        commanded = self._motor_force(force) if self._scales else force
+        self._motor.write(time_ns, commanded, force, reading)
         return force
 
     def set_hold_limit(self, seconds: float) -> float:
@@ -169,8 +170,6 @@ class SimulatedDevice(Device):
 
     def _motor_force(self, force: Vector) -> Vector:
         """Return what the motor gives for a written force, in N, once its lag has passed."""
-        if not self._scales:
-            return force
         total = zip(self._gain, force, self._compensation, strict=True)
         return tuple([g * (f + c) for g, f, c in total])
 
@@ -181,9 +180,6 @@ class SimulatedDevice(Device):
         if began_ns is None:
             return 0
         return self._operator.buttons((self._read_ns - began_ns) * 1e-9) or 0
-
-    def _target_at(self, elapsed: float) -> Vector:
-        return pad(self._operator.target(elapsed), self.axes)
 
     def _advance_to(self, time_ns: int) -> None:
         if self._time_ns is None:
@@ -204,13 +200,13 @@ class SimulatedDevice(Device):
         if duration == 0.0:
             return
         self._time_ns = time_ns
-        end = self._target
+        start = end = self._target
         if self._pointer is not None:
-            end = self._pointer.advance(duration)
+            end = self._target = self._pointer.advance(duration)
         elif self._engaged_ns is not None:
-            end = self._target_at((time_ns - self._engaged_ns) * 1e-9)
-        self._body.move(self._target, end, duration, self._motor.force)
-        self._target = end
+            end = self._operator.target((time_ns - self._engaged_ns) * 1e-9)
+            self._target = end = end if len(end) == self.axes else pad(end, self.axes)
+        self._body.move(start, end, duration, self._motor.force)
 
 
 def pad(target: Vector, axes: int) -> Vector:

@@ -14,6 +14,7 @@ import logging
 import math
 from collections.abc import Collection
 from dataclasses import dataclass, replace
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any
@@ -65,7 +66,8 @@ MOST_STEPS = 20  # for one answer; a scene that falls farther behind stands stil
 TOUCH = 1e-6  # m, least distance between hand and probe of a contact
 STATE = ("qpos", "qvel", "act", "ctrl", "mocap_pos", "mocap_quat", "qacc_warmstart")
 
-BAD = (3, 4, 5)  # warnings of MuJoCo after which it puts everything back: mjWARN_BADQPOS to BADQACC
+# Warnings of MuJoCo after which it puts everything back: mjWARN_BADQPOS to BADQACC.
+BAD = slice(3, 6)
 
 _logger = logging.getLogger(__name__)
 
@@ -115,15 +117,20 @@ class Bodies(Ranged, EnvironmentModel):
 
 
 class _Probe:
-    """The probe of a hand, in a scene."""
+    """The probe of a hand, in a scene and its data."""
 
-    def __init__(self, scene: Any, number: int, tool: int | None) -> None:
+    def __init__(self, scene: Any, data: Any, number: int, tool: int | None) -> None:
         geom = scene.geom(probe_name(number))
         self.geom: int = geom.id
         self.body = scene.body(int(geom.bodyid[0]))
         self.joints = _three(self.body.jntadr[0])
-        self.place = _three(scene.jnt_qposadr[self.body.jntadr[0]])
+        place = _three(scene.jnt_qposadr[self.body.jntadr[0]])
         self.motion = _three(scene.jnt_dofadr[self.body.jntadr[0]])
+        # Views into MuJoCo's memory, which stays where it is: to make them takes a while.
+        self.place, self.spring_end = data.qpos[place], scene.qpos_spring[place]  # m
+        self.speed = data.qvel[self.motion]  # m/s
+        self.applied = data.qfrc_applied[self.motion]  # N, by the hand's damper
+        self.pushed = data.qfrc_constraint[self.motion]  # N, by contacts, and by the tie to a tool
         rigid = scene.body_weldid
         # By number of a geom, with one more for -1, which is none.
         touched = rigid[scene.geom_bodyid] == rigid[self.body.id if tool is None else tool]
@@ -171,9 +178,12 @@ class _Scene(Environment):
         model = self._model
         self._scene = compile_scene(self._mujoco, model, probes)
         self._data = self._mujoco.MjData(self._scene)
+        self._step: float = self._scene.opt.timestep  # s
+        self._warnings = self._data.warning.number[BAD]  # a view, as those of a probe
+        self._drawn = [self._drawn_as(i) for i in range(self._scene.ngeom)]
         self._put_at_start()
         tool = None if model.tool is None else body_of(model.tool, self._scene)
-        self._probes = [_Probe(self._scene, number, tool) for number in range(probes)]
+        self._probes = [_Probe(self._scene, self._data, n, tool) for n in range(probes)]
         for number in range(probes):
             self._set_contacts(number, False)  # until a hand has it
 
@@ -226,53 +236,47 @@ class _Scene(Environment):
             self._set_contacts(hand.number, True)
             self._couple(hand)
         self._advance(now)
-        model, data = self._model, self._data
-        force = [
-            model.stiffness * (here - p) + model.damping * (v - v_p)
-            for here, p, v, v_p in zip(
-                hand.place,
-                self._probed(hand),
-                hand.speed,
-                data.qvel[self._probes[hand.number].motion].tolist(),
-                strict=True,
-            )
-        ]
+        stiffness, damping = self._model.stiffness, self._model.damping
+        speed = self._probes[hand.number].speed.tolist()
+        pulls = zip(hand.place, self._probed(hand), hand.speed, speed, strict=True)
+        force = [stiffness * (at - p) + damping * (v - v_p) for at, p, v, v_p in pulls]
         return cut((force[0], force[1], force[2]), self._axes)
 
     def _advance(self, now: float) -> None:
         """Let the scene go on while each hand comes from where it was."""
         scene, data = self._scene, self._data
-        due = math.floor((now - self._elapsed) / scene.opt.timestep + 1e-9)
+        due = math.floor((now - self._elapsed) / self._step + 1e-9)
         if due <= 0:
             return
         steps = min(due, MOST_STEPS)
         hands = [(hand, self._probes[hand.number]) for hand in self._hands.values()]
         for hand, probe in hands:
-            data.qfrc_applied[probe.motion] = [self._model.damping * v for v in hand.speed]
+            applied, damping = probe.applied, self._model.damping  # entry by entry: quick
+            applied[0], applied[1], applied[2] = (damping * v for v in hand.speed)
         for i in range(steps):  # the spring ends where the hand was when the step began
             for hand, probe in hands:
                 end = along(hand.before, sub(hand.place, hand.before), i / steps)
-                scene.qpos_spring[probe.place] = sub(end, self._origin)
+                spring_end = probe.spring_end
+                spring_end[0], spring_end[1], spring_end[2] = sub(end, self._origin)
             self._mujoco.mj_step(scene, data)
         for hand, _ in hands:
             hand.before = hand.place
-        self._elapsed += due * scene.opt.timestep
-        if any(data.warning[kind].number for kind in BAD):
+        self._elapsed += due * self._step
+        if any(self._warnings.tolist()):
             self._start_again()
 
     def _couple(self, hand: _Hand) -> None:
         """Bring the probe to the hand; or let the hand take a tool that has not moved yet."""
         probe = self._probes[hand.number]
         if self._model.tool is None:
-            self._data.qpos[probe.place] = hand.place
-            self._data.qvel[probe.motion] = 0.0
+            probe.place[:], probe.speed[:] = hand.place, 0.0
         else:
-            x, y, z = self._data.qpos[probe.place].tolist()
+            x, y, z = probe.place.tolist()
             self._origin = sub(hand.place, (x, y, z))
 
     def _probed(self, hand: _Hand) -> Vector3:
         """Return the place of the probe, in the coordinates of the hand."""
-        x, y, z = self._data.qpos[self._probes[hand.number].place].tolist()
+        x, y, z = self._probes[hand.number].place.tolist()
         return add(self._origin, (x, y, z))
 
     def _put_at_start(self) -> None:
@@ -298,42 +302,48 @@ class _Scene(Environment):
 
     def contact(self, user: str) -> Contact | None:
         hand = self._hands.get(user)
-        touching = self._data.contact.geom
-        if hand is None or not self._probes[hand.number].touches[touching].any():
+        if hand is None:
             return None
         place = self._probed(hand)
         offset = sub(place, hand.place)
         distance = norm(offset)
         if distance < TOUCH:
             return None
+        if not self._is_touching(self._probes[hand.number]):
+            return None
         normal = scale(offset, 1.0 / distance)
         return Contact(cut(place, self._axes), cut(normal, self._axes))
 
+    def _is_touching(self, probe: _Probe) -> bool:
+        """Return whether a contact of the last step is a probe's, or its tool's."""
+        # Nothing but contacts pushes a free probe; there may be some that do not push.
+        if self._model.tool is None and any(probe.pushed.tolist()):
+            return True
+        return bool(probe.touches.take(self._data.contact.geom).any())
+
     def scene(self) -> tuple[SceneObject, ...]:
         """Return the bodies' shapes where they are; a mesh is drawn as its box."""
-        drawn = (self._drawn(i) for i in range(self._scene.ngeom))
-        return tuple(one for one in drawn if one is not None)
+        data, turned, objects = self._data, np.empty(4), []
+        for drawn, (x, y, z), axes in zip(
+            self._drawn, data.geom_xpos.tolist(), data.geom_xmat, strict=True
+        ):
+            if drawn is not None:
+                self._mujoco.mju_mat2Quat(turned, axes)
+                place = add(sub((x, y, z), self._home), self._origin)
+                objects.append(drawn(position=place, orientation=tuple(turned.tolist())))
+        return tuple(objects)
 
-    def _drawn(self, geom: int) -> SceneObject | None:
-        scene, mujoco = self._scene, self._mujoco
+    def _drawn_as(self, geom: int) -> partial[SceneObject] | None:
+        """Return what draws a geom; None: it is a probe's, which is not drawn."""
+        scene = self._scene
         body = scene.geom_bodyid[geom]
         if scene.geom(geom).name.startswith(PROBE):
             return None
         half, box = scene.geom_size[geom].tolist(), scene.geom_aabb[geom][3:].tolist()
-        shape, size = shape_of(mujoco.mjtGeom(scene.geom_type[geom]).name, half, box)
-        turned = np.empty(4)
-        mujoco.mju_mat2Quat(turned, self._data.geom_xmat[geom])
-        w, i, j, k = turned.tolist()
-        x, y, z = self._data.geom_xpos[geom].tolist()
+        shape, size = shape_of(self._mujoco.mjtGeom(scene.geom_type[geom]).name, half, box)
         name = scene.geom(geom).name or f"{scene.body(body).name or 'world'} {geom}"
-        return SceneObject(
-            name[:MAX_NAME],
-            shape,
-            position=add(sub((x, y, z), self._home), self._origin),
-            orientation=(w, i, j, k),
-            size=size,
-            is_fixed=bool(scene.body_weldid[body] == 0),
-        )
+        is_fixed = bool(scene.body_weldid[body] == 0)
+        return partial(SceneObject, name[:MAX_NAME], shape, size=size, is_fixed=is_fixed)
 
     def change(self, model: Bodies) -> bool:
         """Take over stiffness and damping of the coupling; anything else starts again."""
@@ -341,7 +351,7 @@ class _Scene(Environment):
         if kept != self._model:
             self._begin(model)
             return True
-        check_coupling(model, self._scene.opt.timestep)
+        check_coupling(model, self._step)
         for probe in self._probes:
             self._scene.jnt_stiffness[probe.joints] = model.stiffness
             self._scene.dof_damping[probe.motion] = model.damping

@@ -13,7 +13,8 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
-from itertools import chain, pairwise
+from functools import cached_property
+from itertools import pairwise
 from typing import Annotated, ClassVar, TypeAlias
 
 from forcebound.errors import ConfigError
@@ -242,8 +243,8 @@ class WorkspaceLimit(_Fixture):
     def force(self, position: Vector3, velocity: Vector3) -> Vector3:
         forces = [0.0, 0.0, 0.0]
         for axis, (low, high) in enumerate(zip(self.low, self.high, strict=True)):
-            beyond = position[axis] - min(max(position[axis], low), high)
-            if beyond != 0.0:
+            if not low <= position[axis] <= high:
+                beyond = position[axis] - min(max(position[axis], low), high)
                 out = math.copysign(1.0, beyond)
                 speed = max(0.0, out * velocity[axis])
                 forces[axis] = self.stiffness * beyond + out * self.damping * speed
@@ -297,16 +298,16 @@ class HandFixtures:
     def force(self, position: Vector3, velocity: Vector3) -> Vector3:
         """Return the sum of their forces, in N, at a position (m) and velocity (m/s)."""
         total = (0.0, 0.0, 0.0)
-        for fixture in self._named().values():
+        for fixture in self._named.values():
             total = add(total, fixture.force(position, velocity))
         return total
 
     def scene(self, hand: str = HAND) -> tuple[SceneObject, ...]:
         """Return what there is to draw, under names that begin with that of a hand."""
         whose = "" if hand == HAND else f"{hand} "
-        drawn = (fixture.drawn(f"{whose}{name}") for name, fixture in self._named().items())
-        return tuple(filter(None, drawn))
+        return tuple(filter(None, [one.drawn(f"{whose}{k}") for k, one in self._named.items()]))
 
+    @cached_property
     def _named(self) -> dict[str, _Fixture]:
         named = {
             "guidance plane": self.plane,
@@ -335,8 +336,7 @@ class Fixtures(HandFixtures):
 
     def drawn(self) -> tuple[SceneObject, ...]:
         """Return what there is to draw of all hands."""
-        of_hands = [each.scene(hand) for hand, each in self.hands.items()]
-        return (*self.scene(), *chain.from_iterable(of_hands))
+        return sum([each.scene(hand) for hand, each in self.hands.items()], self.scene())
 
 
 @dataclass(frozen=True)

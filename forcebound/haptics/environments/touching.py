@@ -53,6 +53,7 @@ class OpenTouchable(Environment):
         self._axes, self._model = axes, model
         self._untouched = HapticSurface(*_what(model))
         self._surfaces: dict[str, HapticSurface] = {}  # by hand: one proxy each
+        self._scene: tuple[SceneObject, ...] | None = None  # as soon as somebody asks
 
     def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
         x, y, z = map(within_reach, pad3(position))
@@ -69,14 +70,16 @@ class OpenTouchable(Environment):
         return Contact(cut(touched.proxy, self._axes), cut(touched.normal, self._axes))
 
     def scene(self) -> tuple[SceneObject, ...]:
-        return self._model.scene()
+        if self._scene is None:
+            self._scene = self._model.scene()
+        return self._scene
 
     def change(self, model: Touchable) -> bool:
         """Take over other parameters; a proxy stays where it is, unless it is inside now."""
         what = _what(model)
         for surface in (self._untouched, *self._surfaces.values()):
             surface.change(*what)
-        self._model = model
+        self._model, self._scene = model, None
         return True
 
 

@@ -84,7 +84,7 @@ class MeshSolid:
         return cls(TriangleTree(mesh.corners), mesh.is_closed, smoothed(mesh))
 
     def slide(self, proxy: Vector3, goal: Vector3) -> tuple[Vector3, Vector3 | None]:
-        place, normal, is_free = self._slide(self.tree.data, proxy, goal, self.clearance)
+        place, normal, is_free = self._slide(*self.tree.data, proxy, goal, self.clearance)
         return (goal, None) if is_free else (place, normal)
 
     def distance(self, point: Vector3) -> float:
@@ -142,10 +142,13 @@ def barycentric(point: Vector3, a: Vector3, b: Vector3, c: Vector3) -> Any:
 
 
 def slide(
-    tree: Tree, proxy: Vector3, goal: Vector3, clearance: float
+    nodes: Any, triangles: Triangles, depth: int, proxy: Vector3, goal: Vector3, clearance: float
 ) -> tuple[Vector3, Vector3, bool]:
-    """Return where the proxy comes to, the normal there, and whether it reached the goal."""
-    normal = (0.0, 0.0, 0.0)
+    """Return where the proxy comes to, the normal there, and whether it reached the goal.
+
+    The parts of a :class:`Tree` come one by one: numba takes over a named tuple slowly.
+    """
+    tree, normal = Tree(nodes, triangles, depth), (0.0, 0.0, 0.0)
     place, nearest, idle = proxy, math.inf, 0
     for _ in range(SWEEPS):
         before = place

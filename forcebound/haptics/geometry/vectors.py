@@ -103,6 +103,7 @@ class Pose:
 
     def turned(self, a: Vector3) -> Vector3:
         """Return a direction in the body in the world's coordinates."""
+        # Written out, as below: several times in each answer of a world.
         (a_x, a_y, a_z), (b_x, b_y, b_z), (c_x, c_y, c_z) = self._axes
         u, v, w = a
         return (
@@ -113,8 +114,13 @@ class Pose:
 
     def turned_back(self, a: Vector3) -> Vector3:
         """Return a direction in the world in the body's coordinates."""
-        x, y, z = self._axes
-        return dot(x, a), dot(y, a), dot(z, a)
+        (a_x, a_y, a_z), (b_x, b_y, b_z), (c_x, c_y, c_z) = self._axes
+        u, v, w = a
+        return (
+            a_x * u + a_y * v + a_z * w,
+            b_x * u + b_y * v + b_z * w,
+            c_x * u + c_y * v + c_z * w,
+        )
 
     def world(self, point: Vector3) -> Vector3:
         """Return a point of the body in the world's coordinates."""

@@ -63,6 +63,8 @@ def segment(start: Coordinates, end: Coordinates) -> Segment:
 
 
 def _shifted(place: Vector, shift: Vector) -> Vector:
+    if len(place) == len(shift):  # as nearly always, and quicker
+        return tuple([a + b for a, b in zip(place, shift, strict=True)])
     return tuple([a + b for a, b in zip_longest(place, shift, fillvalue=0.0)])
 
 

@@ -18,7 +18,7 @@ from functools import cache
 from typing import TypeAlias
 
 from forcebound.compiled import allow_in_kernels, jit
-from forcebound.haptics.laws.allowance import gain_at, largest_force, surplus
+from forcebound.haptics.laws.allowance import gain_at, largest_force, strongest_gain, surplus
 from forcebound.haptics.laws.hold_cost import hold_cost
 from forcebound.haptics.laws.law import BoundingLaw
 from forcebound.haptics.laws.ledger import (
@@ -54,7 +54,9 @@ from forcebound.haptics.laws.waveform import begin_interval, mean_force, penalty
 
 Ledgers: TypeAlias = Sequence[Ledger]  # an array of one
 Start: TypeAlias = Callable[[Ledgers], float]
-Limit: TypeAlias = Callable[[Ledgers, float, float, float, int], tuple[float, float, int]]
+Limit: TypeAlias = Callable[
+    [Ledgers, float, int, float, float, int], tuple[float, float, bool, bool]
+]
 Settle: TypeAlias = Callable[[Ledgers, float], float]
 
 #: Verdict on a reading: it is refused, taken in, or the ledger starts again from it.
@@ -62,15 +64,19 @@ REFUSED, TAKEN, RESTART = 0, 1, 2
 _UNSURE = 3  # taken in, after a hold that was cut at an unknown time
 _NEW = 4  # a new ledger: the motor's force was not known for a while
 
+LARGEST_READING = 1e6  # m; a reading beyond is none
+
 
 @cache
 def compiled(law: BoundingLaw) -> tuple[Start, Limit, Settle]:
     """Return what a bounder does with its ledger, compiled.
 
     ``start(ledgers) -> estimated energy``, with the first ``reading``;
-    ``limit(ledgers, magnitude, duration, dt, verdict) -> (largest force, added damping, verdict)``,
-    with the ``reading`` and the commanded ``force``, its ``magnitude``, ``duration`` since the last
-    call and ``dt`` since the last reading that was taken in;
+    ``limit(ledgers, magnitude, read_ns, duration, dt, verdict) -> (largest force, added damping,
+    is_wrong, is_taken)``, with the ``reading`` at ``read_ns`` and the commanded ``force``, its
+    ``magnitude``, ``duration`` since the last call, ``dt`` since the last reading that was taken
+    in, and the ``verdict`` by its time; it returns whether the reading cannot be, and whether it
+    was taken in;
     and ``settle(ledgers, delay) -> estimated energy``, with the applied ``force`` and ``delay``
     until it takes effect.
     """
@@ -94,10 +100,12 @@ def _limit(law: BoundingLaw) -> Limit:
     limit_force, energy, limits_holds = law.limit, law.energy, law.limits_holds
 
     def limit(
-        ledgers: Ledgers, magnitude: float, duration: float, dt: float, verdict: int
-    ) -> tuple[float, float, int]:
+        ledgers: Ledgers, magnitude: float, read_ns: int, duration: float, dt: float, verdict: int
+    ) -> tuple[float, float, bool, bool]:
         ledger = ledgers[0]
         device = ledger.constants
+        verdict = judge(ledger, read_ns, dt, verdict)
+        is_wrong = verdict == REFUSED
         advance_to_reading(ledger, duration)
         if limits_holds and verdict != REFUSED:
             verdict = verdict_on_reading(ledger, verdict)
@@ -129,15 +137,14 @@ def _limit(law: BoundingLaw) -> Limit:
                 ledger.state[end] = state
         if verdict != REFUSED:
             ledger.spent = ledger.since = 0.0
-            ledger.is_unsure = ledger.was_unsure = False
+            ledger.is_unsure = ledger.was_unsure = ledger.has_candidate = False
         if limits_holds:
             for end in range(ledger.ends):
                 gain = gain_at(ledger, end)
                 held = Write(0.0, gain * ledger.held_price, 0.0)
-                strongest = gain if ledger.axes == 1 else 1.0 + ledger.gain
-                before = cost_before(ledger, strongest, ledger.write_delay)
+                before = cost_before(ledger, strongest_gain(ledger, end), ledger.write_delay)
                 available = energy(ledger.state[end], held, device) - ledger.spent
-                ledger.available[end] = available - before
+                ledger.before[end], ledger.available[end] = before, available - before
             if ledger.axes > 1 and ledger.gain > 0.0:
                 least = min(ledger.available[0], ledger.available[1]) - spread_price(ledger)
                 ledger.available[0] = ledger.available[1] = least
@@ -147,7 +154,7 @@ def _limit(law: BoundingLaw) -> Limit:
                 largest = 0.0  # what the motor still gives is not known
         if ledger.waiting >= PLACES - 1:
             largest = 0.0
-        return min(largest, ledger.saturation), added_damping, verdict
+        return min(largest, ledger.saturation), added_damping, is_wrong, verdict != REFUSED
 
     return limit
 
@@ -167,6 +174,8 @@ def _settle(law: BoundingLaw) -> Settle:
         for end in range(ledger.ends):
             price = gain_at(ledger, end) * ledger.held_price
             left = surplus(ledger, end, 1.0) if limits_holds else 0.0
+            if limits_holds and ledger.axes > 1 and ledger.gain > 0.0:
+                left = min(left, surplus(ledger, 1 - end, 1.0))  # one limit serves both ends
             write = Write(square, price, left)
             ledger.state[end] = settle_law(ledger.state[end], write, ledger.constants)
             budget = min(budget, ledger.available[end])
@@ -199,12 +208,38 @@ def begin(ledger: Ledger) -> None:
     ledger.held_price = ledger.spent = ledger.since = ledger.speed_leak = 0.0
     ledger.fast_holds = 0
     ledger.available[0] = ledger.available[1] = ledger.largest_leak = 0.0
+    ledger.before[0] = ledger.before[1] = 0.0
     ledger.age = ledger.given = ledger.budget = 0.0
     ledger.held_limit, ledger.until_cut = ledger.planned_limit, math.inf
     ledger.waiting = ledger.crowded = 0
-    ledger.is_unsure = ledger.was_unsure = False
+    ledger.is_unsure = ledger.was_unsure = ledger.has_candidate = False
     ledger.quiet = ledger.inserted = 0.0
     ledger.is_dropped, ledger.is_waiting, ledger.is_late = True, False, False
+
+
+def judge(ledger: Ledger, read_ns: int, dt: float, verdict: int) -> int:
+    """Return the verdict on a reading, to which the device may not have been able to move.
+
+    A second one that confirms the first that was refused: then those before may be wrong, and the
+    ledger begins again, without credit for the motion.
+    """
+    length = distance = from_candidate = 0.0
+    for k in range(ledger.axes):
+        reading = ledger.reading[k]
+        move, rest = reading - ledger.axis[k].memory.reading, reading - ledger.candidate[k]
+        length += reading * reading
+        distance += move * move
+        from_candidate += rest * rest
+    if verdict == REFUSED or not math.sqrt(length) < LARGEST_READING:
+        return REFUSED
+    if math.sqrt(distance) > ledger.largest_speed * dt + ledger.resolution:
+        ledger.has_candidate, ledger.candidate_ns = True, read_ns
+        for k in range(ledger.axes):
+            ledger.candidate[k] = ledger.reading[k]
+        return REFUSED
+    since = (read_ns - ledger.candidate_ns) / 1e9
+    reach = ledger.largest_speed * since + ledger.resolution
+    return RESTART if ledger.has_candidate and math.sqrt(from_candidate) <= reach else TAKEN
 
 
 def verdict_on_reading(ledger: Ledger, verdict: int) -> int:

@@ -22,6 +22,11 @@ def gain_at(ledger: Ledger, end: int) -> float:
     return 1.0 + (2.0 * end - 1.0) * ledger.gain
 
 
+def strongest_gain(ledger: Ledger, end: int) -> float:
+    """Return the gain with which forces before the new one cost most: motors may differ."""
+    return gain_at(ledger, end) if ledger.axes == 1 else 1.0 + ledger.gain
+
+
 def largest_force(ledger: Ledger) -> float:
     """Return the largest force in the direction ``trial`` that may be held, in N."""
     low, high = 0.0, ledger.saturation
@@ -34,8 +39,12 @@ def largest_force(ledger: Ledger) -> float:
             for level in range(_levels(ledger)):
                 most, duration = _most(ledger, end, level), _duration(ledger, level)
                 way = reach(ledger, duration)
-                force = rigid_force(most, friction, one.damping, duration, way) - error
-                high = min(high, max(force, 0.0) / gain_at(ledger, end))
+                force = rigid_force(most, friction, one.damping, duration, way)
+                if (delay := ledger.write_delay) > 0.0:  # and if it already acted
+                    most += ledger.before[end]
+                    again = rigid_force(most, friction, one.damping, duration, way, delay)
+                    force = min(force, again)
+                high = min(high, max(force - error, 0.0) / gain_at(ledger, end))
         return high
     force = high
     for _ in range(HALVINGS):  # the saturation itself comes first
@@ -49,10 +58,10 @@ def largest_force(ledger: Ledger) -> float:
 
 def surplus(ledger: Ledger, end: int, size: float) -> float:
     """Return what ``size`` times the force ``trial`` leaves of the energy available, in J."""
-    scale, left = size * gain_at(ledger, end), math.inf
+    left = math.inf
     for level in range(_levels(ledger)):
         most = _most(ledger, end, level)
-        left = min(left, most - cost(ledger, scale, _duration(ledger, level)))
+        left = min(left, most - cost(ledger, end, size, _duration(ledger, level)))
     return left
 
 
@@ -84,27 +93,34 @@ def _may_be_held(ledger: Ledger, force: float) -> bool:
     In deficit it may cost what no force at all does: the rest of the old one, paid for before.
     """
     for end in range(ledger.ends):
-        scale = force * gain_at(ledger, end)
         for level in range(_levels(ledger)):
             duration = _duration(ledger, level)
-            most = max(_most(ledger, end, level), cost(ledger, 0.0, duration))
-            if cost(ledger, scale, duration) > most:
+            charged = cost(ledger, end, force, duration)
+            if charged > _most(ledger, end, level) and charged > cost(ledger, end, 0.0, duration):
                 return False
     return True
 
 
-def cost(ledger: Ledger, scale: float, duration: float) -> float:
-    """Return what a hold of ``scale`` times the force ``trial`` can cost, in J."""
-    for k in range(ledger.axes):
-        ledger.axis[k].strength = abs(scale * ledger.axis[k].trial)
+def cost(ledger: Ledger, end: int, size: float, duration: float) -> float:
+    """Return what is charged for a hold of ``size`` times the force ``trial``, in J.
+
+    It is what the hold can cost, or more, if it would cost more with this force as the one that
+    acts already: so a force lasts (``docs/theory.md``, lemma 9). Zero is charged its own cost.
+    """
+    more = 0.0
+    if ledger.write_delay > 0.0 and size > 0.0:
+        _set_strengths(ledger, size * strongest_gain(ledger, end))
+        more = max(cost_of_strengths(ledger, ledger.write_delay) - ledger.before[end], 0.0)
+    _set_strengths(ledger, size * gain_at(ledger, end))
     if ledger.lag == 0.0:
-        return cost_of_strengths(ledger, duration)
+        return more + cost_of_strengths(ledger, duration)
     lag, way = ledger.lag, reach(ledger, duration)
+    again = (1.0 + ledger.gain) / gain_at(ledger, end)
     total = square = before_square = 0.0
     for k in range(ledger.axes):
         axis = ledger.axis[k]
         one, force = axis.constants, axis.strength
-        before = _strongest(ledger, k)
+        before = max(_strongest(ledger, k), again * force)
         square += force * force
         before_square += before * before
         error = one.weight_error - (one.friction if one.presliding == 0.0 else 0.0)
@@ -112,11 +128,17 @@ def cost(ledger: Ledger, scale: float, duration: float) -> float:
             before, after = max(before + error, 0.0), max(force + error, 0.0)
             total += lagging_cost(before, after, one.damping, duration, lag, way)
     if not ledger.is_along_path:
-        return total
+        return more + total
     error = ledger.path_error - ledger.constants.path_friction
     before = max(math.sqrt(before_square) + error, 0.0)
     after = max(math.sqrt(square) + error, 0.0)
-    return lagging_cost(before, after, ledger.axis[0].constants.damping, duration, lag, way)
+    b = ledger.axis[0].constants.damping
+    return more + lagging_cost(before, after, b, duration, lag, way)
+
+
+def _set_strengths(ledger: Ledger, scale: float) -> None:
+    for k in range(ledger.axes):
+        ledger.axis[k].strength = abs(scale * ledger.axis[k].trial)
 
 
 def _strongest(ledger: Ledger, k: int) -> float:

@@ -8,7 +8,7 @@ from typing import Any, TypeAlias
 
 from forcebound.compiled import jit, new_records
 from forcebound.errors import ConfigError, DeviceError
-from forcebound.haptics.laws.all_axes import REFUSED, RESTART, TAKEN, compiled, cut
+from forcebound.haptics.laws.all_axes import REFUSED, TAKEN, compiled, cut
 from forcebound.haptics.laws.constants import acts_along_path, axis_constants, energy_cap
 from forcebound.haptics.laws.dissipation import WATCHDOGS, Dissipation, per_axis
 from forcebound.haptics.laws.exchange import compiled_exchange
@@ -21,7 +21,6 @@ from forcebound.messages.packets import MAX_AXES
 Vector: TypeAlias = tuple[float, ...]
 
 SHORTEST_NS = 1000  # a reading sooner after the last proves nothing
-LARGEST_READING = 1e6  # m; a reading beyond is none
 ROUNDING = 1e-15  # more than the relative error of scaling a vector and taking its length
 SMALLEST_LIMIT = 1e-290  # N; below it numbers lose the precision that ROUNDING relies on
 
@@ -69,12 +68,10 @@ class ForceBounder:
         pack = Struct(f"{axes}d").pack_into  # numpy takes longer to set numbers
         self._set_reading = partial(pack, self._ledger.reading.data, 0)
         self._set_force = partial(pack, self._ledger.force.data, 0)
-        self._is_gated = dissipation.largest_speed < math.inf
         self._fill_settings(LAWS[law])
         self._longest_limit = self._limit_s = dissipation.hold_limit
         self._limit_ns = round(dissipation.hold_limit * 1e9)
         self._write_delay_ns = round(dissipation.write_delay * 1e9)
-        self._slack = float(self._ledger.resolution)
         # Compile, or load from the cache, before time matters.
         rest = (0.0,) * axes
         self.start(0, rest)
@@ -103,6 +100,7 @@ class ForceBounder:
         ledger.planned_limit = d.hold_limit
         ledger.path_error = math.hypot(*[one.weight_error for one in constants])
         ledger.resolution = math.hypot(*per_axis("resolution", d.resolution, axes))
+        ledger.largest_speed = d.largest_speed
         for k, one in enumerate(constants):
             ledger.axis[k].constants = one
 
@@ -139,7 +137,6 @@ class ForceBounder:
         """
         self._taken_ns = self._now_ns = self._written_ns = time_ns
         self._position = position
-        self._candidate: tuple[int, Vector] | None = None
         self._inserted_ns = 0  # before the reading, which may be earlier by so much
         self._held_limit_ns = self._limit_ns
         self._cut_ns = time_ns - 1_000_000_000  # none yet
@@ -291,46 +288,22 @@ class ForceBounder:
         """Let time pass up to a reading and take it in; return force, added damping and dt."""
         self._set_reading(*position)
         since_ns = read_ns - self._taken_ns
-        verdict = TAKEN
-        if (
-            since_ns < SHORTEST_NS
-            or read_ns < self._now_ns
-            or not math.hypot(*position) < LARGEST_READING
-            or not is_clear
-        ):
-            verdict = REFUSED
-        elif self._is_gated:
-            verdict = self._judge(read_ns, position)
-        # Too soon after the reading at a cut is no fault of this one.
-        if verdict == REFUSED and not is_cut and read_ns - self._cut_ns >= SHORTEST_NS:
-            self.refused_readings += 1
+        is_timely = since_ns >= SHORTEST_NS and read_ns >= self._now_ns and is_clear
         if is_cut:  # it says all about the force that acted, nothing about one before
             self._ledger.is_unsure = self._ledger.was_unsure
         passed_ns = read_ns - self._now_ns
         if passed_ns > 0:
             self._now_ns = read_ns
         dt = since_ns / 1e9
-        limit, damping, verdict = self._limit_force(
-            self._ledgers, magnitude, passed_ns / 1e9, dt, verdict
+        limit, damping, is_wrong, is_taken = self._limit_force(
+            self._ledgers, magnitude, read_ns, passed_ns / 1e9, dt, TAKEN if is_timely else REFUSED
         )
-        if verdict != REFUSED:
+        if is_taken:
             self._taken_ns, self._position = read_ns, position
-            self._candidate = None
+        # Too soon after the reading at a cut is no fault of this one.
+        elif is_wrong and not is_cut and read_ns - self._cut_ns >= SHORTEST_NS:
+            self.refused_readings += 1
         return limit, damping, dt
-
-    def _judge(self, read_ns: int, position: Vector) -> int:
-        """Return the verdict on a reading, to which the device may not have been able to move."""
-        if not self._is_credible((self._taken_ns, self._position), read_ns, position):
-            self._candidate = read_ns, position
-            return REFUSED
-        if self._candidate is not None and self._is_credible(self._candidate, read_ns, position):
-            return RESTART  # so both may be wrong: begin again, without credit for the motion
-        return TAKEN
-
-    def _is_credible(self, before: tuple[int, Vector], read_ns: int, position: Vector) -> bool:
-        distance = math.dist(before[1], position)
-        dt = (read_ns - before[0]) / 1e9
-        return distance <= self._dissipation.largest_speed * dt + self._slack
 
 
 def _call(law: str, function: Callable[..., Any], *arguments: Any) -> Any:

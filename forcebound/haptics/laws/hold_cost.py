@@ -27,19 +27,25 @@ def rigid_cost(
 
 
 def rigid_force(
-    energy: float, friction: float, damping: float, duration: float, reach: float = math.inf
+    energy: float,
+    friction: float,
+    damping: float,
+    duration: float,
+    reach: float = math.inf,
+    besides: float = 0.0,
 ) -> float:
     r"""Return the largest force whose hold costs at most ``energy``, in N.
 
-    .. math::
+    .. math:: f + 2 \sqrt{b \max(E, 0) / T}, \quad\text{if } E > b D^2 / T \quad f + b D / T + E / D
 
-        f + 2 \sqrt{b \max(E, 0) / T} \quad\text{or, if } E > b D^2 / T, \quad f + b D / T + E / D
-
-    In deficit it is f: friction dissipates all that such a force could give.
+    In deficit it is f: friction dissipates all that such a force could give. The force may act
+    ``besides``, for that time more, on any hand; then that is a part of the cost.
     """
-    if energy * duration > damping * reach * reach:
-        return friction + damping * reach / duration + energy / reach
-    return friction + 2.0 * math.sqrt(damping / duration * max(energy, 0.0))
+    beyond = energy + damping * reach * reach / duration
+    if energy * duration * duration > damping * reach * reach * (duration + besides):
+        root = math.sqrt(reach * reach + besides / damping * beyond)
+        return friction + 2.0 * beyond / (root + reach)
+    return friction + 2.0 * math.sqrt(damping / (duration + besides) * max(energy, 0.0))
 
 
 def hold_cost(

@@ -56,16 +56,22 @@ class Ledger:
     planned_limit: float  # s, hold limit of the next force
     path_error: float  # N, length of the vector of the errors of the weights
     resolution: float  # m, length of the vector of the axes' resolutions
+    largest_speed: float  # m/s; a reading that implies more is refused
     constants: DeviceConstants
     # The law: state and energy available for the next hold, at the least and the largest gain.
     state: Annotated[list[float], 2]
     available: Annotated[list[float], 2]
+    before: Annotated[list[float], 2]  # J, what older forces can give until that hold begins
     held_price: float  # J, of the last reading that was taken in
     spent: float  # J, the most that the force since that reading can have given
     since: float  # s, since that reading
     inserted: float  # s before this reading that the true interval need not have
     is_waiting: bool  # in that time
     memory: Memory
+    # The last reading that was refused for its speed, since one was taken in.
+    has_candidate: bool
+    candidate: Annotated[list[float], MAX_AXES]  # m
+    candidate_ns: int  # when it was read
     # The force that acts.
     age: float  # s
     until_cut: float  # s until it will be dropped, or inf

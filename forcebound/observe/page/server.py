@@ -340,8 +340,9 @@ class _Page(_Handler, tornado.websocket.WebSocketHandler):
     def send(self, text: str) -> None:
         """Send a message unless the page has stopped reading."""
         stream = None if self.ws_connection is None else self.ws_connection.stream
-        waiting = len(getattr(stream, "_write_buffer", ()))
-        if stream is None or stream.closed() or waiting > MOST_WAITING:
+        if stream is None or stream.closed():
+            return
+        if len(getattr(stream, "_write_buffer", ())) > MOST_WAITING:
             return
         try:
             sent = self.write_message(text)

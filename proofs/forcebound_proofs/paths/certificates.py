@@ -329,6 +329,7 @@ CERTIFICATES = {
     ),
     "none_and_lag": Certificate("no watchdog, a lag", (lag, none), "lag"),
     "none_and_delay": Certificate("no watchdog, writes late", (write_delay, none), "write_delay"),
+    "lag_and_delay": Certificate("a lag, and writes late", (write_delay, lag), "lag"),
     "lag_and_presliding": Certificate("a lag and elastic friction", (lag, presliding), "lag"),
     "weight": Certificate("compensated weight", (weight,), "weight_error"),
     "weight_cut": Certificate("compensated weight, cuts: the ledger alone", (weight_cut,)),
