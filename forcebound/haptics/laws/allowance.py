@@ -40,8 +40,8 @@ def largest_force(ledger: Ledger) -> float:
                 most, duration = _most(ledger, end, level), _duration(ledger, level)
                 way = reach(ledger, duration)
                 force = rigid_force(most, friction, one.damping, duration, way)
-                if (delay := ledger.write_delay) > 0.0:  # and if it already acted
-                    most += ledger.before[end]
+                if ledger.write_delay > 0.0:  # and if it already acted
+                    most, delay = most + ledger.before[end], ledger.write_delay
                     again = rigid_force(most, friction, one.damping, duration, way, delay)
                     force = min(force, again)
                 high = min(high, max(force - error, 0.0) / gain_at(ledger, end))
