@@ -9,22 +9,42 @@ from collections.abc import Callable, Iterable, Sequence
 from itertools import product
 from typing import Any
 
+import numpy as np
 import pytest
 
 z3 = pytest.importorskip("z3")
 
-from forcebound_proofs.speed_lemmas import OBLIGATIONS, Obligation, larger, size, smaller  # noqa: E402
+from forcebound.haptics.laws import Dissipation, ForceBounder, hold_cost  # noqa: E402
+from forcebound_proofs.lemmas import terms  # noqa: E402
+from forcebound_proofs.lemmas.check import questions  # noqa: E402
+from forcebound_proofs.lemmas.obligations import Obligation  # noqa: E402
+from forcebound_proofs.lemmas.solver import ask  # noqa: E402
+from forcebound_proofs.lemmas.speed import SPEED  # noqa: E402
+from forcebound_proofs.lemmas.terms import larger, size, smaller  # noqa: E402
 
 HALF = 0.5
 LIMIT = 8_000_000  # of the solver's resource units, for each case
 
 
-@pytest.mark.parametrize("obligation", OBLIGATIONS)
-def test_a_lemma_follows_and_does_not_without_its_hypothesis(
-    obligation: Callable[[], Obligation],
+@pytest.mark.parametrize("function", [pytest.param(row[2], id=row[0]) for row in SPEED])
+def test_a_lemma_is_proved_and_needs_each_of_its_hypotheses(
+    function: Callable[[], Obligation],
 ) -> None:
-    assert obligation().check() == "unsat"
-    assert obligation().check(left_out=obligation().needed) == "sat"
+    whole, controls = questions(function())
+    assert ask(whole)[0] == "unsat"
+    assert {name: ask(one)[0] for name, one in controls.items()} == dict.fromkeys(controls, "sat")
+
+
+def test_the_terms_of_the_lemmas_are_those_of_the_code() -> None:
+    random = np.random.default_rng(1)
+    for _ in range(500):
+        force, friction, play, b, s, reach = random.exponential(size=6).tolist()
+        assert terms.bounded_cost(force, friction, play, b, s, reach) == pytest.approx(
+            hold_cost.hold_cost(force, friction, play, b, s, reach)
+        )
+        assert terms.rigid_bounded_cost(force, friction, b, s, reach) == pytest.approx(
+            hold_cost.rigid_cost(force, friction, b, s, reach)
+        )
 
 
 def reach(duration: float) -> float:
@@ -170,3 +190,31 @@ def test_a_hand_that_is_faster_gets_energy() -> None:
 
 def test_a_part_of_a_period_must_not_be_bounded_by_its_own_length() -> None:
     assert leak(2, reach=nearer, shown=ATTACK) == "sat"
+
+
+def test_the_model_is_the_ledger_of_the_code() -> None:
+    """With the model's numbers the bounder allows a force if the model does, and counts alike."""
+    random = np.random.default_rng(1)
+    half_ns, allowed = 500_000, 0
+    for _ in range(50):
+        stated = Dissipation(
+            damping=1e-3, friction=0.0, resolution=0.0, saturation=1e3, period=1e-3,
+            hold_limit=1e-3, write_delay=half_ns * 1e-9, energy_cap=1e6, hand_speed=1e3,
+        )  # fmt: skip
+        bounder, energy, position = ForceBounder("certified", stated), 0.0, 0.0
+        bounder.start(0, (0.0,))
+        bounder.settle((0.0,), half_ns)
+        moves, forces = random.normal(size=24).tolist(), [0.0]
+        for reading in range(1, 12):
+            position += moves[2 * reading - 2] + moves[2 * reading - 1]
+            energy = account(energy, forces, moves, reading)
+            asked = random.normal() * 5.0
+            (force,) = bounder.bound(2 * reading * half_ns, (position,), (asked,))
+            before = cost(acting(forces, 2 * reading), HALF, reach)
+            left = energy - before - cost(force, 1.0, reach)
+            assert left >= -1e-9 or force == 0.0
+            allowed += abs(force) > 2.0 and left < 1e-6
+            bounder.settle((force,), (2 * reading + 1) * half_ns)
+            forces.append(force)
+            assert bounder.estimated_energy == pytest.approx(energy, abs=1e-9)
+    assert allowed > 10  # forces that only the speed of the hand allows, and no larger ones
