@@ -78,8 +78,8 @@ def test_a_lagging_hold_costs_no_more_for_a_hand_that_keeps_its_speed(
         gained = float(np.sum(force * v - friction * np.abs(v) - damping * v * v))
         gained *= duration / 8000
         gained += max(abs(at_end) - friction, 0.0) ** 2 * lag / (8.0 * damping)
-        excess = [max(abs(one) - friction, 0.0) for one in (before, after)]
-        cost = lagging_cost(*excess, damping, duration, lag, reach)
+        old, new = (max(abs(one) - friction, 0.0) for one in (before, after))
+        cost = lagging_cost(old, new, damping, duration, lag, reach)
         assert gained <= cost * 1.001 + 1e-9
 
 

@@ -19,6 +19,7 @@ from typing import TypeAlias
 
 from forcebound.compiled import allow_in_kernels, jit
 from forcebound.haptics.laws.allowance import gain_at, largest_force, strongest_gain, surplus
+from forcebound.haptics.laws.fast_hand import is_fast, owe
 from forcebound.haptics.laws.hold_cost import hold_cost
 from forcebound.haptics.laws.law import BoundingLaw
 from forcebound.haptics.laws.ledger import (
@@ -42,10 +43,8 @@ from forcebound.haptics.laws.sample import (
     start_axis,
 )
 from forcebound.haptics.laws.timeline import (
-    acting_cost,
     advance_to_reading,
     cost_before,
-    cost_within,
     drop,
     may_be_dropped,
     send,
@@ -114,6 +113,8 @@ def _limit(law: BoundingLaw) -> Limit:
                 for end in range(ledger.ends):
                     held = Write(0.0, gain_at(ledger, end) * ledger.held_price, 0.0)
                     least = min(least, energy(ledger.state[end], held, device))
+                if ledger.axes > 1 and ledger.gain > 0.0:
+                    least -= spread_price(ledger)
                 owe(ledger, least)
         largest, added_damping = math.inf if limits_holds else 0.0, 0.0
         if verdict == _NEW:
@@ -257,37 +258,6 @@ def verdict_on_reading(ledger: Ledger, verdict: int) -> int:
     for k in range(ledger.axes):
         is_one_hold = is_one_hold and ledger.axis[k].constants.dropped == 0.0
     return _UNSURE if is_one_hold and verdict == TAKEN else RESTART
-
-
-def is_fast(ledger: Ledger) -> bool:
-    """Return whether a reading shows more than the hand's speed while the last force acted."""
-    square, acted = 0.0, min(ledger.age, ledger.since)
-    for k in range(ledger.axes):
-        move = ledger.reading[k] - ledger.axis[k].memory.reading
-        square += move * move
-    if ledger.is_dropped:
-        acted = min(acted, ledger.held_limit * (1.0 + ledger.tolerance))
-    way = ledger.hand_speed * max(acted, ledger.constants.period) + ledger.resolution
-    return bool(square > way * way * (1.0 + 1e-9))  # sums are rounded
-
-
-def owe(ledger: Ledger, least: float) -> None:
-    """Take in what a faster hand can have got since the last reading that was taken in, in J.
-
-    ``least`` is what the ledger had then. The forces before the next one cost as much as ever.
-    """
-    gain = 1.0 + ledger.gain
-    if ledger.axes > 1 and ledger.gain > 0.0:
-        least -= spread_price(ledger)
-    decay = acting_cost(ledger, 0.5 * ledger.lag, gain)
-    spent = ledger.spent + cost_before(ledger, gain, ledger.write_delay, True)
-    if ledger.waiting > 0:
-        decay = cost_within(ledger, 0.5 * ledger.lag, math.inf)
-    spent += decay
-    if spent > 0.0:
-        ledger.fast_holds += 1
-        least = max(least, -ledger.speed_leak, -ledger.largest_leak)
-        ledger.speed_leak = max(ledger.speed_leak, spent - least)
 
 
 def observe_axes(ledger: Ledger, dt: float, is_unsure: bool) -> tuple[Motion, float, float]:
