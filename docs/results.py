@@ -23,7 +23,8 @@ Why not more: the motors saturate at 8.5 N (device.saturation): motors of twice 
   falls below zero (by more than 1 nJ). What was left is its lowest value from first contact on; friction on
   the way to the wall counts. Of a real device no true energy is known. There the line says what the motor alone gave, and
   whether a certificate covers it. *Never gave* is said only if the [error](#the-energy-of-the-motor) of that energy
-  allows it. *Passive but for* an energy: the stated `device.allowance`.
+  allows it. *Passive but for* an energy: the stated `device.allowance`, or what a hand faster than
+  `device.hand_speed` can have got.
 * **Not covered by the certificate** stands in its place where a certified law ran and the device broke a promise that
   the run shows (`broken_promises`): a force that acted later than `device.write_delay`, for which the ledger had not
   enough, or, without a watchdog, one that lasted longer than `device.watchdog_limit`. It says how often, the median and
@@ -211,7 +212,12 @@ MEANINGS = {
     "largest_allowance_j": (
         "the most that holds beyond the hold limit can have given the hand (`device.allowance`)"
     ),
-    "allowance_repaid": "whether the ledger has it back",
+    "allowance_repaid": "whether the ledger has it back, and what a faster hand can have got",
+    "fast_holds": (
+        "intervals between two readings, with a force above friction, in which the hand moved "
+        "faster than `device.hand_speed`. Only shown if there are any"
+    ),
+    "speed_leak_j": "the most energy that the hand can have got in them",
     "energy_cap_j": (
         "most energy that a certified law keeps for later: `device.energy_cap`, else as much "
         "as the saturation can use (null)"

@@ -137,6 +137,8 @@ class BounderReport(Struct, frozen=True, kw_only=True):
     crowded_writes: int = 0  # forces that were zero, since too many before them did not act yet
     largest_allowance: float = 0.0  # J, the most that late holds can have leaked
     allowance_repaid: bool = True
+    fast_holds: int = 0  # intervals with a force in which the hand was faster than stated
+    speed_leak: float = 0.0  # J, the most that it can have got then
     hold_limit: float  # s, mean
     longest_hold_limit: float  # s
     longest_write_delay: float = 0.0  # s, from a reading until its force took effect

@@ -248,6 +248,8 @@ class BoundedDevice:
             crowded_writes=before.crowded_writes + bounder.crowded_writes,
             largest_allowance=max(before.largest_allowance, bounder.largest_allowance),
             allowance_repaid=before.allowance_repaid and bounder.allowance_repaid,
+            fast_holds=before.fast_holds + bounder.fast_holds,
+            speed_leak=before.speed_leak + bounder.speed_leak,
             hold_limit=self._held / self._writes if self._writes else self._use_limit,
             longest_hold_limit=self._longest or self._use_limit,
             longest_write_delay=self._longest_delay_ns * 1e-9,

@@ -79,6 +79,11 @@ class DeviceEvents:
         if report.largest_allowance:
             repaid = "repaid" if report.allowance_repaid else "not repaid"
             message += f", late holds can have leaked {report.largest_allowance:.2g} J, {repaid}"
+        if report.fast_holds:
+            message += (
+                f", device.hand_speed exceeded in {report.fast_holds} holds, which can have leaked"
+                f" {report.speed_leak:.2g} J"
+            )
         return self._log.emit(time_ns, BOUNDER_REPORTED, message, report.as_texts())
 
     def _answers(self, time_ns: int) -> Event:

@@ -122,6 +122,7 @@ def dissipation_of(model: DeviceModel, servo: ServoSettings) -> Dissipation:
             "watchdog_tolerance": model.watchdog_tolerance or 0.0,
             "watchdog_limit": model.longest_force,
             "largest_speed": model.largest_speed or math.inf,
+            "hand_speed": model.hand_speed or math.inf,
         },
         period=servo.period_ns * 1e-9,
         hold_limit=servo.longest_hold,

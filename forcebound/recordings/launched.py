@@ -29,6 +29,7 @@ class DeviceSection(Struct, frozen=True):
     lag: float = 0.0  # s
     write_delay: float = math.inf  # s
     largest_speed: float | None = None  # m/s
+    hand_speed: float | None = None  # m/s
     watchdog: str | None = None
     watchdog_tolerance: float | None = None
     watchdog_limit: float | Auto | None = "auto"  # s

@@ -71,6 +71,14 @@ def allowance(s: Summary) -> str:
     return f"{MJ._replace(digits=3).show(s['largest_allowance_j'])}, {repaid}"
 
 
+def fast_holds(s: Summary) -> str:
+    """Return how often the hand was faster than stated, and what it can have got."""
+    if not s["fast_holds"]:
+        return ""
+    most = MJ._replace(digits=3).show(s["speed_leak_j"])
+    return f"{s['fast_holds']} holds, at most {most}: device.hand_speed"
+
+
 def energy_cap(s: Summary) -> str:
     """Return the energy cap of a law that keeps a ledger."""
     if s["energy_cap_j"] is not None:

@@ -251,6 +251,8 @@ _OF_THE_BOUNDER = (
         cell=cells.allowance,
     ),
     Figure("allowance_repaid", "", NUMBER, "report.allowance_repaid"),
+    Figure("fast_holds", "hand speed exceeded", NUMBER, "report.fast_holds", cell=cells.fast_holds),
+    Figure("speed_leak", "", MJ, "report.speed_leak"),
     Figure("energy_cap", "energy cap", MJ, "device.cap", cell=cells.energy_cap),
     Figure(
         "number_sources",
@@ -381,6 +383,7 @@ _OF_STATE = (
     *("law", "true_energy_min", "energy_left", "observed_energy_min", "observed_energy_error"),
     *("final_speed", "at_rest", "limit_cycle_amplitude", "contact_bounces", "penetration_at_rest"),
     *("broken_promises", "largest_allowance", "hold_limit_overruns"),
+    *("fast_holds", "speed_leak"),
 )
 #: Those from which the state of a hand is known.
 OF_STATE = tuple(figure for figure in FIGURES if figure.name in _OF_STATE)

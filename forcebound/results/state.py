@@ -81,10 +81,19 @@ def _with_truth(s: Summary, device: DeviceSection, lowest: float) -> tuple[Passi
         return Passivity.PASSIVE, "Passive"
     if device.energy_partner:  # both together are judged by results.coupling
         return Passivity.PASSIVE, ""
-    allowed = device.allowance if _is_certified(s, device) else 0.0
-    if lowest < -allowed:
+    allowed, fast = (
+        (device.allowance if _is_certified(s, device) else 0.0),
+        s["speed_leak_j"] or 0.0,
+    )
+    if lowest < -max(allowed, fast):
         return Passivity.NOT_PASSIVE, "Not passive"
+    if lowest < -allowed:
+        return Passivity.PASSIVE, f"Passive but for at most {energy_in_words(fast)} ({_fast(s)})"
     return Passivity.PASSIVE, f"Passive but for device.allowance ({energy_in_words(allowed)})"
+
+
+def _fast(s: Summary) -> str:
+    return f"device.hand_speed exceeded in {counted(s['fast_holds'], 'hold')}"
 
 
 def _is_certified(s: Summary, device: DeviceSection) -> bool:
@@ -128,8 +137,10 @@ def _without_truth(s: Summary, device: DeviceSection, motor: str) -> tuple[Passi
     if not _is_certified(s, device):
         words = f"{motor}; the device's own friction may have taken that"
         return Passivity.UNKNOWN, "Unknown if passive", words
-    leaked = s["largest_allowance_j"]
-    but = f" but for at most {energy_in_words(leaked)} (device.allowance)" if leaked else ""
+    late, fast = s["largest_allowance_j"] or 0.0, s["speed_leak_j"] or 0.0
+    cause = _fast(s) if fast > late else "device.allowance"
+    leaked = max(late, fast)
+    but = f" but for at most {energy_in_words(leaked)} ({cause})" if leaked else ""
     trust = "if the device's numbers are right"
     if device.watchdog == "silent" and s["hold_limit_overruns"]:
         trust += f" and its watchdog dropped {counted(s['hold_limit_overruns'], 'late force')}"

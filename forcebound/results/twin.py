@@ -117,6 +117,7 @@ class Twin:
             "watchdog_limit": math.inf if limit in (None, "auto") else limit,
             "watchdog_tolerance": stated.watchdog_tolerance or 0.0,
             "largest_speed": stated.largest_speed or math.inf,
+            "hand_speed": stated.hand_speed or math.inf,
             "energy_cap": stated.cap,
         }
         names = {each.name for each in fields(Dissipation)}

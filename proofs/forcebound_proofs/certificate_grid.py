@@ -5,6 +5,8 @@ that of punctual ticks as shipped, 1.02 periods; with ``--hold-limit 1`` all law
 dissipation. Runs go through the compiled loop where it serves them, which gives the bits of the
 virtual-time graph (``tests/test_one_axis.py``).
 
+``--speeds`` prints instead what a stated speed of the hand gives.
+
 ``--prices`` prints instead what the numbers of a device cost the certified law, on a device that
 has what it states; what a wrong number costs; and power and drag of each law. These runs go through
 the virtual-time graph and take some minutes. ``--page`` writes all tables into the text of
@@ -76,6 +78,9 @@ PRICES: Mapping[str, Mapping[str, float]] = {
     TOGETHER[1]: dict(zip(IMPERFECTIONS, (100e-6, 0.05, 60e-6, 100e-6, 0.02), strict=True)),
     "a board at its defaults: write delay 600 us, lag 1 ms": {"write_delay": 6e-4, "lag": 1e-3},
 }
+#: m/s, of the hand as the device states it, on walls that need the limit, N/mm.
+HAND_SPEEDS = (None, 5.0, 3.0, 2.0, 1.5, 1.0, 0.7, 0.5)
+STIFF = {**GRID, "stiffness": (3, 10)}
 #: What a device has that states ``stiff_wall``'s numbers.
 MISTAKES: Mapping[str, TrueAxes | None] = {
     "nothing": None,
@@ -97,6 +102,7 @@ HEADS: dict[str, tuple[str, Callable[[Any], str]]] = {
     "against": ("against", "`{}`".format),
     "number": ("number", str),
     "speed": ("mm/s", str),
+    "hand_speed": ("hand speed, m/s", lambda speed: "none" if speed is None else f"{speed:g}"),
     STIFFNESS: ("stiffness, N/mm", "{:.3f}".format),
     **{f"{STIFFNESS}_{v}": (f"at {v} mm/s", "{:.3f}".format) for v in GRID["speed"]},
     "price": ("price", lambda share: f"{100 * share:.1f} %"),
@@ -105,6 +111,7 @@ HEADS: dict[str, tuple[str, Callable[[Any], str]]] = {
     "most_stiffness_ratio": ("highest", "{:.2f}".format),
     HARDNESS: ("rate-hardness, N/mm", "{:.3f}".format),
     "contact_bounces": ("contact bounces", "{:.1f}".format),
+    "overshoot": ("overshoot", "{:.2f}".format),
     "power_w": ("largest power, W", "{:.2f}".format),
     "power_bound_w": ("bound at that speed, W", "{:.2f}".format),
     FALL: ("largest fall of energy", energy),
@@ -129,6 +136,7 @@ def config_of(case: Row) -> GraphConfig:
         numbers: Any = {"watchdog": "silent", **PRICES.get(case["number"], {})}
         numbers["truth"] = MISTAKES.get(case["number"])
         device = replace(device, **numbers)
+    device = replace(device, hand_speed=case.get("hand_speed"))
     if case.get("hand") == "taken":
         environment = replace(config.environment, model=PULLING)
         config = replace(config.with_hand(operator=PULLED), environment=environment, duration=3.8)
@@ -172,6 +180,7 @@ def measure(cases: Sequence[Row]) -> list[Row]:
                 STIFFNESS: n_per_mm(summary["displayed_stiffness_n_per_m"]),
                 HARDNESS: n_per_mm(summary["rate_hardness_n_per_m"]),
                 "contact_bounces": summary["contact_bounces"],
+                "overshoot": summary["overshoot_share"],
                 ENERGY: summary[ENERGY],
                 FALL: summary[FALL],
                 **motion_of(outcome.result.columns, config.only.device),
@@ -244,6 +253,25 @@ def pressed(hold_limit: float) -> dict[str, list[Row]]:
     return {"averages": average(rows), "aims": judge(rows), "rows": rows}
 
 
+def by_hand_speed(hold_limit: float) -> list[Row]:
+    """Return the means of both certified laws over walls that need the limit, for each speed."""
+    laws = ("certified", "certified_fading")
+    cases = grid(law=laws, hand_speed=HAND_SPEEDS, **STIFF, hold_limit=(hold_limit,))
+    rows = run_here(Campaign("speeds", cases, measure, part=12), workers=None).rows
+    return [
+        {
+            "law": law,
+            "hand_speed": speed,
+            **{
+                name: mean(row[name] for row in own if row[name] is not None)
+                for name in (STIFFNESS, HARDNESS, "contact_bounces", "overshoot")
+            },
+            ENERGY: min(row[ENERGY] for row in own),
+        }
+        for (law, speed), own in groups(rows, "law", "hand_speed").items()
+    ]
+
+
 def priced(hold_limit: float) -> dict[str, list[Row]]:
     """Return the tables of ``--prices``."""
     cells = grid(**GRID)
@@ -282,14 +310,17 @@ def shown(rows: Sequence[Row]) -> str:
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON document.")
 @click.option("--hold-limit", default=1.02, show_default=True, help="In periods.")
 @click.option("--prices", is_flag=True, help="Print prices, power and drag.")
+@click.option("--speeds", is_flag=True, help="Print what a stated speed of the hand gives.")
 @click.option("--page", type=click.Path(path_type=Path), help="Write all tables to this page.")
-def main(as_json: bool, hold_limit: float, prices: bool, page: Path | None) -> None:
+def main(as_json: bool, hold_limit: float, prices: bool, speeds: bool, page: Path | None) -> None:
     """What the certificate costs; status 1 if an aim is not reached."""
     try:
         check_page(page)
     except ConfigError as error:
         raise click.BadParameter(str(error), param_hint="--page") from None
-    found: dict[str, list[Row]] = {} if prices else pressed(hold_limit)
+    found: dict[str, list[Row]] = {} if prices or speeds else pressed(hold_limit)
+    if speeds or page:
+        found["speeds"] = by_hand_speed(hold_limit)
     if prices or page:
         found |= priced(hold_limit)
     tables = {name: shown(rows) for name, rows in found.items() if name != "rows"}

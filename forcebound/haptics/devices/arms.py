@@ -44,6 +44,8 @@ class StatedJoints(SimulatedModel):
         saturation: Largest torque: length of the vector of the joints' torques.
         presliding: Angle over which friction yields elastically before it dissipates.
         largest_speed: A reading that implies more is refused; null: none is.
+        hand_speed: The hand turns the joints no faster than this, as the length of the vector of
+            their speeds and on average over a period or longer; null: that is not stated.
         substep: Longest integration step.
         truth: What the simulated arm really has, where that differs from what is stated.
     """
@@ -55,6 +57,7 @@ class StatedJoints(SimulatedModel):
     saturation: Annotated[Torque, POSITIVE]
     presliding: AngleOfJoints = 0.0
     largest_speed: Annotated[AngularSpeed, POSITIVE] | None = None
+    hand_speed: Annotated[AngularSpeed, POSITIVE] | None = None
     substep: Annotated[Time, POSITIVE] = 5e-5
     truth: TrueJoints | None = None
 

@@ -19,6 +19,7 @@ from typing import TypeAlias
 
 from forcebound.compiled import allow_in_kernels, jit
 from forcebound.haptics.laws.allowance import gain_at, largest_force, strongest_gain, surplus
+from forcebound.haptics.laws.fast_hand import is_fast, owe
 from forcebound.haptics.laws.hold_cost import hold_cost
 from forcebound.haptics.laws.law import BoundingLaw
 from forcebound.haptics.laws.ledger import (
@@ -107,6 +108,14 @@ def _limit(law: BoundingLaw) -> Limit:
         advance_to_reading(ledger, duration)
         if limits_holds and verdict != REFUSED:
             verdict = verdict_on_reading(ledger, verdict)
+            if verdict != REFUSED and ledger.hand_speed < math.inf and is_fast(ledger):
+                least = math.inf
+                for end in range(ledger.ends):
+                    held = Write(0.0, gain_at(ledger, end) * ledger.held_price, 0.0)
+                    least = min(least, energy(ledger.state[end], held, device))
+                if ledger.axes > 1 and ledger.gain > 0.0:
+                    least -= spread_price(ledger)
+                owe(ledger, least)
         largest, added_damping = math.inf if limits_holds else 0.0, 0.0
         if verdict == _NEW:
             restart(ledger)
@@ -195,9 +204,10 @@ def begin(ledger: Ledger) -> None:
         store_axis(axis.memory, start_axis(reading))
         begin_interval(axis.motor)
         axis.motor.target = axis.motor.actual = 0.0
-        axis.held = axis.trial = axis.work = 0.0
+        axis.held = axis.onset = axis.trial = axis.work = 0.0
         axis.origin = reading
-    ledger.held_price = ledger.spent = ledger.since = 0.0
+    ledger.held_price = ledger.spent = ledger.since = ledger.speed_leak = 0.0
+    ledger.fast_holds = 0
     ledger.available[0] = ledger.available[1] = ledger.largest_leak = 0.0
     ledger.before[0] = ledger.before[1] = 0.0
     ledger.age = ledger.given = ledger.budget = 0.0

@@ -12,7 +12,7 @@ import math
 
 from forcebound.haptics.laws.hold_cost import lagging_cost, rigid_force
 from forcebound.haptics.laws.ledger import NONE, Ledger
-from forcebound.haptics.laws.timeline import cost_of_strengths
+from forcebound.haptics.laws.timeline import cost_of_strengths, reach
 
 HALVINGS = 40  # of the saturation: 8 pN
 
@@ -38,10 +38,12 @@ def largest_force(ledger: Ledger) -> float:
         for end in range(ledger.ends):
             for level in range(_levels(ledger)):
                 most, duration = _most(ledger, end, level), _duration(ledger, level)
-                force = rigid_force(most, friction, one.damping, duration)
+                way = reach(ledger, duration)
+                force = rigid_force(most, friction, one.damping, duration, way)
                 if ledger.write_delay > 0.0:  # and if it already acted
-                    most, duration = most + ledger.before[end], duration + ledger.write_delay
-                    force = min(force, rigid_force(most, friction, one.damping, duration))
+                    most, delay = most + ledger.before[end], ledger.write_delay
+                    again = rigid_force(most, friction, one.damping, duration, way, delay)
+                    force = min(force, again)
                 high = min(high, max(force - error, 0.0) / gain_at(ledger, end))
         return high
     force = high
@@ -112,7 +114,7 @@ def cost(ledger: Ledger, end: int, size: float, duration: float) -> float:
     _set_strengths(ledger, size * gain_at(ledger, end))
     if ledger.lag == 0.0:
         return more + cost_of_strengths(ledger, duration)
-    lag = ledger.lag
+    lag, way = ledger.lag, reach(ledger, duration)
     again = (1.0 + ledger.gain) / gain_at(ledger, end)
     total = square = before_square = 0.0
     for k in range(ledger.axes):
@@ -124,13 +126,14 @@ def cost(ledger: Ledger, end: int, size: float, duration: float) -> float:
         error = one.weight_error - (one.friction if one.presliding == 0.0 else 0.0)
         if not ledger.is_along_path:
             before, after = max(before + error, 0.0), max(force + error, 0.0)
-            total += lagging_cost(before, after, one.damping, duration, lag)
+            total += lagging_cost(before, after, one.damping, duration, lag, way)
     if not ledger.is_along_path:
         return more + total
     error = ledger.path_error - ledger.constants.path_friction
     before = max(math.sqrt(before_square) + error, 0.0)
     after = max(math.sqrt(square) + error, 0.0)
-    return more + lagging_cost(before, after, ledger.axis[0].constants.damping, duration, lag)
+    b = ledger.axis[0].constants.damping
+    return more + lagging_cost(before, after, b, duration, lag, way)
 
 
 def _set_strengths(ledger: Ledger, scale: float) -> None:

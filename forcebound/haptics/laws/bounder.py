@@ -94,6 +94,7 @@ class ForceBounder:
         ledger.ends = 2 if ledger.gain > 0.0 else 1
         ledger.watchdog, ledger.tolerance = WATCHDOGS.index(d.watchdog), d.watchdog_tolerance
         ledger.watchdog_limit, ledger.allowance = d.watchdog_limit, d.allowance
+        ledger.hand_speed = d.hand_speed if law.limits_holds else math.inf
         ledger.is_along_path = along_path
         ledger.is_rigid = (axes == 1 or along_path) and not has_presliding and d.lag == 0.0
         ledger.planned_limit = d.hold_limit
@@ -109,14 +110,25 @@ class ForceBounder:
         return float(self._ledger.largest_leak)
 
     @property
+    def fast_holds(self) -> int:
+        """Intervals with a force in which a reading shows more than the hand's stated speed."""
+        return int(self._ledger.fast_holds)
+
+    @property
+    def speed_leak(self) -> float:
+        """Most energy that a hand faster than stated can have got in them, in J."""
+        return float(self._ledger.speed_leak)
+
+    @property
     def crowded_writes(self) -> int:
         """Forces that had to be zero, since too many before them did not act yet."""
         return int(self._ledger.crowded)
 
     @property
     def allowance_repaid(self) -> bool:
-        """True if the ledger has recovered the energy that late holds can have given."""
-        return self.largest_allowance == 0.0 or self.estimated_energy >= 0.0
+        """True if the ledger has recovered what late holds, or a faster hand, can have given."""
+        leaked = max(self.largest_allowance, self.speed_leak)
+        return leaked == 0.0 or self.estimated_energy >= 0.0
 
     def start(self, time_ns: int, position: Vector) -> None:
         """Begin with the first reading, in m, at ``time_ns`` and no force; forget all before.

@@ -21,6 +21,7 @@ def device_constants(dissipation: Dissipation, axes: int) -> DeviceConstants:
         path_friction=dissipation.least_friction if along_path else 0.0,
         start_price=_start_price(dissipation, axes) + _guard_price(dissipation, axes),
         energy_cap=energy_cap(dissipation, axes, dissipation.hold_limit),
+        hand_speed=dissipation.hand_speed,
     )
 
 

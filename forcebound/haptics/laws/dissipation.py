@@ -79,6 +79,9 @@ class StatedNumbers:
             thereafter, which may come after later readings: at most 6 periods. What it is in each
             sample is measured. A force acts until the effect of the next one that was written.
         largest_speed: A reading that implies more is refused; null: none is.
+        hand_speed: The hand moves no faster than this, on average over a period or longer; null:
+            that is not stated. It allows more force: what the hand can get out of a hold is then
+            less. A faster hand is counted, with the energy that it can have got.
 
     Raises:
         ConfigError: If a value is out of range.
@@ -97,6 +100,7 @@ class StatedNumbers:
     lag: Annotated[Time, NOT_NEGATIVE] = 0.0
     write_delay: Annotated[Time, NOT_NEGATIVE] = 0.0
     largest_speed: Annotated[Speed, POSITIVE] | None = None
+    hand_speed: Annotated[Speed, POSITIVE] | None = None
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -144,13 +148,17 @@ class Dissipation(StatedAxes):
     watchdog_tolerance: Annotated[Ratio, Range(at_least=0, below=1)] = 0.0
     watchdog_limit: float = math.inf  # s
     largest_speed: float = math.inf  # m/s
+    hand_speed: float = math.inf  # m/s
     allowance: Annotated[Energy, NOT_NEGATIVE] = 0.0
     energy_cap: Annotated[Energy, POSITIVE] | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not self.largest_speed > 0.0:
-            raise ConfigError(f"largest_speed must be > 0 m/s, got {self.largest_speed} m/s")
+        for name in ("largest_speed", "hand_speed"):
+            if not getattr(self, name) > 0.0:
+                raise ConfigError(f"{name} must be > 0 m/s, got {getattr(self, name)} m/s")
+        if self.hand_speed < math.inf and self.lag > 0.0:
+            self._check_lagging_hand()
         self._check_hold()
         self._check_axes()
 
@@ -174,6 +182,18 @@ class Dissipation(StatedAxes):
             )
         if self.watchdog == "guarding":
             self._check_guard()
+
+    def _check_lagging_hand(self) -> None:
+        fault = "presliding" if any(_values(self.presliding)) else ""
+        if self.watchdog == "reporting" or self.watchdog_tolerance > 0.0:
+            fault = f"a {self.watchdog} watchdog that may drop a force at an unknown time"
+        if fault:
+            raise ConfigError(
+                f"hand_speed of {self.hand_speed} m/s with a lag of {self.lag} s and {fault}: what"
+                " a faster hand gets is not proved then; leave hand_speed out, or state no lag if"
+                " the device has none",
+                field="hand_speed",
+            )
 
     def _check_guard(self) -> None:
         if not 0.0 < self.guard_period < self.period:

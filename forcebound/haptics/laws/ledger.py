@@ -26,6 +26,7 @@ class Axis:
     motor: Motor
     constants: AxisConstants
     held: float  # N, force that took effect last
+    onset: float  # N, largest magnitude that the motor's force can have had then
     waiting: Annotated[list[float], PLACES]  # N, forces that were written and will act, in order
     trial: float  # N, force whose cost is computed, or the direction of one
     strength: float  # N, magnitude of the force of a hold
@@ -49,6 +50,7 @@ class Ledger:
     tolerance: float  # of the watchdog
     watchdog_limit: float  # s
     allowance: float  # J
+    hand_speed: float  # m/s, or inf
     is_rigid: bool  # a formula gives the largest force
     is_along_path: bool  # of friction
     planned_limit: float  # s, hold limit of the next force
@@ -82,6 +84,8 @@ class Ledger:
     was_unsure: bool  # the same, of a force that another one has replaced since
     quiet: float  # s, since a force may have been dropped last
     largest_leak: float  # J, the most that a late hold, or a late write, can have given
+    fast_holds: int  # intervals with a force in which the hand was seen to be too fast
+    speed_leak: float  # J, the most that it can have got in them
     # The forces that were written and will act, in order.
     waiting: int  # number of them
     until_write: Annotated[list[float], PLACES]  # s

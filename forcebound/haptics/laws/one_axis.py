@@ -49,6 +49,7 @@ def one_axis(law: BoundingLaw) -> Step:
         device: DeviceConstants,
     ) -> tuple[AxisMemory, Memory, State, Write, float]:
         r, friction = device.half_resolution, device.friction
+        reach = device.hand_speed * device.hold_limit + 4.0 * r
         constants = AxisConstants(device.damping, friction, r, r, 0.0, 0.0, 0.0)
         move = reading - axis.reading
         mean, cost = axis.force, 0.0
@@ -65,7 +66,7 @@ def one_axis(law: BoundingLaw) -> Step:
         price, available = sample.held_price, 0.0
         if limits_holds:
             available = energy(state, Write(0.0, price, 0.0), device)
-            most = rigid_force(available, friction, device.damping, device.hold_limit)
+            most = rigid_force(available, friction, device.damping, device.hold_limit, reach)
             largest = min(largest, most)
         largest = min(largest, saturation)
         asked = commanded + added_damping / dt * move if added_damping > 0.0 else commanded
@@ -75,7 +76,7 @@ def one_axis(law: BoundingLaw) -> Step:
         )
         surplus = available
         if limits_holds:
-            surplus -= rigid_cost(abs(force), friction, device.damping, device.hold_limit)
+            surplus -= rigid_cost(abs(force), friction, device.damping, device.hold_limit, reach)
         write = Write(force * force, price, surplus)
         return axis, memory, settle(state, write, device), write, largest
 

@@ -39,6 +39,7 @@ class DeviceConstants(NamedTuple):
     path_friction: float  # N, of friction along the path; 0 if it acts on each axis by itself
     start_price: float  # J, friction that may be credited before the first motion is sure
     energy_cap: float  # J, more is of no use for a hold
+    hand_speed: float = math.inf  # m/s
 
 
 class AxisConstants(NamedTuple):

@@ -83,7 +83,7 @@ def _run_motors(ledger: Ledger, piece: float) -> None:
     is_overdue = ledger.watchdog == NONE and ledger.age > ledger.held_limit
     if (is_overdue or ledger.is_late) and not ledger.is_dropped:
         # What is left of the force when it ends decays, as if it lasted half the lag longer.
-        given = ledger.given + acting_cost(ledger, 0.5 * ledger.lag, 1.0 + ledger.gain)
+        given = given_so_far(ledger)
         budget = ledger.budget if ledger.is_late else max(ledger.budget, 0.0)
         if given > 0.0:  # else friction has paid for it
             ledger.largest_leak = max(ledger.largest_leak, given - budget)
@@ -91,6 +91,21 @@ def _run_motors(ledger: Ledger, piece: float) -> None:
         ledger.is_unsure, ledger.quiet = True, 0.0
         cost += dropped_cost(ledger, piece)
     ledger.spent += cost
+
+
+def given_so_far(ledger: Ledger) -> float:
+    """Return the most that the acting force gives if it ends now, in J: as one hold."""
+    gain = 1.0 + ledger.gain
+    given = ledger.given + acting_cost(ledger, 0.5 * ledger.lag, gain)
+    if ledger.hand_speed == math.inf:
+        return given
+    for k in range(ledger.axes):
+        axis = ledger.axis[k]
+        axis.strength = gain * (
+            max(axis.onset, abs(axis.held)) if ledger.lag > 0.0 else abs(axis.held)
+        )
+    decay = cost_within(ledger, 0.5 * ledger.lag, math.inf)
+    return min(given, cost_of_strengths(ledger, ledger.age) + decay)
 
 
 def may_be_dropped(ledger: Ledger) -> bool:
@@ -114,6 +129,7 @@ def take_effect(ledger: Ledger) -> None:
     for k in range(ledger.axes):
         axis = ledger.axis[k]
         axis.held = axis.waiting[0]
+        axis.onset = max(abs(axis.motor.actual), abs(axis.motor.target))
         is_none = is_none and axis.held == axis.constants.dropped
         retarget(axis.motor, axis.held, ledger.lag, ledger.since == 0.0)
     ledger.waiting -= 1
@@ -144,24 +160,31 @@ def drop(ledger: Ledger) -> None:
 
 
 def acting_cost(ledger: Ledger, duration: float, gain: float) -> float:
-    """Return the most that the acting force can give in ``duration``, in s, in J."""
+    """Return the most that the acting force can give any hand in ``duration``, in s, in J."""
+    set_acting(ledger, gain)
+    return cost_within(ledger, duration, math.inf)
+
+
+def set_acting(ledger: Ledger, gain: float) -> None:
+    """Let the strengths be those of the acting force."""
     for k in range(ledger.axes):
         axis = ledger.axis[k]
         axis.strength = gain * max(abs(axis.motor.target), abs(axis.motor.actual))
-    return cost_of_strengths(ledger, duration)
 
 
-def cost_before(ledger: Ledger, gain: float, delay: float) -> float:
+def cost_before(ledger: Ledger, gain: float, delay: float, is_any_hand: bool = False) -> float:
     """Return the most that can be given until a force written now acts, after ``delay``, in J.
 
-    Until then those before it act in turn.
+    Until then those before it act in turn. With a lag it is what any hand can get.
     """
+    is_any_hand = is_any_hand or ledger.lag > 0.0
     first = min(delay, ledger.until_cut)
     if ledger.waiting > 0:
         first = min(first, ledger.until_write[0])
     if delay <= 0.0 or first < 0.0:
         return 0.0
-    total = acting_cost(ledger, first, gain)
+    set_acting(ledger, gain)
+    total = cost_within(ledger, first, math.inf if is_any_hand else reach(ledger, first))
     for place in range(ledger.waiting):
         end = ledger.until_write[place + 1] if place + 1 < ledger.waiting else delay
         duration = min(end, delay) - ledger.until_write[place]
@@ -170,7 +193,8 @@ def cost_before(ledger: Ledger, gain: float, delay: float) -> float:
             force = gain * abs(axis.waiting[place])
             axis.strength = max(axis.strength, force) if ledger.lag > 0.0 else force
         if duration > 0.0:
-            total += cost_of_strengths(ledger, duration)
+            way = math.inf if is_any_hand else reach(ledger, duration)
+            total += cost_within(ledger, duration, way)
     return total
 
 
@@ -178,27 +202,44 @@ def dropped_cost(ledger: Ledger, duration: float) -> float:
     """Return the most that weights which are not carried can give in ``duration``, in s, in J."""
     for k in range(ledger.axes):
         ledger.axis[k].strength = abs(ledger.axis[k].constants.dropped)
-    return cost_of_strengths(ledger, duration)
+    return cost_within(ledger, duration, math.inf)
+
+
+def reach(ledger: Ledger, duration: float) -> float:
+    """Return how far a hand of the stated speed gets in a hold, in m.
+
+    No reading shows where in a period it was fast; a lag may divide a hold in two.
+    """
+    if ledger.hand_speed == math.inf:
+        return math.inf
+    period = ledger.constants.period
+    way = ledger.hand_speed * max(duration, period) + 2.0 * ledger.resolution
+    return way if ledger.lag == 0.0 else way + ledger.hand_speed * period + 2.0 * ledger.resolution
 
 
 def cost_of_strengths(ledger: Ledger, duration: float) -> float:
     """Return what a hold of the forces ``strength`` can cost, in J; the motors do not lag."""
+    return cost_within(ledger, duration, reach(ledger, duration))
+
+
+def cost_within(ledger: Ledger, duration: float, way: float) -> float:
+    """Return the same if the hand moves by at most ``way``, in m."""
     total = square = 0.0
     for k in range(ledger.axes):
         axis = ledger.axis[k]
         if ledger.is_along_path:
             square += axis.strength * axis.strength
         else:
-            total += axis_cost(axis.constants, axis.strength, duration)
+            total += axis_cost(axis.constants, axis.strength, duration, way)
     if not ledger.is_along_path:
         return total
     friction, damping = ledger.constants.path_friction, ledger.axis[0].constants.damping
-    return rigid_cost(math.sqrt(square) + ledger.path_error, friction, damping, duration)
+    return rigid_cost(math.sqrt(square) + ledger.path_error, friction, damping, duration, way)
 
 
-def axis_cost(one: AxisConstants, force: float, duration: float) -> float:
+def axis_cost(one: AxisConstants, force: float, duration: float, way: float) -> float:
     """Return the cost of a hold of a force on one axis, in J; friction on each axis by itself."""
     force += one.weight_error
     if one.presliding == 0.0:
-        return rigid_cost(force, one.friction, one.damping, duration)
-    return hold_cost(force, one.friction, one.presliding, one.damping, duration)
+        return rigid_cost(force, one.friction, one.damping, duration, way)
+    return hold_cost(force, one.friction, one.presliding, one.damping, duration, way)

@@ -120,6 +120,8 @@ class LiveState:
             "broken_promises": self._broken,
             "largest_allowance_j": None if report is None else report.largest_allowance,
             "hold_limit_overruns": None if report is None else report.overruns,
+            "fast_holds": None if report is None else report.fast_holds,
+            "speed_leak_j": None if report is None else report.speed_leak,
         }
 
     @property

@@ -9,6 +9,7 @@ import z3
 from forcebound_proofs.lemmas.obligations import OBLIGATIONS, Obligation
 from forcebound_proofs.lemmas.readings import LEAKS, MODELS, Stated, leak
 from forcebound_proofs.lemmas.solver import ask, ask_other
+from forcebound_proofs.lemmas.speed import SPEED
 
 WORDS = {"unsat": "proved", "sat": "WRONG", "unknown": "UNKNOWN"}
 
@@ -59,7 +60,7 @@ def judge(
 
 def rows(second: bool = False) -> Iterator[Row]:
     """Judge everything, one after the other."""
-    for lemma, section, function in OBLIGATIONS:
+    for lemma, section, function in (*OBLIGATIONS, *SPEED):
         claim = (function.__doc__ or "").strip()
         yield judge(lemma, section, claim, *questions(function()), second)
     for name, (stated, omitted) in MODELS.items():

@@ -54,6 +54,24 @@ def hold_cost(force: Any, friction: Any, play: Any, damping: Any, duration: Any)
     )
 
 
+def bounded_cost(
+    force: Any, friction: Any, play: Any, damping: Any, duration: Any, reach: Any
+) -> Any:
+    """The cost of a hold in which the hand moves by at most ``reach``."""
+    mobility = duration / (2 * damping)
+    beyond = choose((force - friction) * mobility >= play, (force - friction) * mobility, play)
+    way = choose(force * mobility <= play, force * mobility, beyond)
+    way = smaller(way, reach)
+    return force * way - friction * larger(way - play, 0) - damping * way * way / duration
+
+
+def rigid_bounded_cost(force: Any, friction: Any, damping: Any, duration: Any, reach: Any) -> Any:
+    """The same with rigid friction."""
+    excess = larger(force - friction, 0)
+    way = smaller(excess * duration / (2 * damping), reach)
+    return excess * way - damping * way * way / duration
+
+
 def play(reading: Any, position: Any, half_width: Any) -> Any:
     """The play operator."""
     return larger(reading - half_width, smaller(reading + half_width, position))

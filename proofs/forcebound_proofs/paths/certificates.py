@@ -29,7 +29,7 @@ class Certificate(NamedTuple):
 
 
 #: A field that is left out is stated as this, others as 0.
-LEFT_OUT = {"watchdog": "silent", "largest_speed": math.inf}
+LEFT_OUT = {"watchdog": "silent", "largest_speed": math.inf, "hand_speed": 1e-3}
 
 
 def write_delay(draft: Draft) -> None:
@@ -196,6 +196,20 @@ def too_fast(draft: Draft) -> None:
     draft.fields["largest_speed"] = log_between(draft.random, 0.001, 0.5)
 
 
+def hand_speed(draft: Draft) -> None:
+    """A hand of at most the stated speed, which it may exceed within a period."""
+    device, fields = draft.device, draft.fields
+    fields["hand_speed"] = device.fastest = log_between(draft.random, 0.01, 3.0)
+    device.burst = fields["period"]
+
+
+def fast_hand(draft: Draft) -> None:
+    """A hand that is faster in intervals in which the readings show it."""
+    hand_speed(draft)
+    draft.device.seen = 4.0 * float(np.linalg.norm(draft.device.error))
+    draft.case["owes_speed"] = True
+
+
 def cap(draft: Draft) -> None:
     """A cap on what the ledger keeps."""
     draft.fields["energy_cap"] = log_between(draft.random, 1e-5, 1e-2)
@@ -277,6 +291,27 @@ CERTIFICATES = {
     "refused": Certificate("refused readings", (refused,)),
     "glitches": Certificate("glitches beyond the largest speed", (glitches,), "largest_speed"),
     "too_fast": Certificate("a hand faster than stated", (too_fast,)),
+    "hand_speed": Certificate("a largest speed of the hand", (hand_speed,), "hand_speed"),
+    "hand_speed_delay": Certificate(
+        "a largest speed of the hand, writes late", (write_delay, hand_speed), "hand_speed"
+    ),
+    "hand_speed_lag": Certificate(
+        "a largest speed of the hand, a lag", (lag, hand_speed), "hand_speed"
+    ),
+    "hand_speed_late": Certificate(
+        "a largest speed of the hand, no watchdog", (none, hand_speed), "hand_speed"
+    ),
+    "hand_speed_guard": Certificate(
+        "a largest speed of the hand, a guard", (guarding, hand_speed), "hand_speed"
+    ),
+    "fast_hand": Certificate(
+        "a hand faster than stated: what the bounder says that it can have got",
+        (fast_hand,),
+        "owes_speed",
+    ),
+    "fast_hand_delay": Certificate("the same, writes late", (write_delay, fast_hand), "owes_speed"),
+    "fast_hand_lag": Certificate("the same, a lag", (lag, fast_hand), "owes_speed"),
+    "fast_hand_late": Certificate("the same, no watchdog", (none, fast_hand), "owes_speed"),
     "cap": Certificate("capped ledger", (cap,)),
     "delay_and_speed": Certificate(
         "writes late, with a largest speed", (write_delay, glitches), "write_delay"
@@ -308,6 +343,9 @@ CERTIFICATES = {
     "all_and_gains": Certificate(
         "the same, another gain error in each motor", (gain_of_axes,), axes=(2, 3)
     ),
+    "all_and_speed": Certificate(
+        "the same, a largest speed of the hand", (hand_speed,), "hand_speed"
+    ),
 }
 
 
@@ -324,11 +362,17 @@ def draw(name: str, law: str, random: Random, left_out: bool = False) -> Attacke
     draft = plain(random, int(random.choice(certificate.axes)))
     effects = list(certificate.effects)
     if name.startswith("all"):
-        effects += [one for one in _some(random, draft.axes) if one is not gain or not effects]
+        own = gain_of_axes in effects
+        effects += [one for one in _some(random, draft.axes) if one is not gain or not own]
+    if hand_speed in effects:  # joints have other speeds than the tip; and what is not proved
+        effects = [one for one in effects if one is not joints]
+        if {presliding, tolerance, reporting} & set(effects):
+            effects = [one for one in effects if one is not lag]
     for effect in effects:
         effect(draft)
     if left_out and certificate.left_out:
-        draft.fields[certificate.left_out] = LEFT_OUT.get(certificate.left_out, 0.0)
+        where = draft.case if certificate.left_out in draft.case else draft.fields
+        where[certificate.left_out] = LEFT_OUT.get(certificate.left_out, 0.0)
     return finished(law, draft)
 
 
@@ -363,6 +407,8 @@ def finished(law: str, draft: Draft, speed: float | None = None) -> AttackedDevi
     command = Command(int(random.integers(Command.SLOWLY)))  # any of those before it
     command = draft.case.pop("command", command)
     drawn = min(log_between(random, 1e-3, 1.0), stated.largest_speed)
+    if stated.hand_speed < math.inf and random.random() < 0.5:
+        drawn = stated.hand_speed
     manner = Manner(
         reading=reading,
         command=command,

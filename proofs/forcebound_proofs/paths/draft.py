@@ -32,7 +32,7 @@ class Draft:
         """Give the device what the fields state, alike on each axis, and nothing else."""
         self.devices = np.zeros(1 + COPIES, record_type(Device))
         device, axes = self.device, self.axes
-        device.gain[:], device.fastest = 1.0, math.inf
+        device.gain[:], device.fastest, device.seen = 1.0, math.inf, math.inf
         device.axes, device.is_along_path = axes, axes > 1
         device.damping[:axes], device.friction[:axes] = (
             self.fields[name] for name in ("damping", "friction")

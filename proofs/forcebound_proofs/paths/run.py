@@ -39,6 +39,7 @@ class AttackedDevice:
     write_delay: float = 0.0  # s, largest time from reading to writing
     hold_limits: tuple[float, ...] = ()  # s, among which the hold limit changes
     owes: bool = False  # writes are later than stated: the bounder says what they can have given
+    owes_speed: bool = False  # the hand is faster than stated: the same
     #: The estimate of the law is compared with the truth, and nothing else: for a weight that acts
     #: after a cut, which no law can prevent.
     ledger_only: bool = False
@@ -183,12 +184,16 @@ class Walk:
         if calls.applied[index] < 1.0:
             force = tuple([calls.applied[index] * f for f in force])
         calls.settle(index, time_ns, force)
-        if case.late > 0.0:
+        if case.late > 0.0 and not case.owes_speed:
             # Known once the late force is replaced, which may be after the next reading.
             self._hidden = min(self._hidden, self._before + bounder.largest_allowance)
             self._before = float(account.lowest)
         if case.owes:
             self._hidden = min(self._hidden, float(account.lowest) + bounder.largest_allowance)
+        if case.owes_speed:
+            most = max(bounder.speed_leak, bounder.largest_allowance)
+            self._hidden = min(self._hidden, self._before + most)
+            self._before = float(min(account.lowest, account.lowest_end))
         if calls.is_taken:
             self._excess = max(self._excess, bounder.estimated_energy - float(account.energy))
         calls.set_holds(index, account)
@@ -208,9 +213,10 @@ def _result(
     case: AttackedDevice, account: Any, hidden: float, excess: float, samples: int
 ) -> PathResult:
     lowest = min(float(account.lowest_end), float(account.lowest))
-    if case.owes:
+    if case.owes or case.owes_speed:
         lowest = hidden
-    late = case.late > 0.0  # then any hold so far may have been late
+    # Then any hold so far may have been late.
+    late = case.late > 0.0 and not case.owes_speed
     counted = min(float(account.fallen), hidden) if late else lowest
     return PathResult(
         0.0 if case.ledger_only else counted,

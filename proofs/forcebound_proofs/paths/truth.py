@@ -52,6 +52,8 @@ class Device:
     axes: int
     is_at_tip: bool  # an arm, moved at its tip
     fastest: float  # m/s, of the hand
+    burst: float  # s, within which a hand may be faster if it gets no further than in all of it
+    seen: float  # m; a hand may be faster if its move in an interval is more than it may, by this
     guard: float  # s between two looks of a guarding watchdog, or 0
     drop: float  # s from a look that has seen something to the drop
 
@@ -251,13 +253,18 @@ def worst_length(devices: Devices, duration: float, force: Floats, size: float) 
 
 
 @outlined
-def worst_end(devices: Devices, duration: float, pieces: int) -> tuple[float, float]:
-    """Let the first copy walk the worst path; return the energy at its end and the lowest, in J."""
+def worst_end(
+    devices: Devices, duration: float, pieces: int, burst: float = 0.0
+) -> tuple[float, float]:
+    """Let the first copy walk the worst path; return the energy at its end and the lowest, in J.
+
+    No piece is longer than what the hand can do in ``burst``, s, or in its own time.
+    """
     move = np.zeros(AXES)
     energy = lowest = 0.0
     for _ in range(pieces):
         worst_move(devices, duration / pieces, move)
-        no_faster(move, duration / pieces, devices[1].fastest)
+        no_faster(move, max(duration / pieces, burst), devices[1].fastest)
         energy += walk(devices[1], duration / pieces, move)
         lowest = min(lowest, energy)
     return energy, lowest
@@ -300,7 +307,9 @@ def worst_hold(
                 duration = 3.0 * lag
             if duration <= 0.0:
                 continue
-            end, low = worst_end(devices, duration, pieces)
+            # The rest of the force that acts now is no hold of its own: the hand has been moving.
+            burst = device.burst if phase > 0 and pieces == 1 else 0.0
+            end, low = worst_end(devices, duration, pieces, burst)
             lowest = min(lowest, energy + low)
             energy += end
     return lowest
@@ -328,5 +337,7 @@ def worst_guarded_hold(devices: Devices, write_after: float, force: Vector) -> f
         no_faster(move, STALL, device.fastest)
         energy += walk(device, STALL, move)
         lowest = min(lowest, energy)
-        lowest = min(lowest, energy + worst_end(devices, device.guard + device.drop, 1)[1])
+        lowest = min(
+            lowest, energy + worst_end(devices, device.guard + device.drop, 1, device.burst)[1]
+        )
     return lowest
