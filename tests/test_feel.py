@@ -17,6 +17,7 @@ def few_runs(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(feel, "LIMITS", (0.02,))
     monkeypatch.setattr(feel, "ALLOWANCES", (0.0, 0.01))
     monkeypatch.setattr(feel, "RATES", (0.5, 1.0))
+    monkeypatch.setattr(feel, "HAND_SPEEDS", {"m/s": (2.0,), "rad/s": (20.0,)})
 
 
 @pytest.mark.usefixtures("few_runs")
@@ -44,7 +45,10 @@ def test_a_device_at_a_port_is_simulated_with_its_numbers(tmp_path: Path) -> Non
 @pytest.mark.usefixtures("few_runs")
 def test_the_words_say_what_the_hand_can_get() -> None:
     done = CliRunner().invoke(main, ["feel", "haply_2diy"])
-    assert "as stated (watchdog_limit 100 ms, allowance 0 mJ, rate 1000 Hz)" in done.output
+    assert (
+        "as stated (watchdog_limit 100 ms, allowance 0 mJ, rate 1000 Hz, no hand_speed)"
+        in done.output
+    )
     last = done.output.splitlines()[-1]
     assert last.startswith("With watchdog_limit 20 ms and allowance 10 mJ: 2 N/mm of 2 N/mm (100%)")
     assert last.endswith("at most 10 mJ, the energy of 1 N over 10 mm.")
@@ -55,8 +59,10 @@ def test_a_kind_is_held_against_the_wall_of_its_launch_file() -> None:
     found = feel.forecast("phantom_premium_1_5")
     assert found.asked == 10_000.0
     assert found.felt == pytest.approx(fb.simulate("stiff_wall").figures.displayed_stiffness)
-    (rates,) = found.varied
+    rates, speeds = found.varied
     assert rates.runs["device.rate"].tolist() == [500.0, 1000.0]
+    assert speeds.runs["device.hand_speed"].tolist() == [2.0]
+    assert speeds.runs["displayed_stiffness"][0] > 1.35 * found.felt
 
 
 @pytest.mark.parametrize(

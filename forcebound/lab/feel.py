@@ -5,6 +5,7 @@ some: a run for each. A device at a port is replaced by the simulated one with t
 """
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -30,6 +31,7 @@ ALLOWANCES = (0.0, 0.002, 0.005, 0.01, 0.02)  # J
 SHORT_LIMIT = 0.02  # s, in which the boards that ship can end a force
 LONGEST_TICK = 1.25  # periods, for which a force must be held at the least
 WHOLE = 0.95  # of the environment's stiffness, which is as good as all
+HAND_SPEEDS = {"m/s": (1.0, 2.0, 3.0, 5.0), "rad/s": (2.0, 5.0, 10.0, 20.0)}
 RATES = (0.5, 1.0, 2.0, 4.0)  # times what is stated
 FASTEST = 5000.0  # Hz, of a live run
 PUSH = 0.01  # m; an allowance is the energy of a force over this path
@@ -79,7 +81,10 @@ class Forecast(NamedTuple):
     def lines(self) -> Iterator[str]:
         """The forecast in words."""
         units = {key: unit for one in self.varied for key, unit in zip(*one[:2], strict=True)}
-        stated = ", ".join(f"{key} {_text(self.stated[key], unit)}" for key, unit in units.items())
+        stated = ", ".join(
+            f"{key} {_text(self.stated[key], unit)}" if key in self.stated else f"no {key}"
+            for key, unit in units.items()
+        )
         yield f"{self.name}: {self._felt(self.felt)}, as stated ({stated}), with punctual ticks"
         for one in self.varied:
             yield from _table(one)
@@ -148,11 +153,7 @@ def forecast(name: str, arguments: Sequence[str] = ()) -> Forecast:
         plan = [{"watchdog_limit": limits, "allowance": (MJ, _with(ALLOWANCES, servo.allowance))}]
     rates = [factor * servo.rate for factor in RATES if factor * servo.rate <= FASTEST]
     plan.append({"rate": (HZ, rates)})
-    varied = []
-    for numbers in plan:
-        values: dict[str, Any] = {f"device.{key}": each for key, (_, each) in numbers.items()}
-        units = tuple(unit for unit, _ in numbers.values())
-        varied.append(Varied(tuple(numbers), units, sweep(config, **values)))
+    varied = [_varied(config, numbers) for numbers in plan]
     runs = varied[-1].runs
     ((asked, felt),) = (
         (row.get("environment.stiffness"), row["displayed_stiffness_n_per_m"])
@@ -160,7 +161,18 @@ def forecast(name: str, arguments: Sequence[str] = ()) -> Forecast:
     )
     if asked is None or felt is None:
         raise ConfigError(f"{name}: expected an environment with a stiffness that the hand reaches")
+    stated |= {} if model.hand_speed is None else {"hand_speed": model.hand_speed}
+    unit = "m/s" if model.kinematics() is None else "rad/s"
+    speeds = _with(HAND_SPEEDS[unit], model.hand_speed or HAND_SPEEDS[unit][0])
+    with suppress(ConfigError):  # some devices may not state one
+        varied.append(_varied(config, {"hand_speed": (Everyday(unit, unit), speeds)}))
     return Forecast(name, asked, felt, stated, varied)
+
+
+def _varied(config: GraphConfig, numbers: Mapping[str, tuple[Everyday, Sequence[float]]]) -> Varied:
+    values: dict[str, Any] = {f"device.{key}": each for key, (_, each) in numbers.items()}
+    units = tuple(unit for unit, _ in numbers.values())
+    return Varied(tuple(numbers), units, sweep(config, **values))
 
 
 def _graph(name: str, arguments: Sequence[str]) -> GraphConfig:
@@ -202,8 +214,9 @@ def draw(found: Forecast) -> "Figure":
             curve = [at for at, row in zip(curve, rows, strict=True) if row[1:-1] == other]
             words = f"{one.names[1]} {_text(other[0], one.units[1])}" if other else None
             panel.plot(*zip(*curve, strict=True), marker=".", label=words)
-        here = found.stated[one.names[0]] * unit.factor, found.felt * N_MM.factor
-        panel.plot(*here, "o", color="black", fillstyle="none", label="as stated")
+        if one.names[0] in found.stated:
+            here = found.stated[one.names[0]] * unit.factor, found.felt * N_MM.factor
+            panel.plot(*here, "o", color="black", fillstyle="none", label="as stated")
         panel.set_xscale("log")
         panel.set_xticks([at * unit.factor for at in dict.fromkeys(row[0] for row in rows)])
         panel.xaxis.set_major_formatter("{x:g}")
