@@ -19,6 +19,7 @@ from typing import TypeAlias
 
 from forcebound.compiled import allow_in_kernels, jit
 from forcebound.haptics.laws.allowance import gain_at, largest_force, strongest_gain, surplus
+from forcebound.haptics.laws.attenuation import attenuated_price
 from forcebound.haptics.laws.hold_cost import hold_cost
 from forcebound.haptics.laws.law import BoundingLaw
 from forcebound.haptics.laws.ledger import (
@@ -193,10 +194,10 @@ def begin(ledger: Ledger) -> None:
     for k in range(ledger.axes):
         axis, reading = ledger.axis[k], ledger.reading[k]
         store_axis(axis.memory, start_axis(reading))
-        begin_interval(axis.motor)
         axis.motor.target = axis.motor.actual = 0.0
+        begin_interval(axis.motor)
         axis.held = axis.trial = axis.work = 0.0
-        axis.origin = reading
+        axis.origin, axis.rubbed = reading, axis.constants.friction
     ledger.held_price = ledger.spent = ledger.since = 0.0
     ledger.available[0] = ledger.available[1] = ledger.largest_leak = 0.0
     ledger.before[0] = ledger.before[1] = 0.0
@@ -244,7 +245,7 @@ def verdict_on_reading(ledger: Ledger, verdict: int) -> int:
         return _NEW if verdict != REFUSED and ledger.quiet > SETTLED * ledger.lag else REFUSED
     if may_be_dropped(ledger) and ledger.write_delay > 0.0:
         return REFUSED  # when it was dropped is known only once the next force acts
-    is_one_hold = ledger.age == ledger.since and ledger.lag == 0.0
+    is_one_hold = ledger.age == ledger.since and ledger.lag == 0.0 and ledger.attenuates == 0
     for k in range(ledger.axes):
         is_one_hold = is_one_hold and ledger.axis[k].constants.dropped == 0.0
     return _UNSURE if is_one_hold and verdict == TAKEN else RESTART
@@ -261,9 +262,14 @@ def observe_axes(ledger: Ledger, dt: float, is_unsure: bool) -> tuple[Motion, fl
         one, before, motor = axis.constants, axis.memory, axis.motor
         force, move = axis.held, reading - before.reading
         mean = mean_force(motor, dt, lag)
+        if ledger.attenuates > 0:
+            mean *= 0.5
         change = abs(mean - before.mean_force)
         step += motor.step * motor.step
-        deviation += penalty(motor, dt, lag, gain, move, one)
+        if ledger.attenuates == 0:
+            deviation += penalty(motor, dt, lag, gain, move, one)
+        else:
+            deviation += attenuated_price(ledger, k, dt, move, 2.0 * mean)
         most_steps = max(most_steps, motor.steps)
         if is_unsure:
             mean, change = 0.0, unsure_change(before.mean_force, force)

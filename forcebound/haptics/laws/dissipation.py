@@ -42,6 +42,12 @@ ForceOfAxes: TypeAlias = OfAxes[Annotated[Force, Range()]]
 Watchdog: TypeAlias = Literal["guarding", "reporting", "silent", "none"]
 WATCHDOGS: tuple[str, ...] = get_args(Watchdog)
 
+#: What the motors may leave out of a force. ``per_write``: they give any share of it, constant from
+#: the time when a written force acts until the next one does. ``freely``: the share may change at
+#: any time. ``never``: they give all of it.
+Attenuates: TypeAlias = Literal["never", "per_write", "freely"]
+ATTENUATES: tuple[str, ...] = get_args(Attenuates)
+
 MOST_LATE = 6  # periods, of a write: the ledger has places for as many forces on their way
 
 
@@ -79,6 +85,9 @@ class StatedNumbers:
             thereafter, which may come after later readings: at most 6 periods. What it is in each
             sample is measured. A force acts until the effect of the next one that was written.
         largest_speed: A reading that implies more is refused; null: none is.
+        attenuates: Whether a motor may give less than the force written, any share from 0 to 1 and
+            another on each axis or joint, as under a current limit that is not reported; see
+            :data:`Attenuates`. What ``write`` of the device returns needs no such statement.
 
     Raises:
         ConfigError: If a value is out of range.
@@ -97,6 +106,7 @@ class StatedNumbers:
     lag: Annotated[Time, NOT_NEGATIVE] = 0.0
     write_delay: Annotated[Time, NOT_NEGATIVE] = 0.0
     largest_speed: Annotated[Speed, POSITIVE] | None = None
+    attenuates: Attenuates = "never"
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -104,6 +114,11 @@ class StatedNumbers:
             raise ConfigError(
                 f"watchdog must be one of {', '.join(WATCHDOGS)}, got {self.watchdog!r}",
                 field="watchdog",
+            )
+        if self.attenuates not in ATTENUATES:
+            raise ConfigError(
+                f"attenuates must be one of {', '.join(ATTENUATES)}, got {self.attenuates!r}",
+                field="attenuates",
             )
 
 
@@ -120,6 +135,15 @@ class StatedAxes(StatedNumbers):
 
     weight: ForceOfAxes = 0.0
     weight_error: FrictionOfAxes = 0.0
+
+
+#: Numbers for which there is no proof with ``attenuates`` (docs/theory.md, 3.10).
+_NOT_ATTENUATED = {
+    "watchdog": "while it guards a late force no reading shows what a hand gains; use 'reporting'",
+    "lag": "a filter with memory has no proof; expected 0 s",
+    "gain_error": "a share of 0 to 1 is a gain; expected 0, with the largest gain as that stated",
+    "weight": "the motor may drop the weight that it carries; expected 0 N",
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -153,6 +177,8 @@ class Dissipation(StatedAxes):
             raise ConfigError(f"largest_speed must be > 0 m/s, got {self.largest_speed} m/s")
         self._check_hold()
         self._check_axes()
+        if self.attenuates != "never":
+            self._check_attenuation()
 
     def _check_hold(self) -> None:
         if self.hold_limit < self.period:
@@ -187,6 +213,14 @@ class Dissipation(StatedAxes):
                 f"{self.write_delay} s: what a late force costs is known only without both; "
                 "use watchdog 'reporting'"
             )
+
+    def _check_attenuation(self) -> None:
+        for name, why in _NOT_ATTENUATED.items():
+            value = getattr(self, name)
+            if any(_values(value)) if name != "watchdog" else value == "guarding":
+                raise ConfigError(
+                    f"attenuates: {self.attenuates} with {name} {value}: {why}", field="attenuates"
+                )
 
     def _check_axes(self) -> None:
         if self.friction == 0.0 or isinstance(self.friction, tuple):

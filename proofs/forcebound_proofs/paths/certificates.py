@@ -12,6 +12,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from forcebound.haptics.laws import Dissipation
+from forcebound.haptics.laws.dissipation import ATTENUATES
 from forcebound_proofs.paths.draft import Draft, Random, log_between, plain
 from forcebound_proofs.paths.path import Command, Manner, Reading
 from forcebound_proofs.paths.run import AttackedDevice
@@ -29,7 +30,7 @@ class Certificate(NamedTuple):
 
 
 #: A field that is left out is stated as this, others as 0.
-LEFT_OUT = {"watchdog": "silent", "largest_speed": math.inf}
+LEFT_OUT = {"watchdog": "silent", "attenuates": "never", "largest_speed": math.inf}
 
 
 def write_delay(draft: Draft) -> None:
@@ -196,6 +197,16 @@ def too_fast(draft: Draft) -> None:
     draft.fields["largest_speed"] = log_between(draft.random, 0.001, 0.5)
 
 
+def attenuates(draft: Draft) -> None:
+    """Every motor leaves out what it likes, of each written force or at any time."""
+    kind = int(draft.random.integers(1, 3))
+    draft.fields["attenuates"] = ATTENUATES[kind]
+    draft.device.attenuates = kind
+    if draft.axes > 1:
+        draft.fields["friction"] = draft.per_axis("friction")
+        draft.device.is_along_path = False
+
+
 def cap(draft: Draft) -> None:
     """A cap on what the ledger keeps."""
     draft.fields["energy_cap"] = log_between(draft.random, 1e-5, 1e-2)
@@ -278,6 +289,29 @@ CERTIFICATES = {
     "glitches": Certificate("glitches beyond the largest speed", (glitches,), "largest_speed"),
     "too_fast": Certificate("a hand faster than stated", (too_fast,)),
     "cap": Certificate("capped ledger", (cap,)),
+    "attenuates": Certificate("motors that attenuate", (attenuates,), "attenuates"),
+    "attenuates_and_delay": Certificate(
+        "motors that attenuate, writes late", (write_delay, attenuates), "attenuates"
+    ),
+    "attenuates_joints": Certificate(
+        "an arm whose motors attenuate, energy at the tip", (joints, attenuates), "attenuates", (2,)
+    ),
+    "attenuates_presliding": Certificate(
+        "motors that attenuate, elastic friction", (presliding, attenuates), "attenuates"
+    ),
+    "attenuates_readings": Certificate(
+        "motors that attenuate, a largest speed, a reporting watchdog",
+        (glitches, reporting, attenuates),
+        "attenuates",
+    ),
+    "attenuates_cuts": Certificate(
+        "motors that attenuate, a silent watchdog in a range, writes late",
+        (write_delay, tolerance, attenuates),
+        "attenuates",
+    ),
+    "attenuates_none": Certificate(
+        "motors that attenuate, no watchdog, a cap", (none, cap, attenuates), "attenuates"
+    ),
     "delay_and_speed": Certificate(
         "writes late, with a largest speed", (write_delay, glitches), "write_delay"
     ),
