@@ -210,8 +210,8 @@ class Dissipation(StatedAxes):
         if self.lag > 0.0 or self.write_delay > 0.0:
             raise ConfigError(
                 f"watchdog 'guarding' with a lag of {self.lag} s and a write_delay of "
-                f"{self.write_delay} s: what a late force costs is known only without both; "
-                "use watchdog 'reporting'"
+                f"{self.write_delay} s: what a late force costs is known only without both, since "
+                "one drop may hide another; use watchdog 'reporting'"
             )
 
     def _check_attenuation(self) -> None:

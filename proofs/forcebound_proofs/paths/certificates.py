@@ -199,9 +199,8 @@ def too_fast(draft: Draft) -> None:
 
 def attenuates(draft: Draft) -> None:
     """Every motor leaves out what it likes, of each written force or at any time."""
-    kind = int(draft.random.integers(1, 3))
-    draft.fields["attenuates"] = ATTENUATES[kind]
-    draft.device.attenuates = kind
+    draft.device.attenuates = draft.random.integers(1, 3)
+    draft.fields["attenuates"] = ATTENUATES[draft.device.attenuates]
     if draft.axes > 1:
         draft.fields["friction"] = draft.per_axis("friction")
         draft.device.is_along_path = False
@@ -289,28 +288,20 @@ CERTIFICATES = {
     "glitches": Certificate("glitches beyond the largest speed", (glitches,), "largest_speed"),
     "too_fast": Certificate("a hand faster than stated", (too_fast,)),
     "cap": Certificate("capped ledger", (cap,)),
-    "attenuates": Certificate("motors that attenuate", (attenuates,), "attenuates"),
-    "attenuates_and_delay": Certificate(
-        "motors that attenuate, writes late", (write_delay, attenuates), "attenuates"
+    "attenuates": Certificate("motors attenuate", (attenuates,), "attenuates"),
+    "attenuates_late": Certificate(
+        "motors attenuate, writes late", (write_delay, attenuates), "attenuates"
     ),
     "attenuates_joints": Certificate(
-        "an arm whose motors attenuate, energy at the tip", (joints, attenuates), "attenuates", (2,)
+        "motors of an arm attenuate, energy at the tip", (joints, attenuates), "attenuates", (2,)
     ),
-    "attenuates_presliding": Certificate(
-        "motors that attenuate, elastic friction", (presliding, attenuates), "attenuates"
-    ),
-    "attenuates_readings": Certificate(
-        "motors that attenuate, a largest speed, a reporting watchdog",
-        (glitches, reporting, attenuates),
+    "attenuates_all": Certificate(
+        "motors attenuate, elastic friction, glitches, no watchdog, other hold limits",
+        (presliding, glitches, none, changing, attenuates),
         "attenuates",
     ),
     "attenuates_cuts": Certificate(
-        "motors that attenuate, a silent watchdog in a range, writes late",
-        (write_delay, tolerance, attenuates),
-        "attenuates",
-    ),
-    "attenuates_none": Certificate(
-        "motors that attenuate, no watchdog, a cap", (none, cap, attenuates), "attenuates"
+        "motors attenuate, a watchdog in a range", (tolerance, attenuates), "attenuates"
     ),
     "delay_and_speed": Certificate(
         "writes late, with a largest speed", (write_delay, glitches), "write_delay"
