@@ -74,6 +74,10 @@ PRICES: Mapping[str, Mapping[str, Any]] = {
     "weight error 0.02 N": {"weight_error": 0.02},
     "motor attenuates, per write": {"attenuates": "per_write"},
     "motor attenuates, freely": {"attenuates": "freely"},
+    **{
+        f"the same, a share of {share} at least": {"attenuates": "freely", "least_share": share}
+        for share in (0.9, 0.98)
+    },
     TOGETHER[0]: dict(zip(IMPERFECTIONS, (20e-6, 0.01, 15e-6, 50e-6, 0.01), strict=True)),
     TOGETHER[1]: dict(zip(IMPERFECTIONS, (100e-6, 0.05, 60e-6, 100e-6, 0.02), strict=True)),
     "a board at its defaults: write delay 600 us, lag 1 ms": {"write_delay": 6e-4, "lag": 1e-3},

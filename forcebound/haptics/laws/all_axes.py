@@ -262,14 +262,15 @@ def observe_axes(ledger: Ledger, dt: float, is_unsure: bool) -> tuple[Motion, fl
         one, before, motor = axis.constants, axis.memory, axis.motor
         force, move = axis.held, reading - before.reading
         mean = mean_force(motor, dt, lag)
+        full = mean
         if ledger.attenuates > 0:
-            mean *= 0.5
+            mean *= 0.5 * (1.0 + ledger.least_share)
         change = abs(mean - before.mean_force)
         step += motor.step * motor.step
         if ledger.attenuates == 0:
             deviation += penalty(motor, dt, lag, gain, move, one)
         else:
-            deviation += attenuated_price(ledger, k, dt, move, 2.0 * mean)
+            deviation += attenuated_price(ledger, k, dt, move, full)
         most_steps = max(most_steps, motor.steps)
         if is_unsure:
             mean, change = 0.0, unsure_change(before.mean_force, force)

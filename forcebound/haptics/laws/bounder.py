@@ -95,6 +95,7 @@ class ForceBounder:
         ledger.watchdog, ledger.tolerance = WATCHDOGS.index(d.watchdog), d.watchdog_tolerance
         ledger.watchdog_limit, ledger.allowance = d.watchdog_limit, d.allowance
         ledger.attenuates = ATTENUATES.index(d.attenuates) if law.limits_holds else 0
+        ledger.least_share = d.least_share if ledger.attenuates > 0 else 1.0
         ledger.is_along_path = along_path
         ledger.is_rigid = (axes == 1 or along_path) and not has_presliding and d.lag == 0.0
         ledger.planned_limit = d.hold_limit

@@ -85,9 +85,10 @@ class StatedNumbers:
             thereafter, which may come after later readings: at most 6 periods. What it is in each
             sample is measured. A force acts until the effect of the next one that was written.
         largest_speed: A reading that implies more is refused; null: none is.
-        attenuates: Whether a motor may give less than the force written, any share from 0 to 1 and
+        attenuates: Whether a motor may give less than the force written, any share up to 1 and
             another on each axis or joint, as under a current limit that is not reported; see
             :data:`Attenuates`. What ``write`` of the device returns needs no such statement.
+        least_share: Share that a motor which attenuates gives at least.
 
     Raises:
         ConfigError: If a value is out of range.
@@ -107,6 +108,7 @@ class StatedNumbers:
     write_delay: Annotated[Time, NOT_NEGATIVE] = 0.0
     largest_speed: Annotated[Speed, POSITIVE] | None = None
     attenuates: Attenuates = "never"
+    least_share: Annotated[Ratio, Range(at_least=0, below=1)] = 0.0
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -141,7 +143,7 @@ class StatedAxes(StatedNumbers):
 _NOT_ATTENUATED = {
     "watchdog": "while it guards a late force no reading shows what a hand gains; use 'reporting'",
     "lag": "a filter with memory has no proof; expected 0 s",
-    "gain_error": "a share of 0 to 1 is a gain; expected 0, with the largest gain as that stated",
+    "gain_error": "a share is a gain; expected 0, with the largest gain as that stated",
     "weight": "the motor may drop the weight that it carries; expected 0 N",
 }
 

@@ -51,6 +51,7 @@ class Ledger:
     watchdog_limit: float  # s
     allowance: float  # J
     attenuates: int  # place in ``dissipation.ATTENUATES``: 0 never, 1 per write, 2 freely
+    least_share: float  # that an attenuating motor gives; 1 if it gives all
     is_rigid: bool  # a formula gives the largest force
     is_along_path: bool  # of friction
     planned_limit: float  # s, hold limit of the next force

@@ -355,43 +355,45 @@ def guard_error() -> Obligation:
 
 
 def attenuated_work() -> Obligation:
-    """A share of a force does at least the work of half of it, less half its size along the way."""
-    share, force, v = Reals("s F v")
+    """A share of a force does at least the work of the middle, less what is away from it."""
+    share, least, force, v = Reals("s m F v")
+    away = (1 - least) / 2 * size(force)
     return Obligation(
-        share * force * v >= force * v / 2 - size(force) * size(v) / 2,
-        {"share": And(share >= 0, share <= 1)},
+        share * force * v >= (1 + least) / 2 * force * v - away * size(v),
+        {"share": And(share >= least, share <= 1)},
+        [least >= 0, least < 1],
     )
 
 
 def attenuated_hold() -> Obligation:
-    """One share for a hold: friction less by half the force, or that much along the way."""
-    b, f, r, dt, share, force, d, move = Reals("b f r dt s F d move")
-    c, left = larger(size(force) / 2 - f, 0), larger(f - size(force) / 2, 0)
-    seen = b * d * d / dt + left * size(d) + force * d / 2
+    """One share for a hold: less friction, or a price along the way."""
+    b, f, r, dt, share, least, force, d, move = Reals("b f r dt s m F d move")
+    away = (1 - least) / 2 * size(force)
+    c, left = larger(away - f, 0), larger(f - away, 0)
+    seen = b * d * d / dt + left * size(d) + (1 + least) / 2 * force * d
     return Obligation(
         b * d * d / dt + f * size(d) + share * force * d >= seen - c * (size(move) + 2 * r),
-        {"share": And(share >= 0, share <= 1), "H4": size(d - move) <= 2 * r},
-        [b > 0, f >= 0, r >= 0, dt > 0],
+        {"share": And(share >= least, share <= 1), "H4": size(d - move) <= 2 * r},
+        [b > 0, f >= 0, r >= 0, dt > 0, least >= 0, least < 1],
     )
 
 
 def attenuated_freely() -> Obligation:
-    """Two parts of a hold with a share each, at any time: the price with the envelope."""
-    b, f, s1, s2, d1, d2, p1, p2, force, way = Reals("b f s1 s2 d1 d2 p1 p2 F D")
+    """Two parts of a hold, each with a share of its own, beside the middle: the price."""
+    b, f, s1, s2, d1, d2, one, two, away, way = Reals("b f s1 s2 d1 d2 W1 W2 a D")
     dt, d = s1 + s2, d1 + d2
-    c, left = larger(size(force) / 2 - f, 0), larger(f - size(force) / 2, 0)
-    true = b * d1 * d1 / s1 + b * d2 * d2 / s2 + f * (size(d1) + size(d2))
-    true = true + p1 * force * d1 + p2 * force * d2
+    c, left = larger(away - f, 0), larger(f - away, 0)
+    true = b * d1 * d1 / s1 + b * d2 * d2 / s2 + f * (size(d1) + size(d2)) + one + two
     small = b * way * way / dt + c * c * dt / (4 * b)
     lost = choose(2 * b * way >= c * dt, c * way, small)
     return Obligation(
-        true >= b * d * d / dt + left * size(d) + force * d / 2 - lost,
+        true >= b * d * d / dt + left * size(d) - lost,
         {
-            "first share": And(p1 >= 0, p1 <= 1),
-            "second share": And(p2 >= 0, p2 <= 1),
+            "first share": one >= -away * size(d1),
+            "second share": two >= -away * size(d2),
             "way": size(d) <= way,
         },
-        [b > 0, f >= 0, s1 > 0, s2 > 0, way >= 0],
+        [b > 0, f >= 0, s1 > 0, s2 > 0, away >= 0, way >= 0],
     )
 
 

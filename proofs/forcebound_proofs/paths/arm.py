@@ -156,8 +156,8 @@ def walk_at_tip(device: Device, duration: float, move: Floats) -> float:
                 torque[axis] *= device.gain[axis]
                 turn = turn_rate(axis, angle_1, angle_2, speed_x, speed_y) / abs(a * d - b * c)
                 length = _WEIGHTS[node] / 2.0 * part
-                if given(device, axis, length * torque[axis] * turn) == 0.0:
-                    torque[axis] = 0.0
+                work = length * torque[axis] * turn
+                torque[axis] *= given(device, axis, work) / work if work != 0.0 else 1.0
                 torque[axis] += device.weight[axis]
             power = power_at_tip(angle_1, angle_2, speed_x, speed_y, device, torque)
             energy += _WEIGHTS[node] / 2.0 * part * power

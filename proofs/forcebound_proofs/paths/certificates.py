@@ -200,6 +200,7 @@ def too_fast(draft: Draft) -> None:
 def attenuates(draft: Draft) -> None:
     """Every motor leaves out what it likes, of each written force or at any time."""
     draft.device.attenuates = draft.random.integers(1, 3)
+    draft.device.least = draft.fields["least_share"] = draft.random.choice([0.0, 0.0, 0.8])
     draft.fields["attenuates"] = ATTENUATES[draft.device.attenuates]
     if draft.axes > 1:
         draft.fields["friction"] = draft.per_axis("friction")

@@ -49,6 +49,7 @@ class Device:
     compensation: PerAxis
     lag: float  # s
     attenuates: int  # 0: no; 1: of each written force all or nothing; 2: whenever it pays the hand
+    least: float  # share that it gives at least
     work: PerAxis  # J, against the motor since the force that acts took effect, if it gives all
     is_along_path: bool  # of friction
     axes: int
@@ -160,7 +161,7 @@ def work_along_path(device: Device, move: Floats) -> float:
 def given(device: Device, axis: int, work: float) -> float:
     """Return the ``work`` against a motor, in J, of which it may leave out what pays the hand."""
     if device.attenuates == 2:
-        return min(work, 0.0)
+        return max(device.least * work, min(work, 0.0))
     device.work[axis] += work
     return work
 
@@ -170,7 +171,9 @@ def withheld(device: Device) -> float:
     """Let the force end; return the work, in J, that its motors may never have taken."""
     total = 0.0
     for axis in range(AXES):
-        total += max(device.work[axis], 0.0) if device.attenuates == 1 else 0.0
+        total += (
+            max(device.work[axis], 0.0) * (1.0 - device.least) if device.attenuates == 1 else 0.0
+        )
         device.work[axis] = 0.0
     return total
 
