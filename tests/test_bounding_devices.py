@@ -415,7 +415,7 @@ def held(attenuates: Attenuates, least_share: float = 0.0) -> list[float]:
 
 
 def test_a_steady_force_lasts_as_the_share_of_it_is_certain() -> None:
-    whole, per_write, freely = map(held, ("never", "per_write", "freely"))
+    whole, per_write, freely = held("never"), held("per_write"), held("freely")
     friction, resolution, cost = 0.12, 3e-5, PHANTOM.hold_limit / (4.0 * 0.27)
     assert whole[-1] == pytest.approx(whole[0])
     assert all(a > b > c for a, b, c in zip(whole[1:], per_write[1:], freely[1:], strict=True))
