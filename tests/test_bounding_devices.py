@@ -449,6 +449,22 @@ def test_a_force_that_resists_earns_nothing_and_one_that_pushes_is_charged(
     assert energies[4] - energies[3] == pytest.approx(loss - 0.02)
 
 
+def test_a_ledger_pays_for_a_hand_that_trembles_within_a_hold() -> None:
+    """Out by u while there is no force, back by u with it: the best u for two half periods."""
+    b, friction, period, force = 0.27, 0.12, 1e-3, 1.0
+    u = (force - 2.0 * friction) * period / (8.0 * b)
+    energy = 2.0 * b * u**2 / (period / 2.0) + 2.0 * friction * u - force * u
+    device = replace(PHANTOM, resolution=0.0, attenuates="freely")
+    bounder, energies = ForceBounder("certified", device), []
+    bounder.start(0, (0.0,))
+    for n in range(1, 110):
+        x = min(n, 100) * 2e-4
+        bounder.settle(bounder.bound(n * MS, (x,), (force if n >= 100 else 0.0,)))
+        energies.append(bounder.estimated_energy)
+    assert energies[105] - energies[104] == pytest.approx(energy)
+    assert energy < -1e-4
+
+
 # Descriptions that cannot be
 
 
