@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import replace
-from itertools import pairwise
+from itertools import accumulate, pairwise
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from forcebound.compiled import new_records
 from forcebound.errors import ConfigError
 from forcebound.haptics.laws import Dissipation, ForceBounder
-from forcebound.haptics.laws.dissipation import Watchdog
+from forcebound.haptics.laws.dissipation import Attenuates, Watchdog
 from forcebound.haptics.laws.hold_cost import hold_cost, lagging_cost, rigid_cost
 from forcebound.haptics.laws.sample import AxisConstants
 from forcebound.haptics.laws.waveform import Motor, mean_force, penalty, retarget
@@ -398,6 +398,73 @@ def test_a_hold_limit_may_change_from_hold_to_hold() -> None:
     assert bounder.overruns == 0
 
 
+# A motor that attenuates
+
+
+def held(attenuates: Attenuates, least_share: float = 0.0) -> list[float]:
+    """Return the limit while a hand rests against a force, after it has moved freely, in N."""
+    device = replace(PHANTOM, attenuates=attenuates, least_share=least_share)
+    bounder = ForceBounder("certified", device)
+    bounder.start(0, (0.0,))
+    limits = []
+    for n in range(1, 1200):
+        x = 3e-5 * round(min(n, 200) * 2e-4 / 3e-5)
+        bounder.settle(bounder.bound(n * MS, (x,), (0.0 if n < 200 else PHANTOM.saturation,)))
+        limits.append(bounder.limit)
+    return limits[200:]
+
+
+def test_a_steady_force_lasts_as_the_share_of_it_is_certain() -> None:
+    whole, per_write, freely = held("never"), held("per_write"), held("freely")
+    friction, resolution, cost = 0.12, 3e-5, PHANTOM.hold_limit / (4.0 * 0.27)
+    assert whole[-1] == pytest.approx(whole[0])
+    assert all(a > b > c for a, b, c in zip(whole[1:], per_write[1:], freely[1:], strict=True))
+    assert freely[-1] == pytest.approx(2.0 * friction, rel=0.01)
+    # A hold costs what a step of the encoder hides.
+    drained = resolution * (0.5 * per_write[10] - friction)
+    energies = [cost * (f - friction) ** 2 for f in per_write[10:12]]
+    assert energies[0] - energies[1] == pytest.approx(drained, rel=0.02)
+
+
+def test_a_force_that_friction_carries_whatever_its_share_lasts() -> None:
+    lasting = 0.12 / 0.05  # N
+    limits = held("freely", least_share=0.9)
+    assert limits[0] > lasting
+    assert min(limits) >= lasting * (1.0 - 1e-9)
+
+
+@pytest.mark.parametrize("attenuates", ["per_write", "freely"])
+def test_a_force_that_resists_earns_nothing_and_one_that_pushes_is_charged(
+    attenuates: Attenuates,
+) -> None:
+    device = replace(PHANTOM, friction=0.0, resolution=0.0, energy_cap=1.0, attenuates=attenuates)
+    bounder, energies = ForceBounder("certified", device), []
+    bounder.start(0, (0.0,))
+    ways = [*[0.01] * 3, 0.02, -0.02]
+    for n, x in enumerate(accumulate(ways), 1):
+        bounder.settle(bounder.bound(n * MS, (x,), (1.0 if n >= 3 else 0.0,)))
+        energies.append(bounder.estimated_energy)
+    loss = 0.27 * 0.02**2 / 1e-3
+    assert energies[3] - energies[2] == pytest.approx(loss)
+    assert energies[4] - energies[3] == pytest.approx(loss - 0.02)
+
+
+def test_a_ledger_pays_for_a_hand_that_trembles_within_a_hold() -> None:
+    """Out by u while there is no force, back by u with it: the best u for two half periods."""
+    b, friction, period, force = 0.27, 0.12, 1e-3, 1.0
+    u = (force - 2.0 * friction) * period / (8.0 * b)
+    energy = 2.0 * b * u**2 / (period / 2.0) + 2.0 * friction * u - force * u
+    device = replace(PHANTOM, resolution=0.0, attenuates="freely")
+    bounder, energies = ForceBounder("certified", device), []
+    bounder.start(0, (0.0,))
+    for n in range(1, 110):
+        x = min(n, 100) * 2e-4
+        bounder.settle(bounder.bound(n * MS, (x,), (force if n >= 100 else 0.0,)))
+        energies.append(bounder.estimated_energy)
+    assert energies[105] - energies[104] == pytest.approx(energy)
+    assert energy < -1e-4
+
+
 # Descriptions that cannot be
 
 
@@ -408,6 +475,12 @@ def test_a_hold_limit_may_change_from_hold_to_hold() -> None:
         ({"gain_error": 1.0}, "gain_error"),
         ({"largest_speed": 0.0}, "largest_speed"),
         ({"watchdog": "loud"}, "watchdog"),
+        ({"attenuates": "often"}, "attenuates"),
+        ({"attenuates": "freely", "lag": 1e-4}, "lag"),
+        ({"attenuates": "freely", "gain_error": 0.1}, "gain_error"),
+        ({"attenuates": "per_write", "weight": (0.0, 0.1)}, "weight"),
+        ({"attenuates": "per_write", "watchdog": "guarding", "guard_period": 5e-5}, "guarding"),
+        ({"write_delay": 1e-4, "watchdog": "guarding", "guard_period": 5e-5}, "guarding"),
     ],
 )
 def test_a_description_that_cannot_be_is_refused(wrong: dict[str, Any], words: str) -> None:
@@ -418,6 +491,8 @@ def test_a_description_that_cannot_be_is_refused(wrong: dict[str, Any], words: s
 def test_numbers_that_do_not_fit_the_axes_are_refused() -> None:
     with pytest.raises(ConfigError, match="friction of each axis"):
         ForceBounder("certified", replace(PHANTOM, presliding=1e-5), 2)
+    with pytest.raises(ConfigError, match="friction of each axis"):
+        ForceBounder("certified", replace(PHANTOM, attenuates="freely"), 2)
     for axes, field in ((3, "friction"), (2, "damping")):
         device = replace(PHANTOM, friction=(0.1, 0.1), damping=(0.2, 0.2, 0.2))
         with pytest.raises(ConfigError, match=f"one number, or {axes}") as raised:

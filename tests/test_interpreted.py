@@ -38,6 +38,7 @@ DEVICES = {
     "friction that yields, two axes": (replace(OWN, presliding=(2e-5, 1e-5)), 2, 160),
     "late forces are guarded": (replace(PHANTOM, watchdog="guarding", guard_period=5e-5), 1, 400),
     "cuts are reported": (replace(PHANTOM, watchdog="reporting"), 1, 400),
+    "motors attenuate": (replace(OWN, attenuates="per_write", write_delay=4e-4), 2, 160),
     "nothing cuts": (replace(PHANTOM, watchdog="none", watchdog_limit=0.1, allowance=2e-3), 2, 400),
 }
 

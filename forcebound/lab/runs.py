@@ -106,6 +106,7 @@ def unserved(config: GraphConfig) -> Iterator[str]:
     else:
         yield from (name for name in ZEROS if getattr(device, name))
         yield from (name for name, value in vars(device).items() if isinstance(value, tuple))
+        yield from ["attenuating motors"] if device.attenuates != "never" else []
         yield from ["truth"] if device.truth is not None else []
         yield from ["no watchdog"] if device.watchdog == "none" else []
     if isinstance(hand, PointerHand | WallInPlace) or not isinstance(hand, Operator | None):

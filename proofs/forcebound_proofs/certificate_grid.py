@@ -67,13 +67,19 @@ TOGETHER = (
     "together, usual: 100 us, 5 %, 60 um, 100 us, 0.02 N",
 )
 #: Numbers of a device whose price is printed, SI units.
-PRICES: Mapping[str, Mapping[str, float]] = {
+PRICES: Mapping[str, Mapping[str, Any]] = {
     "none": {},
     **{f"write delay {us} us": {"write_delay": us * 1e-6} for us in (20, 100, 400)},
     **{f"gain error {percent} %": {"gain_error": percent / 100} for percent in (1, 5, 10)},
     **{f"presliding {um} um": {"presliding": um * 1e-6} for um in (15, 60, 120)},
     **{f"lag {us} us": {"lag": us * 1e-6} for us in (100, 400, 1000)},
     "weight error 0.02 N": {"weight_error": 0.02},
+    "motor attenuates, per write": {"attenuates": "per_write"},
+    "motor attenuates, freely": {"attenuates": "freely"},
+    **{
+        f"the same, a share of {share} at least": {"attenuates": "freely", "least_share": share}
+        for share in (0.9, 0.98)
+    },
     TOGETHER[0]: dict(zip(IMPERFECTIONS, (20e-6, 0.01, 15e-6, 50e-6, 0.01), strict=True)),
     TOGETHER[1]: dict(zip(IMPERFECTIONS, (100e-6, 0.05, 60e-6, 100e-6, 0.02), strict=True)),
     "a board at its defaults: write delay 600 us, lag 1 ms": {"write_delay": 6e-4, "lag": 1e-3},

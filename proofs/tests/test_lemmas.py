@@ -69,7 +69,7 @@ def test_terms_of_the_lemmas_are_those_of_the_code() -> None:
 
 
 def test_terms_of_gain_and_of_a_cut_are_those_of_the_code() -> None:
-    from forcebound.haptics.laws import all_axes
+    from forcebound.haptics.laws import all_axes, error_prices
 
     random = np.random.default_rng(2)
     for _ in range(500):
@@ -90,7 +90,7 @@ def test_terms_of_gain_and_of_a_cut_are_those_of_the_code() -> None:
         ]
         ledger = SimpleNamespace(gain=share, axes=2, axis=axes)
         assert terms.spread_price(share, [work, other]) == pytest.approx(
-            all_axes.spread_price(ledger)
+            error_prices.spread_price(ledger)
         )
 
 

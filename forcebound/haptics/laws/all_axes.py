@@ -19,6 +19,8 @@ from typing import TypeAlias
 
 from forcebound.compiled import allow_in_kernels, jit
 from forcebound.haptics.laws.allowance import gain_at, largest_force, strongest_gain, surplus
+from forcebound.haptics.laws.attenuation import attenuated_price
+from forcebound.haptics.laws.error_prices import drift_price, spread_price
 from forcebound.haptics.laws.fast_hand import is_fast, owe
 from forcebound.haptics.laws.hold_cost import hold_cost
 from forcebound.haptics.laws.law import BoundingLaw
@@ -202,10 +204,10 @@ def begin(ledger: Ledger) -> None:
     for k in range(ledger.axes):
         axis, reading = ledger.axis[k], ledger.reading[k]
         store_axis(axis.memory, start_axis(reading))
-        begin_interval(axis.motor)
         axis.motor.target = axis.motor.actual = 0.0
+        begin_interval(axis.motor)
         axis.held = axis.onset = axis.trial = axis.work = 0.0
-        axis.origin = reading
+        axis.origin, axis.rubbed = reading, axis.constants.friction
     ledger.held_price = ledger.spent = ledger.since = ledger.speed_leak = 0.0
     ledger.fast_holds = 0
     ledger.available[0] = ledger.available[1] = ledger.largest_leak = 0.0
@@ -254,7 +256,7 @@ def verdict_on_reading(ledger: Ledger, verdict: int) -> int:
         return _NEW if verdict != REFUSED and ledger.quiet > SETTLED * ledger.lag else REFUSED
     if may_be_dropped(ledger) and ledger.write_delay > 0.0:
         return REFUSED  # when it was dropped is known only once the next force acts
-    is_one_hold = ledger.age == ledger.since and ledger.lag == 0.0
+    is_one_hold = ledger.age == ledger.since and ledger.lag == 0.0 and ledger.attenuates == 0
     for k in range(ledger.axes):
         is_one_hold = is_one_hold and ledger.axis[k].constants.dropped == 0.0
     return _UNSURE if is_one_hold and verdict == TAKEN else RESTART
@@ -271,9 +273,15 @@ def observe_axes(ledger: Ledger, dt: float, is_unsure: bool) -> tuple[Motion, fl
         one, before, motor = axis.constants, axis.memory, axis.motor
         force, move = axis.held, reading - before.reading
         mean = mean_force(motor, dt, lag)
+        full = mean
+        if ledger.attenuates > 0:
+            mean *= 0.5 * (1.0 + ledger.least_share)
         change = abs(mean - before.mean_force)
         step += motor.step * motor.step
-        deviation += penalty(motor, dt, lag, gain, move, one)
+        if ledger.attenuates == 0:
+            deviation += penalty(motor, dt, lag, gain, move, one)
+        else:
+            deviation += attenuated_price(ledger, k, dt, move, full)
         most_steps = max(most_steps, motor.steps)
         if is_unsure:
             mean, change = 0.0, unsure_change(before.mean_force, force)
@@ -354,27 +362,6 @@ def renew(ledger: Ledger) -> None:
     for k in range(ledger.axes):
         ledger.axis[k].work = 0.0
     ledger.state[0] = ledger.state[1] = -ledger.constants.start_price
-
-
-def spread_price(ledger: Ledger) -> float:
-    """Return what motors with different gains can give beyond motors with the same gain, in J."""
-    total = magnitudes = 0.0
-    for k in range(ledger.axes):
-        axis = ledger.axis[k]
-        work = axis.work - axis.constants.half_resolution * abs(axis.memory.mean_force)
-        total += work
-        magnitudes += abs(work)
-    return ledger.gain * (magnitudes - abs(total))
-
-
-def drift_price(ledger: Ledger) -> float:
-    """Return what an error of the weights can have given since the start, in J."""
-    price = 0.0
-    for k in range(ledger.axes):
-        one = ledger.axis[k].constants
-        distance = abs(ledger.reading[k] - ledger.axis[k].origin)
-        price += one.weight_error * (distance + 2.0 * one.half_resolution)
-    return price
 
 
 def scaled(sample: Sample, gain: float, held_price: float) -> Sample:

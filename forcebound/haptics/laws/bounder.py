@@ -10,7 +10,7 @@ from forcebound.compiled import jit, new_records
 from forcebound.errors import ConfigError, DeviceError
 from forcebound.haptics.laws.all_axes import REFUSED, TAKEN, compiled, cut
 from forcebound.haptics.laws.constants import acts_along_path, axis_constants, energy_cap
-from forcebound.haptics.laws.dissipation import WATCHDOGS, Dissipation, per_axis
+from forcebound.haptics.laws.dissipation import ATTENUATES, WATCHDOGS, Dissipation, per_axis
 from forcebound.haptics.laws.exchange import compiled_exchange
 from forcebound.haptics.laws.law import LAWS, BoundingLaw, check_law
 from forcebound.haptics.laws.ledger import Ledger
@@ -95,6 +95,8 @@ class ForceBounder:
         ledger.watchdog, ledger.tolerance = WATCHDOGS.index(d.watchdog), d.watchdog_tolerance
         ledger.watchdog_limit, ledger.allowance = d.watchdog_limit, d.allowance
         ledger.hand_speed = d.hand_speed if law.limits_holds else math.inf
+        ledger.attenuates = ATTENUATES.index(d.attenuates) if law.limits_holds else 0
+        ledger.least_share = d.least_share if ledger.attenuates > 0 else 1.0
         ledger.is_along_path = along_path
         ledger.is_rigid = (axes == 1 or along_path) and not has_presliding and d.lag == 0.0
         ledger.planned_limit = d.hold_limit

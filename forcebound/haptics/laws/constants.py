@@ -54,6 +54,12 @@ def axis_constants(dissipation: Dissipation, axes: int) -> list[AxisConstants]:
 def acts_along_path(dissipation: Dissipation, axes: int) -> bool:
     """Return whether friction acts along the path of several axes, not on each by itself."""
     d = dissipation
+    if axes > 1 and d.attenuates != "never" and not isinstance(d.friction, tuple):
+        raise ConfigError(
+            f"attenuates: {d.attenuates} on several axes needs the friction of each axis: "
+            "one number means friction along the path",
+            field="attenuates",
+        )
     if axes == 1 or any(isinstance(one, tuple) for one in (d.damping, d.friction, d.weight_error)):
         return False
     if d.friction != 0.0 and any(per_axis("presliding", d.presliding, axes)):

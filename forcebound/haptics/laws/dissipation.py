@@ -42,6 +42,12 @@ ForceOfAxes: TypeAlias = OfAxes[Annotated[Force, Range()]]
 Watchdog: TypeAlias = Literal["guarding", "reporting", "silent", "none"]
 WATCHDOGS: tuple[str, ...] = get_args(Watchdog)
 
+#: What the motors may leave out of a force. ``per_write``: they give any share of it, constant from
+#: the time when a written force acts until the next one does. ``freely``: the share may change at
+#: any time. ``never``: they give all of it.
+Attenuates: TypeAlias = Literal["never", "per_write", "freely"]
+ATTENUATES: tuple[str, ...] = get_args(Attenuates)
+
 MOST_LATE = 6  # periods, of a write: the ledger has places for as many forces on their way
 
 
@@ -82,6 +88,10 @@ class StatedNumbers:
         hand_speed: The hand moves no faster than this, on average over a period or longer; null:
             that is not stated. It allows more force: what the hand can get out of a hold is then
             less. A faster hand is counted, with the energy that it can have got.
+        attenuates: Whether a motor may give less than the force written, any share up to 1 and
+            another on each axis or joint, as under a current limit that is not reported; see
+            :data:`Attenuates`. What ``write`` of the device returns needs no such statement.
+        least_share: Share that a motor which attenuates gives at least.
 
     Raises:
         ConfigError: If a value is out of range.
@@ -101,6 +111,8 @@ class StatedNumbers:
     write_delay: Annotated[Time, NOT_NEGATIVE] = 0.0
     largest_speed: Annotated[Speed, POSITIVE] | None = None
     hand_speed: Annotated[Speed, POSITIVE] | None = None
+    attenuates: Attenuates = "never"
+    least_share: Annotated[Ratio, Range(at_least=0, below=1)] = 0.0
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -108,6 +120,11 @@ class StatedNumbers:
             raise ConfigError(
                 f"watchdog must be one of {', '.join(WATCHDOGS)}, got {self.watchdog!r}",
                 field="watchdog",
+            )
+        if self.attenuates not in ATTENUATES:
+            raise ConfigError(
+                f"attenuates must be one of {', '.join(ATTENUATES)}, got {self.attenuates!r}",
+                field="attenuates",
             )
 
 
@@ -124,6 +141,15 @@ class StatedAxes(StatedNumbers):
 
     weight: ForceOfAxes = 0.0
     weight_error: FrictionOfAxes = 0.0
+
+
+#: Numbers for which there is no proof with ``attenuates`` (docs/theory.md, 3.10).
+_NOT_ATTENUATED = {
+    "watchdog": "while it guards a late force no reading shows what a hand gains; use 'reporting'",
+    "lag": "a filter with memory has no proof; expected 0 s",
+    "gain_error": "a share is a gain; expected 0, with the largest gain as that stated",
+    "weight": "the motor may drop the weight that it carries; expected 0 N",
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -161,6 +187,8 @@ class Dissipation(StatedAxes):
             self._check_lagging_hand()
         self._check_hold()
         self._check_axes()
+        if self.attenuates != "never":
+            self._check_attenuation()
 
     def _check_hold(self) -> None:
         if self.hold_limit < self.period:
@@ -204,9 +232,20 @@ class Dissipation(StatedAxes):
         if self.lag > 0.0 or self.write_delay > 0.0:
             raise ConfigError(
                 f"watchdog 'guarding' with a lag of {self.lag} s and a write_delay of "
-                f"{self.write_delay} s: what a late force costs is known only without both; "
-                "use watchdog 'reporting'"
+                f"{self.write_delay} s: what a late force costs is known only without both, since "
+                "one drop may hide another; use watchdog 'reporting'"
             )
+
+    def _check_attenuation(self) -> None:
+        for name, why in _NOT_ATTENUATED.items():
+            value = getattr(self, name)
+            if any(_values(value)) if name != "watchdog" else value == "guarding":
+                raise ConfigError(
+                    f"attenuates: {self.attenuates} with {name} {value}: {why}", field="attenuates"
+                )
+        if self.hand_speed < math.inf:
+            message = f"attenuates: {self.attenuates} with hand_speed {self.hand_speed} m/s"
+            raise ConfigError(f"{message}: this is not proved; leave one out", field="attenuates")
 
     def _check_axes(self) -> None:
         if self.friction == 0.0 or isinstance(self.friction, tuple):

@@ -30,6 +30,7 @@ class Axis:
     waiting: Annotated[list[float], PLACES]  # N, forces that were written and will act, in order
     trial: float  # N, force whose cost is computed, or the direction of one
     strength: float  # N, magnitude of the force of a hold
+    rubbed: float  # N, of friction, that the last interval left beside an attenuating motor
     origin: float  # m, reading at the start
     work: float  # J, in the ledger, of this axis: less the prices that grow with the gain
 
@@ -51,6 +52,8 @@ class Ledger:
     watchdog_limit: float  # s
     allowance: float  # J
     hand_speed: float  # m/s, or inf
+    attenuates: int  # place in ``dissipation.ATTENUATES``: 0 never, 1 per write, 2 freely
+    least_share: float  # that an attenuating motor gives; 1 if it gives all
     is_rigid: bool  # a formula gives the largest force
     is_along_path: bool  # of friction
     planned_limit: float  # s, hold limit of the next force

@@ -21,6 +21,7 @@ class Motor:
     second: float  # N² s, integral of its square
     steps: float  # number of steps of the target since the last reading
     step: float  # N, the last of them
+    most: float  # N, largest magnitude of the target since the last reading
     unknown: float  # N s, most that the integral can err, see ``wait``
     unknown_square: float  # N² s, the same of the integral of the square of the error
 
@@ -57,6 +58,7 @@ def retarget(motor: Motor, target: float, lag: float, is_first: bool) -> None:
     motor.target = target
     if lag <= 0.0:
         motor.actual = target
+    motor.most = abs(target) if is_first else max(motor.most, abs(target))
     if not is_first and step != 0.0:
         motor.steps += 1.0
         motor.step = step
@@ -66,6 +68,7 @@ def begin_interval(motor: Motor) -> None:
     """Observe the motor from a reading on."""
     motor.first = motor.second = motor.steps = motor.step = 0.0
     motor.unknown = motor.unknown_square = 0.0
+    motor.most = abs(motor.target)
 
 
 def mean_force(motor: Motor, dt: float, lag: float) -> float:

@@ -13,6 +13,7 @@ from typing import Any
 from z3 import And, Or, Reals
 
 from forcebound_proofs.lemmas.terms import (
+    choose,
     clear_square,
     hold_cost,
     larger,
@@ -322,6 +323,25 @@ def guard_push() -> Obligation:
     )
 
 
+def guard_after() -> Obligation:
+    """Guard with a write delay, each drop reported: a force, then a guarded one, with the push."""
+    b, f, r, s, period, guard, total, paid = Reals("b f r s T guard L G")
+    before, force, d, push, lost, lost2 = Reals("F0 F d push lost lost2")
+    reserve = 4 * b * r * r / (period - guard)
+    costs = rigid_cost(size(before), f, b, s) + rigid_cost(force, f, b, period)
+    after = total + lost + f * size(d) + before * d
+    return Obligation(
+        after + lost2 + f * size(push) - force * push >= 0,
+        {
+            "lemma 5": total >= paid + reserve,
+            "decision": costs <= paid,
+            "loss before": lost * s >= b * d * d,
+            "lemma 7": lost2 >= b * push * push / period - reserve,
+        },
+        [b > 0, f >= 0, r >= 0, s > 0, period > guard, guard > 0, force >= 0, lost >= 0],
+    )
+
+
 def guard_error() -> Obligation:
     """Guard: a motion against the push, where an error of the weight alone can give anything."""
     b, f, z, error, period, guard, d = Reals("b f z e T guard d")
@@ -331,6 +351,80 @@ def guard_error() -> Obligation:
         given <= hold_cost(error, f, 2 * z, b, period) + reserve,
         {"friction": error <= f, "guard_period": guard < period},
         [b > 0, f >= 0, z > 0, error >= 0, d >= 0, period > 0, guard > 0, period != guard],
+    )
+
+
+def attenuated_work() -> Obligation:
+    """A share of a force does at least the work of the middle, less what is away from it."""
+    share, least, force, v = Reals("s m F v")
+    away = (1 - least) / 2 * size(force)
+    return Obligation(
+        share * force * v >= (1 + least) / 2 * force * v - away * size(v),
+        {"share": And(share >= least, share <= 1)},
+        [least >= 0, least < 1],
+    )
+
+
+def attenuated_hold() -> Obligation:
+    """One share for a hold: less friction, or a price along the way."""
+    b, f, r, dt, share, least, force, d, move = Reals("b f r dt s m F d move")
+    away = (1 - least) / 2 * size(force)
+    c, left = larger(away - f, 0), larger(f - away, 0)
+    seen = b * d * d / dt + left * size(d) + (1 + least) / 2 * force * d
+    return Obligation(
+        b * d * d / dt + f * size(d) + share * force * d >= seen - c * (size(move) + 2 * r),
+        {"share": And(share >= least, share <= 1), "H4": size(d - move) <= 2 * r},
+        [b > 0, f >= 0, r >= 0, dt > 0, least >= 0, least < 1],
+    )
+
+
+def attenuated_freely() -> Obligation:
+    """Two parts of a hold, each with a share of its own, beside the middle: the price."""
+    b, f, s1, s2, d1, d2, one, two, away, way = Reals("b f s1 s2 d1 d2 W1 W2 a D")
+    dt, d = s1 + s2, d1 + d2
+    c, left = larger(away - f, 0), larger(f - away, 0)
+    true = b * d1 * d1 / s1 + b * d2 * d2 / s2 + f * (size(d1) + size(d2)) + one + two
+    small = b * way * way / dt + c * c * dt / (4 * b)
+    lost = choose(2 * b * way >= c * dt, c * way, small)
+    return Obligation(
+        true >= b * d * d / dt + left * size(d) - lost,
+        {
+            "first share": one >= -away * size(d1),
+            "second share": two >= -away * size(d2),
+            "way": size(d) <= way,
+        },
+        [b > 0, f >= 0, s1 > 0, s2 > 0, away >= 0, way >= 0],
+    )
+
+
+def attenuated_envelope() -> Obligation:
+    """The largest price over the mean direction is that of the envelope."""
+    b, c, dt, way, share = Reals("b c dt D share")
+    small = b * way * way / dt + c * c * dt / (4 * b)
+    lost = choose(2 * b * way >= c * dt, c * way, small)
+    return Obligation(
+        share * c * way + c * c * dt * (1 - share * share) / (4 * b) <= lost,
+        {"direction": share <= 1},
+        [b > 0, c >= 0, dt > 0, way >= 0, share >= 0],
+    )
+
+
+def attenuated_path() -> Obligation:
+    """Induction step of the path where friction is used up, and its price when less is."""
+    r, q, x, x2, y, y2, f, f2 = Reals("r q2 x x2 y y2 f f2")
+    slid, slid2, credited, price = Reals("X X2 P price")
+    return Obligation(
+        slid2 >= credited + f2 * size(y2 - y) - price + f2 * size(x2 - y2),
+        {
+            "induction": slid >= credited + f * size(x - y),
+            "play before": size(x - y) <= 2 * r,
+            "H4": size(q - x2) <= r,
+            "play": y2 == play(q, y, r),
+            "path": slid2 >= slid + f2 * size(x2 - x),
+            "price": price >= 2 * r * (f2 - f),
+        },
+        [r >= 0, f >= 0, f2 >= 0, price >= 0, slid2 >= slid],
+        {"play": y2 == q},
     )
 
 
@@ -376,6 +470,12 @@ OBLIGATIONS: tuple[tuple[str, str, Callable[[], Obligation]], ...] = (
     ("lemma 7, windows", "3.2", guard_windows),
     ("lemma 7, with the push", "3.2", guard_push),
     ("lemma 7, against it", "3.2", guard_error),
+    ("lemma 7 and 8", "3.2", guard_after),
     ("two levels", "3.2", late_hold),
     ("energy transfer", "3.7", transfer),
+    ("lemma 13, work", "3.10", attenuated_work),
+    ("lemma 13, per write", "3.10", attenuated_hold),
+    ("lemma 13, freely", "3.10", attenuated_freely),
+    ("lemma 13, envelope", "3.10", attenuated_envelope),
+    ("lemma 13, path", "3.10", attenuated_path),
 )

@@ -13,7 +13,7 @@ import math
 import numpy as np
 
 from forcebound.compiled import outlined
-from forcebound_proofs.paths.truth import AXES, Device, Floats, relax, walk, work_of_axis
+from forcebound_proofs.paths.truth import AXES, Device, Floats, given, relax, walk, work_of_axis
 
 LINKS = (0.25, 0.2)  # m
 FIRST_POSE = (0.4, 1.3)  # rad, where the encoders read zero
@@ -149,10 +149,16 @@ def walk_at_tip(device: Device, duration: float, move: Floats) -> float:
             now = number * part + after
             angle_1, angle_2 = angles_of(x + speed_x * now, y + speed_y * now)
             left = math.exp(-after / lag) if lag > 0.0 else 0.0
+            a, b, c, d = jacobian(angle_1, angle_2)
             for axis in range(2):
                 target = device.target[axis]
                 torque[axis] = target + (device.output[axis] - target) * left
-                torque[axis] = device.gain[axis] * torque[axis] + device.weight[axis]
+                torque[axis] *= device.gain[axis]
+                turn = turn_rate(axis, angle_1, angle_2, speed_x, speed_y) / abs(a * d - b * c)
+                length = _WEIGHTS[node] / 2.0 * part
+                work = length * torque[axis] * turn
+                torque[axis] *= given(device, axis, work) / work if work != 0.0 else 1.0
+                torque[axis] += device.weight[axis]
             power = power_at_tip(angle_1, angle_2, speed_x, speed_y, device, torque)
             energy += _WEIGHTS[node] / 2.0 * part * power
         end = (number + 1) * part

@@ -12,6 +12,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from forcebound.haptics.laws import Dissipation
+from forcebound.haptics.laws.dissipation import ATTENUATES
 from forcebound_proofs.paths.draft import Draft, Random, log_between, plain
 from forcebound_proofs.paths.path import Command, Manner, Reading
 from forcebound_proofs.paths.run import AttackedDevice
@@ -29,7 +30,12 @@ class Certificate(NamedTuple):
 
 
 #: A field that is left out is stated as this, others as 0.
-LEFT_OUT = {"watchdog": "silent", "largest_speed": math.inf, "hand_speed": 1e-3}
+LEFT_OUT = {
+    "watchdog": "silent",
+    "attenuates": "never",
+    "largest_speed": math.inf,
+    "hand_speed": 1e-3,
+}
 
 
 def write_delay(draft: Draft) -> None:
@@ -210,6 +216,16 @@ def fast_hand(draft: Draft) -> None:
     draft.case["owes_speed"] = True
 
 
+def attenuates(draft: Draft) -> None:
+    """Every motor leaves out what it likes, of each written force or at any time."""
+    draft.device.attenuates = draft.random.integers(1, 3)
+    draft.device.least = draft.fields["least_share"] = draft.random.choice([0.0, 0.0, 0.8])
+    draft.fields["attenuates"] = ATTENUATES[draft.device.attenuates]
+    if draft.axes > 1:
+        draft.fields["friction"] = draft.per_axis("friction")
+        draft.device.is_along_path = False
+
+
 def cap(draft: Draft) -> None:
     """A cap on what the ledger keeps."""
     draft.fields["energy_cap"] = log_between(draft.random, 1e-5, 1e-2)
@@ -313,6 +329,21 @@ CERTIFICATES = {
     "fast_hand_lag": Certificate("the same, a lag", (lag, fast_hand), "owes_speed"),
     "fast_hand_late": Certificate("the same, no watchdog", (none, fast_hand), "owes_speed"),
     "cap": Certificate("capped ledger", (cap,)),
+    "attenuates": Certificate("motors attenuate", (attenuates,), "attenuates"),
+    "attenuates_late": Certificate(
+        "motors attenuate, writes late", (write_delay, attenuates), "attenuates"
+    ),
+    "attenuates_joints": Certificate(
+        "motors of an arm attenuate, energy at the tip", (joints, attenuates), "attenuates", (2,)
+    ),
+    "attenuates_all": Certificate(
+        "motors attenuate, elastic friction, glitches, no watchdog, other hold limits",
+        (presliding, glitches, none, changing, attenuates),
+        "attenuates",
+    ),
+    "attenuates_cuts": Certificate(
+        "motors attenuate, a watchdog in a range", (tolerance, attenuates), "attenuates"
+    ),
     "delay_and_speed": Certificate(
         "writes late, with a largest speed", (write_delay, glitches), "write_delay"
     ),

@@ -23,6 +23,7 @@ from forcebound_proofs.paths.truth import (
     no_faster,
     set_force,
     walk,
+    withheld,
     worst_guarded_hold,
     worst_hold,
 )
@@ -97,8 +98,16 @@ def send(account: Account, write: float) -> None:
 
 
 @outlined
+def settle(device: Device, account: Account) -> None:
+    """Let the force that acts end: it is known what of it pays the hand."""
+    account.energy -= withheld(device)
+    account.lowest = min(account.lowest, account.energy)
+
+
+@outlined
 def act(device: Device, account: Account) -> float:
     """Let the first force on its way act; return how long it is held, in s."""
+    settle(device, account)
     set_force(device, account.queued[0])
     hold: float = account.queued_hold[0]
     account.waiting -= 1
@@ -255,6 +264,8 @@ def tick(
     through(device, account, times, moves)
     account.peak = max(account.peak, account.energy)
     following = min(index + 1, len(plan) - 1)
+    if account.waiting == 0 and plan[following].write <= 0.0:  # it ends with this interval
+        settle(device, account)
     for axis in range(AXES):
         account.last_move[axis] += device.position[axis]
     for axis in range(AXES):

@@ -48,6 +48,9 @@ class Device:
     weight: PerAxis
     compensation: PerAxis
     lag: float  # s
+    attenuates: int  # 0: no; 1: of each written force all or nothing; 2: whenever it pays the hand
+    least: float  # share that it gives at least
+    work: PerAxis  # J, against the motor since the force that acts took effect, if it gives all
     is_along_path: bool  # of friction
     axes: int
     is_at_tip: bool  # an arm, moved at its tip
@@ -157,13 +160,34 @@ def work_along_path(device: Device, move: Floats) -> float:
 
 
 @outlined
+def given(device: Device, axis: int, work: float) -> float:
+    """Return the ``work`` against a motor, in J, of which it may leave out what pays the hand."""
+    if device.attenuates == 2:
+        return max(device.least * work, min(work, 0.0))
+    device.work[axis] += work
+    return work
+
+
+@outlined
+def withheld(device: Device) -> float:
+    """Let the force end; return the work, in J, that its motors may never have taken."""
+    total = 0.0
+    for axis in range(AXES):
+        total += (
+            max(device.work[axis], 0.0) * (1.0 - device.least) if device.attenuates == 1 else 0.0
+        )
+        device.work[axis] = 0.0
+    return total
+
+
+@outlined
 def walk(device: Device, duration: float, move: Floats) -> float:
     """Move straight and uniformly by ``move`` in ``duration``; return the energy put in, in J."""
     energy = 0.0
     for axis in range(device.axes):
         speed = move[axis] / duration
         energy += device.damping[axis] * speed * move[axis]
-        energy += speed * impulse(device, axis, duration)
+        energy += given(device, axis, speed * impulse(device, axis, duration))
         energy += device.weight[axis] * move[axis]
         device.position[axis] += move[axis]
     if device.is_along_path:
