@@ -26,6 +26,7 @@ from forcebound.messages.control import (
 from forcebound.messages.events import EventLog
 from forcebound.messages.packets import (
     DeviceState,
+    EnergyTransfer,
     EnvironmentQuery,
     EnvironmentReply,
     ForceCommand,
@@ -84,6 +85,11 @@ class ControllerNode(Node):
         return packets
 
     def admit(self, packet: Packet, source: str, time_ns: int) -> bool:
+        if type(packet) is EnergyTransfer and packet.hand != self._hand:
+            if self._lease.is_of(source):  # the partner's comes over the link of who serves
+                return True
+            self.reject("second_environment")
+            return False
         if type(packet) is not EnvironmentReply:
             return True
         if self._lease.admit(packet.environment, source, time_ns):

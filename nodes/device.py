@@ -50,7 +50,7 @@ from forcebound.messages.topology import HAND, node_name
 from forcebound.nodes import Node, close_part
 from forcebound.nodes.bounded_device import BoundedDevice
 from forcebound.nodes.device_events import DeviceEvents
-from forcebound.nodes.energy_exchange import EnergyExchange
+from forcebound.nodes.energy_exchange import EnergyExchange, process_number
 from forcebound.nodes.publishing import Signals
 from forcebound.nodes.safety import SafetyChain
 from forcebound.nodes.velocity import low_pass, low_pass_gain
@@ -99,8 +99,10 @@ class DeviceNode(Node):
         least_ns = round(LEAST_WAIT * servo.period_ns) if device.is_exchange else 0
         self._least_wait_ns = min(least_ns, self._reply_wait_ns)
         learns = servo.hold_limit == "auto"
-        self._exchange = EnergyExchange(hand) if servo.energy_partner else None
-        exchanges = self._exchange is not None
+        self._exchange: EnergyExchange | None = None
+        if exchanges := bool(servo.energy_partner):
+            process = 0 if clock is None else process_number()
+            self._exchange = EnergyExchange(hand, process, servo.partner_limit)
         self._bounded = BoundedDevice(device, servo.law, dissipation, learns, clock, exchanges)
         self._next_law: str | None = None  # to be taken as soon as no force is held
         self._energy_before = 0.0  # J, ground truth when the law of now began, without its motion
@@ -250,7 +252,7 @@ class DeviceNode(Node):
             self._engaged_ns = time_ns
             self._bounded.begin()
             if self._exchange is not None:
-                self._exchange.begin(time_ns)
+                self._exchange.begin()
             self._device.engage(time_ns)
         position = self._bounded.read(time_ns)
         self._estimate_velocity(position, time_ns)
@@ -340,7 +342,7 @@ class DeviceNode(Node):
         self._next_law, former = None, self._bounded.law
         self._bounded.change_law(law)
         if self._exchange is not None:
-            self._exchange.begin(time_ns)
+            self._exchange.begin()
         truth = self._device.truth()
         if truth is None:
             return self._reports.law_changed(time_ns, law)

@@ -135,7 +135,7 @@ def test_nothing_is_credited_twice_whatever_arrives_and_whichever_end_restarts(s
     lives = Life("left"), Life("right")
     credited: dict[tuple[int, int], list[tuple[float, float]]] = {}  # J, parts of totals
     for life in lives:
-        life.exchange.begin(0)
+        life.exchange.begin()
     for time_ns in range(1, 1000):
         action, who = random.choice(ACTIONS), random.randrange(2)
         life, other = lives[who], lives[1 - who]
@@ -153,10 +153,10 @@ def test_nothing_is_credited_twice_whatever_arrives_and_whichever_end_restarts(s
             assert all(end <= one or start >= another for one, another in ways if credit)
             ways.append((start, end))
         elif action == "law":
-            life.exchange.begin(time_ns)
+            life.exchange.begin()
         elif action == "process":
-            life.exchange = EnergyExchange("")
-            life.exchange.begin(time_ns)
+            life.exchange = EnergyExchange("", time_ns << 10)
+            life.exchange.begin()
         assert lives[0].received <= lives[1].given
         assert lives[1].received <= lives[0].given
 
@@ -172,11 +172,11 @@ def meet(one: EnergyExchange, other: EnergyExchange, time_ns: int) -> None:
 def test_all_that_was_given_arrives_after_losses_and_a_new_law() -> None:
     giver, getter = Life("left"), Life("right")
     for life in (giver, getter):
-        life.exchange.begin(0)
+        life.exchange.begin()
     meet(giver.exchange, getter.exchange, 1)
     for n in range(10, 100):
         if n == 50:
-            giver.exchange.begin(n)
+            giver.exchange.begin()
         elif n != 51:
             giver.give(GRAIN * n)
         giver.send(n)
@@ -188,8 +188,8 @@ def test_all_that_was_given_arrives_after_losses_and_a_new_law() -> None:
 
 def test_nothing_is_offered_before_the_other_side_knows_this_ledger() -> None:
     one, other = EnergyExchange("left"), EnergyExchange("right")
-    one.begin(10)
-    other.begin(11)
+    one.begin()
+    other.begin()
     assert one.offer(1.0) == 0.0
     one.take(other.packet(12))
     assert one.offer(1.0) == 0.0
@@ -197,14 +197,14 @@ def test_nothing_is_offered_before_the_other_side_knows_this_ledger() -> None:
     assert one.offer(1.0) == 0.5
     one.give(0.5)
     assert one.offer(0.5) == 0.0  # what is on its way counts as the other's
-    one.begin(20)
+    one.begin()
     assert one.offer(1.0) == 0.0
 
 
 def test_a_new_process_takes_nothing_from_packets_that_its_predecessor_may_have_had() -> None:
     giver, before = EnergyExchange("left"), EnergyExchange("right")
-    giver.begin(0)
-    before.begin(1)
+    giver.begin()
+    before.begin()
     meet(giver, before, 2)
     giver.give(1.0)
     late = giver.packet(10)
@@ -212,8 +212,8 @@ def test_a_new_process_takes_nothing_from_packets_that_its_predecessor_may_have_
     last = giver.packet(11)
     before.take(last)
     assert before.credit() == 2.0
-    after = EnergyExchange("right")
-    after.begin(12)
+    after = EnergyExchange("right", 12)
+    after.begin()
     after.take(late)
     after.take(last)
     assert after.credit() == 0.0
@@ -226,7 +226,7 @@ def test_a_new_process_takes_nothing_from_packets_that_its_predecessor_may_have_
 
 def test_a_hand_whose_force_has_not_engaged_gets_nothing() -> None:
     one, other = EnergyExchange("left"), EnergyExchange("right")
-    one.begin(10)
+    one.begin()
     other.take(one.packet(11))
     assert other.packet(12).seen_ledger == 0
 
