@@ -86,10 +86,10 @@ class ControllerNode(Node):
 
     def admit(self, packet: Packet, source: str, time_ns: int) -> bool:
         if type(packet) is EnergyTransfer and packet.hand != self._hand:
-            if self._lease.is_of(source):  # the partner's comes over the link of who serves
-                return True
-            self.reject("second_environment")
-            return False
+            is_served = self._lease.is_of(source)  # the partner's comes from who serves this hand
+            if not is_served and self._lease.holder is not None:
+                self.reject("second_environment")
+            return is_served
         if type(packet) is not EnvironmentReply:
             return True
         if self._lease.admit(packet.environment, source, time_ns):

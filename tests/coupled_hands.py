@@ -80,8 +80,12 @@ def run_coupled(
     impairment: Impairment | None = None,
     devices: Mapping[str, PhantomPremium15] | None = None,
     observe: Callable[[Packet], None] = lambda packet: None,
+    restarts: Sequence[tuple[float, str]] = (),
 ) -> dict[str, list[Telemetry]]:
-    """Return the telemetry of both hands; ``impairment``: of the energy alone."""
+    """Return the telemetry of both hands; ``impairment``: of the energy alone.
+
+    ``restarts``: times, in s, in order, at which a hand is to begin a new ledger.
+    """
     nodes: list[Node] = [Coupling(stiffness, damping, round(delay * 1e9))]
     for hand, partner in (HANDS, HANDS[::-1]):
         servo = ServoSettings(law=law, energy_partner=partner if exchanges else "", age_limit=1.0)
@@ -101,5 +105,10 @@ def run_coupled(
     for node in nodes[1:]:
         assert isinstance(node, DeviceNode)
         node.engage()
+    for time, hand in restarts:
+        simulation.run(round(time * 1e9))
+        device = nodes[1 + HANDS.index(hand)]
+        assert isinstance(device, DeviceNode)
+        device.set(law)
     simulation.run(round(seconds * 1e9))
     return found

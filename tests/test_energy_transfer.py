@@ -116,6 +116,7 @@ class Life:
 
     def __init__(self, hand: str) -> None:
         self.exchange, self.packets = EnergyExchange(hand), list[EnergyTransfer]()
+        self.twin = self.exchange  # a process before it, which may still live
         self.given = self.received = 0.0
 
     def give(self, amount: float) -> None:
@@ -129,9 +130,15 @@ class Life:
 ACTIONS = ("give",) * 6 + ("send",) * 6 + ("arrive",) * 12 + ("law", "process")
 
 
+@pytest.mark.parametrize("clock", ["grows", "set back", "two at once"])
 @pytest.mark.parametrize("seed", range(30))
-def test_nothing_is_credited_twice_whatever_arrives_and_whichever_end_restarts(seed: int) -> None:
+def test_nothing_is_credited_twice_whatever_arrives_and_whichever_end_restarts(
+    seed: int, clock: str
+) -> None:
     random = Random(seed)
+    numbers = list(range(1 << 10, 1000 << 10, 1 << 10))  # of processes
+    if clock != "grows":
+        random.shuffle(numbers)
     lives = Life("left"), Life("right")
     credited: dict[tuple[int, int], list[tuple[float, float]]] = {}  # J, parts of totals
     for life in lives:
@@ -145,17 +152,20 @@ def test_nothing_is_credited_twice_whatever_arrives_and_whichever_end_restarts(s
             life.send(time_ns)
         elif action == "arrive" and other.packets:
             packet = random.choice(other.packets[-9:])
+            if clock == "two at once" and random.random() < 0.3:
+                life.exchange, life.twin = life.twin, life.exchange
             life.exchange.take(packet)
             credit = life.exchange.credit()
             life.received += credit
             ways = credited.setdefault((who, packet.ledger), [])
             start, end = packet.given - credit, packet.given
             assert all(end <= one or start >= another for one, another in ways if credit)
-            ways.append((start, end))
+            if credit:
+                ways.append((start, end))
         elif action == "law":
             life.exchange.begin()
         elif action == "process":
-            life.exchange = EnergyExchange("", time_ns << 10)
+            life.twin, life.exchange = life.exchange, EnergyExchange("", numbers.pop(0))
             life.exchange.begin()
         assert lives[0].received <= lives[1].given
         assert lives[1].received <= lives[0].given
@@ -245,6 +255,15 @@ def travel(ticks: list[Telemetry]) -> float:
     return max(places) - min(places)
 
 
+def check_promises(found: dict[str, dict[str, Any]]) -> None:
+    """Check the energy of both hands, and that of each with what it gave and got."""
+    assert sum(one["true_energy"] for one in found.values()).min() >= -TOLERANCE
+    for one in found.values():
+        credit = one["true_energy"] + one["received_energy"] - one["given_energy"]
+        assert credit.min() >= -TOLERANCE
+        assert one["received_energy"][-1] > 0.0
+
+
 BAD = Impairment(delay=5e-3, jitter=4e-3, loss=0.3, duplicate=0.3)
 
 
@@ -256,11 +275,81 @@ def test_two_coupled_hands_keep_their_promises(
     operators = {"left": HAND, "right": SinusoidalHand(amplitude=0.01, frequency=2.3)}
     found = energies(run_coupled(operators, 1.5, law=law, delay=delay, impairment=bad))
     left, right = (found[hand] for hand in HANDS)
-    assert (left["true_energy"] + right["true_energy"]).min() >= -TOLERANCE
+    check_promises(found)
     for one, other in ((left, right), (right, left)):
-        credit = one["true_energy"] + one["received_energy"] - one["given_energy"]
-        assert credit.min() >= -TOLERANCE
         assert 0.0 < one["received_energy"][-1] <= other["given_energy"][-1]
+
+
+class Restarting(EnergyExchange):
+    """Each new ledger is that of a new process, whose number may be smaller than the one before."""
+
+    random = Random(0)
+
+    def begin(self) -> None:
+        given, received = self.given, self.received
+        super().__init__(self._hand, self.random.randrange(1, 2**40) << 10, self._limit)
+        self.given, self.received = given, received
+        super().begin()
+
+
+@pytest.mark.parametrize("law", CERTIFIED)
+@pytest.mark.parametrize("seed", range(3))
+def test_hands_whose_processes_restart_keep_their_promises_over_a_bad_link(
+    monkeypatch: pytest.MonkeyPatch, law: str, seed: int
+) -> None:
+    monkeypatch.setattr("forcebound.nodes.device.EnergyExchange", Restarting)
+    monkeypatch.setattr(Restarting, "random", random := Random(seed))
+    times = sorted(random.uniform(0.1, 1.9) for _ in range(6))
+    operators = {"left": HAND, "right": SinusoidalHand(amplitude=0.01, frequency=2.3)}
+    restarts = [(time, random.choice(HANDS)) for time in times]
+    packets: list[Packet] = []
+    ticks = run_coupled(
+        operators, 2.0, law=law, impairment=BAD, restarts=restarts, observe=packets.append
+    )
+    ledgers = {one.ledger for one in packets if isinstance(one, EnergyTransfer)} - {0}
+    assert len(ledgers) > 4
+    check_promises(energies(ticks))
+
+
+def test_a_hand_gets_no_more_than_its_limit_beyond_what_it_gave() -> None:
+    one, other = EnergyExchange("left"), EnergyExchange("right", limit=0.25)
+    one.begin()
+    other.begin()
+    meet(one, other, 1)
+    one.give(1.0)
+    other.take(one.packet(10))
+    assert (other.credit(), other.credit()) == (0.25, 0.0)
+    other.give(0.5)
+    assert (other.credit(), other.received) == (0.5, 0.75)
+    other.give(math.inf)
+    assert other.credit() == 0.25  # nothing more has come
+
+
+@pytest.mark.parametrize("limit", [0.0, 1e-3])
+def test_a_partner_that_lies_gives_a_hand_no_more_than_the_limit(
+    monkeypatch: pytest.MonkeyPatch, limit: float
+) -> None:
+    class Liar(EnergyExchange):
+        """The left hand's: it says that it has given 10 mJ more in each packet."""
+
+        def packet(self, time_ns: int) -> EnergyTransfer:
+            packet = super().packet(time_ns)
+            if self._hand != "left" or self._ledger == 0:
+                return packet
+            return replace(packet, given=packet.given + 0.01 * packet.seq, spare=1e3)
+
+    def lowest(most: float | None) -> float:
+        class Limited(Liar):
+            def __init__(self, hand: str, process: int, of: float | None) -> None:
+                super().__init__(hand, process, most)
+
+        monkeypatch.setattr("forcebound.nodes.device.EnergyExchange", Limited)
+        operators = {"left": HAND, "right": SinusoidalHand(amplitude=0.01, frequency=2.3)}
+        found = energies(run_coupled(operators, 1.0, delay=0.02, stiffness=2000.0))
+        return float(found["right"]["true_energy"].min())
+
+    assert lowest(limit) >= -limit - TOLERANCE
+    assert lowest(None) < -2e-3  # so the limit is what bounds it
 
 
 def test_a_hand_that_nobody_holds_follows_only_with_transfer() -> None:
