@@ -289,9 +289,9 @@ class DeviceNode(Node):
             written = self._bounded.write(time_ns, demand.force, demand.engagement)
         else:
             credit = exchange.credit()
-            written = self._bounded.write(
-                time_ns, demand.force, demand.engagement, credit, exchange.offer
-            )
+            # Of a force that stop() has ended its ledger does not know: it may have less to give.
+            offer = None if self._stopped else exchange.offer
+            written = self._bounded.write(time_ns, demand.force, demand.engagement, credit, offer)
             exchange.give(written.given)
             given, received = exchange.given, exchange.received
         self._applied = written.applied

@@ -81,10 +81,11 @@ def run_coupled(
     devices: Mapping[str, PhantomPremium15] | None = None,
     observe: Callable[[Packet], None] = lambda packet: None,
     restarts: Sequence[tuple[float, str]] = (),
+    stops: Sequence[tuple[float, str]] = (),
 ) -> dict[str, list[Telemetry]]:
     """Return the telemetry of both hands; ``impairment``: of the energy alone.
 
-    ``restarts``: times, in s, in order, at which a hand is to begin a new ledger.
+    ``restarts``: times, in s, at which a hand is to begin a new ledger; ``stops``: to end.
     """
     nodes: list[Node] = [Coupling(stiffness, damping, round(delay * 1e9))]
     for hand, partner in (HANDS, HANDS[::-1]):
@@ -105,10 +106,13 @@ def run_coupled(
     for node in nodes[1:]:
         assert isinstance(node, DeviceNode)
         node.engage()
-    for time, hand in restarts:
+    for time, hand in sorted((*restarts, *stops)):
         simulation.run(round(time * 1e9))
         device = nodes[1 + HANDS.index(hand)]
         assert isinstance(device, DeviceNode)
-        device.set(law)
+        if (time, hand) in stops:
+            device.stop(simulation.time_ns)
+        else:
+            device.set(law)
     simulation.run(round(seconds * 1e9))
     return found

@@ -311,6 +311,15 @@ def test_hands_whose_processes_restart_keep_their_promises_over_a_bad_link(
     check_promises(energies(ticks))
 
 
+def test_a_hand_that_has_stopped_gives_nothing() -> None:
+    # Its ledger does not know that the force is gone, and counts work that was not done.
+    operators = {"left": HAND, "right": SinusoidalHand(amplitude=0.01, frequency=2.3)}
+    ticks = run_coupled(operators, 0.405, stops=[(0.3985, "left")])["left"]
+    given = [one.given_energy for one in ticks if one.time_ns > 398e6]
+    assert len(given) > 5
+    assert given[0] == given[-1] != 0.0
+
+
 def test_a_hand_gets_no_more_than_its_limit_beyond_what_it_gave() -> None:
     one, other = EnergyExchange("left"), EnergyExchange("right", limit=0.25)
     one.begin()
