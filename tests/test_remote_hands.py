@@ -235,9 +235,9 @@ class TestEnergyBetweenMachines:
         keys = key_folders(tmp_path, "right-lab", "world-lab")
         remote = keyed("right", "127.0.0.1", ports[0], listens)
         file = tmp_path / "partners.yaml"
-        write_hands(tmp_path, left="", right=remote)
-        config = from_document(partners(tmp_path / "hands.yaml"))
-        file.write_text(config.yaml())
+        file.write_text(
+            from_document(partners(write_hands(tmp_path, left="", right=remote))).yaml()
+        )
         left_keys, right_keys = (
             {"FORCEBOUND_KEYS": str(keys[name])} for name in ("world-lab", "right-lab")
         )
@@ -253,3 +253,32 @@ class TestEnergyBetweenMachines:
             lefts = left.end()
         assert lefts.exit_status == 0, lefts.log
         check_claim(lefts.columns)
+
+
+class TestEnergyThroughAThirdMachine:
+    """The environment, by itself, passes it on from one link to the other."""
+
+    pytestmark = PROCESSES_OF_THEIR_OWN
+
+    def test_each_hand_keeps_its_claim(self, tmp_path: Path, ports: tuple[int, int]) -> None:
+        keys = key_folders(tmp_path, *LABS)
+        sections = {
+            hand: keyed(hand, "127.0.0.1", port)
+            for hand, port in zip(("left", "right"), ports, strict=True)
+        }
+        file = tmp_path / "partners.yaml"
+        file.write_text(from_document(partners(write_hands(tmp_path, **sections))).yaml())
+        left_keys, right_keys = (
+            {"FORCEBOUND_KEYS": str(keys[f"{hand}-lab"])} for hand in ("left", "right")
+        )
+        with (
+            serving(file, keys=keys["world-lab"]),
+            live_graph(str(file), "--hand", "left", variables=left_keys) as left,
+            live_graph(str(file), "--hand", "right", variables=right_keys) as right,
+        ):
+            for one in (left, right):
+                one.wait_for_telemetry(lambda got: bool(got.received_energy), "energy")
+            ends = left.end(), right.end()
+        for ended in ends:
+            assert ended.exit_status == 0, ended.log
+            check_claim(ended.columns)
