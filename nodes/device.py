@@ -50,7 +50,7 @@ from forcebound.messages.topology import HAND, node_name
 from forcebound.nodes import Node, close_part
 from forcebound.nodes.bounded_device import BoundedDevice
 from forcebound.nodes.device_events import DeviceEvents
-from forcebound.nodes.energy_exchange import EnergyExchange, process_number
+from forcebound.nodes.energy_exchange import EnergyExchange
 from forcebound.nodes.publishing import Signals
 from forcebound.nodes.safety import SafetyChain
 from forcebound.nodes.velocity import low_pass, low_pass_gain
@@ -67,7 +67,7 @@ class DeviceNode(Node):
     It publishes states and writes zero force from its first step on; the force engages, and a
     simulated hand begins to move, after :meth:`engage`. ``clock`` gives the time, in ns, of a
     device without stamps (None: virtual time), ``lateness`` how late the next write is to be on
-    purpose, in ns.
+    purpose, in ns. ``process`` is its number in an exchange of energy.
     """
 
     wakes_on_arrival: ClassVar[bool] = False
@@ -83,6 +83,7 @@ class DeviceNode(Node):
         lateness: Callable[[], int] | None = None,
         hand: str = HAND,
         signals: Collection[Signal] = (),
+        process: int = 0,
     ) -> None:
         if servo.dead_man is not None and device.buttons() is None:
             device.close()
@@ -101,7 +102,6 @@ class DeviceNode(Node):
         learns = servo.hold_limit == "auto"
         self._exchange: EnergyExchange | None = None
         if exchanges := bool(servo.energy_partner):
-            process = 0 if clock is None else process_number()
             self._exchange = EnergyExchange(hand, process, servo.partner_limit)
         self._bounded = BoundedDevice(device, servo.law, dissipation, learns, clock, exchanges)
         self._next_law: str | None = None  # to be taken as soon as no force is held

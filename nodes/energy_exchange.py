@@ -16,27 +16,15 @@ what is still on its way counts as the receiver's, so that a delay makes nothing
 energy that is not needed does not travel.
 """
 
-import random
-import time
-
 from forcebound.haptics.laws.exchange import whole_grains
 from forcebound.messages.packets import EnergyTransfer
-
-
-def process_number() -> int:
-    """Return a number after which this process counts its ledgers, and no other process does.
-
-    The s of the wall clock, so that it grows also with a restart of the machine, then 31 bits by
-    chance.
-    """
-    return (int(time.time()) << 31) + random.SystemRandom().getrandbits(31)
 
 
 class EnergyExchange:
     """One hand's side of an exchange.
 
-    Its ledgers have the numbers after ``process``. It receives at most ``limit`` J beyond what it
-    has given: the rest waits. None: all.
+    Its ledgers have the numbers after ``process``, which no other process has. It receives at most
+    ``limit`` J beyond what it has given, and the rest waits; None: all.
 
     Attributes:
         given: J, that left the ledgers of this hand, in all.

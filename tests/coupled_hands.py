@@ -108,11 +108,11 @@ def run_coupled(
         node.engage()
     for time, hand in sorted((*restarts, *stops)):
         simulation.run(round(time * 1e9))
-        device = nodes[1 + HANDS.index(hand)]
-        assert isinstance(device, DeviceNode)
+        node = nodes[1 + HANDS.index(hand)]
+        assert isinstance(node, DeviceNode)
         if (time, hand) in stops:
-            device.stop(simulation.time_ns)
+            node.stop(simulation.time_ns)
         else:
-            device.set(law)
+            node.set(law)
     simulation.run(round(seconds * 1e9))
     return found

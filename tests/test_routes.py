@@ -23,9 +23,8 @@ TWO = graph_of(PAIR)
 EXCHANGING = graph_of(PAIR, exchanges=[PAIR])
 LEFT_ALONE = graph_of(PAIR, here=["left"], serves=False)
 LEFT_SERVES = graph_of(PAIR, here=["left"])  # the environment here serves both
-OVER_A_LINK = {"exchanges": [PAIR], "linked": ["right"]}
-LEFT_GIVES = graph_of(PAIR, here=["left"], **OVER_A_LINK)
-RIGHT_GIVES = graph_of(PAIR, here=["right"], serves=False, **OVER_A_LINK)
+LEFT_GIVES = graph_of(PAIR, here=["left"], exchanges=[PAIR], linked=["right"])
+RIGHT_GIVES = graph_of(PAIR, here=["right"], serves=False, exchanges=[PAIR], linked=["right"])
 GRAPHS = {
     "one hand": ONE_HAND,
     "two hands": TWO,

@@ -236,11 +236,12 @@ class Runner:
         """
         out: dict[Stream, Callable[[bytes], object]] = {}
         into: dict[str, dict[Stream, Callable[[bytes], object]]] = {h: {} for h in self._remotes}
+        serves = any(one.end.role == "environment" for one in self._remotes.values())
         for stream in self.graph.streams:
             if stream.partner is None or stream.hand is None:
                 continue
             comes, goes = stream.hand, stream.partner  # the links of an environment are of others
-            if not any(one.end.role == "environment" for one in self._remotes.values()):
+            if not serves:
                 comes, goes = goes, comes
             is_between = comes in into and goes in into
             if not is_between and name not in (stream.sender, stream.receiver):
@@ -252,7 +253,7 @@ class Runner:
                     into[comes][stream] = send
             elif goes in into:
                 out[stream] = self._remotes[goes].send
-        return out, into
+        return out, {**into}
 
     def _change(self, request: Configure) -> Answer:
         try:
