@@ -257,7 +257,8 @@ def travel(ticks: list[Telemetry]) -> float:
 
 def check_promises(found: dict[str, dict[str, Any]]) -> None:
     """Check the energy of both hands, and that of each with what it gave and got."""
-    assert sum(one["true_energy"] for one in found.values()).min() >= -TOLERANCE
+    left, right = (found[hand]["true_energy"] for hand in HANDS)
+    assert (left + right).min() >= -TOLERANCE
     for one in found.values():
         credit = one["true_energy"] + one["received_energy"] - one["given_energy"]
         assert credit.min() >= -TOLERANCE
