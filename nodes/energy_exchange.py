@@ -1,6 +1,6 @@
 """Exchange of energy between the ledgers of two hands: the protocol, and how much is given.
 
-Once a tick each device sends to the other one, directly, how much its ledger has given in all. The
+Once a tick each device sends to the other one how much its ledger has given in all. The
 receiver credits the growth of this total since the largest that it has seen. So nothing is credited
 twice, whatever the network does; ``docs/theory.md``, section 3.7, has the proof.
 
