@@ -14,7 +14,7 @@ nodes of the hands there; and where the environment serves hands of other machin
 between it and these.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeAlias, TypeVar
 
@@ -99,6 +99,7 @@ class Stream(Struct, frozen=True):
     receiver: str | None  # name of the process that needs it; None: only observers
     socket: str  # in the run directory
     is_forwarded: bool = False  # whether the packets come from another machine
+    partner: str | None = None  # hand that gets the energy of these packets; None: no such packets
 
 
 class Graph(Struct, frozen=True):
@@ -185,6 +186,7 @@ def graph_of(
     here: Sequence[str] | None = None,
     serves: bool = True,
     exchanges: Iterable[tuple[str, str]] = (),
+    linked: Collection[str] = (),
 ) -> Graph:
     """Return the graph of some hands in one environment, as far as it is on this machine.
 
@@ -192,7 +194,8 @@ def graph_of(
         hands: Names of all hands.
         here: Names of those on this machine; None: all.
         serves: Whether the environment on this machine also serves the other hands.
-        exchanges: Pairs of hands here whose bounders exchange energy, each once.
+        exchanges: Pairs of hands whose bounders exchange energy, each once.
+        linked: Hands with a link of their own to the environment, which is on another machine.
     """
     here = hands if here is None else here
     nodes: dict[str, NodeSpec] = {}
@@ -207,13 +210,14 @@ def graph_of(
         sender: str,
         receiver: str | None = None,
         is_forwarded: bool = False,
+        partner: str | None = None,
     ) -> None:
-        is_here = hand in (None, *here)
+        is_here = hand in (None, *here) or partner in here
         if not (is_here or (serves and ENVIRONMENT in (sender, receiver))):
             return
         topic, socket = TOPIC_OF[packet], f"s{len(streams)}"
         name = node_name(hand, topic)
-        streams.append(Stream(name, topic, hand, sender, receiver, socket, is_forwarded))
+        streams.append(Stream(name, topic, hand, sender, receiver, socket, is_forwarded, partner))
 
     def name_of(role: str, hand: str | None) -> str:
         return role if role in nodes else node_name(hand, role)
@@ -226,9 +230,17 @@ def graph_of(
         add(EnvironmentQuery, hand, name_of(ENVIRONMENT, hand), is_forwarded=True)
     for name in nodes:
         add(Event, None, name)
+
+    def end_of(hand: str, partner: str) -> str:
+        """Return who has the packets of a hand's device here: it, or what is on the link to it."""
+        if hand in here or partner not in here:
+            return node_name(hand, DEVICE)
+        return node_name(partner, CONTROLLER) if partner in linked else ENVIRONMENT
+
     for pair in exchanges:
-        for giver, receiver in (pair, pair[::-1]):
-            add(EnergyTransfer, giver, node_name(giver, DEVICE), node_name(receiver, DEVICE))
+        for one, other in (pair, pair[::-1]):
+            sender, receiver = end_of(one, other), end_of(other, one)
+            add(EnergyTransfer, one, sender, receiver, partner=other)
     return Graph(nodes, tuple(streams))
 
 

@@ -26,6 +26,7 @@ from forcebound.messages.control import (
 from forcebound.messages.events import EventLog
 from forcebound.messages.packets import (
     DeviceState,
+    EnergyTransfer,
     EnvironmentQuery,
     EnvironmentReply,
     ForceCommand,
@@ -84,6 +85,11 @@ class ControllerNode(Node):
         return packets
 
     def admit(self, packet: Packet, source: str, time_ns: int) -> bool:
+        if type(packet) is EnergyTransfer and packet.hand != self._hand:
+            is_served = self._lease.is_of(source)  # the partner's comes from who serves this hand
+            if not is_served and self._lease.holder is not None:
+                self.reject("second_environment")
+            return is_served
         if type(packet) is not EnvironmentReply:
             return True
         if self._lease.admit(packet.environment, source, time_ns):

@@ -67,7 +67,7 @@ class DeviceNode(Node):
     It publishes states and writes zero force from its first step on; the force engages, and a
     simulated hand begins to move, after :meth:`engage`. ``clock`` gives the time, in ns, of a
     device without stamps (None: virtual time), ``lateness`` how late the next write is to be on
-    purpose, in ns.
+    purpose, in ns. ``process`` is its number in an exchange of energy.
     """
 
     wakes_on_arrival: ClassVar[bool] = False
@@ -83,6 +83,7 @@ class DeviceNode(Node):
         lateness: Callable[[], int] | None = None,
         hand: str = HAND,
         signals: Collection[Signal] = (),
+        process: int = 0,
     ) -> None:
         if servo.dead_man is not None and device.buttons() is None:
             device.close()
@@ -99,8 +100,9 @@ class DeviceNode(Node):
         least_ns = round(LEAST_WAIT * servo.period_ns) if device.is_exchange else 0
         self._least_wait_ns = min(least_ns, self._reply_wait_ns)
         learns = servo.hold_limit == "auto"
-        self._exchange = EnergyExchange(hand) if servo.energy_partner else None
-        exchanges = self._exchange is not None
+        self._exchange: EnergyExchange | None = None
+        if exchanges := bool(servo.energy_partner):
+            self._exchange = EnergyExchange(hand, process, servo.partner_limit)
         self._bounded = BoundedDevice(device, servo.law, dissipation, learns, clock, exchanges)
         self._next_law: str | None = None  # to be taken as soon as no force is held
         self._energy_before = 0.0  # J, ground truth when the law of now began, without its motion
@@ -250,7 +252,7 @@ class DeviceNode(Node):
             self._engaged_ns = time_ns
             self._bounded.begin()
             if self._exchange is not None:
-                self._exchange.begin(time_ns)
+                self._exchange.begin()
             self._device.engage(time_ns)
         position = self._bounded.read(time_ns)
         self._estimate_velocity(position, time_ns)
@@ -287,9 +289,9 @@ class DeviceNode(Node):
             written = self._bounded.write(time_ns, demand.force, demand.engagement)
         else:
             credit = exchange.credit()
-            written = self._bounded.write(
-                time_ns, demand.force, demand.engagement, credit, exchange.offer
-            )
+            # Of a force that stop() has ended its ledger does not know: it may have less to give.
+            offer = None if self._stopped else exchange.offer
+            written = self._bounded.write(time_ns, demand.force, demand.engagement, credit, offer)
             exchange.give(written.given)
             given, received = exchange.given, exchange.received
         self._applied = written.applied
@@ -340,7 +342,7 @@ class DeviceNode(Node):
         self._next_law, former = None, self._bounded.law
         self._bounded.change_law(law)
         if self._exchange is not None:
-            self._exchange.begin(time_ns)
+            self._exchange.begin()
         truth = self._device.truth()
         if truth is None:
             return self._reports.law_changed(time_ns, law)

@@ -74,6 +74,10 @@ class Lease:
         self._claimed_ns = time_ns
         return True
 
+    def is_of(self, source: str) -> bool:
+        """Return whether the one environment that may answer now is at a source."""
+        return self._claim is not None and self._claim[1] == source
+
     def request(self, environment: str, time_ns: int) -> list[Packet]:
         """Give a free lease to an environment that does not hold it; return what happened."""
         if self.holder is not None:

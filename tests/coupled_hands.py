@@ -80,8 +80,13 @@ def run_coupled(
     impairment: Impairment | None = None,
     devices: Mapping[str, PhantomPremium15] | None = None,
     observe: Callable[[Packet], None] = lambda packet: None,
+    restarts: Sequence[tuple[float, str]] = (),
+    stops: Sequence[tuple[float, str]] = (),
 ) -> dict[str, list[Telemetry]]:
-    """Return the telemetry of both hands; ``impairment``: of the energy alone."""
+    """Return the telemetry of both hands; ``impairment``: of the energy alone.
+
+    ``restarts``: times, in s, at which a hand is to begin a new ledger; ``stops``: to end.
+    """
     nodes: list[Node] = [Coupling(stiffness, damping, round(delay * 1e9))]
     for hand, partner in (HANDS, HANDS[::-1]):
         servo = ServoSettings(law=law, energy_partner=partner if exchanges else "", age_limit=1.0)
@@ -101,5 +106,13 @@ def run_coupled(
     for node in nodes[1:]:
         assert isinstance(node, DeviceNode)
         node.engage()
+    for time, hand in sorted((*restarts, *stops)):
+        simulation.run(round(time * 1e9))
+        node = nodes[1 + HANDS.index(hand)]
+        assert isinstance(node, DeviceNode)
+        if (time, hand) in stops:
+            node.stop(simulation.time_ns)
+        else:
+            node.set(law)
     simulation.run(round(seconds * 1e9))
     return found

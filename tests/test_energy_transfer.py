@@ -116,6 +116,7 @@ class Life:
 
     def __init__(self, hand: str) -> None:
         self.exchange, self.packets = EnergyExchange(hand), list[EnergyTransfer]()
+        self.twin = self.exchange  # a process before it, which may still live
         self.given = self.received = 0.0
 
     def give(self, amount: float) -> None:
@@ -129,13 +130,19 @@ class Life:
 ACTIONS = ("give",) * 6 + ("send",) * 6 + ("arrive",) * 12 + ("law", "process")
 
 
+@pytest.mark.parametrize("clock", ["grows", "set back", "two at once"])
 @pytest.mark.parametrize("seed", range(30))
-def test_nothing_is_credited_twice_whatever_arrives_and_whichever_end_restarts(seed: int) -> None:
+def test_nothing_is_credited_twice_whatever_arrives_and_whichever_end_restarts(
+    seed: int, clock: str
+) -> None:
     random = Random(seed)
+    numbers = list(range(1 << 10, 1000 << 10, 1 << 10))  # of processes
+    if clock != "grows":
+        random.shuffle(numbers)
     lives = Life("left"), Life("right")
     credited: dict[tuple[int, int], list[tuple[float, float]]] = {}  # J, parts of totals
     for life in lives:
-        life.exchange.begin(0)
+        life.exchange.begin()
     for time_ns in range(1, 1000):
         action, who = random.choice(ACTIONS), random.randrange(2)
         life, other = lives[who], lives[1 - who]
@@ -145,18 +152,21 @@ def test_nothing_is_credited_twice_whatever_arrives_and_whichever_end_restarts(s
             life.send(time_ns)
         elif action == "arrive" and other.packets:
             packet = random.choice(other.packets[-9:])
+            if clock == "two at once" and random.random() < 0.3:
+                life.exchange, life.twin = life.twin, life.exchange
             life.exchange.take(packet)
             credit = life.exchange.credit()
             life.received += credit
             ways = credited.setdefault((who, packet.ledger), [])
             start, end = packet.given - credit, packet.given
             assert all(end <= one or start >= another for one, another in ways if credit)
-            ways.append((start, end))
+            if credit:
+                ways.append((start, end))
         elif action == "law":
-            life.exchange.begin(time_ns)
+            life.exchange.begin()
         elif action == "process":
-            life.exchange = EnergyExchange("")
-            life.exchange.begin(time_ns)
+            life.twin, life.exchange = life.exchange, EnergyExchange("", numbers.pop(0))
+            life.exchange.begin()
         assert lives[0].received <= lives[1].given
         assert lives[1].received <= lives[0].given
 
@@ -172,11 +182,11 @@ def meet(one: EnergyExchange, other: EnergyExchange, time_ns: int) -> None:
 def test_all_that_was_given_arrives_after_losses_and_a_new_law() -> None:
     giver, getter = Life("left"), Life("right")
     for life in (giver, getter):
-        life.exchange.begin(0)
+        life.exchange.begin()
     meet(giver.exchange, getter.exchange, 1)
     for n in range(10, 100):
         if n == 50:
-            giver.exchange.begin(n)
+            giver.exchange.begin()
         elif n != 51:
             giver.give(GRAIN * n)
         giver.send(n)
@@ -188,8 +198,8 @@ def test_all_that_was_given_arrives_after_losses_and_a_new_law() -> None:
 
 def test_nothing_is_offered_before_the_other_side_knows_this_ledger() -> None:
     one, other = EnergyExchange("left"), EnergyExchange("right")
-    one.begin(10)
-    other.begin(11)
+    one.begin()
+    other.begin()
     assert one.offer(1.0) == 0.0
     one.take(other.packet(12))
     assert one.offer(1.0) == 0.0
@@ -197,14 +207,14 @@ def test_nothing_is_offered_before_the_other_side_knows_this_ledger() -> None:
     assert one.offer(1.0) == 0.5
     one.give(0.5)
     assert one.offer(0.5) == 0.0  # what is on its way counts as the other's
-    one.begin(20)
+    one.begin()
     assert one.offer(1.0) == 0.0
 
 
 def test_a_new_process_takes_nothing_from_packets_that_its_predecessor_may_have_had() -> None:
     giver, before = EnergyExchange("left"), EnergyExchange("right")
-    giver.begin(0)
-    before.begin(1)
+    giver.begin()
+    before.begin()
     meet(giver, before, 2)
     giver.give(1.0)
     late = giver.packet(10)
@@ -212,8 +222,8 @@ def test_a_new_process_takes_nothing_from_packets_that_its_predecessor_may_have_
     last = giver.packet(11)
     before.take(last)
     assert before.credit() == 2.0
-    after = EnergyExchange("right")
-    after.begin(12)
+    after = EnergyExchange("right", 12)
+    after.begin()
     after.take(late)
     after.take(last)
     assert after.credit() == 0.0
@@ -226,7 +236,7 @@ def test_a_new_process_takes_nothing_from_packets_that_its_predecessor_may_have_
 
 def test_a_hand_whose_force_has_not_engaged_gets_nothing() -> None:
     one, other = EnergyExchange("left"), EnergyExchange("right")
-    one.begin(10)
+    one.begin()
     other.take(one.packet(11))
     assert other.packet(12).seen_ledger == 0
 
@@ -245,6 +255,16 @@ def travel(ticks: list[Telemetry]) -> float:
     return max(places) - min(places)
 
 
+def check_promises(found: dict[str, dict[str, Any]]) -> None:
+    """Check the energy of both hands, and that of each with what it gave and got."""
+    left, right = (found[hand]["true_energy"] for hand in HANDS)
+    assert (left + right).min() >= -TOLERANCE
+    for one in found.values():
+        credit = one["true_energy"] + one["received_energy"] - one["given_energy"]
+        assert credit.min() >= -TOLERANCE
+        assert one["received_energy"][-1] > 0.0
+
+
 BAD = Impairment(delay=5e-3, jitter=4e-3, loss=0.3, duplicate=0.3)
 
 
@@ -256,11 +276,90 @@ def test_two_coupled_hands_keep_their_promises(
     operators = {"left": HAND, "right": SinusoidalHand(amplitude=0.01, frequency=2.3)}
     found = energies(run_coupled(operators, 1.5, law=law, delay=delay, impairment=bad))
     left, right = (found[hand] for hand in HANDS)
-    assert (left["true_energy"] + right["true_energy"]).min() >= -TOLERANCE
+    check_promises(found)
     for one, other in ((left, right), (right, left)):
-        credit = one["true_energy"] + one["received_energy"] - one["given_energy"]
-        assert credit.min() >= -TOLERANCE
         assert 0.0 < one["received_energy"][-1] <= other["given_energy"][-1]
+
+
+class Restarting(EnergyExchange):
+    """Each new ledger is that of a new process, whose number may be smaller than the one before."""
+
+    random = Random(0)
+
+    def begin(self) -> None:
+        given, received = self.given, self.received
+        super().__init__(self._hand, self.random.randrange(1, 2**40) << 10, self._limit)
+        self.given, self.received = given, received
+        super().begin()
+
+
+@pytest.mark.parametrize("law", CERTIFIED)
+@pytest.mark.parametrize("seed", range(3))
+def test_hands_whose_processes_restart_keep_their_promises_over_a_bad_link(
+    monkeypatch: pytest.MonkeyPatch, law: str, seed: int
+) -> None:
+    monkeypatch.setattr("forcebound.nodes.device.EnergyExchange", Restarting)
+    monkeypatch.setattr(Restarting, "random", random := Random(seed))
+    times = sorted(random.uniform(0.1, 1.9) for _ in range(6))
+    operators = {"left": HAND, "right": SinusoidalHand(amplitude=0.01, frequency=2.3)}
+    restarts = [(time, random.choice(HANDS)) for time in times]
+    packets: list[Packet] = []
+    ticks = run_coupled(
+        operators, 2.0, law=law, impairment=BAD, restarts=restarts, observe=packets.append
+    )
+    ledgers = {one.ledger for one in packets if isinstance(one, EnergyTransfer)} - {0}
+    assert len(ledgers) > 4
+    check_promises(energies(ticks))
+
+
+def test_a_hand_that_has_stopped_gives_nothing() -> None:
+    # Its ledger does not know that the force is gone, and counts work that was not done.
+    operators = {"left": HAND, "right": SinusoidalHand(amplitude=0.01, frequency=2.3)}
+    ticks = run_coupled(operators, 0.405, stops=[(0.3985, "left")])["left"]
+    given = [one.given_energy for one in ticks if one.time_ns > 398e6]
+    assert len(given) > 5
+    assert given[0] == given[-1] != 0.0
+
+
+def test_a_hand_gets_no_more_than_its_limit_beyond_what_it_gave() -> None:
+    one, other = EnergyExchange("left"), EnergyExchange("right", limit=0.25)
+    one.begin()
+    other.begin()
+    meet(one, other, 1)
+    one.give(1.0)
+    other.take(one.packet(10))
+    assert (other.credit(), other.credit()) == (0.25, 0.0)
+    other.give(0.5)
+    assert (other.credit(), other.received) == (0.5, 0.75)
+    other.give(math.inf)
+    assert other.credit() == 0.25  # nothing more has come
+
+
+@pytest.mark.parametrize("limit", [0.0, 1e-3])
+def test_a_partner_that_lies_gives_a_hand_no_more_than_the_limit(
+    monkeypatch: pytest.MonkeyPatch, limit: float
+) -> None:
+    class Liar(EnergyExchange):
+        """The left hand's: it says that it has given 10 mJ more in each packet."""
+
+        def packet(self, time_ns: int) -> EnergyTransfer:
+            packet = super().packet(time_ns)
+            if self._hand != "left" or self._ledger == 0:
+                return packet
+            return replace(packet, given=packet.given + 0.01 * packet.seq, spare=1e3)
+
+    def lowest(most: float | None) -> float:
+        class Limited(Liar):
+            def __init__(self, hand: str, process: int, of: float | None) -> None:
+                super().__init__(hand, process, most)
+
+        monkeypatch.setattr("forcebound.nodes.device.EnergyExchange", Limited)
+        operators = {"left": HAND, "right": SinusoidalHand(amplitude=0.01, frequency=2.3)}
+        found = energies(run_coupled(operators, 1.0, delay=0.02, stiffness=2000.0))
+        return float(found["right"]["true_energy"].min())
+
+    assert lowest(limit) >= -limit - TOLERANCE
+    assert lowest(None) < -2e-3  # so the limit is what bounds it
 
 
 def test_a_hand_that_nobody_holds_follows_only_with_transfer() -> None:

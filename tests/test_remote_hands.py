@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 from builders import query
 from live_graph import PROCESSES_OF_THEIR_OWN, check_always, live_graph
@@ -15,11 +16,14 @@ from forcebound.graph.graph import GraphConfig
 from forcebound.graph.loader import from_document, load
 from forcebound.graph.model import restore
 from forcebound.graph.resolved import to_document
+from forcebound.haptics.laws import ENERGY_TOLERANCE
 from forcebound.messages.codec import decode, encode
 from forcebound.messages.events import EventLog, is_of
 from forcebound.messages.packets import EnvironmentReply, Packet
+from forcebound.messages.topology import Document
 from forcebound.network.ends import RemoteEnd
 from forcebound.network.keys import key_pair
+from forcebound.recordings.telemetry import TelemetryColumns
 
 OPEN = "address: 127.0.0.1"
 
@@ -77,16 +81,37 @@ def test_two_hands_cannot_meet_the_environment_at_one_port(tmp_path: Path) -> No
         load(file)
 
 
-def test_hands_that_exchange_energy_need_one_machine(tmp_path: Path) -> None:
-    document = to_document(load(write_hands(tmp_path, left="", right="")))
+def partners(file: Path) -> Document:
+    """Return the document of a launch file whose hands exchange energy."""
+    document = to_document(load(file))
     document["hands"]["left"]["device"]["energy_partner"] = "right"
     document["hands"]["right"]["device"]["energy_partner"] = "left"
+    return document
+
+
+@pytest.mark.parametrize("right", ["", f"{OPEN}, local: true"])
+def test_hands_that_exchange_energy_need_one_machine_or_a_link(tmp_path: Path, right: str) -> None:
+    document = partners(write_hands(tmp_path, left="", right=right))
     assert from_document({**document, "here": ["left", "right"]}).hands_here.keys() == {
         "left",
         "right",
     }
-    with pytest.raises(ConfigError, match="left exchanges energy with right"):
-        from_document({**document, "here": ["left"]})
+    for here in ("left", "right"):
+        with pytest.raises(ConfigError, match=f"{here} exchanges energy with") as caught:
+            from_document({**document, "here": [here]})
+        assert caught.value.field == "here"
+
+
+def test_energy_goes_over_the_link_of_the_hand_that_has_one(tmp_path: Path) -> None:
+    document = partners(write_hands(tmp_path, left="", right=OPEN))
+
+    def others(here: str) -> set[str | None]:
+        streams = from_document({**document, "here": [here]}).graph.streams
+        ends = [(one.sender, one.receiver) for one in streams if one.topic == "energy_transfer"]
+        return {end for each in ends for end in each} - {f"{here}/device"}
+
+    assert others("left") == {"environment"}
+    assert others("right") == {"right/controller"}
 
 
 def test_what_happens_at_the_link_of_a_hand_is_of_this_hand_alone() -> None:
@@ -187,3 +212,73 @@ class TestThreeMachines:
         assert len(ended.served) == 1
         assert ended.served == ended_again.served
         assert not ended.events("process_ended")
+
+
+def check_claim(columns: TelemetryColumns) -> None:
+    """Check the energy of a hand with what its bounder has given and got over the link."""
+    given, received = (
+        np.nan_to_num(one) for one in (columns.given_energy, columns.received_energy)
+    )
+    assert (columns.true_energy + received - given).min() >= -ENERGY_TOLERANCE
+    assert received[-1] > 0.0
+
+
+@pytest.mark.parametrize("listens", ["graph", "environment"])
+class TestEnergyBetweenMachines:
+    """Two launchers with keys, and a link over loopback."""
+
+    pytestmark = PROCESSES_OF_THEIR_OWN
+
+    def test_each_hand_keeps_its_claim_and_a_device_that_returns_is_not_credited_twice(
+        self, tmp_path: Path, ports: tuple[int, int], listens: str
+    ) -> None:
+        keys = key_folders(tmp_path, "right-lab", "world-lab")
+        remote = keyed("right", "127.0.0.1", ports[0], listens)
+        file = tmp_path / "partners.yaml"
+        file.write_text(
+            from_document(partners(write_hands(tmp_path, left="", right=remote))).yaml()
+        )
+        left_keys, right_keys = (
+            {"FORCEBOUND_KEYS": str(keys[name])} for name in ("world-lab", "right-lab")
+        )
+        with live_graph(str(file), "--hand", "left", variables=left_keys) as left:
+            for _ in range(2):  # the right one ends, and starts again
+                with live_graph(str(file), "--hand", "right", variables=right_keys) as right:
+                    right.wait_for_telemetry(
+                        lambda one: bool(one.received_energy and one.given_energy), "energy"
+                    )
+                    rights = right.end()
+                assert rights.exit_status == 0, rights.log
+                check_claim(rights.columns)
+            lefts = left.end()
+        assert lefts.exit_status == 0, lefts.log
+        check_claim(lefts.columns)
+
+
+class TestEnergyThroughAThirdMachine:
+    """The environment, by itself, passes it on from one link to the other."""
+
+    pytestmark = PROCESSES_OF_THEIR_OWN
+
+    def test_each_hand_keeps_its_claim(self, tmp_path: Path, ports: tuple[int, int]) -> None:
+        keys = key_folders(tmp_path, *LABS)
+        sections = {
+            hand: keyed(hand, "127.0.0.1", port)
+            for hand, port in zip(("left", "right"), ports, strict=True)
+        }
+        file = tmp_path / "partners.yaml"
+        file.write_text(from_document(partners(write_hands(tmp_path, **sections))).yaml())
+        left_keys, right_keys = (
+            {"FORCEBOUND_KEYS": str(keys[f"{hand}-lab"])} for hand in ("left", "right")
+        )
+        with (
+            serving(file, keys=keys["world-lab"]),
+            live_graph(str(file), "--hand", "left", variables=left_keys) as left,
+            live_graph(str(file), "--hand", "right", variables=right_keys) as right,
+        ):
+            for one in (left, right):
+                one.wait_for_telemetry(lambda got: bool(got.received_energy), "energy")
+            ends = left.end(), right.end()
+        for ended in ends:
+            assert ended.exit_status == 0, ended.log
+            check_claim(ended.columns)

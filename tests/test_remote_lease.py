@@ -12,7 +12,13 @@ from waiting import free_port
 
 from forcebound.haptics.controllers.direct import DirectController
 from forcebound.messages.codec import encode
-from forcebound.messages.packets import EnvironmentReply, Event, ForceCommand, Packet
+from forcebound.messages.packets import (
+    EnergyTransfer,
+    EnvironmentReply,
+    Event,
+    ForceCommand,
+    Packet,
+)
 from forcebound.messages.topology import HAND, ONE_HAND
 from forcebound.network.impairment import Impairment
 from forcebound.network.link import Link
@@ -165,3 +171,18 @@ def test_one_whose_answers_never_get_through_does_not_block_the_graph_when_it_le
     assert node.admit(reply(1, "wall-1", TRUE), SERVER.public, 0)
     assert not node.admit(reply(1, "wall-2", TRUE), STRANGER.public, LEASE_NS)
     assert node.admit(reply(1, "wall-2", TRUE), STRANGER.public, LEASE_NS + 1)
+
+
+def test_energy_of_the_partner_is_admitted_from_who_serves_alone() -> None:
+    node = ControllerNode(DirectController(), hand="left")
+    own = EnergyTransfer(0, 0, 1, 0.0, 0.0, 0, None, hand="left")
+    others = EnergyTransfer(0, 0, 1, 0.0, 0.0, 0, None, hand="right")
+    assert node.admit(own, "", 0)  # of this machine
+    assert not node.admit(others, "key of one", 0)
+    assert not node.rejected  # nobody serves yet
+    answer = reply(1, "one", TRUE)
+    assert node.admit(answer, "key of one", 0)
+    node.step(0, [answer])
+    assert node.admit(others, "key of one", 1)
+    assert not node.admit(others, "key of another", 1)
+    assert node.rejected == {"second_environment": 1}

@@ -23,12 +23,16 @@ TWO = graph_of(PAIR)
 EXCHANGING = graph_of(PAIR, exchanges=[PAIR])
 LEFT_ALONE = graph_of(PAIR, here=["left"], serves=False)
 LEFT_SERVES = graph_of(PAIR, here=["left"])  # the environment here serves both
+LEFT_GIVES = graph_of(PAIR, here=["left"], exchanges=[PAIR], linked=["right"])
+RIGHT_GIVES = graph_of(PAIR, here=["right"], serves=False, exchanges=[PAIR], linked=["right"])
 GRAPHS = {
     "one hand": ONE_HAND,
     "two hands": TWO,
     "energy exchange": EXCHANGING,
     "one of two here": LEFT_ALONE,
     "the environment of both here": LEFT_SERVES,
+    "energy exchange, one and the environment here": LEFT_GIVES,
+    "energy exchange, one here": RIGHT_GIVES,
 }
 
 
@@ -88,6 +92,21 @@ def test_an_environment_has_the_routes_of_all_hands_and_a_controller_those_of_it
     }
     assert {*LEFT_SERVES.routes("environment")} == {*TWO.routes("environment")}
     assert {hand for _, hand in LEFT_ALONE.routes("environment")} == {"left", "hand"}
+
+
+def test_energy_of_two_machines_goes_through_what_is_at_the_link() -> None:
+    def ways(graph: Graph) -> dict[str, tuple[str, str | None]]:
+        transfers = [one for one in graph.streams if one.topic == "energy_transfer"]
+        return {str(one.hand): (one.sender, one.receiver) for one in transfers}
+
+    assert ways(LEFT_GIVES) == {
+        "left": ("left/device", "environment"),
+        "right": ("environment", "left/device"),
+    }
+    assert ways(RIGHT_GIVES) == {
+        "left": ("right/controller", "right/device"),
+        "right": ("right/device", "right/controller"),
+    }
 
 
 def test_devices_that_exchange_energy_have_the_transfers_of_both() -> None:

@@ -238,8 +238,13 @@ class GraphConfig:
         for name, hand in self.hands_here.items():
             partner = hand.servo.energy_partner
             if partner in self.hands and partner not in self.hands_here:
-                message = f"{name} exchanges energy with {partner}: they need one machine"
-                raise ConfigError(message, field=HERE)
+                remote = hand.remote or self.hands[partner].remote
+                if remote is None or remote.local:
+                    message = (
+                        f"{name} exchanges energy with {partner}, on another machine: expected a"
+                        f" section remote, without local: true, of {name} or {partner}"
+                    )
+                    raise ConfigError(message, field=HERE)
 
     if TYPE_CHECKING:
 
@@ -280,10 +285,11 @@ class GraphConfig:
     @cached_property
     def graph(self) -> Graph:
         """Its nodes and streams, as far as they are on this machine."""
-        hands = self.hands_here
+        hands = self.hands
         partners = ((name, hand.servo.energy_partner) for name, hand in hands.items())
         pairs = [(name, partner) for name, partner in partners if name < partner in hands]
-        return graph_of(tuple(self.hands), self.here, self.has_environment, pairs)
+        linked = [name for name, hand in hands.items() if hand.remote is not None]
+        return graph_of(tuple(hands), self.here, self.has_environment, pairs, linked)
 
     @property
     def hands_here(self) -> Mapping[str, HandConfig]:

@@ -53,6 +53,8 @@ class ServoSettings:
             back over the ramp; null: none.
         energy_partner: Hand with which the bounder exchanges energy: it gives what it can spare,
             and gets what that hand can spare; empty: none.
+        partner_limit: Most energy that the bounder gets from there beyond what it has given, so the
+            most that the hand can get out if the partner lies; null: any.
     """
 
     law: Annotated[str, CheckedText(check_law)] = "certified"
@@ -66,6 +68,7 @@ class ServoSettings:
     velocity_cutoff: Annotated[Frequency, POSITIVE] = 100.0
     dead_man: Annotated[int, Range(at_least=0, below=63)] | None = None
     energy_partner: str = ""
+    partner_limit: Annotated[Energy, NOT_NEGATIVE] | None = None
 
     def __post_init__(self) -> None:
         check_ranges(self)

@@ -1,5 +1,7 @@
 """Nodes and links of a graph, made from its configuration."""
 
+import random
+import time
 from collections.abc import Callable
 
 from forcebound.errors import ConfigError, DeviceError
@@ -99,7 +101,17 @@ def build_device(
         device = GuardedDevice(device)
     signals = model.signals
     dissipation = dissipation_of(model, servo)
-    return DeviceNode(device, dissipation, servo, clock, lateness, name, signals)
+    process = 0 if clock is None else process_number()
+    return DeviceNode(device, dissipation, servo, clock, lateness, name, signals, process)
+
+
+def process_number() -> int:
+    """Return a number after which this process counts its ledgers, and no other process does.
+
+    The s of the wall clock, so that it grows also with a restart of the machine, then 31 bits by
+    chance.
+    """
+    return (int(time.time()) << 31) + random.SystemRandom().getrandbits(31)
 
 
 def build_links(config: GraphConfig) -> dict[str, Link[Packet]]:

@@ -14,12 +14,13 @@ Strategy:
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from types import MappingProxyType
+from typing import Any, NamedTuple, TypeAlias
 
 from forcebound.errors import PacketError
 from forcebound.messages.codec import decode
-from forcebound.messages.packets import TOPIC_OF, Packet
-from forcebound.messages.topology import Route, Stream, endpoint
+from forcebound.messages.packets import TOPIC_OF, TOPICS, Packet
+from forcebound.messages.topology import HAND, Route, Stream, endpoint
 from forcebound.network import sockets
 from forcebound.network.link import Link
 from forcebound.network.sockets import Network
@@ -33,12 +34,19 @@ HERE = ""  # source of packets of this machine
 _clock = time.monotonic_ns
 
 
+#: What passes on the packets of streams that are not for this node.
+Relays: TypeAlias = Mapping[Stream, Callable[[bytes], Any]]
+_NONE: Relays = MappingProxyType({})
+
+
 class _Expected:
     """The streams whose packets may come over a socket."""
 
-    def __init__(self, streams: Mapping[Route, Stream]) -> None:
+    def __init__(self, streams: Mapping[Route, Stream], relays: "Relays") -> None:
+        self.relays = {stream.name: send for stream, send in relays.items()}
         self._names = {route: stream.name for route, stream in streams.items()}
-        kinds = {kind for kind, _ in streams}
+        self._names |= {(TOPICS[each.topic], each.hand or HAND): each.name for each in relays}
+        kinds = {kind for kind, _ in self._names}
         self.kind = next(iter(kinds)) if len(kinds) == 1 else None
         # Of a socket with one stream nothing is looked up.
         (self._hand, self._only), *others = [
@@ -71,7 +79,7 @@ class Inbox:
     ``reject`` is called for each packet that is rejected, with the reason, and what was expected
     and what came; ``admit`` (:meth:`forcebound.nodes.Node.admit`) before a link or a newer packet
     decides. ``received`` has the number of packets by stream; of a stream ``elsewhere``, once one
-    has come.
+    has come. Packets of ``relays`` that come from this machine are passed on as they are.
     """
 
     def __init__(
@@ -81,12 +89,14 @@ class Inbox:
         reject: Callable[[str, str], None],
         admit: Callable[[Packet, str, int], bool],
         elsewhere: Collection[str] = (),
+        relays: Relays = _NONE,
     ) -> None:
         self._streams = streams
         names = [stream.name for stream in streams.values()]
         self.received = {name: 0 for name in names if name not in elsewhere}
-        self._expected = _Expected(streams)
-        self.links = {name: link for name, link in links.items() if name in names}
+        self._expected = _Expected(streams, relays)
+        ends = {*names} - {*self._expected.relays}
+        self.links = {name: link for name, link in links.items() if name in ends}
         self._reject = reject
         self._admit = admit
         self._local: Subscriber | None = None
@@ -99,13 +109,19 @@ class Inbox:
             self._local = network.subscriber(*(endpoint(run_dir, s) for s in streams))
 
     def listen_remotely(
-        self, expected: type[Packet], hand: str, channel: Channel, forward: Callable[[bytes], Any]
+        self,
+        expected: type[Packet],
+        hand: str,
+        channel: Channel,
+        forward: Callable[[bytes], Any],
+        relays: Relays = _NONE,
     ) -> None:
         """Receive a hand's packets of a class from another machine, too; ``forward`` gets each.
 
-        Packets of other hands are rejected: a peer may not speak for another hand.
+        Packets of other hands are rejected: a peer may not speak for another hand. Those of
+        ``relays`` are passed on.
         """
-        only = _Expected({(expected, hand): self._streams[expected, hand]})
+        only = _Expected({(expected, hand): self._streams[expected, hand]}, relays)
         self._remotes.append(_Remote(only, channel, forward))
 
     def link(self, stream: str) -> Link[Packet] | None:
@@ -184,6 +200,9 @@ class Inbox:
         if found is None:
             return False
         name, packet = found
+        if name in expected.relays:
+            expected.relays[name](data)
+            return False
         link = self.links.get(name)
         if link is None:
             newest[name] = packet

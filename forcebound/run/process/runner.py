@@ -48,12 +48,13 @@ from forcebound.messages.control import (
 from forcebound.messages.events import PARAMETERS_SET, REMOTE, EventKind
 from forcebound.messages.packets import (
     TOPIC_OF,
+    EnergyTransfer,
     EnvironmentQuery,
     EnvironmentReply,
     Event,
     Packet,
 )
-from forcebound.messages.topology import HAND, ONE_HAND, Graph, Route, endpoint
+from forcebound.messages.topology import HAND, ONE_HAND, Graph, Route, Stream, endpoint
 from forcebound.network import sockets
 from forcebound.network.ends import RemoteEnd
 from forcebound.network.link import Link
@@ -61,7 +62,7 @@ from forcebound.network.remote import RemoteLink
 from forcebound.network.sockets import Network
 from forcebound.nodes import Node
 from forcebound.roles import Fact
-from forcebound.run.process.inbox import LONGEST_WAIT_NS, Inbox
+from forcebound.run.process.inbox import LONGEST_WAIT_NS, Inbox, Relays
 from forcebound.stop import Stop
 
 COMPLAINT_INTERVAL_NS = 1_000_000_000  # between two events about rejected packets
@@ -108,7 +109,8 @@ class Runner:
             if stream.sender == name
         }
         received = {route: one for route, one in routes.items() if one.receiver == name}
-        self._inbox = Inbox(received, links, self._reject, node.admit, graph.elsewhere)
+        out, self._relayed = self._relays(name)
+        self._inbox = Inbox(received, links, self._reject, node.admit, graph.elsewhere, out)
         self.link, self.set_link = self._inbox.link, self._inbox.set_link
         served = [hand for hand, remote in remotes.items() if remote.end.role == "environment"]
         self._inbox.listen(network, run_dir, without=served)
@@ -224,7 +226,34 @@ class Runner:
         self._publish[sent, hand] = both
         forwarded = self.graph.forwarded(TOPIC_OF[came], hand)
         forward = self._network.publisher(endpoint(self._run_dir, forwarded)).send
-        self._inbox.listen_remotely(came, hand, remote.channel, forward)
+        self._inbox.listen_remotely(came, hand, remote.channel, forward, self._relayed[hand])
+
+    def _relays(self, name: str) -> tuple[Relays, dict[str, Relays]]:
+        """Return what passes on the energy of hands between this machine and others.
+
+        First what goes from this machine; then what comes over each link, by its hand: to a device
+        here, or to another link.
+        """
+        out: dict[Stream, Callable[[bytes], object]] = {}
+        into: dict[str, dict[Stream, Callable[[bytes], object]]] = {h: {} for h in self._remotes}
+        serves = any(one.end.role == "environment" for one in self._remotes.values())
+        for stream in self.graph.streams:
+            if stream.partner is None or stream.hand is None:
+                continue
+            comes, goes = stream.hand, stream.partner  # the links of an environment are of others
+            if not serves:
+                comes, goes = goes, comes
+            is_between = comes in into and goes in into
+            if not is_between and name not in (stream.sender, stream.receiver):
+                continue
+            if comes in into:
+                here = self._publish.get((EnergyTransfer, stream.hand))
+                send = self._remotes[goes].send if goes in into else here
+                if send is not None:
+                    into[comes][stream] = send
+            elif goes in into:
+                out[stream] = self._remotes[goes].send
+        return out, {**into}
 
     def _change(self, request: Configure) -> Answer:
         try:

@@ -43,7 +43,7 @@ class Side:
     ) -> None:
         self._random, self._kind = random, kind
         self._exchange = kind("")
-        self._exchange.begin(0)
+        self._exchange.begin()
         self._loss, self._doubles = random.choice([0.0, 0.0, 0.3, 0.8], 2)
         self._delay = 1e9 * random.choice([0.0, log_between(random, 1e-5, 1e-2)])  # ns, on average
         self._manner = int(random.integers(3))  # of giving: as in the node, any part, everything
@@ -61,8 +61,8 @@ class Side:
         if not self._begins[index]:
             return False
         if self._random.random() < 0.5:  # its process, too
-            self._exchange = self._kind("")
-        self._exchange.begin(time_ns)
+            self._exchange = self._kind("", time_ns)  # after the number of any earlier ledger
+        self._exchange.begin()
         return True
 
     def ends(self, index: int) -> bool:
