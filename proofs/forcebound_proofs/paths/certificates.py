@@ -402,7 +402,8 @@ def draw(name: str, law: str, random: Random, left_out: bool = False) -> Attacke
     for effect in effects:
         effect(draft)
     if left_out and certificate.left_out:
-        where = draft.case if certificate.left_out in draft.case else draft.fields
+        # A number that the device states, or a debt that the bounder says.
+        where = draft.case if certificate.left_out == "owes_speed" else draft.fields
         where[certificate.left_out] = LEFT_OUT.get(certificate.left_out, 0.0)
     return finished(law, draft)
 
