@@ -99,6 +99,7 @@ def _start(law: BoundingLaw) -> Start:
 
 def _limit(law: BoundingLaw) -> Limit:
     limit_force, energy, limits_holds = law.limit, law.energy, law.limits_holds
+    least_energy = _least_energy(law)
 
     def limit(
         ledgers: Ledgers, magnitude: float, read_ns: int, duration: float, dt: float, verdict: int
@@ -111,13 +112,7 @@ def _limit(law: BoundingLaw) -> Limit:
         if limits_holds and verdict != REFUSED:
             verdict = verdict_on_reading(ledger, verdict)
             if verdict != REFUSED and ledger.hand_speed < math.inf and is_fast(ledger):
-                least = math.inf
-                for end in range(ledger.ends):
-                    held = Write(0.0, gain_at(ledger, end) * ledger.held_price, 0.0)
-                    least = min(least, energy(ledger.state[end], held, device))
-                if ledger.axes > 1 and ledger.gain > 0.0:
-                    least -= spread_price(ledger)
-                owe(ledger, least)
+                owe(ledger, least_energy(ledger))
         largest, added_damping = math.inf if limits_holds else 0.0, 0.0
         if verdict == _NEW:
             restart(ledger)
@@ -160,6 +155,21 @@ def _limit(law: BoundingLaw) -> Limit:
         return min(largest, ledger.saturation), added_damping, is_wrong, verdict != REFUSED
 
     return limit
+
+
+def _least_energy(law: BoundingLaw) -> Callable[[Ledger], float]:
+    energy = law.energy
+
+    def least_energy(ledger: Ledger) -> float:
+        least = math.inf
+        for end in range(ledger.ends):
+            held = Write(0.0, gain_at(ledger, end) * ledger.held_price, 0.0)
+            least = min(least, energy(ledger.state[end], held, ledger.constants))
+        if ledger.axes > 1 and ledger.gain > 0.0:
+            least -= spread_price(ledger)
+        return least
+
+    return least_energy
 
 
 def _settle(law: BoundingLaw) -> Settle:
