@@ -239,8 +239,7 @@ def graph_of(
 
     for pair in exchanges:
         for one, other in (pair, pair[::-1]):
-            sender, receiver = end_of(one, other), end_of(other, one)
-            add(EnergyTransfer, one, sender, receiver, partner=other)
+            add(EnergyTransfer, one, end_of(one, other), end_of(other, one), partner=other)
     return Graph(nodes, tuple(streams))
 
 
