@@ -183,8 +183,8 @@ class Dissipation(StatedAxes):
         for name in ("largest_speed", "hand_speed"):
             if not getattr(self, name) > 0.0:
                 raise ConfigError(f"{name} must be > 0 m/s, got {getattr(self, name)} m/s")
-        if self.hand_speed < math.inf and self.lag > 0.0:
-            self._check_lagging_hand()
+        if self.hand_speed < math.inf:
+            self._check_hand()
         self._check_hold()
         self._check_axes()
         if self.attenuates != "never":
@@ -211,15 +211,19 @@ class Dissipation(StatedAxes):
         if self.watchdog == "guarding":
             self._check_guard()
 
-    def _check_lagging_hand(self) -> None:
-        fault = "presliding" if any(_values(self.presliding)) else ""
-        if self.watchdog == "reporting" or self.watchdog_tolerance > 0.0:
-            fault = f"a {self.watchdog} watchdog that may drop a force at an unknown time"
+    def _check_hand(self) -> None:
+        fault, has_presliding = "", any(_values(self.presliding))
+        if self.lag > 0.0 and has_presliding:
+            fault = f"a lag of {self.lag} s and presliding"
+        elif self.lag > 0.0 and (self.watchdog == "reporting" or self.watchdog_tolerance > 0.0):
+            fault = f"a lag of {self.lag} s and a {self.watchdog} watchdog that may drop a force at"
+            fault += " an unknown time"
+        elif self.watchdog == "guarding" and has_presliding and any(_values(self.weight_error)):
+            fault = "a guarding watchdog, presliding and a weight_error"
         if fault:
             raise ConfigError(
-                f"hand_speed of {self.hand_speed} m/s with a lag of {self.lag} s and {fault}: what"
-                " a faster hand gets is not proved then; leave hand_speed out, or state no lag if"
-                " the device has none",
+                f"hand_speed of {self.hand_speed} m/s with {fault}: what the hand gets is not"
+                " proved then; leave hand_speed out, or a number that the device does not have",
                 field="hand_speed",
             )
 
