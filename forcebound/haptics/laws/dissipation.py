@@ -247,9 +247,13 @@ class Dissipation(StatedAxes):
                 raise ConfigError(
                     f"attenuates: {self.attenuates} with {name} {value}: {why}", field="attenuates"
                 )
-        if self.hand_speed < math.inf:
-            message = f"attenuates: {self.attenuates} with hand_speed {self.hand_speed} m/s"
-            raise ConfigError(f"{message}: this is not proved; leave one out", field="attenuates")
+        unproved = f"hand_speed {self.hand_speed} m/s" if self.hand_speed < math.inf else ""
+        if self.attenuates == "freely" and any(_values(self.presliding)):
+            unproved = "presliding, where a hand may tremble without friction: expected per_write"
+        if unproved:
+            raise ConfigError(
+                f"attenuates: {self.attenuates} has no proof with {unproved}", field="attenuates"
+            )
 
     def _check_axes(self) -> None:
         if self.friction == 0.0 or isinstance(self.friction, tuple):

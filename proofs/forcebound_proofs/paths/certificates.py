@@ -218,7 +218,8 @@ def fast_hand(draft: Draft) -> None:
 
 def attenuates(draft: Draft) -> None:
     """Every motor leaves out what it likes, of each written force or at any time."""
-    draft.device.attenuates = draft.random.integers(1, 3)
+    most = 1 if np.any(draft.fields.get("presliding", 0.0)) else 2  # freely: refused
+    draft.device.attenuates = min(draft.random.integers(1, 3), most)
     draft.device.least = draft.fields["least_share"] = draft.random.choice([0.0, 0.0, 0.8])
     draft.fields["attenuates"] = ATTENUATES[draft.device.attenuates]
     if draft.axes > 1:
