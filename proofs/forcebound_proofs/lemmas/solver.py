@@ -3,6 +3,7 @@
 import subprocess
 import sys
 from collections.abc import Iterable
+from importlib import import_module
 from typing import Any
 
 import z3
@@ -42,8 +43,7 @@ def ask_other(formulas: Iterable[Any]) -> str:
 
 def _answer(text: str) -> None:
     """Print what cvc5 says; it does not keep a limit of its own in every case."""
-    import cvc5
-
+    cvc5: Any = import_module("cvc5")  # in no extra
     solver = cvc5.Solver()
     parser = cvc5.InputParser(solver)
     parser.setStringInput(cvc5.InputLanguage.SMT_LIB_2_6, text, "lemma")
