@@ -15,7 +15,7 @@ import hashlib
 import logging
 import sys
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -114,9 +114,9 @@ def _one_at_a_time(compile_for: Callable[P, R], lock: Path) -> Callable[P, R]:
     """Let other processes wait, and then find what the first has compiled."""
 
     def compile_or_load(*signature: P.args, **options: P.kwargs) -> R:
-        with lock.open("w") as file:
-            with suppress(OSError):  # a file system without locks
-                fcntl.flock(file, fcntl.LOCK_EX)
+        with ExitStack() as stack:
+            with suppress(OSError):  # no such folder any more, or a file system without locks
+                fcntl.flock(stack.enter_context(lock.open("w")), fcntl.LOCK_EX)
             return compile_for(*signature, **options)
 
     return compile_or_load

@@ -17,12 +17,15 @@ from forcebound_proofs.lemmas.check import models, questions
 from forcebound_proofs.lemmas.obligations import OBLIGATIONS, Obligation
 from forcebound_proofs.lemmas.readings import LEAKS, MODELS, Ledger, Stated, leak
 from forcebound_proofs.lemmas.solver import ask
+from forcebound_proofs.lemmas.speed import SPEED
 
 PERIOD_NS = 1_000_000  # two ticks of a model, whose time and damping have the unit of this
 TICK_NS = PERIOD_NS // 2
 
 
-@pytest.mark.parametrize("function", [pytest.param(row[2], id=row[0]) for row in OBLIGATIONS])
+@pytest.mark.parametrize(
+    "function", [pytest.param(row[2], id=row[0]) for row in (*OBLIGATIONS, *SPEED)]
+)
 def test_a_lemma_is_proved_and_needs_each_of_its_hypotheses(
     function: Callable[[], Obligation],
 ) -> None:

@@ -56,8 +56,8 @@ class Stated:
         for k, force in enumerate(forces):
             effect = reading + self.delay
             reading += self.intervals[k] if k < len(self.intervals) else 2
-            forgotten = self.omitted == "forces on their way" and effect >= reading
-            if effect <= half and (is_known or not forgotten):
+            is_left_out = self.omitted == "forces on their way" and effect >= reading
+            if effect <= half and (is_known or not is_left_out):
                 is_held = half < effect + self.hold_limit
                 acting = force if is_held or (self.omitted == "cut" and not is_known) else 0
         return acting
