@@ -170,7 +170,7 @@ def _surfaces(table: Table, drawing: Values, new: Callable[..., Figure]) -> Figu
     _arrange(axes, cells, len(panels), columns)
     if not cells.is_energy:
         _add_bar(figure, axes, norm, "viridis", data.axis_of(table, drawing["value"])[0])
-    if (cells.leaks < -_LEAK).any():
+    if cells.is_energy or (cells.leaks < -_LEAK).any():
         _add_bar(figure, axes, leak_norm, _LEAKS, "energy given to the hand (mJ)")
     shown: dict[str, Any] = {"loc": "outside lower center", "frameon": False}
     shown["ncols"] = 3 if figure.get_figwidth() > 10.0 else 2
