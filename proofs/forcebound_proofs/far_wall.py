@@ -77,7 +77,12 @@ class Figures(NamedTuple):
 
 def case(law: str, delay: int, controller: LocalModel | None, hand: Any = None) -> GraphConfig:
     """Return the configuration of one run; ``delay`` in ms each way."""
-    arguments = [f"law:={law}", f"delay:={delay} ms", "controller:=direct"]
+    arguments = [
+        f"law:={law}",
+        f"delay:={delay} ms",
+        "controller:=direct",
+        "device.hand_speed:=null",
+    ]
     config = load("far_wall", arguments)
     if controller is not None:
         config = config.with_hand(controller=controller)
@@ -155,7 +160,12 @@ def tables(rows: Sequence[Row]) -> Iterator[str]:
 
 def scene(name: str, controller: str, delay: int) -> GraphConfig:
     """Return one of ``SCENES``; ``delay`` in ms each way."""
-    arguments = [f"controller:={controller}", f"delay:={delay} ms", "age_limit:=300 ms"]
+    arguments = [
+        f"controller:={controller}",
+        f"delay:={delay} ms",
+        "age_limit:=300 ms",
+        "device.hand_speed:=null",
+    ]
     if name == "touch_sphere":
         hand = StrokingHand(start=(-0.01, 0.0, 0.0), end=(0.014, 0.0, 0.0), stroke=(0, 0, 0.012))
         return load(name, [*arguments, "stiffness:=2 N/mm"]).with_hand(operator=hand)

@@ -37,7 +37,9 @@ ALLOWANCE = 100e-3  # J, that late holds may leak where there is no watchdog
 
 def case(law: str, watchdog: str, hold_limit: float | str) -> GraphConfig:
     """Return the press of one cell."""
-    config = load("stiff_wall", [f"law:={law}", f"hold_limit:={hold_limit}"])
+    config = load(
+        "stiff_wall", [f"law:={law}", f"hold_limit:={hold_limit}", "device.hand_speed:=null"]
+    )
     allowance = ALLOWANCE if watchdog == "none" else 0.0
     servo = replace(config.only.servo, allowance=allowance)
     model: Any = config.only.device

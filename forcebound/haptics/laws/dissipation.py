@@ -223,7 +223,7 @@ class Dissipation(StatedAxes):
         if fault:
             raise ConfigError(
                 f"hand_speed of {self.hand_speed} m/s with {fault}: what the hand gets is not"
-                " proved then; leave hand_speed out, or a number that the device does not have",
+                " proved then; hand_speed: null, or leave out a number that the device does not have",
                 field="hand_speed",
             )
 
