@@ -187,6 +187,7 @@ def test_pages_see_the_graph_and_change_it_and_nobody_else_gets_in(
         assert (hello["name"], hello["axes"], hello["may_change"]) == ("pointer_wall", 1, True)
         assert "certified" in hello["laws"]
         assert hello["units"]["N/m"] == [1e-3, "N/mm"]
+        assert [one["hand_speed"] for one in hello["hands"]] == ["3 m/s"]
         await page.until("state", lambda m: m["hands"]["hand"]["head"].startswith("Passive."))
         assert not (await audience.until("hello"))["may_change"]
         assert "only look" in str(await audience.asks(do="set", settings={"device.law": "none"}))

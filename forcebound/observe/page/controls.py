@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 
 from forcebound.errors import ConfigError, ForceboundError
-from forcebound.graph.graph import GraphConfig, HandConfig
+from forcebound.graph.graph import GraphConfig
 from forcebound.graph.names import LAW, ParameterName, parameter_name
 from forcebound.graph.parameters import parameters, takeable_laws
 from forcebound.graph.resolved import to_document
@@ -89,7 +89,7 @@ class Controls:
             "axes": next(iter(hands.values())).facts.axes,  # all have as many
             "units": {si: (one.factor, one.unit) for si, one in EVERYDAY.items()},
             "laws": takeable_laws(),
-            "hands": [_described(name, hand) for name, hand in hands.items()],
+            "hands": [_described(self._config, name) for name in hands],
         }
 
     def parameters(self) -> Message:
@@ -253,10 +253,13 @@ def _wall(config: GraphConfig) -> float | None:
     return place if isinstance(place, float) else None
 
 
-def _described(name: str, hand: HandConfig) -> Message:
+def _described(config: GraphConfig, name: str) -> Message:
     """What a page needs to know of a hand."""
+    hand = config.hands[name]
+    speed = parameter_name(name, "device.hand_speed")
     return {
         "name": name,
+        "hand_speed": as_written(config, {speed: getattr(hand.device, "hand_speed", None)})[speed],
         "workspace": hand.facts.workspace,
         "pointer": _pointer(hand.operator),
     }

@@ -122,6 +122,7 @@ function showChoice() {
   scene.choose(hands.map(({ name }) => name));
   controls.choose(hands.map(({ name }) => name));
   figures.clear();
+  for (const { name, hand_speed } of hands) if (hand_speed !== "null") figures.show(`${hands.length > 1 ? `${name}: ` : ""}speed of a hand, at most`, hand_speed);
   Object.values(main).forEach((spec, i) => { plots[i].lines = linesOf(spec, axes, hands); });
   delays.lines = linesOf(delay, axes, hands);
   for (const { canvas } of plots.splice(others)) canvas.remove();
