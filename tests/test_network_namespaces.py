@@ -14,6 +14,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import pytest
 from live_graph import (
     AGE_LIMIT,
@@ -27,6 +28,8 @@ from live_graph import (
 )
 from remote_environment import key_folders, serving, write_hands, write_launch_file
 from waiting import TIMEOUT
+
+from forcebound.messages.packets import Telemetry
 
 pytestmark = PROCESSES_OF_THEIR_OWN
 
@@ -280,3 +283,52 @@ def test_a_hand_on_another_machine_shares_the_environment_of_this_one(
     assert ended.served == ended_again.served
     assert not ended.events("process_ended")
     assert ended.recording.hands == ("left",)
+
+
+def test_energy_goes_between_bounders_on_two_machines_whichever_restarts(
+    machines: Machines, tmp_path: Path
+) -> None:
+    keys = key_folders(tmp_path, "leader-lab", "follower-lab")
+    file = tmp_path / "arms.yaml"
+    file.write_text(
+        "forcebound: 1\ninclude: leader_follower_remote.yaml\nrealtime: { policy: other }\n"
+        f"arguments: {{ address: {{ default: {ENVIRONMENT_IPV4} }} }}\n"
+        "hands:\n  follower: { device: { rate: 500 Hz } }\n  leader: { device: { rate: 500 Hz }, "
+        "remote: { graph_key: leader-lab, environment_keys: [follower-lab] } }\n"
+    )
+    here = {"FORCEBOUND_KEYS": str(keys["follower-lab"])}
+    there = {"FORCEBOUND_KEYS": str(keys["leader-lab"])}
+    words = str(file), "listens:=environment", "--hand"
+    at_follower, at_leader = machines.at(machines.environment), machines.at(machines.graph)
+
+    def is_paid(telemetry: Telemetry) -> bool:
+        return (telemetry.received_energy or 0.0) > 1e-4
+
+    def has_given(telemetry: Telemetry) -> bool:
+        return (telemetry.given_energy or 0.0) > 1e-4
+
+    def check(ended: Ended) -> None:
+        assert ended.exit_status == 0, ended.log
+        columns = ended.columns
+        kept = columns.true_energy + columns.received_energy - columns.given_energy
+        assert np.nanmin(kept) >= -1e-9
+
+    with live_graph(*words, "follower", prefix=at_follower, variables=here, is_alone=False) as one:
+        one.wait_until_engaged()
+        with live_graph(
+            *words, "leader", prefix=at_leader, variables=there, is_alone=False
+        ) as leader:
+            one.wait_for_telemetry(is_paid, "energy of the leader")
+            leader.signal("leader/device", signal.SIGKILL)
+            assert leader.outcome()[0] == 1
+        with live_graph(
+            *words, "leader", prefix=at_leader, variables=there, is_alone=False
+        ) as again:
+            again.wait_until_engaged()
+            again.wait_for_telemetry(has_given, "energy that the new leader gave")
+            one.signal("environment", signal.SIGKILL)  # the link ends in its process
+            one.until(lambda: one.node("environment").restarts == 1, "the environment")
+            again.until(lambda: again.log.count(" serves now") == 2, "the new environment")
+            again.wait(0.5)
+            check(again.end())
+        check(one.end())
