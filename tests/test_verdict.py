@@ -79,6 +79,7 @@ def test_a_passive_run_at_rest_and_one_that_is_neither(tmp_path: Path) -> None:
 
 
 TRUTH = ("true_energy_min_j", "energy_left_j", "final_speed_m_per_s", "at_rest")
+NONE = {"observed_energy_min_j": 0.0}
 GAVE = {"observed_energy_min_j": -0.003}
 LATE_WRITES = {
     "promise": "write_delay", "unit": "s", "stated": 0.003, "count": 1055, "of": 1056,
@@ -93,8 +94,8 @@ TOO_FAST = {
 @pytest.mark.parametrize(
     ("change", "begin", "words"),
     [
-        ({"observed_energy_min_j": 0.0}, "Passive", "motor"),
-        ({"observed_energy_error_j": 2e-4}, "Passive by the certificate", "at most 200 uJ"),
+        (NONE, "Passive", "motor"),
+        ({**NONE, "observed_energy_error_j": 2e-4}, "Passive by the certificate", "at most 200 uJ"),
         ({"observed_energy_min_j": -0.003}, "Passive by the certificate", "up to 3 mJ"),
         ({**GAVE, "observed_energy_error_j": 2e-4}, "Passive by the certificate", "(± 200 uJ)"),
         ({**GAVE, "observed_energy_error_j": 4e-3}, "Passive by the certificate", "at most 7 mJ"),

@@ -83,6 +83,9 @@ PRICES: Mapping[str, Mapping[str, Any]] = {
     TOGETHER[0]: dict(zip(IMPERFECTIONS, (20e-6, 0.01, 15e-6, 50e-6, 0.01), strict=True)),
     TOGETHER[1]: dict(zip(IMPERFECTIONS, (100e-6, 0.05, 60e-6, 100e-6, 0.02), strict=True)),
     "a board at its defaults: write delay 600 us, lag 1 ms": {"write_delay": 6e-4, "lag": 1e-3},
+    "the same, and a hand of 3 m/s at most": {"write_delay": 6e-4, "lag": 1e-3, "hand_speed": 3.0},
+    "write delay 400 us, and such a hand": {"write_delay": 4e-4, "hand_speed": 3.0},
+    "lag 400 us, and such a hand": {"lag": 4e-4, "hand_speed": 3.0},
 }
 #: m/s, of the hand as the device states it, on walls that need the limit, N/mm.
 HAND_SPEEDS = (None, 5.0, 3.0, 2.0, 1.5, 1.0, 0.7, 0.5)
@@ -138,11 +141,11 @@ def config_of(case: Row) -> GraphConfig:
     """Return the graph of a case; with ``number`` its device states and has them."""
     config = load("stiff_wall", [one.format(case[k]) for k, one in ARGUMENTS.items() if k in case])
     device, servo = config.only.device, replace(config.only.servo, hold_limit=case["hold_limit"])
+    numbers: Any = {"hand_speed": case.get("hand_speed")}
     if "number" in case:
-        numbers: Any = {"watchdog": "silent", **PRICES.get(case["number"], {})}
+        numbers |= {"watchdog": "silent", **PRICES.get(case["number"], {})}
         numbers["truth"] = MISTAKES.get(case["number"])
-        device = replace(device, **numbers)
-    device = replace(device, hand_speed=case.get("hand_speed"))
+    device = replace(device, **numbers)
     if case.get("hand") == "taken":
         environment = replace(config.environment, model=PULLING)
         config = replace(config.with_hand(operator=PULLED), environment=environment, duration=3.8)
