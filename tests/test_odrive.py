@@ -195,7 +195,6 @@ class LateLine(FakeLine):
 def test_the_answer_to_an_empty_line_may_be_late() -> None:
     line = LateLine(ODriveBoard(1))
     assert OpenODrive(ODrive(port="auto"), line, HOLD).read(0) == (0.0,)
-    assert line.failure is None
 
 
 def test_angles_are_those_of_the_shafts() -> None:

@@ -238,6 +238,16 @@ def test_texts_come_one_by_one_and_documents_are_compared_as_such() -> None:
         line.send("bye")
 
 
+def test_a_message_in_a_frame_is_compared_without_it_and_read_as_a_whole() -> None:
+    with scripted(({"n": 1}, {"n": 2}), decode=lambda frame: frame[2:]) as line:
+        line.send(b"\x81\x07" + b'{"n":1}', has_force=True)
+        assert line.read(0) == b'{"n": 2}'
+    expected = r'expected {"n": 1}, but the driver sent 7b 7d \(b'
+    line = Scripted([({"n": 1}, None)], lambda frame: frame[2:])
+    with pytest.raises(AssertionError, match=expected):
+        line.send(b"\x81\x02{}")
+
+
 def test_a_line_fails_once_and_refuses_bytes_that_nobody_asked_for() -> None:
     line = AnsweredLine(lambda message: message + b"\x07")
     line.send(b"\x01")

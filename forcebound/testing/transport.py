@@ -25,7 +25,6 @@ class AnsweredLine(Line, Port):
     """A line to a function, such as an emulated board: what it returns is there to be read.
 
     Attributes:
-        failure: Why the line has failed; it refuses every message from then on.
         is_closed: Whether the driver has closed it.
     """
 
@@ -37,16 +36,16 @@ class AnsweredLine(Line, Port):
         self.port = self
         self.silence = 0.01
         self.is_at_rest = self.is_closed = False
-        self.failure: DeviceError | None = None
+        self._failure: DeviceError | None = None
         self._answer = answer
         self._bytes = b""
         self._texts: list[str] = []
 
     def send(self, message: bytes | str, has_force: bool = False) -> None:
         """Send a message; DeviceError if the line has failed, or bytes came that nobody reads."""
-        if self.failure is not None:
-            raise self.failure
-        if foreign := self.drain():
+        if self._failure is not None:
+            raise self._failure
+        if isinstance(message, bytes) and (foreign := self.drain()):
             raise DeviceError(f"the device sends unexpected bytes: {foreign.hex(' ')}")
         self.write(message)
 
@@ -55,17 +54,19 @@ class AnsweredLine(Line, Port):
         self.receive(self._answer(message))
 
     def read(self, count: int, deadline_ns: int = 0) -> bytes:
-        """Return ``count`` bytes, or those that there are."""
+        """Return ``count`` bytes, or those that there are; of texts the next, whole."""
+        if self._texts and not self._bytes:
+            return self._texts.pop(0).encode()
         data, self._bytes = self._bytes[:count], self._bytes[count:]
         return data
 
     def read_lines(self, count: int, deadline_ns: int = 0) -> bytes:
-        """Return the bytes that there are."""
+        """Return all that has come."""
         return self.drain()
 
     def drain(self, quiet: float = 0.0) -> bytes:
-        """Return the bytes that there are."""
-        data, self._bytes = self._bytes, b""
+        """Return all that has come."""
+        data, self._bytes, self._texts = self._bytes + "".join(self._texts).encode(), b"", []
         return data
 
     def recv(self, timeout: float | None = None) -> str:
@@ -76,7 +77,7 @@ class AnsweredLine(Line, Port):
 
     def fail(self, failure: DeviceError) -> None:
         """Refuse every message from now on."""
-        self.failure = self.failure or failure
+        self._failure = self._failure or failure
         self.is_at_rest = True
 
     def close(self) -> None:
@@ -94,19 +95,22 @@ class AnsweredLine(Line, Port):
 class Scripted(AnsweredLine):
     """A line that expects the messages of a script; :func:`scripted` makes it."""
 
-    def __init__(self, exchanges: Sequence[tuple[Message, Message]]) -> None:
+    def __init__(
+        self, exchanges: Sequence[tuple[Message, Message]], decode: Callable[[Any], Message]
+    ) -> None:
         super().__init__(self._next)
-        self._exchanges, self._done = exchanges, 0
+        self._exchanges, self._decode, self._done = exchanges, decode, 0
         self.difference: AssertionError | None = None
         self._hear()
 
     def _next(self, sent: bytes | str) -> Message:
         """Return the reply to a message if it is the expected one."""
+        message = self._decode(sent)
         left, self._done = self._exchanges[self._done :], self._done + 1
         expected, reply = left[0] if left else (None, None)
-        if self.difference is None and not _is_same(expected, sent):
+        if self.difference is None and not _is_same(expected, message):
             place = f"exchange {self._done} of {len(self._exchanges)}"
-            words = f"{place}: expected {_shown(expected)}, but the driver sent {_shown(sent)}"
+            words = f"{place}: expected {_shown(expected)}, but the driver sent {_shown(message)}"
             self.difference = AssertionError(words)
         if self.difference is not None:
             raise self.difference
@@ -132,12 +136,15 @@ class Scripted(AnsweredLine):
 
 
 @contextmanager
-def scripted(*exchanges: tuple[Message, Message]) -> Iterator[Scripted]:
+def scripted(
+    *exchanges: tuple[Message, Message], decode: Callable[[Any], Message] = lambda sent: sent
+) -> Iterator[Scripted]:
     """Stand in for the line to a device in a test of a driver's messages.
 
     Each exchange is what the driver must send, as one message, and what it then receives; None in
     place of the first: it comes unasked, as what a service sends when a client connects. A document
-    (dict or list) is a JSON text, whatever its spaces and the order of its keys::
+    (dict or list) is a JSON text, whatever its spaces and the order of its keys. ``decode`` takes a
+    message of the driver out of its frame, before it is compared::
 
         with scripted((bytes.fromhex("02 05 00 00"), bytes.fromhex("05 8f 36 3f"))) as line:
             assert OpenMotor(Motor(), line).read(0) == (0.012,)
@@ -146,7 +153,7 @@ def scripted(*exchanges: tuple[Message, Message]) -> Iterator[Scripted]:
         AssertionError: At the first message that is another one, with the number of the exchange;
             at the end, too, if the driver has caught it, has sent too little, or has not read all.
     """
-    line = Scripted(exchanges)
+    line = Scripted(exchanges, decode)
     try:
         yield line
     except Exception as error:
@@ -156,8 +163,8 @@ def scripted(*exchanges: tuple[Message, Message]) -> Iterator[Scripted]:
     line.end()
 
 
-def _is_same(expected: Message, sent: bytes | str) -> bool:
-    if isinstance(expected, dict | list):
+def _is_same(expected: Message, sent: Message) -> bool:
+    if isinstance(expected, dict | list) and isinstance(sent, bytes | str):
         with suppress(ValueError):
             return bool(json.loads(sent) == expected)
     return expected == sent
