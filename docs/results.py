@@ -282,6 +282,7 @@ the twin without it feels more, and its remedy *gives* what the twin with the re
 | `law_not_certified` | another law gives less than `certified` would | `certified` |
 | `saturation` | of the motors | motors of twice that |
 | `engage_ramp` | the force was still coming | a longer run |
+| `opposite_sign` | the commanded force grows with the depth, and pulls the hand deeper | the opposite of its force |
 | `dissipation` | what is left: the law gives what the device's damping and friction, and the motion of the hand, pay for | half or twice `device.rate`, if one of them gives more; else more damping, or a softer environment, which would feel the same |
 
 The avoidable causes come first, by what each takes; `dissipation` comes last, where it is more than half of the loss. A

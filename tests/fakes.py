@@ -8,7 +8,6 @@ from addresses import topic_endpoint
 
 from forcebound.graph.servo import ServoSettings, dissipation_of
 from forcebound.haptics.controllers.direct import DirectController
-from forcebound.haptics.devices import Device
 from forcebound.haptics.devices.phantom import PhantomPremium15
 from forcebound.haptics.environments import EnvironmentModel
 from forcebound.haptics.environments.walls import Wall
@@ -25,39 +24,16 @@ from forcebound.nodes.controller import ControllerNode
 from forcebound.nodes.device import DeviceNode
 from forcebound.nodes.environment import EnvironmentNode
 from forcebound.run.simulation import LateTicks, Simulation
+from forcebound.testing import Handle, OpenHandle
 
 DISSIPATION = Dissipation(
     damping=0.27, friction=0.12, resolution=0.0, period=1e-3, hold_limit=1.25e-3, saturation=8.5
 )
 
 
-class FakeDevice(Device):
-    """A device that the test moves, and that remembers what was written."""
-
-    def __init__(self, axes: int = 1) -> None:
-        self.axes = axes
-        self.position: Vector = (0.0,) * axes
-        self.written: list[tuple[int, Vector]] = []
-        self.engaged_ns: int | None = None
-        self.closed = 0
-
-    def engage(self, time_ns: int) -> None:
-        self.engaged_ns = time_ns
-
-    def read(self, time_ns: int) -> Vector:
-        return self.position
-
-    def write(self, time_ns: int, force: Vector) -> Vector:
-        self.written.append((time_ns, force))
-        return force
-
-    def close(self) -> None:
-        self.closed += 1
-
-
-def device_node(axes: int = 1, **settings: Any) -> tuple[DeviceNode, FakeDevice]:
-    """Return a device node over a fake device; no law, no ramp, unless the settings say so."""
-    device = FakeDevice(axes)
+def device_node(axes: int = 1, **settings: Any) -> tuple[DeviceNode, OpenHandle]:
+    """Return a device node over a handle; no law, no ramp, unless the settings say so."""
+    device = OpenHandle(Handle(axes=axes))
     servo = ServoSettings(**{"law": "none", "engage_time": 0.0, **settings})
     return DeviceNode(device, DISSIPATION, servo), device
 

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from fakes import DISSIPATION, FakeDevice
+from fakes import DISSIPATION
 from launch_texts import written
 
 from forcebound.errors import ConfigError
@@ -16,6 +16,7 @@ from forcebound.messages.packets import DeviceState, Event, Telemetry
 from forcebound.nodes.device import DeviceNode
 from forcebound.recordings.recording import read
 from forcebound.run.virtual import run_virtual
+from forcebound.testing import Handle, OpenHandle
 
 FILE = """forcebound: 1
 description: A hand that lets go of its button.
@@ -70,7 +71,7 @@ def test_another_button_gives_no_force(tmp_path: Path) -> None:
 
 
 def test_a_device_without_buttons_is_refused_and_closed() -> None:
-    device = FakeDevice()
+    device = OpenHandle(Handle())
     with pytest.raises(ConfigError) as error:
         DeviceNode(device, DISSIPATION, ServoSettings(law="none", dead_man=0))
     assert error.value.field == "dead_man"

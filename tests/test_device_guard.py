@@ -4,11 +4,11 @@ import math
 from typing import Any
 
 import pytest
-from fakes import FakeDevice
 
 from forcebound.errors import DeviceError
 from forcebound.haptics.devices.guard import GuardedDevice
 from forcebound.messages.packets import Vector
+from forcebound.testing import Handle, OpenHandle
 
 
 class Crank:
@@ -23,7 +23,7 @@ class Crank:
         return (0.1 * math.cos(angles[0]) * force[0],)
 
 
-class Extended(FakeDevice):
+class Extended(OpenHandle):
     """A device with all optional members."""
 
     kinematics = Crank()
@@ -48,7 +48,7 @@ class Extended(FakeDevice):
 
 
 def test_the_guard_passes_on_what_a_device_has() -> None:
-    device = Extended()
+    device = Extended(Handle())
     device.is_exchange = True
     guard = GuardedDevice(device)
     assert guard.set_hold_limit(2e-3) == 1.5e-3
@@ -63,7 +63,7 @@ def test_the_guard_passes_on_what_a_device_has() -> None:
 
 
 def test_the_guard_of_a_device_with_the_defaults_has_none() -> None:
-    guard = GuardedDevice(FakeDevice())
+    guard = GuardedDevice(OpenHandle(Handle()))
     answers = guard.set_hold_limit(1e-3), guard.cut(), guard.stamps(), guard.fresh_reading()
     assert (*answers, guard.latch_jitter(), guard.kinematics) == (None,) * 6
 
@@ -85,7 +85,7 @@ def test_the_guard_of_a_device_with_the_defaults_has_none() -> None:
 def test_the_guard_names_the_method_whose_answer_is_wrong(
     method: str, attribute: str, answer: object
 ) -> None:
-    device = Extended()
+    device = Extended(Handle())
     setattr(device, attribute, answer)
     arguments = {"set_hold_limit": (2e-3,), "read": (0,)}.get(method, ())
     with pytest.raises(DeviceError, match=f"failed in {method}"):
@@ -93,7 +93,7 @@ def test_the_guard_names_the_method_whose_answer_is_wrong(
 
 
 def test_the_guard_reports_kinematics_that_fail() -> None:
-    kinematics = GuardedDevice(Extended()).kinematics
+    kinematics = GuardedDevice(Extended(Handle())).kinematics
     assert kinematics is not None
     with pytest.raises(DeviceError, match=r"failed in torque: .*dead centre"):
         kinematics.torque((math.pi / 2,), (1.0,))

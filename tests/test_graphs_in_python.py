@@ -1,7 +1,7 @@
 """Graphs made in Python: ``fb.Graph``, its text, and what takes it in place of a launch file."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeAlias, cast
 
@@ -16,23 +16,12 @@ from forcebound.graph.graph import GraphConfig
 from forcebound.haptics.controllers.direct import DirectController
 from forcebound.haptics.devices.knob import Knob
 from forcebound.haptics.devices.phantom import PhantomPremium15 as Phantom
-from forcebound.haptics.environments import StatelessEnvironment
 from forcebound.haptics.environments.walls import Wall
 from forcebound.haptics.hands.hands import PressingHand
-from forcebound.messages.packets import Vector
+from forcebound.testing import Pad
 
 Parts: TypeAlias = dict[str, Any]  # of a graph or a hand, by the names of their fields
 LATE, TOO_LATE = fb.Link(delay=0.002), fb.Link(delay=0.3)  # s
-
-
-@dataclass(frozen=True)
-class Cushion(StatelessEnvironment):
-    """A soft wall at 10 mm that a test made."""
-
-    stiffness: float = 800.0  # N/m
-
-    def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
-        return tuple(self.stiffness * max(x - 0.01, 0.0) for x in position)
 
 
 @pytest.fixture(autouse=True)
@@ -256,7 +245,7 @@ def test_the_law_of_an_only_hand_has_a_short_name_whatever_the_hand_is_called() 
 
 
 def test_a_class_of_this_program_runs_in_virtual_time() -> None:
-    force = fb.simulate(graph(environment=Cushion(10e3))).telemetry["commanded_force"]
+    force = fb.simulate(graph(environment=Pad(stiffness=10e3))).telemetry["commanded_force"]
     assert np.array_equal(force, fb.simulate(graph()).telemetry["commanded_force"])
     assert np.any(force)
 
@@ -293,8 +282,8 @@ def test_a_sweep_of_several_hands_varies_a_value_of_one() -> None:
 
 
 def test_a_class_of_this_program_is_no_part_of_a_live_graph() -> None:
-    (line,) = problems_of(lambda: fb.launch(graph(environment=Cushion())))
-    assert line.startswith("environment Cushion: ")
+    (line,) = problems_of(lambda: fb.launch(graph(environment=Pad())))
+    assert line.startswith("environment Pad: ")
 
 
 FILE_OF_A_WORLD = '''

@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from scripted_board import FREE, ScriptedBoard, angles
+from scripted_board import FREE, ScriptedBoard
 
 from forcebound.errors import DeviceError
 from forcebound.haptics.devices.five_bar import FiveBar
@@ -54,15 +54,6 @@ def test_reading_sends_the_torque_that_is_held_and_changes_nothing(board: Script
     device.write(0, (0.05, -0.02))
     device.read(0)
     assert board.torques[-1] == board.torques[-2]
-
-
-def test_a_positive_torque_resists_larger_angles_and_whole_steps_are_applied(
-    board: ScriptedBoard,
-) -> None:
-    device = opened(board)
-    applied = device.write(0, (0.05, -0.02))
-    assert board.torques[-1] == pytest.approx((-0.05, 0.02), rel=1e-6)
-    assert applied == pytest.approx((1664 / 4095 * 0.123, -665 / 4095 * 0.123), rel=1e-12)
 
 
 def test_no_motor_gets_more_than_it_has_and_the_direction_is_kept(board: Any) -> None:
@@ -150,40 +141,6 @@ def test_the_angles_of_a_write_are_fresh_for_as_long_as_a_reply_may_take(
     assert device.fresh_reading() is None
     assert len(board.torques) == held + 1
     assert angles_of_write == device.read(0)
-
-
-FAULTS: dict[str, tuple[Callable[[ScriptedBoard], bytes], str]] = {
-    "short": (lambda board: angles(board)[:5], "9 bytes, got 5"),
-    "foreign": (lambda board: b"\xff" + angles(board)[1:], "address 5, got ff"),
-    "nan": (lambda board: b"\x05" + b"\xff" * 8, "got nan"),
-    "silent": (lambda board: b"", "no reply within 10 ms"),
-}
-
-
-@pytest.mark.parametrize("fault", FAULTS)
-def test_a_wrong_reply_ends_in_zero_torque_and_one_reason(board: ScriptedBoard, fault: str) -> None:
-    reply, words = FAULTS[fault]
-    device = opened(board)
-    device.write(0, (0.05, -0.02))
-    held = len(board.torques)
-    board.reply = reply
-    with pytest.raises(DeviceError, match=words):
-        device.read(0)
-    with pytest.raises(DeviceError, match=words):
-        device.write(0, (0.05, -0.02))
-    assert device.write(0, (0.0, 0.0)) == (0.0, 0.0)  # it is there already
-    device.close()
-    assert set(board.torques[held + 1 :]) == {(0.0, 0.0)}  # after the exchange that failed
-    assert len(board.others) == 1
-
-
-def test_bytes_that_nobody_asked_for_end_it(board: ScriptedBoard) -> None:
-    device = opened(board)
-    board.reply = lambda board: angles(board) + b"\x07"
-    device.read(0)
-    with pytest.raises(DeviceError, match="unexpected bytes: 07"):
-        device.read(0)
-    assert board.torques[-1] == (0.0, 0.0)
 
 
 @pytest.mark.parametrize(

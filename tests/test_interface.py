@@ -19,16 +19,7 @@ from forcebound.haptics.laws import BoundingLaw
 from forcebound.messages.events import LAW_CHANGED
 from forcebound.messages.packets import Event, Vector
 from forcebound.observe.runs import running
-
-
-@dataclass(frozen=True)
-class Block(StatelessEnvironment):
-    """A wall at 10 mm, as a user writes it in a cell; a positive force is against motion."""
-
-    stiffness: float = 1000.0  # N/m
-
-    def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
-        return tuple(self.stiffness * max(x - 0.01, 0.0) for x in position)
+from forcebound.testing import Pad
 
 
 @pytest.fixture(autouse=True)
@@ -106,7 +97,7 @@ def test_wrong_arguments_are_errors_with_the_nearest_name() -> None:
 
 
 def test_an_environment_and_a_law_of_a_cell_can_be_passed() -> None:
-    own = fb.simulate("stiff_wall", environment=Block(1000.0), law="none", duration="1 s")
+    own = fb.simulate("stiff_wall", environment=Pad(stiffness=1000.0), law="none", duration="1 s")
     shipped = fb.simulate("stiff_wall", stiffness=1000.0, law="none", duration="1 s")
     np.testing.assert_array_equal(
         own.telemetry["applied_force"], shipped.telemetry["applied_force"]
@@ -116,7 +107,7 @@ def test_an_environment_and_a_law_of_a_cell_can_be_passed() -> None:
     with pytest.raises(fb.errors.ConfigError, match=r"\.mcap"):
         fb.simulate("stiff_wall", record="data.csv")
     with pytest.raises(fb.errors.ConfigError, match="BoundingLaw"):
-        fb.simulate("stiff_wall", law=Block())
+        fb.simulate("stiff_wall", law=Pad())
     with pytest.raises(fb.errors.ConfigError, match="frozen dataclass"):
         fb.simulate("stiff_wall", environment=object())
 
@@ -159,7 +150,7 @@ def test_a_sweep_has_the_runs_that_one_by_one_give() -> None:
 
 
 def test_a_sweep_over_parts_runs_in_processes_that_know_them() -> None:
-    blocks = [Block(500.0), Block(1000.0)]
+    blocks = [Pad(stiffness=500.0), Pad(stiffness=1000.0)]
     stiffness = ["none", "certified", "aol", "tdpa"]
     runs = fb.sweep("stiff_wall", environment=blocks, law=stiffness, duration="100 ms", workers=2)
     assert runs.errors == []
@@ -258,7 +249,7 @@ def test_a_live_graph_is_changed_and_ends_with_its_block() -> None:
     assert graph.run.figures.true_energy_min >= 0.0
     assert graph.run.telemetry["engagement"][-1] == 0.0
     with pytest.raises(fb.errors.ConfigError, match=r"my_file\.py"):
-        fb.launch("stiff_wall", environment=Block())
+        fb.launch("stiff_wall", environment=Pad())
     with pytest.raises(fb.errors.ConfigError, match="delay"):
         fb.launch("stiff_wall", dela="2 ms")
 

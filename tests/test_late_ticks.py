@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 from builders import MS
-from fakes import DISSIPATION, FakeDevice, press
+from fakes import DISSIPATION, press
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -18,6 +18,7 @@ from forcebound.messages.packets import Packet, Telemetry
 from forcebound.nodes.device import DeviceNode
 from forcebound.nodes.device_events import Overload
 from forcebound.run.simulation import LateTicks
+from forcebound.testing import Handle, OpenHandle
 
 WATCHDOGS = sorted(PRICES)
 
@@ -75,7 +76,7 @@ def test_time_never_goes_backwards_and_no_two_writes_are_at_once(
     assert all(before < now for before, now in pairwise(ticks))
 
 
-class Exchanging(FakeDevice):
+class Exchanging(OpenHandle):
     """A device whose writes bring a reading."""
 
     is_exchange = True
@@ -87,7 +88,7 @@ class Exchanging(FakeDevice):
 def test_a_state_that_a_slow_exchange_made_late_has_time_for_its_answer(
     late_ns: int, written_ns: int
 ) -> None:
-    node = DeviceNode(Exchanging(), DISSIPATION, ServoSettings(law="none", reply_wait=0.8))
+    node = DeviceNode(Exchanging(Handle()), DISSIPATION, ServoSettings(law="none", reply_wait=0.8))
     node.step(0, [])
     node.step(800_000, [])
     node.step(MS + late_ns, [])

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple, cast
 
 import pytest
 from builders import MS, telemetry_packet
+from launch_texts import written
 
 from forcebound.graph.loader import load
 from forcebound.graph.resolved import to_document
@@ -23,6 +24,7 @@ from forcebound.results.twin import Change, Twin
 from forcebound.run.results import RunResult
 from forcebound.run.simulation import LateTicks
 from forcebound.run.virtual import VirtualGraph, run_virtual
+from forcebound.testing import parts
 
 DURATION = 1.5  # s; the hand rests in the wall after one
 NEAR = 0.1  # of the stiffness that a remedy gives
@@ -127,6 +129,16 @@ def test_the_remedy_of_the_first_cause_gives_what_it_names(name: str, tmp_path: 
 def test_nothing_is_named_where_nothing_is_lost_or_the_stiffness_is_not_known() -> None:
     for file in ("five_bar_wall", "membrane", "touch_sphere"):
         assert run_virtual(load(file), 1.0).summary["little_force"] == []
+
+
+def test_a_world_whose_force_has_the_opposite_sign_is_said_to_pull_deeper(tmp_path: Path) -> None:
+    source = (
+        Path(parts.__file__).read_text().replace("return (push, *still)", "return (-push, *still)")
+    )
+    written(tmp_path, source, "pad.py")
+    case = "forcebound: 1\ninclude: stiff_wall.yaml\nenvironment: {kind: pad.py}\n"
+    run = run_virtual(load(written(tmp_path, case)), 1.0)
+    assert [cause["cause"] for cause in run.summary["little_force"]] == ["opposite_sign"]
 
 
 def test_a_higher_rate_is_named_only_where_it_gives_more(tmp_path: Path) -> None:

@@ -10,7 +10,6 @@ import pytest
 from builders import MS
 
 from forcebound.errors import DeviceError
-from forcebound.haptics.devices.truth_file import TruthFile
 from forcebound.hardware.emulators.odrive_board import ODriveBoard
 from forcebound.hardware.odrive import ODrive, OpenODrive
 from forcebound.hardware.odrive_lines import (
@@ -23,67 +22,46 @@ from forcebound.hardware.odrive_lines import (
     request,
     torque_request,
 )
+from forcebound.hardware.serial_device import FIRST_EXCHANGES
 from forcebound.messages.packets import Vector
+from forcebound.testing import AnsweredLine, scripted
 
 HOLD = 1.0  # s; a fake line has no time
 
 
-class FakePort:
-    """A port whose board answers at once; a millisecond passes with each message."""
+class FakeLine(AnsweredLine):
+    """A line whose board answers at once; a millisecond passes with each message."""
 
     def __init__(self, board: ODriveBoard) -> None:
-        self.board, self.time_ns, self.unread = board, 0, b""
-        self.written: list[bytes] = []
-
-    def write(self, message: bytes) -> None:
-        self.time_ns += MS
-        self.written.append(message)
-        self.unread += self.board.receive(message, self.time_ns)
-
-    def read_lines(self, count: int, deadline_ns: int) -> bytes:
-        return self.drain()
-
-    def drain(self, quiet: float = 0.0) -> bytes:
-        data, self.unread = self.unread, b""
-        return data
-
-
-class FakeLine:
-    """A line to such a port, without guardian."""
-
-    truth: TruthFile | None = None
-    silence = 0.01
-
-    def __init__(self, board: ODriveBoard) -> None:
-        self.port = FakePort(board)
-        self.failure: DeviceError | None = None
+        super().__init__(self._respond)
+        self.board, self.time_ns = board, 0
         self.forces: list[bool] = []
-        self.closed = 0
+        self.spoil: Callable[[bytes], bytes] = bytes  # what becomes of a reply
 
-    def send(self, message: bytes, has_force: bool) -> None:
-        if self.failure is not None:
-            raise self.failure
-        if self.port.drain():
-            raise DeviceError("unexpected bytes")
+    def _respond(self, message: bytes) -> bytes:
+        self.time_ns += MS
+        return self.board.receive(message, self.time_ns)
+
+    def send(self, message: bytes | str, has_force: bool = False) -> None:
+        super().send(message, has_force)
         self.forces.append(has_force)
-        self.port.write(message)
+
+    def read_lines(self, count: int, deadline_ns: int = 0) -> bytes:
+        return self.spoil(super().read_lines(count))
 
     def fail(self, failure: DeviceError) -> None:
-        self.failure = self.failure or failure
-        self.port.write(b"\nc 0 0\nc 1 0\nc 2 0\n")
-
-    def close(self) -> None:
-        self.closed += 1
+        super().fail(failure)
+        self.write(b"\nc 0 0\nc 1 0\nc 2 0\n")
 
 
 def opened(
     board: ODriveBoard | None = None,
     clock: Callable[[], int] = time.monotonic_ns,
     **changed: float | None,
-) -> tuple[OpenODrive, ODriveBoard, Any]:
+) -> tuple[OpenODrive, ODriveBoard, FakeLine]:
     """A driver on a fake line, its motors off."""
     board = board or ODriveBoard(1)
-    line: Any = FakeLine(board)
+    line = FakeLine(board)
     numbers: dict[str, Any] = dict(changed)
     model = replace(ODrive(joints=len(board.angles), port="auto"), **numbers)
     return OpenODrive(model, line, HOLD, clock), board, line
@@ -98,18 +76,75 @@ def switched_on(
     board: ODriveBoard | None = None,
     clock: Callable[[], int] = time.monotonic_ns,
     **changed: float | None,
-) -> tuple[OpenODrive, ODriveBoard, Any]:
+) -> tuple[OpenODrive, ODriveBoard, FakeLine]:
     device, board, line = opened(board, clock, **changed)
     for _ in range(2 * device.axes + 2):
         assert device.write(0, (0.0,) * device.axes) == (0.0,) * device.axes
     return device, board, line
 
 
+def lines(*commands: str) -> bytes:
+    return b"".join(map(request, commands))
+
+
+def replies(*texts: str) -> bytes:
+    return b"".join(
+        b"%s*%d\r\n" % (t, exclusive_or(t)) for t in (text.encode("latin-1") for text in texts)
+    )
+
+
+FEEDBACK = "0.000000 0.000000"
+NO_TORQUE = "c 0 0.000000"
+STATE = ("f 0", "r axis0.error", "r axis0.current_state")
+LIMITS = {"torque_lim": "inf", "current_lim": "10.0", "torque_constant": "0.04"}
+START = (
+    (b"\n" + lines(NO_TORQUE, "r fw_version_major"), b"unknown command\r\n" + replies("0")),
+    (lines("r fw_version_major"), replies("0")),
+    (lines("r fw_version_minor"), replies("5")),
+    (lines("r axis0.current_state"), replies("1")),
+    (lines("r axis0.controller.config.enable_torque_mode_vel_limit"), replies("1")),
+    (lines("w axis0.controller.config.enable_torque_mode_vel_limit 0"), None),
+    (lines("r axis0.controller.config.enable_torque_mode_vel_limit"), replies("0")),
+    (lines("r axis0.controller.config.input_mode"), replies("5")),
+    (lines("w axis0.controller.config.input_mode 1"), None),
+    (lines("r axis0.controller.config.input_mode"), replies("1")),
+    *[(lines(f"r axis0.motor.config.{name}"), replies(text)) for name, text in LIMITS.items()],
+    *(
+        (lines("f 0"), replies(FEEDBACK)),
+        (lines("c 0 -0.000000", *STATE), replies(FEEDBACK, "0", "1")),
+    )
+    * FIRST_EXCHANGES,
+)
+SWITCH_ON = (
+    NO_TORQUE,
+    "w axis0.config.watchdog_timeout 0.02",  # below the limit that is stated
+    "u 0",
+    "w axis0.config.enable_watchdog 1",
+    "sc",
+    "w axis0.requested_state 8",
+    "r axis0.current_state",
+)
+SWITCH_OFF = ("w axis0.requested_state 1", "w axis0.config.enable_watchdog 0")
+
+
 def test_lines_of_the_specification() -> None:
-    assert request("r vbus_voltage") == b"r vbus_voltage *93\n"
-    assert request("f 0") == b"f 0 *86\n"
-    assert request("c 0 0.05") == b"c 0 0.05 *104\n"
-    assert request("u 0") == b"u 0 *69\n"
+    assert lines("r vbus_voltage", "f 0") == b"r vbus_voltage *93\nf 0 *86\n"
+    assert lines("c 0 0.05", "u 0") == b"c 0 0.05 *104\nu 0 *69\n"
+
+
+def test_start_and_torque_have_the_lines_and_the_order_that_the_firmware_needs() -> None:
+    script = (
+        (lines(*SWITCH_ON), replies("8")),
+        (lines("c 0 -0.100000", *STATE), replies(FEEDBACK, "0", "8")),
+        (lines("f 0"), replies("0.25 0")),
+        (b"\n" + lines(NO_TORQUE, *SWITCH_OFF), None),
+    )
+    with scripted(*START, *script) as line:
+        device = OpenODrive(ODrive(port="auto", watchdog_limit=0.021), line, HOLD)
+        assert device.write(0, (0.1,)) == (0.0,)  # it is not on yet
+        assert device.write(0, (0.1,)) == (0.1,)
+        assert device.read(0) == (math.tau / 4,)
+        device.close()
 
 
 @pytest.mark.parametrize("torque", [math.nan, math.inf])
@@ -150,36 +185,16 @@ def test_it_is_switched_on_by_its_first_writes_and_gives_no_torque_before() -> N
     assert board.torque == (-0.1,)  # a positive one resists
 
 
-class LatePort(FakePort):
-    """A port whose machine is busy: a silence, however long, means nothing."""
+class LateLine(FakeLine):
+    """A line whose machine is busy: a silence, however long, means nothing."""
 
     def drain(self, quiet: float = 0.0) -> bytes:
         return b"" if quiet else super().drain()
 
 
 def test_the_answer_to_an_empty_line_may_be_late() -> None:
-    line: Any = FakeLine(ODriveBoard(1))
-    line.port = LatePort(line.port.board)
+    line = LateLine(ODriveBoard(1))
     assert OpenODrive(ODrive(port="auto"), line, HOLD).read(0) == (0.0,)
-    assert line.failure is None
-
-
-def test_the_start_has_the_order_that_the_firmware_needs() -> None:
-    _, _, line = switched_on(watchdog_limit=0.021)
-    text = b"".join(line.port.written).decode()
-    places = [
-        text.index(part)
-        for part in (
-            "w axis0.controller.config.enable_torque_mode_vel_limit 0 ",
-            "w axis0.config.watchdog_timeout 0.02 ",
-            "u 0 ",
-            "w axis0.config.enable_watchdog 1 ",
-            "sc ",
-            "w axis0.requested_state 8 ",
-        )
-    ]
-    assert places == sorted(places)
-    assert not any(line.forces)
 
 
 def test_angles_are_those_of_the_shafts() -> None:
@@ -221,7 +236,7 @@ def test_an_error_of_any_axis_ends_all(axis: int) -> None:
     board = ODriveBoard(2)
     device, _, line = switched_on(board)
     device.write(0, (0.1, 0.1))
-    board.receive(b"w axis%d.error 64\n" % axis, line.port.time_ns)
+    board.receive(b"w axis%d.error 64\n" % axis, line.time_ns)
     with pytest.raises(DeviceError, match=f"axis {axis} .*MOTOR_FAILED"):
         write_often(device, (0.1, 0.1))
     assert board.torque == (0.0, 0.0)
@@ -251,7 +266,7 @@ def test_a_board_that_was_reset_ends_all(force: float) -> None:
 def test_a_watchdog_that_expires_under_force_is_the_end() -> None:
     device, board, line = switched_on()
     device.write(0, (0.1,))
-    line.port.time_ns += 30 * MS
+    line.time_ns += 30 * MS
     with pytest.raises(DeviceError, match="WATCHDOG_TIMER_EXPIRED"):
         device.write(0, (0.1,))
     assert board.torque == (0.0,)
@@ -259,7 +274,7 @@ def test_a_watchdog_that_expires_under_force_is_the_end() -> None:
 
 def test_after_a_pause_without_force_the_motors_are_switched_on_again() -> None:
     device, board, line = switched_on()
-    line.port.time_ns += 3000 * MS
+    line.time_ns += 3000 * MS
     assert device.write(0, (0.1,)) == (0.0,)
     for _ in range(3):
         assert device.write(0, (0.1,)) in ((0.0,), (0.1,))
@@ -281,8 +296,7 @@ def test_after_a_pause_without_force_the_motors_are_switched_on_again() -> None:
 def test_a_reply_that_is_not_in_order_ends_all(spoil: Callable[[bytes], bytes], words: str) -> None:
     device, board, line = switched_on()
     device.write(0, (0.1,))
-    read_lines = line.port.read_lines
-    line.port.read_lines = lambda count, deadline_ns: spoil(read_lines(count, deadline_ns))
+    line.spoil = spoil
     with pytest.raises(DeviceError, match=words):
         device.read(0)
     assert board.torque == (0.0,)
@@ -294,13 +308,12 @@ def test_a_reply_that_is_not_in_order_ends_all(spoil: Callable[[bytes], bytes], 
 def test_an_error_that_is_no_whole_number_ends_all(error: str) -> None:
     device, board, line = switched_on()
     device.write(0, (0.1,))
-    read_lines, text = line.port.read_lines, error.encode("latin-1")
 
-    def spoiled(count: int, deadline_ns: int) -> bytes:
-        turns, _, *rest = read_lines(count, deadline_ns).split(b"\r\n")
-        return b"\r\n".join((turns, b"%s*%d" % (text, exclusive_or(text)), *rest))
+    def spoil(reply: bytes) -> bytes:
+        turns, _, *rest = reply.split(b"\r\n")
+        return b"\r\n".join((turns, replies(error).removesuffix(b"\r\n"), *rest))
 
-    line.port.read_lines = spoiled
+    line.spoil = spoil
     with pytest.raises(DeviceError, match="whole number"):
         device.write(0, (0.1,))
     assert board.torque == (0.0,)
@@ -318,9 +331,8 @@ def test_an_error_that_is_no_whole_number_ends_all(error: str) -> None:
 def test_the_start_names_what_came_from_another_board(
     spoil: Callable[[bytes], bytes], words: str
 ) -> None:
-    line: Any = FakeLine(ODriveBoard(1))
-    read_lines = line.port.read_lines
-    line.port.read_lines = lambda count, deadline_ns: spoil(read_lines(count, deadline_ns))
+    line = FakeLine(ODriveBoard(1))
+    line.spoil = spoil
     with pytest.raises(DeviceError, match=words):
         OpenODrive(ODrive(port="auto"), line, HOLD)
 
@@ -328,7 +340,7 @@ def test_the_start_names_what_came_from_another_board(
 def test_what_nobody_asked_for_ends_all() -> None:
     device, board, line = switched_on()
     device.write(0, (0.1,))
-    line.port.unread = b"0.1 0.2\r\n"
+    line.receive(b"0.1 0.2\r\n")
     with pytest.raises(DeviceError, match="unexpected bytes"):
         device.read(0)
     assert board.torque == (0.0,)
@@ -360,11 +372,11 @@ def test_a_board_that_is_not_calibrated_is_told_so(monkeypatch: pytest.MonkeyPat
 def test_a_board_that_will_not_do_is_refused(
     changed: dict[str, Any], hold: float, words: str
 ) -> None:
-    line: Any = FakeLine(ODriveBoard(1))
+    line = FakeLine(ODriveBoard(1))
     with pytest.raises(DeviceError, match=words):
         OpenODrive(replace(ODrive(port="auto"), **changed), line, hold)
     line = FakeLine(ODriveBoard(1))
-    line.port.board._values["fw_version_minor"] = 6
+    line.board._values["fw_version_minor"] = 6
     with pytest.raises(DeviceError, match=r"firmware 0\.6"):
         OpenODrive(ODrive(port="auto"), line, HOLD)
 
@@ -373,10 +385,10 @@ def test_it_is_closed_without_torque_and_without_a_watchdog_that_complains() -> 
     device, board, line = switched_on()
     device.write(0, (0.1,))
     device.close()
-    assert line.closed == 1
-    board.receive(b"", line.port.time_ns + 100 * MS)
+    assert line.is_closed
+    board.receive(b"", line.time_ns + 100 * MS)
     assert board.torque == (0.0,)
-    said = board.receive(b"r axis0.error\nr axis0.current_state\n", line.port.time_ns + 100 * MS)
+    said = board.receive(b"r axis0.error\nr axis0.current_state\n", line.time_ns + 100 * MS)
     assert said == b"0\r\n1\r\n"
 
 

@@ -3,14 +3,13 @@
 import json
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from dataclasses import replace as with_fields
 from pathlib import Path
 from typing import Any
 
 import pytest
 from builders import telemetry_packet
-from fakes import FakeDevice, answer
+from fakes import answer
 from invoking import invoke
 from msgspec.structs import replace
 
@@ -18,8 +17,6 @@ from forcebound.errors import ConfigError
 from forcebound.graph.graph import HandConfig
 from forcebound.graph.loader import load
 from forcebound.graph.servo import ServoSettings, dissipation_of
-from forcebound.haptics.devices import AxesModel, Device
-from forcebound.haptics.hands import Operator
 from forcebound.haptics.hands.paths import TrajectoryHand
 from forcebound.lab.replay import device_of, graph_of
 from forcebound.lab.verification import Verified, verify
@@ -31,6 +28,7 @@ from forcebound.run.build import build_device, build_node
 from forcebound.run.results import run_metadata
 from forcebound.run.simulation import LateTicks, Simulation
 from forcebound.run.virtual import run_virtual
+from forcebound.testing import Handle, OpenHandle
 
 
 def recorded(path: Path, *words: str, duration: float = 0.3) -> Path:
@@ -176,7 +174,7 @@ def test_a_force_that_no_recorded_command_gives_is_found(tmp_path: Path) -> None
     assert (found.unknown_commands, found.is_same) == (1, False)
 
 
-class OwnDevice(FakeDevice):
+class OwnDevice(OpenHandle):
     """A device that moves evenly, and can be given a hold limit or not."""
 
     takes_limit = False
@@ -188,26 +186,14 @@ class OwnDevice(FakeDevice):
         return seconds if self.takes_limit else None
 
 
-@dataclass(frozen=True, kw_only=True)
-class OwnModel(AxesModel):
-    @property
-    def axes(self) -> int:
-        return 1
-
-    def open(self, operator: Operator | None, hold_limit: float) -> Device:
-        return OwnDevice()
-
-
 @pytest.mark.parametrize("takes_limit", [True, False])
 def test_the_recording_states_whether_a_device_takes_a_hold_limit(
     tmp_path: Path, takes_limit: bool
 ) -> None:
-    path, servo, device = tmp_path / "run.mcap", ServoSettings(engage_time=0.0), OwnDevice()
+    path, servo = tmp_path / "run.mcap", ServoSettings(engage_time=0.0)
+    model = Handle(damping=0.5, friction=0.2)
+    device = OwnDevice(model)
     device.takes_limit = takes_limit
-    model = OwnModel(
-        damping=0.5, friction=0.2, resolution=0.0, saturation=8.5,
-        watchdog="silent", watchdog_tolerance=0.1,
-    )  # fmt: skip
     node = DeviceNode(device, dissipation_of(model, servo), servo)
     node.engage()
     received: list[Packet] = []

@@ -26,6 +26,7 @@ from forcebound.messages.packets import (
 )
 from forcebound.recordings.recording import Recorder, read
 from forcebound.run.virtual import run_virtual
+from forcebound.testing import parts
 
 BALL = SceneObject("ball", "sphere", (0.1, 0.0, 0.0), size=(0.05,), is_fixed=False)
 BUNNY = SceneObject("bunny", "mesh", file="bunny.stl", digest="0123456789abcdef" * 4)
@@ -122,61 +123,26 @@ def test_scenes_contacts_and_what_a_device_senses_come_back(tmp_path: Path) -> N
 
 # --- Virtual time --------------------------------------------------------------------------------
 
-FLOOR = """\
-from dataclasses import dataclass
-
-from forcebound.haptics.environments import Environment, EnvironmentModel
-from forcebound.messages.packets import Contact, SceneObject
-from forcebound.quantities import Stiffness
-
-
-@dataclass(frozen=True)
-class Floor(EnvironmentModel):
-    stiffness: Stiffness = 1000.0
-
-    def open(self, axes):
-        return OpenFloor(self.stiffness, axes)
-
-
-class OpenFloor(Environment):
-    def __init__(self, stiffness, axes):
-        self.stiffness, self.place = stiffness, (0.0,) * axes
-
-    def force(self, user, position, velocity, elapsed):
-        self.place = position
-        return (self.stiffness * max(0.0, position[0] - 0.01), *[0.0] * (len(position) - 1))
-
-    def contact(self, user):
-        others = self.place[1:]
-        inside = self.place[0] > 0.01
-        return Contact((0.01, *others), (-1.0, *[0.0] * len(others))) if inside else None
-
-    def scene(self):
-        return (SceneObject("floor", "plane", (0.01, 0.0, 0.0)),)
-
-    def close(self):
-        pass
-"""
+PAD = Path(parts.__file__).read_text()
 
 
 @pytest.mark.parametrize(
     ("right", "wrong", "said"),
     [
-        ("if inside else None", "", "contact() after force"),
         (
-            '"plane", (0.01, 0.0, 0.0)',
-            '"plane", (0.01,)',
-            "scene() before the first query",
+            "self.touched = None",
+            "self.touched = Contact((0.0, 0.0), (-1.0, 0.0))",
+            "contact() after force",
         ),
+        ("(self.pad.position, 0.0, 0.0)", "(self.pad.position,)", "scene() before the first query"),
     ],
 )
 def test_a_world_that_tells_nonsense_is_refused_before_the_run(
     tmp_path: Path, right: str, wrong: str, said: str
 ) -> None:
-    source = FLOOR.replace(right, wrong).replace("Contact((0.01, *others)", "Contact((0.01, 0.0)")
-    written(tmp_path, source, "floor.py")
+    written(tmp_path, PAD.replace(right, wrong), "pad.py")
     with pytest.raises(ConfigError) as caught:
-        load_tried(written(tmp_path, GOOD.replace("kind: wall", "kind: floor.py")))
+        load_tried(written(tmp_path, GOOD.replace("kind: wall", "kind: pad.py")))
     assert f"environment: {said}" in str(caught.value)
 
 
@@ -188,9 +154,9 @@ class Run:
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
-    folder = tmp_path_factory.mktemp("floor")
-    written(folder, FLOOR, "floor.py")
-    config = load(written(folder, GOOD.replace("kind: wall", "kind: floor.py")))
+    folder = tmp_path_factory.mktemp("pad")
+    written(folder, PAD, "pad.py")
+    config = load(written(folder, GOOD.replace("kind: wall", "kind: pad.py")))
     without = run_virtual(config, 1.0).columns
     run_virtual(config, 1.0, folder / "run.mcap")
     return Run(without, folder / "run.mcap")
@@ -215,4 +181,4 @@ def test_a_recorded_scene_follows_the_proxy(run: Run) -> None:
     with run.recorded.open("rb") as file:
         written_scenes = [m for _, c, m in make_reader(file).iter_messages() if c.topic == "/scene"]
     assert len(written_scenes) == len(scenes)
-    assert json.loads(written_scenes[0].data)["objects"][0]["name"] == "floor"
+    assert json.loads(written_scenes[0].data)["objects"][0]["name"] == "pad"

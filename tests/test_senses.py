@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 from builders import MS
-from fakes import DISSIPATION, FakeDevice
+from fakes import DISSIPATION
 from msgspec import UNSET
 
 from forcebound.errors import DeviceError
@@ -22,15 +22,16 @@ from forcebound.messages.codec import encode
 from forcebound.messages.packets import DeviceState, EnvironmentQuery
 from forcebound.nodes.controller import ControllerNode
 from forcebound.nodes.device import DeviceNode
+from forcebound.testing import Handle, OpenHandle
 
 TURNED = (math.sqrt(0.5), 0.0, 0.0, -math.sqrt(0.5))
 
 
-class Stylus(FakeDevice):
+class Stylus(OpenHandle):
     """A device that senses how it is held."""
 
     def __init__(self, orientation: Any = TURNED, buttons: Any = 0b101) -> None:
-        super().__init__(axes=3)
+        super().__init__(Handle(axes=3))
         self.sensed = orientation, buttons
 
     def orientation(self) -> Any:
@@ -84,7 +85,7 @@ def test_a_guarded_device_tells_them_as_plain_numbers() -> None:
     state = first_state(GuardedDevice(Stylus(orientation=[0, 1, 0, 0], buttons=True)))
     assert (state.orientation, state.buttons) == ((0.0, 1.0, 0.0, 0.0), 1)
     assert type(state.buttons) is int
-    neither = first_state(GuardedDevice(FakeDevice()))
+    neither = first_state(GuardedDevice(OpenHandle(Handle())))
     assert (neither.orientation, neither.buttons) == (None, None)
 
 

@@ -3,6 +3,7 @@
 import json
 import math
 from pathlib import Path
+from shutil import copyfile
 from typing import Any, get_args
 
 import numpy as np
@@ -36,6 +37,7 @@ from forcebound.recordings.recording import Recorder, read
 from forcebound.recordings.schema import declared_signals
 from forcebound.results.signals import curves_of
 from forcebound.run.virtual import run_virtual
+from forcebound.testing import parts
 
 SOURCE = """
 from dataclasses import dataclass
@@ -109,29 +111,6 @@ def test_a_recording_of_virtual_time_has_column_unit_and_curve(gel: Path, tmp_pa
     assert invoke("replay", str(file), "--verify").exit_code == 0
 
 
-CONTROLLER = """
-from dataclasses import dataclass
-from forcebound.haptics.controllers import Controller, ControllerModel
-from forcebound.haptics.parts.signals import Signal
-
-@dataclass(frozen=True)
-class Counting(ControllerModel):
-    signals = (Signal("replies"),)
-
-    def open(self, axes):
-        return Counter()
-
-class Counter(Controller):
-    replies = 0
-
-    def query(self, state):
-        return state.position, state.velocity
-
-    def on_reply(self, reply, time_ns):
-        self.replies += 1
-        self.signal("replies", self.replies)
-        return reply.force
-"""
 DEVICE = """
 from dataclasses import dataclass
 from forcebound.haptics.devices.phantom import PhantomPremium15
@@ -150,7 +129,7 @@ class Warm(PhantomPremium15):
 
 
 def test_a_controller_and_a_device_publish_with_their_packets(tmp_path: Path) -> None:
-    (tmp_path / "counting.py").write_text(CONTROLLER)
+    copyfile(parts.__file__, tmp_path / "counting.py")
     (tmp_path / "warm.py").write_text(DEVICE)
     kinds = "device: {kind: warm.py}\ncontroller: {kind: counting.py}\n"
     (tmp_path / "both.yaml").write_text(f"forcebound: 1\ninclude: stiff_wall.yaml\n{kinds}")

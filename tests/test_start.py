@@ -103,7 +103,20 @@ def test_a_new_folder_runs_and_is_not_written_over(tmp_path: Path) -> None:
     assert status == 0, told
     status, told = invoked("new", str(folder))
     assert status == 2
-    assert "has my_environment.yaml, my_environment.py already: choose another folder" in told
+    assert "has my_environment.yaml, my_environment.py, test_my_environment.py already" in told
+
+
+def test_the_tests_in_a_new_folder_pass_and_see_a_force_of_the_opposite_sign(
+    tmp_path: Path,
+) -> None:
+    invoked("new", str(tmp_path))
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "."]
+    assert subprocess.run(command, cwd=tmp_path, capture_output=True).returncode == 0
+    world = tmp_path / "my_environment.py"
+    world.write_text(world.read_text().replace("damping * v - push", "damping * v + push"))
+    failed = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+    assert "2 failed" in failed.stdout
+    assert "resists: resists a press into it" in failed.stdout
 
 
 def test_an_interrupt_after_the_command_has_ended_leaves_its_exit_status() -> None:

@@ -111,12 +111,18 @@ import forcebound as fb
 from numpy import float64
 from numpy.typing import NDArray
 
+from forcebound.testing import Pad, check_environment, scripted
+
 run: fb.Run = fb.simulate("stiff_wall", law="certified", delay="2 ms", duration="1 s")
 stiffness: float = run.figures.displayed_stiffness
 unit: str = run.figures["peak_force"].unit
 runs: fb.Runs = fb.sweep("stiff_wall", law=["none", "certified"], duration="100 ms")
 applied: NDArray[float64] = fb.bound([0.0, 1e-4], [0.0, 1.0], "certified")
 print(len(runs), unit, float(applied[0]), stiffness > 0.0, list(fb.laws)[:1])
+seen: dict[str, bool] = check_environment(Pad(stiffness=500.0), axes=(1,), at_rest={0.0: 0.0}).held
+with scripted((b"f 0", b"0.25 0"), (None, {"ready": True})) as line:
+    line.send(b"f 0")
+    print(line.read_lines(1), line.recv(), seen["resists"])
 
 
 def live() -> fb.Figures:
@@ -130,7 +136,7 @@ def live() -> fb.Figures:
 def test_the_wheel_has_the_python_interface(installed: Path) -> None:
     (installed / "sample.py").write_text(SAMPLE)
     shown = run(installed / "env" / "bin" / "python", "sample.py", cwd=installed)
-    assert shown == "2 N 0.0 True ['none']\n"
+    assert shown == "2 N 0.0 True ['none']\nb'0.25 0' {\"ready\": true} True\n"
 
 
 @pytest.mark.slow

@@ -18,7 +18,7 @@ with when_used():
     from forcebound.network import keys as known_keys
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
-STARTER = ("my_environment.yaml", "my_environment.py")
+STARTER = ("my_environment.yaml", "my_environment.py", "test_my_environment.py")
 
 #: Where each shell looks for its script under the home folder, and what else it needs.
 SHELLS = {
@@ -57,7 +57,7 @@ def completion(
 
 
 def new(folder: Path = opt.argument(type=opt.PATH)) -> None:
-    r"""Create FOLDER with a launch file and a sample environment to edit.
+    r"""Create FOLDER with a launch file, a sample environment to edit, and its tests.
 
     \b
     forcebound new my_wall
@@ -69,9 +69,10 @@ def new(folder: Path = opt.argument(type=opt.PATH)) -> None:
     for name in STARTER:
         copyfile(EXAMPLES / name, folder / name)
     show(f"{folder}: {', '.join(STARTER)}")
-    run, check = (shlex.quote(str(folder / name)) for name in STARTER)
+    run, check, test = (shlex.quote(str(folder / name)) for name in STARTER)
     show(f"run it:   `forcebound simulate {run}`")
     show(f"check it: `forcebound check environment {check}`")
+    show(f"test it:  `pytest {test}`")
 
 
 keys = Group("keys", help="Create and show the keys for a link to another machine.")

@@ -25,8 +25,7 @@ def check(config: GraphConfig) -> None:
     if any(isinstance(part, PartSpec) for _, part in parts):
         return  # it was checked before it was written
     for section, part in parts:
-        if not type(part).__module__.startswith("forcebound."):
-            KINDS[section].known(type(part), type(part).__name__)
+        KINDS[section].known(type(part), type(part).__name__)
     problems = Problems()
 
     def note(hand: str, section: str, error: ConfigError) -> None:

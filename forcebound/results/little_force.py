@@ -37,6 +37,10 @@ COSTLY = {
     "weight_error": "a weight that is measured better",
     "resolution": "a finer encoder",
 }
+OPPOSITE = (
+    "the environment's force pulls the hand deeper: if it is the force on the hand, return its"
+    " opposite (positive resists motion in the positive direction)"
+)
 PUNCTUAL = "punctual ticks (a quieter machine, realtime.policy: fifo)"
 PROMPT = "answers at once (less delay of links and environment, or controller local_model)"
 
@@ -73,6 +77,10 @@ def causes_of_little_force(run: "Samples") -> list[Cause]:
     lost, found = twin.asked - twin.felt, list[Cause]()
     if lost <= (1.0 - WHOLE) * twin.asked:
         return []
+    assert run.surface is not None
+    commanded = run.surface.along(run.columns.commanded_force)
+    if float((commanded * run.depth)[run.contact].sum()) < 0.0:
+        return [Cause("opposite_sign", OPPOSITE, data={"takes": lost})]
     least = max(min(WORTH * twin.felt, 0.5 * lost), LEAST * twin.asked)
     for suspect in _suspects(twin, run, law):
         with suppress(ConfigError):  # numbers that do not go together

@@ -183,9 +183,7 @@ def lines(section: str, checked: Checked) -> list[str]:
         text.append(f"{'kept  ' if held else 'BROKEN'}  {promise:<8} {words}")
         for violation in checked.violations:
             if violation.promise == promise:
-                text.append(f"          {violation.where}")
-                text.append(f"            expected {violation.expected}")
-                text.append(f"            got      {violation.got}")
+                text += [f"{'':10}{line}" for line in violation.lines()]
     return text + _measured(checked)
 
 

@@ -93,6 +93,9 @@ def _use(device: Device, model: DeviceModel, ticks: int, found: Findings) -> Non
     is_simulated = device.truth() is not None
     forces = (0.0, 0.5, -1e3, 1e30, math.nan) if is_simulated else (0.0,)
     device.engage(0)
+    with found.noting("stamps", PROMISES["stamps"], "stamps() before the first write"):
+        device.read(0)
+        GuardedDevice(device).stamps()
     for tick in range(ticks):
         time_ns = tick * PERIOD_NS
         force = (forces[tick % len(forces)],) * axes

@@ -31,6 +31,10 @@ class Violation:
     got: str
     where: str  # the question, or what else was done
 
+    def lines(self) -> list[str]:
+        """Return it as lines of text."""
+        return [self.where, f"  expected {self.expected}", f"  got      {self.got}"]
+
 
 @dataclass(frozen=True)
 class Report:
