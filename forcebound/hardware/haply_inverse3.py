@@ -1,0 +1,314 @@
+"""The Haply Inverse3, through its maker's service: a point with three axes.
+
+How exchanges, stamps and the certificate work: docs/devices.md. The service adds a positive force
+of its own coordinates to the hand's; a positive force of forcebound resists that.
+
+One message is on its way at a time, and each has one reply. What goes wrong ends in zero force and
+a DeviceError, once (:mod:`forcebound.hardware.line`): a reply that is malformed, doubled, of
+another session or without the device; a device that is no longer ready; an event of the service
+about its safety; a session that has ended; silence for half of the watchdog limit; a guardian that
+is gone or had to step in. A late reply is counted and used: it makes a late tick, whose force the
+ledger knows. The zero force that is written then ends the session, too.
+"""
+
+import logging
+import math
+import time
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+
+from forcebound.errors import ConfigError, DeviceError
+from forcebound.haptics.devices import AxesModel, Source
+from forcebound.haptics.devices.simulated import SimulatedModel
+from forcebound.haptics.devices.true_values import TrueAxes, TrueNumbers
+from forcebound.haptics.hands import Operator
+from forcebound.haptics.laws.bounder import saturated
+from forcebound.haptics.laws.dissipation import (
+    Attenuates,
+    DampingOfAxes,
+    FrictionOfAxes,
+    LengthOfAxes,
+)
+from forcebound.hardware.inverse_messages import Grip, chosen, framed, parse
+from forcebound.hardware.inverse_service import (
+    CONNECT,
+    Connection,
+    address_of,
+    check_version,
+    devices,
+)
+from forcebound.hardware.inverse_session import NO_FORCE, Session, Settings
+from forcebound.hardware.line import EMULATED, Line
+from forcebound.hardware.serial_device import (
+    FIRST_EXCHANGES,
+    DriverNumbers,
+    Exchange,
+    Exchanges,
+    SerialDevice,
+)
+from forcebound.messages.packets import Quaternion, Vector
+from forcebound.quantities import (
+    NOT_NEGATIVE,
+    POSITIVE,
+    Force,
+    Length,
+    Mass,
+    Name,
+    Range,
+    Ratio,
+    Speed,
+    Time,
+)
+
+if TYPE_CHECKING:
+    from forcebound.haptics.devices.axes import AxesBody
+
+NOTICEABLE = 0.02  # of a force: by how much the service's report may differ, and N
+SILENT = (
+    "is the Haply service running, and its device plugged in? (a busy machine may be late: see"
+    " `forcebound doctor`, or take a longer watchdog_limit)"
+)
+
+_logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, kw_only=True)
+class HaplyInverse3(DriverNumbers, SimulatedModel, AxesModel):
+    """Parameters of a Haply Inverse3, driven through its maker's service of version 3.5.
+
+    The maker publishes neither its largest force nor damping, friction and resolution: all are
+    assumed until ``forcebound identify`` has measured them, within the part of the workspace in
+    which they are to hold. The service's filters may give less than the force written, at any time.
+
+    Attributes:
+        axes: x, y and z of the service.
+        port: Id of the device at the service; auto: the only one that it has; emulated; or the file
+            of an emulator that was started by hand.
+        service: Address of the service, for simulations and settings.
+        events_port: Its port for events.
+        origin: Position of the cursor, in the service's coordinates, that is 0 m here.
+        basis: Permutation of the service's axes, of this session.
+        force_gate: Gain of the service's filter against oscillations, of this session.
+        torque_scaling: Whether the service scales torques. A setting of the device, which outlives
+            the session: the driver sets it, and puts it back at the end.
+        gravity_compensation: Whether the service carries the device's weight, to be compared with
+            the device: a difference is refused.
+        reports_force: The service's current_cursor_force is what the motors give; it then replaces
+            the written force in the ledger, and attenuates is never.
+        cycle: Longest time by which a reading may be older than its request, and a force act later
+            than its reply: a period of the service's exchange with the device.
+        mass: Of the tip; of the emulator alone.
+        substep: Longest integration step; likewise.
+        truth: What the emulated device really has, where that differs from what is stated.
+    """
+
+    simulated_in: ClassVar[str] = "three_axes"  # launch file for virtual time
+
+    axes: Literal[3] = 3
+    damping: DampingOfAxes = (0.2, 0.2, 0.2)
+    friction: FrictionOfAxes = (0.1, 0.1, 0.1)
+    resolution: LengthOfAxes = 5e-5
+    saturation: Annotated[Force, POSITIVE] = 5.0
+    largest_speed: Annotated[Speed, POSITIVE] | None = 5.0
+    write_delay: Annotated[Time, Range(at_least=0)] = 1.2e-3  # both exchanges, two cycles
+    attenuates: Attenuates = "freely"
+    service: Name = "localhost:10001"
+    events_port: Annotated[int, Range(at_least=1, at_most=65535)] = 10020
+    origin: tuple[Length, Length, Length] = (0.0, -0.12, 0.15)  # in the maker's example
+    basis: Name = "XYZ"
+    force_gate: Annotated[Ratio, Range(at_least=0, at_most=1)] = 0.0
+    torque_scaling: bool = True
+    gravity_compensation: bool = True
+    reports_force: bool = False
+    cycle: Annotated[Time, NOT_NEGATIVE] = 3.3e-4  # 3 kHz, as SOFA's plug-in reports
+    mass: Annotated[Mass, POSITIVE] = 0.1
+    substep: Annotated[Time, POSITIVE] = 5e-5
+    truth: TrueAxes | None = None
+    sources: Mapping[str, Source] = field(
+        default_factory=lambda: dict.fromkeys(
+            (
+                *("damping", "friction", "resolution", "saturation", "mass"),
+                *("largest_speed", "write_delay", "cycle", "origin", "watchdog_limit"),
+            ),
+            "assumed",
+        ),
+        hash=False,
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.reports_force and self.attenuates != "never":
+            raise ConfigError(
+                f"attenuates: {self.attenuates} with reports_force: the reported force is in the"
+                " ledger; expected attenuates: never",
+                field="attenuates",
+            )
+
+    def check_here(self) -> None:
+        if self.port != EMULATED:
+            address = address_of(self.port, self.service, self.events_port)
+            check_version(address)
+            chosen(devices(address), self.port)
+
+    def body(self, true: TrueNumbers, operator: Operator) -> "AxesBody":
+        from forcebound.haptics.devices.axes import AxesBody  # numpy
+
+        return AxesBody(self, true, operator)
+
+    def open(self, operator: Operator | None, hold_limit: float) -> "OpenInverse3":
+        found: list[Session] = []
+
+        def opens(name: str) -> Connection:
+            found.append(Session(self, name))
+            return found[0].connection
+
+        def end() -> None:
+            for session in found:
+                session.close()
+
+        with ExitStack() as undone:
+            undone.callback(end)
+            line = Line(
+                "haply_inverse3",
+                self.port,
+                lambda: found[0].zero,
+                self.longest_force,
+                zero_reply=1,
+                opens=opens,
+                model=self,
+                operator=operator,
+            )
+            undone.callback(line.close)
+            device = OpenInverse3(self, line, found[0])
+            undone.pop_all()
+            return device
+
+
+class OpenInverse3(SerialDevice):
+    """An Inverse3 in a session of its own; DeviceError if it is not as the model states."""
+
+    def __init__(
+        self,
+        model: HaplyInverse3,
+        line: Line,
+        session: Session,
+        clock: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        exchanges = Exchanges(line, model.reply_within, clock, SILENT)
+        super().__init__(line, exchanges, model.reply_within, clock)
+        self._model, self._session = model, session
+        self._cycle_ns = round(1e9 * model.cycle)
+        self.axes = 3
+        self._force = self._reported = NO_FORCE  # N, along the service's axes
+        self._grip: Grip | None = None
+        self._less = self._more = 0  # replies with less, or more, force than written
+        exchanges.longest_wait = max(CONNECT, line.silence)
+        self._settings = Settings(model, session)
+        try:
+            for _ in range(FIRST_EXCHANGES):
+                self._exchange()
+        except BaseException:
+            self._settings.put_back()
+            raise
+        exchanges.longest_wait = line.silence
+        exchanges.restart()
+        if assumed := [name for name, source in model.sources.items() if source == "assumed"]:
+            words = "assumed, not measured: %s; `forcebound identify haply_inverse3` measures them"
+            _logger.warning(words, ", ".join(assumed))
+
+    @property
+    def serial_number(self) -> str:
+        """Id of the device; empty if it is emulated."""
+        return "" if self._line.truth is not None else self._session.device_id
+
+    def read(self, time_ns: int) -> Vector:
+        exchange = self._exchange()
+        self._read_ns = exchange.sent_ns - self._cycle_ns
+        self._jitter_ns = exchange.excess_ns + self._cycle_ns
+        self._angles = exchange.reply
+        asked, given = (math.hypot(*force) for force in (self._force, self._reported))
+        asked *= self._settings.force_scale
+        self._less += given < (1.0 - NOTICEABLE) * asked - NOTICEABLE
+        self._more += given > (1.0 + NOTICEABLE) * asked + NOTICEABLE
+        return self._angles
+
+    def write(self, time_ns: int, force: Vector) -> Vector:
+        """Hold a force, in N, or less."""
+        if self._line.is_at_rest and not any(force):
+            return force  # the last zero after a failure, which was written then
+        is_finite = math.isfinite(math.hypot(*force))
+        x, y, z = saturated(force, self._model.saturation) if is_finite else NO_FORCE
+        self._force = (-x, -y, -z)
+        exchange = self._exchange()
+        self._came_ns, self._angles = exchange.came_ns, exchange.reply
+        self._effect_ns = exchange.sent_ns + exchange.excess_ns + self._cycle_ns
+        if self._model.reports_force:
+            x, y, z = self._reported
+            return (-x, -y, -z)
+        scale = self._settings.force_scale
+        return (scale * x, scale * y, scale * z)
+
+    def orientation(self) -> Quaternion | None:
+        """Return that of the grip, if there is one."""
+        if self._grip is None or self._grip.state is None:
+            return None
+        found = self._grip.state.orientation
+        return (found.w, found.x, found.y, found.z)
+
+    def buttons(self) -> int | None:
+        """Return those of the grip: one, or a, b and c."""
+        return None if self._grip is None or self._grip.state is None else self._grip.state.bits
+
+    def close(self) -> None:
+        self._line.close()
+        self._session.close()
+        self._settings.put_back()
+        self.exchanges.log(_logger)
+        if self._less or self._more:
+            words = "of the forces that the service reports, %d were less than written, %d more"
+            _logger.warning(words, self._less, self._more)
+
+    def _exchange(self) -> Exchange[Vector]:
+        """Send the force; the reply has the position, in m."""
+        try:
+            self._session.check()
+        except DeviceError as failure:
+            self._line.fail(failure)
+            raise
+        force = self._force
+        return self.exchanges.exchange(
+            "exchange",
+            framed(self._session.force(force)),
+            lambda until_ns: self._session.connection.read(0, until_ns),
+            self._position,
+            has_force=any(force),
+        )
+
+    def _position(self, data: bytes) -> Vector:
+        """Return the position in a reply, in m; DeviceError if it is not that of this device."""
+        session = self._session
+        message = parse(data)
+        if message.session_id != session.id:
+            raise DeviceError(
+                f"the reply is of session {message.session_id}, this one is {session.id}: restart"
+                " the Haply service"
+            )
+        device = next((one for one in message.inverse3 if one.device_id == session.device_id), None)
+        if device is None:
+            there = ", ".join(one.device_id for one in message.inverse3) or "none"
+            raise DeviceError(
+                f"the reply has no Inverse3 {session.device_id} (it has {there}): is it unplugged?"
+            )
+        if device.lack:
+            raise DeviceError(f"the Inverse3 {session.device_id} is no longer {device.lack}")
+        at, force = device.state.cursor_position, device.state.current_cursor_force
+        origin = self._model.origin
+        self._reported = NO_FORCE if force is None else (force.x, force.y, force.z)
+        grips = (*message.verse_grip, *message.wireless_verse_grip)
+        self._grip = next((grip for grip in grips if grip.is_here), None)
+        position = (at.x - origin[0], at.y - origin[1], at.z - origin[2])
+        if not math.isfinite(math.hypot(*position, *self._reported)):
+            raise DeviceError("the reply has a position or a force that is no number")
+        return position
