@@ -1,7 +1,7 @@
 """Faults on demand: what an emulated board does wrong, and when."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from random import Random
 
@@ -18,7 +18,23 @@ KINDS = {
     "unplug": "the port is gone",
     "reversed": "the motors turn the wrong way",
 }
-LASTING = ("stall", "unplug", "reversed")  # without an end: for ever; the others: once
+#: Of an emulated service.
+SERVICE_KINDS = {
+    "stall": "the service neither reads nor answers; what has come waits",
+    "unplug": "the device is gone",
+    "busy": "another session gives the device a force, which adds",
+    "malformed": "a reply breaks off",
+    "foreign": "a reply is of another device",
+    "late": "a reply is 20 ms late",
+    "doubled": "a reply comes twice",
+    "ebrake": "the emergency brake is on: no force",
+    "motor_stall": "a motor is stalled: no force",
+    "restart": "the service ends, forgets its sessions, and begins again after 0.5 s, or the time",
+    "old": "the messages have the form of 3.1",
+    "new": "the service is of version 4.0.0",
+}
+#: Kinds of every emulator that go on for ever without an end; the others happen once.
+LASTING = ("stall", "unplug", "reversed", "busy", "ebrake", "motor_stall")
 FORM = "KIND[:at=TIME][,for=TIME], such as stall:at=2s,for=50ms"
 
 
@@ -27,7 +43,7 @@ class Fault:
     """One fault.
 
     Attributes:
-        kind: A key of :data:`KINDS`.
+        kind: A key of :data:`KINDS`, or one of another emulator's.
         at: Begin, in s after the first reply.
         duration: In s; None: for ever, or, if it is not :data:`LASTING`, once.
     """
@@ -37,11 +53,11 @@ class Fault:
     duration: float | None = None
 
 
-def parse_fault(text: str) -> Fault:
-    """Return the fault that a text describes, in the form ``KIND[:at=TIME][,for=TIME]``."""
+def parse_fault(text: str, kinds: Iterable[str] = KINDS) -> Fault:
+    """Return the fault of some ``kinds`` that a text describes, as in :data:`FORM`."""
     kind, _, rest = text.partition(":")
-    if kind not in KINDS:
-        raise ConfigError(f"no kind of fault is {kind!r}: use one of {', '.join(KINDS)}")
+    if kind not in kinds:
+        raise ConfigError(f"no kind of fault is {kind!r}: use one of {', '.join(kinds)}")
     times: dict[str, float] = {}
     for part in rest.split(",") if rest else ():
         name, _, value = part.partition("=")
@@ -66,6 +82,10 @@ class Faults:
         """Count from now on, if it does not count yet."""
         if self._start_ns is None:
             self._start_ns = time_ns
+
+    def is_planned(self, kind: str) -> bool:
+        """Return whether a kind is among them, at any time."""
+        return any(one.kind == kind for one in self._faults)
 
     def is_on(self, kind: str, time_ns: int) -> bool:
         """Return whether a fault of a kind is on; one that happens once is over then."""

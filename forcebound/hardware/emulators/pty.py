@@ -25,7 +25,7 @@ from forcebound.stop import Stop
 STEP = 1e-3  # s, longest time between two looks at the mechanism
 UNUSED_TIMEOUT_NS = 60_000_000_000  # of an emulator that is to end when nobody uses it
 CHUNK = 4096  # bytes; more than a pseudo-terminal keeps
-TERMINALS = "/dev/pts/"
+TARGETS = ("/dev/pts/", "ws://")  # of the links of emulators
 
 
 class PseudoPort:
@@ -37,7 +37,7 @@ class PseudoPort:
 
     def __init__(self, link: Path) -> None:
         self._link, truth = link, Path(f"{link}{SUFFIX}")
-        self._lock = _claim(link, truth)
+        self._lock = claim(link, truth)
         self.truth = TruthFile(truth)
         self.descriptor, port = os.openpty()
         self._name = os.ttyname(port)
@@ -120,7 +120,7 @@ def _wait(emulation: Emulation, port: PseudoPort, stop: Stop) -> None:
     select.select(watched, (), (), wait)
 
 
-def _claim(link: Path, truth: Path) -> int:
+def claim(link: Path, truth: Path) -> int:
     """Make the file of the truth, locked, and remove what a killed emulator has left."""
     check_writable(truth, "the truth of the emulator")
     try:
@@ -131,7 +131,7 @@ def _claim(link: Path, truth: Path) -> int:
                 truth.unlink()
             finally:
                 os.close(left)
-        if link.is_symlink() and os.readlink(link).startswith(TERMINALS):
+        if link.is_symlink() and os.readlink(link).startswith(TARGETS):
             link.unlink()
         elif os.path.lexists(link):
             raise ConfigError(f"{link} is there, and no link of an emulator: choose another --link")
