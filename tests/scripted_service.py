@@ -11,7 +11,7 @@ from typing import Any
 from websockets.frames import Frame, Opcode
 from websockets.server import ServerProtocol
 
-GOLDEN = Path(__file__).parent / "golden_inverse3"
+GOLDEN = Path(__file__).parent / "golden" / "inverse3"
 Document = dict[str, Any]
 #: Returns the replies to a message, of which it gets the number, from 0, and what is usual.
 Script = Callable[[int, Document], list[bytes]]
@@ -62,7 +62,9 @@ class ScriptedService:
     def forces(self) -> list[tuple[float, float, float]]:
         """All that were set, in N, along the service's axes."""
         sent = [message.get("inverse3", [{}])[0].get("commands", {}) for message in self.messages]
-        vectors = [each["set_cursor_force"]["vector"] for each in sent if "set_cursor_force" in each]
+        vectors = [
+            each["set_cursor_force"]["vector"] for each in sent if "set_cursor_force" in each
+        ]
         return [(each["x"], each["y"], each["z"]) for each in vectors]
 
     def report(self, event: Document) -> None:
@@ -116,7 +118,7 @@ class ScriptedService:
                     protocol.receive_data(data)
                     for frame in protocol.events_received():
                         if isinstance(frame, Frame) and frame.opcode is Opcode.TEXT:
-                            self._send(connection, self._replies(json.loads(frame.data)))
+                            self._send(connection, self._replies(json.loads(bytes(frame.data))))
                         elif isinstance(frame, Frame) and frame.opcode is Opcode.CLOSE:
                             return
             finally:
@@ -172,6 +174,8 @@ class ScriptedService:
             return {"ok": True, "data": self.inventory}
         if path == "/settings/devices/force_scale":
             return {"ok": True, "data": self.force_scale}
+        if path == "/settings/communication/events/port":
+            return {"ok": True, "data": self.events_port}
         if path == "/settings/communication/bind_all_interfaces":
             return {"ok": True, "data": self.bind_all_interfaces}
         if method == "POST" and path.endswith("/config/torque_scaling"):

@@ -23,14 +23,14 @@ from forcebound.results.printing import print_rows
 
 with when_used():
     from forcebound import extras
-    from forcebound.hardware import ports
+    from forcebound.hardware import inverse_service, ports
     from forcebound.hardware.emulators import faults as emulated
     from forcebound.hardware.emulators import program, service
     from forcebound.observe import control
     from forcebound.run import check as contract
 
 #: Kinds of emulators, and the launch file of each: its hand holds an emulator started by hand.
-EMULATED = {"haply_2diy": "haply_2diy", "haply_inverse3": "three_axes", "odrive": "odrive_knob"}
+EMULATED = {"haply_2diy": "haply_2diy", "haply_inverse3": "haply_inverse3", "odrive": "odrive_knob"}
 #: Watchdog limit of a launch with such an emulator: that of an emulator which the launch starts.
 WATCHDOG_LIMIT = "100 ms"
 
@@ -43,12 +43,14 @@ device = Group(
 
 @command("list", device)
 def list_devices(as_json: bool = opt.as_json) -> None:
-    r"""List the serial ports of this machine, with the likely device at each.
+    r"""List the serial ports of this machine, with the likely device at each, and Inverse3.
+
+    Those are at the maker's service on this machine, if it runs.
 
     \b
     forcebound device list --json
     """
-    listed = ports.listed()
+    listed = [*ports.listed(), *inverse_service.listed()]
     if as_json:
         print_json(listed)
         return

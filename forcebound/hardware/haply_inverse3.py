@@ -17,12 +17,10 @@ import time
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
-from forcebound.errors import ConfigError, DeviceError
+from forcebound.errors import DeviceError
 from forcebound.haptics.devices import AxesModel, Source
-from forcebound.haptics.devices.simulated import SimulatedModel
-from forcebound.haptics.devices.true_values import TrueAxes, TrueNumbers
 from forcebound.haptics.hands import Operator
 from forcebound.haptics.laws.bounder import saturated
 from forcebound.haptics.laws.dissipation import (
@@ -62,9 +60,6 @@ from forcebound.quantities import (
     Time,
 )
 
-if TYPE_CHECKING:
-    from forcebound.haptics.devices.axes import AxesBody
-
 NOTICEABLE = 0.02  # of a force: by how much the service's report may differ, and N
 SILENT = (
     "is the Haply service running, and its device plugged in? (a busy machine may be late: see"
@@ -75,7 +70,7 @@ _logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, kw_only=True)
-class HaplyInverse3(DriverNumbers, SimulatedModel, AxesModel):
+class HaplyInverse3(DriverNumbers, AxesModel):
     """Parameters of a Haply Inverse3, driven through its maker's service of version 3.5.
 
     The maker publishes neither its largest force nor damping, friction and resolution: all are
@@ -84,10 +79,9 @@ class HaplyInverse3(DriverNumbers, SimulatedModel, AxesModel):
 
     Attributes:
         axes: x, y and z of the service.
-        port: Id of the device at the service; auto: the only one that it has; emulated; or the file
+        port: Id of the device at the service; auto: the only one that it has; emulated; or the link
             of an emulator that was started by hand.
         service: Address of the service, for simulations and settings.
-        events_port: Its port for events.
         origin: Position of the cursor, in the service's coordinates, that is 0 m here.
         basis: Permutation of the service's axes, of this session.
         force_gate: Gain of the service's filter against oscillations, of this session.
@@ -95,13 +89,12 @@ class HaplyInverse3(DriverNumbers, SimulatedModel, AxesModel):
             the session: the driver sets it, and puts it back at the end.
         gravity_compensation: Whether the service carries the device's weight, to be compared with
             the device: a difference is refused.
-        reports_force: The service's current_cursor_force is what the motors give; it then replaces
-            the written force in the ledger, and attenuates is never.
+        attenuates: What the service's filters may leave out of a force. One of them, against
+            oscillations, cannot be switched off. never: what they leave out is in the service's
+            current_cursor_force, which then takes the place of the written force in the ledger.
         cycle: Longest time by which a reading may be older than its request, and a force act later
             than its reply: a period of the service's exchange with the device.
         mass: Of the tip; of the emulator alone.
-        substep: Longest integration step; likewise.
-        truth: What the emulated device really has, where that differs from what is stated.
     """
 
     simulated_in: ClassVar[str] = "three_axes"  # launch file for virtual time
@@ -112,20 +105,16 @@ class HaplyInverse3(DriverNumbers, SimulatedModel, AxesModel):
     resolution: LengthOfAxes = 5e-5
     saturation: Annotated[Force, POSITIVE] = 5.0
     largest_speed: Annotated[Speed, POSITIVE] | None = 5.0
-    write_delay: Annotated[Time, Range(at_least=0)] = 1.2e-3  # both exchanges, two cycles
+    write_delay: Annotated[Time, Range(at_least=0)] = 1.5e-3  # both exchanges, two cycles
     attenuates: Attenuates = "freely"
     service: Name = "localhost:10001"
-    events_port: Annotated[int, Range(at_least=1, at_most=65535)] = 10020
     origin: tuple[Length, Length, Length] = (0.0, -0.12, 0.15)  # in the maker's example
     basis: Name = "XYZ"
     force_gate: Annotated[Ratio, Range(at_least=0, at_most=1)] = 0.0
     torque_scaling: bool = True
     gravity_compensation: bool = True
-    reports_force: bool = False
     cycle: Annotated[Time, NOT_NEGATIVE] = 3.3e-4  # 3 kHz, as SOFA's plug-in reports
     mass: Annotated[Mass, POSITIVE] = 0.1
-    substep: Annotated[Time, POSITIVE] = 5e-5
-    truth: TrueAxes | None = None
     sources: Mapping[str, Source] = field(
         default_factory=lambda: dict.fromkeys(
             (
@@ -137,25 +126,11 @@ class HaplyInverse3(DriverNumbers, SimulatedModel, AxesModel):
         hash=False,
     )
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.reports_force and self.attenuates != "never":
-            raise ConfigError(
-                f"attenuates: {self.attenuates} with reports_force: the reported force is in the"
-                " ledger; expected attenuates: never",
-                field="attenuates",
-            )
-
     def check_here(self) -> None:
         if self.port != EMULATED:
-            address = address_of(self.port, self.service, self.events_port)
+            address = address_of(self.port, self.service)
             check_version(address)
             chosen(devices(address), self.port)
-
-    def body(self, true: TrueNumbers, operator: Operator) -> "AxesBody":
-        from forcebound.haptics.devices.axes import AxesBody  # numpy
-
-        return AxesBody(self, true, operator)
 
     def open(self, operator: Operator | None, hold_limit: float) -> "OpenInverse3":
         found: list[Session] = []
@@ -244,7 +219,7 @@ class OpenInverse3(SerialDevice):
         exchange = self._exchange()
         self._came_ns, self._angles = exchange.came_ns, exchange.reply
         self._effect_ns = exchange.sent_ns + exchange.excess_ns + self._cycle_ns
-        if self._model.reports_force:
+        if self._model.attenuates == "never":
             x, y, z = self._reported
             return (-x, -y, -z)
         scale = self._settings.force_scale

@@ -1,7 +1,7 @@
 """Messages of the service of Haply's Inverse devices, version 3.5, as far as a driver needs them.
 
 Keys that are not named here are passed over. Sources: the maker's documentation (docs.haply.co,
-Inverse SDK 3.5); tests/golden_inverse3 has the messages, and says what no source states.
+Inverse SDK 3.5); tests/golden/inverse3 has the messages, and says what no source states.
 """
 
 from collections.abc import Sequence

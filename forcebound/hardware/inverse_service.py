@@ -9,13 +9,13 @@ Source: the maker's documentation (docs.haply.co, Inverse SDK 3.5).
 """
 
 import http.client
+import os
 import select
 import socket
 import time
 from collections import deque
 from collections.abc import Sequence
 from contextlib import suppress
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import msgspec
@@ -24,11 +24,13 @@ from forcebound.errors import DeviceError
 from forcebound.extras import check_installed
 from forcebound.hardware.inverse_messages import Inverse3, parse
 from forcebound.hardware.port import Port
+from forcebound.hardware.ports import SerialPort
 
 if TYPE_CHECKING:
     pass
 
 CONNECT = 2.0  # s, for a connection, a setting, and the inventory
+SOON = 0.3  # s, for a service of which nobody says that it is there
 CLOSE, PING = 8, 9  # opcodes of frames; those below have data
 CHUNK = 65536  # bytes; a state of five devices has 5000
 SUPPORTED = ((3, 5), (4, 0))  # from the first version up, below the other
@@ -37,15 +39,21 @@ START = "start it (`systemctl start haply-inverse-service`, or the Haply Hub)"
 Kind = TypeVar("Kind")
 
 
+class AbsentError(DeviceError):
+    """There is no service at this address."""
+
+
 class Address(NamedTuple):
-    """Where a service listens."""
+    """Where a service has simulations and settings."""
 
     host: str
-    port: int  # of simulations and settings
-    events: int  # port of events
+    port: int
 
     def __str__(self) -> str:
         return f"{self.host}:{self.port}"
+
+
+LOCAL = Address("localhost", 10001)
 
 
 class Connection(Port):
@@ -162,10 +170,10 @@ class Connection(Port):
         )
 
 
-def absent(what: str, error: OSError) -> DeviceError:
+def absent(what: str, error: OSError) -> AbsentError:
     """Return the error that there is no service."""
     reason = error.strerror or error
-    return DeviceError(f"{what} does not answer ({reason}): {START}, or correct device.service")
+    return AbsentError(f"{what} does not answer ({reason}): {START}, or correct device.service")
 
 
 def ask(address: Address, path: str, body: Any = None, timeout: float = CONNECT) -> Any:
@@ -182,7 +190,9 @@ def ask(address: Address, path: str, body: Any = None, timeout: float = CONNECT)
         answered = http_client.getresponse()
         found: Any = msgspec.json.decode(answered.read())
     except (http.client.HTTPException, msgspec.MsgspecError) as error:
-        raise DeviceError(f"{what} gives no JSON for {path} ({error}): is it 3.5?") from error
+        raise AbsentError(
+            f"{what} gives no JSON for {path} ({error}): is it this service?"
+        ) from error
     except OSError as error:
         raise absent(what, error) from error
     finally:
@@ -197,7 +207,9 @@ def ask(address: Address, path: str, body: Any = None, timeout: float = CONNECT)
 def check_version(address: Address, timeout: float = CONNECT) -> str:
     """Return the version of a service; DeviceError if it is none that is known."""
     found = ask(address, "/version", timeout=timeout)
-    text = str(found.get("project_version", "")) if isinstance(found, dict) else ""
+    text = found.get("project_version") if isinstance(found, dict) else None
+    if not isinstance(text, str):
+        raise AbsentError(f"what listens at {address} is no Haply service: correct device.service")
     version = (0, 0)
     with suppress(ValueError):
         major, minor = map(int, text.split(".")[:2])
@@ -205,7 +217,7 @@ def check_version(address: Address, timeout: float = CONNECT) -> str:
     first, end = SUPPORTED
     if not first <= version < end:
         raise DeviceError(
-            f"the Haply service at {address} is of version {text or 'unknown'}; expected 3.5 or"
+            f"the Haply service at {address} is of version {text}; expected 3.5 or"
             f" later, below 4: {'use an older' if version >= end else 'update the'} service"
         )
     return text
@@ -226,16 +238,28 @@ def devices(address: Address, timeout: float = CONNECT) -> Sequence[Inverse3]:
     return parse(msgspec.json.encode(ask(address, "/devices", timeout=timeout))).inverse3
 
 
-def address_of(name: str, service: str, events_port: int) -> Address:
-    """Return where the service of a device is: of an emulator, a file with a ``/`` names it."""
+def listed(address: Address = LOCAL) -> list[SerialPort]:
+    """Return the Inverse3 that a service has, as if at ports of their own; none without service."""
     try:
-        if "/" in name:
-            host, port, events = Path(name).read_text(encoding="ascii").strip().split(":")
-            return Address(host, int(port), int(events))
-        host, _, port = service.rpartition(":")
-        return Address(host.strip("[]"), int(port), events_port)
+        version = check_version(address, SOON)
+        found = devices(address, SOON)
+    except DeviceError:
+        return []
+    words = f"Inverse3 of the Haply service {version}"
+    uses = [", in use" if each.status.in_use else "" for each in found]
+    return [
+        SerialPort(str(address), words + use, each.device_id, "haply_inverse3")
+        for each, use in zip(found, uses, strict=True)
+    ]
+
+
+def address_of(name: str, service: str) -> Address:
+    """Return where the service of a device is: of an emulator, a link with a ``/`` leads there."""
+    try:
+        where = os.readlink(name).rpartition("/")[2] if "/" in name else service
+        host, _, port = where.rpartition(":")
+        return Address(host.strip("[]"), int(port))
     except (OSError, ValueError) as error:
-        expected = "the file of an emulator" if "/" in name else "service: HOST:PORT"
-        raise DeviceError(
-            f"expected {expected}, got {name if '/' in name else service!r}: {error}"
-        ) from error
+        expected = f"the link of an emulator, got {name!r}"
+        expected = expected if "/" in name else f"service: HOST:PORT, got {service!r}"
+        raise DeviceError(f"expected {expected}: {error}") from error

@@ -46,9 +46,10 @@ class Session:
 
     def __init__(self, model: "HaplyInverse3", name: str) -> None:
         self._model = model
-        self.address = address_of(name, model.service, model.events_port)
+        self.address = address_of(name, model.service)
         version = check_version(self.address)
-        host, port, events_port = self.address
+        host, port = self.address
+        events_port = setting(self.address, "communication/events/port", int)
         path = name if "/" in name else str(self.address)
         self.events = Connection(host, events_port, path)
         try:
