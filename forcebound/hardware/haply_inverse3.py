@@ -248,7 +248,8 @@ class OpenInverse3(SerialDevice):
     def _exchange(self) -> Exchange[Vector]:
         """Send the force; the reply has the position, in m."""
         try:
-            self._session.check()
+            if not self._line.has_failed:
+                self._session.check()
         except DeviceError as failure:
             self._line.fail(failure)
             raise

@@ -82,6 +82,11 @@ class Line:
             opened.callback(self._guardian.close)
             self._opened = opened.pop_all()
 
+    @property
+    def has_failed(self) -> bool:
+        """Whether it refuses every message."""
+        return self._failure is not None
+
     def send(self, message: bytes, has_force: bool) -> None:
         """Write a message in one piece; the replies of all before have been read.
 
