@@ -52,10 +52,9 @@ class Client:
         return json.loads(reply.body)
 
     async def close(self) -> None:
-        if self.is_open:
-            self._socket.close()
-            while self.is_open:
-                await self.next()
+        self._socket.close()
+        while self.is_open:
+            await self.next()
 
 
 async def connected(url: str) -> Client:

@@ -241,6 +241,7 @@ def run(
         server = Server(service, port)
         realtime.freeze_garbage()
         device.start(time.monotonic_ns())
+        server.step()
         place.show(server.url)
         say(f"an emulated haply_inverse3 at {server.url}; Ctrl-C ends it")
         if advice:
