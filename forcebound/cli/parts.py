@@ -22,7 +22,6 @@ from forcebound.errors import RunError
 from forcebound.results.printing import print_rows
 
 with when_used():
-    from forcebound import extras
     from forcebound.hardware import inverse_service, ports
     from forcebound.hardware.emulators import faults as emulated
     from forcebound.hardware.emulators import program, service
@@ -124,21 +123,16 @@ def emulate(
         model, operator = program.given_parts(parts.read())
     else:
         model, operator = program.launch_file_parts(EMULATED[kind], arguments)
-    operator = None if no_hand else operator
-
-    def advise(place: str) -> str:
-        if parts is not None:
-            return ""
-        words = f'launch {EMULATED[kind]} device:={place} watchdog_limit:="{WATCHDOG_LIMIT}"'
-        words = f"identify {kind} device:={place}" if no_hand else words
-        return f"in another terminal: `forcebound {words}`"
-
+    advice, operator = "", None if no_hand else operator
+    if parts is None:
+        words = f'launch {EMULATED[kind]} device:={link} watchdog_limit:="{WATCHDOG_LIMIT}"'
+        words = f"identify {kind} device:={link}" if no_hand else words
+        advice = f"in another terminal: `forcebound {words}`"
     if is_service:
-        extras.check_installed("an emulated service", "tornado")
         listen = port if parts is None else 0
-        service.run((model, operator), link, listen, idle, planned, until_unused, show, advise)
+        service.run((model, operator), link, listen, idle, planned, until_unused, show, advice)
     else:
-        program.run(kind, (model, operator), link, planned, until_unused, show, advise(str(link)))
+        program.run(kind, (model, operator), link, planned, until_unused, show, advice)
 
 
 class Progress:

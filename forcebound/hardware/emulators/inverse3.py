@@ -8,12 +8,11 @@ import math
 from dataclasses import dataclass, replace
 from itertools import product
 from operator import mul
-from typing import Protocol
 
-from forcebound.haptics.devices import Truth
+from forcebound.haptics.devices import AxesModel, Truth
 from forcebound.haptics.devices.desktop_arm import DesktopArm
 from forcebound.haptics.hands import Operator
-from forcebound.haptics.laws.dissipation import PerAxis, per_axis
+from forcebound.haptics.laws.dissipation import per_axis
 from forcebound.hardware.emulators.inverse3_messages import Enabled, Gravity, Handedness, Shared
 from forcebound.hardware.emulators.mechanism import Mechanism
 from forcebound.messages.packets import Vector
@@ -27,22 +26,12 @@ GRAVITY = 9.81  # m/s^2, along -z
 ALLOWED, MEMORY, SLOW = 3.0, 0.2, 2e-3
 
 
-class Stated(Protocol):
-    """What a driver's model states of the axes, and the emulated arm is made of."""
+def arm_of(stated: AxesModel, mass: float) -> DesktopArm:
+    r"""Return the emulated arm of a model of axes, ``mass`` kg at its tip.
 
-    mass: float  # kg, at the tip
-    damping: PerAxis
-    friction: PerAxis
-    resolution: PerAxis
-    saturation: float  # N
-
-
-def arm_of(stated: Stated) -> DesktopArm:
-    r"""Return the emulated arm of a model of axes.
-
-    Its tip has at least the damping and friction that the model states, and at most its
-    resolution, in the corners and the middle of its box. With the Jacobian J, friction of joint j
-    is the largest :math:`\sum_i f_i |J_{ij}|` (one number f: that along the path, f times the
+    Its tip has at least the damping and friction that the model states, and half its resolution,
+    in the corners and the middle of its box. With the Jacobian J, friction of joint j is the
+    largest :math:`\sum_i f_i |J_{ij}|` (one number f: that along the path, f times the
     length of column j), its damping :math:`\sum_i b_i |J_{ij}| \sum_k |J_{ik}|`.
     """
     scale = LINK / DesktopArm.upper
@@ -53,7 +42,7 @@ def arm_of(stated: Stated) -> DesktopArm:
         lower=LINK,
         origin=(up, out),
         workspace=(wide, high, deep),
-        inertia=stated.mass * LINK**2,
+        inertia=mass * LINK**2,
         largest_speed=None,
     )
     frictions = per_axis("friction", stated.friction, AXES)
@@ -72,7 +61,7 @@ def arm_of(stated: Stated) -> DesktopArm:
             most = frictions[0] * math.hypot(*column) if along else sum(map(mul, frictions, column))
             friction[j] = max(friction[j], most)
             damping[j] = max(damping[j], sum(map(mul, map(mul, dampings, column), sums)))
-    return replace(arm, damping=tuple(damping), friction=tuple(friction), resolution=step)
+    return replace(arm, damping=tuple(damping), friction=tuple(friction), resolution=step / 2)
 
 
 @dataclass(frozen=True)
@@ -132,11 +121,13 @@ class Inverse3:
         longest_hold: Longest time so far that a force was on and no message came, in s.
     """
 
-    def __init__(self, model: Stated, operator: Operator | None, idle: float) -> None:
-        arm = arm_of(model)
+    def __init__(
+        self, model: AxesModel, mass: float, operator: Operator | None, idle: float
+    ) -> None:
+        arm = arm_of(model, mass)
         self.mechanism = Mechanism(arm, operator, ZERO)
         self.kinematics = arm.kinematics()
-        self._largest, self._weight = model.saturation, GRAVITY * model.mass
+        self._largest, self._weight = model.saturation, GRAVITY * mass
         self._idle_ns = round(idle * 1e9)
         self._oscillation = Oscillation()
         self.shared = shared_defaults()
@@ -167,6 +158,13 @@ class Inverse3:
             last_ns = max([pull.since_ns for pull in self.pulls.values()], default=time_ns)
             self.longest_hold = max(self.longest_hold, (time_ns - last_ns) * 1e-9)
         return truth
+
+    def pull(self, session: int, pull: Pull | None, time_ns: int) -> None:
+        """Let what a session wants act in place of what it wanted before."""
+        self.pulls.pop(session, None)
+        if pull is not None:
+            self.pulls[session] = pull
+        self.apply(time_ns)
 
     def apply(self, time_ns: int) -> None:
         """Let the motors give, from now on, what the filters leave of the sessions' forces."""

@@ -98,17 +98,17 @@ class Damping(Struct, frozen=True):
 class Configure(Struct, frozen=True):
     """Settings of a session, kept until it ends."""
 
-    preset: Preset | UnsetType = UNSET
-    force_gate: ForceGate | UnsetType = UNSET
-    damping: Damping | UnsetType = UNSET
+    preset: Preset
+    force_gate: ForceGate
+    damping: Damping
 
 
 class ToDevice(Struct, frozen=True):
-    """What a message has for a device."""
+    """What a message has for a device; ``configure`` is a part of :class:`Configure`."""
 
     device_id: str
     commands: Commands = Commands()
-    configure: Configure = Configure()
+    configure: dict[str, Any] = {}
 
 
 class ToSession(Struct, frozen=True):
@@ -125,7 +125,7 @@ class Message(Struct, frozen=True):
 
 
 class Shared(Struct, frozen=True):
-    """Settings of the device that outlive every session, with the maker's defaults."""
+    """Settings of the device that outlive every session."""
 
     gravity_compensation: Gravity
     handedness: Handedness

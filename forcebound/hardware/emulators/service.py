@@ -1,39 +1,103 @@
 """The Inverse3's service as a program: its channels on this machine, and the real time.
 
-The link points to its URL; beside it is the ground truth, as beside a port
-(:mod:`forcebound.hardware.emulators.pty`), and the service shows the link as the device's port.
+As much of HTTP/1.1 and of WebSockets (RFC 6455) as its clients use: no extension, messages in one
+frame, each sent at once. The link points to the service's URL, and the ground truth is beside it
+(:mod:`forcebound.hardware.emulators.pty`).
 """
 
-import asyncio
-import os
+import selectors
+import socket
 import time
+from base64 import b64encode
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from email import message_from_bytes
+from hashlib import sha1
 from pathlib import Path
 from typing import Any
+from urllib.parse import parse_qs, unquote, urlsplit
 
-import tornado.httpserver
-import tornado.netutil
-import tornado.web
-import tornado.websocket
+import msgspec
 
 from forcebound import realtime
 from forcebound.errors import ConfigError
-from forcebound.haptics.devices.truth_file import SUFFIX, TruthFile
 from forcebound.haptics.hands import Operator
 from forcebound.hardware.emulators.faults import Fault, Faults
-from forcebound.hardware.emulators.inverse3 import Inverse3, Stated
+from forcebound.hardware.emulators.inverse3 import Inverse3
 from forcebound.hardware.emulators.inverse3_service import Service
 from forcebound.hardware.emulators.program import be_punctual
-from forcebound.hardware.emulators.pty import STEP, UNUSED_TIMEOUT_NS, claim
+from forcebound.hardware.emulators.pty import STEP, UNUSED_TIMEOUT_NS, Place
 from forcebound.stop import Stop
 
 HOST = "127.0.0.1"
 EVENTS_AFTER = 19  # ports: 10020 is that of the events, 10001 that of the states
 RESTART = 0.5  # s
-GOING_AWAY = 1001  # RFC 6455, 7.4.1
 GONE_TIMEOUT_NS = 5_000_000_000  # without a session, of an emulator that is to end when unused
+CHUNK = 65536  # bytes
+KEY_SUFFIX = b"258EAFA5-E914-47DA-95CA-C5AB0DC85B11"  # RFC 6455, 1.3
+TEXT, CLOSE, PING, PONG = 1, 8, 9, 10  # RFC 6455, 5.2
+GOING_AWAY = (1001).to_bytes(2, "big")
+
+
+class Client:
+    """A connection: of HTTP, then perhaps of a WebSocket, which ``session`` then numbers.
+
+    A listener at the channel of events is a session without a number.
+    """
+
+    def __init__(self, connection: socket.socket, has_states: bool) -> None:
+        connection.setblocking(False)
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self.socket, self.has_states = connection, has_states
+        self.is_websocket = False
+        self.session: int | None = None
+        self._inbox = bytearray()
+
+    def send(self, data: bytes) -> None:
+        """Send bytes; what the client does not take is lost."""
+        with suppress(OSError):
+            self.socket.sendall(data)
+
+    def post(self, text: bytes, code: int = TEXT) -> None:
+        """Send a message in one frame."""
+        size = len(text)
+        length = bytes([size]) if size < 126 else b"\x7e" + size.to_bytes(2, "big")
+        self.send(bytes([0x80 | code]) + length + text)
+
+    def read(self) -> bool:
+        """Take what has come; return whether more may come."""
+        try:
+            data = self.socket.recv(CHUNK)
+        except OSError:
+            return False
+        self._inbox += data
+        return bool(data)
+
+    def take_request(self) -> tuple[bytes, bytes] | None:
+        """Return head and body of a request, if it has come as a whole."""
+        head, end, rest = bytes(self._inbox).partition(b"\r\n\r\n")
+        size = int(message_from_bytes(head.partition(b"\r\n")[2])["Content-Length"] or 0)
+        if not end or len(rest) < size:
+            return None
+        self._inbox[:] = rest[size:]
+        return head, rest[:size]
+
+    def take_frame(self) -> tuple[int, bytes] | None:
+        """Return code and content of a frame, if it has come as a whole."""
+        inbox = self._inbox
+        short = inbox[1] & 0x7F if len(inbox) > 1 else 0
+        at = 2 + {126: 2, 127: 8}.get(short, 0)
+        if len(inbox) < at + 4:
+            return None
+        size = short if at == 2 else int.from_bytes(inbox[2:at], "big")
+        mask, content = inbox[at : at + 4], inbox[at + 4 : at + 4 + size]
+        if len(content) < size:
+            return None
+        code = inbox[0] & 0xF
+        del inbox[: at + 4 + size]
+        key = int.from_bytes((mask * (size // 4 + 1))[:size], "big")
+        return code, (int.from_bytes(content, "big") ^ key).to_bytes(size, "big")
 
 
 class Server:
@@ -45,210 +109,162 @@ class Server:
     def __init__(self, service: Service, port: int) -> None:
         self.service = service
         self._ports = [port, port and port + EVENTS_AFTER]
-        self._sessions: dict[int, _States] = {}
-        self.listeners: set[_Events] = set()
-        self._servers: list[tornado.httpserver.HTTPServer] = []
-        own: dict[str, Any] = {"server": self}
-        rest = (r"/(.+)", _Settings, own)
-        self._routes = [[(r"/", _States, own), rest], [(r"/", _Events, own)]]
+        self._selector = selectors.DefaultSelector()
+        self._listening: list[socket.socket] = []
+        self.clients: set[Client] = set()
         self.listen()
         self.url = f"ws://{HOST}:{self._ports[0]}"
 
     def listen(self) -> None:
         """Take clients, at the same ports as before."""
-        for k, routes in enumerate(self._routes):
-            application = tornado.web.Application(
-                routes,  # type: ignore[arg-type]
-                log_function=lambda request: None,
-            )
-            server = tornado.httpserver.HTTPServer(application)
+        for k, port in enumerate(self._ports):
             try:
-                (listening,) = tornado.netutil.bind_sockets(self._ports[k], HOST)
+                listening = socket.create_server((HOST, port))
             except OSError as error:
                 raise ConfigError(
-                    f"cannot listen at port {self._ports[k]} of {HOST}: {error.strerror}: end what"
-                    " listens there, such as the real service, or choose another --port"
+                    f"cannot listen at port {port} of {HOST}: {error.strerror}: end what listens"
+                    " there, such as the real service, or choose another --port"
                 ) from error
             self._ports[k] = listening.getsockname()[1]
-            server.add_socket(listening)
-            self._servers.append(server)
+            self._selector.register(listening, selectors.EVENT_READ, (listening, k == 0))
+            self._listening.append(listening)
         states, events = self._ports
-        self.service.settings["communication/websocket/port"] = states
-        self.service.settings["communication/events/port"] = events
+        known = {"communication/websocket/port": states, "communication/events/port": events}
+        self.service.settings |= known
 
-    async def leave(self) -> None:
+    def leave(self) -> None:
         """End every connection, and listen no more."""
-        for server in self._servers:
-            server.stop()
-        self._servers.clear()
-        for number, states in list(self._sessions.items()):
-            states.close(GOING_AWAY)
-            self.closed(number)
-        for listener in self.listeners:
-            listener.close(GOING_AWAY)
-        await asyncio.sleep(STEP)
+        for listening in self._listening:
+            self._selector.unregister(listening)
+            listening.close()
+        self._listening.clear()
+        for client in list(self.clients):
+            if client.is_websocket:
+                client.post(GOING_AWAY, CLOSE)
+            self._end(client)
 
     def step(self) -> None:
-        """Move on to now, and send what is due."""
-        time_ns = time.monotonic_ns()
-        self.service.tick(time_ns)
-        self.send(time_ns)
+        """Wait for messages, at most a step of the mechanism, and go on."""
+        for key, _ in self._selector.select(STEP):
+            if isinstance(key.data, Client):
+                self._read(key.data)
+            else:
+                listening, has_states = key.data
+                client = Client(listening.accept()[0], has_states)
+                self._selector.register(client.socket, selectors.EVENT_READ, client)
+                self.clients.add(client)
+        self.service.tick(time.monotonic_ns())
+        self._send()
 
-    def send(self, time_ns: int) -> None:
-        """Send what is due now, and the events."""
-        for message in self.service.due(time_ns):
-            if message.session in self._sessions:
-                self._sessions[message.session].post(message.text)
-        while self.service.events:
-            text = self.service.events.popleft()
-            for listener in self.listeners:
-                listener.post(text)
+    def _send(self) -> None:
+        service, now_ns = self.service, time.monotonic_ns()
+        while service.outgoing and service.outgoing[0].due_ns <= now_ns:
+            message = service.outgoing.popleft()
+            for client in self.clients:
+                if client.session == message.session:
+                    client.post(message.text)
+        while service.events:
+            event = service.events.popleft()
+            for client in self.clients:
+                if client.is_websocket and not client.has_states:
+                    client.post(event)
 
-    def opened(self, states: "_States") -> int:
-        """Begin a session, whose first message is the inventory."""
-        number, inventory = self.service.connect(time.monotonic_ns())
-        self._sessions[number] = states
-        states.post(inventory)
-        return number
+    def _read(self, client: Client) -> None:
+        goes_on = client.read()
+        while not client.is_websocket and (request := client.take_request()):
+            self._answer(client, *request)
+        while client.is_websocket and (frame := client.take_frame()):
+            code, content = frame
+            if code == TEXT and client.session is not None:
+                self.service.receive(client.session, content, time.monotonic_ns())
+                self._send()
+            elif code == PING:
+                client.post(content, PONG)
+            elif code == CLOSE:
+                client.post(content, CLOSE)
+                goes_on = False
+        if not goes_on:
+            self._end(client)
 
-    def received(self, session: int, text: bytes | str) -> None:
-        """Take a message of a session."""
-        time_ns = time.monotonic_ns()
-        self.service.receive(session, text, time_ns)
-        self.send(time_ns)
+    def _answer(self, client: Client, head: bytes, body: bytes) -> None:
+        """Answer a request of HTTP, or begin a WebSocket."""
+        line, _, lines = head.partition(b"\r\n")
+        method, target, *_ = [*line.decode("latin-1").split(), "", ""]
+        now_ns, fields = time.monotonic_ns(), message_from_bytes(lines)
+        if key := fields["Sec-WebSocket-Key"]:
+            accept = b64encode(sha1(key.encode() + KEY_SUFFIX).digest()).decode()
+            words = "HTTP/1.1 101 Switching Protocols\r\nUpgrade: websocket\r\nConnection: Upgrade"
+            client.send(f"{words}\r\nSec-WebSocket-Accept: {accept}\r\n\r\n".encode())
+            client.is_websocket = True
+            if client.has_states:
+                client.session, inventory = self.service.connect(now_ns)
+                client.post(inventory)
+            return
+        url = urlsplit(target)
+        selector = parse_qs(url.query).get("session", [""])[0]
+        status, reply = self.service.request(method, unquote(url.path), selector, body, now_ns)
+        text = msgspec.json.encode(reply)
+        words = f"HTTP/1.1 {status} \r\nContent-Type: application/json"
+        client.send(f"{words}\r\nContent-Length: {len(text)}\r\n\r\n".encode() + text)
 
-    def closed(self, session: int) -> None:
-        """End a session."""
-        self._sessions.pop(session, None)
-        self.service.disconnect(session, time.monotonic_ns())
-
-
-class _Socket(tornado.websocket.WebSocketHandler):
-    """A connection that sends each message at once, uncompressed."""
-
-    def initialize(self, server: Server) -> None:
-        self._server = server
-
-    def post(self, text: bytes) -> None:
-        with suppress(tornado.websocket.WebSocketClosedError):
-            self.write_message(text.decode())
-
-
-class _States(_Socket):
-    """A session."""
-
-    def open(self, *_: str, **__: str) -> None:
-        self.set_nodelay(True)
-        self._session = self._server.opened(self)
-
-    def on_message(self, message: str | bytes) -> None:
-        self._server.received(self._session, message)
-
-    def on_close(self) -> None:
-        self._server.closed(self._session)
-
-
-class _Events(_Socket):
-    """A listener at the channel of events, which says nothing."""
-
-    def open(self, *_: str, **__: str) -> None:
-        self._server.listeners.add(self)
-
-    def on_message(self, message: str | bytes) -> None:
-        pass
-
-    def on_close(self) -> None:
-        self._server.listeners.discard(self)
-
-
-class _Settings(tornado.web.RequestHandler):
-    """Settings over HTTP."""
-
-    def initialize(self, server: Server) -> None:
-        self._server = server
-
-    def get(self, path: str) -> None:
-        self._answer(path)
-
-    def post(self, path: str) -> None:
-        self._answer(path)
-
-    def _answer(self, path: str) -> None:
-        query, body = self.get_query_argument("session", ""), self.request.body
-        method, now = self.request.method or "", time.monotonic_ns()
-        answer = self._server.service.request(method, path, query, body, now)
-        self.set_status(answer.status)
-        self.write(answer.body)
+    def _end(self, client: Client) -> None:
+        self._selector.unregister(client.socket)
+        client.socket.close()
+        self.clients.discard(client)
+        if client.session is not None:
+            self.service.disconnect(client.session, time.monotonic_ns())
 
 
 def run(
-    parts: tuple[Stated, Operator | None],
+    parts: tuple[Any, Operator | None],
     link: Path,
     port: int,
     idle: float,
     faults: Sequence[Fault],
     until_unused: bool,
     say: Callable[[str], None],
-    advise: Callable[[str], str],
+    advice: str,
 ) -> None:
     """Run an emulated service until it is interrupted, or no longer used.
 
     The parts are the model of a device and a hand; ``idle`` is in s. ``say`` takes the lines for
-    the terminal, the second of which is what ``advise`` says of the URL, if anything.
+    the terminal, the second of which is ``advice`` if there is any.
     """
     be_punctual()
-    planned = [
-        replace(one, duration=RESTART) if (one.kind, one.duration) == ("restart", None) else one
-        for one in faults
-    ]
-    truth_path = Path(f"{link}{SUFFIX}")
-    lock = claim(link, truth_path)
-    truth = TruthFile(truth_path)
-    try:
-        with Stop() as stop:
-            device = Inverse3(*parts, idle)
-            service = Service(device, parts[1], Faults(planned), truth)
-            service.port = str(link)
-            service.start(time.monotonic_ns())
-            asyncio.run(_serve(service, link, port, stop, until_unused, say, advise))
-    finally:
-        link.unlink(missing_ok=True)
-        truth_path.unlink(missing_ok=True)
-        truth.close()
-        os.close(lock)
+    model, operator = parts
+    begun = [replace(f, duration=f.duration or RESTART) for f in faults if f.kind == "restart"]
+    planned = Faults(begun + [one for one in faults if one.kind != "restart"])
+    with Stop() as stop, Place(link) as place:
+        device = Inverse3(model, model.mass, operator, idle)
+        service = Service(device, operator, planned, place.truth)
+        service.port = str(link)
+        server = Server(service, port)
+        realtime.freeze_garbage()
+        device.start(time.monotonic_ns())
+        server.step()
+        place.show(server.url)
+        say(f"an emulated haply_inverse3 at {server.url}; Ctrl-C ends it")
+        if advice:
+            say(advice)
+        _serve(server, stop, until_unused)
     say(
         f"{service.replies} replies; lowest energy {device.lowest_energy:.3g} J;"
         f" force held without a message for at most {1e3 * device.longest_hold:.3g} ms"
     )
 
 
-async def _serve(
-    service: Service,
-    link: Path,
-    port: int,
-    stop: Stop,
-    until_unused: bool,
-    say: Callable[[str], None],
-    advise: Callable[[str], str],
-) -> None:
-    """Let the service go on in real time."""
-    server = Server(service, port)
-    realtime.freeze_garbage()
-    link.symlink_to(server.url)
-    say(f"an emulated haply_inverse3 at {server.url}; Ctrl-C ends it")
-    if advice := advise(server.url):
-        say(advice)
-    seen_ns, timeout_ns = time.monotonic_ns(), UNUSED_TIMEOUT_NS
+def _serve(server: Server, stop: Stop, until_unused: bool) -> None:
+    """Let the service go on in real time, until a stop; or until no session has been there."""
+    service, seen_ns, timeout_ns = server.service, time.monotonic_ns(), UNUSED_TIMEOUT_NS
     while not stop.requested:
-        await asyncio.sleep(STEP)
         if service.is_away(time.monotonic_ns()):
-            await server.leave()
+            server.leave()
             while service.is_away(time.monotonic_ns()) and not stop.requested:
-                await asyncio.sleep(STEP)
+                time.sleep(STEP)
             server.listen()
         server.step()
         if service.sessions:
             seen_ns, timeout_ns = time.monotonic_ns(), GONE_TIMEOUT_NS
         elif until_unused and time.monotonic_ns() - seen_ns > timeout_ns:
             break
-    await server.leave()
+    server.leave()
