@@ -214,7 +214,8 @@ class OpenInverse3(SerialDevice):
         if self._line.is_at_rest and not any(force):
             return force  # the last zero after a failure, which was written then
         is_finite = math.isfinite(math.hypot(*force))
-        x, y, z = saturated(force, self._model.saturation) if is_finite else NO_FORCE
+        limited = saturated(force, self._model.saturation) if is_finite else NO_FORCE
+        x, y, z = map(float, limited)  # numbers of numpy would be no JSON
         self._force = (-x, -y, -z)
         exchange = self._exchange()
         self._came_ns, self._angles = exchange.came_ns, exchange.reply
