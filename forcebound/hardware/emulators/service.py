@@ -36,7 +36,7 @@ RESTART = 0.5  # s
 GONE_TIMEOUT_NS = 5_000_000_000  # without a session, of an emulator that is to end when unused
 CHUNK = 65536  # bytes
 KEY_SUFFIX = b"258EAFA5-E914-47DA-95CA-C5AB0DC85B11"  # RFC 6455, 1.3
-TEXT, CLOSE, PING, PONG = 1, 8, 9, 10  # RFC 6455, 5.2
+TEXT, BINARY, CLOSE, PING, PONG = 1, 2, 8, 9, 10  # RFC 6455, 5.2
 GOING_AWAY = (1001).to_bytes(2, "big")
 
 
@@ -175,7 +175,7 @@ class Server:
             self._answer(client, *request)
         while client.is_websocket and (frame := client.take_frame()):
             code, content = frame
-            if code == TEXT and client.session is not None:
+            if code in (TEXT, BINARY) and client.session is not None:
                 self.service.receive(client.session, content, time.monotonic_ns())
                 self._send()
             elif code == PING:
