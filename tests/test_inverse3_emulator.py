@@ -195,6 +195,8 @@ def test_http_answers_as_the_golden_exchanges(truth: TruthFile) -> None:
         ("/settings", {"devices/force_scale": -1.0}),
         ("/settings", {"devices/force_scale": "1"}),
         ("/settings", []),
+        ("/settings", {"devices/force_scale": 0.5, "devices/other": 1.0}),
+        ("/settings/communication/events/port", 1),
         ("/inverse3/049D/config/torque_scaling", {"enabled": 1}),
         ("/inverse3/049D/config/handedness", {"handedness": "both"}),
         ("/inverse3/049D/config/filters/force_gate?session=:0", {"gain": 2.0}),

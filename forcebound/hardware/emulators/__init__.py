@@ -7,5 +7,6 @@ clock or a port. It turns the motors of a
 :mod:`forcebound.hardware.emulators.pty` gives that a port and the real time, ``forcebound emulate``
 a terminal. :mod:`forcebound.hardware.emulators.service` does so for the service of an Inverse3.
 
-To add a board: write ``my_board.py``, and a function in :mod:`forcebound.hardware.emulators.program`.
+To add a board: write ``my_board.py``, and a function in
+:mod:`forcebound.hardware.emulators.program`.
 """

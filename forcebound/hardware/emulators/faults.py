@@ -35,6 +35,7 @@ SERVICE_KINDS = {
 }
 #: Kinds of every emulator that go on for ever without an end; the others happen once.
 LASTING = ("stall", "unplug", "reversed", "busy", "ebrake", "motor_stall")
+DURATIONS = {"restart": 0.5}  # s, of kinds that have one by default
 FORM = "KIND[:at=TIME][,for=TIME], such as stall:at=2s,for=50ms"
 
 
@@ -66,7 +67,7 @@ def parse_fault(text: str, kinds: Iterable[str] = KINDS) -> Fault:
         times[name] = parse_quantity(value, "s")
         if not times[name] >= 0.0:
             raise ConfigError(f"a time of a fault must be >= 0 s, got {value}")
-    return Fault(kind, times.get("at", 1.0), times.get("for"))
+    return Fault(kind, times.get("at", 1.0), times.get("for", DURATIONS.get(kind)))
 
 
 class Faults:

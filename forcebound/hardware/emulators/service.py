@@ -11,7 +11,6 @@ import time
 from base64 import b64encode
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import replace
 from email import message_from_bytes
 from hashlib import sha1
 from pathlib import Path
@@ -32,7 +31,6 @@ from forcebound.stop import Stop
 
 HOST = "127.0.0.1"
 EVENTS_AFTER = 19  # ports: 10020 is that of the events, 10001 that of the states
-RESTART = 0.5  # s
 GONE_TIMEOUT_NS = 5_000_000_000  # without a session, of an emulator that is to end when unused
 CHUNK = 65536  # bytes
 KEY_SUFFIX = b"258EAFA5-E914-47DA-95CA-C5AB0DC85B11"  # RFC 6455, 1.3
@@ -232,11 +230,9 @@ def run(
     """
     be_punctual()
     model, operator = parts
-    begun = [replace(f, duration=f.duration or RESTART) for f in faults if f.kind == "restart"]
-    planned = Faults(begun + [one for one in faults if one.kind != "restart"])
     with Stop() as stop, Place(link) as place:
         device = Inverse3(model, model.mass, operator, idle)
-        service = Service(device, operator, planned, place.truth)
+        service = Service(device, operator, Faults(faults), place.truth)
         service.port = str(link)
         server = Server(service, port)
         realtime.freeze_garbage()
