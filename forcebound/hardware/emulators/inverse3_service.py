@@ -44,7 +44,6 @@ STATE: Json = _decode(
     "y": 0, "z": 0}, "current_cursor_position": {"x": 0, "y": 0, "z": 0}, "transform": {},
     "current_angular_position": {"a0": 0, "a1": 0, "a2": 0}, "control_domain": "cartesian"}"""
 )
-STATUS: Json = {"calibrated": True, "power_supply": True, "started": True}
 GRIP: Json = _decode(
     """{"device_id": "0", "config": {"type": "wireless_verse_grip", "major_version": 1,
     "minor_version": 4}, "status": {"ready": true, "connected": true, "awake": true}}"""
@@ -217,9 +216,14 @@ class Service:
         buttons = {name: bool(down >> k & 1) for k, name in enumerate("abc")}
         orientation = STATE["body_orientation"]
         grip = {**GRIP, "state": {"buttons": buttons, "hall": 0, "orientation": orientation}}
-        free = {"in_use": bool(self._device.pulls), "ready": not self._device.is_locked}
         inverse3: Json = {"device_id": DEVICE_ID, "state": self._known(self._motion(settings))}
-        inverse3["status"] = STATUS | free
+        inverse3["status"] = {
+            "calibrated": not self._faults.is_planned("uncalibrated"),
+            "in_use": bool(self._device.pulls),
+            "power_supply": True,
+            "ready": not self._device.is_locked,
+            "started": True,
+        }
         if has_config:
             inverse3["config"] = self._known(self._config(settings))
         else:

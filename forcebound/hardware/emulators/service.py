@@ -99,23 +99,17 @@ class Client:
 
 
 class Server:
-    """The channels of a service; a port of 0 takes two that are free.
+    """The channels of a service, at these ports of states and of events; 0: one that is free.
 
     ConfigError if it cannot listen there.
     """
 
-    def __init__(self, service: Service, port: int) -> None:
+    def __init__(self, service: Service, ports: Sequence[int]) -> None:
         self.service = service
-        self._ports = [port, port and port + EVENTS_AFTER]
         self._selector = selectors.DefaultSelector()
         self._listening: list[socket.socket] = []
-        self.clients: set[Client] = set()
-        self.listen()
-        self.url = f"ws://{HOST}:{self._ports[0]}"
-
-    def listen(self) -> None:
-        """Take clients, at the same ports as before."""
-        for k, port in enumerate(self._ports):
+        self._clients: set[Client] = set()
+        for port, has_states in zip(ports, (True, False), strict=True):
             try:
                 listening = socket.create_server((HOST, port))
             except OSError as error:
@@ -123,23 +117,21 @@ class Server:
                     f"cannot listen at port {port} of {HOST}: {error.strerror}: end what listens"
                     " there, such as the real service, or choose another --port"
                 ) from error
-            self._ports[k] = listening.getsockname()[1]
-            self._selector.register(listening, selectors.EVENT_READ, (listening, k == 0))
+            self._selector.register(listening, selectors.EVENT_READ, (listening, has_states))
             self._listening.append(listening)
-        states, events = self._ports
+        self.ports = states, events = [each.getsockname()[1] for each in self._listening]
         known = {"communication/websocket/port": states, "communication/events/port": events}
-        self.service.settings |= known
+        service.settings |= known
 
-    def leave(self) -> None:
+    def close(self) -> None:
         """End every connection, and listen no more."""
-        for listening in self._listening:
-            self._selector.unregister(listening)
-            listening.close()
-        self._listening.clear()
-        for client in list(self.clients):
+        for client in list(self._clients):
             if client.is_websocket:
                 client.post(GOING_AWAY, CLOSE)
             self._end(client)
+        for listening in self._listening:
+            listening.close()
+        self._selector.close()
 
     def step(self) -> None:
         """Wait for messages, at most a step of the mechanism, and go on."""
@@ -150,7 +142,7 @@ class Server:
                 listening, has_states = key.data
                 client = Client(listening.accept()[0], has_states)
                 self._selector.register(client.socket, selectors.EVENT_READ, client)
-                self.clients.add(client)
+                self._clients.add(client)
         self.service.tick(time.monotonic_ns())
         self._send()
 
@@ -158,12 +150,12 @@ class Server:
         service, now_ns = self.service, time.monotonic_ns()
         while service.outgoing and service.outgoing[0].due_ns <= now_ns:
             message = service.outgoing.popleft()
-            for client in self.clients:
+            for client in self._clients:
                 if client.session == message.session:
                     client.post(message.text)
         while service.events:
             event = service.events.popleft()
-            for client in self.clients:
+            for client in self._clients:
                 if client.is_websocket and not client.has_states:
                     client.post(event)
 
@@ -208,7 +200,7 @@ class Server:
     def _end(self, client: Client) -> None:
         self._selector.unregister(client.socket)
         client.socket.close()
-        self.clients.discard(client)
+        self._clients.discard(client)
         if client.session is not None:
             self.service.disconnect(client.session, time.monotonic_ns())
 
@@ -234,12 +226,13 @@ def run(
         device = Inverse3(model, model.mass, operator, idle)
         service = Service(device, operator, Faults(faults), place.truth)
         service.port = str(link)
-        server = Server(service, port)
+        server = Server(service, (port, port and port + EVENTS_AFTER))
         realtime.freeze_garbage()
         device.start(time.monotonic_ns())
         server.step()
-        place.show(server.url)
-        say(f"an emulated haply_inverse3 at {server.url}; Ctrl-C ends it")
+        url = f"ws://{HOST}:{server.ports[0]}"
+        place.show(url)
+        say(f"an emulated haply_inverse3 at {url}; Ctrl-C ends it")
         if advice:
             say(advice)
         _serve(server, stop, until_unused)
@@ -254,13 +247,13 @@ def _serve(server: Server, stop: Stop, until_unused: bool) -> None:
     service, seen_ns, timeout_ns = server.service, time.monotonic_ns(), UNUSED_TIMEOUT_NS
     while not stop.requested:
         if service.is_away(time.monotonic_ns()):
-            server.leave()
+            server.close()
             while service.is_away(time.monotonic_ns()) and not stop.requested:
                 time.sleep(STEP)
-            server.listen()
+            server = Server(service, server.ports)
         server.step()
         if service.sessions:
             seen_ns, timeout_ns = time.monotonic_ns(), GONE_TIMEOUT_NS
         elif until_unused and time.monotonic_ns() - seen_ns > timeout_ns:
             break
-    server.leave()
+    server.close()
