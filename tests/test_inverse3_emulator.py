@@ -85,9 +85,9 @@ class Client:
         return self.service.request(method, place, query, text, self.time_ns)
 
     def events(self) -> list[str]:
-        told = [json.loads(each) for each in self.service.events]
+        sent = [json.loads(each) for each in self.service.events]
         self.service.events.clear()
-        return [each["data"].get("safety_type", each["name"]) for each in told]
+        return [each["data"].get("safety_type", each["name"]) for each in sent]
 
 
 def command(commands: Any) -> Any:
@@ -195,6 +195,8 @@ def test_http_answers_as_the_golden_exchanges(truth: TruthFile) -> None:
         ("/settings", {"devices/force_scale": -1.0}),
         ("/settings", {"devices/force_scale": "1"}),
         ("/settings", []),
+        ("/settings", {"devices/force_scale": 0.5, "devices/other": 1.0}),
+        ("/settings/communication/events/port", 1),
         ("/inverse3/049D/config/torque_scaling", {"enabled": 1}),
         ("/inverse3/049D/config/handedness", {"handedness": "both"}),
         ("/inverse3/049D/config/filters/force_gate?session=:0", {"gain": 2.0}),
@@ -517,6 +519,11 @@ def test_late_replies_keep_their_order(truth: TruthFile) -> None:
     replies = [json.loads(text) for text in client.come()]
     assert client.service.replies == 10
     assert len(replies) == 5
+
+
+def test_an_arm_that_is_not_calibrated_says_so_from_the_start(truth: TruthFile) -> None:
+    (device,) = Client(truth, "uncalibrated").inventory["inverse3"]
+    assert not device["status"]["calibrated"]
 
 
 def test_a_new_service_says_its_version(truth: TruthFile) -> None:

@@ -18,23 +18,21 @@ KINDS = {
     "unplug": "the port is gone",
     "reversed": "the motors turn the wrong way",
 }
-#: Of an emulated service.
-SERVICE_KINDS = {
-    "stall": "the service neither reads nor answers; what has come waits",
-    "unplug": "the device is gone",
-    "busy": "another session gives the device a force, which adds",
-    "malformed": "a reply breaks off",
-    "foreign": "a reply is of another device",
-    "late": "a reply is 20 ms late",
-    "doubled": "a reply comes twice",
-    "ebrake": "the emergency brake is on: no force",
-    "motor_stall": "a motor is stalled: no force",
-    "restart": "the service ends, forgets its sessions, and begins again after 0.5 s, or the time",
-    "old": "the messages have the form of 3.1",
-    "new": "the service is of version 4.0.0",
-}
+#: Of the emulated service of an Inverse3; docs/devices.md says what each does.
+SERVICE_KINDS: tuple[str, ...] = (
+    "stall",
+    "restart",
+    "late",
+    "doubled",
+    "malformed",
+    "foreign",
+    "unplug",
+    "busy",
+)
+SERVICE_KINDS += ("ebrake", "motor_stall", "uncalibrated", "old", "new")
 #: Kinds of every emulator that go on for ever without an end; the others happen once.
 LASTING = ("stall", "unplug", "reversed", "busy", "ebrake", "motor_stall")
+DURATIONS = {"restart": 0.5}  # s, of kinds that have one by default
 FORM = "KIND[:at=TIME][,for=TIME], such as stall:at=2s,for=50ms"
 
 
@@ -66,7 +64,7 @@ def parse_fault(text: str, kinds: Iterable[str] = KINDS) -> Fault:
         times[name] = parse_quantity(value, "s")
         if not times[name] >= 0.0:
             raise ConfigError(f"a time of a fault must be >= 0 s, got {value}")
-    return Fault(kind, times.get("at", 1.0), times.get("for"))
+    return Fault(kind, times.get("at", 1.0), times.get("for", DURATIONS.get(kind)))
 
 
 class Faults:

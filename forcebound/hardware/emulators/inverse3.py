@@ -57,7 +57,7 @@ def arm_of(stated: AxesModel, mass: float) -> DesktopArm:
         sums = [math.fsum(row) for row in rows]
         step = min(step, *(r / total for r, total in zip(steps, sums, strict=True)))
         for j, column in enumerate(zip(*rows, strict=True)):
-            along = isinstance(stated.friction, float) or len(stated.friction) == 1
+            along = not isinstance(stated.friction, tuple)
             most = frictions[0] * math.hypot(*column) if along else sum(map(mul, frictions, column))
             friction[j] = max(friction[j], most)
             damping[j] = max(damping[j], sum(map(mul, map(mul, dampings, column), sums)))

@@ -7,6 +7,8 @@ from msgspec import UNSET, Meta, Struct, UnsetType
 from forcebound.messages.packets import Vector
 
 NotNegative: TypeAlias = Annotated[float, Meta(ge=0.0)]
+#: Settings of the service that can be written.
+Writable: TypeAlias = dict[Literal["devices/force_scale"], NotNegative]
 
 
 class Vec(Struct, frozen=True):
@@ -38,17 +40,11 @@ class CursorForce(Struct, frozen=True):
     values: Vec | UnsetType = UNSET
 
 
-class Torques(Struct, frozen=True):
-    """Torques of the joints."""
-
-    torques: Angles
-
-
 class Commands(Struct, frozen=True):
-    """What a device is to do in this tick."""
+    """What a device is to do in this tick: a force at the tip, torques of its joints."""
 
     set_cursor_force: CursorForce | UnsetType = UNSET
-    set_angular_torques: Torques | UnsetType = UNSET
+    set_angular_torques: dict[Literal["torques"], Angles] | UnsetType = UNSET
 
 
 class Gravity(Struct, frozen=True):
@@ -111,16 +107,10 @@ class ToDevice(Struct, frozen=True):
     configure: dict[str, Any] = {}
 
 
-class ToSession(Struct, frozen=True):
-    """What a message has for its session."""
-
-    force_render_full_state: dict[str, Any] | UnsetType = UNSET
-
-
 class Message(Struct, frozen=True):
     """A message to the state channel."""
 
-    session: ToSession = ToSession()
+    session: dict[str, Any] = {}
     inverse3: tuple[ToDevice, ...] = ()
 
 

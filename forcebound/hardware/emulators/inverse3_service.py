@@ -44,7 +44,6 @@ STATE: Json = _decode(
     "y": 0, "z": 0}, "current_cursor_position": {"x": 0, "y": 0, "z": 0}, "transform": {},
     "current_angular_position": {"a0": 0, "a1": 0, "a2": 0}, "control_domain": "cartesian"}"""
 )
-STATUS: Json = {"calibrated": True, "power_supply": True, "started": True}
 GRIP: Json = _decode(
     """{"device_id": "0", "config": {"type": "wireless_verse_grip", "major_version": 1,
     "minor_version": 4}, "status": {"ready": true, "connected": true, "awake": true}}"""
@@ -173,7 +172,7 @@ class Service:
         if pull and pulls and session not in pulls:
             self._announce("busy", is_on=True)
         self._device.pull(session, pull, time_ns)
-        has_config = message.session.force_render_full_state is not UNSET
+        has_config = "force_render_full_state" in message.session
         reply, is_on = self._state(session, time_ns, has_config), self._faults.is_on
         self.replies += 1
         self._faults.begin(time_ns)
@@ -195,14 +194,14 @@ class Service:
     def _pull(self, session: int, commands: wire.Commands, time_ns: int) -> Pull | None:
         """Return what the commands of a device want of its motors; None: nothing."""
         linear, angular = commands.set_cursor_force, commands.set_angular_torques
-        if linear is UNSET and angular is UNSET:
+        if linear is UNSET and not angular:
             return None
         force = ZERO
         if linear is not UNSET:
             given = linear.values if linear.vector is UNSET else linear.vector
             force = ZERO if given is UNSET else given.entries()
-        if angular is not UNSET:
-            torques = tuple([NEWTON_MILLIMETRE * t for t in angular.torques.entries()])
+        if angular:
+            torques = tuple([NEWTON_MILLIMETRE * t for t in angular["torques"].entries()])
             kinematics, angles = self._device.kinematics, self._device.mechanism.angles
             added = tip_force(kinematics, angles, torques, ZERO, ZERO)
             force = tuple([a + b for a, b in zip(force, added, strict=True)])
@@ -217,9 +216,14 @@ class Service:
         buttons = {name: bool(down >> k & 1) for k, name in enumerate("abc")}
         orientation = STATE["body_orientation"]
         grip = {**GRIP, "state": {"buttons": buttons, "hall": 0, "orientation": orientation}}
-        free = {"in_use": bool(self._device.pulls), "ready": not self._device.is_locked}
         inverse3: Json = {"device_id": DEVICE_ID, "state": self._known(self._motion(settings))}
-        inverse3["status"] = STATUS | free
+        inverse3["status"] = {
+            "calibrated": not self._faults.is_planned("uncalibrated"),
+            "in_use": bool(self._device.pulls),
+            "power_supply": True,
+            "ready": not self._device.is_locked,
+            "started": True,
+        }
         if has_config:
             inverse3["config"] = self._known(self._config(settings))
         else:
@@ -284,14 +288,13 @@ class Service:
         return NOT_FOUND, {"ok": False, "error": f"nothing is at {path}"}
 
     def _setting(self, key: str, wanted: Any) -> tuple[int, Json]:
-        """Read a setting of the service, or write the only one that can be written."""
+        """Read or write settings of the service."""
         if wanted is None and key in self.settings:
             return OK, {"ok": True, "data": self.settings[key]}
-        if wanted is not None:
-            ((key, wanted),) = ((key, wanted),) if key else convert(wanted, dict[str, Any]).items()
-        if key != "devices/force_scale":
-            return NOT_FOUND, {"ok": False, "error": f"no setting {key!r} to read or to write"}
-        self._device.force_scale = self.settings[key] = convert(wanted, wire.NotNegative)
+        if wanted is None:
+            return NOT_FOUND, {"ok": False, "error": f"no setting {key!r}"}
+        self.settings |= convert({key: wanted} if key else wanted, wire.Writable)
+        self._device.force_scale = self.settings["devices/force_scale"]
         return OK, {"ok": True}
 
     def _configured(self, key: str, selector: str, wanted: Any) -> tuple[int, Json]:
@@ -300,7 +303,7 @@ class Service:
         if key in shared:
             shared |= {} if wanted is None else {key: wanted}
             self._device.shared = convert(shared, wire.Shared)
-            return OK, {"ok": True, "data": shared[key]}
+            return OK, {"ok": True, "data": to_builtins(self._device.shared)[key]}
         session, name = self._selected(selector), key.removeprefix("filters/")
         if session is None or name not in wire.Configure.__struct_fields__:
             return NOT_FOUND, {"ok": False, "error": f"no {key!r} of a session {selector!r}"}

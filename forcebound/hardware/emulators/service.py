@@ -11,7 +11,6 @@ import time
 from base64 import b64encode
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import replace
 from email import message_from_bytes
 from hashlib import sha1
 from pathlib import Path
@@ -32,11 +31,10 @@ from forcebound.stop import Stop
 
 HOST = "127.0.0.1"
 EVENTS_AFTER = 19  # ports: 10020 is that of the events, 10001 that of the states
-RESTART = 0.5  # s
 GONE_TIMEOUT_NS = 5_000_000_000  # without a session, of an emulator that is to end when unused
 CHUNK = 65536  # bytes
 KEY_SUFFIX = b"258EAFA5-E914-47DA-95CA-C5AB0DC85B11"  # RFC 6455, 1.3
-TEXT, CLOSE, PING, PONG = 1, 8, 9, 10  # RFC 6455, 5.2
+TEXT, BINARY, CLOSE, PING, PONG = 1, 2, 8, 9, 10  # RFC 6455, 5.2
 GOING_AWAY = (1001).to_bytes(2, "big")
 
 
@@ -101,23 +99,17 @@ class Client:
 
 
 class Server:
-    """The channels of a service; a port of 0 takes two that are free.
+    """The channels of a service, at these ports of states and of events; 0: one that is free.
 
     ConfigError if it cannot listen there.
     """
 
-    def __init__(self, service: Service, port: int) -> None:
+    def __init__(self, service: Service, ports: Sequence[int]) -> None:
         self.service = service
-        self._ports = [port, port and port + EVENTS_AFTER]
         self._selector = selectors.DefaultSelector()
         self._listening: list[socket.socket] = []
-        self.clients: set[Client] = set()
-        self.listen()
-        self.url = f"ws://{HOST}:{self._ports[0]}"
-
-    def listen(self) -> None:
-        """Take clients, at the same ports as before."""
-        for k, port in enumerate(self._ports):
+        self._clients: set[Client] = set()
+        for port, has_states in zip(ports, (True, False), strict=True):
             try:
                 listening = socket.create_server((HOST, port))
             except OSError as error:
@@ -125,23 +117,21 @@ class Server:
                     f"cannot listen at port {port} of {HOST}: {error.strerror}: end what listens"
                     " there, such as the real service, or choose another --port"
                 ) from error
-            self._ports[k] = listening.getsockname()[1]
-            self._selector.register(listening, selectors.EVENT_READ, (listening, k == 0))
+            self._selector.register(listening, selectors.EVENT_READ, (listening, has_states))
             self._listening.append(listening)
-        states, events = self._ports
+        self.ports = states, events = [each.getsockname()[1] for each in self._listening]
         known = {"communication/websocket/port": states, "communication/events/port": events}
-        self.service.settings |= known
+        service.settings |= known
 
-    def leave(self) -> None:
+    def close(self) -> None:
         """End every connection, and listen no more."""
-        for listening in self._listening:
-            self._selector.unregister(listening)
-            listening.close()
-        self._listening.clear()
-        for client in list(self.clients):
+        for client in list(self._clients):
             if client.is_websocket:
                 client.post(GOING_AWAY, CLOSE)
             self._end(client)
+        for listening in self._listening:
+            listening.close()
+        self._selector.close()
 
     def step(self) -> None:
         """Wait for messages, at most a step of the mechanism, and go on."""
@@ -152,7 +142,7 @@ class Server:
                 listening, has_states = key.data
                 client = Client(listening.accept()[0], has_states)
                 self._selector.register(client.socket, selectors.EVENT_READ, client)
-                self.clients.add(client)
+                self._clients.add(client)
         self.service.tick(time.monotonic_ns())
         self._send()
 
@@ -160,12 +150,12 @@ class Server:
         service, now_ns = self.service, time.monotonic_ns()
         while service.outgoing and service.outgoing[0].due_ns <= now_ns:
             message = service.outgoing.popleft()
-            for client in self.clients:
+            for client in self._clients:
                 if client.session == message.session:
                     client.post(message.text)
         while service.events:
             event = service.events.popleft()
-            for client in self.clients:
+            for client in self._clients:
                 if client.is_websocket and not client.has_states:
                     client.post(event)
 
@@ -175,7 +165,7 @@ class Server:
             self._answer(client, *request)
         while client.is_websocket and (frame := client.take_frame()):
             code, content = frame
-            if code == TEXT and client.session is not None:
+            if code in (TEXT, BINARY) and client.session is not None:
                 self.service.receive(client.session, content, time.monotonic_ns())
                 self._send()
             elif code == PING:
@@ -210,7 +200,7 @@ class Server:
     def _end(self, client: Client) -> None:
         self._selector.unregister(client.socket)
         client.socket.close()
-        self.clients.discard(client)
+        self._clients.discard(client)
         if client.session is not None:
             self.service.disconnect(client.session, time.monotonic_ns())
 
@@ -232,18 +222,17 @@ def run(
     """
     be_punctual()
     model, operator = parts
-    begun = [replace(f, duration=f.duration or RESTART) for f in faults if f.kind == "restart"]
-    planned = Faults(begun + [one for one in faults if one.kind != "restart"])
     with Stop() as stop, Place(link) as place:
         device = Inverse3(model, model.mass, operator, idle)
-        service = Service(device, operator, planned, place.truth)
+        service = Service(device, operator, Faults(faults), place.truth)
         service.port = str(link)
-        server = Server(service, port)
+        server = Server(service, (port, port and port + EVENTS_AFTER))
         realtime.freeze_garbage()
         device.start(time.monotonic_ns())
         server.step()
-        place.show(server.url)
-        say(f"an emulated haply_inverse3 at {server.url}; Ctrl-C ends it")
+        url = f"ws://{HOST}:{server.ports[0]}"
+        place.show(url)
+        say(f"an emulated haply_inverse3 at {url}; Ctrl-C ends it")
         if advice:
             say(advice)
         _serve(server, stop, until_unused)
@@ -258,13 +247,13 @@ def _serve(server: Server, stop: Stop, until_unused: bool) -> None:
     service, seen_ns, timeout_ns = server.service, time.monotonic_ns(), UNUSED_TIMEOUT_NS
     while not stop.requested:
         if service.is_away(time.monotonic_ns()):
-            server.leave()
+            server.close()
             while service.is_away(time.monotonic_ns()) and not stop.requested:
                 time.sleep(STEP)
-            server.listen()
+            server = Server(service, server.ports)
         server.step()
         if service.sessions:
             seen_ns, timeout_ns = time.monotonic_ns(), GONE_TIMEOUT_NS
         elif until_unused and time.monotonic_ns() - seen_ns > timeout_ns:
             break
-    server.leave()
+    server.close()
