@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from typing import Any
 
 import msgspec
+import numpy as np
 import pytest
 from click.testing import CliRunner
 from scripted_service import Document, ScriptedService, golden, packed, scripted_service
@@ -255,7 +256,8 @@ def test_the_largest_force_keeps_its_direction_and_no_number_is_none(
     service: ScriptedService,
 ) -> None:
     with opened(service, saturation=2.0) as device:
-        assert math.hypot(*device.write(0, (3.0, 0.0, 4.0))) == pytest.approx(2.0)
+        force = tuple(np.array([3.0, 0.0, 4.0]))  # as an identification writes
+        assert math.hypot(*device.write(0, force)) == pytest.approx(2.0)
         assert service.forces[-1] == pytest.approx((-1.2, 0.0, -1.6))
         assert device.write(0, (1.0, math.nan, 0.0)) == (0.0, 0.0, 0.0)
         assert not any(service.forces[-1])
