@@ -224,6 +224,12 @@ def test_what_is_not_there_is_not_found(truth: TruthFile, path: str) -> None:
     assert client.http("GET", "/inverse3/049D/config/filters/damping?session=99")[0] == 404
 
 
+def test_http_lists_the_devices_as_the_inventory_does(truth: TruthFile) -> None:
+    client = Client(truth)
+    status, found = client.http("GET", "/devices")
+    assert (status, {"session_id": client.session, **found}) == (200, client.inventory)
+
+
 def test_global_settings_outlive_a_session_and_filters_do_not(truth: TruthFile) -> None:
     client = Client(truth)
     client.ask(configure(damping={"scalar": 2.0}, force_gate={"gain": 0.0}, basis={"a": 1}))

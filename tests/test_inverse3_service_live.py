@@ -128,18 +128,23 @@ def test_it_restarts_on_demand_and_forgets_its_sessions(tmp_path: Path) -> None:
     async def drive(client: Client) -> tuple[int, str]:
         inventory = await client.next()
         await client.http("/inverse3/049D/config/torque_scaling", {"enabled": False})
-        message = configure(damping={"scalar": 1.0})
+        message = golden("to_service/force_vector")
+        message["inverse3"][0] |= configure(damping={"scalar": 1.0})["inverse3"][0]
         while await client.ask(message) is not None:
             await asyncio.sleep(0.01)
+        until(lambda: not any(looked(truth).torque), "the end of the force")
         return inventory["session_id"], os.readlink(link)
 
     async def again(client: Client) -> Any:
         return await client.next()
 
-    with program(link, "--fault", "restart:at=500ms"):
+    with program(link, "--fault", "restart:at=500ms,for=5s"):
+        truth = truth_beside(str(link))
+        assert truth is not None
         session, url = with_client(os.readlink(link), drive)
         until(lambda: listens(url), "the service")
         inventory = with_client(url, again)
+        truth.close()
     config = inventory["inverse3"][0]["config"]
     assert inventory["session_id"] > session
     assert config["filters"]["damping"] == {"scalar": 0.0}

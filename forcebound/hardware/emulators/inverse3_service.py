@@ -53,6 +53,9 @@ NOT_IN_OLD += ("preset", "filters", "transform", "control_domain", "control_mode
 NOT_IN_OLD += ("current_cursor_force", "current_cursor_position")
 NOT_IN_OLD += ("current_angular_torques", "current_angular_position")
 
+#: Settings of a session, until it sets others.
+DEFAULTS = wire.Configure(wire.Preset("defaults"), wire.ForceGate(0.3), wire.Damping(0.0))
+
 SAFETY = "device-safety-triggered"
 #: Events at the begin of a fault and at its end: name, level, safety type.
 EVENTS = {
@@ -106,9 +109,7 @@ class Service:
     def connect(self, time_ns: int) -> tuple[int, bytes]:
         """Begin a session; return its number and the inventory."""
         self._newest += 1
-        defaults = wire.Preset("defaults"), wire.ForceGate(0.3), wire.Damping(0.0)
-        self.sessions[self._newest] = wire.Configure(*defaults)
-        self._device.advance(time_ns)
+        self.sessions[self._newest] = DEFAULTS
         return self._newest, self._state(self._newest, time_ns, has_config=True)
 
     def disconnect(self, session: int, time_ns: int) -> None:
@@ -210,7 +211,11 @@ class Service:
 
     def _state(self, session: int, time_ns: int, has_config: bool) -> bytes:
         """Return what a session gets to read."""
-        settings, hand = self.sessions[session], self._operator
+        devices = self._devices(self.sessions[session], time_ns, has_config)
+        return _encode(self._known({"session_id": session, **devices}))
+
+    def _devices(self, settings: wire.Configure, time_ns: int, has_config: bool) -> Json:
+        hand = self._operator
         elapsed = (time_ns - max(self._truth.engaged_ns, 0)) * 1e-9
         down = 0 if hand is None else hand.buttons(elapsed) or 0
         buttons = {name: bool(down >> k & 1) for k, name in enumerate("abc")}
@@ -228,9 +233,8 @@ class Service:
             inverse3["config"] = self._known(self._config(settings))
         else:
             del grip["config"]
-        devices = [] if "unplug" in self._on else [inverse3]
-        state = {"session_id": session, "inverse3": devices, "wireless_verse_grip": [grip]}
-        return _encode(self._known({**state, "verse_grip": []}))
+        present = [] if "unplug" in self._on else [inverse3]
+        return {"inverse3": present, "verse_grip": [], "wireless_verse_grip": [grip]}
 
     def _known(self, whole: Json) -> Json:
         """Return what a version has of a part of a message."""
@@ -275,6 +279,8 @@ class Service:
                     found = "4.0.0" if self._faults.is_planned("new") else found
                     name = "haply-inverse-service"
                     return OK, {"project_name": name, "project_version": f"{found}.0"}
+                case ["devices"]:
+                    return OK, self._devices(DEFAULTS, time_ns, has_config=True)
                 case ["settings", *names]:
                     return self._setting("/".join(names), wanted)
                 case ["inverse3", "*", "config", _] if wanted is None:

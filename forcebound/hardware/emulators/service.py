@@ -249,6 +249,7 @@ def _serve(server: Server, stop: Stop, until_unused: bool) -> None:
         if service.is_away(time.monotonic_ns()):
             server.close()
             while service.is_away(time.monotonic_ns()) and not stop.requested:
+                service.tick(time.monotonic_ns())  # the arm and its hand go on
                 time.sleep(STEP)
             server = Server(service, server.ports)
         server.step()
