@@ -57,7 +57,7 @@ def test_a_fault_of_the_service_ends_in_zero_force_and_one_sentence(
     tmp_path: Path, fault: str, said: str
 ) -> None:
     link, (kind, *rest) = tmp_path / "inverse3", fault.split(":")
-    options = ":".join((kind, "at=0.3s", *rest))
+    options = f"{kind}:{','.join(('at=0.3s', *rest))}"
     words = ("--port", "0", "--no-hand", "--fault", options)
     with program(link, *words, kind="haply_inverse3"):
         device = device_at(link, 0.5).open(None, HOLD)
@@ -104,6 +104,7 @@ def test_the_wall_is_felt_and_the_hand_gets_no_energy(attenuates: str) -> None:
     with live_graph(
         "haply_inverse3", PATIENT, f"attenuates:={attenuates}", is_alone=False
     ) as graph:
+        graph.wait_until_engaged()
         graph.wait_for_telemetry(lambda t: t.applied_force[0] > 0.03, "a wall")
         graph.end()
         columns = read(graph.record).telemetry
@@ -123,8 +124,9 @@ def test_a_service_that_was_restarted_serves_again_when_the_user_says_so(tmp_pat
             service.kill()
             graph.until(lambda: graph.node("device").state == "lost", "the loss")
             service.wait()
+            link.unlink()
             with program(link, "--port", "0", kind="haply_inverse3"):
-                until(link.exists, "the emulator")
+                until(link.is_symlink, "the emulator")
                 resume_device(graph.run_dir)
                 graph.wait_for_telemetry(lambda t: t.engagement == 1.0, "an engaged force")
-            assert graph.log.count("has ended the session") == 1
+                assert "has ended the session" in graph.log

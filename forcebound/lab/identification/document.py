@@ -22,6 +22,7 @@ from forcebound.graph.problems import Problems
 from forcebound.graph.resolved import part_document
 from forcebound.graph.tree import parse
 from forcebound.haptics.devices import DeviceModel
+from forcebound.haptics.laws.dissipation import PerAxis, per_axis
 from forcebound.lab.identification.estimators import Bounded
 from forcebound.lab.identification.procedure import Found, Plan
 from forcebound.messages.topology import Document
@@ -103,7 +104,23 @@ def numbers_of(model: DeviceModel, found: Found) -> dict[str, Number]:
         numbers["gain_error"] = Number(
             error, up(max(max(share.upper - 1.0, 1.0 - share.lower) for share in shares))
         )
+    for name in _unproved(model) & numbers.keys():
+        numbers[name].stated = _as_found(numbers[name], getattr(model, name))
     return numbers
+
+
+def _unproved(model: DeviceModel) -> set[str]:
+    """Return the numbers that a model may not state, as its motors attenuate: found, not stated."""
+    if model.attenuates == "never":
+        return set()
+    return {"lag", "gain_error", *(["presliding"] if model.attenuates == "freely" else [])}
+
+
+def _as_found(number: Number, stated: PerAxis) -> float | Sequence[float]:
+    """Return what a model states, for each axis if the number was found for each."""
+    if isinstance(number.found, float):
+        return stated
+    return per_axis("stated", stated, len(number.found))
 
 
 def _number(values: Sequence[Bounded], is_lower: bool = False) -> Number:
@@ -135,7 +152,8 @@ def identified_model(model: Any, found: Found) -> Any:
     device that has either states a reporting one.
     """
     bounds: dict[str, object] = {name: one.stated for name, one in numbers_of(model, found).items()}
-    sources = {**model.sources, **dict.fromkeys(bounds, "measured")}
+    measured = bounds.keys() - _unproved(model)
+    sources = {**model.sources, **dict.fromkeys(measured, "measured")}
     if model.watchdog == "guarding" and (bounds.get("lag") or bounds["write_delay"]):
         bounds["watchdog"] = "reporting"
     return dataclasses.replace(model, **bounds, sources=sources)
