@@ -81,16 +81,11 @@ def test_golden_inventories_and_states_are_read() -> None:
     inventory = parse(packed(golden("from_service/inventory.json")))
     (device,) = inventory.inverse3
     assert (inventory.session_id, device.device_id, device.lack) == (7, "049D", "")
-    assert device.config is not None
-    assert device.config.filters is not None
-    assert device.config.filters.force_gate.gain == 0.3
+    assert device.config["filters"]["force_gate"]["gain"] == 0.3
     state = parse(packed(golden("from_service/state.json")))
-    assert state.inverse3[0].config is None
+    assert not state.inverse3[0].config
     assert state.inverse3[0].state.cursor_position.y == -0.13648
-    (grip,) = state.wireless_verse_grip
-    assert grip.is_here
-    assert grip.state is not None
-    assert grip.state.bits == 0
+    assert [group for group, _ in state.grips] == ["verse_grip", "wireless_verse_grip"]
     (older,) = parse(packed(golden("from_service/inventory_3_1.json"))).inverse3
     assert older.lack == "calibrated"
     assert not parse(packed(golden("from_service/state_without_device.json"))).inverse3
@@ -113,7 +108,7 @@ def test_filters_are_set_and_read_back_before_any_force(service: ScriptedService
     assert first["session"] == profile
     assert first["inverse3"][0]["configure"] == {
         "basis": {"permutation": "XZY"},
-        "damping": {"scalar": 0.0},
+        "damping": {"scalar": 0.0, "vector": {"x": 0.0, "y": 0.0, "z": 0.0}},
         "force_gate": {"gain": 0.25},
     }
     assert second == golden("to_service/full_state.json")
@@ -162,11 +157,20 @@ REFUSED: list[tuple[Change, str]] = [
     (of_device("state", "control_mode", value="force"), "driven by another session"),
     (of_device("status", "calibrated", value=False), "not calibrated.*calibrate it"),
     (of_device("status", "ready", value=False), "not ready"),
-    (of_device("config", "gravity_compensation", "enabled", value=False), "is off at the device"),
-    (of_device("config", "mount", "scale", "y", value=2.0), r"keeps scale at .*2\.0"),
-    (keeps("force_gate", {"gain": 0.3}), r"keeps force_gate at 0\.3, expected 0\.0.*Hub"),
-    (keeps("damping", {"scalar": 5.0}), r"keeps damping at 5\.0"),
-    (keeps("damping", {"vector": {"x": 0, "y": 1, "z": 0}}), "keeps damping along axes"),
+    (
+        of_device("config", "gravity_compensation", "enabled", value=False),
+        r"keeps gravity_compensation\.enabled at False, expected True",
+    ),
+    (of_device("config", "mount", "scale", "y", value=2.0), r"keeps mount\.scale\.y at 2\.0"),
+    (
+        keeps("force_gate", {"gain": 0.3}),
+        r"keeps filters\.force_gate\.gain at 0\.3, expected 0\.0.*Hub",
+    ),
+    (keeps("damping", {"scalar": 5.0}), r"keeps filters\.damping\.scalar at 5\.0"),
+    (
+        keeps("damping", {"vector": {"x": 0, "y": 1, "z": 0}}),
+        r"keeps filters\.damping\.vector\.y at 1, expected 0\.0",
+    ),
     (with_another, "it has 049D, 04BA.*name one by its id"),
     (lambda s: s.inventory.update(inverse3=[]), "it has none: plug it in"),
     (lambda s: s.inventory.update(inverse3="none"), "expected a state of the Haply service"),
@@ -217,7 +221,7 @@ def test_what_outlives_the_session_is_put_back(
         assert service.device["config"]["torque_scaling"] == {"enabled": True}
     path = "/inverse3/049D/config/torque_scaling"
     assert service.posts == [(path, {"enabled": True}), (path, {"enabled": False})]
-    assert "belongs to the device, not to this session" in caplog.text
+    assert "belongs to the device, and outlives the session" in caplog.text
 
 
 def test_what_is_assumed_is_said_until_it_is_measured(
@@ -340,8 +344,11 @@ FAULTS: list[tuple[Change, str]] = [
     ),
     (spoiled(lambda state: [b'{"inverse3":[{"device_id":5}]}']), "expected a state"),
     (spoiled(lambda state: [packed(state)] * 2), "two replies to one message"),
-    (changed("inverse3", 0, "device_id", value="04BA"), "no Inverse3 049D .it has 04BA.*unplugged"),
-    (changed("inverse3", value=[]), "no Inverse3 049D .it has none"),
+    (
+        changed("inverse3", 0, "device_id", value="04BA"),
+        "has not the Inverse3 049D .it has 04BA.*unplugged",
+    ),
+    (changed("inverse3", value=[]), "has not the Inverse3 049D .it has none"),
     (changed("session_id", value=8), "reply is of session 8, this one is 7"),
     (changed("inverse3", 0, "status", "ready", value=False), "no longer ready"),
     (changed("inverse3", 0, "state", "cursor_position", "x", value=1e400), "no number|expected a"),
@@ -450,14 +457,13 @@ def test_the_service_and_its_devices_are_listed(
     service: ScriptedService, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     address = Address("127.0.0.1", service.port)
-    service.device["status"]["in_use"] = True
     (found,) = inverse_service.listed(address)
     assert (found.path, found.serial_number, found.seems) == (
         str(address),
         "049D",
         "haply_inverse3",
     )
-    assert found.description == "Inverse3 of the Haply service 3.5.0.0, in use"
+    assert found.description == "Inverse3 of the Haply service 3.5.0.0"
     assert inverse_service.listed(Address("127.0.0.1", free_port())) == []
     monkeypatch.setattr(ports, "listed", list)
     monkeypatch.setattr(inverse_service, "listed", lambda: [found])

@@ -25,10 +25,10 @@ HOLD = 0.0025  # s
 STARTS = [("old", r"version 3\.1.*update the"), ("new", r"version 4\.0.*use an older")]
 FAULTS = [
     ("stall", "no reply within"),
-    ("unplug", "no Inverse3 049D|device-disconnected"),
+    ("unplug", "has not the Inverse3 049D|device-disconnected"),
     ("busy", "device-busy"),
     ("malformed", "expected a state of the Haply service"),
-    ("foreign", r"no Inverse3 049D \(it has 04BA\)"),
+    ("foreign", r"has not the Inverse3 049D \(it has 04BA\)"),
     ("doubled", "two replies to one message"),
     ("ebrake", "ebrake_triggered|no longer ready"),
     ("motor_stall", "stall_detected|no longer ready"),

@@ -15,8 +15,8 @@ import logging
 import math
 import time
 from collections.abc import Callable, Mapping
-from contextlib import ExitStack
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Annotated, ClassVar, Literal
 
 from forcebound.errors import DeviceError
@@ -29,15 +29,9 @@ from forcebound.haptics.laws.dissipation import (
     FrictionOfAxes,
     LengthOfAxes,
 )
-from forcebound.hardware.inverse_messages import Grip, chosen, framed, parse
-from forcebound.hardware.inverse_service import (
-    CONNECT,
-    Connection,
-    address_of,
-    check_version,
-    devices,
-)
-from forcebound.hardware.inverse_session import NO_FORCE, Session, Settings
+from forcebound.hardware import inverse_service
+from forcebound.hardware.inverse_messages import Grip, chosen, framed
+from forcebound.hardware.inverse_session import NO_FORCE, Session
 from forcebound.hardware.line import EMULATED, Line
 from forcebound.hardware.serial_device import (
     FIRST_EXCHANGES,
@@ -48,7 +42,6 @@ from forcebound.hardware.serial_device import (
 )
 from forcebound.messages.packets import Quaternion, Vector
 from forcebound.quantities import (
-    NOT_NEGATIVE,
     POSITIVE,
     Force,
     Length,
@@ -60,6 +53,7 @@ from forcebound.quantities import (
     Time,
 )
 
+GUESSED = "damping friction resolution saturation mass largest_speed write_delay cycle origin"
 NOTICEABLE = 0.02  # of a force: by how much the service's report may differ, and N
 SILENT = (
     "is the Haply service running, and its device plugged in? (a busy machine may be late: see"
@@ -108,85 +102,59 @@ class HaplyInverse3(DriverNumbers, AxesModel):
     write_delay: Annotated[Time, Range(at_least=0)] = 1.5e-3  # both exchanges, two cycles
     attenuates: Attenuates = "freely"
     service: Name = "localhost:10001"
-    origin: tuple[Length, Length, Length] = (0.0, -0.12, 0.15)  # in the maker's example
+    origin: tuple[Length, Length, Length] = (0.0, -0.12, 0.15)  # of the maker's example
     basis: Name = "XYZ"
     force_gate: Annotated[Ratio, Range(at_least=0, at_most=1)] = 0.0
     torque_scaling: bool = True
     gravity_compensation: bool = True
-    cycle: Annotated[Time, NOT_NEGATIVE] = 3.3e-4  # 3 kHz, as SOFA's plug-in reports
+    cycle: Annotated[Time, Range(at_least=0)] = 3.3e-4  # 3 kHz, as SOFA's plug-in reports
     mass: Annotated[Mass, POSITIVE] = 0.1
     sources: Mapping[str, Source] = field(
-        default_factory=lambda: dict.fromkeys(
-            (
-                *("damping", "friction", "resolution", "saturation", "mass"),
-                *("largest_speed", "write_delay", "cycle", "origin", "watchdog_limit"),
-            ),
-            "assumed",
-        ),
-        hash=False,
+        default_factory=lambda: dict.fromkeys(GUESSED.split(), "assumed"), hash=False
     )
 
     def check_here(self) -> None:
         if self.port != EMULATED:
-            address = address_of(self.port, self.service)
-            check_version(address)
-            chosen(devices(address), self.port)
+            address = inverse_service.address_of(self.port, self.service)
+            inverse_service.check_version(address)
+            chosen(inverse_service.devices(address), self.port)
 
     def open(self, operator: Operator | None, hold_limit: float) -> "OpenInverse3":
-        found: list[Session] = []
-
-        def opens(name: str) -> Connection:
-            found.append(Session(self, name))
-            return found[0].connection
-
-        def end() -> None:
-            for session in found:
-                session.close()
-
-        with ExitStack() as undone:
-            undone.callback(end)
-            line = Line(
-                "haply_inverse3",
-                self.port,
-                lambda: found[0].zero,
-                self.longest_force,
-                zero_reply=1,
-                opens=opens,
-                model=self,
-                operator=operator,
-            )
-            undone.callback(line.close)
-            device = OpenInverse3(self, line, found[0])
-            undone.pop_all()
-            return device
+        line = Line(
+            "haply_inverse3",
+            self.port,
+            b"",
+            self.longest_force,
+            zero_reply=1,
+            opens=partial(Session, self),
+            model=self,
+            operator=operator,
+        )
+        try:
+            return OpenInverse3(self, line)
+        except BaseException:
+            line.close()
+            raise
 
 
 class OpenInverse3(SerialDevice):
     """An Inverse3 in a session of its own; DeviceError if it is not as the model states."""
 
     def __init__(
-        self,
-        model: HaplyInverse3,
-        line: Line,
-        session: Session,
-        clock: Callable[[], int] = time.monotonic_ns,
+        self, model: HaplyInverse3, line: Line, clock: Callable[[], int] = time.monotonic_ns
     ) -> None:
         exchanges = Exchanges(line, model.reply_within, clock, SILENT)
         super().__init__(line, exchanges, model.reply_within, clock)
-        self._model, self._session = model, session
+        assert isinstance(line.port, Session)
+        self._model, self._session = model, line.port
         self._cycle_ns = round(1e9 * model.cycle)
         self.axes = 3
         self._force = self._reported = NO_FORCE  # N, along the service's axes
         self._grip: Grip | None = None
         self._less = self._more = 0  # replies with less, or more, force than written
-        exchanges.longest_wait = max(CONNECT, line.silence)
-        self._settings = Settings(model, session)
-        try:
-            for _ in range(FIRST_EXCHANGES):
-                self._exchange()
-        except BaseException:
-            self._settings.put_back()
-            raise
+        exchanges.longest_wait = max(inverse_service.CONNECT, line.silence)
+        for _ in range(FIRST_EXCHANGES):
+            self._exchange()
         exchanges.longest_wait = line.silence
         exchanges.restart()
         if assumed := [name for name, source in model.sources.items() if source == "assumed"]:
@@ -204,7 +172,7 @@ class OpenInverse3(SerialDevice):
         self._jitter_ns = exchange.excess_ns + self._cycle_ns
         self._angles = exchange.reply
         asked, given = (math.hypot(*force) for force in (self._force, self._reported))
-        asked *= self._settings.force_scale
+        asked *= self._session.force_scale
         self._less += given < (1.0 - NOTICEABLE) * asked - NOTICEABLE
         self._more += given > (1.0 + NOTICEABLE) * asked + NOTICEABLE
         return self._angles
@@ -223,24 +191,26 @@ class OpenInverse3(SerialDevice):
         if self._model.attenuates == "never":
             x, y, z = self._reported
             return (-x, -y, -z)
-        scale = self._settings.force_scale
+        scale = self._session.force_scale
         return (scale * x, scale * y, scale * z)
 
     def orientation(self) -> Quaternion | None:
         """Return that of the grip, if there is one."""
-        if self._grip is None or self._grip.state is None:
+        if self._grip is None:
             return None
-        found = self._grip.state.orientation
-        return (found.w, found.x, found.y, found.z)
+        w, x, y, z = (self._grip.state.orientation.get(name, 0.0) for name in "wxyz")
+        return (w, x, y, z)
 
     def buttons(self) -> int | None:
         """Return those of the grip: one, or a, b and c."""
-        return None if self._grip is None or self._grip.state is None else self._grip.state.bits
+        if self._grip is None:
+            return None
+        named = self._grip.state.buttons
+        down = [named[name] for name in sorted(named)] or [self._grip.state.button]
+        return sum(is_down << place for place, is_down in enumerate(down))
 
     def close(self) -> None:
         self._line.close()
-        self._session.close()
-        self._settings.put_back()
         self.exchanges.log(_logger)
         if self._less or self._more:
             words = "of the forces that the service reports, %d were less than written, %d more"
@@ -254,37 +224,21 @@ class OpenInverse3(SerialDevice):
         except DeviceError as failure:
             self._line.fail(failure)
             raise
-        force = self._force
         return self.exchanges.exchange(
             "exchange",
-            framed(self._session.force(force)),
-            lambda until_ns: self._session.connection.read(0, until_ns),
+            framed(self._session.force(self._force)),
+            lambda until_ns: self._session.read(0, until_ns),
             self._position,
-            has_force=any(force),
+            has_force=any(self._force),
         )
 
     def _position(self, data: bytes) -> Vector:
         """Return the position in a reply, in m; DeviceError if it is not that of this device."""
-        session = self._session
-        message = parse(data)
-        if message.session_id != session.id:
-            raise DeviceError(
-                f"the reply is of session {message.session_id}, this one is {session.id}: restart"
-                " the Haply service"
-            )
-        device = next((one for one in message.inverse3 if one.device_id == session.device_id), None)
-        if device is None:
-            there = ", ".join(one.device_id for one in message.inverse3) or "none"
-            raise DeviceError(
-                f"the reply has no Inverse3 {session.device_id} (it has {there}): is it unplugged?"
-            )
-        if device.lack:
-            raise DeviceError(f"the Inverse3 {session.device_id} is no longer {device.lack}")
-        at, force = device.state.cursor_position, device.state.current_cursor_force
-        origin = self._model.origin
-        self._reported = NO_FORCE if force is None else (force.x, force.y, force.z)
-        grips = (*message.verse_grip, *message.wireless_verse_grip)
-        self._grip = next((grip for grip in grips if grip.is_here), None)
+        message = self._session.state(data)
+        state = message.inverse3[0].state
+        at, force, origin = state.cursor_position, state.current_cursor_force, self._model.origin
+        self._reported = (force.x, force.y, force.z)
+        self._grip = next((grip for _, grip in message.grips), None)
         position = (at.x - origin[0], at.y - origin[1], at.z - origin[2])
         if not math.isfinite(math.hypot(*position, *self._reported)):
             raise DeviceError("the reply has a position or a force that is no number")

@@ -4,7 +4,7 @@ Keys that are not named here are passed over. Sources: the maker's documentation
 Inverse SDK 3.5); tests/golden/inverse3 has the messages, and says what no source states.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import msgspec
@@ -16,84 +16,18 @@ from forcebound.errors import DeviceError
 class Xyz(Struct):
     """A vector of the service, in m or N."""
 
-    x: float
-    y: float
-    z: float
-
-
-class Quaternion(Struct):
-    """An orientation of the service."""
-
-    w: float = 1.0
     x: float = 0.0
     y: float = 0.0
     z: float = 0.0
-
-
-class Transform(Struct):
-    """A transform of the service; what is left out is the identity."""
-
-    scale: Xyz = field(default_factory=lambda: Xyz(1.0, 1.0, 1.0))
-
-
-class Enabled(Struct):
-    """A feature that is on or off."""
-
-    enabled: bool
-
-
-class Gain(Struct):
-    """The filter against oscillations."""
-
-    gain: float
-
-
-class Damping(Struct):
-    """The damping that the service adds, in N s/m."""
-
-    scalar: float = 0.0
-    vector: Xyz | None = None
-
-
-class Filters(Struct):
-    """The filters of a session."""
-
-    force_gate: Gain
-    damping: Damping
-
-
-class Basis(Struct):
-    """The axes of a session."""
-
-    permutation: str
-
-
-class Config(Struct):
-    """Configuration of a device; what 3.1 does not have is None."""
-
-    gravity_compensation: Enabled
-    torque_scaling: Enabled
-    basis: Basis | None = None
-    mount: Transform | None = None
-    filters: Filters | None = None
 
 
 class State(Struct):
     """State of a device."""
 
     cursor_position: Xyz
-    current_cursor_force: Xyz | None = None
+    current_cursor_force: Xyz = field(default_factory=Xyz)
     control_mode: str = ""
-    transform: Transform | None = None
-
-
-class Status(Struct):
-    """Status of a device."""
-
-    calibrated: bool
-    ready: bool
-    started: bool
-    in_use: bool = False
+    transform: dict[str, Any] = field(default_factory=dict)  # without what is the identity
 
 
 class Inverse3(Struct):
@@ -101,43 +35,35 @@ class Inverse3(Struct):
 
     device_id: str
     state: State
-    status: Status
-    config: Config | None = None
+    status: dict[str, Any]
+    config: dict[str, Any] = field(default_factory=dict)
 
     @property
     def lack(self) -> str:
         """What it needs before it can give a force; empty: nothing."""
         flags = ("calibrated", "ready", "started")
-        return ", ".join(name for name in flags if not getattr(self.status, name))
+        return ", ".join(name for name in flags if self.status.get(name) is not True)
 
 
 class GripState(Struct):
     """State of a grip, with one button or three."""
 
-    orientation: Quaternion = field(default_factory=Quaternion)
+    orientation: dict[str, float] = field(default_factory=dict)  # w x y z
     button: bool = False
     buttons: dict[str, bool] = field(default_factory=dict)
-
-    @property
-    def bits(self) -> int:
-        """Bit i: button i is down."""
-        down = [self.buttons[name] for name in sorted(self.buttons)] or [self.button]
-        return sum(is_down << place for place, is_down in enumerate(down))
 
 
 class Grip(Struct):
     """A grip."""
 
     device_id: str
-    state: GripState | None = None
+    state: GripState
     status: dict[str, Any] = field(default_factory=dict)
 
     @property
     def is_here(self) -> bool:
         """Whether it reports: connected and awake, if it says so."""
-        return self.state is not None and all(
-            self.status.get(name, True) for name in ("ready", "connected", "awake")
-        )
+        return all(self.status.get(name, True) for name in ("ready", "connected", "awake"))
 
 
 class Message(Struct):
@@ -147,6 +73,12 @@ class Message(Struct):
     inverse3: Sequence[Inverse3] = ()
     verse_grip: Sequence[Grip] = ()
     wireless_verse_grip: Sequence[Grip] = ()
+
+    @property
+    def grips(self) -> Iterator[tuple[str, Grip]]:
+        """The grips that report, each with the name of its group."""
+        for group in ("verse_grip", "wireless_verse_grip"):
+            yield from ((group, grip) for grip in getattr(self, group) if grip.is_here)
 
 
 class Event(Struct):

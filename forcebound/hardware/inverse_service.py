@@ -15,8 +15,7 @@ import socket
 import time
 from collections import deque
 from collections.abc import Sequence
-from contextlib import suppress
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import msgspec
 
@@ -26,14 +25,11 @@ from forcebound.hardware.inverse_messages import Inverse3, parse
 from forcebound.hardware.port import Port
 from forcebound.hardware.ports import SerialPort
 
-if TYPE_CHECKING:
-    pass
-
 CONNECT = 2.0  # s, for a connection, a setting, and the inventory
 SOON = 0.3  # s, for a service of which nobody says that it is there
 CLOSE, PING = 8, 9  # opcodes of frames; those below have data
 CHUNK = 65536  # bytes; a state of five devices has 5000
-SUPPORTED = ((3, 5), (4, 0))  # from the first version up, below the other
+SUPPORTED = [3, 5], [4]  # from the first version up, below the other
 START = "start it (`systemctl start haply-inverse-service`, or the Haply Hub)"
 
 Kind = TypeVar("Kind")
@@ -69,8 +65,7 @@ class Connection(Port):
         from websockets.uri import parse_uri
 
         self.path, self._what = name, f"the Haply service at {host}:{port}"
-        self._messages: deque[bytes] = deque()
-        self._part = b""
+        self._messages, self._part = deque[bytes](), b""
         try:
             self._socket = socket.create_connection((host, port), CONNECT)
         except OSError as error:
@@ -78,7 +73,7 @@ class Connection(Port):
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._socket.setblocking(False)
         self.descriptor = self._socket.fileno()
-        self._protocol: ClientProtocol = ClientProtocol(parse_uri(f"ws://{host}:{port}/"))
+        self._protocol = ClientProtocol(parse_uri(f"ws://{host}:{port}/"))
         try:
             self._open()
         except BaseException:
@@ -89,9 +84,7 @@ class Connection(Port):
         protocol, until_ns = self._protocol, time.monotonic_ns() + round(CONNECT * 1e9)
         protocol.send_request(protocol.connect())
         self._send_waiting()
-        while protocol.state.name == "CONNECTING" and protocol.handshake_exc is None:
-            if not self._wait(until_ns):
-                break
+        while protocol.state.name == "CONNECTING" and self._wait(until_ns):
             self._take_in()
         if protocol.state.name != "OPEN":
             reason = protocol.handshake_exc or f"no answer within {CONNECT:g} s"
@@ -99,13 +92,13 @@ class Connection(Port):
 
     def write(self, message: bytes) -> None:
         try:
-            count = self._socket.send(message)
+            if self._socket.send(message) == len(message):
+                return
         except BlockingIOError:
-            count = 0
+            pass
         except OSError as error:
-            raise self._ended(error.strerror or "") from error
-        if count != len(message):
-            raise DeviceError(f"{self._what} does not read: restart it")
+            raise self._ended(error.strerror) from error
+        raise DeviceError(f"{self._what} does not read: restart it")
 
     def read(self, count: int, deadline_ns: int) -> bytes:
         """Return the next message, whatever its length; nothing if none has come by the deadline.
@@ -136,9 +129,9 @@ class Connection(Port):
         try:
             data = self._socket.recv(CHUNK)
         except OSError as error:
-            raise self._ended(error.strerror or "") from error
+            raise self._ended(error.strerror) from error
         if not data:
-            raise self._ended("")
+            raise self._ended()
         self._protocol.receive_data(data)
         for frame in self._protocol.events_received():
             self._keep(frame)
@@ -150,7 +143,7 @@ class Connection(Port):
         opcode = getattr(frame, "opcode", PING)  # the answer to the handshake has none
         if opcode == CLOSE:
             self.is_over = True
-            raise self._ended("")
+            raise self._ended()
         if opcode < CLOSE:
             self._part += frame.data
             if frame.fin:
@@ -162,10 +155,9 @@ class Connection(Port):
             if data:
                 self.write(data)
 
-    def _ended(self, reason: str) -> DeviceError:
-        words = f" ({reason})" if reason else ""
+    def _ended(self, reason: str | None = "closed") -> DeviceError:
         return DeviceError(
-            f"{self._what} has ended the session{words}: it was stopped or restarted; {START} and"
+            f"{self._what} has ended the session ({reason}): it was stopped or restarted; {START} and"
             " launch again"
         )
 
@@ -190,9 +182,7 @@ def ask(address: Address, path: str, body: Any = None, timeout: float = CONNECT)
         answered = http_client.getresponse()
         found: Any = msgspec.json.decode(answered.read())
     except (http.client.HTTPException, msgspec.MsgspecError) as error:
-        raise AbsentError(
-            f"{what} gives no JSON for {path} ({error}): is it this service?"
-        ) from error
+        raise AbsentError(f"{what} gives no JSON for {path}: is it this service?") from error
     except OSError as error:
         raise absent(what, error) from error
     finally:
@@ -210,10 +200,7 @@ def check_version(address: Address, timeout: float = CONNECT) -> str:
     text = found.get("project_version") if isinstance(found, dict) else None
     if not isinstance(text, str):
         raise AbsentError(f"what listens at {address} is no Haply service: correct device.service")
-    version = (0, 0)
-    with suppress(ValueError):
-        major, minor = map(int, text.split(".")[:2])
-        version = major, minor
+    version = [int(word) for word in text.split(".") if word.isdigit()]
     first, end = SUPPORTED
     if not first <= version < end:
         raise DeviceError(
@@ -241,16 +228,11 @@ def devices(address: Address, timeout: float = CONNECT) -> Sequence[Inverse3]:
 def listed(address: Address = LOCAL) -> list[SerialPort]:
     """Return the Inverse3 that a service has, as if at ports of their own; none without service."""
     try:
-        version = check_version(address, SOON)
+        words = f"Inverse3 of the Haply service {check_version(address, SOON)}"
         found = devices(address, SOON)
     except DeviceError:
         return []
-    words = f"Inverse3 of the Haply service {version}"
-    uses = [", in use" if each.status.in_use else "" for each in found]
-    return [
-        SerialPort(str(address), words + use, each.device_id, "haply_inverse3")
-        for each, use in zip(found, uses, strict=True)
-    ]
+    return [SerialPort(str(address), words, one.device_id, "haply_inverse3") for one in found]
 
 
 def address_of(name: str, service: str) -> Address:
@@ -260,6 +242,6 @@ def address_of(name: str, service: str) -> Address:
         host, _, port = where.rpartition(":")
         return Address(host.strip("[]"), int(port))
     except (OSError, ValueError) as error:
-        expected = f"the link of an emulator, got {name!r}"
-        expected = expected if "/" in name else f"service: HOST:PORT, got {service!r}"
-        raise DeviceError(f"expected {expected}: {error}") from error
+        got = f"the link of an emulator, got {name!r}"
+        got = got if "/" in name else f"service: HOST:PORT, got {service!r}"
+        raise DeviceError(f"expected {got}: {error}") from error

@@ -35,7 +35,7 @@ class Line:
     ``zero`` is the message of zero force, whatever the board has received before; the board answers
     it with ``zero_reply`` bytes. A force ends that nobody renews within ``watchdog_limit`` s.
     ``baud`` matters to a UART; ``model`` and ``operator`` to an emulator, the port ``emulated``.
-    ``opens`` opens what is no serial port; ``zero`` may depend on what it finds there.
+    ``opens`` opens what is no serial port, which then has a ``zero`` of its own.
 
     Raises:
         DeviceError: If port, guardian or emulator cannot be opened.
@@ -51,7 +51,7 @@ class Line:
         self,
         kind: str,
         name: str,
-        zero: bytes | Callable[[], bytes],
+        zero: bytes,
         watchdog_limit: float,
         *,
         baud: int = 115_200,
@@ -73,7 +73,7 @@ class Line:
             self.port = Port(find(name, kind), baud) if opens is None else opens(name)
             opened.callback(self.port.close)
             self.port.drain(QUIET)  # what a former user has left
-            self._zero = zero if isinstance(zero, bytes) else zero()
+            self._zero = zero or self.port.zero
             self.truth: TruthFile | None = truth_beside(self.port.path)
             if self.truth is not None:
                 opened.callback(self.truth.close)

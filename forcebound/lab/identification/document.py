@@ -22,7 +22,7 @@ from forcebound.graph.problems import Problems
 from forcebound.graph.resolved import part_document
 from forcebound.graph.tree import parse
 from forcebound.haptics.devices import DeviceModel
-from forcebound.haptics.laws.dissipation import PerAxis, per_axis
+from forcebound.haptics.laws.dissipation import per_axis
 from forcebound.lab.identification.estimators import Bounded
 from forcebound.lab.identification.procedure import Found, Plan
 from forcebound.messages.topology import Document
@@ -105,7 +105,9 @@ def numbers_of(model: DeviceModel, found: Found) -> dict[str, Number]:
             error, up(max(max(share.upper - 1.0, 1.0 - share.lower) for share in shares))
         )
     for name in _unproved(model) & numbers.keys():
-        numbers[name].stated = _as_found(numbers[name], getattr(model, name))
+        stated = getattr(model, name)
+        is_of_axes = name == "presliding" and model.axes > 1
+        numbers[name].stated = per_axis(name, stated, model.axes) if is_of_axes else stated
     return numbers
 
 
@@ -114,13 +116,6 @@ def _unproved(model: DeviceModel) -> set[str]:
     if model.attenuates == "never":
         return set()
     return {"lag", "gain_error", *(["presliding"] if model.attenuates == "freely" else [])}
-
-
-def _as_found(number: Number, stated: PerAxis) -> float | Sequence[float]:
-    """Return what a model states, for each axis if the number was found for each."""
-    if isinstance(number.found, float):
-        return stated
-    return per_axis("stated", stated, len(number.found))
 
 
 def _number(values: Sequence[Bounded], is_lower: bool = False) -> Number:
