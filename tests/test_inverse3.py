@@ -25,7 +25,6 @@ from forcebound.errors import ConfigError, DeviceError
 from forcebound.hardware import inverse_service, ports
 from forcebound.hardware.haply_inverse3 import HaplyInverse3, OpenInverse3
 from forcebound.hardware.inverse_messages import framed, parse, parse_event, to_device
-from forcebound.hardware.inverse_service import Address
 from forcebound.hardware.ports import SerialPort
 from forcebound.observe import machine
 
@@ -169,7 +168,7 @@ REFUSED: list[tuple[Change, str]] = [
     (keeps("damping", {"scalar": 5.0}), r"keeps filters\.damping\.scalar at 5\.0"),
     (
         keeps("damping", {"vector": {"x": 0, "y": 1, "z": 0}}),
-        r"keeps filters\.damping\.vector\.y at 1, expected 0\.0",
+        r"damping\.vector\.y at 1, expected",
     ),
     (with_another, "it has 049D, 04BA.*name one by its id"),
     (lambda s: s.inventory.update(inverse3=[]), "it has none: plug it in"),
@@ -193,7 +192,7 @@ def test_without_a_service_one_sentence_says_how_to_start_it() -> None:
     for use in (absent.check_here, lambda: absent.open(None, HOLD)):
         with pytest.raises(DeviceError, match=r"does not answer \(Connection refused\): start it"):
             use()
-    with pytest.raises(DeviceError, match=r"service: HOST:PORT, got 'here'"):
+    with pytest.raises(DeviceError, match=r"correct device\.service"):
         HaplyInverse3(port="auto", service="here").check_here()
     with pytest.raises(DeviceError, match="expected the link of an emulator"):
         HaplyInverse3(port="/no/emulator").check_here()
@@ -346,7 +345,7 @@ FAULTS: list[tuple[Change, str]] = [
     (spoiled(lambda state: [packed(state)] * 2), "two replies to one message"),
     (
         changed("inverse3", 0, "device_id", value="04BA"),
-        "has not the Inverse3 049D .it has 04BA.*unplugged",
+        "has not the .* 049D .it has 04BA.*unplugged",
     ),
     (changed("inverse3", value=[]), "has not the Inverse3 049D .it has none"),
     (changed("session_id", value=8), "reply is of session 8, this one is 7"),
@@ -456,7 +455,7 @@ def test_the_guardian_ends_the_session_of_a_process_that_does_not(
 def test_the_service_and_its_devices_are_listed(
     service: ScriptedService, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    address = Address("127.0.0.1", service.port)
+    address = f"127.0.0.1:{service.port}"
     (found,) = inverse_service.listed(address)
     assert (found.path, found.serial_number, found.seems) == (
         str(address),
@@ -464,7 +463,7 @@ def test_the_service_and_its_devices_are_listed(
         "haply_inverse3",
     )
     assert found.description == "Inverse3 of the Haply service 3.5.0.0"
-    assert inverse_service.listed(Address("127.0.0.1", free_port())) == []
+    assert inverse_service.listed(f"127.0.0.1:{free_port()}") == []
     monkeypatch.setattr(ports, "listed", list)
     monkeypatch.setattr(inverse_service, "listed", lambda: [found])
     shown = CliRunner().invoke(main, ["device", "list", "--json"])
@@ -475,21 +474,20 @@ INVERSE3 = SerialPort("/dev/null", "Inverse3", "1", "haply_inverse3")
 
 
 def test_the_doctor_judges_the_service(service: ScriptedService) -> None:
-    here, nowhere = Address("127.0.0.1", service.port), Address("127.0.0.1", free_port())
+    here, nowhere = f"127.0.0.1:{service.port}", f"127.0.0.1:{free_port()}"
     (found,) = machine.haply_service([], here)
     assert (found.severity, found.kind) == ("fine", "haply_service")
     assert "version 3.5.0.0, Inverse3: 049D" in found.seen
     service.bind_all_interfaces = True
-    (found,) = machine.haply_service([], here)
+    found, _ = machine.haply_service([], here)
     assert (found.severity, found.kind) == ("problem", "haply_open")
     assert "haply-inverse-service-config.json" in found.advice
     service.version = "3.1.1.0"
-    (found,) = machine.haply_service([], here)
-    assert (found.severity, found.kind) == ("problem", "haply_version")
-    assert list(machine.haply_service([], nowhere)) == []
-    (found,) = machine.haply_service([INVERSE3], nowhere)
-    assert found.kind == "no_haply_service"
-    assert "systemctl start" in found.seen
+    assert list(machine.haply_service([], here)) == []
+    for address, said in ((here, "of version 3.1.1.0"), (nowhere, "systemctl start")):
+        (found,) = machine.haply_service([INVERSE3], address)
+        assert (found.severity, found.kind) == ("problem", "no_haply_service")
+        assert said in found.seen
 
 
 def test_the_doctor_says_that_a_modem_manager_may_write_to_a_port(tmp_path: Any) -> None:

@@ -120,15 +120,9 @@ class HaplyInverse3(DriverNumbers, AxesModel):
             chosen(inverse_service.devices(address), self.port)
 
     def open(self, operator: Operator | None, hold_limit: float) -> "OpenInverse3":
+        kind, limit, opens = "haply_inverse3", self.longest_force, partial(Session, self)
         line = Line(
-            "haply_inverse3",
-            self.port,
-            b"",
-            self.longest_force,
-            zero_reply=1,
-            opens=partial(Session, self),
-            model=self,
-            operator=operator,
+            kind, self.port, b"", limit, zero_reply=1, opens=opens, model=self, operator=operator
         )
         try:
             return OpenInverse3(self, line)

@@ -122,9 +122,9 @@ def framed(message: Any) -> bytes:
 
 def end_of_session() -> bytes:
     """Return the frame that ends a session."""
-    from websockets.frames import Close, Frame, Opcode
+    from websockets.frames import Frame, Opcode
 
-    return Frame(Opcode.CLOSE, Close(1000, "").serialize()).serialize(mask=True)
+    return Frame(Opcode.CLOSE, b"").serialize(mask=True)
 
 
 def to_device(device_id: str, grips: Sequence[tuple[str, str]], **what: Any) -> dict[str, Any]:

@@ -15,7 +15,7 @@ import socket
 import time
 from collections import deque
 from collections.abc import Sequence
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 import msgspec
 
@@ -35,45 +35,32 @@ START = "start it (`systemctl start haply-inverse-service`, or the Haply Hub)"
 Kind = TypeVar("Kind")
 
 
-class AbsentError(DeviceError):
-    """There is no service at this address."""
-
-
-class Address(NamedTuple):
-    """Where a service has simulations and settings."""
-
-    host: str
-    port: int
-
-    def __str__(self) -> str:
-        return f"{self.host}:{self.port}"
-
-
-LOCAL = Address("localhost", 10001)
+LOCAL = "localhost:10001"
 
 
 class Connection(Port):
     """A WebSocket to the service: whole messages in until a deadline, frames out.
 
-    It has no compression, and no small packet waits. ``name`` is what its errors call it.
-    DeviceError, with what to try, if there is no service at ``host`` and ``port``.
+    It has no compression, and no small packet waits. DeviceError, with what to try, if there is no
+    service at ``address``, a host and a port.
     """
 
-    def __init__(self, host: str, port: int, name: str) -> None:
+    def __init__(self, address: str) -> None:
         check_installed("device: {kind: haply_inverse3}", "websockets")
         from websockets.client import ClientProtocol
         from websockets.uri import parse_uri
 
-        self.path, self._what = name, f"the Haply service at {host}:{port}"
+        self.path, self._what = address, f"the Haply service at {address}"
         self._messages, self._part = deque[bytes](), b""
         try:
-            self._socket = socket.create_connection((host, port), CONNECT)
+            host, _, port = address.rpartition(":")
+            self._socket = socket.create_connection((host.strip("[]"), port), CONNECT)
         except OSError as error:
             raise absent(self._what, error) from error
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._socket.setblocking(False)
         self.descriptor = self._socket.fileno()
-        self._protocol = ClientProtocol(parse_uri(f"ws://{host}:{port}/"))
+        self._protocol = ClientProtocol(parse_uri(f"ws://{address}/"))
         try:
             self._open()
         except BaseException:
@@ -157,24 +144,24 @@ class Connection(Port):
 
     def _ended(self, reason: str | None = "closed") -> DeviceError:
         return DeviceError(
-            f"{self._what} has ended the session ({reason}): it was stopped or restarted; {START} and"
-            " launch again"
+            f"{self._what} has ended the session ({reason}): it was stopped or restarted; {START}"
+            " and launch again"
         )
 
 
-def absent(what: str, error: OSError) -> AbsentError:
+def absent(what: str, error: OSError) -> DeviceError:
     """Return the error that there is no service."""
     reason = error.strerror or error
-    return AbsentError(f"{what} does not answer ({reason}): {START}, or correct device.service")
+    return DeviceError(f"{what} does not answer ({reason}): {START}, or correct device.service")
 
 
-def ask(address: Address, path: str, body: Any = None, timeout: float = CONNECT) -> Any:
+def ask(address: str, path: str, body: Any = None, timeout: float = CONNECT) -> Any:
     """Return the answer to a request over HTTP; with a ``body`` it sets something.
 
     DeviceError if there is no service, or it refuses.
     """
     what = f"the Haply service at {address}"
-    http_client = http.client.HTTPConnection(address.host, address.port, timeout=timeout)
+    http_client = http.client.HTTPConnection(address, timeout=timeout)
     try:
         text = None if body is None else msgspec.json.encode(body)
         headers = {"Content-Type": "application/json"}
@@ -182,7 +169,7 @@ def ask(address: Address, path: str, body: Any = None, timeout: float = CONNECT)
         answered = http_client.getresponse()
         found: Any = msgspec.json.decode(answered.read())
     except (http.client.HTTPException, msgspec.MsgspecError) as error:
-        raise AbsentError(f"{what} gives no JSON for {path}: is it this service?") from error
+        raise DeviceError(f"{what} gives no JSON for {path}: is it this service?") from error
     except OSError as error:
         raise absent(what, error) from error
     finally:
@@ -194,12 +181,12 @@ def ask(address: Address, path: str, body: Any = None, timeout: float = CONNECT)
     return found.get("data")
 
 
-def check_version(address: Address, timeout: float = CONNECT) -> str:
+def check_version(address: str, timeout: float = CONNECT) -> str:
     """Return the version of a service; DeviceError if it is none that is known."""
     found = ask(address, "/version", timeout=timeout)
     text = found.get("project_version") if isinstance(found, dict) else None
     if not isinstance(text, str):
-        raise AbsentError(f"what listens at {address} is no Haply service: correct device.service")
+        raise DeviceError(f"what listens at {address} is no Haply service: correct device.service")
     version = [int(word) for word in text.split(".") if word.isdigit()]
     first, end = SUPPORTED
     if not first <= version < end:
@@ -210,7 +197,7 @@ def check_version(address: Address, timeout: float = CONNECT) -> str:
     return text
 
 
-def setting(address: Address, name: str, kind: type[Kind], timeout: float = CONNECT) -> Kind:
+def setting(address: str, name: str, kind: type[Kind], timeout: float = CONNECT) -> Kind:
     """Return a setting of the service, which holds for all devices; DeviceError if unknown."""
     found = ask(address, f"/settings/{name}", timeout=timeout)
     found = found.get("value") if isinstance(found, dict) else found
@@ -220,28 +207,24 @@ def setting(address: Address, name: str, kind: type[Kind], timeout: float = CONN
         raise DeviceError(f"the Haply service's setting {name} is {found!r}: {error}") from error
 
 
-def devices(address: Address, timeout: float = CONNECT) -> Sequence[Inverse3]:
+def devices(address: str, timeout: float = CONNECT) -> Sequence[Inverse3]:
     """Return the Inverse3 that a service has; DeviceError if there is no service."""
     return parse(msgspec.json.encode(ask(address, "/devices", timeout=timeout))).inverse3
 
 
-def listed(address: Address = LOCAL) -> list[SerialPort]:
+def listed(address: str = LOCAL) -> list[SerialPort]:
     """Return the Inverse3 that a service has, as if at ports of their own; none without service."""
     try:
         words = f"Inverse3 of the Haply service {check_version(address, SOON)}"
         found = devices(address, SOON)
     except DeviceError:
         return []
-    return [SerialPort(str(address), words, one.device_id, "haply_inverse3") for one in found]
+    return [SerialPort(address, words, one.device_id, "haply_inverse3") for one in found]
 
 
-def address_of(name: str, service: str) -> Address:
+def address_of(name: str, service: str) -> str:
     """Return where the service of a device is: of an emulator, a link with a ``/`` leads there."""
     try:
-        where = os.readlink(name).rpartition("/")[2] if "/" in name else service
-        host, _, port = where.rpartition(":")
-        return Address(host.strip("[]"), int(port))
-    except (OSError, ValueError) as error:
-        got = f"the link of an emulator, got {name!r}"
-        got = got if "/" in name else f"service: HOST:PORT, got {service!r}"
-        raise DeviceError(f"expected {got}: {error}") from error
+        return os.readlink(name).removeprefix("ws://") if "/" in name else service
+    except OSError as error:
+        raise DeviceError(f"expected the link of an emulator, got {name!r}: {error}") from error

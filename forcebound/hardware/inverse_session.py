@@ -55,11 +55,12 @@ class Session(service.Connection):
                 " (devices/force_scale); expected above 0 and at most 1: set it to 1, in its Hub"
             )
         events_port = service.setting(address, "communication/events/port", int)
-        path = name if "/" in name else str(address)
-        super().__init__(*address, path)
+        super().__init__(address)
+        if "/" in name:
+            self.path = name  # which has the truth beside it
         self._others = ExitStack()  # that are closed after it
         try:
-            self._events = service.Connection(address.host, events_port, path)
+            self._events = service.Connection(f"{address.rpartition(':')[0]}:{events_port}")
             self._others.callback(self._events.close)
             self._begin()
         except BaseException:

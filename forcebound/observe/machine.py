@@ -17,7 +17,6 @@ from forcebound import realtime
 from forcebound.errors import ConfigError, DeviceError
 from forcebound.folders import runtime_folder
 from forcebound.hardware import inverse_service
-from forcebound.hardware.inverse_service import AbsentError
 from forcebound.hardware.ports import SerialPort, listed
 from forcebound.network import keys, sockets
 from forcebound.observe.findings import Finding, fine, note, problem
@@ -203,29 +202,24 @@ def modem_manager(
 
 
 def haply_service(
-    ports: Sequence[SerialPort], address: inverse_service.Address = inverse_service.LOCAL
+    ports: Sequence[SerialPort], address: str = inverse_service.LOCAL
 ) -> Iterator[Finding]:
     """Judge the service of an Inverse3; nothing if there is neither device nor service."""
     where, soon = f"Haply service at {address}", inverse_service.SOON
     try:
         version = inverse_service.check_version(address, soon)
-    except AbsentError as error:
-        if any(found.seems == "haply_inverse3" for found in ports):
-            yield note("no_haply_service", where, f"an Inverse3 seems to be plugged in; {error}")
-        return
-    except DeviceError as error:
-        yield problem("haply_version", where, str(error))
-        return
-    is_open = False
-    with suppress(DeviceError):  # a service without this setting
         is_open = inverse_service.setting(address, OPEN_TO_ALL, bool, soon)
+    except DeviceError as error:
+        if any(found.seems == "haply_inverse3" for found in ports):
+            words = f"an Inverse3 seems to be plugged in, but {error}"
+            yield problem("no_haply_service", where, words)
+        return
     if is_open:
         words = f"listens to the whole network ({OPEN_TO_ALL}): everybody there can move the device"
         action = f"set it to false in {SERVICE_SETTINGS}, and restart the service"
         yield problem("haply_open", where, words, action)
-    else:
-        found = ", ".join(each.serial_number for each in inverse_service.listed(address)) or "none"
-        yield fine("haply_service", where, f"version {version}, Inverse3: {found}")
+    found = ", ".join(each.serial_number for each in inverse_service.listed(address)) or "none"
+    yield fine("haply_service", where, f"version {version}, Inverse3: {found}")
 
 
 def processor_times() -> tuple[int, int]:
