@@ -149,6 +149,14 @@ def test_every_golden_message_is_answered_by_one_state(truth: TruthFile, path: P
     assert client.service.replies == 1
 
 
+def test_a_state_has_the_keys_and_kinds_of_one_of_a_real_device(truth: TruthFile) -> None:
+    (device,) = Client(truth).ask()["inverse3"]
+    (real,) = golden("from_service/state_of_a_device")["inverse3"]
+    del real["state"]["mode"]  # of the form before 3.5
+    assert shape(device["status"]) == shape(real["status"])
+    assert shape({**device["state"], "transform": 0}) == shape({**real["state"], "transform": 0})
+
+
 @pytest.mark.parametrize("name", ["force_vector", "force_values"])
 def test_both_forms_of_a_force_act(truth: TruthFile, name: str) -> None:
     client = Client(truth)
