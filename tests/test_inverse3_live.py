@@ -1,6 +1,7 @@
 """The driver of the Haply Inverse3 against the emulated service, as a program."""
 
 import time
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -47,9 +48,10 @@ def turn(device: OpenInverse3) -> None:
     time.sleep(1e-3)
 
 
-def turn_for_ever(device: OpenInverse3) -> None:
-    while True:
-        turn(device)
+def turn_for_ever(model: HaplyInverse3) -> None:
+    with closing(model.open(None, HOLD)) as device:
+        while True:
+            turn(device)
 
 
 @pytest.mark.parametrize(("fault", "said"), FAULTS, ids=[fault for fault, _ in FAULTS])
@@ -60,11 +62,10 @@ def test_a_fault_of_the_service_ends_in_zero_force_and_one_sentence(
     options = f"{kind}:{','.join(('at=0.3s', *rest))}"
     words = ("--port", "0", "--no-hand", "--fault", options)
     with program(link, *words, kind="haply_inverse3"):
-        device = device_at(link, 0.5).open(None, HOLD)
+        model = device_at(link, 0.5)
         truth = TruthFile(Path(f"{link}{SUFFIX}"))
         with pytest.raises(DeviceError, match=said):
-            turn_for_ever(device)
-        device.close()
+            turn_for_ever(model)
         if kind != "busy":  # whose other session goes on
             until(lambda: (found := truth.look()) and not any(found.torque), "zero force")
         truth.close()
