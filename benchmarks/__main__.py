@@ -30,6 +30,7 @@ NAMES = (
     "servo",
     "loop",
     "device",
+    "inverse3",
     "delay",
     "virtual",
     "sweep",

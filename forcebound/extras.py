@@ -21,6 +21,7 @@ EXTRAS = {
     "statsmodels": "study",
     "tornado": "view",
     "trimesh": "mesh",
+    "websockets": "inverse3",
 }
 
 

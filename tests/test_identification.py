@@ -144,6 +144,11 @@ def test_motors_of_different_gains_state_how_different_they_are() -> None:
     found = identify(device, model, VirtualClock(), plan, device.listen)
     stated = document.identified_model(model, found)
     assert 0.1 <= stated.gain_error <= 0.12
+    uncertain = dataclasses.replace(model, attenuates="freely")  # has no proof with either
+    stated_then = document.identified_model(uncertain, found)
+    assert (stated_then.gain_error, stated_then.lag, set(stated_then.presliding)) == (0, 0, {0})
+    assert stated_then.damping == stated.damping
+    assert "gain_error" not in stated_then.sources
     for damping, friction in zip(stated.damping, stated.friction, strict=True):
         assert 0.9 * 1e-3 <= damping <= 1e-3  # and not that over the gain, as a motor sees it
         assert 0.9 * 4e-3 <= friction <= 4e-3

@@ -21,7 +21,8 @@ PATIENT = "watchdog_limit:=2 s"
 
 
 @pytest.mark.parametrize(
-    ("launch_file", "allowance"), [("haply_2diy", 0.0), ("odrive_knob", 0.005)]
+    ("launch_file", "allowance"),
+    [("haply_2diy", 0.0), ("odrive_knob", 0.005), ("haply_inverse3", 0.005)],
 )
 def test_when_the_device_process_is_killed_in_contact_the_torque_becomes_zero(
     launch_file: str, allowance: float

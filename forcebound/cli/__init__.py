@@ -64,7 +64,7 @@ COMMANDS = {
     },
     "Devices, and parts of your own": {
         "device": ("parts", "List serial ports; go on with a lost device."),
-        "emulate": ("parts", "Play a device on a pseudo-terminal."),
+        "emulate": ("parts", "Play a device on a pseudo-terminal, or as a service."),
         "feel": (LAB, "Forecast the stiffness that a hand will feel on a device."),
         "identify": (LAB, "Measure the numbers that a device's certificate rests on."),
         "check": ("parts", "Check a part against its contract."),

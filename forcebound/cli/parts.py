@@ -22,14 +22,14 @@ from forcebound.errors import RunError
 from forcebound.results.printing import print_rows
 
 with when_used():
-    from forcebound.hardware import ports
+    from forcebound.hardware import inverse_service, ports
     from forcebound.hardware.emulators import faults as emulated
-    from forcebound.hardware.emulators import program
+    from forcebound.hardware.emulators import program, service
     from forcebound.observe import control
     from forcebound.run import check as contract
 
 #: Kinds of emulators, and the launch file of each: its hand holds an emulator started by hand.
-EMULATED = {"haply_2diy": "haply_2diy", "odrive": "odrive_knob"}
+EMULATED = {"haply_2diy": "haply_2diy", "haply_inverse3": "haply_inverse3", "odrive": "odrive_knob"}
 #: Watchdog limit of a launch with such an emulator: that of an emulator which the launch starts.
 WATCHDOG_LIMIT = "100 ms"
 
@@ -42,12 +42,14 @@ device = Group(
 
 @command("list", device)
 def list_devices(as_json: bool = opt.as_json) -> None:
-    r"""List the serial ports of this machine, with the likely device at each.
+    r"""List the serial ports of this machine, with the likely device at each, and Inverse3.
+
+    Those are at the maker's service on this machine, if it runs.
 
     \b
     forcebound device list --json
     """
-    listed = ports.listed()
+    listed = [*ports.listed(), *inverse_service.listed()]
     if as_json:
         print_json(listed)
         return
@@ -87,15 +89,25 @@ def emulate(
     ),
     faults: tuple[str, ...] = opt.repeated(
         "short, noise, nan: spoil one reply, or those of a time; lost; reset; stall; unplug; "
-        "reversed. TIME counts from the first reply; default: at=1s. Repeatable.",
+        "reversed; docs/devices.md has those of haply_inverse3. TIME counts from the first reply; "
+        "default: at=1s. Repeatable.",
         "--fault",
         metavar="KIND[:at=TIME][,for=TIME]",
     ),
     no_hand: bool = opt.flag("Without a hand, as `forcebound identify` needs it."),
     until_unused: bool = opt.flag("End when the port is closed."),
+    port: int = opt.port(
+        "Of haply_inverse3, which has its events at 19 more; 0: two that are free.",
+        type=click.IntRange(0, 65516),
+        default=10001,
+        show_default=True,
+    ),
+    idle: float = opt.duration(
+        "Of haply_inverse3: age at which its force ends.", default="50 ms", show_default=True
+    ),
     parts: TextIO | None = opt.option("Device and hand, as JSON.", type=click.File(), hidden=True),
 ) -> None:
-    r"""Emulate a device on a pseudo-terminal, for tests without hardware.
+    r"""Emulate a device on a pseudo-terminal, or as a service, for tests without hardware.
 
     Mechanism and hand are those of its launch file, whose arguments can be set.
 
@@ -103,19 +115,24 @@ def emulate(
     forcebound emulate haply_2diy approach_speed:=50mm/s
     forcebound emulate haply_2diy --fault short:at=3s --fault stall:at=5s,for=50ms
     """
-    planned = [emulated.parse_fault(text) for text in faults]
+    is_service = kind == "haply_inverse3"
+    kinds = emulated.SERVICE_KINDS if is_service else emulated.KINDS
+    planned = [emulated.parse_fault(text, kinds) for text in faults]
     link = program.default_link(kind) if link is None else link.absolute()
-    advice = ""
     if parts is not None:
         model, operator = program.given_parts(parts.read())
     else:
         model, operator = program.launch_file_parts(EMULATED[kind], arguments)
-        words = f'{EMULATED[kind]} device:={link} watchdog_limit:="{WATCHDOG_LIMIT}"'
-        command = f"`forcebound launch {words}`"
-        if no_hand:
-            operator, command = None, f"`forcebound identify {kind} device:={link}`"
-        advice = f"in another terminal: {command}"
-    program.run(kind, (model, operator), link, planned, until_unused, show, advice)
+    advice, operator = "", None if no_hand else operator
+    if parts is None:
+        words = f'launch {EMULATED[kind]} device:={link} watchdog_limit:="{WATCHDOG_LIMIT}"'
+        words = f"identify {kind} device:={link}" if no_hand else words
+        advice = f"in another terminal: `forcebound {words}`"
+    if is_service:
+        listen = port if parts is None else 0
+        service.run((model, operator), link, listen, idle, planned, until_unused, show, advice)
+    else:
+        program.run(kind, (model, operator), link, planned, until_unused, show, advice)
 
 
 class Progress:

@@ -7,6 +7,7 @@ into its home pose and starts again.
 
 import logging
 import time
+from collections.abc import Callable
 from contextlib import ExitStack, suppress
 
 from forcebound.errors import DeviceError
@@ -34,6 +35,7 @@ class Line:
     ``zero`` is the message of zero force, whatever the board has received before; the board answers
     it with ``zero_reply`` bytes. A force ends that nobody renews within ``watchdog_limit`` s.
     ``baud`` matters to a UART; ``model`` and ``operator`` to an emulator, the port ``emulated``.
+    ``opens`` opens what is no serial port, which then has a ``zero`` of its own.
 
     Raises:
         DeviceError: If port, guardian or emulator cannot be opened.
@@ -54,10 +56,11 @@ class Line:
         *,
         baud: int = 115_200,
         zero_reply: int = 0,
+        opens: Callable[[str], Port] | None = None,
         model: DeviceModel | None = None,
         operator: Operator | None = None,
     ) -> None:
-        self._zero, self._zero_reply = zero, zero_reply
+        self._zero_reply = zero_reply
         self._had_force = False
         self.silence = SILENCE * watchdog_limit
         self.is_at_rest = False
@@ -67,17 +70,22 @@ class Line:
                 emulator = start(kind, model, operator)
                 opened.callback(emulator.close)
                 name = emulator.link
-            path = find(name, kind)
-            self.port = Port(path, baud)
+            self.port = Port(find(name, kind), baud) if opens is None else opens(name)
             opened.callback(self.port.close)
             self.port.drain(QUIET)  # what a former user has left
-            self.truth: TruthFile | None = truth_beside(path)
+            self._zero = zero or self.port.zero
+            self.truth: TruthFile | None = truth_beside(self.port.path)
             if self.truth is not None:
                 opened.callback(self.truth.close)
                 self.truth.announce()
-            self._guardian = Guardian(self.port.descriptor, zero, TIMEOUT * watchdog_limit)
+            self._guardian = Guardian(self.port.descriptor, self._zero, TIMEOUT * watchdog_limit)
             opened.callback(self._guardian.close)
             self._opened = opened.pop_all()
+
+    @property
+    def has_failed(self) -> bool:
+        """Whether it refuses every message."""
+        return self._failure is not None
 
     def send(self, message: bytes, has_force: bool) -> None:
         """Write a message in one piece; the replies of all before have been read.
@@ -130,7 +138,8 @@ class Line:
             if not self.is_at_rest:
                 until_ns = time.monotonic_ns() + ACKNOWLEDGED_NS
                 reply = self.port.read(self._zero_reply, until_ns)
-                self.is_at_rest = len(reply) == self._zero_reply
+                self.is_at_rest = len(reply) >= self._zero_reply
+        self.is_at_rest = self.is_at_rest or self.port.is_over
         if self._had_force and not self.is_at_rest:
             self._had_force = False
             _logger.error(

@@ -29,10 +29,15 @@ class Port:
     Attributes:
         path: Of the port.
         descriptor: Open and not blocking; of this object.
+        is_over: The far end has confirmed that this was the last message; no serial port does.
+        zero: Message of zero force, if the far end decides what it is.
 
     Raises:
         DeviceError: If it cannot be opened, with what to try.
     """
+
+    is_over = False
+    zero = b""
 
     def __init__(self, path: str, baud: int = 115_200) -> None:
         self.path = path

@@ -12,6 +12,7 @@ from forcebound.errors import DeviceError
 #: Kind of device by the USB vendor and product of its board.
 BOARDS = {
     (0x2341, 0x003E): "haply_2diy",  # native port of an Arduino Due, on which the hAPI board rests
+    (0x16C0, 0x0483): "haply_inverse3",  # to be driven through its service; of a Teensy, too
     (0x1209, 0x0D31): "odrive",  # ODrive v3; these three are registered for it
     (0x1209, 0x0D32): "odrive",
     (0x1209, 0x0D33): "odrive",

@@ -21,14 +21,18 @@ from forcebound.quantities import POSITIVE, Inertia, Name, Range, Time
 # s. Nobody is in danger at an emulator, and a busy machine should not end the run: at a load of 5
 # on two cores the longest of 200 000 replies took 33 ms.
 LIMIT, EMULATED_LIMIT = 0.02, 0.1
+SILENT = (
+    "is this the port of the board that the launch file names, does it have power? (an emulator may"
+    " get no processor: see `forcebound doctor`, or take a longer watchdog_limit)"
+)
 FIRST_EXCHANGES = 50  # without force, for the quickest exchange
 
 Reply = TypeVar("Reply")
 
 
 @dataclass(frozen=True, kw_only=True)
-class SerialJoints(StatedJoints):
-    """Stated numbers of a driver's line.
+class DriverNumbers:
+    """Stated numbers of a driver, whatever the device.
 
     Attributes:
         watchdog_limit: Age at which a force ends that nobody renews; a board that is silent for
@@ -44,15 +48,28 @@ class SerialJoints(StatedJoints):
             serves the next state if it is younger.
     """
 
-    board: ClassVar[str]  # kind of device
-
-    inertia: Annotated[Inertia, POSITIVE] = 1e-4  # assumed; of the emulator alone
     watchdog: Literal["none"] = "none"
     watchdog_limit: Annotated[Time, Range(at_least=0.005, at_most=100.0)] | Literal["auto"] = "auto"
     port: Name = EMULATED
     serial_number: Name = ""
     on_loss: Literal["end", "wait"] = "end"
     reply_within: Annotated[Time, POSITIVE] = 3e-4
+
+    @property
+    def longest_force(self) -> float:
+        """The watchdog limit, in s; see the class."""
+        if self.watchdog_limit != "auto":
+            return self.watchdog_limit
+        return EMULATED_LIMIT if self.port == EMULATED else LIMIT
+
+
+@dataclass(frozen=True, kw_only=True)
+class SerialJoints(DriverNumbers, StatedJoints):
+    """Stated numbers of joints at a serial port."""
+
+    board: ClassVar[str]  # kind of device
+
+    inertia: Annotated[Inertia, POSITIVE] = 1e-4  # assumed; of the emulator alone
 
     def check_here(self) -> None:
         """Check, before anything starts, the port and its serial number; DeviceError if wrong."""
@@ -76,13 +93,6 @@ class SerialJoints(StatedJoints):
             line.close()
             raise
 
-    @property
-    def longest_force(self) -> float:
-        """The watchdog limit, in s; see the class."""
-        if self.watchdog_limit != "auto":
-            return self.watchdog_limit
-        return EMULATED_LIMIT if self.port == EMULATED else LIMIT
-
 
 class Exchange(NamedTuple, Generic[Reply]):
     """A message and its reply."""
@@ -96,6 +106,8 @@ class Exchange(NamedTuple, Generic[Reply]):
 class Exchanges:
     """Exchanges with the board on a line, counted; a reply later than ``within`` s is late.
 
+    ``silent`` says what to try when none comes.
+
     Attributes:
         longest_wait: A board that is silent for longer is lost, in s.
         count: Of the replies since the last :meth:`restart`.
@@ -103,8 +115,10 @@ class Exchanges:
         longest_ns: That one of them took, in ns.
     """
 
-    def __init__(self, line: Line, within: float, clock: Callable[[], int]) -> None:
-        self._line, self._clock = line, clock
+    def __init__(
+        self, line: Line, within: float, clock: Callable[[], int], silent: str = SILENT
+    ) -> None:
+        self._line, self._clock, self._silent = line, clock, silent
         self._late_ns = round(within * 1e9)
         self._quickest_ns: dict[str, int] = {}
         self.longest_wait = line.silence
@@ -129,11 +143,7 @@ class Exchanges:
             data = receive(sent_ns + round(self.longest_wait * 1e9))
             came_ns = self._clock()
             if not data:
-                raise DeviceError(
-                    f"no reply within {1e3 * self.longest_wait:g} ms: is this the port of the board"
-                    " that the launch file names, does it have power? (an emulator may get no"
-                    " processor: see `forcebound doctor`, or take a longer watchdog_limit)"
-                )
+                raise DeviceError(f"no reply within {1e3 * self.longest_wait:g} ms: {self._silent}")
             reply = parse(data)
         except DeviceError as failure:
             self._line.fail(failure)

@@ -191,8 +191,8 @@ def _simulated(model: DeviceModel) -> DeviceModel:
         return model
     kind = type(load(model.simulated_in).only.device)
     same = {each.name for each in fields(kind)} & {each.name for each in fields(model)}
-    # Only a guard has a guard_period, and only a silent watchdog a tolerance.
-    stated = ((name, getattr(model, name)) for name in same - {"guard_period"})
+    # Only a guard has a guard_period, and only a silent watchdog a tolerance; sources name more.
+    stated = ((name, getattr(model, name)) for name in same - {"guard_period", "sources"})
     numbers = {name: value for name, value in stated if value is not None}
     return kind(**{**numbers, "watchdog_limit": model.longest_force})
 

@@ -8,13 +8,15 @@ import os
 import platform
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 from forcebound import realtime
-from forcebound.errors import ConfigError
+from forcebound.errors import ConfigError, DeviceError
 from forcebound.folders import runtime_folder
+from forcebound.hardware import inverse_service
 from forcebound.hardware.ports import SerialPort, listed
 from forcebound.network import keys, sockets
 from forcebound.observe.findings import Finding, fine, note, problem
@@ -26,6 +28,8 @@ STEAL_S = 0.5  # s, in which steal is measured at least
 LARGE_STEAL = 0.02  # of all processors' time
 CLOCK_SOURCE = "/sys/devices/system/clocksource/clocksource0/current_clocksource"
 SLOW_CLOCKS = ("hpet", "acpi_pm", "jiffies", "refined-jiffies")  # microseconds to read, or coarse
+OPEN_TO_ALL = "communication/bind_all_interfaces"
+SERVICE_SETTINGS = "/etc/haply-inverse-service/haply-inverse-service-config.json"
 #: Of udev: gives serial ports on USB to a group, as most distributions do.
 UDEV_RULE = 'KERNEL=="ttyACM[0-9]*|ttyUSB[0-9]*", GROUP="dialout", MODE="0660"'
 
@@ -51,7 +55,9 @@ class Machine:
 
 def examine() -> list[Finding]:
     """Return the findings about this machine, first what prevents live runs."""
-    findings = [*judge(look()), *key_folder(), *map(port, listed())]
+    ports = listed()
+    findings = [*judge(look()), *key_folder(), *map(port, ports), *haply_service(ports)]
+    findings += filter(None, map(modem_manager, ports))
     order = ("problem", "note", "fine")
     return sorted(findings, key=lambda finding: order.index(finding.severity))
 
@@ -174,6 +180,46 @@ def port(found: SerialPort) -> Finding:
     command = f"{rule}sudo usermod --append --groups {group} $USER"
     kind = "port_of_group" if found.group else "port_of_nobody"
     return note(kind, found.path, f"{found} may not be opened by this user", action, command)
+
+
+def modem_manager(
+    found: SerialPort, processes: Path = Path("/proc"), udev: Path = Path("/run/udev/data")
+) -> Finding | None:
+    """Judge whether ModemManager writes to the port of a device, as to those of modems."""
+    runs = any(_read(f"{one}/comm") == "ModemManager" for one in processes.glob("[0-9]*"))
+    if not runs or not found.seems:
+        return None
+    with suppress(OSError):
+        number = os.stat(found.path).st_rdev
+        known = udev / f"c{os.major(number)}:{os.minor(number)}"
+        if "ID_MM_DEVICE_IGNORE=1" in known.read_text(errors="replace"):
+            return None
+    words = f"{found}: ModemManager runs, and may write to it when it is plugged in"
+    rule = 'SUBSYSTEM=="tty", ENV{ID_MM_DEVICE_IGNORE}="1"'
+    command = f"sudo tee /etc/udev/rules.d/61-forcebound.rules <<< '{rule}'"
+    action = "let it ignore serial ports, if none of them is a modem; then replug the device"
+    return note("modem_manager", found.path, words, action, command)
+
+
+def haply_service(
+    ports: Sequence[SerialPort], address: str = inverse_service.LOCAL
+) -> Iterator[Finding]:
+    """Judge the service of an Inverse3; nothing if there is neither device nor service."""
+    where, soon = f"Haply service at {address}", inverse_service.SOON
+    try:
+        version = inverse_service.check_version(address, soon)
+        is_open = inverse_service.setting(address, OPEN_TO_ALL, bool, soon)
+    except DeviceError as error:
+        if any(found.seems == "haply_inverse3" for found in ports):
+            words = f"an Inverse3 seems to be plugged in, but {error}"
+            yield problem("no_haply_service", where, words)
+        return
+    if is_open:
+        words = f"listens to the whole network ({OPEN_TO_ALL}): everybody there can move the device"
+        action = f"set it to false in {SERVICE_SETTINGS}, and restart the service"
+        yield problem("haply_open", where, words, action)
+    found = ", ".join(each.serial_number for each in inverse_service.listed(address)) or "none"
+    yield fine("haply_service", where, f"version {version}, Inverse3: {found}")
 
 
 def processor_times() -> tuple[int, int]:

@@ -258,6 +258,7 @@ DEVICES: Table[type[DeviceModel]] = Table(
         "desktop_arm": "forcebound.haptics.devices.desktop_arm:DesktopArm",
         "five_bar": "forcebound.haptics.devices.five_bar:FiveBar",
         "haply_2diy": "forcebound.hardware.haply_2diy:Haply2DIY",
+        "haply_inverse3": "forcebound.hardware.haply_inverse3:HaplyInverse3",
         "knob": "forcebound.haptics.devices.knob:Knob",
         "odrive": "forcebound.hardware.odrive:ODrive",
         "phantom_premium_1_5": "forcebound.haptics.devices.phantom:PhantomPremium15",

@@ -1,7 +1,7 @@
 """Faults on demand: what an emulated board does wrong, and when."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from random import Random
 
@@ -18,7 +18,21 @@ KINDS = {
     "unplug": "the port is gone",
     "reversed": "the motors turn the wrong way",
 }
-LASTING = ("stall", "unplug", "reversed")  # without an end: for ever; the others: once
+#: Of the emulated service of an Inverse3; docs/devices.md says what each does.
+SERVICE_KINDS: tuple[str, ...] = (
+    "stall",
+    "restart",
+    "late",
+    "doubled",
+    "malformed",
+    "foreign",
+    "unplug",
+    "busy",
+)
+SERVICE_KINDS += ("ebrake", "motor_stall", "uncalibrated", "old", "new")
+#: Kinds of every emulator that go on for ever without an end; the others happen once.
+LASTING = ("stall", "unplug", "reversed", "busy", "ebrake", "motor_stall")
+DURATIONS = {"restart": 0.5}  # s, of kinds that have one by default
 FORM = "KIND[:at=TIME][,for=TIME], such as stall:at=2s,for=50ms"
 
 
@@ -27,7 +41,7 @@ class Fault:
     """One fault.
 
     Attributes:
-        kind: A key of :data:`KINDS`.
+        kind: A key of :data:`KINDS`, or one of another emulator's.
         at: Begin, in s after the first reply.
         duration: In s; None: for ever, or, if it is not :data:`LASTING`, once.
     """
@@ -37,11 +51,11 @@ class Fault:
     duration: float | None = None
 
 
-def parse_fault(text: str) -> Fault:
-    """Return the fault that a text describes, in the form ``KIND[:at=TIME][,for=TIME]``."""
+def parse_fault(text: str, kinds: Iterable[str] = KINDS) -> Fault:
+    """Return the fault of some ``kinds`` that a text describes, as in :data:`FORM`."""
     kind, _, rest = text.partition(":")
-    if kind not in KINDS:
-        raise ConfigError(f"no kind of fault is {kind!r}: use one of {', '.join(KINDS)}")
+    if kind not in kinds:
+        raise ConfigError(f"no kind of fault is {kind!r}: use one of {', '.join(kinds)}")
     times: dict[str, float] = {}
     for part in rest.split(",") if rest else ():
         name, _, value = part.partition("=")
@@ -50,7 +64,7 @@ def parse_fault(text: str) -> Fault:
         times[name] = parse_quantity(value, "s")
         if not times[name] >= 0.0:
             raise ConfigError(f"a time of a fault must be >= 0 s, got {value}")
-    return Fault(kind, times.get("at", 1.0), times.get("for"))
+    return Fault(kind, times.get("at", 1.0), times.get("for", DURATIONS.get(kind)))
 
 
 class Faults:
@@ -66,6 +80,10 @@ class Faults:
         """Count from now on, if it does not count yet."""
         if self._start_ns is None:
             self._start_ns = time_ns
+
+    def is_planned(self, kind: str) -> bool:
+        """Return whether a kind is among them, at any time."""
+        return any(one.kind == kind for one in self._faults)
 
     def is_on(self, kind: str, time_ns: int) -> bool:
         """Return whether a fault of a kind is on; one that happens once is over then."""

@@ -79,7 +79,7 @@ def run(
         emulation = Emulation(*EMULATORS[kind](*parts), Faults(faults), port.truth)
         realtime.freeze_garbage()
         emulation.start(time.monotonic_ns())
-        port.show()
+        port.show(port.name)
         say(f"an emulated {kind} at {link}; Ctrl-C ends it")  # a driver that starts it waits for it
         if advice:
             say(advice)

@@ -25,26 +25,19 @@ from forcebound.stop import Stop
 STEP = 1e-3  # s, longest time between two looks at the mechanism
 UNUSED_TIMEOUT_NS = 60_000_000_000  # of an emulator that is to end when nobody uses it
 CHUNK = 4096  # bytes; more than a pseudo-terminal keeps
-TERMINALS = "/dev/pts/"
+TARGETS = ("/dev/pts/", "ws://")  # of the links of emulators
 
 
-class PseudoPort:
-    """A port that a program plays at a link, and the file of the ground truth beside it, mapped.
+class Place:
+    """The link of an emulator, and the file of the ground truth beside it, mapped.
 
-    ``is_open``: somebody had it open at the last read. ConfigError if the link cannot be made, or
-    an emulator runs there.
+    ConfigError if the link cannot be made, or an emulator runs there.
     """
 
     def __init__(self, link: Path) -> None:
-        self._link, truth = link, Path(f"{link}{SUFFIX}")
+        self.link, truth = link, Path(f"{link}{SUFFIX}")
         self._lock = _claim(link, truth)
         self.truth = TruthFile(truth)
-        self.descriptor, port = os.openpty()
-        self._name = os.ttyname(port)
-        tty.setraw(self.descriptor, termios.TCSANOW)
-        os.close(port)  # opened again by its user, so that the end of its use is seen
-        os.set_blocking(self.descriptor, False)
-        self.is_open = True
         self._is_there = False
 
     def __enter__(self) -> Self:
@@ -52,14 +45,36 @@ class PseudoPort:
 
     def __exit__(self, *error: object) -> None:
         self.unplug()
-        Path(f"{self._link}{SUFFIX}").unlink(missing_ok=True)
+        Path(f"{self.link}{SUFFIX}").unlink(missing_ok=True)
         self.truth.close()
         os.close(self._lock)
 
-    def show(self) -> None:
+    def show(self, target: str) -> None:
         """Make the link."""
-        self._link.symlink_to(self._name)
+        self.link.symlink_to(target)
         self._is_there = True
+
+    def unplug(self) -> None:
+        """Let the link go away."""
+        if self._is_there:
+            self.link.unlink(missing_ok=True)
+            self._is_there = False
+
+
+class PseudoPort(Place):
+    """A port that a program plays at its place.
+
+    ``is_open``: somebody had it open at the last read.
+    """
+
+    def __init__(self, link: Path) -> None:
+        super().__init__(link)
+        self.descriptor, port = os.openpty()
+        self.name = os.ttyname(port)
+        tty.setraw(self.descriptor, termios.TCSANOW)
+        os.close(port)  # opened again by its user, so that the end of its use is seen
+        os.set_blocking(self.descriptor, False)
+        self.is_open = True
 
     def read(self) -> bytes:
         """Return what has come; nothing if nothing has."""
@@ -78,9 +93,7 @@ class PseudoPort:
 
     def unplug(self) -> None:
         """Let the port go away, and the link."""
-        if self._is_there:
-            self._link.unlink(missing_ok=True)
-            self._is_there = False
+        super().unplug()
         if self.descriptor >= 0:
             os.close(self.descriptor)
             self.descriptor = -1
@@ -131,7 +144,7 @@ def _claim(link: Path, truth: Path) -> int:
                 truth.unlink()
             finally:
                 os.close(left)
-        if link.is_symlink() and os.readlink(link).startswith(TERMINALS):
+        if link.is_symlink() and os.readlink(link).startswith(TARGETS):
             link.unlink()
         elif os.path.lexists(link):
             raise ConfigError(f"{link} is there, and no link of an emulator: choose another --link")

@@ -22,6 +22,7 @@ from forcebound.graph.problems import Problems
 from forcebound.graph.resolved import part_document
 from forcebound.graph.tree import parse
 from forcebound.haptics.devices import DeviceModel
+from forcebound.haptics.laws.dissipation import per_axis
 from forcebound.lab.identification.estimators import Bounded
 from forcebound.lab.identification.procedure import Found, Plan
 from forcebound.messages.topology import Document
@@ -103,7 +104,18 @@ def numbers_of(model: DeviceModel, found: Found) -> dict[str, Number]:
         numbers["gain_error"] = Number(
             error, up(max(max(share.upper - 1.0, 1.0 - share.lower) for share in shares))
         )
+    for name in _unproved(model) & numbers.keys():
+        stated = getattr(model, name)
+        is_of_axes = name == "presliding" and model.axes > 1
+        numbers[name].stated = per_axis(name, stated, model.axes) if is_of_axes else stated
     return numbers
+
+
+def _unproved(model: DeviceModel) -> set[str]:
+    """Return the numbers that a model may not state, as its motors attenuate: found, not stated."""
+    if model.attenuates == "never":
+        return set()
+    return {"lag", "gain_error", *(["presliding"] if model.attenuates == "freely" else [])}
 
 
 def _number(values: Sequence[Bounded], is_lower: bool = False) -> Number:
@@ -135,7 +147,8 @@ def identified_model(model: Any, found: Found) -> Any:
     device that has either states a reporting one.
     """
     bounds: dict[str, object] = {name: one.stated for name, one in numbers_of(model, found).items()}
-    sources = {**model.sources, **dict.fromkeys(bounds, "measured")}
+    measured = bounds.keys() - _unproved(model)
+    sources = {**model.sources, **dict.fromkeys(measured, "measured")}
     if model.watchdog == "guarding" and (bounds.get("lag") or bounds["write_delay"]):
         bounds["watchdog"] = "reporting"
     return dataclasses.replace(model, **bounds, sources=sources)
