@@ -36,6 +36,7 @@ ASKED = "zero force after the device process of a graph was killed"
 IN_GRAPH = "killed in a graph"
 ROOT = Path(__file__).parent.parent
 BUSY = 2  # programs for each core
+DEATHS = 10
 FORCE, ZERO = b"force...", b"no force"
 FORCES = 50  # before its fate
 TIMEOUT_S = 10.0  # s
@@ -45,10 +46,12 @@ QUIET_S = 0.1  # s without any further message after zero force
 
 PROGRAM = f"""
 import signal, sys, time
+from forcebound import realtime
 from forcebound.errors import DeviceError
 from forcebound.hardware.guardian import Guardian
 from forcebound.hardware.port import Port
 
+realtime.enter(realtime.Settings(core=realtime.choose_core("auto")), "device")  # as a device's
 port = Port(sys.argv[1])
 guardian = Guardian(port.descriptor, {ZERO!r})
 try:
@@ -68,9 +71,10 @@ port.close()
 
 
 def run(duration: float, rate: float) -> Result:
-    """Run the benchmark, each way to die once a second of its share of ``duration``."""
-    ways: dict[str, Callable[[], float]] = {fate: partial(_watched, fate) for fate in FATES}
-    ways |= {f"{fate} in a graph": partial(watch_graph, fate) for fate in ("killed", "stopped")}
+    """Run the benchmark; a round is ``DEATHS`` processes, or one graph."""
+    ways: dict[str, Callable[[], list[float]]] = {fate: partial(_watched, fate) for fate in FATES}
+    for fate in ("killed", "stopped"):
+        ways[f"{fate} in a graph"] = partial(_watched_in_a_graph, fate)
     contestants: dict[str, Contestant] = {way: partial(_round, ways[way], 0) for way in ways}
     busy = BUSY * len(os.sched_getaffinity(0))
     contestants |= {f"{way}, busy": partial(_round, ways[way], busy) for way in ways}
@@ -79,9 +83,9 @@ def run(duration: float, rate: float) -> Result:
     return found, [at(one, "max", target, one.label == IN_GRAPH) for one in found]
 
 
-def _round(way: Callable[[], float], programs: int, _: Timing) -> Round:
+def _round(way: Callable[[], list[float]], programs: int, _: Timing) -> Round:
     with _computing(programs):
-        return Round([round(1e9 * way())])
+        return Round([round(1e9 * seconds) for seconds in way()])
 
 
 @contextmanager
@@ -95,8 +99,12 @@ def _computing(programs: int) -> Iterator[None]:
         yield
 
 
-def _watched(fate: str) -> float:
-    return watch(fate).seconds
+def _watched(fate: str) -> list[float]:
+    return [watch(fate).seconds for _ in range(DEATHS)]
+
+
+def _watched_in_a_graph(fate: str) -> list[float]:
+    return [watch_graph(fate)]
 
 
 class Fate(NamedTuple):

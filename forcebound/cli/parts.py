@@ -30,8 +30,6 @@ with when_used():
 
 #: Kinds of emulators, and the launch file of each: its hand holds an emulator started by hand.
 EMULATED = {"haply_2diy": "haply_2diy", "odrive": "odrive_knob"}
-#: Watchdog limit of a launch with such an emulator: that of an emulator which the launch starts.
-WATCHDOG_LIMIT = "100 ms"
 
 CHECKED = ("law", "device", "operator", "controller", "environment")
 
@@ -110,8 +108,7 @@ def emulate(
         model, operator = program.given_parts(parts.read())
     else:
         model, operator = program.launch_file_parts(EMULATED[kind], arguments)
-        words = f'{EMULATED[kind]} device:={link} watchdog_limit:="{WATCHDOG_LIMIT}"'
-        command = f"`forcebound launch {words}`"
+        command = f"`forcebound launch {EMULATED[kind]} device:={link}`"
         if no_hand:
             operator, command = None, f"`forcebound identify {kind} device:={link}`"
         advice = f"in another terminal: {command}"
