@@ -17,7 +17,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -25,6 +25,7 @@ from benchmarks.harness import Contestant, Result, alternate, at
 from forcebound.errors import DeviceError
 from forcebound.graph.loader import load
 from forcebound.haptics.devices.truth_file import TruthFile
+from forcebound.hardware.line import TIMEOUT
 from forcebound.messages.control import GetStatus
 from forcebound.messages.topology import ONE_HAND
 from forcebound.observe.control import ask_launcher
@@ -53,7 +54,7 @@ from forcebound.hardware.port import Port
 
 realtime.enter(realtime.Settings(core=realtime.choose_core("auto")), "device")  # as a device's
 port = Port(sys.argv[1])
-guardian = Guardian(port.descriptor, {ZERO!r})
+guardian = Guardian(port.descriptor, {ZERO!r}, float(sys.argv[3]))
 try:
     for count in range(int(sys.argv[2])):
         guardian.beat(time.monotonic_ns())
@@ -79,8 +80,13 @@ def run(duration: float, rate: float) -> Result:
     busy = BUSY * len(os.sched_getaffinity(0))
     contestants |= {f"{way}, busy": partial(_round, ways[way], busy) for way in ways}
     found = alternate(duration, rate, contestants)
-    target = 1e6 * load("haply_2diy").only.device.longest_force
-    return found, [at(one, "max", target, one.label == IN_GRAPH) for one in found]
+    return found, [at(one, "max", 1e6 * _limit(), one.label == IN_GRAPH) for one in found]
+
+
+@cache
+def _limit() -> float:
+    """Return the watchdog limit that ships, in s."""
+    return load("haply_2diy").only.device.longest_force
 
 
 def _round(way: Callable[[], list[float]], programs: int, _: Timing) -> Round:
@@ -136,7 +142,8 @@ def watch(fate: str) -> Fate:
 def _try(fate: str) -> Fate | None:
     ending = FATES[fate]
     board, slave = os.openpty()
-    arguments = (os.ttyname(slave), str(FORCES if ending is None else 1_000_000))
+    forces = FORCES if ending is None else 1_000_000
+    arguments = (os.ttyname(slave), str(forces), str(TIMEOUT * _limit()))
     process = subprocess.Popen([sys.executable, "-c", PROGRAM, *arguments], cwd=ROOT)
     try:
         if any(_message(board, TIMEOUT_S) != FORCE for _ in range(FORCES)):

@@ -66,6 +66,9 @@ MEANINGS = {
         "`asked` of the environment, `felt`, and the `shares` of what took the rest, see below; "
         "null where late answers added more than a tenth of what was lost"
     ),
+    "displayed_stiffness_share": (
+        "`felt` over `asked`, as the verdict says it; above 1: a hand that oscillates"
+    ),
     "rate_hardness_n_per_m": (
         "slope of force over slope of penetration in the first 10 ms of the first contact (Eq. 34)"
     ),

@@ -142,7 +142,7 @@ def forecast(name: str, arguments: Sequence[str] = ()) -> Forecast:
     Raises:
         ConfigError: If there is no such file or device, it has several hands or no stiffness.
     """
-    config = _graph(name, arguments)
+    config = simulated_graph(name, arguments)
     model, servo = config.only.device, config.only.servo
     stated = {"rate": servo.rate}
     plan: list[dict[str, tuple[Everyday, Sequence[float]]]] = []
@@ -175,7 +175,8 @@ def _varied(config: GraphConfig, numbers: Mapping[str, tuple[Everyday, Sequence[
     return Varied(tuple(numbers), units, sweep(config, **values))
 
 
-def _graph(name: str, arguments: Sequence[str]) -> GraphConfig:
+def simulated_graph(name: str, arguments: Sequence[str] = ()) -> GraphConfig:
+    """Return the graph that :func:`forecast` runs with the numbers as stated."""
     if find(Path(name)) is not None or (name.endswith((".yaml", ".yml")) and name not in DEVICES):
         config = load(name, arguments)
         model = config.only.device
