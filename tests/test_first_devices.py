@@ -1,4 +1,4 @@
-"""The shipped first devices: without a law their wall is active, with the certified one it is felt."""
+"""The shipped first devices: without a law active, with the certified one felt."""
 
 import pytest
 

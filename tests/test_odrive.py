@@ -105,6 +105,17 @@ def switched_on(
     return device, board, line
 
 
+def test_the_guardian_watches_a_read_while_a_torque_is_held() -> None:
+    device, _, line = switched_on()
+    line.forces.clear()
+    device.read(0)
+    device.write(0, (0.1,))
+    device.read(0)
+    device.write(0, (0.0,))
+    device.read(0)
+    assert line.forces == [False, True, True, False, False]
+
+
 def test_lines_of_the_specification() -> None:
     assert request("r vbus_voltage") == b"r vbus_voltage *93\n"
     assert request("f 0") == b"f 0 *86\n"
