@@ -274,7 +274,7 @@ the twin without it feels more, and its remedy *gives* what the twin with the re
 
 | cause | what it is | remedy, whose stiffness is named |
 |---|---|---|
-| `watchdog_limit` | no watchdog, so a force must be safe for `device.watchdog_limit`, but for `device.allowance` | a limit of 20 ms at most, and the smallest allowance that gives nearly all |
+| `watchdog_limit` | no watchdog, so a force must be safe for `device.watchdog_limit`, but for `device.allowance` | a limit of 30 ms at most, and the smallest allowance that gives nearly the most |
 | `write_delay` | a force acts later than its reading, as stated (`device.write_delay`) or recorded | half of it |
 | `lag`, `presliding`, `gain_error`, `weight_error`, `resolution` | numbers of the device, with their price ([prices.md](../proofs/docs/prices.md)) | half of it |
 | `hold_limit` | a fixed `device.hold_limit` | `auto` |

@@ -54,13 +54,13 @@ CASES = {
         "five_bar_wall",
         "watchdog_limit",
         NO_WATCHDOG,
-        remedied="watchdog: none, watchdog_limit: 20 ms, allowance: 10 mJ",
+        remedied="watchdog: none, watchdog_limit: 30 ms, allowance: 15 mJ",
     ),
     "no_watchdog_and_missed_ticks": Case(
         "five_bar_wall",
         "watchdog_limit",
         NO_WATCHDOG,
-        remedied="watchdog: none, watchdog_limit: 20 ms, allowance: 10 mJ",
+        remedied="watchdog: none, watchdog_limit: 30 ms, allowance: 15 mJ",
         late=MISSED,
     ),
     "missed_ticks": Case("stiff_wall", "missed_ticks", BOARD, late=MISSED),
@@ -95,7 +95,7 @@ CASES = {
         "knob_wall",
         "watchdog_limit",
         f"{NO_WATCHDOG}, allowance: 1 mJ",
-        remedied="watchdog: none, watchdog_limit: 20 ms, allowance: 10 mJ",
+        remedied="watchdog: none, watchdog_limit: 30 ms, allowance: 15 mJ",
     ),
 }
 

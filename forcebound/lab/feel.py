@@ -26,9 +26,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 FELT = "displayed_stiffness"
-LIMITS = (0.005, 0.01, 0.02, 0.05, 0.1)  # s, of a device without a watchdog
-ALLOWANCES = (0.0, 0.002, 0.005, 0.01, 0.02)  # J
-SHORT_LIMIT = 0.02  # s, in which the boards that ship can end a force
+LIMITS = (0.005, 0.01, 0.02, 0.03, 0.05, 0.1)  # s, of a device without a watchdog
+ALLOWANCES = (0.0, 0.002, 0.005, 0.01, 0.015, 0.02)  # J
+SHORT_LIMIT = 0.03  # s, of the launch files that ship
 LONGEST_TICK = 1.25  # periods, for which a force must be held at the least
 WHOLE = 0.95  # of the environment's stiffness, which is as good as all
 HAND_SPEEDS = {"m/s": (1.0, 2.0, 3.0, 5.0), "rad/s": (2.0, 5.0, 10.0, 20.0)}
