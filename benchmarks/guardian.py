@@ -52,9 +52,9 @@ from forcebound.errors import DeviceError
 from forcebound.hardware.guardian import Guardian
 from forcebound.hardware.port import Port
 
-realtime.enter(realtime.Settings(core=realtime.choose_core("auto")), "device")  # as a device's
 port = Port(sys.argv[1])
 guardian = Guardian(port.descriptor, {ZERO!r}, float(sys.argv[3]))
+realtime.enter(realtime.Settings(core=realtime.choose_core("auto")), "device")  # as a device: last
 try:
     for count in range(int(sys.argv[2])):
         guardian.beat(time.monotonic_ns())
