@@ -1,9 +1,11 @@
 """How soon the guardian of a serial device writes zero force.
 
 A process writes a force to a pseudo-terminal each millisecond, as a driver does. Then it is killed
-(-9), stopped, or hangs, and the other side of the terminal notes when zero force comes: within 20
-ms from the signal, or from the last force of a process that hangs. `in a graph`: the device process
-of `forcebound launch haply_2diy` is killed in contact, until zero torque at the emulated board.
+(-9), stopped, or hangs, and the other side of the terminal notes when zero force comes, counted
+from the last force. `in a graph`: the device process of `forcebound launch haply_2diy` is killed or
+stopped in contact, from the signal until zero torque at the emulated board. `busy`: beside two
+programs for each core that compute without end, at ordinary priority. The target of the largest is
+the watchdog limit of `haply_2diy`.
 """
 
 import os
@@ -13,14 +15,17 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
-from functools import partial
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from benchmarks.harness import Contestant, Result, alternate, at
 from forcebound.errors import DeviceError
+from forcebound.graph.loader import load
 from forcebound.haptics.devices.truth_file import TruthFile
+from forcebound.hardware.line import TIMEOUT
 from forcebound.messages.control import GetStatus
 from forcebound.messages.topology import ONE_HAND
 from forcebound.observe.control import ask_launcher
@@ -31,7 +36,8 @@ DURATION = 60.0
 ASKED = "zero force after the device process of a graph was killed"
 IN_GRAPH = "killed in a graph"
 ROOT = Path(__file__).parent.parent
-TARGET = 0.020  # s
+BUSY = 2  # programs for each core
+DEATHS = 10
 FORCE, ZERO = b"force...", b"no force"
 FORCES = 50  # before its fate
 TIMEOUT_S = 10.0  # s
@@ -41,12 +47,14 @@ QUIET_S = 0.1  # s without any further message after zero force
 
 PROGRAM = f"""
 import signal, sys, time
+from forcebound import realtime
 from forcebound.errors import DeviceError
 from forcebound.hardware.guardian import Guardian
 from forcebound.hardware.port import Port
 
 port = Port(sys.argv[1])
-guardian = Guardian(port.descriptor, {ZERO!r})
+guardian = Guardian(port.descriptor, {ZERO!r}, float(sys.argv[3]))
+realtime.enter(realtime.Settings(core=realtime.choose_core("auto")), "device")  # as a device: last
 try:
     for count in range(int(sys.argv[2])):
         guardian.beat(time.monotonic_ns())
@@ -64,19 +72,45 @@ port.close()
 
 
 def run(duration: float, rate: float) -> Result:
-    """Run the benchmark, each way to die once a second of its share of ``duration``."""
-    contestants: dict[str, Contestant] = {fate: partial(_dies, fate) for fate in FATES}
-    contestants[IN_GRAPH] = _dies_in_a_graph
+    """Run the benchmark; a round is ``DEATHS`` processes, or one graph."""
+    ways: dict[str, Callable[[], list[float]]] = {fate: partial(_watched, fate) for fate in FATES}
+    for fate in ("killed", "stopped"):
+        ways[f"{fate} in a graph"] = partial(_watched_in_a_graph, fate)
+    contestants: dict[str, Contestant] = {way: partial(_round, ways[way], 0) for way in ways}
+    busy = BUSY * len(os.sched_getaffinity(0))
+    contestants |= {f"{way}, busy": partial(_round, ways[way], busy) for way in ways}
     found = alternate(duration, rate, contestants)
-    return found, [at(one, "max", 1e6 * TARGET, one.label == IN_GRAPH) for one in found]
+    return found, [at(one, "max", 1e6 * _limit(), one.label == IN_GRAPH) for one in found]
 
 
-def _dies(fate: str, _: Timing) -> Round:
-    return Round([round(1e9 * watch(fate).seconds)])
+@cache
+def _limit() -> float:
+    """Return the watchdog limit that ships, in s."""
+    return load("haply_2diy").only.device.longest_force
 
 
-def _dies_in_a_graph(_: Timing) -> Round:
-    return Round([round(1e9 * watch_graph())])
+def _round(way: Callable[[], list[float]], programs: int, _: Timing) -> Round:
+    with _computing(programs):
+        return Round([round(1e9 * seconds) for seconds in way()])
+
+
+@contextmanager
+def _computing(programs: int) -> Iterator[None]:
+    """Let programs compute beside what is measured."""
+    with ExitStack() as ended:
+        for _ in range(programs):
+            one = subprocess.Popen([sys.executable, "-c", "while True: pass"])
+            ended.callback(one.wait)
+            ended.callback(one.kill)
+        yield
+
+
+def _watched(fate: str) -> list[float]:
+    return [watch(fate).seconds for _ in range(DEATHS)]
+
+
+def _watched_in_a_graph(fate: str) -> list[float]:
+    return [watch_graph(fate)]
 
 
 class Fate(NamedTuple):
@@ -84,7 +118,7 @@ class Fate(NamedTuple):
 
     Attributes:
         messages: After the signal, or after the last force of a process that hangs.
-        seconds: Until zero force came, in s; inf: it never did.
+        seconds: From the last force until zero force came, in s; inf: it never did.
     """
 
     messages: list[bytes]
@@ -108,19 +142,21 @@ def watch(fate: str) -> Fate:
 def _try(fate: str) -> Fate | None:
     ending = FATES[fate]
     board, slave = os.openpty()
-    arguments = (os.ttyname(slave), str(FORCES if ending is None else 1_000_000))
+    forces = FORCES if ending is None else 1_000_000
+    arguments = (os.ttyname(slave), str(forces), str(TIMEOUT * _limit()))
     process = subprocess.Popen([sys.executable, "-c", PROGRAM, *arguments], cwd=ROOT)
     try:
         if any(_message(board, TIMEOUT_S) != FORCE for _ in range(FORCES)):
             return None
-        start = time.monotonic()
+        last = time.monotonic()
         if ending is not None:
             process.send_signal(ending)
         messages, seconds, timeout_s = [], float("inf"), TIMEOUT_S
         while message := _message(board, timeout_s):
             messages.append(message)
             if message == ZERO:
-                seconds, timeout_s = time.monotonic() - start, QUIET_S
+                seconds, timeout_s = time.monotonic() - last, QUIET_S
+            last = time.monotonic()
     finally:
         process.kill()
         process.wait()
@@ -137,8 +173,8 @@ def _message(board: int, timeout_s: float) -> bytes:
     return data
 
 
-def watch_graph() -> float:
-    """Kill the device process of a graph in contact; return when the torque was zero, in s.
+def watch_graph(fate: str) -> float:
+    """End the device process of a graph in contact; return when the torque was zero, in s.
 
     A graph that a busy machine ends before is replaced by another one.
     """
@@ -152,7 +188,7 @@ def watch_graph() -> float:
                 stderr=subprocess.DEVNULL,
             )
             try:
-                return _seconds_to_zero(Path(folder), launch)
+                return _seconds_to_zero(Path(folder), launch, FATES[fate])
             except (ChildProcessError, DeviceError):  # it has ended, or so has its emulator
                 pass
             finally:
@@ -161,7 +197,7 @@ def watch_graph() -> float:
     raise TimeoutError("no graph came into contact: this machine is too busy")
 
 
-def _seconds_to_zero(folder: Path, launch: "subprocess.Popen[bytes]") -> float:
+def _seconds_to_zero(folder: Path, launch: "subprocess.Popen[bytes]", ending: int | None) -> float:
     (path,) = _awaited(lambda: list(folder.glob("*.truth")), launch)
     truth = TruthFile(path)
 
@@ -175,12 +211,15 @@ def _seconds_to_zero(folder: Path, launch: "subprocess.Popen[bytes]") -> float:
     _awaited(has_torque, launch)
     start_ns = time.monotonic_ns()
     assert device is not None  # it runs
-    os.kill(device, signal.SIGKILL)
+    assert ending is not None
+    os.kill(device, ending)
     end = time.monotonic() + TIMEOUT_S
     while has_torque() and time.monotonic() < end:
         select.select((), (), (), LOOK)
     found = truth.look()
     truth.close()
+    with suppress(ProcessLookupError):
+        os.kill(device, signal.SIGKILL)  # one that is stopped
     assert found is not None
     return float("inf") if any(found.torque) else (found.torque_ns - start_ns) * 1e-9
 

@@ -66,6 +66,9 @@ MEANINGS = {
         "`asked` of the environment, `felt`, and the `shares` of what took the rest, see below; "
         "null where late answers added more than a tenth of what was lost"
     ),
+    "displayed_stiffness_share": (
+        "`felt` over `asked`, as the verdict says it; above 1: a hand that oscillates"
+    ),
     "rate_hardness_n_per_m": (
         "slope of force over slope of penetration in the first 10 ms of the first contact (Eq. 34)"
     ),
@@ -271,7 +274,7 @@ the twin without it feels more, and its remedy *gives* what the twin with the re
 
 | cause | what it is | remedy, whose stiffness is named |
 |---|---|---|
-| `watchdog_limit` | no watchdog, so a force must be safe for `device.watchdog_limit`, but for `device.allowance` | a limit of 20 ms at most, and the smallest allowance that gives nearly all |
+| `watchdog_limit` | no watchdog, so a force must be safe for `device.watchdog_limit`, but for `device.allowance` | a limit of 30 ms at most, and the smallest allowance that gives nearly the most |
 | `write_delay` | a force acts later than its reading, as stated (`device.write_delay`) or recorded | half of it |
 | `lag`, `presliding`, `gain_error`, `weight_error`, `resolution` | numbers of the device, with their price ([prices.md](../proofs/docs/prices.md)) | half of it |
 | `hold_limit` | a fixed `device.hold_limit` | `auto` |

@@ -2,11 +2,14 @@
 
 import math
 import struct
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 from test_haply_board import NO_TORQUE, PUSH, SETUP, degrees
+from waiting import until
 
 from forcebound.errors import ConfigError, DeviceError
 from forcebound.haptics.devices import Truth
@@ -172,6 +175,36 @@ def test_the_truth_is_what_was_written(truth: TruthFile, tmp_path: Path) -> None
     assert beside is not None
     assert beside.look() == (8, written, (9.0,), 10)
     beside.close()
+
+
+WRITER = """
+import sys
+from pathlib import Path
+from forcebound.haptics.devices import Truth
+from forcebound.haptics.devices.truth_file import TruthFile
+
+truth = TruthFile(Path(sys.argv[1]))
+k = 0.0
+while True:
+    k += 1.0
+    truth.write(int(k), Truth((k, k), (k, k), (k, k), k), (k,), int(k))
+"""
+
+
+def test_the_truth_is_whole_and_never_missing_while_an_emulator_writes(
+    truth: TruthFile, tmp_path: Path
+) -> None:
+    writer = subprocess.Popen([sys.executable, "-c", WRITER, str(tmp_path / "port.truth")])
+    try:
+        until(truth.look, "the first record")
+        for _ in range(20_000):
+            found = truth.look()
+            assert found is not None
+            numbers = {*found.truth.position, found.truth.energy, *found.torque}
+            assert numbers == {float(found.time_ns)}
+    finally:
+        writer.kill()
+        writer.wait()
 
 
 def test_a_file_of_somebody_else_is_no_truth(tmp_path: Path) -> None:

@@ -14,8 +14,8 @@ from forcebound.lab import feel
 
 @pytest.fixture
 def few_runs(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(feel, "LIMITS", (0.02,))
-    monkeypatch.setattr(feel, "ALLOWANCES", (0.0, 0.01))
+    monkeypatch.setattr(feel, "LIMITS", (0.03,))
+    monkeypatch.setattr(feel, "ALLOWANCES", (0.0, 0.015))
     monkeypatch.setattr(feel, "RATES", (0.5, 1.0))
     monkeypatch.setattr(feel, "HAND_SPEEDS", {"m/s": (2.0,), "rad/s": (20.0,)})
 
@@ -26,32 +26,33 @@ def test_a_device_at_a_port_is_simulated_with_its_numbers(tmp_path: Path) -> Non
     done = CliRunner().invoke(main, ["feel", "haply_2diy", "--json", "-o", str(picture)])
     assert done.exit_code == 0, done.output
     found = json.loads(done.stdout)
-    assert found["stated"] == {"rate": 1000.0, "watchdog_limit": 0.1, "allowance": 0.0}
+    numbers = {"watchdog_limit": 0.03, "allowance": 0.015, "hand_speed": 50.0}
+    assert found["stated"] == {"rate": 1000.0, **numbers}
+    assert found["felt"] > 0.95 * found["stiffness"]
     rows = {(run.get("watchdog_limit"), run.get("allowance")): run["felt"] for run in found["runs"]}
-    numbers = "device: {watchdog: none, watchdog_limit: %s, allowance: %s, write_delay: 0.3 ms}"
+    device = "device: {watchdog: none, watchdog_limit: %s, allowance: %s, write_delay: 0.3 ms}"
     for (limit, given), felt in rows.items():
         if limit is not None:
             same = tmp_path / "same.yaml"
-            text = f"forcebound: 1\ninclude: five_bar_wall.yaml\n{numbers % (limit, given)}\n"
+            text = f"forcebound: 1\ninclude: five_bar_wall.yaml\n{device % (limit, given)}\n"
             same.write_text(text)
             late: Any = {"device.reply_wait": 0.8}
             run = fb.simulate(same, **late)
             assert felt == pytest.approx(run.figures.displayed_stiffness)
-    assert rows[0.1, 0.0] < rows[0.02, 0.0] < rows[0.02, 0.01]
-    assert found["felt"] == rows[0.1, 0.0]
+    assert rows[0.03, 0.0] < rows[0.03, 0.015]
+    assert found["felt"] == rows[0.03, 0.015]
     assert picture.stat().st_size > 10_000
 
 
 @pytest.mark.usefixtures("few_runs")
 def test_the_words_say_what_the_hand_can_get() -> None:
-    done = CliRunner().invoke(main, ["feel", "haply_2diy"])
-    assert (
-        "as stated (watchdog_limit 100 ms, allowance 0 mJ, rate 1000 Hz, no hand_speed)"
-        in done.output
-    )
+    little = ["watchdog_limit:=100 ms", "allowance:=0 mJ"]
+    done = CliRunner().invoke(main, ["feel", "haply_2diy", *little])
+    numbers = "watchdog_limit 100 ms, allowance 0 mJ, rate 1000 Hz, hand_speed 50 rad/s"
+    assert f"as stated ({numbers})" in done.output
     last = done.output.splitlines()[-1]
-    assert last.startswith("With watchdog_limit 20 ms and allowance 10 mJ: 2 N/mm of 2 N/mm (100%)")
-    assert last.endswith("at most 10 mJ, the energy of 1 N over 10 mm.")
+    assert last.startswith("With watchdog_limit 30 ms and allowance 15 mJ: 1.99 N/mm of 2 N/mm")
+    assert last.endswith("at most 15 mJ, the energy of 1.5 N over 10 mm.")
 
 
 @pytest.mark.usefixtures("few_runs")

@@ -127,6 +127,17 @@ SWITCH_ON = (
 SWITCH_OFF = ("w axis0.requested_state 1", "w axis0.config.enable_watchdog 0")
 
 
+def test_the_guardian_watches_a_read_while_a_torque_is_held() -> None:
+    device, _, line = switched_on()
+    line.forces.clear()
+    device.read(0)
+    device.write(0, (0.1,))
+    device.read(0)
+    device.write(0, (0.0,))
+    device.read(0)
+    assert line.forces == [False, True, True, False, False]
+
+
 def test_lines_of_the_specification() -> None:
     assert lines("r vbus_voltage", "f 0") == b"r vbus_voltage *93\nf 0 *86\n"
     assert lines("c 0 0.05", "u 0") == b"c 0 0.05 *104\nu 0 *69\n"

@@ -22,7 +22,7 @@ PATIENT = "watchdog_limit:=2 s"
 
 @pytest.mark.parametrize(
     ("launch_file", "allowance"),
-    [("haply_2diy", 0.0), ("odrive_knob", 0.005), ("haply_inverse3", 0.005)],
+    [("haply_2diy", 0.015), ("odrive_knob", 0.010), ("haply_inverse3", 0.005)],
 )
 def test_when_the_device_process_is_killed_in_contact_the_torque_becomes_zero(
     launch_file: str, allowance: float
@@ -39,9 +39,8 @@ def test_when_the_device_process_is_killed_in_contact_the_torque_becomes_zero(
         assert status == 1, graph.log
         columns = read(graph.record).telemetry
         assert columns.applied_force.any()
-        # A tick has no truth where the emulator was just writing it.
-        assert np.isfinite(columns.true_energy).mean() > 0.5
-        assert np.nanmin(columns.true_energy) >= -allowance
+        assert np.isfinite(columns.true_energy).all()
+        assert columns.true_energy.min() >= -allowance
 
 
 def started_by(device: int) -> dict[str, int]:

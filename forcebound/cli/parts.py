@@ -30,8 +30,6 @@ with when_used():
 
 #: Kinds of emulators, and the launch file of each: its hand holds an emulator started by hand.
 EMULATED = {"haply_2diy": "haply_2diy", "haply_inverse3": "haply_inverse3", "odrive": "odrive_knob"}
-#: Watchdog limit of a launch with such an emulator: that of an emulator which the launch starts.
-WATCHDOG_LIMIT = "100 ms"
 
 CHECKED = ("law", "device", "operator", "controller", "environment")
 
@@ -125,9 +123,8 @@ def emulate(
         model, operator = program.launch_file_parts(EMULATED[kind], arguments)
     advice, operator = "", None if no_hand else operator
     if parts is None:
-        words = f'launch {EMULATED[kind]} device:={link} watchdog_limit:="{WATCHDOG_LIMIT}"'
-        words = f"identify {kind} device:={link}" if no_hand else words
-        advice = f"in another terminal: `forcebound {words}`"
+        words = f"identify {kind}" if no_hand else f"launch {EMULATED[kind]}"
+        advice = f"in another terminal: `forcebound {words} device:={link}`"
     if is_service:
         listen = port if parts is None else 0
         service.run((model, operator), link, listen, idle, planned, until_unused, show, advice)

@@ -172,7 +172,8 @@ class OpenODrive(SerialDevice):
         self.exchanges.log(_logger)
 
     def _ask(self) -> Exchange[list[float]]:
-        return self._requests.ask("read", self._ask_positions, self._model.joints, positions)
+        joints, has_force = self._model.joints, any(self._held)
+        return self._requests.ask("read", self._ask_positions, joints, positions, has_force)
 
     def _set(self, force: Vector) -> Exchange[tuple[list[float], int, int]]:
         """Set torques, which resist where positive; ask for positions, an axis's error and state.

@@ -24,8 +24,8 @@ WHOLE = 0.95  # of the asked stiffness; who feels it has lost nothing
 WORTH = 0.1  # of the felt stiffness; less is not worth a word, if it is not most of the loss
 LEAST = 0.005  # of the asked stiffness, worth a word where nothing is felt
 LATE = 1.3  # periods
-SHORT_LIMIT = 0.02  # s, in which the boards that ship end a force
-ALLOWANCES = (1e-3, 2e-3, 5e-3, 0.01, 0.02, 0.05)  # J
+SHORT_LIMIT = 0.03  # s, of the launch files that ship
+ALLOWANCES = (1e-3, 2e-3, 5e-3, 0.01, 0.015, 0.02)  # J
 FASTEST = 5000.0  # Hz, of a live run
 NOT_THE_LAWS = ("saturation", "engage_ramp", "dissipation")  # causes beside what a law lacks
 NEEDED = {"law", "rate", "damping", "friction", "resolution", "saturation", "watchdog"}
@@ -194,18 +194,18 @@ def _of_the_device(twin: Twin) -> Iterator[_Suspect]:
     if stated.watchdog == "none":
         # Punctual, since with a shorter limit late holds cost next to nothing.
         limit = min(stated.watchdog_limit, SHORT_LIMIT)
-        change = Change({"allowance": 1e6}, is_punctual=True)
         why = f"without a watchdog each force is planned for {1e3 * stated.watchdog_limit:.3g} ms"
         why += f" (device.watchdog_limit) less an allowance of {1e3 * stated.allowance:.3g} mJ"
-        most, given = stated.allowance, Change({"watchdog_limit": limit}, is_punctual=True)
-        nearly = WHOLE * min(twin.would_feel(change), twin.asked)
-        for most in (one for one in ALLOWANCES if one > stated.allowance):
-            numbers = {"watchdog_limit": limit, "allowance": most}
-            given = Change(numbers, is_punctual=True)
-            if twin.would_feel(given) >= nearly:
-                break
+        given = {
+            one: Change({"watchdog_limit": limit, "allowance": one}, is_punctual=True)
+            for one in (stated.allowance, *ALLOWANCES)
+            if one >= stated.allowance
+        }
+        felt = {one: min(twin.would_feel(change), twin.asked) for one, change in given.items()}
+        # With late answers more can give less: a harder first contact empties the ledger.
+        most = next(one for one in felt if felt[one] >= WHOLE * max(felt.values()))
         remedy = f"watchdog_limit: {1e3 * limit:.3g} ms, allowance: {1e3 * most:.3g} mJ"
-        yield _Suspect("watchdog_limit", why, change, remedy, given)
+        yield _Suspect("watchdog_limit", why, given[most], remedy, given[most])
     delay = max(stated.write_delay, float(twin.write_delay.max()))
     if delay > 0.0:
         none, half = (Change({"write_delay": k * stated.write_delay}, delays=k) for k in (0.0, 0.5))

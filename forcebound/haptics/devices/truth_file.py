@@ -1,8 +1,9 @@
 """The ground truth of an emulated device, in a small file that two processes map.
 
 The emulator writes, the driver and observers read: the truth travels beside the serial line,
-which has no room for it. A reader never waits: a counter, odd while the emulator writes, says
-whether what was read is whole. In the other direction the file carries when the force engages,
+which has no room for it. A reader never waits, not even for an emulator that gets no processor
+within a write: the file has room for two records, and a counter says which one is whole. In the
+other direction the file carries when the force engages,
 because a simulated hand then begins to move.
 """
 
@@ -19,17 +20,18 @@ from forcebound.errors import DeviceError
 from forcebound.haptics.devices import Truth
 from forcebound.messages.packets import Vector
 
-MAGIC = b"fbtruth2"
+MAGIC = b"fbtruth3"
 SUFFIX = ".truth"  # behind the path of the port
 
-_ENGAGED, _COUNTER, _LENGTH = struct.Struct("<q"), struct.Struct("<Q"), struct.Struct("<H")
-_ENGAGED_AT = len(MAGIC)
-_COUNTER_AT = _ENGAGED_AT + _ENGAGED.size
-_RECORD_AT = _COUNTER_AT + _COUNTER.size  # its length, and an EmulatedTruth in MessagePack
-SIZE = 512  # bytes; a record has 5 numbers and at most 4 vectors, each entry of 9 bytes
+_LENGTH = struct.Struct("<H")
+#: Numbers of 64 bits: the magic, when the force engaged, how many records were written so far. They
+#: are stored through a memoryview, in one piece: pack_into writes zeros first, which a reader sees.
+_ENGAGED, _COUNTER, _NUMBERS = 1, 2, 3
+_RECORDS_AT = 8 * _NUMBERS  # each: its length, and an EmulatedTruth in MessagePack
+_RECORD = 488  # bytes; a record has 5 numbers and at most 4 vectors, each entry of 9 bytes
+SIZE = _RECORDS_AT + 2 * _RECORD
 
 NOBODY, NOT_YET = 0, -1  # engagement, in place of a time
-ATTEMPTS = 100  # of a read beside a writer
 
 
 class EmulatedTruth(NamedTuple):
@@ -60,31 +62,28 @@ class TruthFile:
         except (OSError, ValueError) as error:
             raise DeviceError(f"cannot map the truth of the emulator, {path}: {error}") from error
         if creates:
-            self._memory[:_ENGAGED_AT] = MAGIC
-        elif self._memory[:_ENGAGED_AT] != MAGIC:
-            self.close()
+            self._memory[: len(MAGIC)] = MAGIC
+        elif self._memory[: len(MAGIC)] != MAGIC:
+            self._memory.close()
             raise DeviceError(f"{path} is no file of an emulator: give the port that it prints")
-        self._counter = 0
+        self._numbers = memoryview(self._memory)[:_RECORDS_AT].cast("q")
 
     def write(self, time_ns: int, truth: Truth, torque: Vector, torque_ns: int) -> None:
         """Replace the truth; for the emulator alone."""
         record = msgspec.msgpack.encode(EmulatedTruth(time_ns, truth, torque, torque_ns))
-        end = _RECORD_AT + _LENGTH.size + len(record)
-        _COUNTER.pack_into(self._memory, _COUNTER_AT, self._counter + 1)
-        self._memory[_RECORD_AT:end] = _LENGTH.pack(len(record)) + record
-        self._counter += 2
-        _COUNTER.pack_into(self._memory, _COUNTER_AT, self._counter)
+        counter = self._numbers[_COUNTER] + 1
+        start = _record_at(counter)
+        end = start + _LENGTH.size + len(record)
+        self._memory[start:end] = _LENGTH.pack(len(record)) + record
+        self._numbers[_COUNTER] = counter
 
     def look(self) -> EmulatedTruth | None:
         """Return all that the file holds; None before the first write."""
-        for _ in range(ATTEMPTS):
-            (before,) = _COUNTER.unpack_from(self._memory, _COUNTER_AT)
-            record = self._memory[_RECORD_AT:]
-            (after,) = _COUNTER.unpack_from(self._memory, _COUNTER_AT)
-            if before == after and before % 2 == 0:
-                break
-        else:  # the emulator was stopped within a write
-            return None
+        before, after = -1, self._numbers[_COUNTER]
+        while before != after:  # a further record came while this one was read
+            before, start = after, _record_at(after)
+            record = self._memory[start : start + _RECORD]
+            after = self._numbers[_COUNTER]
         if before == 0:
             return None
         start, (length,) = _LENGTH.size, _LENGTH.unpack_from(record)
@@ -97,11 +96,11 @@ class TruthFile:
 
     def announce(self) -> None:
         """Say that :meth:`engage` will be called, so that the hand waits for it."""
-        _ENGAGED.pack_into(self._memory, _ENGAGED_AT, NOT_YET)
+        self._numbers[_ENGAGED] = NOT_YET
 
     def engage(self, time_ns: int) -> None:
         """Say that the force engages: the hand may move."""
-        _ENGAGED.pack_into(self._memory, _ENGAGED_AT, time_ns)
+        self._numbers[_ENGAGED] = time_ns
 
     @property
     def engaged_ns(self) -> int:
@@ -109,16 +108,20 @@ class TruthFile:
 
         ``NOT_YET``: it will be announced; ``NOBODY``: no driver is attached.
         """
-        engaged_ns: int = _ENGAGED.unpack_from(self._memory, _ENGAGED_AT)[0]
-        return engaged_ns
+        return self._numbers[_ENGAGED]
 
     def forget(self) -> None:
         """Clear the engagement of the previous user of the port."""
-        _ENGAGED.pack_into(self._memory, _ENGAGED_AT, NOBODY)
+        self._numbers[_ENGAGED] = NOBODY
 
     def close(self) -> None:
         """Release the file."""
+        self._numbers.release()
         self._memory.close()
+
+
+def _record_at(counter: int) -> int:
+    return _RECORDS_AT + counter % 2 * _RECORD
 
 
 def truth_beside(port: str) -> TruthFile | None:

@@ -223,7 +223,7 @@ class Dissipation(StatedAxes):
         if fault:
             raise ConfigError(
                 f"hand_speed of {self.hand_speed} m/s with {fault}: what the hand gets is not"
-                " proved then; hand_speed: null, or leave out a number that the device does not have",
+                " proved then; state hand_speed: null, or no number that the device does not have",
                 field="hand_speed",
             )
 
