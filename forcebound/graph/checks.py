@@ -20,6 +20,7 @@ from forcebound.graph.graph import (
 )
 from forcebound.graph.servo import ServoSettings, dissipation_of
 from forcebound.haptics.devices import DeviceModel
+from forcebound.haptics.devices.simulated import pad
 from forcebound.haptics.hands import Operator
 from forcebound.haptics.laws import LAWS, ForceBounder
 from forcebound.haptics.laws.constants import axis_constants
@@ -86,7 +87,7 @@ def _check_hand(
         return False
     axes = device.axes
     if operator is not None:
-        check("operator", _check_path, operator, axes)
+        check("operator", _check_path, operator, device)
     answers_states = controller is not None and controller.answers_states
     if environment is not None and not answers_states:
         check("device", _check_delays, made["servo"], environment, made["links"])
@@ -135,12 +136,30 @@ def _check_device(device: DeviceModel, servo: ServoSettings) -> None:
         axis_constants(dissipation_of(device, servo), axes)
 
 
-def _check_path(operator: Operator, axes: int) -> None:
-    """Check that the path of an operator has no more axes than the device."""
+def _check_path(operator: Operator, device: DeviceModel) -> None:
+    """Check that a device has the axes of an operator, and an arm reaches its start."""
+    axes = device.axes
     with user_code("target(0.0)", "kind"):
-        found = len(operator.target(0.0))
-    if found > axes:
-        raise ConfigError(f"the operator's path has {found} axes, the device only {axes}")
+        start = pad(target := operator.target(0.0), axes)
+    if len(target) > axes:
+        raise ConfigError(f"the operator's path has {len(target)} axes, the device only {axes}")
+    with user_code("angles"):
+        is_arm, angles = device.angles((0.0,) * axes) is not None, device.angles(start)
+    limits = operator.joint_limits
+    if is_arm and angles is None:
+        where = ", ".join(f"{1e3 * x:.4g}" for x in start)
+        raise ConfigError(f"start: the arm does not reach [{where}] mm", field="start")
+    if not limits:
+        return
+    if angles is None or len(limits) != axes:
+        expected = f"{axes} pairs of angles" if is_arm else "none: the device is no arm"
+        raise ConfigError(
+            f"joint_limits: expected {expected}, got {len(limits)}", field="joint_limits"
+        )
+    for joint, (angle, (low, high)) in enumerate(zip(angles, limits, strict=True)):
+        if not low <= angle <= high:
+            words = f"joint {joint} begins at {angle:.4g} rad, outside [{low:g}, {high:g}] rad"
+            raise ConfigError(f"joint_limits: {words}", field="joint_limits")
 
 
 def _check_delays(

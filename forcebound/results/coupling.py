@@ -133,10 +133,14 @@ def _transparency(
     contact = -follower["hand"][:, :axes]  # of the follower on what it touches
     difference = np.linalg.norm(leader["hand"][:, :axes] - ratio * contact, axis=1)
     felt = behind = known = None
-    if wall.get("kind") == "wall" and wall["stiffness"] > 0.0 and place.size:
-        start = wall["start"][0] if isinstance(wall["start"], list) else wall["start"]
-        depth = place[:, 0] - start - wall["gap"]
-        felt = displayed_stiffness(leader["time"], scale * leader["motor"][:, 0], depth)
+    gaps = _of_axes(wall.get("gap"), axes)
+    crossed = [axis for axis in range(axes) if gaps[axis] is not None]
+    if wall.get("kind") == "wall" and wall["stiffness"] > 0.0 and place.size and crossed:
+        axis = crossed[0]  # across which there is a wall
+        side, start = np.copysign(1.0, gaps[axis]), _of_axes(wall["start"], axes)[axis] or 0.0
+        depth = side * (place[:, axis] - start - gaps[axis])
+        push = side * scale * leader["motor"][:, axis]
+        felt = displayed_stiffness(leader["time"], push, depth)
         known = ratio * scale * float(wall["stiffness"])
         own = ratio * scale * float(environment["stiffness"])
         if environment["architecture"] != "four_channel":
@@ -151,6 +155,11 @@ def _transparency(
         "follower_stiffness_n_per_m": known,
         "series_stiffness_n_per_m": behind,
     }
+
+
+def _of_axes(value: Any, axes: int) -> list[Any]:
+    """Return a number of the first axis, or a list of one for each, as long as the axes."""
+    return ([*value] if isinstance(value, list) else [value]) + [None] * axes
 
 
 def _or_none(statistic: Callable[[Floats], Any], values: Floats) -> float | None:

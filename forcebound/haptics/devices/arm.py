@@ -1,5 +1,6 @@
 """The body of a simulated arm: joints, kinematics, a hand at the tip."""
 
+import math
 from collections.abc import Callable
 from functools import partial
 from struct import Struct
@@ -27,8 +28,6 @@ class ArmBody:
 
     def __init__(self, stated: "StatedJoints", true: TrueNumbers, operator: Operator) -> None:
         axes = stated.axes
-        if operator.gap >= 0.0:
-            raise DeviceError("a wall in place of the hand needs a device of independent axes")
         start = pad(operator.target(0.0), axes)
         angles = stated.angles(start)
         if angles is None:
@@ -44,8 +43,14 @@ class ArmBody:
         self._sound, self._weak_spot = self._frictions.copy(), true.weak_spot
         numbers[joints.READING] = [quantise(*x) for x in zip(angles, true.resolution, strict=True)]
         numbers[joints.TIP] = kinematics.position(angles)
+        numbers[joints.GAP] = math.nan
+        numbers[joints.GAP, : len(operator.walls)] = operator.walls
+        limits = operator.joint_limits or ((-math.inf, math.inf),) * axes
+        numbers[joints.LOWEST], numbers[joints.HIGHEST] = zip(*limits, strict=True)
         hand = (operator.mass, operator.stiffness, operator.damping)
-        self._settings = np.array([*hand, stated.substep, true.lag, *kinematics.geometry])
+        walls = (not operator.walls, operator.joint_stiffness, operator.joint_damping)
+        own = (stated.substep, true.lag)
+        self._settings = np.array([*hand, *own, *walls, *kinematics.geometry])
         # numpy takes longer to set or get a number
         data, row = numbers.view(np.uint8).reshape(-1).data, 8 * axes
         self._set_inputs = partial(Struct(f"{3 * axes}d").pack_into, data, joints.TARGET * row)

@@ -41,12 +41,13 @@ class Axes:
     presliding: Numbers  # m
     weight: Numbers  # N
     resolution: Numbers  # m
+    gap: Numbers  # to a wall in place of the hand, m, its sign the side; NaN: none
     count: int
     mass: float  # of device and hand, kg
     hand_mass: float  # kg
     stiffness: float  # of the hand, N/m
     hand_damping: float  # N s/m
-    gap: float  # to a wall in place of the hand, across the first axis, m; negative: none
+    is_hand: bool  # there are no walls in place of it
     substep: float  # longest integration step, s
     lag: float  # of the motor, s
 
@@ -59,7 +60,7 @@ def advance_axes(records: Sequence[Axes], duration: float) -> float:
     """
     energy, a = 0.0, records[0]
     for i in range(a.count):
-        is_held = i == 0 or a.gap < 0.0
+        is_held = a.is_hand or not math.isnan(a.gap[i])
         axis = Axis(
             a.mass,
             a.damping[i],
@@ -69,7 +70,7 @@ def advance_axes(records: Sequence[Axes], duration: float) -> float:
             a.lag,
             a.stiffness if is_held else 0.0,
             a.hand_damping if is_held else 0.0,
-            a.gap if i == 0 else -1.0,
+            a.gap[i],
         )
         before = Moving(a.x[i], a.v[i], a.work[i], a.bristle[i], a.motor[i])
         after, a.muscle[i] = advance_extended(
@@ -92,8 +93,9 @@ class AxesBody:
         self._axes: Any = self._records[0]
         self._axes.count, self._axes.mass = axes, stated.mass + operator.mass
         self._axes.hand_mass, self._axes.stiffness = operator.mass, operator.stiffness
-        self._axes.hand_damping, self._axes.gap = operator.damping, operator.gap
-        self._axes.lag = true.lag
+        self._axes.hand_damping, self._axes.lag = operator.damping, true.lag
+        self._axes.gap, self._axes.is_hand = math.nan, not operator.walls
+        self._axes.gap[: len(operator.walls)] = operator.walls
         self._axes.damping[:axes], self._axes.friction[:axes] = true.damping, true.friction
         self._axes.presliding[:axes], self._axes.weight[:axes] = true.presliding, true.weight
         self._axes.resolution[:axes] = true.resolution
