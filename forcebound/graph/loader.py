@@ -116,9 +116,8 @@ def _filled(template: Value, overrides: Sequence[str], problems: Problems) -> Va
     paths = [text for text in overrides if "." in text.partition(":=")[0]]
     of_arguments = [text for text in overrides if text not in paths]
     substitution = Substitution(arguments.values(of_arguments), problems)
-    filled = substitution.apply(template.without("arguments"))
+    filled = _substituted(template, substitution, problems)
     arguments.note_unused(of_arguments, substitution.used)
-    filled = with_hands(with_named_hands(filled), partial(with_device_file, problems=problems))
     for text in paths:
         name, word = split_setting(text)
         place, at = override_place(text), ParameterName.parse(name)
@@ -130,6 +129,12 @@ def _filled(template: Value, overrides: Sequence[str], problems: Problems) -> Va
         else:
             filled = filled.with_entry(at.path, Value(scalar(word), place, place, word))
     return filled
+
+
+def _substituted(template: Value, arguments: Substitution, problems: Problems) -> Value:
+    """The template with its hands by name, and the arguments in it and in files of devices."""
+    named = with_named_hands(arguments.apply(template.without("arguments")))
+    return with_hands(named, partial(with_device_file, problems=problems, arguments=arguments))
 
 
 def _whose(at: ParameterName, root: Value) -> str | None:
@@ -152,7 +157,7 @@ def arguments_of(path: str | Path) -> list[Argument]:
     arguments = Arguments(root, problems)
     problems.raise_if_any()
     substitution = Substitution(arguments.values(()), Problems())
-    substitution.apply(root.without("arguments"))
+    _substituted(root, substitution, Problems())
     return [each for name, each in arguments.declared.items() if name in substitution.used]
 
 
