@@ -242,7 +242,8 @@ _OF_THE_BOUNDER = (
         cell=cells.late_writes,
     ),
     Figure("longest_write_delay", "", IN_MS, ticks.longest_write_delay),
-    Figure("reads_and_writes", "", S, lambda run: ticks.reads_and_writes(run.columns)),
+    Figure("reads_and_writes", "", S, ticks.device_time),
+    Figure("device_misses", "", NUMBER, ticks.device_misses),
     Figure(
         "largest_allowance",
         "largest allowance used",

@@ -15,6 +15,7 @@ from forcebound.haptics.laws import LAWS
 from forcebound.haptics.laws.all_axes import LARGEST_READING
 from forcebound.haptics.laws.hold_limit import FLOOR
 from forcebound.results.bounder import Cause
+from forcebound.results.ticks import deadline_misses, device_misses
 from forcebound.results.twin import Change, Twin
 
 if TYPE_CHECKING:
@@ -171,6 +172,12 @@ def _of_the_clock(twin: Twin, run: "Samples") -> Iterator[_Suspect]:
     change = Change(is_punctual=True)
     why = f"{share:.1%} of the ticks come late or after missed ones"
     busy = twin.busy / period
+    if 2 * (device_misses(run) or 0) > (deadline_misses(run) or 0) and busy <= 1.0:
+        why += ", most of them since a read or write of the device took far more than its usual"
+        why += f" {1e3 * twin.busy:.2g} ms"
+        command = "forcebound check device"
+        yield _Suspect("missed_ticks", why, change, "a device that answers in time", change, command)
+        return
     if busy <= 1.0:
         command = "forcebound doctor --measure"
         yield _Suspect("missed_ticks", why, change, PUNCTUAL, change, command)

@@ -106,7 +106,21 @@ def reads_and_writes(columns: TelemetryColumns) -> float | None:
     """Return what the device's own reads and writes take of a tick, in s; None: not recorded.
 
     Half of the ticks take more. The state is read, too, as long before as reading and write take.
+    Where the bounder has the state's reading, what that took is not known, and not in it.
     """
     if not columns.read_ns.size or (columns.read_ns < 0).any():
         return None
-    return 2e-9 * float(np.median(columns.write_ns - columns.read_ns))
+    took = float(np.median(columns.write_ns - columns.read_ns))
+    writing = float(np.median(columns.write_ns - columns.time_ns))
+    return 1e-9 * (writing if writing < 0.5 * took else 2.0 * took)
+
+
+def device_time(run: Samples) -> float | None:
+    """Return the same as the device's process has measured it, a mean; else as it is recorded."""
+    measured = run.report.device_time if run.report is not None else 0.0
+    return measured or reads_and_writes(run.columns)
+
+
+def device_misses(run: Samples) -> int | None:
+    """Return the ticks that were missed while the device read or wrote; None: not reported."""
+    return None if run.report is None else run.report.device_misses

@@ -30,6 +30,7 @@ from forcebound.messages.topology import Document
 from forcebound.recordings.launched import DeviceSection
 from forcebound.results.contact import STEADY_WINDOW, steady_window
 from forcebound.results.surface import Floats, touch_of_run
+from forcebound.results.ticks import device_time
 
 if TYPE_CHECKING:
     from forcebound.results.samples import Samples
@@ -79,7 +80,7 @@ class Twin:
         self.time: Floats = 1e-9 * (read_ns - read_ns[0]).astype(np.float64)
         self.write_delay: Floats = (columns.write_ns - read_ns).astype(np.float64)
         self.write_delay *= 1e-9 * has_stamps
-        self.busy = 2.0 * float(np.median(self.write_delay))
+        self.busy = has_stamps * (device_time(run) or 0.0)
         section = run.config["device"].items()
         device: Document = {k: tuple(v) if isinstance(v, list) else v for k, v in section}
         self._rate, self._report, self._law = run.rate, run.report, str(run.device.law)

@@ -122,6 +122,7 @@ def _of_the_device(s: Summary, run: Launched) -> str:
     """Why the device itself misses ticks; empty: it does not."""
     busy, rate = s["reads_and_writes_s"] or 0.0, run.device.rate or 0.0
     if busy * rate <= 1.0:
-        return ""
+        of_device = s["device_misses"] or 0
+        return f", {of_device} of them since the device was slow" if of_device else ""
     taken, period = in_unit(busy, "ms", 2), in_unit(1.0 / rate, "ms", 2)
     return f", since its reads and writes take {taken} of a period of {period}"
