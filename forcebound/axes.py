@@ -56,7 +56,7 @@ def lengths(count: int) -> tuple[Axis, ...]:
     return tuple(map(Axis, NAMES[:count]))
 
 
-def kind_of(axes: Iterable[Axis]) -> AxisKind | None:
+def common_kind(axes: Iterable[Axis]) -> AxisKind | None:
     """Return the kind that all axes have; None if they differ. Without axes: length."""
     kinds = {axis.kind for axis in axes} or {"length"}
     return next(iter(kinds)) if len(kinds) == 1 else None
