@@ -11,6 +11,7 @@ from collections.abc import Callable
 from io import StringIO
 from typing import Any, TypeAlias
 
+from forcebound.axes import lengths
 from forcebound.errors import ConfigError
 from forcebound.graph.fields import fields_of
 from forcebound.graph.graph import (
@@ -65,6 +66,8 @@ def hand_document(hand: HandConfig, fields: Fields = plain) -> Document:
         document["operator"] = part_document("operator", hand.operator, fields)
     if hand.remote is not None:
         document["remote"] = fields(hand.remote)
+    if (axes := hand.named_axes) != lengths(len(axes)):  # of before, a document has none
+        document["axes"] = [plain(axis) for axis in axes]
     return document
 
 

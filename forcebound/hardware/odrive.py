@@ -23,7 +23,7 @@ from forcebound.errors import DeviceError
 from forcebound.haptics.devices import Source
 from forcebound.haptics.devices.arms import ASSUMED
 from forcebound.haptics.devices.knob import KnobNumbers
-from forcebound.haptics.devices.true_values import AngleOfJoints
+from forcebound.haptics.laws.dissipation import AngleOfJoints
 from forcebound.haptics.hands import Operator
 from forcebound.haptics.laws.bounder import saturated
 from forcebound.hardware.line import Line

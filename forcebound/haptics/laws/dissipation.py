@@ -14,14 +14,18 @@ from forcebound.messages.packets import Vector
 from forcebound.quantities import (
     NOT_NEGATIVE,
     POSITIVE,
+    Angle,
+    AngularSpeed,
     Damping,
     Energy,
     Force,
+    JointDamping,
     Length,
     Range,
     Ratio,
     Speed,
     Time,
+    Torque,
     check_ranges,
 )
 
@@ -33,6 +37,9 @@ DampingOfAxes: TypeAlias = OfAxes[Annotated[Damping, NOT_NEGATIVE]]
 FrictionOfAxes: TypeAlias = OfAxes[Annotated[Force, NOT_NEGATIVE]]
 LengthOfAxes: TypeAlias = OfAxes[Annotated[Length, NOT_NEGATIVE]]
 ForceOfAxes: TypeAlias = OfAxes[Annotated[Force, Range()]]
+DampingOfJoints: TypeAlias = OfAxes[Annotated[JointDamping, NOT_NEGATIVE]]
+TorqueOfJoints: TypeAlias = OfAxes[Annotated[Torque, NOT_NEGATIVE]]
+AngleOfJoints: TypeAlias = OfAxes[Annotated[Angle, NOT_NEGATIVE]]
 
 #: ``guarding``: looks at the readings, first at the hold limit, drops the force when one of them
 #: has moved back from where it was when that force began to act, and says when and where; see
@@ -141,6 +148,33 @@ class StatedAxes(StatedNumbers):
 
     weight: ForceOfAxes = 0.0
     weight_error: FrictionOfAxes = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointNumbers(StatedNumbers):
+    """Stated numbers of a device in its joints.
+
+    No weight: gravity pulls at a joint as the pose has it, so no constant describes it.
+
+    Attributes:
+        damping: Minimum viscous damping of the joints; one number, or one of each.
+        friction: Minimum Coulomb friction; one of each joint gives more force than one number,
+            which counts along the path of all joints.
+        resolution: Of the encoders.
+        saturation: Largest torque: length of the vector of the joints' torques.
+        presliding: Angle over which friction yields elastically before it dissipates.
+        largest_speed: A reading that implies more is refused; null: none is.
+        hand_speed: The hand turns the joints no faster than this, as the length of the vector of
+            their speeds and on average over a period or longer; null: that is not stated.
+    """
+
+    damping: DampingOfJoints
+    friction: TorqueOfJoints
+    resolution: AngleOfJoints
+    saturation: Annotated[Torque, POSITIVE]
+    presliding: AngleOfJoints = 0.0
+    largest_speed: Annotated[AngularSpeed, POSITIVE] | None = None
+    hand_speed: Annotated[AngularSpeed, POSITIVE] | None = None
 
 
 #: Numbers for which there is no proof with ``attenuates`` (docs/theory.md, 3.10).
