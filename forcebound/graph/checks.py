@@ -252,6 +252,8 @@ def _warn_uncertified(hand: HandConfig) -> None:
         kind = KINDS[section].kind_of(type(part))
         if part is not None and (kind is None or not KINDS[section].is_shipped(kind)):
             uncertified.append((section, kind or type(part).__name__))
+    if hand.device.own_code:
+        uncertified.append(("device", hand.device.own_code))
     for section, kind in uncertified:
         _logger.warning(
             "%s %s is not certified by forcebound: it runs in the device's process, and the proof"

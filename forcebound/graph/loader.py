@@ -189,7 +189,7 @@ def user_files(root: Value) -> list[Path]:
         sections = part.entries
         kinds += [sections[name].entries.get("kind") for name in KINDS if name in sections]
         if "device" in sections:
-            kinds.append(sections["device"].entries.get("law"))
+            kinds += [sections["device"].entries.get(key) for key in ("law", "class")]
     named = [kind for kind in kinds if kind is not None and names_file(kind.text)]
     return list(dict.fromkeys(file_of(kind.text, kind.folder) for kind in named))
 

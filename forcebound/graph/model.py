@@ -37,6 +37,7 @@ from forcebound.graph.seen_axes import axes_of, seen_axes
 from forcebound.graph.servo import ServoSettings
 from forcebound.graph.tree import Value, from_plain, units_of
 from forcebound.haptics.laws import LAWS
+from forcebound.haptics.parts.plain import field_of
 from forcebound.haptics.parts.user_module import describe_user_error, user_code
 from forcebound.messages.topology import HAND_SECTIONS, HANDS, IMPAIRABLE, MOST_HANDS, Document
 from forcebound.network.impairment import Impairment
@@ -242,7 +243,7 @@ def read_part(
     values.pop("kind", None)
     try:
         with user_code(""):
-            part = make(**values)
+            part = make(**{field_of(key): one for key, one in values.items()})
         check_plain(part)
         return finish(part, beside, value)
     except ConfigError as error:
@@ -264,6 +265,8 @@ def _device(model: Any, settings: Values, written: Value) -> Values:
     if "law" in settings:
         with user_code("", "law"):
             settings["law"] = LAWS.resolve(settings["law"], written.entries["law"].folder)
+    if written.place.line and not isinstance(model, PartSpec):
+        model.check_files()
     return {"device": model, "servo": ServoSettings(**settings)}
 
 

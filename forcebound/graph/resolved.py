@@ -22,7 +22,7 @@ from forcebound.graph.graph import (
     HandConfig,
     PartSpec,
 )
-from forcebound.haptics.parts.plain import plain, plain_value
+from forcebound.haptics.parts.plain import field_of, plain, plain_value
 from forcebound.messages.topology import HANDS, HERE, Document, flat
 
 FACTS = "facts"  # key of a run's document: numbers of the devices, by hand, for all processes
@@ -96,7 +96,7 @@ def _without_defaults(part: Any) -> Document:
     return {
         field.name: value
         for field in fields_of(part.__class__).values()
-        if (value := plain_value(getattr(part, field.name))) != plain_value(field.default)
+        if (value := plain_value(getattr(part, field_of(field.name)))) != plain_value(field.default)
         or field.required
     }
 

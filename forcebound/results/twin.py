@@ -25,6 +25,7 @@ from forcebound.haptics.laws import Dissipation, ForceBounder
 from forcebound.haptics.laws.bounder import shorten
 from forcebound.haptics.laws.dissipation import per_axis
 from forcebound.haptics.laws.hold_limit import FLOOR
+from forcebound.haptics.parts.plain import key_of
 from forcebound.messages.packets import Vector
 from forcebound.messages.topology import Document
 from forcebound.recordings.launched import DeviceSection
@@ -87,8 +88,9 @@ class Twin:
         self._model: DeviceModel | None = None
         if DEVICES.is_shipped(run.device.kind):
             kind: Any = DEVICES[run.device.kind]
-            own = {each.name for each in fields(kind) if each.init} & device.keys() - {"truth"}
-            self._model = kind(**{name: device[name] for name in own})
+            own = {each.name for each in fields(kind) if each.init} - {"truth"}
+            known = {name: device[key_of(name)] for name in own if key_of(name) in device}
+            self._model = kind(**known)
         self._kinematics = None if self._model is None else self._model.kinematics()
         is_arm = bool(np.isfinite(columns.torques).any())
         place = tuple(columns.position[-1].tolist())

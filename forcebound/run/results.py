@@ -43,7 +43,9 @@ def run_metadata(config: GraphConfig) -> dict[str, str]:
     for hand, sections in document[HANDS].items():
         parts = {"environment": document["environment"], **sections}
         kinds = {section: parts[section]["kind"] for section in KINDS if section in parts}
-        for section, kind in {**kinds, "law": parts["device"]["law"]}.items():
+        device = parts["device"]
+        named = {**kinds, "device": device.get("class", kinds["device"]), "law": device["law"]}
+        for section, kind in named.items():
             source = source_of(kind)
             if source is not None:  # the file may change before the recording is read
                 metadata[node_name(hand, f"{section}_source")] = source

@@ -257,6 +257,14 @@ class DeviceModel(StatedNumbers, Publishing, ABC):
         """The watchdog limit, in s; infinite if it is ``auto``."""
         return math.inf if self.watchdog_limit == "auto" else self.watchdog_limit
 
+    @property
+    def own_code(self) -> str:
+        """Its user's code beside the kind, ``FILE.py:NAME``; empty: none."""
+        return ""
+
+    def check_files(self) -> None:
+        """Check, where a launch file is read, the files that it names; ConfigError if not sound."""
+
     def check_here(self) -> None:
         """Check, before anything starts, that this machine has the device.
 
@@ -329,6 +337,7 @@ DEVICES: Table[type[DeviceModel]] = Table(
         "knob": "forcebound.haptics.devices.knob:Knob",
         "odrive": "forcebound.hardware.odrive:ODrive",
         "phantom_premium_1_5": "forcebound.haptics.devices.phantom:PhantomPremium15",
+        "robot": "forcebound.hardware.robot:Robot",
         "serial_arm": "forcebound.haptics.devices.serial_arm:SerialArm",
     },
     PartShape("forcebound.haptics.devices:DeviceModel"),
