@@ -156,12 +156,12 @@ def check_delay(model: DeviceModel, needed: float) -> None:
     if model.write_delay < needed:
         raise ConfigError(
             f"with one reading in a tick a force acts {1e3 * needed:.3g} ms or more after it:"
-            f" expected write_delay: {_rounded_up(needed):g} ms or more, got"
+            f" expected write_delay: {stated_delay(needed):g} ms or more, got"
             f" {1e3 * model.write_delay:g} ms",
             field="write_delay",
         )
 
 
-def _rounded_up(seconds: float) -> float:
-    """Return a time with a reserve of a tenth, in ms, in tenths of them."""
+def stated_delay(seconds: float) -> float:
+    """Return the ``write_delay`` to state where one was measured, in ms: with a reserve of 10 %."""
     return math.ceil(1.1e4 * seconds) / 10.0
