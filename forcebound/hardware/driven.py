@@ -155,9 +155,7 @@ class OpenDriven(Device):
     DeviceError if one is missing, or fails.
     """
 
-    def __init__(
-        self, model: DrivenModel, caller: Caller, robot: Any, units: Units
-    ) -> None:
+    def __init__(self, model: DrivenModel, caller: Caller, robot: Any, units: Units) -> None:
         self._caller, self._robot, self._units = caller, robot, units
         self._name = type(robot).__name__
         self.axes, self._saturation = model.axes, model.saturation

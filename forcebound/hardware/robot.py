@@ -20,7 +20,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from forcebound.errors import ConfigError, DeviceError
-from forcebound.hardware.driven import Caller, DrivenModel, OpenDriven, Units
 from forcebound.haptics.devices import Source
 from forcebound.haptics.hands import Operator
 from forcebound.haptics.laws.dissipation import (
@@ -30,6 +29,7 @@ from forcebound.haptics.laws.dissipation import (
     TorqueOfJoints,
 )
 from forcebound.haptics.parts import user_module
+from forcebound.hardware.driven import Caller, DrivenModel, OpenDriven, Units
 from forcebound.quantities import POSITIVE, Ratio, Torque
 
 OPENING = 30.0  # s, for the constructor: it may look for a port, and calibrate
@@ -94,7 +94,9 @@ class Robot(DrivenModel):
             commands = [each / one for each, one in zip(commands, constant, strict=True)]
         if self.commands == "counts":
             commands = [each * one for each, one in zip(commands, counts, strict=True)]
-        positions = (1.0 if name in self.prismatic else IN_RAD[self.positions] for name in self.joints)
+        positions = (
+            1.0 if name in self.prismatic else IN_RAD[self.positions] for name in self.joints
+        )
         return Units(tuple(positions), tuple(commands), self.commands == "counts")
 
     def check_files(self) -> None:

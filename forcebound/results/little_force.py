@@ -176,7 +176,8 @@ def _of_the_clock(twin: Twin, run: "Samples") -> Iterator[_Suspect]:
         why += ", most of them since a read or write of the device took far more than its usual"
         why += f" {1e3 * twin.busy:.2g} ms"
         command = "forcebound check device"
-        yield _Suspect("missed_ticks", why, change, "a device that answers in time", change, command)
+        remedy = "a device that answers in time"
+        yield _Suspect("missed_ticks", why, change, remedy, change, command)
         return
     if busy <= 1.0:
         command = "forcebound doctor --measure"

@@ -123,6 +123,6 @@ def _of_the_device(s: Summary, run: Launched) -> str:
     busy, rate = s["reads_and_writes_s"] or 0.0, run.device.rate or 0.0
     if busy * rate <= 1.0:
         of_device = s["device_misses"] or 0
-        return f", {of_device} of them since the device was slow" if of_device else ""
+        return f", {of_device} of them while the device read or wrote" if of_device else ""
     taken, period = in_unit(busy, "ms", 2), in_unit(1.0 / rate, "ms", 2)
     return f", since its reads and writes take {taken} of a period of {period}"

@@ -114,7 +114,7 @@ def described(times: TickTimes, servo: ServoSettings | None) -> Iterator[str]:
         or (servo.readings_per_tick == "auto" and times.of(times.reads) > servo.period_ns * 1e-9)
     ):
         delay += times.delay(servo) - times.of(1)
-        words += f", one reading in a tick, at {servo.rate:g} Hz and reply_wait {servo.reply_wait:g}"
+        words += f"; one reading in a tick at {servo.rate:g} Hz, reply_wait {servo.reply_wait:g}"
     yield f"state device.write_delay: {stated_delay(delay):g} ms or more, for {words}"
 
 

@@ -115,8 +115,9 @@ def check_part(
         law = law_of(kind)
         return _checked({"kind": law}, laws.check(law))
     expected = dict(map(_expected, rest))
-    file, servo = launch_file_of(kind)[0], None
-    if section == "device" and file:
+    model: Any
+    servo = None
+    if section == "device" and launch_file_of(kind)[0]:
         hand = hand_of(kind, arguments)
         model, servo = hand.device, hand.servo
     else:

@@ -337,6 +337,7 @@ DEVICES: Table[type[DeviceModel]] = Table(
         "knob": "forcebound.haptics.devices.knob:Knob",
         "odrive": "forcebound.hardware.odrive:ODrive",
         "phantom_premium_1_5": "forcebound.haptics.devices.phantom:PhantomPremium15",
+        "program": "forcebound.hardware.program:Program",
         "robot": "forcebound.hardware.robot:Robot",
         "serial_arm": "forcebound.haptics.devices.serial_arm:SerialArm",
     },
