@@ -94,10 +94,9 @@ class Robot(DrivenModel):
             commands = [each / one for each, one in zip(commands, constant, strict=True)]
         if self.commands == "counts":
             commands = [each * one for each, one in zip(commands, counts, strict=True)]
-        positions = (
-            1.0 if name in self.prismatic else IN_RAD[self.positions] for name in self.joints
-        )
-        return Units(tuple(positions), tuple(commands), self.commands == "counts")
+        turned = IN_RAD[self.positions]
+        positions = tuple(1.0 if name in self.prismatic else turned for name in self.joints)
+        return Units(positions, tuple(commands), self.commands == "counts")
 
     def check_files(self) -> None:
         _class_of(self.class_)
