@@ -67,6 +67,14 @@ def common_kind(axes: Iterable[Axis]) -> AxisKind | None:
     return next(iter(kinds)) if len(kinds) == 1 else None
 
 
+def units_on(axes: Iterable[Axis], symbol: str) -> str:
+    """Return the units on these axes of what has the unit ``symbol`` on a length: rad, or m or rad.
+
+    Without axes: that unit.
+    """
+    return " or ".join(dict.fromkeys(axis.unit(symbol) for axis in axes)) or symbol
+
+
 def at_lever(value: float, symbol: str, kind: AxisKind) -> float:
     """Return on an axis of a kind what is ``value``, in ``symbol``, on the other at ``LEVER``."""
     return value * LEVER ** _ON.get((symbol, kind), (symbol, 0))[1]
