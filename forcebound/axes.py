@@ -7,10 +7,15 @@ type that says ``N/m`` stands for N m/rad where the axis is an angle.
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import Literal, TypeAlias, TypeVar
 
+from forcebound.errors import ConfigError
 from forcebound.units import N_M, N_M_RAD, RAD, RAD_S, Everyday
 
+T = TypeVar("T")
+#: A number for every axis alike, or one for each axis.
+OfAxes: TypeAlias = T | tuple[T, ...]
+PerAxis: TypeAlias = OfAxes[float]
 AxisKind: TypeAlias = Literal["length", "angle"]
 
 #: m; what a hand, a threshold or a default is for lengths, it is for angles at this lever.
@@ -62,6 +67,14 @@ def common_kind(axes: Iterable[Axis]) -> AxisKind | None:
     return next(iter(kinds)) if len(kinds) == 1 else None
 
 
+def units_on(axes: Iterable[Axis], symbol: str) -> str:
+    """Return the units on these axes of what has the unit ``symbol`` on a length: rad, or m or rad.
+
+    Without axes: that unit.
+    """
+    return " or ".join(dict.fromkeys(axis.unit(symbol) for axis in axes)) or symbol
+
+
 def at_lever(value: float, symbol: str, kind: AxisKind) -> float:
     """Return on an axis of a kind what is ``value``, in ``symbol``, on the other at ``LEVER``."""
     return value * LEVER ** _ON.get((symbol, kind), (symbol, 0))[1]
@@ -70,3 +83,21 @@ def at_lever(value: float, symbol: str, kind: AxisKind) -> float:
 def shown_on(kind: AxisKind | None, unit: Everyday) -> Everyday:
     """Return the unit in which people read on an axis of a kind what ``unit`` is for lengths."""
     return _SHOWN.get(unit.si, unit) if kind == "angle" else unit
+
+
+def per_axis(name: str, value: PerAxis, axes: int) -> tuple[float, ...]:
+    """Return a number that is alike on every axis, or one of each, as one of each.
+
+    Raises:
+        ConfigError: If there are others; it names the field.
+    """
+    numbers = entries(value)
+    if len(numbers) not in (1, axes):
+        message = f"{name} must be one number, or {axes} (one per axis), got {len(numbers)}"
+        raise ConfigError(message, field=name)
+    return numbers if len(numbers) == axes else numbers * axes
+
+
+def entries(value: PerAxis) -> tuple[float, ...]:
+    """Return the numbers of each axis; of all alike the one."""
+    return value if isinstance(value, tuple) else (value,)

@@ -152,7 +152,7 @@ def _check_mixed(device: DeviceModel) -> None:
     """Check a device with lengths and angles: neither a speed nor a path is common to them."""
     for name in ("hand_speed", "largest_speed"):
         if getattr(device, name) is not None:
-            message = f"{name}: lengths and angles have no common speed, so no proof; leave it out"
+            message = f"{name}: expected null: lengths and angles have no common speed, so no proof"
             raise ConfigError(message, field=name)
     if device.friction and not isinstance(device.friction, tuple):
         message = "friction: lengths and angles have no common path; expected one for each axis"

@@ -206,8 +206,9 @@ class _Reader:
         kinds = {axis.unit(unit.symbol): axis for axis in self.axes}
         if len(kinds) > 1:
             at = self.entry
-            within = at is not None and at < len(self.axes)
-            return Unit(self.axes[at].unit(unit.symbol)) if within else _MIXED
+            if at is None or at >= len(self.axes):
+                return _MIXED
+            return Unit(self.axes[at].unit(unit.symbol))
         return Unit(next(iter(kinds), unit.symbol))
 
     def _one_of(self, hints: Sequence[Any], value: Value, label: str) -> Any:

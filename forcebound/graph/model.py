@@ -318,7 +318,7 @@ def _impairment(values: Values) -> Impairment:
     return impairment
 
 
-def _class_of(section: str, value: Value, problems: Problems) -> type | None:
+def _class_of(section: str, value: Value, problems: Problems) -> Any:
     """The class of the kind that a section names; None with a problem noted."""
     table, kind = KINDS[section], value.entries.get("kind")
     if not isinstance(value.content, Mapping | None):

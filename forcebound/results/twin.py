@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from forcebound.axes import at_lever, common_kind
 from forcebound.errors import ConfigError
 from forcebound.haptics.devices import DEVICES, DeviceModel
 from forcebound.haptics.hands.hands import SoftGrip
@@ -32,6 +33,7 @@ from forcebound.recordings.launched import DeviceSection
 from forcebound.results.contact import STEADY_WINDOW, steady_window
 from forcebound.results.surface import Floats, touch_of_run
 from forcebound.results.ticks import device_time
+from forcebound.units import N_MM, in_unit
 
 if TYPE_CHECKING:
     from forcebound.results.samples import Samples
@@ -94,6 +96,11 @@ class Twin:
         self._kinematics = None if self._model is None else self._model.kinematics()
         is_arm = bool(np.isfinite(columns.torques).any())
         place = tuple(columns.position[-1].tolist())
+        self._kind, self._unit = run.launched.axis_kind, run.launched.shown(N_MM).unit
+        if self._kind is None or (
+            self._model is not None and common_kind(self._model.hand_axes) != self._kind
+        ):
+            raise ConfigError("the hand does not hold the axes that this run has, all alike")
         if is_arm and (self._model is None or self._model.angles(place) is None):
             raise ConfigError("the joints of this arm cannot be computed from places of its tip")
         self.stated = self._state(device, run.device)
@@ -128,8 +135,14 @@ class Twin:
 
     def _hold(self, run: "Samples") -> tuple[float, float, Floats, Floats]:
         """Return mass and stiffness of the hand; damping and friction with the device, per axis."""
-        grip, names = run.launched.operator, ("mass", "stiffness", "damping")
-        mass, spring, damper = (getattr(grip, n) or getattr(SoftGrip, n) for n in names)
+        grip, units = run.launched.operator, {"mass": "kg", "stiffness": "N/m", "damping": "N s/m"}
+        mass, spring, damper = (
+            getattr(grip, name) or at_lever(getattr(SoftGrip, name), unit, self._kind or "length")
+            for name, unit in units.items()
+        )
+        own = run.mass or 0.0
+        if self._kind == "angle":
+            own = float(np.mean(run.config["device"].get("inertia") or 0.0))
         turns = unit = np.eye(self._columns.position.shape[1])
         if self._model is not None and self._kinematics is not None:
             places = (
@@ -139,7 +152,7 @@ class Twin:
             turns = (turned[:-1] - turned[-1]) / STEP
         damping = damper + (turns**2 * np.array(self.stated.damping)).sum(axis=1)
         friction = (np.abs(turns) * np.array(self.stated.friction)).sum(axis=1)
-        return mass + (run.mass or 0.0), spring, damping, friction
+        return mass + own, spring, damping, friction
 
     def would_feel(self, change: Change) -> float:
         """Return the stiffness that the hand would have felt, in N/m."""
@@ -148,6 +161,10 @@ class Twin:
         if self._error is None:
             self._error = self.felt - self._run(Change())
         return max(self._run(change) + self._error, 0.0)
+
+    def text(self, stiffness: float) -> str:
+        """Return a stiffness for people."""
+        return in_unit(stiffness, self._unit, 2)
 
     def _bounder(self, change: Change) -> tuple[ForceBounder, Dissipation]:
         limit, report = self.stated.hold_limit, self._report

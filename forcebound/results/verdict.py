@@ -13,7 +13,7 @@ from forcebound.recordings.launched import Launched, launched
 from forcebound.results.cells import Summary, lost
 from forcebound.results.promises import is_uncovered
 from forcebound.results.state import counted, state, times
-from forcebound.units import in_unit
+from forcebound.units import N_MM, in_unit
 
 MOST_LAWS = 4  # lines, of a run that changed its law: the last ones
 ALL = 0.995  # of the stiffness
@@ -81,7 +81,7 @@ def _stiffness(s: Summary, run: Launched) -> str:
 
 def _felt(s: Summary, run: Launched) -> str:
     mean, of = s["displayed_stiffness_n_per_m"], s["stiffness_n_per_m"]
-    unit = run.units.get("environment.stiffness", "N/mm")
+    unit = run.units.get("environment.stiffness", run.shown(N_MM).unit)
     if of is not None:
         felt, asked = (in_unit(of[key], unit, 3) for key in ("felt", "asked"))
         what = BETWEEN if run.environment.get("kind") in BODIES else "Stiffness felt"

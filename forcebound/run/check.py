@@ -99,7 +99,7 @@ def check_part(
         kind: ``FILE.py``, ``FILE.py:NAME`` or a kind that is installed; of a device also
             ``FILE.yaml`` or ``FILE.yaml:HAND``, of a launch file.
         arguments: Its parameters, each ``name:=value``; a law has none.
-        axes: Numbers of axes of an environment; none: 1 to 6.
+        axes: Numbers of axes of an environment; none: 1 to 8.
         rest: Forces expected of an environment at rest, each ``POSITION=FORCE``.
         progress: Called before each answer with the question, answers so far and in all.
         is_child: A user's file runs in this process, too.

@@ -66,9 +66,9 @@ class Device(Publisher, ABC):
 
     Attributes:
         axes: Number of axes, 1 to 8.
-        kinematics: Of an arm that is a point in space to others: ``read`` then returns joint angles, in rad, and ``write`` takes
-            torques, in N m, in place of positions and forces. None: others see the axes that it
-            reads, each in the unit that its model names: m and N, or rad and N m.
+        kinematics: Of an arm of which others see the tip: ``read`` then returns joint angles, in
+            rad, and ``write`` takes torques, in N m, in place of positions and forces. None: others
+            see the axes that it reads, in the units of its model's ``named_axes``.
         is_exchange: Whether a write is an exchange with the device that brings a reading, which
             :meth:`fresh_reading` returns. After a slow one the next write then waits 0.3 periods
             for the answer to the late state.

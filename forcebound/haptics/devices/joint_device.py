@@ -26,7 +26,7 @@ from forcebound.haptics.laws.dissipation import (
     TorqueOfJoints,
     per_axis,
 )
-from forcebound.quantities import POSITIVE, Inertia, Range, Ratio, Time, Torque
+from forcebound.quantities import POSITIVE, AngularSpeed, Inertia, Range, Ratio, Time, Torque
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,11 +41,14 @@ class Joints(JointsModel, SimulatedModel):
         truth: What the simulated joints really have, where that differs from what is stated.
     """
 
+    joints: tuple[str, ...] = ("shoulder", "elbow", "wrist")
     inertia: OfAxes[Annotated[Inertia, POSITIVE]] = 3e-3
     damping: DampingOfJoints = 0.01
     friction: TorqueOfJoints = 0.03
     resolution: AngleOfJoints = 2.0 * math.pi / 8192
     saturation: Annotated[Torque, POSITIVE] = 3.0
+    # Twice a hand's fastest twist, 2.6 rad in 0.15 s; see knob.py.
+    largest_speed: Annotated[AngularSpeed, POSITIVE] | None = 65.0
     substep: Annotated[Time, POSITIVE] = 5e-5
     watchdog: Watchdog = "guarding"
     watchdog_tolerance: Annotated[Ratio, Range(at_least=0, below=1)] = 0.0
