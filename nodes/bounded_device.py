@@ -11,6 +11,9 @@ At each write the bounder hears what really happened since the last one, before 
 3. *The hold limit* of the force to come. The device is given it before the write, and the bounder
    plans with the limit that the device returns.
 
+With one reading in a tick the bounder takes that of the state. Its true time counts, so for the
+ledger the write comes later after its reading, by as much as the device must state.
+
 An arm (a device with ``kinematics``) is bounded in its joints: its readings are angles, its forces
 torques, and the command becomes the torques of that force at the tip. Saturation and law scale the
 vector of torques, so what is applied is the same part of the commanded force at the tip, unless the
@@ -54,7 +57,10 @@ class BoundedDevice:
 
     The hold limit ``learns`` the lateness of the ticks, if that is possible. ``clock`` returns the
     time, in ns; None: everything in a tick happens at the time of the tick. ``exchanges``: energy
-    with the ledger of another hand.
+    with the ledger of another hand. ``reads_once``: the reading of the state is the bounder's, too.
+
+    Attributes:
+        busy_ns: Time in reads and writes of the device so far, by the clock.
     """
 
     def __init__(
@@ -65,8 +71,12 @@ class BoundedDevice:
         learns: bool,
         clock: Callable[[], int] | None = None,
         exchanges: bool = False,
+        reads_once: bool = False,
     ) -> None:
         self._device = device
+        self._reads_once = reads_once
+        self._newest: tuple[int, Vector] | None = None  # reading of this tick, and its time
+        self.busy_ns = 0
         self._exchanges = exchanges
         self._clock = clock
         self._kinematics = device.kinematics
@@ -104,6 +114,7 @@ class BoundedDevice:
         self._before = BounderReport(hold_limit=0.0, longest_hold_limit=0.0)
         self._longest_delay_ns = 0
         self._writes, self._held = 0, 0.0
+        self._busy_before_ns = self.busy_ns
         self._longest = 0.0
 
     def change_law(self, law: str) -> None:
@@ -141,8 +152,18 @@ class BoundedDevice:
         """Return the position of the tip, in m, for a state."""
         reading = None if self._fresh_reading is None else self._fresh_reading()
         if reading is None:
-            reading = self._device.read(time_ns)
+            self._newest = self._read(time_ns)
+            reading = self._newest[1]
         return reading if self._kinematics is None else self._kinematics.position(reading)
+
+    def _read(self, time_ns: int) -> tuple[int, Vector]:
+        """Return a new reading, and before it the time of which it is at the earliest."""
+        if self._clock is None:
+            return time_ns, self._device.read(time_ns)
+        read_ns = self._clock()
+        reading = self._device.read(time_ns)
+        self.busy_ns += self._clock() - read_ns
+        return read_ns, reading
 
     def write(
         self,
@@ -159,8 +180,8 @@ class BoundedDevice:
         returns how much may be given to it of what the force leaves (negative: lacks); both in J.
         """
         device, bounder, kinematics = self._device, self.bounder, self._kinematics
-        read_ns = time_ns if self._clock is None else self._clock()
-        reading = device.read(time_ns)
+        newest, self._newest = self._newest, None
+        read_ns, reading = newest if newest and self._reads_once else self._read(time_ns)
         if (stamps := self._stamps()) is not None:
             read_ns = stamps[0]
         before_ns = ahead_ns = self._ahead_ns  # at the last reading, and so at a cut since
@@ -187,8 +208,10 @@ class BoundedDevice:
             if offer is not None:
                 given = bounder.debit(offer(bounder.spare(asked_for)))
                 bounded = shorten(bounded, math.hypot(*bounded), bounder.limit)
+        began_ns = time_ns if self._clock is None else self._clock()
         applied = device.write(time_ns, bounded)
         write_ns = time_ns if self._clock is None else self._clock()
+        self.busy_ns += write_ns - began_ns
         if (stamps := self._stamps()) is not None:
             write_ns = stamps[1]
         write_ns += ahead_ns
@@ -253,6 +276,7 @@ class BoundedDevice:
             hold_limit=self._held / self._writes if self._writes else self._use_limit,
             longest_hold_limit=self._longest or self._use_limit,
             longest_write_delay=self._longest_delay_ns * 1e-9,
+            device_time=1e-9 * (self.busy_ns - self._busy_before_ns) / max(self._writes, 1),
         )
 
     def _change_limit(self) -> None:

@@ -171,7 +171,7 @@ def test_it_rests_until_it_is_engaged() -> None:
     [
         ("mass", 0.0),
         ("damping", -1.0),
-        ("axes", 7),
+        ("axes", 9),
         ("gain_error", 1.0),
         ("watchdog_tolerance", -0.1),
         ("largest_speed", 0.0),

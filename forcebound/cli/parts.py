@@ -139,7 +139,7 @@ def check(
     kind: str = opt.argument(complete.parts, metavar="FILE[:NAME]"),
     arguments: tuple[str, ...] = opt.settings,
     axes: tuple[int, ...] = opt.repeated(
-        "Number of axes of an environment; repeatable. Default: 1 to 6.",
+        "Number of axes of an environment; repeatable. Default: 1 to 8.",
         type=click.IntRange(1, 6),
     ),
     rest: tuple[str, ...] = opt.repeated(

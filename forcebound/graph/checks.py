@@ -9,6 +9,7 @@ from functools import partial
 from importlib import import_module
 from typing import Any, TypeAlias
 
+from forcebound.axes import common_kind
 from forcebound.errors import ConfigError
 from forcebound.graph.forms import Values
 from forcebound.graph.graph import (
@@ -108,6 +109,12 @@ def _check_beside(hand: str, device: DeviceModel, before: Mapping[str, Values]) 
                 " both, so they need the same number",
                 field="axes",
             )
+        kinds = [[axis.kind for axis in each.named_axes] for each in (device, other)]
+        if kinds[0] != kinds[1]:
+            raise ConfigError(
+                f"the axes of {hand} are {', '.join(kinds[0])}, those of {name}"
+                f" {', '.join(kinds[1])}: one environment answers both, so they need the same kinds"
+            )
         if device.port and device.port == other.port:
             raise ConfigError(f"{hand} and {name} are both at the port {device.port}", field="port")
 
@@ -132,8 +139,25 @@ def _check_device(device: DeviceModel, servo: ServoSettings) -> None:
     axes = device.axes
     if not isinstance(axes, int) or not 1 <= axes <= MAX_AXES:
         raise ConfigError(f"axes must be 1 to {MAX_AXES}, got {axes!r}")
+    names = {axis.name for axis in device.named_axes}
+    if not len(names) == len(device.named_axes) == axes:
+        shown = ", ".join(axis.name for axis in device.named_axes)
+        raise ConfigError(f"named_axes: expected {axes} axes of different names, got {shown}")
+    if common_kind(device.named_axes) is None:
+        _check_mixed(device)
     with user_code("the numbers of the device"):
         axis_constants(dissipation_of(device, servo), axes)
+
+
+def _check_mixed(device: DeviceModel) -> None:
+    """Check a device with lengths and angles: neither a speed nor a path is common to them."""
+    for name in ("hand_speed", "largest_speed"):
+        if getattr(device, name) is not None:
+            message = f"{name}: expected null: lengths and angles have no common speed, so no proof"
+            raise ConfigError(message, field=name)
+    if device.friction and not isinstance(device.friction, tuple):
+        message = "friction: lengths and angles have no common path; expected one for each axis"
+        raise ConfigError(message, field="friction")
 
 
 def _check_path(operator: Operator, device: DeviceModel) -> None:
@@ -152,7 +176,7 @@ def _check_path(operator: Operator, device: DeviceModel) -> None:
     if not limits:
         return
     if angles is None or len(limits) != axes:
-        expected = f"{axes} pairs of angles" if is_arm else "none: the device is no arm"
+        expected = f"{axes} pairs of angles" if is_arm else "none: it has no tip"
         raise ConfigError(
             f"joint_limits: expected {expected}, got {len(limits)}", field="joint_limits"
         )
@@ -247,6 +271,8 @@ def _warn_uncertified(hand: HandConfig) -> None:
         kind = KINDS[section].kind_of(type(part))
         if part is not None and (kind is None or not KINDS[section].is_shipped(kind)):
             uncertified.append((section, kind or type(part).__name__))
+    if hand.device.own_code:
+        uncertified.append(("device", hand.device.own_code))
     for section, kind in uncertified:
         _logger.warning(
             "%s %s is not certified by forcebound: it runs in the device's process, and the proof"

@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Sequence
 from functools import partial
 from struct import Struct
-from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
+from typing import Annotated, Any, TypeAlias
 
 import numpy as np
 
@@ -14,17 +14,16 @@ from forcebound.haptics.devices.plant import Axis, Moving, advance_extended, qua
 from forcebound.haptics.devices.simulated import pad
 from forcebound.haptics.devices.true_values import TrueNumbers
 from forcebound.haptics.hands import Operator
-from forcebound.haptics.laws.dissipation import per_axis
 from forcebound.messages.packets import MAX_AXES, Vector
-
-if TYPE_CHECKING:
-    from forcebound.haptics.devices.phantom import PhantomPremium15
 
 Numbers: TypeAlias = Annotated[list[float], MAX_AXES]
 
 
 class Axes:
-    """All axes in the hand, as compiled code reads and writes them."""
+    """All axes in the hand, as compiled code reads and writes them.
+
+    Of an angle, rad stands for m, N m for N, kg m^2 for kg.
+    """
 
     target: Numbers  # of the hand, at the start of a move, m
     target_end: Numbers  # and at its end
@@ -42,8 +41,8 @@ class Axes:
     weight: Numbers  # N
     resolution: Numbers  # m
     gap: Numbers  # to a wall in place of the hand, m, its sign the side; NaN: none
+    mass: Numbers  # of device and hand, kg
     count: int
-    mass: float  # of device and hand, kg
     hand_mass: float  # kg
     stiffness: float  # of the hand, N/m
     hand_damping: float  # N s/m
@@ -62,7 +61,7 @@ def advance_axes(records: Sequence[Axes], duration: float) -> float:
     for i in range(a.count):
         is_held = a.is_hand or not math.isnan(a.gap[i])
         axis = Axis(
-            a.mass,
+            a.mass[i],
             a.damping[i],
             a.friction[i],
             a.presliding[i],
@@ -83,15 +82,24 @@ def advance_axes(records: Sequence[Axes], duration: float) -> float:
 
 
 class AxesBody:
-    """A mass, moved along axes that know nothing of each other; see ``Body``."""
+    """A mass, or inertia, on each of some axes that know nothing of each other; see ``Body``."""
 
     kinematics: Kinematics | None = None
 
-    def __init__(self, stated: "PhantomPremium15", true: TrueNumbers, operator: Operator) -> None:
-        axes = stated.axes
+    def __init__(
+        self,
+        masses: Vector,
+        weights: Vector,
+        substep: float,
+        true: TrueNumbers,
+        operator: Operator,
+    ) -> None:
+        """Put it into an operator's hand; masses without it, weights as they are stated."""
+        axes = len(masses)
         self._records = new_records(Axes)
         self._axes: Any = self._records[0]
-        self._axes.count, self._axes.mass = axes, stated.mass + operator.mass
+        self._axes.count, self._masses = axes, np.array(masses)
+        self._axes.mass[:axes] = self._masses + operator.mass
         self._axes.hand_mass, self._axes.stiffness = operator.mass, operator.stiffness
         self._axes.hand_damping, self._axes.lag = operator.damping, true.lag
         self._axes.gap, self._axes.is_hand = math.nan, not operator.walls
@@ -101,12 +109,12 @@ class AxesBody:
         self._axes.resolution[:axes] = true.resolution
         self._sound = self._axes.friction.copy(), self._axes.presliding.copy()
         self._weak_spot = true.weak_spot
-        self._axes.substep = stated.substep
-        for f, z in zip(*self._sound, strict=True):
+        self._axes.substep = substep
+        for mass, f, z in zip(self._axes.mass, *self._sound, strict=True):
             if f > 0.0 and z > 0.0:  # an eighth of a radian of the oscillation on the bristle
-                step = 0.125 * math.sqrt(self._axes.mass * z / f)
+                step = 0.125 * math.sqrt(mass * z / f)
                 self._axes.substep = min(self._axes.substep, step)
-        self.compensation: Vector = tuple([-w for w in per_axis("weight", stated.weight, axes)])
+        self.compensation: Vector = tuple([-w for w in weights])
         start = pad(operator.target(0.0), axes)
         self._axes.x[:axes], self._axes.motor[:axes] = start, self.compensation
         for axis, x in enumerate(start):
@@ -133,7 +141,7 @@ class AxesBody:
 
     def kinetic_energy(self) -> float:
         speeds = self._axes.v[: self._axes.count]
-        return 0.5 * float((self._axes.mass - self._axes.hand_mass) * (speeds @ speeds))
+        return 0.5 * float(self._masses @ speeds**2)
 
     def move(self, target: Vector, target_end: Vector, duration: float, commanded: Vector) -> None:
         if self._weak_spot is not None:

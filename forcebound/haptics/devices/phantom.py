@@ -10,7 +10,12 @@ from forcebound.haptics.devices.simulated import SimulatedDevice, SimulatedModel
 from forcebound.haptics.devices.true_values import TrueAxes, TrueNumbers
 from forcebound.haptics.hands import Operator
 from forcebound.haptics.laws import Watchdog
-from forcebound.haptics.laws.dissipation import DampingOfAxes, FrictionOfAxes, LengthOfAxes
+from forcebound.haptics.laws.dissipation import (
+    DampingOfAxes,
+    FrictionOfAxes,
+    LengthOfAxes,
+    per_axis,
+)
 from forcebound.messages.packets import MAX_AXES
 from forcebound.quantities import POSITIVE, Force, Mass, Range, Ratio, Speed, Time
 
@@ -58,7 +63,8 @@ class PhantomPremium15(SimulatedModel, AxesModel):
     )
 
     def body(self, true: TrueNumbers, operator: Operator) -> AxesBody:
-        return AxesBody(self, true, operator)
+        weight = per_axis("weight", self.weight, self.axes)
+        return AxesBody((self.mass,) * self.axes, weight, self.substep, true, operator)
 
     def open(self, operator: Operator | None, hold_limit: float) -> SimulatedDevice:
         return SimulatedDevice(self, operator, hold_limit)
