@@ -218,7 +218,7 @@ def test_a_plot_has_a_panel_for_each_unit(gel: Path, tmp_path: Path) -> None:
     from forcebound.results.plots import DEFAULT_PANELS, figure
 
     file = tmp_path / "run.mcap"
-    result = run_virtual(load(gel), 0.2, file)
+    result = run_virtual(load(gel), 0.5, file)
     run = (result.label, result.columns, result.document)
     axes = figure([run], signals=[curves_of(read(file))]).axes[len(DEFAULT_PANELS) :]
     assert [one.get_ylabel() for one in axes] == ["signals (m)", "signals (1)"]

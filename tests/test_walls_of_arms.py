@@ -141,7 +141,7 @@ def test_a_limit_of_a_joint_is_a_spring_that_gives_back_what_it_got() -> None:
         ("kind: serial_arm", "joint_limits: [[-1 rad, 1 rad]]", "5:27", "2 pairs"),
         ("kind: serial_arm", "joint_limits: [[0 rad, 1 rad], [0 rad, 1 rad]]", "5:27", "joint 1"),
         ("kind: knob", "joint_limits: [[1 rad, -1 rad]]", "5:27", "lower angle first"),
-        ("kind: phantom_premium_1_5", "joint_limits: [[-1 rad, 1 rad]]", "5:27", "no arm"),
+        ("kind: phantom_premium_1_5", "joint_limits: [[-1 rad, 1 rad]]", "5:27", "no tip"),
         ("kind: five_bar", "joint_stiffness: 0 N m/rad", "5:30", "> 0 N m/rad"),
     ],
 )

@@ -212,12 +212,17 @@ class Recording:
         return bool(self._complete)
 
     def packets(self, topic: str) -> list[Packet]:
-        """Return the packets of a topic, ``"telemetry"`` for example, in the order of recording.
+        """Return the packets of a topic, in the order of recording.
+
+        ``"telemetry"`` for example; of several hands also by the name of the channel,
+        ``"leader/telemetry"``.
 
         Raises:
-            ConfigError: As :meth:`stream`.
+            ConfigError: As :meth:`stream`, and if there is no such hand.
         """
-        return list(self.stream(topic))
+        hand, _, own = topic.lstrip("/").rpartition("/")
+        of = self.by_hand.get(hand)
+        return list(self.stream(topic) if of is None else of.stream(own))
 
     def stream(self, *topics: str) -> Iterator[Packet]:
         """Yield the packets of some topics, one by one: of a long run there are millions.

@@ -311,8 +311,8 @@ PANELS: dict[str, Panel] = {
 
 
 def signal_panels(signals: Iterable[Curve]) -> dict[str, Panel]:
-    """Return a panel for each unit of the signals of some runs."""
-    units = dict.fromkeys(curve.about.unit for curve in signals)
+    """Return a panel for each unit of the signals of some runs that have a number."""
+    units = dict.fromkeys(one.about.unit for one in signals if not np.isnan(one.values).all())
     return {
         f"signals {unit}": Panel(
             partial(_draw_signals, unit=unit), "signals", Everyday(unit or "1", unit or "1")

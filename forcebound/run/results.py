@@ -36,7 +36,7 @@ def run_metadata(config: GraphConfig) -> dict[str, str]:
     versions |= {package: version(package) for package in _PACKAGES}
     document = to_document(config)
     metadata = {
-        "launch": json.dumps(document, sort_keys=True),
+        "launch": json.dumps(document),
         "versions": json.dumps(versions),
         "seed": str(config.seed),
     }
