@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from tabulate import tabulate
 
+from forcebound.axes import units_on
 from forcebound.errors import ConfigError
 from forcebound.graph.document import find
 from forcebound.graph.graph import GraphConfig
@@ -162,7 +163,7 @@ def forecast(name: str, arguments: Sequence[str] = ()) -> Forecast:
     if asked is None or felt is None:
         raise ConfigError(f"{name}: expected an environment with a stiffness that the hand reaches")
     stated |= {} if model.hand_speed is None else {"hand_speed": model.hand_speed}
-    unit = "m/s" if model.kinematics() is None else "rad/s"
+    unit = "rad/s" if model.kinematics() is not None else units_on(model.named_axes, "m/s")
     speeds = _with(HAND_SPEEDS[unit], model.hand_speed or HAND_SPEEDS[unit][0])
     with suppress(ConfigError):  # some devices may not state one
         varied.append(_varied(config, {"hand_speed": (Everyday(unit, unit), speeds)}))
