@@ -129,8 +129,7 @@ class DeviceNode(Node):
         self._applied = self._zero
         self._position = self._zero
         self._velocity = self._zero
-        self._read_ns = 0
-        self._lateness = lateness
+        self._read_ns, self._lateness = 0, lateness
         self.deadline_misses = self._device_misses = 0
         self._busy_before_ns = 0  # of reads and writes, at the last state
         self.events = EventLog(node_name(hand, DEVICE))

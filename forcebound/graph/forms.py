@@ -36,6 +36,16 @@ _SCALARS: Mapping[Any, str] = {
 }
 
 
+class _AnyAxis(Unit):
+    """The unit of a quantity on an axis of a kind that is not known."""
+
+    def read(self, value: Any, symbol: str) -> float:
+        try:
+            return super().read(value, symbol)
+        except ConfigError:
+            return Unit(Axis("", "angle").unit(self.symbol)).read(value, symbol)
+
+
 @dataclass(frozen=True, eq=False)
 class Form:
     """One mapping of a file: its name for messages, ``links.device_state``, and its keys."""
@@ -48,12 +58,13 @@ class Form:
         value: Value,
         problems: Problems,
         others: Collection[str] = (),
-        axes: Sequence[Axis] = (),
+        axes: Sequence[Axis] | None = (),
     ) -> Values | None:
         """Return the values by key; None with a problem noted, now or before.
 
         ``others`` are keys that are read elsewhere; ``axes`` those in whose units quantities are
-        read: the entries of a list one by one. Without, they are those of the types.
+        read: the entries of a list one by one. Without, they are those of the types; None: not
+        known, since the device is wrong, so that both will do.
         """
         if not isinstance(value.content, Mapping | None):
             if not value.is_broken:
@@ -118,7 +129,7 @@ class _Reader:
     """Reads values as types, and keeps what it refuses: by place, whatever a union has tried."""
 
     refusals: dict[tuple[Place, str], _Refusal] = field(default_factory=dict)
-    axes: Sequence[Axis] = ()
+    axes: Sequence[Axis] | None = ()
     entry: int | None = None  # of a list, that is read
 
     def note(self, problems: Problems) -> None:
@@ -203,13 +214,14 @@ class _Reader:
 
     def _on_axis(self, unit: Unit) -> Unit:
         """A unit of a type as it is on the axis of the entry that is read."""
-        kinds = {axis.unit(unit.symbol): axis for axis in self.axes}
-        if len(kinds) > 1:
-            at = self.entry
-            if at is None or at >= len(self.axes):
-                return _MIXED
-            return Unit(self.axes[at].unit(unit.symbol))
-        return Unit(next(iter(kinds), unit.symbol))
+        if self.axes is None:
+            return _AnyAxis(unit.symbol)
+        symbols = [axis.unit(unit.symbol) for axis in self.axes] or [unit.symbol]
+        if len(set(symbols)) == 1:
+            return Unit(symbols[0])
+        if self.entry is None or self.entry >= len(symbols):
+            return _MIXED
+        return Unit(symbols[self.entry])
 
     def _one_of(self, hints: Sequence[Any], value: Value, label: str) -> Any:
         """A value of one of several types: of those that have its shape, the first that fits."""

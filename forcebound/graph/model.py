@@ -121,8 +121,8 @@ def read_sections(root: Value, problems: Problems, makes: Makes = always) -> Val
     made.pop("forcebound", None)
     made[HANDS] = _hands(root, problems, makes)
     environment = root.entries.get("environment", Value({}, root.place, root.key))
-    devices = [hand["device"] for hand in made[HANDS].values() if "device" in hand]
-    axes = axes_of(devices[0], "named_axes") if devices else ()
+    device = next((hand.get("device") for hand in made[HANDS].values()), None)
+    axes = axes_of(device, "named_axes")
     if (found := read_section("environment", environment, problems, makes, axes)) is not None:
         made["environment"] = found
     if "realtime" in root.entries:
@@ -198,7 +198,11 @@ def _phases(value: Value, problems: Problems) -> list[Phase]:
 
 
 def read_section(
-    name: str, value: Value, problems: Problems, makes: Makes = always, axes: Sequence[Axis] = ()
+    name: str,
+    value: Value,
+    problems: Problems,
+    makes: Makes = always,
+    axes: Sequence[Axis] | None = (),
 ) -> Any:
     """Return the section of a part, with its settings; None with a problem noted.
 
@@ -219,7 +223,7 @@ def read_part(
     settings: Mapping[str, Field] = MappingProxyType({}),
     finish: Callable[[Any, Values, Value], Any] = _part_alone,
     makes: Makes = always,
-    axes: Sequence[Axis] = (),
+    axes: Sequence[Axis] | None = (),
 ) -> Any:
     """Return what ``finish`` makes of a part and its settings; None with a problem noted."""
     kind: Value | None = value.entries.get("kind")

@@ -9,8 +9,13 @@ from forcebound.haptics.devices import DeviceModel
 from forcebound.haptics.parts.user_module import user_code
 
 
-def axes_of(device: object, which: str) -> tuple[Axis, ...]:
-    """Return the axes of a device that was made; none if they are the lengths of the types."""
+def axes_of(device: object, which: str) -> tuple[Axis, ...] | None:
+    """Return the axes of a device that was made; none if they are the lengths of the types.
+
+    None: the device is wrong, and its axes are not known.
+    """
+    if device is None:
+        return None
     if not isinstance(device, DeviceModel):
         return ()
     with user_code(which):

@@ -52,7 +52,7 @@ class DrivenModel(JointsModel):
             of bytes that still wait for the line.
     """
 
-    simulated_in: ClassVar[str] = "joints"
+    simulated_in: ClassVar[str] = "joint_arms"
     signals = tuple(
         Signal(f"{name}_{joint}", unit)
         for name, unit in (("velocity", "rad/s"), ("current", "A"))

@@ -30,11 +30,11 @@ from forcebound.haptics.laws.dissipation import (
 )
 from forcebound.haptics.parts import user_module
 from forcebound.hardware.driven import Caller, DrivenModel, OpenDriven, Units
-from forcebound.quantities import POSITIVE, Ratio, Torque
+from forcebound.quantities import POSITIVE, AngularSpeed, Ratio, Torque
 
 OPENING = 30.0  # s, for the constructor: it may look for a port, and calibrate
 ASSUMED: Mapping[str, Source] = dict.fromkeys(
-    ("damping", "friction", "resolution", "saturation"), "assumed"
+    ("damping", "friction", "resolution", "saturation", "largest_speed"), "assumed"
 )
 IN_RAD = {"rad": 1.0, "deg": math.pi / 180.0, "turns": math.tau}
 
@@ -69,6 +69,7 @@ class Robot(DrivenModel):
     friction: TorqueOfJoints = 0.03
     resolution: AngleOfJoints = math.tau / 4096  # data sheet of common servos
     saturation: Annotated[Torque, POSITIVE] = 1.0
+    largest_speed: Annotated[AngularSpeed, POSITIVE] | None = 30.0  # a servo without load: 11
     sources: Mapping[str, Source] = field(default_factory=lambda: ASSUMED, hash=False)
 
     def __post_init__(self) -> None:

@@ -250,7 +250,7 @@ _OF_THE_BOUNDER = (
     ),
     Figure("longest_write_delay", "", IN_MS, ticks.longest_write_delay),
     Figure("reads_and_writes", "", S, ticks.device_time),
-    Figure("device_misses", "", NUMBER, ticks.device_misses),
+    Figure("device_misses", "", NUMBER, "report.device_misses"),
     Figure(
         "largest_allowance",
         "largest allowance used",

@@ -15,7 +15,7 @@ from forcebound.haptics.laws import LAWS
 from forcebound.haptics.laws.all_axes import LARGEST_READING
 from forcebound.haptics.laws.hold_limit import FLOOR
 from forcebound.results.bounder import Cause
-from forcebound.results.ticks import deadline_misses, device_misses
+from forcebound.results.ticks import deadline_misses
 from forcebound.results.twin import Change, Twin
 from forcebound.units import N
 
@@ -166,7 +166,8 @@ def _of_the_clock(twin: Twin, run: "Samples") -> Iterator[_Suspect]:
     change = Change(is_punctual=True)
     why = f"{share:.1%} of the ticks come late or after missed ones"
     busy = twin.busy / period
-    if 2 * (device_misses(run) or 0) > (deadline_misses(run) or 0) and busy <= 1.0:
+    of_device = 0 if run.report is None else run.report.device_misses
+    if 2 * of_device > (deadline_misses(run) or 0) and busy <= 1.0:
         why += ", most of them since a read or write of the device took far more than its usual"
         why += f" {1e3 * twin.busy:.2g} ms"
         command = "forcebound check device"

@@ -122,8 +122,3 @@ def device_time(run: "Samples") -> float | None:
     """Return the same as the device's process has measured it, a mean; else as it is recorded."""
     measured = run.report.device_time if run.report is not None else 0.0
     return measured or reads_and_writes(run.columns)
-
-
-def device_misses(run: "Samples") -> int | None:
-    """Return the ticks that were missed while the device read or wrote; None: not reported."""
-    return None if run.report is None else run.report.device_misses

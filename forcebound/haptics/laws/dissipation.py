@@ -215,7 +215,7 @@ class Dissipation(StatedAxes):
         super().__post_init__()
         for name in ("largest_speed", "hand_speed"):
             if not getattr(self, name) > 0.0:
-                raise ConfigError(f"{name} must be > 0 m/s, got {getattr(self, name)} m/s")
+                raise ConfigError(f"{name} must be > 0, got {getattr(self, name):g}")
         if self.hand_speed < math.inf:
             self._check_hand()
         self._check_hold()
@@ -255,7 +255,7 @@ class Dissipation(StatedAxes):
             fault = "a guarding watchdog, presliding and a weight_error"
         if fault:
             raise ConfigError(
-                f"hand_speed of {self.hand_speed} m/s with {fault}: what the hand gets is not"
+                f"hand_speed of {self.hand_speed:g} with {fault}: what the hand gets is not"
                 " proved then; leave hand_speed out, or a number that the device does not have",
                 field="hand_speed",
             )
@@ -280,7 +280,7 @@ class Dissipation(StatedAxes):
                 raise ConfigError(
                     f"attenuates: {self.attenuates} with {name} {value}: {why}", field="attenuates"
                 )
-        unproved = f"hand_speed {self.hand_speed} m/s" if self.hand_speed < math.inf else ""
+        unproved = f"hand_speed {self.hand_speed:g}" if self.hand_speed < math.inf else ""
         if self.attenuates == "freely" and any(entries(self.presliding)):
             unproved = "presliding, where a hand may tremble without friction: expected per_write"
         if unproved:
