@@ -144,7 +144,8 @@ def _without_truth(s: Summary, device: DeviceSection, motor: str) -> tuple[Passi
     trust = "if the device's numbers are right"
     if device.watchdog == "silent" and s["hold_limit_overruns"]:
         trust += f" and its watchdog dropped {counted(s['hold_limit_overruns'], 'late force')}"
-    words = f"{motor}, which its friction and damping cover"
+    partner = f" and the ledger of {device.energy_partner}" if device.energy_partner else ""
+    words = f"{motor}, which its friction and damping{partner} cover"
     return Passivity.PASSIVE, f"Passive by the certificate{but}, {trust}", words
 
 
