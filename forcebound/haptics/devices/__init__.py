@@ -29,8 +29,15 @@ from forcebound.haptics.parts.signals import Publisher, Publishing
 from forcebound.messages.packets import MAX_AXES, MAX_NAME, Quaternion, Vector
 
 __all__ = [
-    *("DEVICES", "AxesModel", "Axis", "Device", "DeviceModel", "JointsModel", "Kinematics"),
-    *("Source", "Truth"),
+    "DEVICES",
+    "AxesModel",
+    "Axis",
+    "Device",
+    "DeviceModel",
+    "JointsModel",
+    "Kinematics",
+    "Source",
+    "Truth",
 ]
 
 #: Where a number comes from.
