@@ -91,7 +91,7 @@ An included file of a device has its keys, or a section `device:` with them, as
 `forcebound identify` writes it; `$(arg name)` in it is an argument of the launch file. YAML's own
 anchors (`&arm`, `*arm`) are refused: an alias could repeat itself without end.
 
-* All devices have the same number of axes, and ports of their own.
+* All devices have the same number of axes, of the same kinds, and ports of their own.
 * Of an included file only the sections of a hand and the `arguments` are taken. An argument that
   several files have is one: `delay:="2 ms"` sets it for all of them.
 * The path of a hand's value begins with its name: `left.device.law`, or `hands.left.device.law`,
