@@ -12,7 +12,8 @@ At each write the bounder hears what really happened since the last one, before 
    plans with the limit that the device returns.
 
 With one reading in a tick the bounder takes that of the state. Its true time counts, so for the
-ledger the write comes later after its reading, by as much as the device must state.
+ledger the write comes later after its reading, by as much as the device must state. Where it would
+come later still, since a tick is late, there is a second reading after all.
 
 An arm (a device with ``kinematics``) is bounded in its joints: its readings are angles, its forces
 torques, and the command becomes the torques of that force at the tip. Saturation and law scale the
@@ -76,7 +77,8 @@ class BoundedDevice:
         self._device = device
         self._reads_once = reads_once
         self._newest: tuple[int, Vector] | None = None  # reading of this tick, and its time
-        self.busy_ns = 0
+        self._write_delay_ns = round(dissipation.write_delay * 1e9)
+        self.busy_ns = self._writing_ns = 0  # so far; in the last write
         self._exchanges = exchanges
         self._clock = clock
         self._kinematics = device.kinematics
@@ -165,6 +167,11 @@ class BoundedDevice:
         self.busy_ns += self._clock() - read_ns
         return read_ns, reading
 
+    def _is_old(self, read_ns: int, time_ns: int) -> bool:
+        """Return whether a force would act later after its reading than stated, if written now."""
+        now_ns = time_ns if self._clock is None else self._clock()
+        return now_ns + self._writing_ns - read_ns > self._write_delay_ns
+
     def write(
         self,
         time_ns: int,
@@ -181,7 +188,9 @@ class BoundedDevice:
         """
         device, bounder, kinematics = self._device, self.bounder, self._kinematics
         newest, self._newest = self._newest, None
-        read_ns, reading = newest if newest and self._reads_once else self._read(time_ns)
+        if newest is None or not self._reads_once or self._is_old(newest[0], time_ns):
+            newest = self._read(time_ns)
+        read_ns, reading = newest
         if (stamps := self._stamps()) is not None:
             read_ns = stamps[0]
         before_ns = ahead_ns = self._ahead_ns  # at the last reading, and so at a cut since
@@ -211,7 +220,8 @@ class BoundedDevice:
         began_ns = time_ns if self._clock is None else self._clock()
         applied = device.write(time_ns, bounded)
         write_ns = time_ns if self._clock is None else self._clock()
-        self.busy_ns += write_ns - began_ns
+        self._writing_ns = write_ns - began_ns
+        self.busy_ns += self._writing_ns
         if (stamps := self._stamps()) is not None:
             write_ns = stamps[1]
         write_ns += ahead_ns

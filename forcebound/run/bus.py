@@ -16,7 +16,8 @@ from forcebound.graph.servo import ServoSettings, check_delay, stated_delay
 from forcebound.haptics.devices import Device, DeviceModel
 
 OPENING_CALLS = 20
-QUICK = 0.2  # share of them, by which a bus is judged: before the loop the process is not punctual
+QUICKEST = 0.0  # by which a bus is judged then: before the loop the process is not punctual
+FULL = 0.9  # of a period: two readings and the write must not take more
 RARE = 0.01  # share of the calls; what is longer then is not stated, but counted in a run
 
 _logger = logging.getLogger(__name__)
@@ -78,9 +79,9 @@ def reads_once(
     is_real = clock is not None and device.truth() is None and not device.is_exchange
     times = None
     if clock and is_real and asked != 2:
-        times = time_ticks(device, clock, OPENING_CALLS, share=QUICK)
+        times = time_ticks(device, clock, OPENING_CALLS, share=QUICKEST)
     period = servo.period_ns * 1e-9
-    if times is None or (asked == "auto" and times.of(2) <= period):
+    if times is None or (asked == "auto" and times.of(2) <= FULL * period):
         return asked == 1
     if times.of(1) > period:
         raise ConfigError(
@@ -117,7 +118,10 @@ def described(times: TickTimes, servo: ServoSettings | None) -> Iterator[str]:
         yield f"with one reading in a tick (device.readings_per_tick: 1) at most {once:.0f} Hz"
     if servo is not None and (
         servo.readings_per_tick == 1
-        or (servo.readings_per_tick == "auto" and times.of(times.reads) > servo.period_ns * 1e-9)
+        or (
+            servo.readings_per_tick == "auto"
+            and times.of(times.reads) > FULL * servo.period_ns / 1e9
+        )
     ):
         delay += times.delay(servo) - times.of(1)
         words += f"; one reading in a tick at {servo.rate:g} Hz, reply_wait {servo.reply_wait:g}"
