@@ -238,8 +238,11 @@ def read_part(
         form, make = _form(section, found, tuple(settings.values())), partial(found)
         if section == "device":
             written = {name: one.plain for name, one in value.entries.items()}
-            with user_code("written_axes", "kind"):
-                axes = found.written_axes(written) or ()
+            try:
+                with user_code(""):
+                    axes = found.written_axes(written) or ()
+            except ConfigError as error:
+                return note_error(error, section, value, problems)
     values = form.read(value, problems, kept, axes)
     if values is None:
         return None

@@ -304,10 +304,7 @@ class JointsModel(JointNumbers, DeviceModel):
         if not 1 <= len(set(names)) == len(self.joints) <= MAX_AXES:
             expected = f"joints must be 1 to {MAX_AXES} different names"
             raise ConfigError(f"{expected}, got {', '.join(self.joints)}", field="joints")
-        for name in self.prismatic:
-            if name not in names:
-                message = f"prismatic: no joint {name!r}; the joints are: {', '.join(names)}"
-                raise ConfigError(message, field="prismatic")
+        self.written_axes({"joints": self.joints, "prismatic": self.prismatic})
 
     @property
     def axes(self) -> int:
@@ -324,6 +321,10 @@ class JointsModel(JointNumbers, DeviceModel):
         names, straight = values.get("joints"), values.get("prismatic", ())
         if not isinstance(names, tuple | list) or not isinstance(straight, tuple | list):
             return None  # wrong, and noted where it is read
+        for name in straight:
+            if name not in names:
+                message = f"prismatic: no joint {name!r}; the joints are: {', '.join(names)}"
+                raise ConfigError(message, field="prismatic")
         return tuple(Axis(str(one), "length" if one in straight else "angle") for one in names)
 
 
