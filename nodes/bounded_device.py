@@ -167,10 +167,14 @@ class BoundedDevice:
         self.busy_ns += self._clock() - read_ns
         return read_ns, reading
 
-    def _is_old(self, read_ns: int, time_ns: int) -> bool:
-        """Return whether a force would act later after its reading than stated, if written now."""
+    def _reading(self, time_ns: int) -> tuple[int, Vector]:
+        """Return the bounder's reading: the state's, unless a force would be too late for it."""
+        newest, self._newest = self._newest, None
         now_ns = time_ns if self._clock is None else self._clock()
-        return now_ns + self._writing_ns - read_ns > self._write_delay_ns
+        latest_ns = now_ns + self._writing_ns - self._write_delay_ns
+        if newest is None or not self._reads_once or newest[0] < latest_ns:
+            return self._read(time_ns)
+        return newest
 
     def write(
         self,
@@ -187,10 +191,7 @@ class BoundedDevice:
         returns how much may be given to it of what the force leaves (negative: lacks); both in J.
         """
         device, bounder, kinematics = self._device, self.bounder, self._kinematics
-        newest, self._newest = self._newest, None
-        if newest is None or not self._reads_once or self._is_old(newest[0], time_ns):
-            newest = self._read(time_ns)
-        read_ns, reading = newest
+        read_ns, reading = self._reading(time_ns)
         if (stamps := self._stamps()) is not None:
             read_ns = stamps[0]
         before_ns = ahead_ns = self._ahead_ns  # at the last reading, and so at a cut since
@@ -221,7 +222,6 @@ class BoundedDevice:
         applied = device.write(time_ns, bounded)
         write_ns = time_ns if self._clock is None else self._clock()
         self._writing_ns = write_ns - began_ns
-        self.busy_ns += self._writing_ns
         if (stamps := self._stamps()) is not None:
             write_ns = stamps[1]
         write_ns += ahead_ns
@@ -238,6 +238,7 @@ class BoundedDevice:
 
     def _note(self, applied: Vector, read_ns: int, write_ns: int) -> None:
         self._read_ns = read_ns - self._ahead_ns
+        self.busy_ns += self._writing_ns
         if applied != self._zero:
             self._is_zero = False
         elif not self._is_zero:
