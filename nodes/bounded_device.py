@@ -12,7 +12,8 @@ At each write the bounder hears what really happened since the last one, before 
    plans with the limit that the device returns.
 
 With one reading in a tick the bounder takes that of the state. Its true time counts, so for the
-ledger the write comes later after its reading, by as much as the device must state.
+ledger the write comes later after its reading, by as much as the device must state. Where it would
+come later still, since a tick is late, there is a second reading after all.
 
 An arm (a device with ``kinematics``) is bounded in its joints: its readings are angles, its forces
 torques, and the command becomes the torques of that force at the tip. Saturation and law scale the
@@ -76,7 +77,8 @@ class BoundedDevice:
         self._device = device
         self._reads_once = reads_once
         self._newest: tuple[int, Vector] | None = None  # reading of this tick, and its time
-        self.busy_ns = 0
+        self._write_delay_ns = round(dissipation.write_delay * 1e9)
+        self.busy_ns = self._writing_ns = 0  # so far; in the last write
         self._exchanges = exchanges
         self._clock = clock
         self._kinematics = device.kinematics
@@ -165,6 +167,15 @@ class BoundedDevice:
         self.busy_ns += self._clock() - read_ns
         return read_ns, reading
 
+    def _reading(self, time_ns: int) -> tuple[int, Vector]:
+        """Return the bounder's reading: the state's, unless a force would be too late for it."""
+        newest, self._newest = self._newest, None
+        now_ns = time_ns if self._clock is None else self._clock()
+        latest_ns = now_ns + self._writing_ns - self._write_delay_ns
+        if newest is None or not self._reads_once or newest[0] < latest_ns:
+            return self._read(time_ns)
+        return newest
+
     def write(
         self,
         time_ns: int,
@@ -180,8 +191,7 @@ class BoundedDevice:
         returns how much may be given to it of what the force leaves (negative: lacks); both in J.
         """
         device, bounder, kinematics = self._device, self.bounder, self._kinematics
-        newest, self._newest = self._newest, None
-        read_ns, reading = newest if newest and self._reads_once else self._read(time_ns)
+        read_ns, reading = self._reading(time_ns)
         if (stamps := self._stamps()) is not None:
             read_ns = stamps[0]
         before_ns = ahead_ns = self._ahead_ns  # at the last reading, and so at a cut since
@@ -211,7 +221,7 @@ class BoundedDevice:
         began_ns = time_ns if self._clock is None else self._clock()
         applied = device.write(time_ns, bounded)
         write_ns = time_ns if self._clock is None else self._clock()
-        self.busy_ns += write_ns - began_ns
+        self._writing_ns = write_ns - began_ns
         if (stamps := self._stamps()) is not None:
             write_ns = stamps[1]
         write_ns += ahead_ns
@@ -228,6 +238,7 @@ class BoundedDevice:
 
     def _note(self, applied: Vector, read_ns: int, write_ns: int) -> None:
         self._read_ns = read_ns - self._ahead_ns
+        self.busy_ns += self._writing_ns
         if applied != self._zero:
             self._is_zero = False
         elif not self._is_zero:

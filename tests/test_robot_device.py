@@ -6,6 +6,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -299,7 +300,8 @@ class SlowDevice(FakeDevice):
 
 def slow_node(device: SlowDevice, *, once: bool, **settings: Any) -> DeviceNode:
     servo = ServoSettings(**{"law": "none", "engage_time": 0.0, **settings})
-    return DeviceNode(device, DISSIPATION, servo, device.clock, reads_once=once)
+    stated = replace(DISSIPATION, write_delay=1e-3)
+    return DeviceNode(device, stated, servo, device.clock, reads_once=once)
 
 
 def run(node: DeviceNode, device: SlowDevice, seconds: float) -> list[Packet]:
@@ -313,6 +315,21 @@ def run(node: DeviceNode, device: SlowDevice, seconds: float) -> list[Packet]:
         received = [answer(one, (0.1,)) for one in sent if isinstance(one, DeviceState)]
         packets += sent
     return packets
+
+
+def test_a_tick_that_is_late_reads_again_before_a_force_acts_later_than_stated() -> None:
+    device = SlowDevice(read=2e-4, write=1e-4)
+    servo = ServoSettings(law="none", engage_time=0.0)
+    stated = replace(DISSIPATION, write_delay=6e-4)
+    node = DeviceNode(device, stated, servo, device.clock, reads_once=True)
+    node.engage()
+    run(node, device, 0.02)
+    while not node.needs_packets:
+        run(node, device, 1e-9)
+    device.now_ns += 5_000_000  # something else has the processor, between state and write
+    run(node, device, 0.02)
+    assert node.status().bounder.late_writes == 0
+    assert node.status().bounder.longest_write_delay == pytest.approx(5e-4)
 
 
 @pytest.mark.parametrize("once", [True, False])

@@ -159,6 +159,7 @@ def check(
     \b
     forcebound check environment my_environment.py --axes 1 --rest 0mm=0N
     forcebound check law my_law.py
+    forcebound check device my_arm.yaml
     """
     if part != "environment" and (axes or rest):
         raise click.UsageError("--axes and --rest are for environments")

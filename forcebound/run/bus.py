@@ -7,7 +7,6 @@ after it, by ``reply_wait``, which ``write_delay`` has to cover (docs/theory.md,
 
 import logging
 import math
-import statistics
 from collections.abc import Callable, Iterator
 
 from msgspec import Struct
@@ -17,13 +16,15 @@ from forcebound.graph.servo import ServoSettings, check_delay, stated_delay
 from forcebound.haptics.devices import Device, DeviceModel
 
 OPENING_CALLS = 20
+QUICKEST = 0.0  # by which a bus is judged then: before the loop the process is not punctual
+FULL = 0.9  # of a period: two readings and the write must not take more
 RARE = 0.01  # share of the calls; what is longer then is not stated, but counted in a run
 
 _logger = logging.getLogger(__name__)
 
 
 class TickTimes(Struct, frozen=True):
-    """Times of a device's read and write, in s, medians; ``reads``: how many of them a tick has.
+    """Times of a device's read and write, in s; ``reads``: how many of them a tick has.
 
     ``longest``: of a read and the write after it, but for one in a hundred.
     """
@@ -43,9 +44,13 @@ class TickTimes(Struct, frozen=True):
 
 
 def time_ticks(
-    device: Device, clock: Callable[[], int], calls: int, seconds: float = math.inf
+    device: Device,
+    clock: Callable[[], int],
+    calls: int,
+    seconds: float = math.inf,
+    share: float = 0.5,
 ) -> TickTimes | None:
-    """Return the times of some ticks without force; None without any."""
+    """Return the times that a ``share`` of some ticks without force have kept; None without any."""
     times: list[tuple[int, int]] = []
     reads, zero, end_ns = 2, (0.0,) * device.axes, clock() + min(seconds, 1e9) * 1e9
     while len(times) < calls and (began := clock()) < end_ns:
@@ -56,7 +61,7 @@ def time_ticks(
         reads = 2 if device.fresh_reading() is None else 1
     if not times:
         return None
-    read, write = (1e-9 * statistics.median(one) for one in zip(*times, strict=True))
+    read, write = (1e-9 * sorted(one)[int(share * len(one))] for one in zip(*times, strict=True))
     both = sorted(map(sum, times))
     longest = both[len(both) - 1 - math.floor(RARE * len(both))]
     return TickTimes(read, write, reads, 1e-9 * longest)
@@ -72,9 +77,11 @@ def reads_once(
     """
     asked = servo.readings_per_tick
     is_real = clock is not None and device.truth() is None and not device.is_exchange
-    times = time_ticks(device, clock, OPENING_CALLS) if clock and is_real and asked != 2 else None
+    times = None
+    if clock and is_real and asked != 2:
+        times = time_ticks(device, clock, OPENING_CALLS, share=QUICKEST)
     period = servo.period_ns * 1e-9
-    if times is None or (asked == "auto" and times.of(2) <= period):
+    if times is None or (asked == "auto" and times.of(2) <= FULL * period):
         return asked == 1
     if times.of(1) > period:
         raise ConfigError(
@@ -111,7 +118,10 @@ def described(times: TickTimes, servo: ServoSettings | None) -> Iterator[str]:
         yield f"with one reading in a tick (device.readings_per_tick: 1) at most {once:.0f} Hz"
     if servo is not None and (
         servo.readings_per_tick == 1
-        or (servo.readings_per_tick == "auto" and times.of(times.reads) > servo.period_ns * 1e-9)
+        or (
+            servo.readings_per_tick == "auto"
+            and times.of(times.reads) > FULL * servo.period_ns / 1e9
+        )
     ):
         delay += times.delay(servo) - times.of(1)
         words += f"; one reading in a tick at {servo.rate:g} Hz, reply_wait {servo.reply_wait:g}"
