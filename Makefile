@@ -143,4 +143,4 @@ $(STAMP): pyproject.toml proofs/pyproject.toml constraints.txt
 
 clean:
 	rm -rf $(VENV) build dist *.egg-info results .mypy_cache .ruff_cache .pytest_cache .hypothesis
-	rm -rf examples/cpp/wall examples/javascript/node_modules examples/rust/target examples/rust/Cargo.lock
+	rm -rf examples/cpp/wall examples/cpp/device examples/javascript/node_modules examples/rust/target examples/rust/Cargo.lock

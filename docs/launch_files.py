@@ -73,7 +73,25 @@ hands:
 environment: { kind: wall, stiffness: 10 N/mm, position: 10 mm }
 ```
 
-* All devices have the same number of axes, and ports of their own.
+`default` is no hand but what a file says of all hands, those of the file that it includes, too.
+What the same file says of one hand wins. So two equal arms stand in a file once:
+
+```yaml
+# two_arms.yaml
+forcebound: 1
+include: leader_follower_transfer.yaml
+arguments: { rate: 500 Hz }
+hands:
+  default: { device: { kind: serial_arm, rate: $(arg rate) } } # or kind and include: arm.yaml
+  leader: { device: { energy_partner: follower } }
+  follower: { device: { energy_partner: leader } }
+```
+
+An included file of a device has its keys, or a section `device:` with them, as
+`forcebound identify` writes it; `$(arg name)` in it is an argument of the launch file. YAML's own
+anchors (`&arm`, `*arm`) are refused: an alias could repeat itself without end.
+
+* All devices have the same number of axes, of the same kinds, and ports of their own.
 * Of an included file only the sections of a hand and the `arguments` are taken. An argument that
   several files have is one: `delay:="2 ms"` sets it for all of them.
 * The path of a hand's value begins with its name: `left.device.law`, or `hands.left.device.law`,

@@ -102,6 +102,8 @@ NUMBER, HZ, DB = (Everyday(unit, unit, 0) for unit in ("", "Hz", "dB"))
 S, N, W = (Everyday(unit, unit) for unit in ("s", "N", "W"))
 MM, MM_S, MJ = Everyday("m", "mm"), Everyday("m/s", "mm/s"), Everyday("J", "mJ")
 MS, N_MM = Everyday("s", "ms", 0), Everyday("N/m", "N/mm")
+RAD, RAD_S = Everyday("rad", "rad", 4), Everyday("rad/s", "rad/s", 3)
+N_M, N_M_RAD = Everyday("N m", "N m", 3), Everyday("N m/rad", "N m/rad")
 PERCENT, WHOLE = Everyday("", "%", 1), Everyday("", "%", 0)
 
 #: By SI unit, what people use for small values; of the stiffness for large ones.
@@ -154,6 +156,8 @@ NAMES = {
     "W": ("power", "50 mW"),
     "N m": ("torque", "0.1 N m"),
     "N m s": ("damping of a joint", "1e-3 N m s"),
+    "N m/rad": ("stiffness of a joint", "2 N m/rad"),
+    "N m/rad/s": ("rate of a joint's stiffness", "0.5 N m/rad/s"),
     "N s/m": ("damping", "0.27 N s/m"),
     "N/m": ("stiffness", "10 N/mm"),
     "N/m/s": ("rate of stiffness", "0.06 N/mm/s"),
@@ -164,6 +168,7 @@ NAMES = {
     "m/s^2": ("acceleration", "9.81 m/s^2"),
     "rad": ("angle", "30 deg"),
     "rad/s": ("angular speed", "90 deg/s"),
+    "rad/s^2": ("angular acceleration", "10 rad/s^2"),
     "s": ("time", "5 ms"),
 }
 

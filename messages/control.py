@@ -142,6 +142,8 @@ class BounderReport(Struct, frozen=True, kw_only=True):
     hold_limit: float  # s, mean
     longest_hold_limit: float  # s
     longest_write_delay: float = 0.0  # s, from a reading until its force took effect
+    device_time: float = 0.0  # s, mean, in the device's own reads and writes of a tick; 0: virtual
+    device_misses: int = 0  # ticks that were missed while the device read or wrote
 
     def as_texts(self) -> dict[str, str]:
         """Return the fields as the data of an event."""

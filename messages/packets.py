@@ -13,9 +13,10 @@ To add a field: a line in its class, at the end and with a default, so that olde
 compatible; what fills it; its row in ``docs/protocol.md``. Codec, recordings, schemas, tables and
 ``forcebound echo`` take it from here; ``tests/golden_packets.py`` holds its bytes.
 
-Vectors are tuples of 1 to 6 floats, one per axis; the objects of a scene are in space, whatever the
-axes. Positions grow *into* the environment; a force is positive when it *resists* motion in the
-positive direction (``docs/theory.md``, section 1).
+Vectors are tuples of 1 to 8 floats, one per axis: in m and N, or in rad and N m where the axis is
+an angle (:mod:`forcebound.axes`). The objects of a scene are in space, whatever the axes. Positions
+grow *into* the environment; a force is positive when it *resists* motion in the positive direction
+(``docs/theory.md``, section 1).
 """
 
 import reprlib
@@ -29,7 +30,7 @@ from msgspec.inspect import type_info
 
 VERSION: Final = 5  # of the wire format; every packet carries it
 
-MAX_AXES = 6
+MAX_AXES = 8
 MAX_COUNT = 2**63 - 1  # the largest 64-bit integer that every language has
 MAX_ENERGY = 1e5  # J, that a ledger gives in its life
 MAX_LENGTH = 64  # of any array or map on the wire

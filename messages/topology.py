@@ -47,7 +47,7 @@ HAND = "hand"  # name of the only hand of a graph, which the names of its nodes 
 MOST_HANDS = 8  # of a graph
 HANDS = "hands"  # key of a document: what belongs to each hand, by its name
 #: Sections of a launch file that belong to a hand.
-HAND_SECTIONS = ("device", "operator", "controller", "links", "remote")
+HAND_SECTIONS = ("device", "operator", "controller", "links", "remote", "axes")
 HERE = "here"  # key of a document: names of the hands on this machine; without it, all
 
 # What each role sends, and which role needs it; None: only observers do. The first four are the

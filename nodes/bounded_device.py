@@ -11,6 +11,10 @@ At each write the bounder hears what really happened since the last one, before 
 3. *The hold limit* of the force to come. The device is given it before the write, and the bounder
    plans with the limit that the device returns.
 
+With one reading in a tick the bounder takes that of the state. Its true time counts, so for the
+ledger the write comes later after its reading, by as much as the device must state. Where it would
+come later still, since a tick is late, there is a second reading after all.
+
 An arm (a device with ``kinematics``) is bounded in its joints: its readings are angles, its forces
 torques, and the command becomes the torques of that force at the tip. Saturation and law scale the
 vector of torques, so what is applied is the same part of the commanded force at the tip, unless the
@@ -54,7 +58,10 @@ class BoundedDevice:
 
     The hold limit ``learns`` the lateness of the ticks, if that is possible. ``clock`` returns the
     time, in ns; None: everything in a tick happens at the time of the tick. ``exchanges``: energy
-    with the ledger of another hand.
+    with the ledger of another hand. ``reads_once``: the reading of the state is the bounder's, too.
+
+    Attributes:
+        busy_ns: Time in reads and writes of the device so far, by the clock.
     """
 
     def __init__(
@@ -65,8 +72,13 @@ class BoundedDevice:
         learns: bool,
         clock: Callable[[], int] | None = None,
         exchanges: bool = False,
+        reads_once: bool = False,
     ) -> None:
         self._device = device
+        self._reads_once = reads_once
+        self._newest: tuple[int, Vector] | None = None  # reading of this tick, and its time
+        self._write_delay_ns = round(dissipation.write_delay * 1e9)
+        self.busy_ns = self._writing_ns = 0  # so far; in the last write
         self._exchanges = exchanges
         self._clock = clock
         self._kinematics = device.kinematics
@@ -104,6 +116,7 @@ class BoundedDevice:
         self._before = BounderReport(hold_limit=0.0, longest_hold_limit=0.0)
         self._longest_delay_ns = 0
         self._writes, self._held = 0, 0.0
+        self._busy_before_ns = self.busy_ns
         self._longest = 0.0
 
     def change_law(self, law: str) -> None:
@@ -141,8 +154,27 @@ class BoundedDevice:
         """Return the position of the tip, in m, for a state."""
         reading = None if self._fresh_reading is None else self._fresh_reading()
         if reading is None:
-            reading = self._device.read(time_ns)
+            self._newest = self._read(time_ns)
+            reading = self._newest[1]
         return reading if self._kinematics is None else self._kinematics.position(reading)
+
+    def _read(self, time_ns: int) -> tuple[int, Vector]:
+        """Return a new reading, and before it the time of which it is at the earliest."""
+        if self._clock is None:
+            return time_ns, self._device.read(time_ns)
+        read_ns = self._clock()
+        reading = self._device.read(time_ns)
+        self.busy_ns += self._clock() - read_ns
+        return read_ns, reading
+
+    def _reading(self, time_ns: int) -> tuple[int, Vector]:
+        """Return the bounder's reading: the state's, unless a force would be too late for it."""
+        newest, self._newest = self._newest, None
+        now_ns = time_ns if self._clock is None else self._clock()
+        latest_ns = now_ns + self._writing_ns - self._write_delay_ns
+        if newest is None or not self._reads_once or newest[0] < latest_ns:
+            return self._read(time_ns)
+        return newest
 
     def write(
         self,
@@ -159,8 +191,7 @@ class BoundedDevice:
         returns how much may be given to it of what the force leaves (negative: lacks); both in J.
         """
         device, bounder, kinematics = self._device, self.bounder, self._kinematics
-        read_ns = time_ns if self._clock is None else self._clock()
-        reading = device.read(time_ns)
+        read_ns, reading = self._reading(time_ns)
         if (stamps := self._stamps()) is not None:
             read_ns = stamps[0]
         before_ns = ahead_ns = self._ahead_ns  # at the last reading, and so at a cut since
@@ -187,8 +218,10 @@ class BoundedDevice:
             if offer is not None:
                 given = bounder.debit(offer(bounder.spare(asked_for)))
                 bounded = shorten(bounded, math.hypot(*bounded), bounder.limit)
+        began_ns = time_ns if self._clock is None else self._clock()
         applied = device.write(time_ns, bounded)
         write_ns = time_ns if self._clock is None else self._clock()
+        self._writing_ns = write_ns - began_ns
         if (stamps := self._stamps()) is not None:
             write_ns = stamps[1]
         write_ns += ahead_ns
@@ -205,6 +238,7 @@ class BoundedDevice:
 
     def _note(self, applied: Vector, read_ns: int, write_ns: int) -> None:
         self._read_ns = read_ns - self._ahead_ns
+        self.busy_ns += self._writing_ns
         if applied != self._zero:
             self._is_zero = False
         elif not self._is_zero:
@@ -253,6 +287,7 @@ class BoundedDevice:
             hold_limit=self._held / self._writes if self._writes else self._use_limit,
             longest_hold_limit=self._longest or self._use_limit,
             longest_write_delay=self._longest_delay_ns * 1e-9,
+            device_time=1e-9 * (self.busy_ns - self._busy_before_ns) / max(self._writes, 1),
         )
 
     def _change_limit(self) -> None:

@@ -9,6 +9,8 @@ samples of the law's ledger are the writes.
 Late ticks are skipped and counted, never run in a burst: after a stall the node continues with the
 tick that is due, and a tick whose write would have been due before the last one is skipped, too.
 
+Where two readings take too long for a tick (``reads_once``), the bounder takes that of the state.
+
 Where a write is an exchange with the device, a slow one makes the next state late, and its
 force took effect as late. So there the next write waits until a late state can have its answer: it
 still comes about a period after the force before.
@@ -20,6 +22,7 @@ from math import isfinite
 from typing import ClassVar
 
 from msgspec import UNSET
+from msgspec.structs import replace
 
 from forcebound.errors import ConfigError, DeviceError
 from forcebound.graph.servo import ServoSettings
@@ -29,6 +32,7 @@ from forcebound.haptics.parts import overridden
 from forcebound.haptics.parts.signals import Signal
 from forcebound.messages.control import (
     Answer,
+    BounderReport,
     DeviceStatus,
     Engage,
     Engaged,
@@ -84,6 +88,7 @@ class DeviceNode(Node):
         hand: str = HAND,
         signals: Collection[Signal] = (),
         process: int = 0,
+        reads_once: bool = False,
     ) -> None:
         if servo.dead_man is not None and device.buttons() is None:
             device.close()
@@ -103,7 +108,9 @@ class DeviceNode(Node):
         self._exchange: EnergyExchange | None = None
         if exchanges := bool(servo.energy_partner):
             self._exchange = EnergyExchange(hand, process, servo.partner_limit)
-        self._bounded = BoundedDevice(device, servo.law, dissipation, learns, clock, exchanges)
+        self._bounded = BoundedDevice(
+            device, servo.law, dissipation, learns, clock, exchanges, reads_once
+        )
         self._next_law: str | None = None  # to be taken as soon as no force is held
         self._energy_before = 0.0  # J, ground truth when the law of now began, without its motion
         if clock is not None:  # live: a short run in virtual time, or one of a sweep, needs no log
@@ -122,9 +129,9 @@ class DeviceNode(Node):
         self._applied = self._zero
         self._position = self._zero
         self._velocity = self._zero
-        self._read_ns = 0
-        self._lateness = lateness
-        self.deadline_misses = 0
+        self._read_ns, self._lateness = 0, lateness
+        self.deadline_misses = self._device_misses = 0
+        self._busy_before_ns = 0  # of reads and writes, at the last state
         self.events = EventLog(node_name(hand, DEVICE))
         self._signals = Signals(device, signals, self.events, self.reject)
         # Of a simulated device and of hardware of this package, verification knows it.
@@ -161,8 +168,11 @@ class DeviceNode(Node):
             law=self._bounded.law,
             energy_before=self._energy_before,
             deadline_misses=self.deadline_misses,
-            bounder=self._bounded.report(),
+            bounder=self._report(),
         )
+
+    def _report(self) -> BounderReport:
+        return replace(self._bounded.report(), device_misses=self._device_misses)
 
     def handle(self, request: Engage | Point) -> Answer:
         if isinstance(request, Point):
@@ -202,7 +212,7 @@ class DeviceNode(Node):
             _logger.warning("could not write the last zero force to the device: %s", error)
 
     def last_events(self, time_ns: int) -> Sequence[Event]:
-        return [self._reports.bounder(time_ns, self._bounded.report())]
+        return [self._reports.bounder(time_ns, self._report())]
 
     def close(self) -> None:
         close_part(self._device.close, DEVICE)
@@ -228,7 +238,8 @@ class DeviceNode(Node):
                 or time_ns >= reports.overload.end_ns
             ):
                 refused, missed = bounded.refused_readings, self.deadline_misses
-                packets += reports.look(time_ns, is_answered, refused, missed)
+                late = missed, self._device_misses, self._bounded.report().device_time
+                packets += reports.look(time_ns, is_answered, refused, *late)
         if self._next_law is not None and not self._bounded.holds_force:
             packets.append(self._change_law(self._next_law, time_ns))
         if self._exchange is not None:
@@ -245,12 +256,14 @@ class DeviceNode(Node):
             self._position = self._bounded.read(time_ns)
         tick = (time_ns - self._start_ns) // self._period_ns
         if tick > self._tick:
-            self.deadline_misses += tick - self._tick
+            self._miss(tick - self._tick, time_ns)
             self._tick = tick
+        self._busy_before_ns = self._bounded.busy_ns
         is_asked = self._engage_requested and self._engaged_ns is None
         if is_asked and not self._bounded.holds_force:
             self._engaged_ns = time_ns
             self._bounded.begin()
+            self._device_misses = 0
             if self._exchange is not None:
                 self._exchange.begin()
             self._device.engage(time_ns)
@@ -357,10 +370,16 @@ class DeviceNode(Node):
         write_ns = self._start_ns + next_tick * self._period_ns + self._reply_wait_ns
         if write_ns <= time_ns:
             overdue = 1 + (time_ns - write_ns) // self._period_ns
-            self.deadline_misses += overdue
+            self._miss(overdue, time_ns)
             next_tick += overdue
         self._tick = next_tick
         self.wake_ns = max(self._start_ns + next_tick * self._period_ns, time_ns)
+
+    def _miss(self, ticks: int, time_ns: int) -> None:
+        """Count missed ticks: the device's if it took most of the time since the last state."""
+        self.deadline_misses += ticks
+        if 2 * (self._bounded.busy_ns - self._busy_before_ns) > time_ns - self._read_ns:
+            self._device_misses += ticks
 
     def _elapsed(self, time_ns: int) -> float:
         return 0.0 if self._engaged_ns is None else (time_ns - self._engaged_ns) * 1e-9

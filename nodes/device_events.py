@@ -33,10 +33,19 @@ class DeviceEvents:
         self._next_refusal_ns = 0
         self.overload = Overload(servo.period_ns)
 
-    def look(self, time_ns: int, is_answered: bool, refused: int, missed: int) -> list[Packet]:
+    def look(
+        self,
+        time_ns: int,
+        is_answered: bool,
+        refused: int,
+        missed: int,
+        of_device: int = 0,
+        busy: float = 0.0,
+    ) -> list[Packet]:
         """Return the events after a tick with an engaged force.
 
-        It takes whether an answer gives the force, and readings refused and ticks missed so far.
+        It takes whether an answer gives the force, and readings refused and ticks missed so far:
+        ``of_device``, while it read or wrote, which takes it so many s (``busy``) of a tick.
         """
         events: list[Packet] = []
         if self.is_answered != is_answered and time_ns >= self._next_answer_ns:
@@ -45,9 +54,10 @@ class DeviceEvents:
         if refused > self.refused and time_ns >= self._next_refusal_ns:
             self.refused, self._next_refusal_ns = refused, time_ns + REFUSAL_INTERVAL_NS
             events.append(self._refusals(time_ns))
-        warning = self.overload.observe(time_ns, missed)
+        warning = self.overload.observe(time_ns, missed, of_device, busy)
         if warning is not None:
-            events.append(self._log.emit(time_ns, "ticks_missed", warning, is_fault=True))
+            cause = {"cause": "device" if self.overload.is_of_device else "machine"}
+            events.append(self._log.emit(time_ns, "ticks_missed", warning, cause, is_fault=True))
         return events
 
     def law_changed(
@@ -104,27 +114,40 @@ class DeviceEvents:
 
 
 class Overload:
-    """The warning that a servo misses many ticks: the machine is too slow, or too busy."""
+    """The warning that a servo misses many ticks: device or machine is too slow, or too busy."""
 
     def __init__(self, period_ns: int) -> None:
-        self._ticks = WINDOW_NS / period_ns
+        self._ticks, self._period_ns = WINDOW_NS / period_ns, period_ns
+        self.is_of_device = False  # the last warning
         self.end_ns = 0  # of the window; 0: none has begun
-        self._missed_before = 0
+        self._missed_before = self._of_device_before = 0
         self._next_warning_ns = 0
 
-    def observe(self, time_ns: int, missed: int) -> str | None:
+    def observe(
+        self, time_ns: int, missed: int, of_device: int = 0, busy: float = 0.0
+    ) -> str | None:
         """Return a warning if many ticks of the last second were ``missed``; else None."""
         end_ns = self.end_ns
         if time_ns < end_ns:
             return None
         lately = missed - self._missed_before
         self.end_ns = time_ns + WINDOW_NS
-        self._missed_before = missed
+        self.is_of_device = 2 * (of_device - self._of_device_before) > lately
+        self._missed_before, self._of_device_before = missed, of_device
         if end_ns == 0 or lately <= SHARE * self._ticks or time_ns < self._next_warning_ns:
             return None
         self._next_warning_ns = time_ns + REPEAT_NS
+        cause = (
+            "something else uses this core, or the servo has no realtime scheduling;"
+            " `forcebound doctor` names the cause"
+        )
+        if self.is_of_device:
+            cause = (
+                f"the device's own reads and writes take {1e3 * busy:.2g} ms of a period of"
+                f" {1e-6 * self._period_ns:.2g} ms on average, and more then;"
+                " `forcebound check device` says which device.rate they permit"
+            )
         return (
             f"missed {lately} of {self._ticks:.0f} ticks in the last second, so there is little"
-            " force: something else uses this core, or the servo has no realtime scheduling;"
-            " `forcebound doctor` names the cause"
+            f" force: {cause}"
         )

@@ -178,7 +178,7 @@ objects = st.builds(
 
 @st.composite
 def packets(draw: st.DrawFn, kind: type[Packet] | None = None) -> Packet:
-    """Any packet, of 1 to 6 axes."""
+    """Any packet, of 1 to 8 axes."""
     chosen: type[Packet] = kind or draw(st.sampled_from(list(TOPIC_OF)))
     vectors = st.tuples(*[numbers] * draw(st.integers(1, MAX_AXES)))
     strategies: dict[Any, st.SearchStrategy[Any]] = {

@@ -210,7 +210,7 @@ def test_vectors_of_another_length_are_refused() -> None:
 def test_an_unknown_law_is_refused_with_the_known_ones() -> None:
     with pytest.raises(ConfigError, match=r"'certifed'.*aol, certified, certified_fading"):
         ForceBounder("certifed", PHANTOM)
-    with pytest.raises(ConfigError, match="axes must be 1 to 6"):
+    with pytest.raises(ConfigError, match="axes must be 1 to 8"):
         ForceBounder("certified", PHANTOM, axes=0)
 
 

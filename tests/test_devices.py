@@ -171,7 +171,7 @@ def test_it_rests_until_it_is_engaged() -> None:
     [
         ("mass", 0.0),
         ("damping", -1.0),
-        ("axes", 7),
+        ("axes", 9),
         ("gain_error", 1.0),
         ("watchdog_tolerance", -0.1),
         ("largest_speed", 0.0),
@@ -185,7 +185,7 @@ def test_stated_numbers_without_meaning_are_refused(name: str, value: Any) -> No
         replace(PhantomPremium15(), **{name: value})
 
 
-@pytest.mark.parametrize("kind", sorted(DEVICES))
+@pytest.mark.parametrize("kind", sorted(set(DEVICES) - {"program", "robot"}))  # of users' own
 def test_a_device_that_ships_states_a_largest_speed_and_says_whether_it_was_measured(
     kind: str,
 ) -> None:

@@ -57,7 +57,7 @@ def test_the_tip_is_where_the_angles_for_that_place_put_it(name: str, point: Vec
     place = point[: arm.axes]
     angles = arm.angles(place)
     assert angles is not None
-    assert arm.kinematics().position(angles) == pytest.approx(place, abs=1e-12)
+    assert arm.geometry().position(angles) == pytest.approx(place, abs=1e-12)
 
 
 @given(point=points)
@@ -65,7 +65,7 @@ def test_the_tip_is_where_the_angles_for_that_place_put_it(name: str, point: Vec
 @pytest.mark.parametrize("name", sorted(ARMS))
 def test_the_jacobian_is_the_derivative_of_the_position(name: str, point: Vector) -> None:
     arm, step = ARMS[name], 1e-5
-    kinematics, angles = arm.kinematics(), arm.angles(point[: arm.axes])
+    kinematics, angles = arm.geometry(), arm.angles(point[: arm.axes])
     assert angles is not None
     jacobian = kinematics.jacobian(angles)
     for joint in range(arm.axes):
@@ -78,7 +78,7 @@ def test_the_jacobian_is_the_derivative_of_the_position(name: str, point: Vector
 
 
 def test_torques_do_the_work_of_the_force_at_the_tip(arm: Arm) -> None:
-    kinematics, angles = arm.kinematics(), arm.angles((0.01, -0.02, 0.015)[: arm.axes])
+    kinematics, angles = arm.geometry(), arm.angles((0.01, -0.02, 0.015)[: arm.axes])
     assert angles is not None
     force, speeds = (1.0, -2.0, 0.5)[: arm.axes], (0.3, 0.7, -0.4)[: arm.axes]
     torque = kinematics.torque(angles, force)
@@ -90,18 +90,18 @@ def test_known_poses_of_the_five_bar() -> None:
     """The elbows of the 2DIY at its encoders' zeros, 12 and 168 degrees."""
     apart = 0.038 + 2 * 0.07 * math.cos(math.radians(12))
     height = 0.07 * math.sin(math.radians(12)) + math.sqrt(0.09**2 - apart**2 / 4)
-    tip = FiveBar().kinematics().position((math.radians(12), math.radians(168)))
+    tip = FiveBar().geometry().position((math.radians(12), math.radians(168)))
     assert tip == pytest.approx((0.0, height - 0.105))
     upright = FiveBar(base=0.0, origin=(0.0, 0.1)).angles((0.0, math.sqrt(0.09**2 - 0.07**2) - 0.1))
     assert upright == pytest.approx((0.0, math.pi))
 
 
 def test_known_poses_of_the_serial_arm() -> None:
-    planar = SerialArm(upper=0.2, lower=0.1, origin=(0.2, 0.1)).kinematics()
+    planar = SerialArm(upper=0.2, lower=0.1, origin=(0.2, 0.1)).geometry()
     assert planar.position((0.0, 0.0)) == pytest.approx((0.1, -0.1))
     assert planar.position((math.pi / 2, -math.pi / 2)) == pytest.approx((-0.1, 0.1))
     assert planar.torque((math.pi / 2, -math.pi / 2), (0.0, 1.0)) == pytest.approx((0.1, 0.1))
-    spatial = SerialArm(joints=3, upper=0.2, lower=0.1, origin=(0.2, 0.1)).kinematics()
+    spatial = SerialArm(joints=3, upper=0.2, lower=0.1, origin=(0.2, 0.1)).geometry()
     turned = spatial.position((math.pi / 2, math.pi / 2, -math.pi / 2))
     assert turned == pytest.approx((-0.2, 0.1, 0.1))
 
@@ -109,7 +109,7 @@ def test_known_poses_of_the_serial_arm() -> None:
 def test_known_poses_of_the_desktop_arm() -> None:
     """The upper link level and the lower one down; then turned by a right angle and stretched."""
     arm = DesktopArm(upper=0.2, lower=0.1, origin=(-0.1, 0.2), workspace=(0.01, 0.01, 0.01))
-    kinematics = arm.kinematics()
+    kinematics = arm.geometry()
     assert kinematics.position((0.0, 0.0, 0.0)) == pytest.approx((0.0, 0.0, 0.0))
     stretched = kinematics.position((math.pi / 2, 0.0, math.pi / 2))
     assert stretched == pytest.approx((0.3, 0.1, -0.2))
@@ -120,7 +120,7 @@ def test_known_poses_of_the_desktop_arm() -> None:
 
 def test_a_desktop_arm_reaches_its_workspace_without_a_singular_pose() -> None:
     arm = DesktopArm()
-    kinematics = arm.kinematics()
+    kinematics = arm.geometry()
     for corner in itertools.product(*[(-0.5 * e, 0.0, 0.5 * e) for e in arm.workspace]):
         angles = arm.angles(corner)
         assert angles is not None
@@ -145,7 +145,7 @@ class SinkingHand(Operator):
 
 def test_a_five_bar_that_cannot_be_held_gets_no_torque() -> None:
     """Nor does a reading that is no possible pose make numbers that are not finite."""
-    kinematics = WIDE.kinematics()
+    kinematics = WIDE.geometry()
     assert kinematics.torque((0.0, math.pi), (1.0, 1.0)) == (0.0, 0.0)
     assert all(map(math.isfinite, kinematics.position((0.0, math.pi))))
 

@@ -90,7 +90,7 @@ def test_torques_fade_before_a_singular_pose_in_both_motors_alike(board: Scripte
 def test_the_sines_are_those_between_the_links() -> None:
     model = FiveBar()
     pose = (0.3, 2.2)
-    x, y = (a + b for a, b in zip(model.kinematics().position(pose), model.origin, strict=True))
+    x, y = (a + b for a, b in zip(model.geometry().position(pose), model.origin, strict=True))
     sines = []
     links = []
     for side, angle in zip((0.5, -0.5), pose, strict=True):
@@ -100,7 +100,7 @@ def test_the_sines_are_those_between_the_links() -> None:
         sines.append(cross(proximal, distal) / (0.07 * 0.09))
     sines.append(cross(*links) / 0.09**2)
     expected = min(map(abs, sines))
-    assert link_sine(model.kinematics().jacobian(pose), 0.07) == pytest.approx(expected)
+    assert link_sine(model.geometry().jacobian(pose), 0.07) == pytest.approx(expected)
     assert link_sine(((0.0, 0.0), (0.0, 0.0)), 0.07) == 0.0
 
 

@@ -58,7 +58,7 @@ from forcebound.messages.topology import flat
         ("  law: $", "  hold_limit: 0.5\n  law: $", "10:15", "1 to 1e+06"),
         ("  law: $", "  hold_limit: long\n  law: $", "10:15", "'auto'"),
         ("  law: $", "  rate: 0 Hz\n  law: $", "10:9", "0.1 to 1e+06 Hz"),
-        ("  law: $", "  axes: 7\n  law: $", "10:9", "1 to 6"),
+        ("  law: $", "  axes: 9\n  law: $", "10:9", "1 to 8"),
         ("seed: 1", "seed: 1\nrealtime: {policy: rr}", "7:20", "'fifo' or 'other'"),
         ("seed: 1", "seed: 1\nrealtime: {cores: all}", "7:19", "a whole number"),
         ("seed: 1", "seed: 1\nrealtime: {cores: -1}", "7:19", ">= 0"),

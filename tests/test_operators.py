@@ -55,9 +55,9 @@ def test_a_place_with_fewer_axes_than_the_other_is_at_0_on_the_rest() -> None:
     assert hand.target(0.25) == pytest.approx((-0.015, 0.02))
 
 
-@pytest.mark.parametrize("place", [(), (0.0,) * 7])
+@pytest.mark.parametrize("place", [(), (0.0,) * 9])
 def test_a_place_has_as_many_numbers_as_a_device_can_have_axes(place: tuple[float, ...]) -> None:
-    with pytest.raises(ConfigError, match=r"end must be one number, or 1 to 6 .*, got [07]"):
+    with pytest.raises(ConfigError, match=r"end must be one number, or 1 to 8 .*, got [09]"):
         PressingHand(end=place)
 
 
@@ -161,7 +161,7 @@ def test_a_press_that_ends_before_it_begins_is_refused() -> None:
 def test_odd_points_are_refused() -> None:
     with pytest.raises(ConfigError, match="needs points, got none"):
         FollowingHand(points=())
-    with pytest.raises(ConfigError, match=r"point 2 must have 1 to 6 numbers.*, got 0"):
+    with pytest.raises(ConfigError, match=r"point 2 must have 1 to 8 numbers.*, got 0"):
         FollowingHand(points=((0.0,), ()))
 
 

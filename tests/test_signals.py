@@ -193,14 +193,14 @@ def test_a_live_graph_shows_them_to_echo_page_and_recorder(gel: Path, mark: None
         assert any(isinstance(event, Event) and event.event == "touched" for event in events)
 
 
-def test_a_plot_has_a_panel_for_each_unit(gel: Path, tmp_path: Path) -> None:
+def test_a_plot_has_a_panel_for_each_unit_with_a_number(gel: Path, tmp_path: Path) -> None:
     from forcebound.results.plots import DEFAULT_PANELS, figure
 
     file = tmp_path / "run.mcap"
-    result = run_virtual(load(gel), 0.2, file)
+    result = run_virtual(load(gel), 0.5, file)
     run = (result.label, result.columns, result.document)
     axes = figure([run], signals=[curves_of(read(file))]).axes[len(DEFAULT_PANELS) :]
-    assert [one.get_ylabel() for one in axes] == ["signals (m)", "signals (1)"]
+    assert [one.get_ylabel() for one in axes] == ["signals (m)"]  # no `load` was published
     time, depth = axes[0].lines[0].get_data()
     assert np.asarray(time)[-1] == pytest.approx(result.columns.time[-1] - 0.0004)
     assert np.asarray(depth)[-1] == curves_of(read(file))[0].values[-1]

@@ -9,7 +9,6 @@ import pytest
 from invoking import invoke
 from launch_texts import written
 
-from forcebound.errors import DeviceError
 from forcebound.graph.loader import load
 from forcebound.haptics.devices.plant import Axis, Moving, advance_extended
 from forcebound.haptics.hands.hands import WallInPlace
@@ -163,10 +162,19 @@ def test_a_wall_in_place_of_the_hand_acts_across_the_first_axis_alone() -> None:
     assert truth.position[1] < -0.005
 
 
-def test_an_arm_takes_no_wall_in_place_of_the_hand() -> None:
-    config = load("five_bar_wall")
-    with pytest.raises(DeviceError, match="independent axes"):
-        config.only.device.open(WallInPlace(), 0.01)
+@pytest.mark.parametrize("kind", ["serial_arm", "knob", "five_bar", "desktop_arm"])
+def test_an_arm_follows_into_its_wall(kind: str, tmp_path: Path) -> None:
+    hands = "".join(
+        f"  {hand}: {{ device: {{ kind: {kind}, law: none, saturation: 1 N m }} }}\n"
+        for hand in ("leader", "follower")
+    )
+    path = written(tmp_path, f"forcebound: 1\ninclude: leader_follower.yaml\nhands:\n{hands}")
+    together = figures_of(run(str(path)))
+    # Friction of the follower bears some of the coupling's force, which is 2 N or more.
+    friction = 2.0 * FRICTION
+    felt = together["transmitted_stiffness_n_per_m"]
+    assert felt == pytest.approx(together["series_stiffness_n_per_m"], rel=friction / 2.0)
+    assert together["follower_stiffness_n_per_m"] == 1000.0
 
 
 def test_the_figures_follow_the_verdicts_of_the_hands() -> None:

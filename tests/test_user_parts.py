@@ -18,10 +18,12 @@ from forcebound.errors import ConfigError, DeviceError
 from forcebound.graph.loader import load, load_tried
 from forcebound.graph.model import always, restore
 from forcebound.graph.resolved import to_document
+from forcebound.graph.servo import ServoSettings
 from forcebound.messages.packets import EnvironmentQuery, EnvironmentReply
 from forcebound.network.impairment import Impairment
 from forcebound.nodes.environment import EnvironmentNode
-from forcebound.run.check import Checked, TickTimes, check_part, lines
+from forcebound.run.bus import TickTimes, described
+from forcebound.run.check import check_part
 from forcebound.run.results import RunResult, run_metadata
 from forcebound.run.virtual import run_virtual
 
@@ -179,13 +181,16 @@ def test_the_check_times_a_tick_of_two_readings_or_of_one_that_a_write_brings(
         assert times.write > 0.0
 
 
-def test_a_tick_that_is_too_long_is_shown_with_the_rate_that_its_device_can_keep() -> None:
-    times = TickTimes(0.002, 0.001, 2)
-    checked = Checked(part={}, passed=True, questions=1, promises={}, violations=[])
-    checked.seconds_per_tick = times
-    assert "200 Hz" in lines("device", checked)[-1]
-    checked.seconds_per_tick = structs.replace(times, read=0.0004, write=0.0001)
-    assert "device.rate" not in "\n".join(lines("device", checked))
+def test_times_of_a_tick_say_which_rates_they_permit_and_which_write_delay_to_state() -> None:
+    times = TickTimes(read=0.002, write=0.001, reads=2, longest=0.0035)
+    first, once, delay = described(times, None)
+    assert "200 Hz" in first  # two reads of 2 ms and a write of 1 ms
+    assert "330 Hz" in once
+    assert "write_delay: 3.9 ms" in delay  # and a tenth, in tenths of a ms, upwards
+    at_300_hz = ServoSettings(rate=300.0, reply_wait=0.8)
+    assert "write_delay: 4.6 ms" in [*described(times, at_300_hz)][-1]  # 0.8 / 300 Hz + 1.5 ms
+    quick = structs.replace(times, read=0.0002, write=0.0001)
+    assert not any("readings_per_tick" in line for line in described(quick, None))
 
 
 # Environments with state

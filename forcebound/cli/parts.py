@@ -153,7 +153,7 @@ def check(
     kind: str = opt.argument(complete.parts, metavar="FILE[:NAME]"),
     arguments: tuple[str, ...] = opt.settings,
     axes: tuple[int, ...] = opt.repeated(
-        "Number of axes of an environment; repeatable. Default: 1 to 6.",
+        "Number of axes of an environment; repeatable. Default: 1 to 8.",
         type=click.IntRange(1, 6),
     ),
     rest: tuple[str, ...] = opt.repeated(
@@ -173,6 +173,7 @@ def check(
     \b
     forcebound check environment my_environment.py --axes 1 --rest 0mm=0N
     forcebound check law my_law.py
+    forcebound check device my_arm.yaml
     """
     if part != "environment" and (axes or rest):
         raise click.UsageError("--axes and --rest are for environments")

@@ -80,7 +80,10 @@ def plot(
         labels = [f"{run}: {result.label}" for run, (_, result) in found]
     with content_of(" and ".join(runs)):
         summaries = [result.summary for result in results]
-        compared = [perception.differences(summaries[0], other) for other in summaries[1:]]
+        first: dict[str, int] = {}  # result of each hand
+        pairs = [(first.setdefault(one, n), n) for n, (_, (one, _)) in enumerate(found)]
+        pairs = [(before, n) for before, n in pairs if before != n]
+        compared = [perception.differences(summaries[a], summaries[b]) for a, b in pairs]
         drawn = [(label, r.columns, r.document) for label, r in zip(labels, results, strict=True)]
         curves = [signals.curves_of(recorded.read(run, hand=one)) for run, (one, _) in found]
         events = [result.events for result in results]
@@ -90,9 +93,10 @@ def plot(
         print_json(document)
         return
     show_results(results, labels if len(results) > 1 else (), shows_all=shows_all)
-    for label, felt in zip(labels[1:], compared, strict=True):
+    for (before, n), felt in zip(pairs, compared, strict=True):
         for difference in felt:
-            show(f"{label} against {labels[0]}: {tables.difference_text(difference)}")
+            words = tables.difference_text(difference)
+            show(f"{labels[n]} against {labels[before]}: {words}")
     show(f"picture: {output}")
 
 

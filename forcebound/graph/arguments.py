@@ -11,9 +11,10 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from forcebound.errors import ConfigError
-from forcebound.graph.names import split_setting
+from forcebound.graph.names import DEFAULT, split_setting
 from forcebound.graph.problems import Place, Problems, Related, shortened, unknown
 from forcebound.graph.tree import BROKEN, Scalar, Value, scalar
+from forcebound.messages.topology import HANDS
 
 _SUBSTITUTION = re.compile(
     r"\$\(\s*arg\s+(?P<argument>[^\s()]+)\s*\)"
@@ -94,7 +95,8 @@ class Arguments:
         entries = value.entries if isinstance(value.content, Mapping) else {"default": value}
         default = entries.get("default", nothing)
         if isinstance(default.content, Mapping | tuple):
-            self._problems.add(f"a default is a single value, got {default}", default.place)
+            hint = f"; what hands share goes below {HANDS}: {DEFAULT}:" if default.entries else ""
+            self._problems.add(f"a default is a single value, got {default}{hint}", default.place)
             default = replace(default, content=BROKEN)
         default = Substitution(None, self._problems).apply(default)
         listed = entries.get("choices", nothing)

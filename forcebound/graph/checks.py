@@ -9,6 +9,7 @@ from functools import partial
 from importlib import import_module
 from typing import Any, TypeAlias
 
+from forcebound.axes import common_kind
 from forcebound.errors import ConfigError
 from forcebound.graph.forms import Values
 from forcebound.graph.graph import (
@@ -20,6 +21,7 @@ from forcebound.graph.graph import (
 )
 from forcebound.graph.servo import ServoSettings, dissipation_of
 from forcebound.haptics.devices import DeviceModel
+from forcebound.haptics.devices.simulated import pad
 from forcebound.haptics.hands import Operator
 from forcebound.haptics.laws import LAWS, ForceBounder
 from forcebound.haptics.laws.constants import axis_constants
@@ -86,7 +88,7 @@ def _check_hand(
         return False
     axes = device.axes
     if operator is not None:
-        check("operator", _check_path, operator, axes)
+        check("operator", _check_path, operator, device)
     answers_states = controller is not None and controller.answers_states
     if environment is not None and not answers_states:
         check("device", _check_delays, made["servo"], environment, made["links"])
@@ -106,6 +108,12 @@ def _check_beside(hand: str, device: DeviceModel, before: Mapping[str, Values]) 
                 f"{hand} has {device.axes} axes, {name} {other.axes}: one environment answers"
                 " both, so they need the same number",
                 field="axes",
+            )
+        kinds = [[axis.kind for axis in each.named_axes] for each in (device, other)]
+        if kinds[0] != kinds[1]:
+            raise ConfigError(
+                f"the axes of {hand} are {', '.join(kinds[0])}, those of {name}"
+                f" {', '.join(kinds[1])}: one environment answers both, so they need the same kinds"
             )
         if device.port and device.port == other.port:
             raise ConfigError(f"{hand} and {name} are both at the port {device.port}", field="port")
@@ -131,16 +139,51 @@ def _check_device(device: DeviceModel, servo: ServoSettings) -> None:
     axes = device.axes
     if not isinstance(axes, int) or not 1 <= axes <= MAX_AXES:
         raise ConfigError(f"axes must be 1 to {MAX_AXES}, got {axes!r}")
+    names = {axis.name for axis in device.named_axes}
+    if not len(names) == len(device.named_axes) == axes:
+        shown = ", ".join(axis.name for axis in device.named_axes)
+        raise ConfigError(f"named_axes: expected {axes} axes of different names, got {shown}")
+    if common_kind(device.named_axes) is None:
+        _check_mixed(device)
     with user_code("the numbers of the device"):
         axis_constants(dissipation_of(device, servo), axes)
 
 
-def _check_path(operator: Operator, axes: int) -> None:
-    """Check that the path of an operator has no more axes than the device."""
+def _check_mixed(device: DeviceModel) -> None:
+    """Check a device with lengths and angles: neither a speed nor a path is common to them."""
+    for name in ("hand_speed", "largest_speed"):
+        if getattr(device, name) is not None:
+            message = f"{name}: expected null: lengths and angles have no common speed, so no proof"
+            raise ConfigError(message, field=name)
+    if device.friction and not isinstance(device.friction, tuple):
+        message = "friction: lengths and angles have no common path; expected one for each axis"
+        raise ConfigError(message, field="friction")
+
+
+def _check_path(operator: Operator, device: DeviceModel) -> None:
+    """Check that a device has the axes of an operator, and an arm reaches its start."""
+    axes = device.axes
     with user_code("target(0.0)", "kind"):
-        found = len(operator.target(0.0))
-    if found > axes:
-        raise ConfigError(f"the operator's path has {found} axes, the device only {axes}")
+        start = pad(target := operator.target(0.0), axes)
+    if len(target) > axes:
+        raise ConfigError(f"the operator's path has {len(target)} axes, the device only {axes}")
+    with user_code("angles"):
+        is_arm, angles = device.angles((0.0,) * axes) is not None, device.angles(start)
+    limits = operator.joint_limits
+    if is_arm and angles is None:
+        where = ", ".join(f"{1e3 * x:.4g}" for x in start)
+        raise ConfigError(f"start: the arm does not reach [{where}] mm", field="start")
+    if not limits:
+        return
+    if angles is None or len(limits) != axes:
+        expected = f"{axes} pairs of angles" if is_arm else "none: it has no tip"
+        raise ConfigError(
+            f"joint_limits: expected {expected}, got {len(limits)}", field="joint_limits"
+        )
+    for joint, (angle, (low, high)) in enumerate(zip(angles, limits, strict=True)):
+        if not low <= angle <= high:
+            words = f"joint {joint} begins at {angle:.4g} rad, outside [{low:g}, {high:g}] rad"
+            raise ConfigError(f"joint_limits: {words}", field="joint_limits")
 
 
 def _check_delays(
@@ -228,6 +271,8 @@ def _warn_uncertified(hand: HandConfig) -> None:
         kind = KINDS[section].kind_of(type(part))
         if part is not None and (kind is None or not KINDS[section].is_shipped(kind)):
             uncertified.append((section, kind or type(part).__name__))
+    if hand.device.own_code:
+        uncertified.append(("device", hand.device.own_code))
     for section, kind in uncertified:
         _logger.warning(
             "%s %s is not certified by forcebound: it runs in the device's process, and the proof"

@@ -5,9 +5,12 @@ overrides it, key by key. A section that names another ``kind`` is replaced as a
 parameters of one kind mean nothing to another. An included file is looked for in the including
 one's folder, then among those that come with the package.
 
-``device: {include: device.yaml}`` takes the section ``device:`` of a file from ``forcebound
-identify``. A file of another kind of device is refused: its numbers would promise what this device
-does not keep.
+``hands: {default: ...}`` is what a file says of all hands, those of the included file, too. It
+overrides that file, and what the same file says of one hand overrides it.
+
+``device: {include: device.yaml}`` takes the section ``device:`` of a file, such as one from
+``forcebound identify``, or a file that is that section, and fills in its arguments. A file of
+another kind of device is refused: its numbers would promise what this device does not keep.
 """
 
 from collections.abc import Callable, Mapping
@@ -16,6 +19,7 @@ from pathlib import Path
 from forcebound.errors import ConfigError
 from forcebound.files import read_text
 from forcebound.graph.arguments import Substitution
+from forcebound.graph.names import DEFAULT
 from forcebound.graph.problems import Place, Problems, nearest_file
 from forcebound.graph.tree import Value, parse
 from forcebound.messages.topology import HAND, HAND_SECTIONS, HANDS
@@ -76,9 +80,11 @@ def read(path: Path, problems: Problems, including: tuple[Path, ...] = ()) -> Va
         problems.add(str(error), Place(""))
         return None
     root = parse(text, str(path), problems)
-    if root is not None and "include" in root.entries:
-        base = _included(root.entries["include"], path, problems, including)
-        root = None if base is None else merge(base, root.without("include"))
+    if root is not None:
+        base: Value | None = root.with_entries({})
+        if "include" in root.entries:
+            base = _included(root.entries["include"], path, problems, including)
+        root = None if base is None else _with_default(base, root.without("include"))
     return None if root is None else _with_included_hands(root, path, problems, including)
 
 
@@ -100,6 +106,22 @@ def _included(
         problems.add(f"files include each other: {chain}", named.place)
         found = None
     return None if found is None else read(found, problems, (*including, path.resolve()))
+
+
+def _with_default(base: Value, root: Value) -> Value:
+    """A file laid over the one that it includes, with what its hands share in each of them."""
+    empty = root.with_entries({})
+    before, own = (side.entries.get(HANDS, empty) for side in (base, root))
+    shared = merge(*[side.entries.get(DEFAULT, empty) for side in (before, own)])
+    hands = {
+        name: merge(shared, hand if hand.content is not None else hand.with_entries({}))
+        for name, hand in {**dict.fromkeys(before.entries, empty), **own.entries}.items()
+        if name != DEFAULT
+    }
+    if not hands or not shared.entries:  # a file to be included may have a default alone
+        return merge(base, root)
+    base = base.with_entries({**base.entries, HANDS: before.without(DEFAULT)})
+    return merge(base, root.with_entries({**root.entries, HANDS: own.with_entries(hands)}))
 
 
 def _with_included_hands(
@@ -169,7 +191,7 @@ def _in_full(arguments: Value) -> Value:
     )
 
 
-def with_device_file(root: Value, problems: Problems) -> Value:
+def with_device_file(root: Value, problems: Problems, arguments: Substitution) -> Value:
     """Return the sections of a hand with the file that its device includes under that section."""
     section = root.entries.get("device")
     if section is None or "include" not in section.entries:
@@ -179,13 +201,14 @@ def with_device_file(root: Value, problems: Problems) -> Value:
     if isinstance(named.content, str):
         path = named.folder / named.text
         try:
-            base = device_section(path, problems)
+            base = arguments.apply(device_section(path, problems))
             kind, meant = base.entries["kind"], own.entries.get("kind")
             if meant is not None and kind.plain != meant.plain:
-                message = (
-                    f"{path} is of a device of the kind {kind}, this launch file is for {meant}"
+                message = f"{path} is of a device of the kind {kind}, this hand has {meant}"
+                raise ConfigError(
+                    f"{message}: write kind: {kind.text} beside include if it has that device, else"
+                    " identify this one with `forcebound identify`"
                 )
-                raise ConfigError(f"{message}: identify this one with `forcebound identify`")
         except ConfigError as error:
             problems.add(str(error), named.place)
             base = None
@@ -198,7 +221,8 @@ def with_device_file(root: Value, problems: Problems) -> Value:
 def device_section(path: Path, problems: Problems) -> Value:
     """Return the section of the device in a file; ConfigError if it cannot be read or has none."""
     root = parse(read_text(path, DEVICE_FILE, MAX_BYTES), str(path), problems)
-    device = None if root is None else root.entries.get("device")
+    device = None if root is None else root.entries.get("device", root)
     if device is None or "kind" not in device.entries:
-        raise ConfigError(f"{path} has no section device: with a kind")
+        expected = "the keys of a device with its kind, or a section device:"
+        raise ConfigError(f"{path}: expected {expected}")
     return device

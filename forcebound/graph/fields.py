@@ -4,6 +4,8 @@ import dataclasses
 from functools import cache
 from typing import Any, NamedTuple, get_type_hints
 
+from forcebound.haptics.parts.plain import key_of
+
 
 class Field(NamedTuple):
     """One key of a section, and its permitted values."""
@@ -25,5 +27,6 @@ def fields_of(kind: type, names: tuple[str, ...] | None = None) -> dict[str, Fie
             default = field.default if factory is dataclasses.MISSING else factory()
             required = default is dataclasses.MISSING
             given = None if required else default
-            found[field.name] = Field(field.name, hints[field.name], required, given)
+            key = key_of(field.name)
+            found[key] = Field(key, hints[field.name], required, given)
     return found

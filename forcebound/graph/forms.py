@@ -5,12 +5,13 @@ for a number, no number for a text. ``docs/decisions/18-one-reader.md`` says why
 """
 
 import dataclasses
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import UnionType
 from typing import Annotated, Any, Final, Literal, TypeAlias, Union, get_args, get_origin
 
+from forcebound.axes import Axis, AxisKind, at_lever, common_kind
 from forcebound.errors import ConfigError
 from forcebound.graph.fields import Field, fields_of
 from forcebound.graph.problems import Place, Problems, Related, unknown
@@ -22,6 +23,7 @@ Values: TypeAlias = dict[str, Any]  # of a mapping of a file, by their keys
 #: A value that is wrong: what it is not allowed to be, and what was expected in its place.
 _Refusal: TypeAlias = tuple[Value, list[str], list[str]]
 _REFUSED: Final = object()  # in place of a value that is wrong
+_MIXED: Final = Unit("")  # of one number for axes of different kinds: in the SI unit of each
 _SEQUENCES: Mapping[Any, type] = {tuple: tuple, list: list, Sequence: tuple}
 _MAPPINGS = (dict, Mapping)
 _SCALARS: Mapping[Any, str] = {
@@ -34,6 +36,16 @@ _SCALARS: Mapping[Any, str] = {
 }
 
 
+class _AnyAxis(Unit):
+    """The unit of a quantity on an axis of a kind that is not known."""
+
+    def read(self, value: Any, symbol: str) -> float:
+        try:
+            return super().read(value, symbol)
+        except ConfigError:
+            return Unit(Axis("", "angle").unit(self.symbol)).read(value, symbol)
+
+
 @dataclass(frozen=True, eq=False)
 class Form:
     """One mapping of a file: its name for messages, ``links.device_state``, and its keys."""
@@ -41,17 +53,25 @@ class Form:
     name: str
     fields: Mapping[str, Field]
 
-    def read(self, value: Value, problems: Problems, others: Collection[str] = ()) -> Values | None:
+    def read(
+        self,
+        value: Value,
+        problems: Problems,
+        others: Collection[str] = (),
+        axes: Sequence[Axis] | None = (),
+    ) -> Values | None:
         """Return the values by key; None with a problem noted, now or before.
 
-        ``others`` are keys that are read elsewhere.
+        ``others`` are keys that are read elsewhere; ``axes`` those in whose units quantities are
+        read: the entries of a list one by one. Without, they are those of the types; None: not
+        known, since the device is wrong, so that both will do.
         """
         if not isinstance(value.content, Mapping | None):
             if not value.is_broken:
                 message = f"{self.name}: expected a mapping, got {value}"
                 problems.add(message, value.place, value.related)
             return None
-        reader = _Reader()
+        reader = _Reader(axes=axes)
         values = reader.fields(self.fields, value, self.name, "", others)
         reader.note(problems)
         is_sound = not reader.refusals and _REFUSED not in values.values()
@@ -109,6 +129,8 @@ class _Reader:
     """Reads values as types, and keeps what it refuses: by place, whatever a union has tried."""
 
     refusals: dict[tuple[Place, str], _Refusal] = field(default_factory=dict)
+    axes: Sequence[Axis] | None = ()
+    entry: int | None = None  # of a list, that is read
 
     def note(self, problems: Problems) -> None:
         """Note all that was refused: one problem for each place and name there."""
@@ -145,6 +167,10 @@ class _Reader:
             if known.required and name not in value.entries:
                 at = value.place if label else value.key or value.place
                 self._refuse(value, f"{owner}.{name}", f"{owner} needs {name!r}", at)
+            elif self.axes and name not in value.entries:
+                default = known.default
+                if (turned := _turned(known.hint, default, common_kind(self.axes))) != default:
+                    values[name] = turned
         return values
 
     def read(self, hint: Any, value: Value, label: str) -> Any:
@@ -168,9 +194,13 @@ class _Reader:
 
     def _noted(self, hint: Any, notes: Sequence[Any], value: Value, label: str) -> Any:
         """A value whose type has notes, such as a unit, a range or a check."""
+        notes = [self._on_axis(note) if isinstance(note, Unit) else note for note in notes]
         symbols = [note.symbol for note in notes if isinstance(note, Unit)]
         if symbols:
             hint = Any
+            if any(note is _MIXED for note in notes) and isinstance(value.content, str):
+                words = "a list, or one number without a unit, for axes of different kinds"
+                return self._expect(value, label, words)
         if AS_WRITTEN in notes and isinstance(value.content, int | float):
             value = dataclasses.replace(value, content=value.text)
         found = self.read(hint, value, label)
@@ -181,6 +211,17 @@ class _Reader:
         except ValueError as error:
             return self._refuse(value, label, f"{label}: {error}")
         return found
+
+    def _on_axis(self, unit: Unit) -> Unit:
+        """A unit of a type as it is on the axis of the entry that is read."""
+        if self.axes is None:
+            return _AnyAxis(unit.symbol)
+        symbols = [axis.unit(unit.symbol) for axis in self.axes] or [unit.symbol]
+        if len(set(symbols)) == 1:
+            return Unit(symbols[0])
+        if self.entry is None or self.entry >= len(symbols):
+            return _MIXED
+        return Unit(symbols[self.entry])
 
     def _one_of(self, hints: Sequence[Any], value: Value, label: str) -> Any:
         """A value of one of several types: of those that have its shape, the first that fits."""
@@ -220,7 +261,10 @@ class _Reader:
                 return self._refuse(value, label, words)
         else:
             hints = [hints[0]] * len(content)
-        read = [self.read(hint, one, label) for hint, one in zip(hints, content, strict=True)]
+        outside, read = self.entry, []
+        for self.entry, (hint, one) in enumerate(zip(hints, content, strict=True)):
+            read.append(self.read(hint, one, label))
+        self.entry = outside
         return _SEQUENCES[kind](read)
 
     def _mapping(self, hint: Any, value: Value, label: str) -> Any:
@@ -260,6 +304,30 @@ class _Reader:
     def _refuse(self, value: Value, label: str, words: str, place: Place | None = None) -> object:
         self.refusals.setdefault((place or value.place, label), (value, [], []))[1].append(words)
         return _REFUSED
+
+
+def _turned(hint: Any, default: Any, kind: AxisKind | None) -> Any:
+    """A default as it is on axes of a kind: at a lever, see :mod:`forcebound.axes`.
+
+    Of axes that differ, as it is on an angle.
+    """
+    symbol = next(_symbols(hint), None)
+    if symbol is None or isinstance(default, bool):
+        return default
+    if isinstance(default, tuple):
+        return tuple(_turned(hint, one, kind) for one in default)
+    is_number = isinstance(default, int | float)
+    return at_lever(default, symbol, kind or "angle") if is_number else default
+
+
+def _symbols(hint: Any) -> Iterator[str]:
+    """The units in a type."""
+    for note in getattr(hint, "__metadata__", ()):
+        if isinstance(note, Unit):
+            yield note.symbol
+    if not (isinstance(hint, type) and dataclasses.is_dataclass(hint)):
+        for one in get_args(hint):
+            yield from _symbols(one)
 
 
 def _is_unicode(text: str) -> bool:

@@ -12,6 +12,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
+from forcebound.axes import Axis, lengths
 from forcebound.errors import ConfigError
 from forcebound.graph.fields import Field, fields_of
 from forcebound.graph.names import text_of
@@ -177,6 +178,7 @@ class HandConfig:
         links: Impairments by topic; a topic that is not named has a perfect link.
         remote: Where it meets its environment; None: on this machine.
         stated: Numbers of a device that this process does not make.
+        seen: Axes of such a device, unless they are lengths without names.
     """
 
     device: DeviceModel
@@ -186,6 +188,14 @@ class HandConfig:
     links: Mapping[str, Impairment] = field(default_factory=dict)
     remote: RemoteConfig | None = None
     stated: DeviceFacts | None = field(default=None, compare=False)
+    seen: tuple[Axis, ...] = field(default=(), compare=False)
+
+    @property
+    def named_axes(self) -> tuple[Axis, ...]:
+        """Axes that environment and results see; none if they are lengths, of unknown number."""
+        if isinstance(self.device, DeviceModel):
+            return self.device.named_axes
+        return self.seen or lengths(0 if self.stated is None else self.stated.axes)
 
     @property
     def axes(self) -> int:

@@ -8,6 +8,7 @@
 Each step notes its problems and passes on what is sound, so that all of them are seen at once.
 """
 
+import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
@@ -26,7 +27,7 @@ from forcebound.graph.document import (
     with_hands,
     with_named_hands,
 )
-from forcebound.graph.graph import KINDS, GraphConfig
+from forcebound.graph.graph import KINDS, GraphConfig, HandConfig
 from forcebound.graph.model import read_graph
 from forcebound.graph.names import OF_GRAPH, ParameterName, parameter_name, split_setting
 from forcebound.graph.phases import read_phases
@@ -34,6 +35,8 @@ from forcebound.graph.problems import Problems, Related, unknown
 from forcebound.graph.tree import Value, from_plain, scalar
 from forcebound.haptics.parts.user_module import file_of, names_file
 from forcebound.messages.topology import HAND, HAND_SECTIONS, HANDS, Document, flat
+
+_LAUNCH_FILE = re.compile(r"(?P<file>.+\.ya?ml)(?::(?P<hand>\w+))?", re.DOTALL)
 
 
 def load(path: str | Path, overrides: Sequence[str] = ()) -> GraphConfig:
@@ -116,9 +119,8 @@ def _filled(template: Value, overrides: Sequence[str], problems: Problems) -> Va
     paths = [text for text in overrides if "." in text.partition(":=")[0]]
     of_arguments = [text for text in overrides if text not in paths]
     substitution = Substitution(arguments.values(of_arguments), problems)
-    filled = substitution.apply(template.without("arguments"))
+    filled = _substituted(template, substitution, problems)
     arguments.note_unused(of_arguments, substitution.used)
-    filled = with_hands(with_named_hands(filled), partial(with_device_file, problems=problems))
     for text in paths:
         name, word = split_setting(text)
         place, at = override_place(text), ParameterName.parse(name)
@@ -130,6 +132,12 @@ def _filled(template: Value, overrides: Sequence[str], problems: Problems) -> Va
         else:
             filled = filled.with_entry(at.path, Value(scalar(word), place, place, word))
     return filled
+
+
+def _substituted(template: Value, arguments: Substitution, problems: Problems) -> Value:
+    """The template with its hands by name, and the arguments in it and in files of devices."""
+    named = with_named_hands(arguments.apply(template.without("arguments")))
+    return with_hands(named, partial(with_device_file, problems=problems, arguments=arguments))
 
 
 def _whose(at: ParameterName, root: Value) -> str | None:
@@ -152,7 +160,7 @@ def arguments_of(path: str | Path) -> list[Argument]:
     arguments = Arguments(root, problems)
     problems.raise_if_any()
     substitution = Substitution(arguments.values(()), Problems())
-    substitution.apply(root.without("arguments"))
+    _substituted(root, substitution, Problems())
     return [each for name, each in arguments.declared.items() if name in substitution.used]
 
 
@@ -182,6 +190,23 @@ def _read(path: str | Path, problems: Problems) -> Value:
     return root
 
 
+def launch_file_of(kind: str) -> tuple[str, str]:
+    """Return launch file and hand of a kind ``FILE.yaml`` or ``FILE.yaml:HAND``; else "", ""."""
+    match = _LAUNCH_FILE.fullmatch(kind)
+    return ("", "") if match is None else (match["file"], match["hand"] or "")
+
+
+def hand_of(kind: str, overrides: Sequence[str] = ()) -> HandConfig:
+    """Return a hand of a launch file; ConfigError if it is wrong, or has no such hand."""
+    path, name = launch_file_of(kind)
+    config = load(path, overrides)
+    if not name:
+        return config.only
+    if name not in config.hands:
+        raise ConfigError(f"{path}: {unknown('hand', name, config.hands)}")
+    return config.hands[name]
+
+
 def user_files(root: Value) -> list[Path]:
     """Return the users' files that a launch file names."""
     kinds = []
@@ -189,7 +214,7 @@ def user_files(root: Value) -> list[Path]:
         sections = part.entries
         kinds += [sections[name].entries.get("kind") for name in KINDS if name in sections]
         if "device" in sections:
-            kinds.append(sections["device"].entries.get("law"))
+            kinds += [sections["device"].entries.get(key) for key in ("law", "class")]
     named = [kind for kind in kinds if kind is not None and names_file(kind.text)]
     return list(dict.fromkeys(file_of(kind.text, kind.folder) for kind in named))
 

@@ -4,12 +4,13 @@ One reader reads launch files, what :mod:`forcebound.graph.resolved` writes (:fu
 parts by themselves (:mod:`forcebound.graph.parts`).
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
 from types import MappingProxyType
 from typing import Annotated, Any, TypeAlias
 
+from forcebound.axes import Axis
 from forcebound.errors import ConfigError
 from forcebound.graph.checks import Note
 from forcebound.graph.document import with_named_hands
@@ -32,9 +33,11 @@ from forcebound.graph.graph import (
 from forcebound.graph.names import FILE_KEYS, RUN_KEYS, ParameterName, problem_of_hand
 from forcebound.graph.problems import Problems, unknown
 from forcebound.graph.resolved import FACTS, check_plain
+from forcebound.graph.seen_axes import axes_of, seen_axes
 from forcebound.graph.servo import ServoSettings
 from forcebound.graph.tree import Value, from_plain, units_of
 from forcebound.haptics.laws import LAWS
+from forcebound.haptics.parts.plain import field_of
 from forcebound.haptics.parts.user_module import describe_user_error, user_code
 from forcebound.messages.topology import HAND_SECTIONS, HANDS, IMPAIRABLE, MOST_HANDS, Document
 from forcebound.network.impairment import Impairment
@@ -116,10 +119,12 @@ def read_sections(root: Value, problems: Problems, makes: Makes = always) -> Val
     others = (*sections, *(["duration"] * has_phases))
     made = (_FILE_OF_PHASES if has_phases else _FILE).read(root, problems, others) or {}
     made.pop("forcebound", None)
-    environment = root.entries.get("environment", Value({}, root.place, root.key))
-    if (found := read_section("environment", environment, problems, makes)) is not None:
-        made["environment"] = found
     made[HANDS] = _hands(root, problems, makes)
+    environment = root.entries.get("environment", Value({}, root.place, root.key))
+    device = next((hand.get("device") for hand in made[HANDS].values()), None)
+    axes = axes_of(device, "named_axes")
+    if (found := read_section("environment", environment, problems, makes, axes)) is not None:
+        made["environment"] = found
     if "realtime" in root.entries:
         made["realtime"] = _settings("realtime", root.entries["realtime"], problems)
     if has_phases:
@@ -158,10 +163,16 @@ def _hand(root: Value, problems: Problems, makes: Makes) -> Values:
         elif name in SETTINGS:
             if name in root.entries:
                 made[name] = _settings(name, value, problems)
+        elif name == "axes":
+            if name in root.entries and (seen := seen_axes(value, made.get("device"), problems)):
+                made["seen"] = seen
         elif name in _OPTIONAL and not value.entries and value.content in (None, {}):
             continue
-        elif (found := read_section(name, value, problems, makes)) is not None:
-            made |= found if name == "device" else {name: found}
+        else:
+            of = "hand_axes" if name == "operator" else "named_axes"
+            axes = axes_of(made.get("device"), of)
+            if (found := read_section(name, value, problems, makes, axes)) is not None:
+                made |= found if name == "device" else {name: found}
     return made
 
 
@@ -186,10 +197,19 @@ def _phases(value: Value, problems: Problems) -> list[Phase]:
     ]
 
 
-def read_section(name: str, value: Value, problems: Problems, makes: Makes = always) -> Any:
-    """Return the section of a part, with its settings; None with a problem noted."""
+def read_section(
+    name: str,
+    value: Value,
+    problems: Problems,
+    makes: Makes = always,
+    axes: Sequence[Axis] | None = (),
+) -> Any:
+    """Return the section of a part, with its settings; None with a problem noted.
+
+    Quantities are read in the units of the ``axes``.
+    """
     finish = _SECTION_OF.get(name, _part_alone)
-    return read_part(name, value, problems, SECTION_SETTINGS.get(name, {}), finish, makes)
+    return read_part(name, value, problems, SECTION_SETTINGS.get(name, {}), finish, makes, axes)
 
 
 def _part_alone(part: Any, settings: Values, written: Value) -> Any:
@@ -203,6 +223,7 @@ def read_part(
     settings: Mapping[str, Field] = MappingProxyType({}),
     finish: Callable[[Any, Values, Value], Any] = _part_alone,
     makes: Makes = always,
+    axes: Sequence[Axis] | None = (),
 ) -> Any:
     """Return what ``finish`` makes of a part and its settings; None with a problem noted."""
     kind: Value | None = value.entries.get("kind")
@@ -215,14 +236,21 @@ def read_part(
         if found is None:
             return None
         form, make = _form(section, found, tuple(settings.values())), partial(found)
-    values = form.read(value, problems, kept)
+        if section == "device":
+            written = {name: one.plain for name, one in value.entries.items()}
+            try:
+                with user_code(""):
+                    axes = found.written_axes(written) or ()
+            except ConfigError as error:
+                return note_error(error, section, value, problems)
+    values = form.read(value, problems, kept, axes)
     if values is None:
         return None
     beside = {name: values.pop(name) for name in settings if name in values}
     values.pop("kind", None)
     try:
         with user_code(""):
-            part = make(**values)
+            part = make(**{field_of(key): one for key, one in values.items()})
         check_plain(part)
         return finish(part, beside, value)
     except ConfigError as error:
@@ -244,6 +272,8 @@ def _device(model: Any, settings: Values, written: Value) -> Values:
     if "law" in settings:
         with user_code("", "law"):
             settings["law"] = LAWS.resolve(settings["law"], written.entries["law"].folder)
+    if written.place.line and not isinstance(model, PartSpec):
+        model.check_files()
     return {"device": model, "servo": ServoSettings(**settings)}
 
 
@@ -295,7 +325,7 @@ def _impairment(values: Values) -> Impairment:
     return impairment
 
 
-def _class_of(section: str, value: Value, problems: Problems) -> type | None:
+def _class_of(section: str, value: Value, problems: Problems) -> Any:
     """The class of the kind that a section names; None with a problem noted."""
     table, kind = KINDS[section], value.entries.get("kind")
     if not isinstance(value.content, Mapping | None):

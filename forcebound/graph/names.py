@@ -66,12 +66,15 @@ class ParameterName:
         return self.keys[1] if self.section == "links" and len(self.keys) > 2 else None
 
 
+DEFAULT = "default"  # below hands: what all of them share
 _RESERVED = ("forcebound", *HAND_SECTIONS, *OF_GRAPH, *RUN_KEYS, *FILE_KEYS, HANDS, "units")
 _NAME_OF_HAND = re.compile("[A-Za-z][A-Za-z0-9_]{0,31}")
 
 
 def problem_of_hand(name: str, of: int) -> str | None:
     """Return what is wrong with the name of a hand ``of`` so many; None: nothing."""
+    if name == DEFAULT:
+        return f"{HANDS}: {DEFAULT} is what hands share; expected the name of a hand beside it"
     if not _NAME_OF_HAND.fullmatch(name) or name in _RESERVED:
         words = "expected a word of letters, digits and _ that is no section of a file"
         return f"{HANDS}: {words}, got {name!r}"

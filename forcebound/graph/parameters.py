@@ -128,11 +128,12 @@ def with_written(
             written[place.hand, section] = from_plain(document, full, ".")
         before = written[place.hand, section]
         written[place.hand, section] = before.with_entry(place.keys[len(section) :], value)
+    axes = next(iter(hands.values())).named_axes  # of all
     for (name, (section_name, *topics)), value in written.items():
         hand = hands[name] if section_name != "environment" else None
         if hand is None:
             makes = never if isinstance(environment.model, PartSpec) else always
-            environment = read_section("environment", value, problems, makes) or environment
+            environment = read_section("environment", value, problems, makes, axes) or environment
         elif not topics:
             makes = never if isinstance(hand.device, PartSpec) else always
             hands[name] = replace(hand, **read_section("device", value, problems, makes) or {})

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from io import StringIO
 from typing import Any, TypeAlias
 
+from forcebound.axes import lengths
 from forcebound.errors import ConfigError
 from forcebound.graph.fields import fields_of
 from forcebound.graph.graph import (
@@ -21,7 +22,7 @@ from forcebound.graph.graph import (
     HandConfig,
     PartSpec,
 )
-from forcebound.haptics.parts.plain import plain, plain_value
+from forcebound.haptics.parts.plain import field_of, plain, plain_value
 from forcebound.messages.topology import HANDS, HERE, Document, flat
 
 FACTS = "facts"  # key of a run's document: numbers of the devices, by hand, for all processes
@@ -65,6 +66,8 @@ def hand_document(hand: HandConfig, fields: Fields = plain) -> Document:
         document["operator"] = part_document("operator", hand.operator, fields)
     if hand.remote is not None:
         document["remote"] = fields(hand.remote)
+    if (axes := hand.named_axes) != lengths(len(axes)):  # of before, a document has none
+        document["axes"] = [plain(axis) for axis in axes]
     return document
 
 
@@ -93,7 +96,7 @@ def _without_defaults(part: Any) -> Document:
     return {
         field.name: value
         for field in fields_of(part.__class__).values()
-        if (value := plain_value(getattr(part, field.name))) != plain_value(field.default)
+        if (value := plain_value(getattr(part, field_of(field.name)))) != plain_value(field.default)
         or field.required
     }
 

@@ -41,6 +41,9 @@ class ServoSettings:
         law: Bounding law, a key of ``forcebound.haptics.laws.LAWS``.
         rate: Of the servo.
         reply_wait: Share of the period between reading and writing.
+        readings_per_tick: 2: one for the state, one right before the write; 1: the state's is that
+            of the bounder, too, so ``write_delay`` must cover ``reply_wait``; auto: 1 where a live
+            device takes so long that two do not fit, else 2.
         hold_limit: Periods that a force may be held: T_max; auto: as short as the lateness of the
             ticks allows, or 1.25 for a device that cannot be given another one.
         allowance: Energy that the hand may get out of holds longer than the hold limit, which is
@@ -60,6 +63,7 @@ class ServoSettings:
     law: Annotated[str, CheckedText(check_law)] = "certified"
     rate: Annotated[Frequency, Range(at_least=SLOWEST, at_most=FASTEST)] = 1000.0
     reply_wait: Annotated[Ratio, Range(at_least=0, below=1)] = 0.4
+    readings_per_tick: Literal["auto", 1, 2] = "auto"
     hold_limit: Literal["auto"] | Annotated[Ratio, Range(at_least=1, at_most=LONGEST_HOLD)] = "auto"
     allowance: Annotated[Energy, NOT_NEGATIVE] = 0.0
     energy_cap: Literal["auto"] | Annotated[Energy, POSITIVE] = "auto"
@@ -132,6 +136,8 @@ def dissipation_of(model: DeviceModel, servo: ServoSettings) -> Dissipation:
         allowance=servo.allowance,
         energy_cap=None if servo.energy_cap == "auto" else servo.energy_cap,
     )
+    if servo.readings_per_tick == 1:
+        check_delay(model, servo.reply_wait_ns * 1e-9)
     certain = 1.0 - dissipation.watchdog_tolerance  # share of the hold limit
     if servo.hold_limit != "auto" and servo.hold_limit * certain < 1.0:
         raise ConfigError(
@@ -140,3 +146,22 @@ def dissipation_of(model: DeviceModel, servo: ServoSettings) -> Dissipation:
             f" periods, or auto, got {servo.hold_limit:g}"
         )
     return dissipation
+
+
+def check_delay(model: DeviceModel, needed: float) -> None:
+    """Raise ConfigError if a force may act later after the only reading of a tick than stated.
+
+    ``needed`` is that time at the least, in s.
+    """
+    if model.write_delay < needed:
+        raise ConfigError(
+            f"with one reading in a tick a force acts {1e3 * needed:.3g} ms or more after it:"
+            f" expected write_delay: {stated_delay(needed):g} ms or more, got"
+            f" {1e3 * model.write_delay:g} ms",
+            field="write_delay",
+        )
+
+
+def stated_delay(seconds: float) -> float:
+    """Return the ``write_delay`` to state where one was measured, in ms: with a reserve of 10 %."""
+    return math.ceil(1.1e4 * seconds) / 10.0

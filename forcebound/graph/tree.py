@@ -226,7 +226,8 @@ class _Reader:
         place = self._at(node.start_mark.line, node.start_mark.column)
         fault = None
         if node.anchor is not None:  # an alias could repeat itself without end
-            fault = f"anchors and aliases are not supported; use $(arg {node.anchor})"
+            fault = f"anchors and aliases are not supported; $(arg {node.anchor}) repeats a value,"
+            fault += " and what hands share goes below hands: default:"
         elif not str(node.tag).startswith("tag:yaml.org,2002:"):
             fault = f"tags such as {node.tag} have no meaning here"
         if fault is not None:

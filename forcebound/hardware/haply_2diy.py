@@ -91,7 +91,7 @@ class OpenHaply(SerialDevice):
         self._model = model
         self._wiring = WIRINGS[model.version]
         self._torque: Vector = (0.0, 0.0)  # on the wire
-        self.axes, self.kinematics = 2, model.kinematics()
+        self.axes, self.kinematics, self._geometry = 2, model.kinematics(), model.geometry()
         line.send(setup_message(model.address, self._wiring), has_force=False)
         home = [math.radians(angle) for angle in self._wiring.home]
         exchanges.longest_wait = FIRST
@@ -109,7 +109,7 @@ class OpenHaply(SerialDevice):
         for _ in range(FIRST_EXCHANGES):
             self._exchange()
         exchanges.restart()
-        tip = ", ".join(f"{1e3 * x:.1f} mm" for x in self.kinematics.position(self._angles))
+        tip = ", ".join(f"{1e3 * x:.1f} mm" for x in self._geometry.position(self._angles))
         _logger.info("the present pose of the arm is now its home pose, its tip at %s", tip)
 
     def read(self, time_ns: int) -> Vector:
@@ -150,7 +150,7 @@ class OpenHaply(SerialDevice):
         if not math.isfinite(math.hypot(*force)):
             return 0.0
         largest = max(map(abs, force))
-        sine = link_sine(self.kinematics.jacobian(self._angles), PROXIMAL)
+        sine = link_sine(self._geometry.jacobian(self._angles), PROXIMAL)
         fading = (sine - NO_FORCE_SINE) / (FULL_FORCE_SINE - NO_FORCE_SINE)
         if largest == 0.0 or fading <= 0.0:
             return 0.0

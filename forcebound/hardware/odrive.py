@@ -23,9 +23,9 @@ from forcebound.errors import DeviceError
 from forcebound.haptics.devices import Source
 from forcebound.haptics.devices.arms import ASSUMED
 from forcebound.haptics.devices.knob import KnobNumbers
-from forcebound.haptics.devices.true_values import AngleOfJoints
 from forcebound.haptics.hands import Operator
 from forcebound.haptics.laws.bounder import saturated
+from forcebound.haptics.laws.dissipation import AngleOfJoints
 from forcebound.hardware.line import Line
 from forcebound.hardware.odrive_lines import (
     CLOSED_LOOP_CONTROL,

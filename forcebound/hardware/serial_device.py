@@ -5,12 +5,11 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Generic, Literal, NamedTuple, TypeVar
+from typing import Annotated, Any, ClassVar, Generic, Literal, NamedTuple, TypeVar
 
 from forcebound.errors import DeviceError
 from forcebound.haptics.devices import Device, Truth
 from forcebound.haptics.devices.arms import StatedJoints
-from forcebound.haptics.devices.kinematics import ArmKinematics
 from forcebound.haptics.hands import Operator
 from forcebound.hardware.line import EMULATED, Line
 from forcebound.hardware.port import Port
@@ -181,7 +180,7 @@ class SerialDevice(Device):
     """
 
     is_exchange = True
-    kinematics: ArmKinematics  # pyright: ignore[reportIncompatibleVariableOverride]
+    kinematics: Any  # ArmKinematics; None: others see the joints
 
     def __init__(
         self,

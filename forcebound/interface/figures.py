@@ -70,7 +70,8 @@ class Figures(Mapping[str, Quantity]):
                 number = math.nan if value is None else float(value)
                 label = figure.label or figure.name.replace("_", " ")
                 reason = reasons.get(figure.key, "")
-                self._values[figure.name] = Quantity(number, figure.unit.si, label, reason)
+                unit = figure.shown_in(summary).si
+                self._values[figure.name] = Quantity(number, unit, label, reason)
 
     def __getattr__(self, name: str) -> Quantity:
         values: dict[str, Quantity] = self.__dict__.get("_values", {})

@@ -9,6 +9,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from forcebound.axes import Axis
 from forcebound.errors import ConfigError, RunError
 from forcebound.extras import needed
 from forcebound.files import recording_file
@@ -24,6 +25,7 @@ from forcebound.interface.figures import Figures
 from forcebound.messages.packets import Event
 from forcebound.messages.topology import HAND, HANDS, Document, flat
 from forcebound.quantities import POSITIVE
+from forcebound.recordings.launched import launched
 from forcebound.recordings.telemetry import TelemetryColumns
 from forcebound.results.samples import Samples
 from forcebound.run.progress import progress_bar
@@ -149,7 +151,8 @@ class Run:
     def to_pandas(self) -> Any:
         """Return the telemetry as a pandas.DataFrame, indexed by time in s; needs pandas.
 
-        A column of several axes becomes several: ``position_0``, ``position_1``.
+        A column of several axes becomes several: ``position_0``, ``position_1``; :attr:`axes`
+        has their names.
         """
         found: dict[str, NDArray[Any]] = {}
         for name, column in self.telemetry.items():
@@ -158,6 +161,12 @@ class Run:
             else:
                 found |= {f"{name}_{axis}": values for axis, values in enumerate(column.T)}
         return needed("to_pandas", "pandas").DataFrame(found).set_index("time")
+
+    @property
+    def axes(self) -> tuple[Axis, ...]:
+        """The axes of the run of one hand: the name and the kind of each column of a vector."""
+        result = self._result
+        return launched(result.document).named_axes(result.columns.position.shape[1])
 
     def plot(self, *panels: str) -> "NDArray[Any]":
         """Draw the run of one hand; see :func:`plot`. Returns the axes, from top to bottom."""

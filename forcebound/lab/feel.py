@@ -12,12 +12,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from tabulate import tabulate
 
+from forcebound.axes import units_on
 from forcebound.errors import ConfigError
 from forcebound.graph.document import find
 from forcebound.graph.graph import GraphConfig
 from forcebound.graph.loader import load
 from forcebound.graph.parts import member_of
-from forcebound.haptics.devices import DEVICES, DeviceModel
+from forcebound.haptics.devices import DEVICES, DeviceModel, JointsModel
+from forcebound.haptics.devices.joint_device import Joints
 from forcebound.lab.sweeps import Runs, sweep
 from forcebound.messages.topology import Document
 from forcebound.units import MJ, MS, N_MM, Everyday
@@ -160,9 +162,12 @@ def forecast(name: str, arguments: Sequence[str] = ()) -> Forecast:
         for row in runs.where(**{"device.rate": servo.rate})
     )
     if asked is None or felt is None:
-        raise ConfigError(f"{name}: expected an environment with a stiffness that the hand reaches")
+        raise ConfigError(
+            f"{name}: expected an environment with a stiffness that the hand reaches; the"
+            " hand of the forecast is in operator:"
+        )
     stated |= {} if model.hand_speed is None else {"hand_speed": model.hand_speed}
-    unit = "m/s" if model.kinematics() is None else "rad/s"
+    unit = "rad/s" if model.kinematics() is not None else units_on(model.named_axes, "m/s")
     speeds = _with(HAND_SPEEDS[unit], model.hand_speed or HAND_SPEEDS[unit][0])
     with suppress(ConfigError):  # some devices may not state one
         varied.append(_varied(config, {"hand_speed": (Everyday(unit, unit), speeds)}))
@@ -183,14 +188,20 @@ def simulated_graph(name: str, arguments: Sequence[str] = ()) -> GraphConfig:
     else:
         model = member_of("device", name, arguments)
         config = load(model.simulated_in or WALLS.get(name, "stiff_wall"))
-    hands = {key: replace(hand, device=_simulated(model)) for key, hand in config.hands.items()}
+    hands = {}
+    for key, hand in config.hands.items():
+        # What one reading costs is in write_delay, which is as stated at every rate.
+        servo = replace(hand.servo, readings_per_tick="auto")
+        hands[key] = replace(hand, device=_simulated(model), servo=servo)
     return replace(config, hands=hands)
 
 
 def _simulated(model: DeviceModel) -> DeviceModel:
     if model.simulated_in is None:
         return model
-    kind = type(load(model.simulated_in).only.device)
+    kind: type[DeviceModel] = Joints
+    if not isinstance(model, JointsModel):
+        kind = type(load(model.simulated_in).only.device)
     same = {each.name for each in fields(kind)} & {each.name for each in fields(model)}
     # Only a guard has a guard_period, and only a silent watchdog a tolerance; sources name more.
     stated = ((name, getattr(model, name)) for name in same - {"guard_period", "sources"})

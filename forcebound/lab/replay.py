@@ -39,6 +39,7 @@ from forcebound.graph.tree import from_plain, scalar
 from forcebound.haptics.hands.hands import SoftGrip
 from forcebound.haptics.hands.paths import began
 from forcebound.haptics.laws import LAWS
+from forcebound.haptics.parts.user_module import names_file
 from forcebound.messages.packets import TOPIC_OF, Telemetry
 from forcebound.messages.topology import HAND, HANDS, HERE, LINKS, Document, flat, nested
 from forcebound.recordings.recording import Recording
@@ -55,8 +56,9 @@ def graph_of(
     Args:
         recording: With its launch file.
         settings: Other values, each ``name:=value``: ``law``; ``device``, ``operator``,
-            ``controller`` or ``environment`` for another kind with its defaults; or a key of the
-            launch file, ``environment.stiffness``. With several hands, ``left.law``.
+            ``controller`` or ``environment`` for another kind with its defaults, or for the
+            recorded class of the user's with what was recorded; or a key of the launch file,
+            ``environment.stiffness``. With several hands, ``left.law``.
         feeds: Some of ``hand``, ``network``, ``environment``.
 
     Raises:
@@ -95,15 +97,15 @@ def graph_of(
 
 
 def device_of(recording: Recording, settings: Sequence[str] = ()) -> HandConfig:
-    """Return the device of a recording and its servo, with nobody at it.
+    """Return the device of a hand's recording and its servo, with nobody at it.
 
-    ``settings`` are those of :func:`graph_of` for law and device.
+    ``settings`` are those of :func:`graph_of` for law and device; without the name of a hand they
+    are those of each.
 
     Raises:
         ConfigError: As :func:`graph_of`; a setting of another section.
     """
-    document = _document(recording)
-    named = {_set(document, setting) for setting in settings}
+    document, named = _with_settings(recording, settings)
     for name in named:
         if name.partition(".")[0] not in ("law", "device"):
             raise ConfigError(
@@ -116,6 +118,29 @@ def device_of(recording: Recording, settings: Sequence[str] = ()) -> HandConfig:
         found = read_section("device", from_plain(sections["device"], "device"), problems)
         problems.raise_if_any()
     return HandConfig(**found)
+
+
+def changed_keys(recording: Recording, settings: Sequence[str]) -> list[str]:
+    """Return the names of keys of a hand's device that ``settings`` of device_of have changed."""
+    before, now = (
+        _with_settings(recording, given)[0][HANDS][HAND]["device"] for given in ((), settings)
+    )
+    keys = [key for key in {**before, **now} if before.get(key) != now.get(key)]
+    keys = ["kind"] if "kind" in keys else keys  # of another kind all keys are others
+    return [f"device.{key}" for key in keys]
+
+
+def _with_settings(recording: Recording, settings: Sequence[str]) -> tuple[Document, set[str]]:
+    """The launch file of a hand's recording with those settings that are its own; their names."""
+    document, own = _document(recording), []
+    for setting in settings:
+        name, text = split_setting(setting)
+        place = ParameterName.parse(name)
+        if place.hand in (HAND, recording.hand):
+            own.append(f"{'.'.join(place.keys)}:={text}")
+        elif place.hand not in recording.hands:
+            raise ConfigError(unknown("hand", place.hand, recording.hands))
+    return document, {_set(document, setting) for setting in own}
 
 
 def duration_of(recording: Recording, config: GraphConfig) -> float:
@@ -190,8 +215,10 @@ def _set(document: Document, setting: str) -> str:
         sections["device"]["law"] = law_of(text)
     elif section in KINDS:
         own = tuple(SECTION_SETTINGS.get(section, ()))  # not the kind's
-        kind = {"kind": KINDS[section].resolve(text, Path())}
-        sections[section] = _kept(sections, section, own) | kind
+        kind, recorded = KINDS[section].resolve(text, Path()), sections.get(section, {})
+        is_same = names_file(kind) and Path(kind).name == Path(recorded.get("kind", "")).name
+        kept = recorded if is_same else _kept(sections, section, own)
+        sections[section] = {**kept, "kind": kind}
     else:
         known = [*KINDS, "links", "realtime"]
         if len(place.keys) < 2 or place.section not in known:

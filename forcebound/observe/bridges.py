@@ -25,9 +25,10 @@ import msgspec
 from forcebound.errors import ConfigError
 from forcebound.extras import needed
 from forcebound.messages.packets import Packet, Telemetry
+from forcebound.messages.topology import HAND
 from forcebound.network.sockets import Network
 from forcebound.observe.streams import fields_of_packet, packets_of, streams_of
-from forcebound.recordings.schema import declared_signals, schema
+from forcebound.recordings.schema import declared_axes, declared_signals, schema
 from forcebound.run.run_directory import RunDocument
 
 #: Called with topic, packet and its time since the epoch, in ns.
@@ -54,9 +55,11 @@ def serve(
     Raises:
         ConfigError: If there is no such topic, the port is in use, or a package is missing.
     """
-    declared = declared_signals(RunDocument.read(run).metadata)
+    metadata = RunDocument.read(run).metadata
+    declared, axes = declared_signals(metadata), declared_axes(metadata)
     streams = {
-        name: schema(packet, declared.get(name)) for name, packet in streams_of(run, topics).items()
+        name: schema(packet, declared.get(name), axes.get(name.rpartition("/")[0] or HAND, ()))
+        for name, packet in streams_of(run, topics).items()
     }
     ahead_ns = time.time_ns() - time.monotonic_ns()
     with bridge(streams, port) as send:

@@ -21,6 +21,7 @@ from forcebound.results.summary import figures_of
 from forcebound.results.ticks import reads_and_writes
 from forcebound.roles import DEVICE
 from forcebound.run.process.recorder import COMPLETE
+from forcebound.units import N
 
 NEAR_AGE_LIMIT = 0.7  # of it; beyond, a little more delay takes the force away
 LATE_PERIODS = 3.0  # above the delay that is injected; an idle machine needs less than 1.5
@@ -162,11 +163,12 @@ def _law(seen: Observations) -> Iterator[Finding]:
     force = Limited(seen.telemetry, run.device)
     if not force:
         return
+    unit = run.launched.shown(N).unit
     share = float(force.limited.sum() / force.pushing.sum())
     commanded, applied = (float(one[force.limited].mean()) for one in (force.wanted, force.applied))
     words = (
         f"law {law} limits the force in {share:.0%} of the ticks with one: "
-        f"of {commanded:.2g} N commanded it applies {applied:.2g} N"
+        f"of {commanded:.2g} {unit} commanded it applies {applied:.2g} {unit}"
     )
     yield note("law_limits", seen.name(DEVICE), words, causes=tuple(run.causes))
 

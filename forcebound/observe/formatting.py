@@ -4,11 +4,13 @@ import dataclasses
 import inspect
 import json
 import re
-from collections.abc import Iterable, Iterator, Mapping
-from functools import cache
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import cache, reduce
+from operator import or_
 from types import UnionType
 from typing import Annotated, Any, Union, get_args, get_origin
 
+from forcebound.axes import Axis, units_on
 from forcebound.graph.fields import fields_of
 from forcebound.graph.graph import EnvironmentConfig, GraphConfig, RealtimeConfig
 from forcebound.graph.names import ParameterName
@@ -75,7 +77,25 @@ def meanings(kind: type) -> dict[str, str]:
 
 
 def _hint(config: GraphConfig, name: str) -> Any:
-    return _place(config, name)[1]
+    """Return the type of a parameter, with the unit that it has on the axes of the graph."""
+    place, hint = ParameterName.parse(name), _place(config, name)[1]
+    if place.section not in ("environment", "controller"):
+        return hint
+    return _on_axes(
+        hint, config.hands.get(place.hand, next(iter(config.hands.values()))).named_axes
+    )
+
+
+def _on_axes(hint: Any, axes: Sequence[Axis]) -> Any:
+    """A type with its units as they are on these axes."""
+    if isinstance(hint, Unit):
+        return Unit(units_on(axes, hint.symbol))
+    origin: Any = get_origin(hint)
+    inside = tuple(_on_axes(one, axes) for one in get_args(hint))
+    if origin in (Union, UnionType):
+        return reduce(or_, inside)
+    turns: Any = Annotated if origin is Annotated else tuple
+    return turns[inside] if origin in (Annotated, tuple) else hint
 
 
 def _place(config: GraphConfig, name: str) -> tuple[type | None, Any]:

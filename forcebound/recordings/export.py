@@ -14,9 +14,11 @@ from pathlib import Path
 
 import msgspec
 
+from forcebound.axes import units_on
 from forcebound.errors import ConfigError
 from forcebound.files import content_of, reason
 from forcebound.messages.packets import TOPIC_OF, TOPICS, Packet, field_types, meanings
+from forcebound.recordings.launched import launched
 from forcebound.recordings.recording import Recording
 
 COLUMNS = "columns.csv"  # what each column means
@@ -58,12 +60,18 @@ def export(recording: Recording, folder: Path, overwrite: bool = False) -> list[
             for packet in recording.stream(*TOPICS):
                 tables[TOPIC_OF[type(packet)]].writerow(_row_of(packet))
             described = table(folder / COLUMNS, ["table", "column", "unit", "meaning"])
-            signals = recording.signals
+            signals, named = recording.signals, launched(recording.launch).axes
             for topic, names in columns.items():
                 own = {f"signals.{name}": one for name, one in signals.get(topic, {}).items()}
                 known = meanings(TOPICS[topic]) | own
                 for name in names:
                     text, unit = known.get(name) or known[_field(name)]
+                    at = re.fullmatch(r".*\[(\d+)\]", name)
+                    if at is not None and int(at[1]) < len(named):
+                        axis = named[int(at[1])]
+                        text, unit = f"{axis.name}: {text}", axis.unit(unit)
+                    elif name not in own:
+                        unit = units_on(named, unit)
                     row = {"table": topic, "column": name, "unit": unit, "meaning": text}
                     described.writerow(row)
     except OSError as error:  # the disk is full

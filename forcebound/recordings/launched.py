@@ -9,8 +9,10 @@ from typing import Literal, TypeAlias
 import msgspec
 from msgspec import Struct
 
+from forcebound.axes import Axis, AxisKind, common_kind, lengths, shown_on
 from forcebound.errors import ConfigError
 from forcebound.messages.topology import Document
+from forcebound.units import Everyday
 
 Auto: TypeAlias = Literal["auto"]
 
@@ -59,6 +61,20 @@ class HandSections(Struct, frozen=True):
     device: DeviceSection = DeviceSection()
     operator: OperatorSection = OperatorSection()
     controller: Document = {}
+    axes: tuple[Axis, ...] = ()  # of a device that names them
+
+    @property
+    def axis_kind(self) -> AxisKind | None:
+        """The kind of all axes; None if they differ."""
+        return common_kind(self.axes)
+
+    def named_axes(self, count: int) -> tuple[Axis, ...]:
+        """Return the axes, of which there are so many."""
+        return self.axes or lengths(count)
+
+    def shown(self, unit: Everyday) -> Everyday:
+        """Return the unit for people on its axes of what ``unit`` is for lengths."""
+        return shown_on(self.axis_kind, unit)
 
 
 class Launched(HandSections, frozen=True):

@@ -62,6 +62,7 @@ from forcebound.recordings.launched import Launched
 from forcebound.recordings.schema import (
     ABSENT,
     DeclaredSignals,
+    declared_axes,
     declared_signals,
     schema,
 )
@@ -105,7 +106,7 @@ class Recorder(AbstractContextManager["Recorder"]):
         self._writer: Any = Writer(self._file)
         self._writer.start(profile="", library="forcebound")
         self._writer.add_metadata(METADATA_NAME, dict(sorted(metadata.items())))
-        self._signals = declared_signals(metadata)
+        self._signals, self._axes = declared_signals(metadata), declared_axes(metadata)
         # All topics from the start: the file does not depend on which packet happens to come first.
         self._channels = {
             (TOPICS[stream.topic], stream.hand or HAND): self._register(stream)
@@ -117,7 +118,8 @@ class Recorder(AbstractContextManager["Recorder"]):
         self, stream: Stream
     ) -> tuple[int, tuple[str, ...], Callable[[Packet], tuple[Any, ...]]]:
         packet = TOPICS[stream.topic]
-        described = schema(packet, self._signals.get(stream.name))
+        axes = self._axes.get(stream.hand or HAND, ()) if stream.topic not in OF_ALL else ()
+        described = schema(packet, self._signals.get(stream.name), axes)
         schema_id = self._writer.register_schema(
             f"forcebound.{packet.__name__}", "jsonschema", json.dumps(described).encode()
         )
@@ -210,12 +212,17 @@ class Recording:
         return bool(self._complete)
 
     def packets(self, topic: str) -> list[Packet]:
-        """Return the packets of a topic, ``"telemetry"`` for example, in the order of recording.
+        """Return the packets of a topic, in the order of recording.
+
+        ``"telemetry"`` for example; of several hands also by the name of the channel,
+        ``"leader/telemetry"``.
 
         Raises:
-            ConfigError: As :meth:`stream`.
+            ConfigError: As :meth:`stream`, and if there is no such hand.
         """
-        return list(self.stream(topic))
+        hand, _, own = topic.lstrip("/").rpartition("/")
+        of = self.by_hand.get(hand)
+        return list(self.stream(topic) if of is None else of.stream(own))
 
     def stream(self, *topics: str) -> Iterator[Packet]:
         """Yield the packets of some topics, one by one: of a long run there are millions.

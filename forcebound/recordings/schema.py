@@ -4,15 +4,17 @@ They are msgspec's with one type per field, since Foxglove rejects a list of typ
 arrays within arrays (the points of a path), which it rejects, too.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, TypeAlias, get_args, get_origin
 
 import msgspec
 from msgspec.json import schema_components
 
+from forcebound.axes import Axis, units_on
 from forcebound.errors import ConfigError
 from forcebound.messages.packets import Meaning, Packet, field_types
-from forcebound.messages.topology import HAND
+from forcebound.messages.topology import HAND, nested
+from forcebound.recordings.launched import launched
 
 #: A JSON schema, or the schemas of several fields by their names.
 Schema: TypeAlias = dict[str, Any]
@@ -35,12 +37,28 @@ def declared_signals(metadata: Mapping[str, str]) -> DeclaredSignals:
         raise ConfigError(f"the recording's list of signals is damaged ({error})") from error
 
 
-def schema(packet: type[Packet], signals: Mapping[str, Meaning] | None = None) -> Schema:
-    """Return the jsonschema of a packet: types, units and meaning of its fields and signals."""
+def declared_axes(metadata: Mapping[str, str]) -> dict[str, tuple[Axis, ...]]:
+    """Return the axes that the launch file in the metadata of a recording names, by hand."""
+    try:
+        document = msgspec.json.decode(metadata.get("launch", "{}"), type=dict[str, Any])
+        return {name: hand.axes for name, hand in launched(nested(document)).hands.items()}
+    except (msgspec.MsgspecError, ValueError):
+        return {}  # whoever reads the launch file says so
+
+
+def schema(
+    packet: type[Packet],
+    signals: Mapping[str, Meaning] | None = None,
+    axes: Sequence[Axis] = (),
+) -> Schema:
+    """Return the jsonschema of a packet: types, units and meaning of its fields and signals.
+
+    ``axes`` are those of its hand, if they have names: they say the units.
+    """
     _, rules = schema_components([packet])
     types, described = field_types(packet), rules[packet.__name__]
     fields: Schema = {
-        name: _plain(field, rules) | _described(field["description"], field["unit"])
+        name: _plain(field, rules) | _described(field["description"], units_on(axes, field["unit"]))
         for name, field in ((name, described["properties"][name]) for name in types)
     }
     for name, (text, unit) in (signals or {}).items():

@@ -4,7 +4,8 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from typing import Any, TypeAlias
 
-from forcebound.units import DB, MJ, UNDEFINED, Everyday
+from forcebound.axes import shown_on
+from forcebound.units import DB, MJ, UNDEFINED, Everyday, N
 
 #: Figures of a run, or of a part of it, by their keys, ready for JSON; docs/results.md lists them.
 Summary: TypeAlias = dict[str, Any]
@@ -34,6 +35,12 @@ def counts(key: str, none: str = "0") -> Cell:
         return ", ".join(f"{count} {kind}" for kind, count in s[key].items() if count) or none
 
     return cell
+
+
+def peaks(s: Summary) -> str:
+    """Return the largest force of each named axis, in its unit."""
+    by_axis = (s["peak_force_by_axis"] or {}).items()
+    return ", ".join(f"{name} {shown_on(s['axes'][name], N).show(one)}" for name, one in by_axis)
 
 
 def vibration(s: Summary) -> str:

@@ -9,8 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from forcebound.axes import AxisKind, at_lever, common_kind, shown_on
 from forcebound.haptics.laws import ENERGY_TOLERANCE
 from forcebound.messages.topology import Document
+from forcebound.recordings.launched import launched
 from forcebound.recordings.telemetry import TelemetryColumns
 from forcebound.results.cells import Summary
 from forcebound.results.contact import displayed_stiffness, rms
@@ -35,7 +37,15 @@ def coupling(runs: Mapping[str, TelemetryColumns], documents: Mapping[str, Docum
         leads, follows = environment["leader"], environment["follower"]
         if leads in runs and follows in runs:
             met = documents[follows].get("operator", {})
+            if documents[follows].get("device", {}).get("space") == "joints":
+                met = {}  # its wall is at the tip
+            axes = launched(documents[follows]).axes
             figures |= _transparency(shared[leads], shared[follows], environment, met)
+            if axes:
+                figures["axes"] = {axis.name: axis.kind for axis in axes}
+            if common_kind(axes) is None:  # lengths and angles have no common size
+                sizes = ("position_error_rms_m", "position_error_peak_m", "position_error_start_m")
+                figures |= dict.fromkeys((*sizes, "force_error_rms_n", "force_error_peak_n"))
     return figures
 
 
@@ -52,21 +62,23 @@ def coupling_lines(figures: Summary) -> Iterator[str]:
         yield f"Together: net energy transfer of {', '.join(given)}."
     if "position_error_rms_m" not in figures:
         return
+    first: AxisKind = next(iter(figures.get("axes", {}).values()), "length")
+    way, push, stiffness = (shown_on(first, unit) for unit in (MM, N, N_MM))
     error, peak = (figures[f"position_error_{kind}_m"] for kind in ("rms", "peak"))
     if error is not None:
-        words = f"Together: the follower was off by {MM.show(error)} RMS, {MM.show(peak)} at most"
+        words = f"Together: the follower was off by {way.show(error)} RMS, {way.show(peak)} at most"
         force = figures["force_error_rms_n"]
-        yield f"{words}{'' if force is None else f'; forces differ by {N.show(force)} RMS'}."
+        yield f"{words}{'' if force is None else f'; forces differ by {push.show(force)} RMS'}."
     start = figures["position_error_start_m"]
-    if start is not None and start > APART:
-        words = f"Together: they began {MM.show(start)} apart, so the follower was pulled there"
+    if start is not None and start > at_lever(APART, "m", first):
+        words = f"Together: they began {way.show(start)} apart, so the follower was pulled there"
         yield f"{words}; `offset` or a clutch couples them where they are."
     felt = figures["transmitted_stiffness_n_per_m"]
     if felt is not None:
-        words = f"Together: the leader feels {N_MM.show(felt)}; the follower's wall has"
+        words = f"Together: the leader feels {stiffness.show(felt)}; the follower's wall has"
         series = figures["series_stiffness_n_per_m"]
-        behind = "" if series is None else f", behind the coupling {N_MM.show(series)}"
-        yield f"{words} {N_MM.show(figures['follower_stiffness_n_per_m'])}{behind}."
+        behind = "" if series is None else f", behind the coupling {stiffness.show(series)}"
+        yield f"{words} {stiffness.show(figures['follower_stiffness_n_per_m'])}{behind}."
 
 
 def _shared(runs: Mapping[str, TelemetryColumns]) -> dict[str, dict[str, Floats]]:
@@ -121,8 +133,9 @@ def _transparency(
     another after each use, and no position is known to be right.
     """
     axes = min(leader["x"].shape[1], follower["x"].shape[1])
-    scale = float(environment["scale"])
-    ratio = scale if environment["force_scale"] is None else float(environment["force_scale"])
+    ratios = environment["force_scale"]
+    ratios = environment["scale"] if ratios is None else ratios
+    scale, ratio = (np.broadcast_to(one, axes) for one in (environment["scale"], ratios))
     offset = np.zeros(axes)
     given = list(environment["offset"])[:axes]
     offset[: len(given)] = given
@@ -133,12 +146,17 @@ def _transparency(
     contact = -follower["hand"][:, :axes]  # of the follower on what it touches
     difference = np.linalg.norm(leader["hand"][:, :axes] - ratio * contact, axis=1)
     felt = behind = known = None
-    if wall.get("kind") == "wall" and wall["stiffness"] > 0.0 and place.size:
-        start = wall["start"][0] if isinstance(wall["start"], list) else wall["start"]
-        depth = place[:, 0] - start - wall["gap"]
-        felt = displayed_stiffness(leader["time"], scale * leader["motor"][:, 0], depth)
-        known = ratio * scale * float(wall["stiffness"])
-        own = ratio * scale * float(environment["stiffness"])
+    gaps = _of_axes(wall.get("gap"), axes)
+    crossed = [axis for axis in range(axes) if gaps[axis] is not None]
+    if wall.get("kind") == "wall" and wall["stiffness"] > 0.0 and place.size and crossed:
+        axis = crossed[0]  # across which there is a wall
+        side, start = np.copysign(1.0, gaps[axis]), _of_axes(wall["start"], axes)[axis] or 0.0
+        depth = side * (place[:, axis] - start - gaps[axis])
+        push = side * scale[axis] * leader["motor"][:, axis]
+        felt = displayed_stiffness(leader["time"], push, depth)
+        turned = float(ratio[axis] * scale[axis])
+        known = turned * float(wall["stiffness"])
+        own = turned * float(np.broadcast_to(environment["stiffness"], axes)[axis])
         if environment["architecture"] != "four_channel":
             behind = own * known / (own + known) if own > 0.0 else 0.0
     return {
@@ -151,6 +169,11 @@ def _transparency(
         "follower_stiffness_n_per_m": known,
         "series_stiffness_n_per_m": behind,
     }
+
+
+def _of_axes(value: Any, axes: int) -> list[Any]:
+    """Return a number of the first axis, or a list of one for each, as long as the axes."""
+    return ([*value] if isinstance(value, list) else [value]) + [None] * axes
 
 
 def _or_none(statistic: Callable[[Floats], Any], values: Floats) -> float | None:

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from forcebound.axes import shown_on
 from forcebound.results import cells, ticks
 from forcebound.results import samples as need
 from forcebound.results.bounder import Limited
@@ -88,7 +89,13 @@ class Figure:
         if self.cell is not None:
             return self.cell(summary)
         value = summary[self.key]
-        return "" if value is None and self.needs.is_optional else self.unit.show(value)
+        if value is None and self.needs.is_optional:
+            return ""
+        return self.shown_in(summary).show(value)
+
+    def shown_in(self, summary: Summary) -> Everyday:
+        """Return the unit of its value for people in a summary, which may be of angles."""
+        return shown_on("angle", self.unit) if self.key in summary.get("units", ()) else self.unit
 
 
 def _or_none(statistic: Callable[[Any], Any], values: NDArray[Any]) -> float | None:
@@ -247,7 +254,8 @@ _OF_THE_BOUNDER = (
         cell=cells.late_writes,
     ),
     Figure("longest_write_delay", "", IN_MS, ticks.longest_write_delay),
-    Figure("reads_and_writes", "", S, lambda run: ticks.reads_and_writes(run.columns)),
+    Figure("reads_and_writes", "", S, ticks.device_time),
+    Figure("device_misses", "", NUMBER, "report.device_misses"),
     Figure(
         "largest_allowance",
         "largest allowance used",
@@ -291,12 +299,13 @@ FIGURES: tuple[Figure, ...] = (
     ),
     Figure("transparency_bandwidth", "transparency bandwidth", HZ, _bandwidth, need.BANDWIDTH),
     Figure("displayed_impedance", "", NUMBER, _impedance, need.IMPEDANCE),
-    Figure("peak_force", "peak force", N, _peak_force),
+    Figure("peak_force", "peak force", N, _peak_force, need.SIZE),
+    Figure("peak_force_by_axis", "peak of each axis", NUMBER, "peaks", need.NAMED, cells.peaks),
     Figure("peak_penetration", "peak penetration", MM, _deepest, need.SURFACE),
     Figure("peak_tangential_force", "peak tangential force", N, _across, need.ACROSS),
     Figure("tangential_share", "tangential over normal force", WHOLE, _share_across, need.ACROSS),
     Figure("peak_proxy_distance", "peak proxy distance", MM, _proxy_distance, need.PROXY),
-    Figure("force_error_rms", "force error, RMS", N, _force_error, need.PUSHED),
+    Figure("force_error_rms", "force error, RMS", N, _force_error, need.FORCES),
     Figure("wall_error_rms", "error to the ideal wall, RMS", N, _wall_error, need.WALL),
     Figure(
         "vibration_above_threshold",
@@ -318,8 +327,8 @@ FIGURES: tuple[Figure, ...] = (
         need.SURFACE,
     ),
     Figure("contact_bounces", "contact bounces", NUMBER, "bounces", need.SURFACE),
-    Figure("final_speed", "speed at the end", MM_S, "final_speed", need.TRUTH),
-    Figure("at_rest", "", NUMBER, "is_at_rest", need.TRUTH),
+    Figure("final_speed", "speed at the end", MM_S, "final_speed", need.MOVED),
+    Figure("at_rest", "", NUMBER, "is_at_rest", need.MOVED),
     Figure("penetration_at_rest", "penetration at rest", MM, "resting_depth", need.AT_REST),
     Figure(
         "true_energy_min", "minimum energy (ground truth)", MJ, _minimum("true_energy"), need.TRUTH

@@ -15,7 +15,9 @@ from forcebound.haptics.laws import LAWS
 from forcebound.haptics.laws.all_axes import LARGEST_READING
 from forcebound.haptics.laws.hold_limit import FLOOR
 from forcebound.results.bounder import Cause
+from forcebound.results.ticks import deadline_misses
 from forcebound.results.twin import Change, Twin
+from forcebound.units import N
 
 if TYPE_CHECKING:
     from forcebound.results.samples import Samples
@@ -126,22 +128,15 @@ def _judged(twin: Twin, suspect: _Suspect, least: float) -> Iterator[Cause]:
 
 
 def _given(twin: Twin, remedy: str, gives: float) -> str:
-    return f"{remedy} would give some {_n_mm(gives)} in place of {_n_mm(twin.felt)}"
-
-
-def _n_mm(stiffness: float) -> str:
-    return f"{1e-3 * stiffness:.2g} N/mm"
+    return f"{remedy} would give some {twin.text(gives)} in place of {twin.text(twin.felt)}"
 
 
 def _suspects(twin: Twin, run: "Samples", law: str) -> Iterator[_Suspect]:
     columns, saturation = run.columns, twin.stated.saturation
     if (run.saturated != columns.commanded_force).any():
         why = f"the motors saturate at {saturation:.2g} "
-        why += (
-            "N m (device.saturation)"
-            if np.isfinite(columns.torques).any()
-            else "N (device.saturation)"
-        )
+        unit = "N m" if np.isfinite(columns.torques).any() else run.launched.shown(N).unit
+        why += f"{unit} (device.saturation)"
         none, twice = (Change({"saturation": k * saturation}) for k in (100.0, 2.0))
         yield _Suspect("saturation", why, none, "motors of twice that", twice)
     if (columns.engagement < 1.0).any():
@@ -179,6 +174,14 @@ def _of_the_clock(twin: Twin, run: "Samples") -> Iterator[_Suspect]:
     change = Change(is_punctual=True)
     why = f"{share:.1%} of the ticks come late or after missed ones"
     busy = twin.busy / period
+    of_device = 0 if run.report is None else run.report.device_misses
+    if 2 * of_device > (deadline_misses(run) or 0) and busy <= 1.0:
+        why += ", most of them since a read or write of the device took far more than its usual"
+        why += f" {1e3 * twin.busy:.2g} ms"
+        command = "forcebound check device"
+        remedy = "a device that answers in time"
+        yield _Suspect("missed_ticks", why, change, remedy, change, command)
+        return
     if busy <= 1.0:
         command = "forcebound doctor --measure"
         yield _Suspect("missed_ticks", why, change, PUNCTUAL, change, command)
@@ -225,7 +228,7 @@ def _of_the_device(twin: Twin) -> Iterator[_Suspect]:
 
 def _dissipation(twin: Twin, rest: float, seeks_rate: bool) -> Cause:
     """What is left: damping and friction of the device, and what the hand has put in."""
-    advice = f"more damping, or an environment of {_n_mm(twin.felt)}, which would feel the same"
+    advice = f"more damping, or an environment of {twin.text(twin.felt)}, which would feel the same"
     rate, gives = 1.0 / twin.stated.period, twin.felt
     for factor in (2.0, 0.5) if seeks_rate else ():
         if factor * rate <= FASTEST and factor * rate * twin.busy < 1.0:

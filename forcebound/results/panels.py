@@ -14,24 +14,27 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from forcebound.axes import Axis, AxisKind, common_kind, shown_on
 from forcebound.files import printable
 from forcebound.messages.packets import Event
 from forcebound.messages.topology import Document
+from forcebound.recordings.launched import launched
 from forcebound.recordings.telemetry import TelemetryColumns
 from forcebound.results.colours import AXIS_COLOURS, COMMANDED, ESTIMATED, NEUTRAL, PHYSICAL
 from forcebound.results.energy import largest_fall
 from forcebound.results.signals import Curve
 from forcebound.results.surface import Floats, Touch, touch_of_run
+from forcebound.units import MJ, MM, MS, N_MM, Everyday, N, S
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 Run: TypeAlias = tuple[str, TelemetryColumns, Document]  # label, telemetry, launch file
 
+TIME = "time since the force engaged"
 LONGEST_NAME = 60  # characters
 MOST_SLOPES = 3  # a wall may change its stiffness all the time
 AROUND_CONTACT = (-20.0, 150.0)  # ms about the first contact, range of the panel "contact"
-AXIS_NAMES = ("x", "y", "z", "axis 4", "axis 5", "axis 6")
 MOST_POINTS = 20_000  # of a curve over time; of more the extremes are drawn, in as many pieces
 WIDE: dict[str, float] = {"linewidth": 2.6, "alpha": 0.5}  # of a curve that another may lie upon
 DASHED: dict[str, str | float] = {"linestyle": "--", "linewidth": 1.0}
@@ -52,11 +55,28 @@ class View:
     shown: slice  # samples since the force engaged
     touch: Touch | None  # what was touched, at each sample of the run
     signals: Sequence[Curve] = ()
+    named_axes: Sequence[Axis] = ()
 
     @property
     def axes(self) -> int:
         """Number of axes of the run."""
         return int(self.columns.position.shape[1])
+
+    @property
+    def kind(self) -> AxisKind | None:
+        """The kind of all axes; None if they differ."""
+        return common_kind(self.named_axes)
+
+    def name(self, axis: int, unit: Everyday) -> str:
+        """Return the name of an axis; if axes differ, with what is its ``unit``."""
+        each = self.named_axes[axis]
+        name = in_figure(each.name)
+        return name if self.kind else shown_on(each.kind, unit).label(name)
+
+    def placed(self, positions: Floats) -> Floats:
+        """Return shown positions, (n, axes), in the units for people."""
+        factors = [shown_on(axis.kind, MM).factor for axis in self.named_axes]
+        return np.asarray(positions * np.array(factors))
 
     @property
     def proxy(self) -> Floats:
@@ -81,7 +101,8 @@ def view_of(run: Run, events: Sequence[Event] = (), signals: Sequence[Curve] = (
     start = int(np.searchsorted(columns.time, 0.0)) if (columns.engagement > 0.0).any() else 0
     shown = slice(start, None)
     touch = touch_of_run(columns, events, config)
-    return View(since_engaged(columns)[shown], columns, shown, touch, signals)
+    axes = launched(config).named_axes(columns.position.shape[1])
+    return View(since_engaged(columns)[shown], columns, shown, touch, signals, axes)
 
 
 def since_engaged(columns: TelemetryColumns) -> Floats:
@@ -122,24 +143,31 @@ def extremes(values: Floats) -> NDArray[np.intp]:
 
 def _draw_position(axes: Axes, view: View) -> None:
     if view.touch is not None and view.touch.wall is not None:
-        wall = view.touch.wall.position[view.shown] * 1e3
-        label = "surface" if view.axes == 1 else f"surface, {AXIS_NAMES[view.touch.wall.axis]}"
+        at = view.touch.wall.axis
+        wall = view.touch.wall.position[view.shown] * view.placed(np.ones(view.axes))[at]
+        label = "surface" if view.axes == 1 else f"surface, {view.name(at, MM)}"
         _over_time(axes, view, wall, label, drawstyle="steps-post", color=NEUTRAL, **DASHED)
-    position = view.columns.position[view.shown] * 1e3
+    position, proxies = view.placed(view.columns.position[view.shown]), view.placed(view.proxy)
     if view.axes == 1:
-        true = view.columns.true_position[view.shown, 0] * 1e3
+        true = view.placed(view.columns.true_position[view.shown])[:, 0]
         _over_time(axes, view, true, "true", color=PHYSICAL, **WIDE)
-        _over_time(axes, view, view.proxy[:, 0] * 1e3, "proxy", color=NEUTRAL, linewidth=1.4)
+        _over_time(axes, view, proxies[:, 0], "proxy", color=NEUTRAL, linewidth=1.4)
         _over_time(axes, view, position[:, 0], "reading", color="black", linewidth=0.6)
         return
     for axis in range(view.axes):
-        colour, name = AXIS_COLOURS[axis], AXIS_NAMES[axis]
+        colour, name = AXIS_COLOURS[axis % len(AXIS_COLOURS)], view.name(axis, MM)
         _over_time(axes, view, position[:, axis], name, color=colour, linewidth=0.9)
-        proxy = view.proxy[:, axis] * 1e3
-        _over_time(axes, view, proxy, f"{name}, proxy", color=colour, linewidth=2.2, alpha=0.35)
+        _over_time(
+            axes, view, proxies[:, axis], f"{name}, proxy", color=colour, linewidth=2.2, alpha=0.35
+        )
 
 
 def _draw_force(axes: Axes, view: View) -> None:
+    if view.kind is None:  # lengths and angles have no common size, nor a common limit
+        for axis in range(view.axes):
+            applied, colour = view.columns.applied_force[view.shown, axis], AXIS_COLOURS[axis]
+            _over_time(axes, view, applied, view.name(axis, N), color=colour, linewidth=0.9)
+        return
     commanded, applied = (
         view.size(one) for one in (view.columns.commanded_force, view.columns.applied_force)
     )
@@ -178,10 +206,13 @@ def _draw_delay(axes: Axes, view: View) -> None:
 def _draw_force_over_penetration(axes: Axes, view: View) -> None:
     if view.touch is None:
         return
-    depth = view.touch.depth[view.shown] * 1e3
+    unit = shown_on(view.kind, MM)
+    depth = view.touch.depth[view.shown] * unit.factor
     slopes = _slopes(view, depth)
     for slope in slopes:
-        label = "wall" if len(slopes) == 1 else f"wall, {slope:.3g} N/mm"
+        label = (
+            "wall" if len(slopes) == 1 else f"wall, {slope:.3g} {shown_on(view.kind, N_MM).unit}"
+        )
         wall = axes.axline((0.0, 0.0), slope=slope, label=label)
         wall.set(color=COMMANDED, **DASHED)
     applied = view.touch.along(view.columns.applied_force)[view.shown]
@@ -192,10 +223,10 @@ def _draw_force_over_penetration(axes: Axes, view: View) -> None:
 
 
 def _slopes(view: View, depth: Floats) -> list[float]:
-    """Return the stiffnesses of the wall in contact, in N/mm: all, or the least and the largest."""
+    """Return the stiffnesses of the wall in contact: all, or the least and the largest."""
     if view.touch is None or view.touch.stiffness is None:
         return []
-    stiffness = view.touch.stiffness[view.shown] * 1e-3
+    stiffness = view.touch.stiffness[view.shown] * shown_on(view.kind, N_MM).factor
     seen = np.unique(stiffness[depth > 0.0] if (depth > 0.0).any() else stiffness[:1])
     seen = seen[np.isfinite(seen)]
     return seen.tolist() if seen.size <= MOST_SLOPES else [float(seen[0]), float(seen[-1])]
@@ -217,7 +248,7 @@ def _draw_contact(axes: Axes, view: View) -> None:
 
 def _draw_path(axes: Axes, view: View, up: int) -> None:
     """Draw the first axis to the right and another one up, in one scale."""
-    if view.axes <= up:
+    if view.axes <= up or view.kind != "length":
         return
     position = view.columns.position[view.shown]
     tip, proxy = (one[:, (0, up)] * 1e3 for one in (position, view.proxy))
@@ -242,31 +273,49 @@ class Panel:
     """One row of a figure."""
 
     draw: Callable[[Axes, View], None]
-    label: str
-    x_label: str = "time since the force engaged (s)"
+    words: str
+    unit: Everyday  # of lengths
+    x_words: str = TIME
+    x_unit: Everyday = S
     shows: str = ""  # what of a run of several axes
 
+    def label(self, kind: AxisKind | None) -> str:
+        """Return the label of its height, of axes of a kind."""
+        return _label(self.words, self.unit, kind)
 
-_X = "x (mm)"
+    def x_label(self, kind: AxisKind | None) -> str:
+        """Return the label of its width."""
+        return _label(self.x_words, self.x_unit, kind)
+
+
+def _label(words: str, unit: Everyday, kind: AxisKind | None) -> str:
+    if kind is None and unit in (MM, N):
+        return words  # the units are with the names of the axes
+    return shown_on(kind, unit).label("torque" if (kind, words) == ("angle", "force") else words)
+
+
 _NORMAL = "along the normal"
-_DEPTH = "penetration (mm)"
 
 PANELS: dict[str, Panel] = {
-    "position": Panel(_draw_position, "position (mm)"),
-    "force": Panel(_draw_force, "force (N)", shows="magnitude over {view.axes} axes"),
-    "contact": Panel(_draw_contact, "force (N)", "time since first contact (ms)", shows=_NORMAL),
-    "energy": Panel(_draw_energy, "energy (mJ)"),
-    "loop_delay": Panel(_draw_delay, "loop delay (ms)"),
-    "force_over_penetration": Panel(_draw_force_over_penetration, "force (N)", _DEPTH, _NORMAL),
-    "path_xy": Panel(partial(_draw_path, up=1), "y (mm)", _X),
-    "path_xz": Panel(partial(_draw_path, up=2), "z (mm)", _X),
+    "position": Panel(_draw_position, "position", MM),
+    "force": Panel(_draw_force, "force", N, shows="magnitude over {view.axes} axes"),
+    "contact": Panel(_draw_contact, "force", N, "time since first contact", MS, _NORMAL),
+    "energy": Panel(_draw_energy, "energy", MJ),
+    "loop_delay": Panel(_draw_delay, "loop delay", MS),
+    "force_over_penetration": Panel(
+        _draw_force_over_penetration, "force", N, "penetration", MM, _NORMAL
+    ),
+    "path_xy": Panel(partial(_draw_path, up=1), "y", MM, "x", MM),
+    "path_xz": Panel(partial(_draw_path, up=2), "z", MM, "x", MM),
 }
 
 
 def signal_panels(signals: Iterable[Curve]) -> dict[str, Panel]:
-    """Return a panel for each unit of the signals of some runs."""
-    units = dict.fromkeys(curve.about.unit for curve in signals)
+    """Return a panel for each unit of the signals of some runs that have a number."""
+    units = dict.fromkeys(one.about.unit for one in signals if not np.isnan(one.values).all())
     return {
-        f"signals {unit}": Panel(partial(_draw_signals, unit=unit), f"signals ({unit or 1})")
+        f"signals {unit}": Panel(
+            partial(_draw_signals, unit=unit), "signals", Everyday(unit or "1", unit or "1")
+        )
         for unit in units
     }

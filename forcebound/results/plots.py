@@ -23,6 +23,7 @@ from forcebound.recordings.launched import launched
 from forcebound.results.colours import NEUTRAL, NOT_PASSIVE, PHASE
 from forcebound.results.panels import (
     PANELS,
+    TIME,
     Panel,
     Run,
     in_figure,
@@ -31,6 +32,7 @@ from forcebound.results.panels import (
     view_of,
 )
 from forcebound.results.signals import Curve
+from forcebound.units import S
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -76,7 +78,8 @@ def figure(
     """
     if panels is None:
         axes = max(columns.position.shape[1] for _, columns, _ in runs)
-        panels = (*DEFAULT_PANELS, *PATH_PANELS[: axes - 1])
+        is_in_space = any(launched(config).axis_kind == "length" for _, _, config in runs)
+        panels = (*DEFAULT_PANELS, *PATH_PANELS[: axes - 1 if is_in_space else 0])
     rows = {name: PANELS[name] for name in panels} | signal_panels(chain(*signals))
     drawing = blank(1.6 + 4.4 * len(runs), 0.9 + 1.75 * len(rows), new)
     grid = drawing.subplots(len(rows), len(runs), squeeze=False)
@@ -84,8 +87,11 @@ def figure(
     for column, run, (marked, curves) in zip(grid.T, runs, known, strict=True):
         _draw_column(list(column), run, list(rows.values()), marked, curves)
     for (name, panel), row_axes in zip(rows.items(), grid, strict=True):
-        row_axes[0].set_ylabel(panel.label, fontsize=9)
-        _arrange_row(name, list(row_axes))
+        labels = [panel.label(launched(config).axis_kind) for _, _, config in runs]
+        for one, label in zip(row_axes, labels, strict=True):
+            if label != labels[0] or one is row_axes[0]:
+                one.set_ylabel(label, fontsize=9)
+        _arrange_row(name, list(row_axes), is_alike=len(set(labels)) == 1)
     drawing.align_ylabels(list(grid[:, 0]))
     return drawing
 
@@ -113,22 +119,24 @@ def _draw_column(
     """Draw the panels of a run; panels over time that stand together share numbers and label."""
     view = view_of(run, events, signals)
     column[0].set_title(_title(run), fontsize=11)
-    labels = [panel.x_label for panel in rows]
+    labels = [panel.x_label(view.kind) for panel in rows]
+    over_time = S.label(TIME)
     first = None
     for axes, panel, below in zip(column, rows, [*labels[1:], None], strict=True):
         panel.draw(axes, view)
-        if panel.shows and view.axes > 1:
+        if panel.shows and view.axes > 1 and view.kind is not None:
             _note(axes, panel.shows.format(view=view), left=True)
-        if panel.x_label == Panel.x_label:
+        x_label = panel.x_label(view.kind)
+        if x_label == over_time:
             if run[1].time.size:
                 _mark(axes, run, events, names=axes is column[0])
             first = first or axes
             if axes is not first:
                 axes.sharex(first)
-        if panel.x_label == below == Panel.x_label:
+        if x_label == below == over_time:
             axes.tick_params(labelbottom=False)
         else:
-            axes.set_xlabel(panel.x_label, fontsize=9)
+            axes.set_xlabel(x_label, fontsize=9)
 
 
 def _mark(axes: Axes, run: Run, events: Sequence[Event], *, names: bool) -> None:
@@ -174,7 +182,7 @@ def _title(run: Run) -> str:
     return label if name is None or name in label.split() else f"{label} (law: {in_figure(name)})"
 
 
-def _arrange_row(name: str, row: list[Axes]) -> None:
+def _arrange_row(name: str, row: list[Axes], is_alike: bool) -> None:
     for axes in row:
         plain(axes)
         axes.tick_params(labelsize=8)
@@ -186,7 +194,7 @@ def _arrange_row(name: str, row: list[Axes]) -> None:
     elif name not in PATH_PANELS:  # a path has one scale for both of its axes
         limits = np.array([axes.get_ylim() for axes in row])
         spans = limits[:, 1] - limits[:, 0]
-        if spans.max() <= SHARED_RATIO * spans.min():
+        if is_alike and spans.max() <= SHARED_RATIO * spans.min():
             _share(row, limits[:, 0].min(), limits[:, 1].max())
         else:
             for axes in row:

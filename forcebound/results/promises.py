@@ -16,7 +16,7 @@ import numpy as np
 from forcebound.results.energy import Holds
 from forcebound.results.samples import Samples, is_certified
 from forcebound.results.surface import Floats, Mask
-from forcebound.units import in_unit
+from forcebound.units import MM_S, in_unit
 
 ROUNDING = 5e-10  # s; stamps are whole nanoseconds
 LARGEST_SPEED = 3e8  # m/s; a recording may imply any
@@ -90,7 +90,8 @@ def _found(holds: Holds, run: Samples) -> Iterator[tuple[str, str, float, Floats
     if largest is not None:
         ahead = np.maximum(run.run.ahead_ns[run.since], 0) * 1e-9
         speed = _refused_speeds(holds, holds.read + ahead, largest)
-        yield COSTS_FORCE, "rad/s" if run.is_arm else "m/s", largest, speed, speed > 0.0
+        unit = "rad/s" if run.is_arm else run.launched.shown(MM_S).si
+        yield COSTS_FORCE, unit, largest, speed, speed > 0.0
 
 
 def _refused_speeds(holds: Holds, time: Floats, largest: float) -> Floats:

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from forcebound.axes import LEVER
 from forcebound.errors import ConfigError
 from forcebound.haptics.laws import LAWS
 from forcebound.haptics.laws.hold_limit import FLOOR
@@ -48,7 +49,7 @@ def is_certified(name: str | None) -> bool:
 
 
 class Samples:
-    """A run and what its figures are made of, in SI units.
+    """A run and what its figures are made of, in SI units: of angles rad for m, N m for N.
 
     Arrays have one row per sample with an engaged force; forces and positions are ``(n, axes)``.
     A number that the run does not have is None.
@@ -61,6 +62,7 @@ class Samples:
         depth: Of the reading behind the surface, in m, ``(n,)``, below 0 outside; NaN: no surface.
         saturated: Commanded force after saturation, in N.
         rate: Of the ticks, in Hz.
+        scale: m of a threshold for one unit of the axes: of angles, at a lever of 0.1 m.
         has_truth: Whether the true positions are known, as of a simulated device.
     """
 
@@ -95,6 +97,7 @@ class Samples:
         self.launched = launched(config)
         self.device = self.launched.device
         self.saturated = saturated(columns, self.device)  # N, (n, axes), commanded force
+        self.scale = LEVER if self.launched.axis_kind == "angle" else 1.0
         self.mass = self.device.mass  # kg
         measured = 1.0 / float(np.median(np.diff(self.time))) if self.time.size > 1 else math.nan
         self.rate: float = self.device.rate or measured  # Hz
@@ -105,7 +108,11 @@ class Samples:
         """Return what the run lacks of what figures need, each with the reason of a figure."""
         no_stiffness = "the environment has no constant stiffness"
         touch = self.touch
+        kind = self.launched.axis_kind
         has = {
+            "named": (self.launched.axes, "the device names no axes"),
+            "size": (kind is not None, _NO_SIZE),
+            "lengths": (kind == "length", "thresholds of a hand are known for lengths alone"),
             "force": (self.time.size > 0, "the force never engaged"),
             "truth": (self.has_truth, "needs ground truth, which only a simulated device has"),
             "axes": (self.columns.position.shape[1] > 1, "the run has one axis"),
@@ -135,6 +142,12 @@ class Samples:
         return self.surface.along(self.columns.applied_force)
 
     @property
+    def peaks(self) -> dict[str, float]:
+        """Largest force on each named axis, in N."""
+        peaks = np.abs(self.columns.applied_force).max(axis=0).tolist()
+        return {axis.name: one for axis, one in zip(self.launched.axes, peaks, strict=True)}
+
+    @property
     def first_contact(self) -> int | None:
         """Index of the first sample in contact."""
         return int(np.argmax(self.contact)) if self.contact.any() else None
@@ -147,7 +160,8 @@ class Samples:
     @property
     def bounces(self) -> int:
         """Turning points of the depth since first contact; see :func:`.contact.count_bounces`."""
-        return 0 if self.first_contact is None else count_bounces(self.depth[self.first_contact :])
+        first = self.first_contact
+        return 0 if first is None else count_bounces(self.scale * self.depth[first:])
 
     @property
     def contact_speed(self) -> float | None:
@@ -181,7 +195,7 @@ class Samples:
     @property
     def is_at_rest(self) -> bool | None:
         """Whether it is slower than 1 mm/s at the end, see :attr:`final_speed`."""
-        return None if self.final_speed is None else self.final_speed < REST_SPEED
+        return None if self.final_speed is None else self.scale * self.final_speed < REST_SPEED
 
     @property
     def resting_depth(self) -> float | None:
@@ -197,7 +211,7 @@ class Samples:
     @cached_property
     def settling(self) -> Settling | None:
         """See :func:`.contact.settling`."""
-        return settling(self.time, self.depth)
+        return settling(self.time, self.scale * self.depth)
 
     @cached_property
     def fall(self) -> Fall | None:
@@ -304,6 +318,7 @@ def _seconds(ns: NDArray[np.int64]) -> Floats:
     return np.asarray(ns, np.float64) * 1e-9
 
 
+_NO_SIZE = "its axes are lengths and angles, which have no common size: see those of each axis"
 _NO_SCALE = "a clutch or a border of the controller `scaled` moves the environment along the hand"
 _NO_SURFACE = "the environment describes no surface, and its method `contact` reported no contact"
 
@@ -329,9 +344,13 @@ _NOT_SETTLED = "the penetration does not stay within 5 % of its final value for 
 ALWAYS = Needs()
 ENGAGED = Needs("force")
 PUSHED = Needs("force contact")
+FORCES = Needs("force contact size")
+NAMED = Needs("force named", is_optional=True)
 LEDGER = Needs("force", "the law keeps no ledger")
 TRUTH = Needs("force truth")
 TOUCHED = Needs("force truth contact")
+SIZE = Needs("size")
+MOVED = Needs("truth size")
 REGAINED = Needs("force truth", "not regained by the end of the run")
 SURFACE = Needs("force surface")
 STEADY = Needs(_TOUCHED, _NOT_TOUCHED)
@@ -341,9 +360,9 @@ SETTLED = Needs(_TOUCHED, _NOT_SETTLED)
 IMPEDANCE = Needs(_TOUCHED, _NO_EXCITATION)
 BANDWIDTH = Needs(f"{_TOUCHED} constant", _NO_EXCITATION)
 SPECTRUM = Needs(_TOUCHED, _NOT_STEADY)
-VIBRATION = Needs(f"{_TOUCHED} mass", _NOT_STEADY)
-AT_REST = Needs("force surface truth contact", "the hand is not at rest in contact")
-ACROSS = Needs("force axes surface contact", _NOT_TOUCHED, is_optional=True)
-PROXY = Needs("force surface proxy contact", is_optional=True)
+VIBRATION = Needs(f"{_TOUCHED} mass lengths", _NOT_STEADY)
+AT_REST = Needs("force surface truth size contact", "the hand is not at rest in contact")
+ACROSS = Needs("force axes size surface contact", _NOT_TOUCHED, is_optional=True)
+PROXY = Needs("force size surface proxy contact", is_optional=True)
 WALL = Needs("force surface truth stiffness contact")
 BROUGHT = Needs("force truth surface contact mass")

@@ -13,7 +13,7 @@ from forcebound.recordings.launched import DeviceSection, Launched
 from forcebound.results.cells import Summary
 from forcebound.results.promises import COSTS_FORCE, BrokenPromise, in_words, is_uncovered
 from forcebound.results.samples import is_certified
-from forcebound.units import MM, energy_in_words, in_unit
+from forcebound.units import MM, MM_S, energy_in_words, in_unit
 
 STAYS = "pressing"  # the hand that a passive wall brings to rest; others move by themselves
 WALL = "wall"  # in place of a hand: nobody holds this device
@@ -144,7 +144,8 @@ def _without_truth(s: Summary, device: DeviceSection, motor: str) -> tuple[Passi
     trust = "if the device's numbers are right"
     if device.watchdog == "silent" and s["hold_limit_overruns"]:
         trust += f" and its watchdog dropped {counted(s['hold_limit_overruns'], 'late force')}"
-    words = f"{motor}, which its friction and damping cover"
+    partner = f" and the ledger of {device.energy_partner}" if device.energy_partner else ""
+    words = f"{motor}, which its friction and damping{partner} cover"
     return Passivity.PASSIVE, f"Passive by the certificate{but}, {trust}", words
 
 
@@ -154,15 +155,16 @@ def _rest(s: Summary, run: Launched) -> Iterator[str]:
     )
     if s["at_rest"]:
         depth = s["penetration_at_rest_m"]
-        yield "At rest at the end" + (f", {MM.show(depth)} deep." if depth else ".")
+        yield "At rest at the end" + (f", {run.shown(MM).show(depth)} deep." if depth else ".")
     elif speed is not None:
-        yield f"Not at rest: it moves at {in_unit(speed, 'mm/s', 3)} at the end"
+        words = in_unit(speed, run.shown(MM_S).unit, 3)
+        yield f"Not at rest: it moves at {words} at the end"
         yield f", and turned round {times(turns)} after first contact." if turns else "."
         hand = run.operator.kind
         if hand not in ("", STAYS, WALL):
             yield f" (A hand of kind {hand} may do that by itself.)"
     elif amplitude is not None:
-        yield f"The last 0.5 s: within {MM.show(2.0 * amplitude)}."
+        yield f"The last 0.5 s: within {run.shown(MM).show(2.0 * amplitude)}."
 
 
 def times(count: int) -> str:

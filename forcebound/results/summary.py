@@ -12,6 +12,7 @@ import numpy as np
 from forcebound.messages.events import PHASE_BEGINS
 from forcebound.messages.packets import Event
 from forcebound.messages.topology import Document
+from forcebound.recordings.launched import Launched
 from forcebound.recordings.telemetry import TelemetryColumns
 from forcebound.results.cells import Summary
 from forcebound.results.figures import FIGURES, Figure
@@ -46,6 +47,15 @@ def summarize(
     return figures_of(Samples(columns, config, events, explains))
 
 
+def axes_and_units(run: Launched) -> Summary:
+    """Return what a summary says of named axes: their kinds, and units that its keys do not say."""
+    if not run.axes:
+        return {}
+    turned = {one.key: run.shown(one.unit).si for one in FIGURES}
+    units = {one.key: turned[one.key] for one in FIGURES if turned[one.key] != one.unit.si}
+    return {"axes": {axis.name: axis.kind for axis in run.axes}, "units": units}
+
+
 def figures_of(run: Samples, figures: Sequence[Figure] = FIGURES) -> Summary:
     """Return figures of a run, as :func:`summarize`."""
     lacks = run.lacks()
@@ -56,7 +66,7 @@ def figures_of(run: Samples, figures: Sequence[Figure] = FIGURES) -> Summary:
         found[figure.key] = value = None if missing else figure.value(run)
         if value is None and figure.needs.of_run:
             undefined[figure.key] = (*missing, figure.needs.otherwise)[0]
-    return {**found, "undefined": undefined}
+    return {**found, **axes_and_units(run.launched), "undefined": undefined}
 
 
 def summarize_phases(
@@ -90,5 +100,6 @@ def _phase(part: TelemetryColumns, config: Document) -> Summary:
         "force_share": float(np.mean(part.engagement > 0.0)),
         **{figure.key: figure.value(run) for figure in FIGURES if figure.key in _OF_A_PHASE},
         "true_energy_min_j": float(energy.min()) if energy.size else None,
+        **axes_and_units(run.launched),
         "deadline_misses": int(part.deadline_misses[-1] - part.deadline_misses[0]),
     }

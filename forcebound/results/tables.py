@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 from forcebound.results.cells import Summary, percentiles
 from forcebound.results.figures import FIGURES
 from forcebound.results.perception import Difference
-from forcebound.units import MJ, PERCENT, Everyday, N
+from forcebound.units import MJ, N_M, PERCENT, Everyday, N
 
 
 def summary_rows(summary: Summary) -> list[tuple[str, str]]:
@@ -58,6 +58,6 @@ def _phase_row(phase: Summary) -> tuple[str, ...]:
         percentiles(phase["reply_age_ms"], 1),
         PERCENT.show(phase["answered_share"]),
         PERCENT.show(phase["force_share"]),
-        N.show(phase["peak_force_n"]),
+        (N_M if "peak_force_n" in phase.get("units", ()) else N).show(phase["peak_force_n"]),
         MJ.show(phase["true_energy_min_j"]),
     )

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from forcebound.axes import AxisKind, at_lever, common_kind
 from forcebound.errors import ConfigError
 from forcebound.haptics.devices import DEVICES, DeviceModel
 from forcebound.haptics.hands.hands import SoftGrip
@@ -25,11 +26,14 @@ from forcebound.haptics.laws import Dissipation, ForceBounder
 from forcebound.haptics.laws.bounder import shorten
 from forcebound.haptics.laws.dissipation import per_axis
 from forcebound.haptics.laws.hold_limit import FLOOR
+from forcebound.haptics.parts.plain import key_of
 from forcebound.messages.packets import Vector
 from forcebound.messages.topology import Document
 from forcebound.recordings.launched import DeviceSection
 from forcebound.results.contact import STEADY_WINDOW, steady_window
 from forcebound.results.surface import Floats, touch_of_run
+from forcebound.results.ticks import device_time
+from forcebound.units import N_MM, in_unit
 
 if TYPE_CHECKING:
     from forcebound.results.samples import Samples
@@ -79,24 +83,29 @@ class Twin:
         self.time: Floats = 1e-9 * (read_ns - read_ns[0]).astype(np.float64)
         self.write_delay: Floats = (columns.write_ns - read_ns).astype(np.float64)
         self.write_delay *= 1e-9 * has_stamps
-        self.busy = 2.0 * float(np.median(self.write_delay))
+        self.busy = has_stamps * (device_time(run) or 0.0)
         section = run.config["device"].items()
         device: Document = {k: tuple(v) if isinstance(v, list) else v for k, v in section}
         self._rate, self._report, self._law = run.rate, run.report, str(run.device.law)
         self._model: DeviceModel | None = None
         if DEVICES.is_shipped(run.device.kind):
             kind: Any = DEVICES[run.device.kind]
-            own = {each.name for each in fields(kind) if each.init} & device.keys() - {"truth"}
-            self._model = kind(**{name: device[name] for name in own})
+            own = {each.name for each in fields(kind) if each.init} - {"truth"}
+            known = {name: device[key_of(name)] for name in own if key_of(name) in device}
+            self._model = kind(**known)
         self._kinematics = None if self._model is None else self._model.kinematics()
         is_arm = bool(np.isfinite(columns.torques).any())
         place = tuple(columns.position[-1].tolist())
+        kind, self._unit = run.launched.axis_kind, run.launched.shown(N_MM).unit
+        held = kind if self._model is None else common_kind(self._model.hand_axes)
+        if kind is None or held != kind:
+            raise ConfigError("the hand does not hold the axes that this run has, all alike")
         if is_arm and (self._model is None or self._model.angles(place) is None):
             raise ConfigError("the joints of this arm cannot be computed from places of its tip")
         self.stated = self._state(device, run.device)
         motors = columns.applied_force if self._kinematics is None else columns.torques
         self._first: Vector = tuple(motors[0].tolist())
-        self._hand = self._hold(run)
+        self._hand = self._hold(run, kind)
         # Energy of the ledger, when the run began in the middle of another; what the twin errs.
         start = self._bounder(Change())[0].estimated_energy
         self._before = float(np.nan_to_num(columns.estimated_energy[0] - start))
@@ -123,10 +132,16 @@ class Twin:
         names = {each.name for each in fields(Dissipation)}
         return Dissipation(**{name: one for name, one in numbers.items() if name in names})
 
-    def _hold(self, run: "Samples") -> tuple[float, float, Floats, Floats]:
+    def _hold(self, run: "Samples", kind: AxisKind) -> tuple[float, float, Floats, Floats]:
         """Return mass and stiffness of the hand; damping and friction with the device, per axis."""
-        grip, names = run.launched.operator, ("mass", "stiffness", "damping")
-        mass, spring, damper = (getattr(grip, n) or getattr(SoftGrip, n) for n in names)
+        grip, units = run.launched.operator, {"mass": "kg", "stiffness": "N/m", "damping": "N s/m"}
+        mass, spring, damper = (
+            getattr(grip, name) or at_lever(getattr(SoftGrip, name), unit, kind)
+            for name, unit in units.items()
+        )
+        own = run.mass or 0.0
+        if kind == "angle":
+            own = float(np.mean(run.config["device"].get("inertia") or 0.0))
         turns = unit = np.eye(self._columns.position.shape[1])
         if self._model is not None and self._kinematics is not None:
             places = (
@@ -136,7 +151,7 @@ class Twin:
             turns = (turned[:-1] - turned[-1]) / STEP
         damping = damper + (turns**2 * np.array(self.stated.damping)).sum(axis=1)
         friction = (np.abs(turns) * np.array(self.stated.friction)).sum(axis=1)
-        return mass + (run.mass or 0.0), spring, damping, friction
+        return mass + own, spring, damping, friction
 
     def would_feel(self, change: Change) -> float:
         """Return the stiffness that the hand would have felt, in N/m."""
@@ -145,6 +160,10 @@ class Twin:
         if self._error is None:
             self._error = self.felt - self._run(Change())
         return max(self._run(change) + self._error, 0.0)
+
+    def text(self, stiffness: float) -> str:
+        """Return a stiffness for people."""
+        return in_unit(stiffness, self._unit, 2)
 
     def _bounder(self, change: Change) -> tuple[ForceBounder, Dissipation]:
         limit, report = self.stated.hold_limit, self._report

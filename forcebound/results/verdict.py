@@ -13,7 +13,7 @@ from forcebound.recordings.launched import Launched, launched
 from forcebound.results.cells import Summary, lost
 from forcebound.results.promises import is_uncovered
 from forcebound.results.state import counted, state, times
-from forcebound.units import in_unit
+from forcebound.units import N_MM, in_unit
 
 MOST_LAWS = 4  # lines, of a run that changed its law: the last ones
 ALL = 0.995  # of the stiffness
@@ -81,7 +81,7 @@ def _stiffness(s: Summary, run: Launched) -> str:
 
 def _felt(s: Summary, run: Launched) -> str:
     mean, of = s["displayed_stiffness_n_per_m"], s["stiffness_n_per_m"]
-    unit = run.units.get("environment.stiffness", "N/mm")
+    unit = run.units.get("environment.stiffness", run.shown(N_MM).unit)
     if of is not None:
         felt, asked = (in_unit(of[key], unit, 3) for key in ("felt", "asked"))
         what = BETWEEN if run.environment.get("kind") in BODIES else "Stiffness felt"
@@ -122,6 +122,7 @@ def _of_the_device(s: Summary, run: Launched) -> str:
     """Why the device itself misses ticks; empty: it does not."""
     busy, rate = s["reads_and_writes_s"] or 0.0, run.device.rate or 0.0
     if busy * rate <= 1.0:
-        return ""
+        of_device = s["device_misses"] or 0
+        return f", {of_device} of them while the device read or wrote" if of_device else ""
     taken, period = in_unit(busy, "ms", 2), in_unit(1.0 / rate, "ms", 2)
     return f", since its reads and writes take {taken} of a period of {period}"

@@ -24,6 +24,7 @@ from forcebound.nodes.environment import EnvironmentNode
 from forcebound.nodes.lease import LEASE_NS
 from forcebound.recordings.delay_traces import trace_of
 from forcebound.roles import CONTROLLER, DEVICE, ENVIRONMENT
+from forcebound.run.bus import reads_once
 
 
 def parts_of(role: str) -> Makes:
@@ -102,7 +103,12 @@ def build_device(
     signals = model.signals
     dissipation = dissipation_of(model, servo)
     process = 0 if clock is None else process_number()
-    return DeviceNode(device, dissipation, servo, clock, lateness, name, signals, process)
+    try:
+        once = reads_once(device, model, servo, clock)
+    except BaseException:
+        device.close()
+        raise
+    return DeviceNode(device, dissipation, servo, clock, lateness, name, signals, process, once)
 
 
 def process_number() -> int:

@@ -14,6 +14,7 @@ from msgspec import Struct
 
 from forcebound.bounded_child import tried
 from forcebound.errors import ConfigError
+from forcebound.graph.loader import hand_of, launch_file_of
 from forcebound.graph.parts import law_of, member_of
 from forcebound.graph.resolved import part_document
 from forcebound.haptics.controllers import contract as controllers
@@ -27,6 +28,7 @@ from forcebound.haptics.parts.contract import Report, Violation
 from forcebound.haptics.parts.user_module import file_of, names_file
 from forcebound.messages.packets import MAX_AXES
 from forcebound.messages.topology import HAND, Document
+from forcebound.run.bus import TickTimes, described, time_ticks
 from forcebound.units import parse_quantity
 
 CONTRACTS: Mapping[str, Any] = {
@@ -61,14 +63,6 @@ class AnswerTimes(Struct, frozen=True):
     answers: int
 
 
-class TickTimes(Struct, frozen=True):
-    """Times of a device's read and write, in s, medians; ``reads``: how many of them a tick has."""
-
-    read: float
-    write: float
-    reads: int
-
-
 class Checked(Struct, kw_only=True, omit_defaults=True):
     """Findings of the contract test of a part."""
 
@@ -84,6 +78,7 @@ class Checked(Struct, kw_only=True, omit_defaults=True):
     seconds_per_answer: AnswerTimes | None = None
     # Of a device:
     seconds_per_tick: TickTimes | None = None
+    permits: list[str] = []  # by these times: rates, readings, write delay
 
 
 def check_part(
@@ -101,9 +96,10 @@ def check_part(
 
     Args:
         section: ``"law"``, ``"device"``, ``"operator"``, ``"controller"`` or ``"environment"``.
-        kind: ``FILE.py``, ``FILE.py:NAME`` or a kind that is installed.
+        kind: ``FILE.py``, ``FILE.py:NAME`` or a kind that is installed; of a device also
+            ``FILE.yaml`` or ``FILE.yaml:HAND``, of a launch file.
         arguments: Its parameters, each ``name:=value``; a law has none.
-        axes: Numbers of axes of an environment; none: 1 to 6.
+        axes: Numbers of axes of an environment; none: 1 to 8.
         rest: Forces expected of an environment at rest, each ``POSITION=FORCE``.
         progress: Called before each answer with the question, answers so far and in all.
         is_child: A user's file runs in this process, too.
@@ -111,22 +107,33 @@ def check_part(
     Raises:
         ConfigError: If there is no such part, or the user's code was too slow or ended its process.
     """
-    if names_file(kind) and not is_child:
+    if (names_file(kind) or launch_file_of(kind)[0]) and not is_child:
         here = partial(check_part, section, kind, arguments, axes, rest, progress, is_child=True)
-        data = tried(partial(_as_json, here), [file_of(kind, Path())], CHECK_S)
+        data = tried(partial(_as_json, here), _files(kind), CHECK_S)
         return msgspec.json.decode(data, type=Checked)
     if section == "law":
         law = law_of(kind)
         return _checked({"kind": law}, laws.check(law))
     expected = dict(map(_expected, rest))
-    model = member_of(section, kind, arguments)
+    model: Any
+    servo = None
+    if section == "device" and launch_file_of(kind)[0]:
+        hand = hand_of(kind, arguments)
+        model, servo = hand.device, hand.servo
+    else:
+        model = member_of(section, kind, arguments)
     part = part_document(section, model)
     if section == "environment":
         return _check_environment(part, progress, model, axes, expected)
     checked = _checked(part, CONTRACTS[section].check(model))
     if section == "device" and checked.passed:
-        checked.seconds_per_tick = _tick_times(model)
+        checked.seconds_per_tick = times = _tick_times(model)
+        checked.permits = [] if times is None else list(described(times, servo))
     return checked
+
+
+def _files(kind: str) -> list[Path]:
+    return [file_of(kind, Path()) if names_file(kind) else Path(launch_file_of(kind)[0])]
 
 
 def _as_json(check: Callable[[], Checked]) -> bytes:
@@ -188,16 +195,9 @@ def lines(section: str, checked: Checked) -> list[str]:
 
 
 def _measured(checked: Checked) -> list[str]:
-    tick, answer = checked.seconds_per_tick, checked.seconds_per_answer
-    if tick is not None:
-        each = tick.reads * tick.read + tick.write
-        read, write, both = (f"{1e6 * one:.1f} us" for one in (tick.read, tick.write, each))
-        words = f"a tick reads {('once', 'twice')[tick.reads - 1]} and writes once: {both}"
-        too_long = f": device.rate must be below {1 / each:.0f} Hz" if each > 1e-3 else ""
-        line = f"a read takes {read}, a write {write}; {words}; at 1 kHz it has 1000 us{too_long}"
-        return [line]
+    answer = checked.seconds_per_answer
     if answer is None:
-        return []  # no environment
+        return checked.permits  # of a device; no environment
     shown = ", ".join(
         f"{one.position_m * 1e3:g} mm: "
         + ("no answer" if one.force_n is None else f"{one.force_n:.4g} N")
@@ -221,19 +221,9 @@ def _measured(checked: Checked) -> list[str]:
 
 def _tick_times(model: DeviceModel) -> TickTimes | None:
     """Times of a device that gets no force; None: it failed, which its contract judges."""
-    times: list[tuple[float, float]] = []
-    reads, end = 2, time.perf_counter() + TIMING
     with suppress(Exception), closing(model.open(None, HOLD_LIMIT)) as device:
-        while len(times) < CALLS and (began := time.perf_counter()) < end:
-            device.read(time.monotonic_ns())
-            between = time.perf_counter()
-            device.write(time.monotonic_ns(), (0.0,) * model.axes)
-            times.append((between - began, time.perf_counter() - between))
-            reads = 2 if device.fresh_reading() is None else 1
-    if not times:
-        return None
-    read, write = map(statistics.median, zip(*times, strict=True))
-    return TickTimes(read, write, reads)
+        return time_ticks(device, time.monotonic_ns, CALLS, TIMING)
+    return None
 
 
 def _expected(text: str) -> tuple[float, float]:

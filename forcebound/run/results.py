@@ -12,6 +12,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+from forcebound.axes import units_on
 from forcebound.files import content_of
 from forcebound.graph.graph import KINDS, GraphConfig
 from forcebound.graph.resolved import to_document
@@ -35,21 +36,28 @@ def run_metadata(config: GraphConfig) -> dict[str, str]:
     versions |= {package: version(package) for package in _PACKAGES}
     document = to_document(config)
     metadata = {
-        "launch": json.dumps(document, sort_keys=True),
+        "launch": json.dumps(document),
         "versions": json.dumps(versions),
         "seed": str(config.seed),
     }
     signals: dict[str, dict[str, Meaning]] = {}
     for hand, sections in document[HANDS].items():
         parts = {"environment": document["environment"], **sections}
+        axes = config.hands[hand].named_axes
         kinds = {section: parts[section]["kind"] for section in KINDS if section in parts}
-        for section, kind in {**kinds, "law": parts["device"]["law"]}.items():
+        device = parts["device"]
+        named = {**kinds, "device": device.get("class", kinds["device"]), "law": device["law"]}
+        for section, kind in named.items():
             source = source_of(kind)
             if source is not None:  # the file may change before the recording is read
                 metadata[node_name(hand, f"{section}_source")] = source
         signals |= {
             node_name(hand, topic): {
-                each.name: Meaning(each.label or each.name, each.unit) for each in declared
+                each.name: Meaning(
+                    each.label or each.name,
+                    each.unit if section == "device" else units_on(axes, each.unit),
+                )
+                for each in declared
             }
             for section, topic in SIGNAL_TOPICS.items()
             if (declared := KINDS[section][kinds[section]].signals)

@@ -190,8 +190,8 @@ def check_has_virtual_time(config: GraphConfig) -> None:
             continue
         kind = kind_of("device", hand.device)
         raise ConfigError(
-            f"the device {kind} is at a serial port, emulated or not, and has no virtual time:"
-            f" use `forcebound launch`, or `forcebound simulate {instead}`"
+            f"the device {kind} is no simulated one, and has no virtual time: use"
+            f" `forcebound launch`, or `forcebound simulate {instead}`"
         )
 
 

@@ -16,25 +16,30 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
-from typing import ClassVar, Literal, Protocol, TypeAlias
+from typing import Any, ClassVar, Literal, Protocol, TypeAlias
 
 from msgspec import Struct
 
+from forcebound.axes import Axis, lengths
 from forcebound.errors import ConfigError
 from forcebound.haptics.hands import Operator
-from forcebound.haptics.laws.dissipation import StatedAxes, StatedNumbers
+from forcebound.haptics.laws.dissipation import JointNumbers, StatedAxes, StatedNumbers
 from forcebound.haptics.parts import PartShape, Table
 from forcebound.haptics.parts.signals import Publisher, Publishing
-from forcebound.messages.packets import Quaternion, Vector
+from forcebound.messages.packets import MAX_AXES, MAX_NAME, Quaternion, Vector
 
-__all__ = ["DEVICES", "AxesModel", "Device", "DeviceModel", "Kinematics", "Source", "Truth"]
+__all__ = ["DEVICES", "AxesModel", "Axis", "Device", "DeviceModel", "JointsModel", "Kinematics"]
+__all__ += ["Source", "Truth"]
 
 #: Where a number comes from.
 Source: TypeAlias = Literal["measured", "data sheet", "assumed"]
 
 
 class Truth(Struct, frozen=True, array_like=True, gc=False):
-    """Ground truth of a simulated device, which no law may see."""
+    """Ground truth of a simulated device, which no law may see.
+
+    In the units of its axes: of an angle rad for m, N m for N.
+    """
 
     position: Vector  # m, not quantised
     velocity: Vector  # m/s
@@ -58,9 +63,10 @@ class Device(Publisher, ABC):
     """An open device; only ``axes``, ``read`` and ``write`` have no default.
 
     Attributes:
-        axes: Number of axes, 1 to 6.
-        kinematics: Of an arm: ``read`` then returns joint angles, in rad, and ``write`` takes
-            torques, in N m, in place of positions and forces. None: it is no arm.
+        axes: Number of axes, 1 to 8.
+        kinematics: Of an arm of which others see the tip: ``read`` then returns joint angles, in
+            rad, and ``write`` takes torques, in N m, in place of positions and forces. None: others
+            see the axes that it reads, in the units of its model's ``named_axes``.
         is_exchange: Whether a write is an exchange with the device that brings a reading, which
             :meth:`fresh_reading` returns. After a slow one the next write then waits 0.3 periods
             for the answer to the late state.
@@ -200,7 +206,25 @@ class DeviceModel(StatedNumbers, Publishing, ABC):
     @property
     @abstractmethod
     def axes(self) -> int:
-        """Number of axes, 1 to 6."""
+        """Number of axes, 1 to 8."""
+
+    @property
+    def named_axes(self) -> tuple[Axis, ...]:
+        """Axes that graph, environment and results see: lengths x, y, z, unless it names them."""
+        return lengths(self.axes)
+
+    @property
+    def hand_axes(self) -> tuple[Axis, ...]:
+        """Axes along which a simulated hand holds it."""
+        return self.named_axes
+
+    @classmethod
+    def written_axes(cls, values: Mapping[str, Any]) -> tuple[Axis, ...] | None:
+        """Return the axes of which the entries of its section are, ``values`` as they are written.
+
+        Each is then read in the unit of its axis. None: in the units of the types alone.
+        """
+        return None
 
     @abstractmethod
     def open(self, operator: Operator | None, hold_limit: float) -> Device:
@@ -231,6 +255,14 @@ class DeviceModel(StatedNumbers, Publishing, ABC):
         """The watchdog limit, in s; infinite if it is ``auto``."""
         return math.inf if self.watchdog_limit == "auto" else self.watchdog_limit
 
+    @property
+    def own_code(self) -> str:
+        """Its user's code beside the kind, ``FILE.py:NAME``; empty: none."""
+        return ""
+
+    def check_files(self) -> None:
+        """Check, where a launch file is read, the files that it names; ConfigError if not sound."""
+
     def check_here(self) -> None:
         """Check, before anything starts, that this machine has the device.
 
@@ -252,6 +284,48 @@ class AxesModel(DeviceModel, StatedAxes):
     """Parameters of a device of axes, which may carry a weight: of every one that is no arm."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class JointsModel(JointNumbers, DeviceModel):
+    """Parameters of a device whose joints are the axes that others see; no kinematics is needed.
+
+    Attributes:
+        joints: Their names, 1 to 8.
+        prismatic: Those of them that move along a straight line: m for rad and N for N m then.
+    """
+
+    joints: tuple[str, ...]
+    prismatic: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        names = [name for name in self.joints if 0 < len(name) <= MAX_NAME and name.isprintable()]
+        if not 1 <= len(set(names)) == len(self.joints) <= MAX_AXES:
+            expected = f"joints must be 1 to {MAX_AXES} different names"
+            raise ConfigError(f"{expected}, got {', '.join(self.joints)}", field="joints")
+        self.written_axes({"joints": self.joints, "prismatic": self.prismatic})
+
+    @property
+    def axes(self) -> int:
+        return len(self.joints)
+
+    @property
+    def named_axes(self) -> tuple[Axis, ...]:
+        return tuple(
+            Axis(name, "length" if name in self.prismatic else "angle") for name in self.joints
+        )
+
+    @classmethod
+    def written_axes(cls, values: Mapping[str, Any]) -> tuple[Axis, ...] | None:
+        names, straight = values.get("joints"), values.get("prismatic", ())
+        if not isinstance(names, tuple | list) or not isinstance(straight, tuple | list):
+            return None  # wrong, and noted where it is read
+        for name in straight:
+            if name not in names:
+                message = f"prismatic: no joint {name!r}; the joints are: {', '.join(names)}"
+                raise ConfigError(message, field="prismatic")
+        return tuple(Axis(str(one), "length" if one in straight else "angle") for one in names)
+
+
 DEVICES: Table[type[DeviceModel]] = Table(
     "devices",
     {
@@ -259,9 +333,12 @@ DEVICES: Table[type[DeviceModel]] = Table(
         "five_bar": "forcebound.haptics.devices.five_bar:FiveBar",
         "haply_2diy": "forcebound.hardware.haply_2diy:Haply2DIY",
         "haply_inverse3": "forcebound.hardware.haply_inverse3:HaplyInverse3",
+        "joints": "forcebound.haptics.devices.joint_device:Joints",
         "knob": "forcebound.haptics.devices.knob:Knob",
         "odrive": "forcebound.hardware.odrive:ODrive",
         "phantom_premium_1_5": "forcebound.haptics.devices.phantom:PhantomPremium15",
+        "program": "forcebound.hardware.program:Program",
+        "robot": "forcebound.hardware.robot:Robot",
         "serial_arm": "forcebound.haptics.devices.serial_arm:SerialArm",
     },
     PartShape("forcebound.haptics.devices:DeviceModel"),

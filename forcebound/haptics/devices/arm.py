@@ -1,5 +1,6 @@
 """The body of a simulated arm: joints, kinematics, a hand at the tip."""
 
+import math
 from collections.abc import Callable
 from functools import partial
 from struct import Struct
@@ -27,14 +28,12 @@ class ArmBody:
 
     def __init__(self, stated: "StatedJoints", true: TrueNumbers, operator: Operator) -> None:
         axes = stated.axes
-        if operator.gap >= 0.0:
-            raise DeviceError("a wall in place of the hand needs a device of independent axes")
         start = pad(operator.target(0.0), axes)
         angles = stated.angles(start)
         if angles is None:
             raise DeviceError(f"the hand begins at {start} m, where the arm does not reach")
         self.kinematics: Kinematics | None = stated.kinematics()  # asked about readings
-        kinematics = stated.kinematics()  # of true angles
+        kinematics = stated.geometry()  # of true angles
         self.compensation: Vector = (0.0,) * axes
         self._numbers = numbers = np.zeros((joints.ROWS, axes))
         numbers[joints.ANGLE], numbers[joints.INERTIA] = angles, stated.inertia
@@ -44,13 +43,22 @@ class ArmBody:
         self._sound, self._weak_spot = self._frictions.copy(), true.weak_spot
         numbers[joints.READING] = [quantise(*x) for x in zip(angles, true.resolution, strict=True)]
         numbers[joints.TIP] = kinematics.position(angles)
+        numbers[joints.GAP] = math.nan
+        numbers[joints.GAP, : len(operator.walls)] = operator.walls
+        limits = operator.joint_limits or ((-math.inf, math.inf),) * axes
+        numbers[joints.LOWEST], numbers[joints.HIGHEST] = zip(*limits, strict=True)
+        self._geometry = None if self.kinematics is not None else kinematics
         hand = (operator.mass, operator.stiffness, operator.damping)
-        self._settings = np.array([*hand, stated.substep, true.lag, *kinematics.geometry])
+        walls = (not operator.walls, operator.joint_stiffness, operator.joint_damping)
+        own = (stated.substep, true.lag)
+        self._settings = np.array([*hand, *own, *walls, *kinematics.geometry])
         # numpy takes longer to set or get a number
         data, row = numbers.view(np.uint8).reshape(-1).data, 8 * axes
         self._set_inputs = partial(Struct(f"{3 * axes}d").pack_into, data, joints.TARGET * row)
         get = Struct(f"{axes}d").unpack_from
         self.reading: Callable[[], Vector] = partial(get, data, joints.READING * row)
+        self._angles = partial(get, data, joints.ANGLE * row)
+        self._speeds = partial(get, data, joints.SPEED * row)
         self._tip = partial(get, data, joints.TIP * row)
         self._tip_speed = partial(get, data, joints.TIP_SPEED * row)
         self._muscle = partial(get, data, joints.MUSCLE * row)
@@ -62,6 +70,10 @@ class ArmBody:
         numbers[:], self._energy = unmoved, 0.0
 
     def truth(self) -> Truth:
+        if self._geometry is not None:  # in its joints
+            angles = self._angles()
+            torques = self._geometry.torque(angles, self._muscle())
+            return Truth(angles, self._speeds(), torques, self._energy)
         return Truth(self._tip(), self._tip_speed(), self._muscle(), self._energy)
 
     def kinetic_energy(self) -> float:

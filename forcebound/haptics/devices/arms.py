@@ -3,23 +3,19 @@
 from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
+from forcebound.axes import Axis, lengths
 from forcebound.errors import ConfigError
 from forcebound.haptics.devices import Source
 from forcebound.haptics.devices.kinematics import ArmKinematics
 from forcebound.haptics.devices.simulated import SimulatedDevice, SimulatedModel
-from forcebound.haptics.devices.true_values import (
-    AngleOfJoints,
-    DampingOfJoints,
-    TorqueOfJoints,
-    TrueJoints,
-    TrueNumbers,
-)
+from forcebound.haptics.devices.true_values import TrueJoints, TrueNumbers
 from forcebound.haptics.hands import Operator
 from forcebound.haptics.laws import Watchdog
+from forcebound.haptics.laws.dissipation import JointNumbers
 from forcebound.messages.packets import Vector
-from forcebound.quantities import POSITIVE, AngularSpeed, Inertia, Range, Ratio, Time, Torque
+from forcebound.quantities import POSITIVE, Inertia, Range, Ratio, Time
 
 if TYPE_CHECKING:
     from forcebound.haptics.devices.arm import ArmBody
@@ -30,34 +26,19 @@ ASSUMED: Mapping[str, Source] = dict.fromkeys(
 
 
 @dataclass(frozen=True, kw_only=True)
-class StatedJoints(SimulatedModel):
+class StatedJoints(JointNumbers, SimulatedModel):
     """Stated numbers of an arm: those of its joints.
-
-    No weight: gravity pulls at a joint as the pose has it, so no constant describes it.
 
     Attributes:
         inertia: Of each joint, with the links that it carries; it does not change with the pose.
-        damping: Minimum viscous damping of the joints; one number, or one of each.
-        friction: Minimum Coulomb friction; one of each joint gives more force than one number,
-            which counts along the path of all joints.
-        resolution: Of the encoders.
-        saturation: Largest torque: length of the vector of the joints' torques.
-        presliding: Angle over which friction yields elastically before it dissipates.
-        largest_speed: A reading that implies more is refused; null: none is.
-        hand_speed: The hand turns the joints no faster than this, as the length of the vector of
-            their speeds and on average over a period or longer; null: that is not stated.
+        space: Axes that the graph, the environment and the results see: the coordinates of the tip,
+            in m and N, or the joints, in rad and N m. A simulated hand holds the tip either way.
         substep: Longest integration step.
         truth: What the simulated arm really has, where that differs from what is stated.
     """
 
     inertia: Annotated[Inertia, POSITIVE]
-    damping: DampingOfJoints
-    friction: TorqueOfJoints
-    resolution: AngleOfJoints
-    saturation: Annotated[Torque, POSITIVE]
-    presliding: AngleOfJoints = 0.0
-    largest_speed: Annotated[AngularSpeed, POSITIVE] | None = None
-    hand_speed: Annotated[AngularSpeed, POSITIVE] | None = None
+    space: Literal["tip", "joints"] = "tip"
     substep: Annotated[Time, POSITIVE] = 5e-5
     truth: TrueJoints | None = None
 
@@ -66,14 +47,27 @@ class StatedJoints(SimulatedModel):
         """Number of joints, and of coordinates of the tip."""
         return 2
 
+    @property
+    def named_axes(self) -> tuple[Axis, ...]:
+        if self.space == "tip":
+            return lengths(self.axes)
+        return tuple(Axis(f"joint {j + 1}", "angle") for j in range(self.axes))
+
+    @property
+    def hand_axes(self) -> tuple[Axis, ...]:
+        return lengths(self.axes)
+
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.angles((0.0,) * self.axes) is None:
             raise ConfigError("origin: the arm does not reach 0 m", field="origin")
 
     @abstractmethod
-    def kinematics(self) -> ArmKinematics:
-        """Return the kinematics of this geometry."""
+    def geometry(self) -> ArmKinematics:
+        """Return the kinematics of this geometry, whatever axes the graph sees."""
+
+    def kinematics(self) -> ArmKinematics | None:
+        return self.geometry() if self.space == "tip" else None
 
     @abstractmethod
     def angles(self, position: Vector) -> Vector | None:

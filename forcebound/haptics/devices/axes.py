@@ -4,27 +4,27 @@ import math
 from collections.abc import Callable, Sequence
 from functools import partial
 from struct import Struct
-from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
+from typing import Annotated, Any, TypeAlias
 
 import numpy as np
 
+from forcebound.axes import PerAxis, per_axis
 from forcebound.compiled import jit, new_records, record_type
 from forcebound.haptics.devices import Kinematics, Truth
 from forcebound.haptics.devices.plant import Axis, Moving, advance_extended, quantise
 from forcebound.haptics.devices.simulated import pad
 from forcebound.haptics.devices.true_values import TrueNumbers
 from forcebound.haptics.hands import Operator
-from forcebound.haptics.laws.dissipation import per_axis
 from forcebound.messages.packets import MAX_AXES, Vector
-
-if TYPE_CHECKING:
-    from forcebound.haptics.devices.phantom import PhantomPremium15
 
 Numbers: TypeAlias = Annotated[list[float], MAX_AXES]
 
 
 class Axes:
-    """All axes in the hand, as compiled code reads and writes them."""
+    """All axes in the hand, as compiled code reads and writes them.
+
+    Of an angle, rad stands for m, N m for N, kg m^2 for kg.
+    """
 
     target: Numbers  # of the hand, at the start of a move, m
     target_end: Numbers  # and at its end
@@ -41,12 +41,13 @@ class Axes:
     presliding: Numbers  # m
     weight: Numbers  # N
     resolution: Numbers  # m
+    gap: Numbers  # to a wall in place of the hand, m, its sign the side; NaN: none
+    mass: Numbers  # of device and hand, kg
     count: int
-    mass: float  # of device and hand, kg
     hand_mass: float  # kg
     stiffness: float  # of the hand, N/m
     hand_damping: float  # N s/m
-    gap: float  # to a wall in place of the hand, across the first axis, m; negative: none
+    is_hand: bool  # there are no walls in place of it
     substep: float  # longest integration step, s
     lag: float  # of the motor, s
 
@@ -59,9 +60,9 @@ def advance_axes(records: Sequence[Axes], duration: float) -> float:
     """
     energy, a = 0.0, records[0]
     for i in range(a.count):
-        is_held = i == 0 or a.gap < 0.0
+        is_held = a.is_hand or not math.isnan(a.gap[i])
         axis = Axis(
-            a.mass,
+            a.mass[i],
             a.damping[i],
             a.friction[i],
             a.presliding[i],
@@ -69,7 +70,7 @@ def advance_axes(records: Sequence[Axes], duration: float) -> float:
             a.lag,
             a.stiffness if is_held else 0.0,
             a.hand_damping if is_held else 0.0,
-            a.gap if i == 0 else -1.0,
+            a.gap[i],
         )
         before = Moving(a.x[i], a.v[i], a.work[i], a.bristle[i], a.motor[i])
         after, a.muscle[i] = advance_extended(
@@ -82,29 +83,39 @@ def advance_axes(records: Sequence[Axes], duration: float) -> float:
 
 
 class AxesBody:
-    """A mass, moved along axes that know nothing of each other; see ``Body``."""
+    """A mass, or inertia, on each of some axes that know nothing of each other; see ``Body``."""
 
     kinematics: Kinematics | None = None
 
-    def __init__(self, stated: "PhantomPremium15", true: TrueNumbers, operator: Operator) -> None:
-        axes = stated.axes
+    def __init__(
+        self,
+        mass: PerAxis,
+        weight: PerAxis,
+        substep: float,
+        true: TrueNumbers,
+        operator: Operator,
+    ) -> None:
+        """Put it into an operator's hand; ``mass`` without it, ``weight`` as it is stated."""
+        axes = len(true.damping)
         self._records = new_records(Axes)
         self._axes: Any = self._records[0]
-        self._axes.count, self._axes.mass = axes, stated.mass + operator.mass
+        self._axes.count, self._masses = axes, np.array(per_axis("inertia", mass, axes))
+        self._axes.mass[:axes] = self._masses + operator.mass
         self._axes.hand_mass, self._axes.stiffness = operator.mass, operator.stiffness
-        self._axes.hand_damping, self._axes.gap = operator.damping, operator.gap
-        self._axes.lag = true.lag
+        self._axes.hand_damping, self._axes.lag = operator.damping, true.lag
+        self._axes.gap, self._axes.is_hand = math.nan, not operator.walls
+        self._axes.gap[: len(operator.walls)] = operator.walls
         self._axes.damping[:axes], self._axes.friction[:axes] = true.damping, true.friction
         self._axes.presliding[:axes], self._axes.weight[:axes] = true.presliding, true.weight
         self._axes.resolution[:axes] = true.resolution
         self._sound = self._axes.friction.copy(), self._axes.presliding.copy()
         self._weak_spot = true.weak_spot
-        self._axes.substep = stated.substep
-        for f, z in zip(*self._sound, strict=True):
+        self._axes.substep = substep
+        for mass, f, z in zip(self._axes.mass, *self._sound, strict=True):
             if f > 0.0 and z > 0.0:  # an eighth of a radian of the oscillation on the bristle
-                step = 0.125 * math.sqrt(self._axes.mass * z / f)
+                step = 0.125 * math.sqrt(mass * z / f)
                 self._axes.substep = min(self._axes.substep, step)
-        self.compensation: Vector = tuple([-w for w in per_axis("weight", stated.weight, axes)])
+        self.compensation: Vector = tuple([-w for w in per_axis("weight", weight, axes)])
         start = pad(operator.target(0.0), axes)
         self._axes.x[:axes], self._axes.motor[:axes] = start, self.compensation
         for axis, x in enumerate(start):
@@ -131,7 +142,7 @@ class AxesBody:
 
     def kinetic_energy(self) -> float:
         speeds = self._axes.v[: self._axes.count]
-        return 0.5 * float((self._axes.mass - self._axes.hand_mass) * (speeds @ speeds))
+        return 0.5 * float(self._masses @ speeds**2)
 
     def move(self, target: Vector, target_end: Vector, duration: float, commanded: Vector) -> None:
         if self._weak_spot is not None:

@@ -9,6 +9,7 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+from forcebound.axes import units_on
 from forcebound.errors import DeviceError
 from forcebound.haptics.devices import Device, DeviceModel
 from forcebound.haptics.devices.guard import GuardedDevice
@@ -88,9 +89,17 @@ def _check_port(model: Any, hold_limit: float, found: Findings) -> None:
         found.add("port", "a DeviceError", "an open device", where)
 
 
+def reading_units(model: DeviceModel) -> tuple[str, str]:
+    """Return the units of a device's readings and forces: of an arm's joints, or of its axes."""
+    if model.kinematics() is not None:
+        return "rad", "N m"
+    return units_on(model.named_axes, "m"), units_on(model.named_axes, "N")
+
+
 def _use(device: Device, model: DeviceModel, ticks: int, found: Findings) -> None:
     axes = model.axes
     is_simulated = device.truth() is not None
+    place, effort = reading_units(model)
     forces = (0.0, 0.5, -1e3, 1e30, math.nan) if is_simulated else (0.0,)
     device.engage(0)
     with found.noting("stamps", PROMISES["stamps"], "stamps() before the first write"):
@@ -102,8 +111,8 @@ def _use(device: Device, model: DeviceModel, ticks: int, found: Findings) -> Non
         where = f"tick {tick}, force {force}"
         with found.noting("answers", "an answer", where):
             reading, held = device.read(time_ns), device.write(time_ns, force)
-            found.check_vector(reading, axes, "m", where, finite="shape")
-            is_vector = found.check_vector(held, axes, "N", where, finite="shape")
+            found.check_vector(reading, axes, place, where, finite="shape")
+            is_vector = found.check_vector(held, axes, effort, where, finite="shape")
             asked = math.hypot(*force)
             largest = min(0.0 if math.isnan(asked) else asked, model.saturation) * (1 + 1e-12)
             if is_vector and not math.hypot(*held) <= largest:

@@ -26,7 +26,7 @@ from typing import Annotated
 from forcebound.haptics.devices import Source
 from forcebound.haptics.devices.arms import ASSUMED, SimulatedArm
 from forcebound.haptics.devices.kinematics import ArmKinematics, Floats, two_links
-from forcebound.haptics.devices.true_values import AngleOfJoints, DampingOfJoints, TorqueOfJoints
+from forcebound.haptics.laws.dissipation import AngleOfJoints, DampingOfJoints, TorqueOfJoints
 from forcebound.messages.packets import Vector
 from forcebound.quantities import POSITIVE, AngularSpeed, Inertia, Length, Torque
 
@@ -93,7 +93,7 @@ class DesktopArm(SimulatedArm):
     def axes(self) -> int:
         return 3
 
-    def kinematics(self) -> ArmKinematics:
+    def geometry(self) -> ArmKinematics:
         return ArmKinematics(desktop_pose, (self.upper, self.lower, *self.origin), 3)
 
     def angles(self, position: Vector) -> Vector | None:

@@ -21,7 +21,7 @@ from typing import Annotated
 from forcebound.haptics.devices import Source
 from forcebound.haptics.devices.arms import SimulatedArm
 from forcebound.haptics.devices.kinematics import ArmKinematics, Floats, link_angle
-from forcebound.haptics.devices.true_values import AngleOfJoints, DampingOfJoints, TorqueOfJoints
+from forcebound.haptics.laws.dissipation import AngleOfJoints, DampingOfJoints, TorqueOfJoints
 from forcebound.messages.packets import Vector
 from forcebound.quantities import NOT_NEGATIVE, POSITIVE, AngularSpeed, Inertia, Length, Torque
 
@@ -93,7 +93,7 @@ class FiveBarNumbers:
     def links(self) -> tuple[float, float, float]:
         """Lengths of the links at the motors and at the tip, and distance of the motors, in m."""
 
-    def kinematics(self) -> ArmKinematics:
+    def geometry(self) -> ArmKinematics:
         return ArmKinematics(five_bar_pose, (*self.links, *self.origin), 2)
 
     def angles(self, position: Vector) -> Vector | None:

@@ -2,7 +2,10 @@ r"""The plant of an arm: joints with friction, and a hand at the tip.
 
 Each joint has an inertia, a damper and Coulomb friction that may yield over a presliding
 angle; the motor's torque may lag. The hand, a mass on a spring and a damper, is fixed to the tip
-and pulls at the joints through the Jacobian :math:`J` of the pose.
+and pulls at the joints through the Jacobian :math:`J` of the pose. In place of its spring and
+damper there may be walls across coordinates of the tip, and limits of the joints, which are springs
+and dampers, too: in each step they act, or not, as the step begins. What a limit takes and gives
+back counts as the hand's, as what a wall does.
 
 **The step.** The implicit midpoint rule of :mod:`forcebound.haptics.devices.plant` in joint space:
 with mean speeds :math:`\bar w`,
@@ -45,9 +48,11 @@ ANGLE, SPEED, BRISTLE, TORQUE = 0, 1, 2, 3  # rad, rad/s, rad, N m: the joints
 INERTIA, DAMPING, FRICTION, PRESLIDING, RESOLUTION = 4, 5, 6, 7, 8  # what they have
 TARGET, TARGET_END, COMMANDED = 9, 10, 11  # m, m, N m: of a move
 READING, TIP, TIP_SPEED, MUSCLE = 12, 13, 14, 15  # rad, m, m/s, N: after it
-ROWS = 16
+GAP, LOWEST, HIGHEST = 16, 17, 18  # m, rad, rad: walls (NaN: none), limits
+ROWS = 19
 # Of ``settings``, which end with the geometry of the pose.
-MASS, STIFFNESS, HAND_DAMPING, SUBSTEP, LAG, GEOMETRY = 0, 1, 2, 3, 4, 5  # kg, N/m, N s/m, s, s
+MASS, STIFFNESS, HAND_DAMPING, SUBSTEP, LAG = 0, 1, 2, 3, 4  # kg, N/m, N s/m, s, s
+IS_HAND, LIMIT_STIFFNESS, LIMIT_DAMPING, GEOMETRY = 5, 6, 7, 8  # 1: no walls; N m/rad, N m s/rad
 SWEEPS, CONVERGED = 100, 1e-13
 
 
@@ -68,8 +73,8 @@ def arm_kernel(pose: Pose) -> Any:
         h = duration / steps
         decay = math.exp(-h / lag) if lag > 0.0 else 0.0
         share = lag / h * (1.0 - decay)
-        scratch = np.zeros((6, size))
-        goal, goal_speed, force, motor, mean, ahead = scratch
+        scratch = np.zeros((7, size))
+        goal, goal_speed, force, motor, mean, ahead, held = scratch
         tip, muscle = numbers[TIP], numbers[MUSCLE]
         jacobian, matrix = np.zeros((size, size)), np.zeros((size, size))
         energy = 0.0
@@ -87,16 +92,15 @@ def arm_kernel(pose: Pose) -> Any:
                 mean[j] = numbers[SPEED, j]
             pose(numbers[ANGLE], geometry, tip, matrix)
             for k in range(size):  # of the hand, if the tip stood still in this step
-                force[k] = (
-                    settings[STIFFNESS] * (goal[k] - tip[k])
-                    + settings[HAND_DAMPING] * goal_speed[k]
-                    + 2.0 * settings[MASS] / h * speed_of_tip(matrix, mean, k)
-                )
-            find_speeds(mean, numbers, motor, jacobian, force, settings, h, matrix)
+                held[k] = meet_wall(goal, numbers[GAP, k], tip, k, settings[IS_HAND])
+                drive = settings[STIFFNESS] * (goal[k] - tip[k])
+                drive = held[k] * (drive + settings[HAND_DAMPING] * goal_speed[k])
+                force[k] = drive + 2.0 * settings[MASS] / h * speed_of_tip(matrix, mean, k)
+            find_speeds(mean, numbers, motor, jacobian, force, held, settings, h, matrix)
             for k in range(size):
                 speed = speed_of_tip(jacobian, mean, k)
                 spring = settings[STIFFNESS] * (goal[k] - tip[k] - 0.5 * h * speed)
-                muscle[k] = spring + settings[HAND_DAMPING] * (goal_speed[k] - speed)
+                muscle[k] = held[k] * (spring + settings[HAND_DAMPING] * (goal_speed[k] - speed))
             energy += turn(numbers, motor, mean, h)
         pose(numbers[ANGLE], geometry, tip, jacobian)
         is_held = False
@@ -109,6 +113,14 @@ def arm_kernel(pose: Pose) -> Any:
 
     allow_in_kernels([pose])
     return jit(advance)
+
+
+def meet_wall(goal: Floats, gap: float, tip: Floats, k: int, is_hand: float) -> float:
+    """Return 1 if spring and damper act on coordinate ``k``; its goal becomes that of a wall."""
+    if math.isnan(gap):
+        return is_hand
+    goal[k] += gap
+    return 1.0 if (tip[k] - goal[k]) * math.copysign(1.0, gap) > 0.0 else 0.0
 
 
 def speed_of_tip(jacobian: Floats, speeds: Floats, k: int) -> float:
@@ -125,23 +137,29 @@ def find_speeds(
     motor: Floats,
     jacobian: Floats,
     force: Floats,
+    held: Floats,
     settings: Floats,
     h: float,
     matrix: Floats,
 ) -> None:
     """Set ``mean`` to the mean speeds of the step, in rad/s; ``matrix`` is overwritten."""
     size = mean.size
-    impedance = 2.0 * settings[MASS] / h + settings[HAND_DAMPING] + 0.5 * h * settings[STIFFNESS]
+    mass, stiffness = 2.0 * settings[MASS] / h, 0.5 * h * settings[STIFFNESS]
+    limit = settings[LIMIT_DAMPING] + 0.5 * h * settings[LIMIT_STIFFNESS]
     for j in range(size):
         for m in range(size):
             matrix[j, m] = 0.0
             for k in range(size):
+                impedance = mass + held[k] * settings[HAND_DAMPING] + held[k] * stiffness
                 matrix[j, m] += impedance * jacobian[k, j] * jacobian[k, m]
         matrix[j, j] += 2.0 * numbers[INERTIA, j] / h + numbers[DAMPING, j]
+        if beyond_limit(numbers, j) != 0.0:
+            matrix[j, j] += limit
     for _ in range(SWEEPS):
         change = largest = 0.0
         for j in range(size):
             drive = 2.0 * numbers[INERTIA, j] / h * numbers[SPEED, j] - motor[j]
+            drive -= settings[LIMIT_STIFFNESS] * beyond_limit(numbers, j)
             for k in range(size):
                 drive += jacobian[k, j] * force[k]
                 if k != j:
@@ -159,6 +177,12 @@ def find_speeds(
             mean[j] = speed
         if change <= CONVERGED * largest:
             break
+
+
+def beyond_limit(numbers: Floats, j: int) -> float:
+    """Return how far a joint is beyond one of its limits, in rad; 0 between them."""
+    angle, lowest, highest = numbers[ANGLE, j], numbers[LOWEST, j], numbers[HIGHEST, j]
+    return float(max(angle - highest, 0.0) + min(angle - lowest, 0.0))
 
 
 def turn(numbers: Floats, motor: Floats, mean: Floats, h: float) -> float:

@@ -13,7 +13,7 @@ from typing import Annotated
 
 from forcebound.haptics.devices.arms import SimulatedArm
 from forcebound.haptics.devices.kinematics import ArmKinematics, Floats
-from forcebound.haptics.devices.true_values import AngleOfJoints, DampingOfJoints, TorqueOfJoints
+from forcebound.haptics.laws.dissipation import AngleOfJoints, DampingOfJoints, TorqueOfJoints
 from forcebound.messages.packets import Vector
 from forcebound.quantities import POSITIVE, AngularSpeed, Inertia, Length, Range, Torque
 
@@ -50,7 +50,7 @@ class KnobNumbers:
     def axes(self) -> int:
         return self.joints
 
-    def kinematics(self) -> ArmKinematics:
+    def geometry(self) -> ArmKinematics:
         return ArmKinematics(knob_pose, (self.lever,) * self.joints, self.joints)
 
     def angles(self, position: Vector) -> Vector:

@@ -56,11 +56,13 @@ class SimulatedMotor:
     def _hold_of(self, share: float) -> int:
         return round(min(share * self._hold_limit * 1e9, NEVER))
 
-    def write(self, time_ns: int, commanded: Vector, written: Vector, reading: Vector) -> None:
+    def write(
+        self, time_ns: int, commanded: Vector, written: Vector, reading: Vector, read_ns: int
+    ) -> None:
         """Take a new force; every change before ``time_ns`` has been made.
 
         It is ``written``, and ``commanded`` of the motor, in N; a guarding watchdog looks at the
-        ``reading`` of now.
+        ``reading`` of now. The write delay counts from ``read_ns``.
         """
         self.cut_ns = None
         delay_ns, hold_ns = self._delay_ns, self._hold_ns
@@ -68,7 +70,7 @@ class SimulatedMotor:
             delay_ns = round(delay_ns * self._random.random())
             hold_ns = self._hold_of(1.0 + self._tolerance * self._random.uniform(-1.0, 1.0))
         # The order of writes is kept.
-        self.effect_ns = max(time_ns + delay_ns, self.effect_ns)
+        self.effect_ns = max(read_ns + delay_ns, time_ns, self.effect_ns)
         self._waiting.append((self.effect_ns, hold_ns, commanded, written))
         if self.effect_ns == time_ns:
             self._begin(reading)

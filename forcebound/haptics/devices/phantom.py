@@ -58,7 +58,7 @@ class PhantomPremium15(SimulatedModel, AxesModel):
     )
 
     def body(self, true: TrueNumbers, operator: Operator) -> AxesBody:
-        return AxesBody(self, true, operator)
+        return AxesBody(self.mass, self.weight, self.substep, true, operator)
 
     def open(self, operator: Operator | None, hold_limit: float) -> SimulatedDevice:
         return SimulatedDevice(self, operator, hold_limit)

@@ -75,7 +75,7 @@ class Axis(NamedTuple):
     lag: float  # time constant of the motor, s; 0: it gives the commanded force
     hand_stiffness: float  # N/m
     hand_damping: float  # N s/m
-    gap: float = -1.0  # from the target to a wall in place of the hand, m; negative: none
+    gap: float = math.nan  # from the target to a wall in place of the hand, m, its sign the side
 
 
 def advance_extended(
@@ -104,9 +104,9 @@ def advance_extended(
     muscle = 0.0
     for i in range(steps):
         middle = target + target_velocity * (i + 0.5) * h
-        if axis.gap >= 0.0:
+        if not math.isnan(axis.gap):
             middle += axis.gap
-            touches = x > middle
+            touches = x > middle if axis.gap >= 0.0 else x < middle
             stiffness = axis.hand_stiffness if touches else 0.0
             damping = axis.hand_damping if touches else 0.0
             impedance = inertia + axis.damping + damping + 0.5 * h * stiffness

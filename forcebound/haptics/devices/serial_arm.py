@@ -14,7 +14,7 @@ from typing import Annotated
 
 from forcebound.haptics.devices.arms import SimulatedArm
 from forcebound.haptics.devices.kinematics import ArmKinematics, Floats, two_links
-from forcebound.haptics.devices.true_values import AngleOfJoints, DampingOfJoints, TorqueOfJoints
+from forcebound.haptics.laws.dissipation import AngleOfJoints, DampingOfJoints, TorqueOfJoints
 from forcebound.messages.packets import Vector
 from forcebound.quantities import POSITIVE, AngularSpeed, Inertia, Length, Range, Torque
 
@@ -90,7 +90,7 @@ class SerialArm(SimulatedArm):
     def axes(self) -> int:
         return self.joints
 
-    def kinematics(self) -> ArmKinematics:
+    def geometry(self) -> ArmKinematics:
         pose = planar_pose if self.joints == 2 else spatial_pose
         return ArmKinematics(pose, (self.upper, self.lower, *self.origin, 0.0), self.joints)
 

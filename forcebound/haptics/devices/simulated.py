@@ -143,7 +143,7 @@ class SimulatedDevice(Device):
         force = saturated(force, self._saturation)
         reading = self._body.reading() if self._motor.guards else ()
         commanded = self._motor_force(force) if self._scales else force
-        self._motor.write(time_ns, commanded, force, reading)
+        self._motor.write(time_ns, commanded, force, reading, self._read_ns)
         return force
 
     def set_hold_limit(self, seconds: float) -> float:

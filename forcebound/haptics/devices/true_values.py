@@ -12,29 +12,26 @@ from dataclasses import dataclass
 from typing import Annotated, NamedTuple, TypeAlias
 
 from forcebound.haptics.laws.dissipation import (
+    AngleOfJoints,
     DampingOfAxes,
+    DampingOfJoints,
     ForceOfAxes,
     FrictionOfAxes,
     LengthOfAxes,
     OfAxes,
+    TorqueOfJoints,
 )
 from forcebound.messages.packets import Vector
 from forcebound.quantities import (
     NOT_NEGATIVE,
     POSITIVE,
     PROBABILITY,
-    Angle,
-    JointDamping,
     Range,
     Ranged,
     Ratio,
     Time,
-    Torque,
 )
 
-DampingOfJoints: TypeAlias = OfAxes[Annotated[JointDamping, NOT_NEGATIVE]]
-TorqueOfJoints: TypeAlias = OfAxes[Annotated[Torque, NOT_NEGATIVE]]
-AngleOfJoints: TypeAlias = OfAxes[Annotated[Angle, NOT_NEGATIVE]]
 RatioOfMotors: TypeAlias = OfAxes[Annotated[Ratio, NOT_NEGATIVE]]
 
 

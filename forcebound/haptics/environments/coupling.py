@@ -1,5 +1,6 @@
 r"""Leader and follower: two hands that a teleoperator couples.
 
+Each axis is coupled by itself: coordinates of the tips, or joints, to those of the same number.
 With the positions :math:`x_l, x_f` of both, the follower's target position is :math:`s x_l + o`,
 with the scale :math:`s` and the offset :math:`o`. Forces are positive towards
 positive x: :math:`f_h` of the hand on the leader, measured; :math:`f_e` of the follower on what it
@@ -27,6 +28,7 @@ import math
 from dataclasses import dataclass
 from typing import Annotated, Literal, TypeAlias
 
+from forcebound.axes import OfAxes, PerAxis, entries, per_axis
 from forcebound.errors import ConfigError
 from forcebound.haptics.environments import (
     Environment,
@@ -68,7 +70,8 @@ class Coupling(EnvironmentModel):
         architecture: position_position: spring and damper between both; position_force: the leader
             feels the force that is measured at the follower; four_channel: positions and measured
             forces both ways.
-        stiffness: Between the follower and its target position.
+        stiffness: Between the follower and its target position; one number, or one of each axis,
+            as are the next three.
         damping: Between the follower and its target position.
         scale: Way of the follower for the leader's; negative: mirrored.
         force_scale: Force on the leader for the follower's, of the sign of scale; null: scale, so
@@ -88,10 +91,10 @@ class Coupling(EnvironmentModel):
     architecture: Literal["position_position", "position_force", "four_channel"] = (
         "position_position"
     )
-    stiffness: Annotated[Stiffness, NOT_NEGATIVE] = 300.0
-    damping: Annotated[Damping, NOT_NEGATIVE] = 2.0
-    scale: AnyRatio = 1.0
-    force_scale: AnyRatio | None = None
+    stiffness: OfAxes[Annotated[Stiffness, NOT_NEGATIVE]] = 300.0
+    damping: OfAxes[Annotated[Damping, NOT_NEGATIVE]] = 2.0
+    scale: OfAxes[AnyRatio] = 1.0
+    force_scale: OfAxes[AnyRatio] | None = None
     offset: tuple[Length, ...] = ()
     clutch: Annotated[int, Range(at_least=0, below=63)] | None = None
 
@@ -100,16 +103,25 @@ class Coupling(EnvironmentModel):
         if self.leader == self.follower:
             message = f"follower must be another hand than the leader, {self.leader!r}"
             raise ConfigError(message, field="follower")
-        if self.scale == 0.0:
-            raise ConfigError("scale must not be 0: the follower would not follow", field="scale")
-        if self.ratio * self.scale <= 0.0:
-            message = f"force_scale must have the sign of scale, {self.scale:g}, got {self.ratio:g}"
-            raise ConfigError(f"{message}: the coupling would give energy", field="force_scale")
+        scales = per_axis("scale", self.scale, len(entries(self.ratio)))
+        ratios = per_axis("force_scale", self.ratio, len(scales))
+        for scale, ratio in zip(scales, ratios, strict=True):
+            if scale == 0.0:
+                message = "scale must not be 0: the follower would not follow"
+                raise ConfigError(message, field="scale")
+            if ratio * scale <= 0.0:
+                message = f"force_scale must have the sign of scale, {scale:g}, got {ratio:g}"
+                raise ConfigError(f"{message}: the coupling would give energy", field="force_scale")
 
     @property
-    def ratio(self) -> float:
+    def ratio(self) -> PerAxis:
         """The force scale."""
         return self.scale if self.force_scale is None else self.force_scale
+
+    def on_axis(self, axis: int) -> list[float]:
+        """Return stiffness, damping, scale and force scale of one axis."""
+        numbers = map(entries, (self.stiffness, self.damping, self.scale, self.ratio))
+        return [of[axis % len(of)] for of in numbers]
 
     def check_hands(self, hands: tuple[str, ...]) -> None:
         for field in ("leader", "follower"):
@@ -119,7 +131,12 @@ class Coupling(EnvironmentModel):
         if len(self.offset) > axes:
             message = f"offset: expected at most {axes} entries, got {len(self.offset)}"
             raise ConfigError(message, field="offset")
-        return _Coupled(self)
+        for field in _OF_AXES:
+            per_axis(field, getattr(self, field) or 0.0, axes)
+        return _Coupled(self, axes)
+
+
+_OF_AXES = ("stiffness", "damping", "scale", "force_scale")
 
 
 class _Hand:
@@ -133,8 +150,9 @@ class _Hand:
 class _Coupled(Environment):
     """An open coupling."""
 
-    def __init__(self, model: Coupling) -> None:
+    def __init__(self, model: Coupling, axes: int) -> None:
         self._model, self._offset = model, model.offset
+        self._gains = [model.on_axis(i) for i in range(axes)]
         self._hands = {model.leader: _Hand(), model.follower: _Hand()}
         self._is_released = False  # by the clutch
         self._reindexes = False  # as soon as both are there and the clutch is up
@@ -160,24 +178,26 @@ class _Coupled(Environment):
             self.signal("force_error", math.nan)
             return zero
         if self._reindexes:
-            both = zip(leader.position, follower.position, strict=False)
-            self._offset, self._reindexes = tuple([f - model.scale * at for at, f in both]), False
+            both = enumerate(zip(leader.position, follower.position, strict=False))
+            offsets = [f - self._gains[i][2] * at for i, (at, f) in both]
+            self._offset, self._reindexes = tuple(offsets), False
         motors = self._motors(leader, follower)
         answer = tuple([-forces[hand is follower] for forces in motors])
         return (answer + zero)[: len(zero)]
 
     def _motors(self, leader: _Hand, follower: _Hand) -> list[tuple[float, float]]:
         """Return the forces of leader and follower, in N, on each axis that both have."""
-        model, s, r = self._model, self._model.scale, self._model.ratio
+        model = self._model
         count = min(len(leader.position), len(follower.position))
         on_leader, on_follower = _padded(leader.felt, count), _padded(follower.felt, count)
         is_sensed = self._is_sensed(leader, follower)
         c_4, c_2, c_3 = GAINS[model.architecture if is_sensed else "position_position"]
         forces, errors, differences = [], [], []
         for i, offset in enumerate(_padded(self._offset, count)):
+            k, b, s, r = self._gains[i]
             error = s * leader.position[i] + offset - follower.position[i]
-            c = model.stiffness * error
-            c += model.damping * (s * leader.velocity[i] - follower.velocity[i])
+            c = k * error
+            c += b * (s * leader.velocity[i] - follower.velocity[i])
             f_h, f_e = on_leader[i], -on_follower[i]
             forces.append((-r * (c_4 * c + c_2 * f_e), c + c_3 * f_h / r))
             errors.append(error)
@@ -215,6 +235,7 @@ class _Coupled(Environment):
         if {model.leader, model.follower} != self._hands.keys():
             return False
         self._model = model
+        self._gains = [model.on_axis(i) for i in range(len(self._gains))]
         self._reindexes = self._reindexes or model.scale != before.scale
         if model.offset != before.offset:
             self._offset, self._reindexes = model.offset, False

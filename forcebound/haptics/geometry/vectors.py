@@ -132,7 +132,7 @@ class Pose:
 
 
 def pad3(vector: Sequence[float]) -> Vector3:
-    """Return a vector of a device of 1 to 6 axes in space: zeros where it has no axis."""
+    """Return a vector of a device of any number of axes in space: zeros where it has no axis."""
     count = len(vector)
     return (vector[0], vector[1] if count > 1 else 0.0, vector[2] if count > 2 else 0.0)
 

@@ -22,13 +22,20 @@ class Operator(ABC):
         mass: Mass that moves with the handle, in kg.
         stiffness: Stiffness of the spring from handle to target, in N/m.
         damping: Damping between handle and target, in N s/m.
-        gap: Way from the target to a wall in place of the hand, in m; negative: a hand.
+        walls: In place of a hand: way from the target to the wall across each axis, in m, its sign
+            the side; NaN: none there. Empty: a hand.
+        joint_limits: Lowest and highest angle of each joint of an arm, in rad; empty: none.
+        joint_stiffness: Stiffness of these limits, in N m/rad.
+        joint_damping: Damping of these limits, in N m s/rad.
     """
 
     mass: float
     stiffness: float
     damping: float
-    gap: float = -1.0
+    walls: Vector = ()
+    joint_limits: tuple[tuple[float, float], ...] = ()
+    joint_stiffness: float = 0.0
+    joint_damping: float = 0.0
 
     @abstractmethod
     def target(self, elapsed: float) -> Vector:

@@ -19,6 +19,8 @@ from forcebound.quantities import (
     Damping,
     Force,
     Frequency,
+    JointDamping,
+    JointStiffness,
     Length,
     Mass,
     Range,
@@ -142,16 +144,20 @@ class NoHand(Operator):
 
 @dataclass(frozen=True, kw_only=True)
 class WallInPlace(SoftGrip):
-    """No hand: a wall across the first axis, which the handle meets, as a follower's tool does.
+    """No hand: walls, which the handle or the tip of an arm meets, as a follower's tool does.
 
-    It can only push. It needs a device of independent axes.
+    They can only push. The joints of an arm may meet limits, too.
 
     Attributes:
-        mass: That the handle carries.
-        stiffness: Of the wall; 0: there is none.
-        damping: Of the wall.
+        mass: That the handle carries, without its weight.
+        stiffness: Of the walls; 0: there is none.
+        damping: Of the walls.
         start: Where the handle begins: on the first axis, or a list of one for each axis.
-        gap: From there to the surface.
+        gap: From there to a wall across the first axis, or a list of one for each axis; negative:
+            in negative direction, as a floor; null: none across this axis.
+        joint_limits: Of an arm: lowest and highest angle of each joint, in a list; empty: none.
+        joint_stiffness: Of these limits, which are springs.
+        joint_damping: Of these limits.
     """
 
     places: ClassVar[tuple[str, ...]] = ("start",)
@@ -160,10 +166,25 @@ class WallInPlace(SoftGrip):
     stiffness: Annotated[Stiffness, NOT_NEGATIVE] = 1000.0
     damping: Annotated[Damping, NOT_NEGATIVE] = 0.0
     start: Coordinates = 0.0
-    gap: Annotated[Length, NOT_NEGATIVE] = 0.010
+    gap: Length | tuple[Length | None, ...] = 0.010
+    joint_limits: tuple[tuple[Angle, Angle], ...] = ()
+    joint_stiffness: Annotated[JointStiffness, POSITIVE] = 100.0
+    joint_damping: Annotated[JointDamping, NOT_NEGATIVE] = 0.1
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for low, high in self.joint_limits:
+            if low >= high:
+                message = f"joint_limits: expected the lower angle first, got [{low:g}, {high:g}]"
+                raise ConfigError(message, field="joint_limits")
+
+    @property
+    def walls(self) -> Vector:  # type: ignore[override]
+        gaps = self.gap if isinstance(self.gap, tuple) else (self.gap,)
+        return tuple([math.nan if gap is None else gap for gap in gaps])
 
     def target(self, elapsed: float) -> Vector:
-        return coordinates(self.start)
+        return _shifted(coordinates(self.start), (0.0,) * len(self.walls))  # one of each wall
 
 
 @dataclass(frozen=True)

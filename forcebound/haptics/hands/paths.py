@@ -82,7 +82,7 @@ class TrajectoryHand(SoftGrip):
     """Mass, spring and damper whose target follows a CSV file, or the hand in a recording.
 
     A CSV file has a header line; its first column is the time in s, strictly increasing, the others
-    (1 to 6) are the target's position in m, one per axis. Between two lines the target moves in a
+    (1 to 8) are the target's position in m, one per axis. Between two lines the target moves in a
     straight line; before the first and after the last it rests. Of a recording (``.mcap``), it is
     where the hand's target was, as far as that is known, else where the device was
     (docs/recordings.md).

@@ -7,32 +7,38 @@ the certified laws use each; ``docs/assumptions.md`` what a wrong one costs.
 
 import math
 from dataclasses import dataclass
-from typing import Annotated, Literal, TypeAlias, TypeVar, get_args
+from typing import Annotated, Literal, TypeAlias, get_args
 
+from forcebound.axes import OfAxes as OfAxes
+from forcebound.axes import PerAxis as PerAxis
+from forcebound.axes import entries
+from forcebound.axes import per_axis as per_axis
 from forcebound.errors import ConfigError
-from forcebound.messages.packets import Vector
 from forcebound.quantities import (
     NOT_NEGATIVE,
     POSITIVE,
+    Angle,
+    AngularSpeed,
     Damping,
     Energy,
     Force,
+    JointDamping,
     Length,
     Range,
     Ratio,
     Speed,
     Time,
+    Torque,
     check_ranges,
 )
 
-T = TypeVar("T")
-#: A number for every axis alike, or one for each axis.
-OfAxes: TypeAlias = T | tuple[T, ...]
-PerAxis: TypeAlias = OfAxes[float]
 DampingOfAxes: TypeAlias = OfAxes[Annotated[Damping, NOT_NEGATIVE]]
 FrictionOfAxes: TypeAlias = OfAxes[Annotated[Force, NOT_NEGATIVE]]
 LengthOfAxes: TypeAlias = OfAxes[Annotated[Length, NOT_NEGATIVE]]
 ForceOfAxes: TypeAlias = OfAxes[Annotated[Force, Range()]]
+DampingOfJoints: TypeAlias = OfAxes[Annotated[JointDamping, NOT_NEGATIVE]]
+TorqueOfJoints: TypeAlias = OfAxes[Annotated[Torque, NOT_NEGATIVE]]
+AngleOfJoints: TypeAlias = OfAxes[Annotated[Angle, NOT_NEGATIVE]]
 
 #: ``guarding``: looks at the readings, first at the hold limit, drops the force when one of them
 #: has moved back from where it was when that force began to act, and says when and where; see
@@ -143,6 +149,33 @@ class StatedAxes(StatedNumbers):
     weight_error: FrictionOfAxes = 0.0
 
 
+@dataclass(frozen=True, kw_only=True)
+class JointNumbers(StatedNumbers):
+    """Stated numbers of a device in its joints.
+
+    No weight: gravity pulls at a joint as the pose has it, so no constant describes it.
+
+    Attributes:
+        damping: Minimum viscous damping of the joints; one number, or one of each.
+        friction: Minimum Coulomb friction; one of each joint gives more force than one number,
+            which counts along the path of all joints.
+        resolution: Of the encoders.
+        saturation: Largest torque: length of the vector of the joints' torques.
+        presliding: Angle over which friction yields elastically before it dissipates.
+        largest_speed: A reading that implies more is refused; null: none is.
+        hand_speed: The hand turns the joints no faster than this, as the length of the vector of
+            their speeds and on average over a period or longer; null: that is not stated.
+    """
+
+    damping: DampingOfJoints
+    friction: TorqueOfJoints
+    resolution: AngleOfJoints
+    saturation: Annotated[Torque, POSITIVE]
+    presliding: AngleOfJoints = 0.0
+    largest_speed: Annotated[AngularSpeed, POSITIVE] | None = None
+    hand_speed: Annotated[AngularSpeed, POSITIVE] | None = None
+
+
 #: Numbers for which there is no proof with ``attenuates`` (docs/theory.md, 3.10).
 _NOT_ATTENUATED = {
     "watchdog": "while it guards a late force no reading shows what a hand gains; use 'reporting'",
@@ -182,7 +215,7 @@ class Dissipation(StatedAxes):
         super().__post_init__()
         for name in ("largest_speed", "hand_speed"):
             if not getattr(self, name) > 0.0:
-                raise ConfigError(f"{name} must be > 0 m/s, got {getattr(self, name)} m/s")
+                raise ConfigError(f"{name} must be > 0, got {getattr(self, name):g}")
         if self.hand_speed < math.inf:
             self._check_hand()
         self._check_hold()
@@ -212,17 +245,17 @@ class Dissipation(StatedAxes):
             self._check_guard()
 
     def _check_hand(self) -> None:
-        fault, has_presliding = "", any(_values(self.presliding))
+        fault, has_presliding = "", any(entries(self.presliding))
         if self.lag > 0.0 and has_presliding:
             fault = f"a lag of {self.lag} s and presliding"
         elif self.lag > 0.0 and (self.watchdog == "reporting" or self.watchdog_tolerance > 0.0):
             fault = f"a lag of {self.lag} s and a {self.watchdog} watchdog that may drop a force at"
             fault += " an unknown time"
-        elif self.watchdog == "guarding" and has_presliding and any(_values(self.weight_error)):
+        elif self.watchdog == "guarding" and has_presliding and any(entries(self.weight_error)):
             fault = "a guarding watchdog, presliding and a weight_error"
         if fault:
             raise ConfigError(
-                f"hand_speed of {self.hand_speed} m/s with {fault}: what the hand gets is not"
+                f"hand_speed of {self.hand_speed:g} with {fault}: what the hand gets is not"
                 " proved then; state hand_speed: null, or no number that the device does not have",
                 field="hand_speed",
             )
@@ -243,12 +276,12 @@ class Dissipation(StatedAxes):
     def _check_attenuation(self) -> None:
         for name, why in _NOT_ATTENUATED.items():
             value = getattr(self, name)
-            if any(_values(value)) if name != "watchdog" else value == "guarding":
+            if any(entries(value)) if name != "watchdog" else value == "guarding":
                 raise ConfigError(
                     f"attenuates: {self.attenuates} with {name} {value}: {why}", field="attenuates"
                 )
-        unproved = f"hand_speed {self.hand_speed} m/s" if self.hand_speed < math.inf else ""
-        if self.attenuates == "freely" and any(_values(self.presliding)):
+        unproved = f"hand_speed {self.hand_speed:g}" if self.hand_speed < math.inf else ""
+        if self.attenuates == "freely" and any(entries(self.presliding)):
             unproved = "presliding, where a hand may tremble without friction: expected per_write"
         if unproved:
             raise ConfigError(
@@ -269,31 +302,14 @@ class Dissipation(StatedAxes):
     @property
     def least_damping(self) -> float:
         """Minimum damping of the worst axis, in N s/m."""
-        return min(_values(self.damping))
+        return min(entries(self.damping))
 
     @property
     def least_friction(self) -> float:
         """Minimum friction of the worst axis, in N."""
-        return min(_values(self.friction))
+        return min(entries(self.friction))
 
     @property
     def coarsest_resolution(self) -> float:
         """Resolution of the worst axis, in m."""
-        return max(_values(self.resolution))
-
-
-def per_axis(name: str, value: PerAxis, axes: int) -> Vector:
-    """Return a number that is alike on every axis, or one of each, as one of each.
-
-    Raises:
-        ConfigError: If there are others; it names the field.
-    """
-    numbers = _values(value)
-    if len(numbers) not in (1, axes):
-        message = f"{name} must be one number, or {axes} (one per axis), got {len(numbers)}"
-        raise ConfigError(message, field=name)
-    return numbers if len(numbers) == axes else numbers * axes
-
-
-def _values(value: PerAxis) -> Vector:
-    return value if isinstance(value, tuple) else (value,)
+        return max(entries(self.resolution))

@@ -1,6 +1,7 @@
 """Parts as plain JSON types."""
 
 import dataclasses
+import keyword
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -9,7 +10,17 @@ from typing import Any
 def plain(member: Any) -> dict[str, Any]:
     """Return the fields of a dataclass that a launch file can set, as plain JSON types."""
     fields = [field.name for field in dataclasses.fields(member) if field.init]
-    return {name: plain_value(getattr(member, name)) for name in fields}
+    return {key_of(name): plain_value(getattr(member, name)) for name in fields}
+
+
+def key_of(name: str) -> str:
+    """Return the key in a launch file of a field by its name: ``class`` of ``class_``."""
+    return name.removesuffix("_")
+
+
+def field_of(key: str) -> str:
+    """Return the name of the field of a key: Python's own words have a ``_`` there."""
+    return f"{key}_" if keyword.iskeyword(key) else key
 
 
 def plain_value(value: Any) -> Any:

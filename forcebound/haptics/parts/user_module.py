@@ -2,7 +2,7 @@
 
 ``kind: my_spring.py`` or ``kind: my_spring.py:MySpring`` in a launch file names such a part. Its
 file is read as Python reads a module, once in a process: after a change, start the graph again.
-Loading it runs its code, as ``python my_spring.py`` would.
+Loading it runs its code, as ``python my_spring.py`` would, and it imports files beside it.
 
 Objects of a class that was loaded can be pickled to any process that has forcebound and the file.
 """
@@ -38,6 +38,7 @@ class _File:
 
 
 _files: dict[Path, _File] = {}
+_folders: set[Path] = set()  # of the files
 _parts: dict[str, object] = {}  # by absolute kind, FILE.py:NAME
 
 
@@ -128,7 +129,8 @@ def _load(path: Path) -> _File:
         # What it prints must not get into a --json document.
         with contextlib.redirect_stdout(sys.stderr):
             tree = ast.parse(source, str(path))
-            exec(compile(source, str(path), "exec", dont_inherit=True), module.__dict__)
+            with _importing_from(path.parent):
+                exec(compile(source, str(path), "exec", dont_inherit=True), module.__dict__)
     except BaseException as error:
         del sys.modules[module.__name__]
         if isinstance(error, KeyboardInterrupt):
@@ -137,6 +139,29 @@ def _load(path: Path) -> _File:
     imports = [node for node in tree.body if isinstance(node, ast.Import | ast.ImportFrom)]
     imported = {alias.asname or alias.name for node in imports for alias in node.names}
     return _File(module, source.decode("utf-8", "replace"), frozenset(imported))
+
+
+@contextlib.contextmanager
+def _importing_from(folder: Path) -> Iterator[None]:
+    """Let a file import the files in its folder before all others, and later after all others.
+
+    A module of the same name from the folder of another user's file is not taken for one of these.
+    """
+    for name in [name for name, module in sys.modules.items() if _is_of_another(module, folder)]:
+        if (folder / f"{name.partition('.')[0]}.py").exists() or (folder / name).is_dir():
+            del sys.modules[name]
+    _folders.add(folder)
+    sys.path[:] = [str(folder), *(one for one in sys.path if one != str(folder))]
+    try:
+        yield
+    finally:
+        sys.path.remove(str(folder))
+        sys.path.append(str(folder))
+
+
+def _is_of_another(module: ModuleType, folder: Path) -> bool:
+    file = getattr(module, "__file__", None)
+    return bool(file) and Path(str(file)).parent in _folders - {folder}
 
 
 def _read(path: Path) -> bytes:
@@ -159,7 +184,7 @@ def _describe(error: BaseException, files: set[str]) -> str:
         place, text, words = f"{error.filename}:{error.lineno}", error.text or "", error.msg
     else:
         for frame in traceback.extract_tb(error.__traceback__):
-            if frame.filename in files:
+            if frame.filename in files or Path(frame.filename).parent in _folders:
                 place, text = f"{frame.filename}:{frame.lineno}", frame.line or ""
     message = f"{type(error).__name__}: {words}" if words else type(error).__name__
     return message if place is None else f"{message}\n  in {place}: {text.strip()}"

@@ -35,7 +35,7 @@ def haply_2diy(model: Haply2DIY, operator: Operator | None) -> tuple[Board, Mech
     """Return a Haply board on a simulated five-bar, whose encoders are those of its version."""
     wiring = WIRINGS[model.version]
     arm = replace(model, resolution=math.tau / wiring.counts)
-    home = arm.kinematics().position(tuple([math.radians(angle) for angle in wiring.home]))
+    home = arm.geometry().position(tuple([math.radians(angle) for angle in wiring.home]))
     board = HaplyBoard(arm.true_numbers().resolution, wiring.directions)
     return board, Mechanism(arm, operator, home)
 

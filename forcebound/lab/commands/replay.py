@@ -69,9 +69,10 @@ def replay(
 
 
 def _verify(run: Path, hand: str | None, settings: Sequence[str], as_json: bool) -> NoReturn:
-    verified = {}
+    verified, changed = {}, {}
     for name, recording in read_saying(run, hand, verification.TOPICS).by_hand.items():
         device = again.device_of(recording, settings)
+        changed[name] = again.changed_keys(recording, settings)
         with content_of(run):
             verified[name] = verification.verify(recording, device)
     if as_json:
@@ -80,6 +81,8 @@ def _verify(run: Path, hand: str | None, settings: Sequence[str], as_json: bool)
     else:
         for name, one in verified.items():
             show("\n".join([*([f"{name}:"] if name != topology.HAND else []), *_lines(one)]))
+            if changed[name]:
+                show(f"not as recorded: {', '.join(changed[name])}")
     sys.exit(0 if all(one.is_same for one in verified.values()) else 1)
 
 

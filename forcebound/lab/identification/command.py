@@ -12,6 +12,7 @@ import numpy as np
 from msgspec import Struct
 
 from forcebound import realtime
+from forcebound.axes import at_lever, shown_on
 from forcebound.errors import ConfigError
 from forcebound.files import check_writable
 from forcebound.graph.document import find
@@ -19,6 +20,7 @@ from forcebound.graph.loader import load_tried
 from forcebound.graph.parts import device_of, member_of
 from forcebound.graph.resolved import kind_of
 from forcebound.haptics.devices import DEVICES, DeviceModel
+from forcebound.haptics.devices.contract import reading_units
 from forcebound.haptics.devices.simulated import SimulatedDevice
 from forcebound.hardware import ports
 from forcebound.hardware.line import EMULATED
@@ -27,10 +29,10 @@ from forcebound.lab.identification.document import COMPARED, LOWER, METHODS, Num
 from forcebound.lab.identification.estimators import Bounded
 from forcebound.lab.identification.procedure import Found, Plan, identify
 from forcebound.lab.identification.rig import Clock, VirtualClock
-from forcebound.lab.identification.verdict import BETTER, verdict
+from forcebound.lab.identification.verdict import BETTER, DEPTH, verdict
 from forcebound.messages.topology import Document
 from forcebound.quantities import POSITIVE
-from forcebound.units import parse_quantity
+from forcebound.units import MM, N_MM, in_unit, parse_quantity
 
 _logger = logging.getLogger(__name__)
 
@@ -63,7 +65,10 @@ class Target(NamedTuple):
     @property
     def units(self) -> tuple[str, str]:
         """Units of readings and of forces."""
-        return ("m", "N") if self.model.kinematics() is None else ("rad", "N m")
+        units = reading_units(self.model)
+        if units[0] not in REACHES:
+            raise ConfigError("identify takes a device of lengths, or one of angles, not of both")
+        return units
 
 
 def target_of(name: str, arguments: Sequence[str]) -> Target:
@@ -282,8 +287,10 @@ def lines(content: Document) -> list[str]:
             "lag           not found: too many late ticks; it stays as the device states it"
         )
     judged = content["verdict"]
-    shown = judged["stiffness"] / 1e3
-    text.append(f"stiffest wall under certified, pressed by 2 mm: {shown:.3g} N/mm")
+    kind = judged["kind"]
+    depth = in_unit(at_lever(DEPTH, "m", kind), shown_on(kind, MM).unit, 3)
+    shown = in_unit(judged["stiffness"], shown_on(kind, N_MM).unit, 3)
+    text.append(f"stiffest wall under certified, pressed by {depth}: {shown}")
     for name, gain in judged["gains"].items():
         text.append(f"  {name:<13} {BETTER[name][1]}: {100.0 * (gain - 1.0):+.1f} %")
     text.append(f"what limits it most: {judged['limit']}")

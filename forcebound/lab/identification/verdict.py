@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from forcebound.axes import AxisKind, at_lever
 from forcebound.graph.servo import ServoSettings, dissipation_of
 from forcebound.haptics.devices import Device, DeviceModel
 from forcebound.haptics.laws.dissipation import per_axis
@@ -54,6 +55,8 @@ class _Prescribed(Device):
 def displayed_stiffness(model: DeviceModel, rate: float, start: Vector) -> float:
     """Return the largest stiffness that the law ``certified`` displays after the press, in N/m.
 
+    Of angles in N m/rad, pressed by as much at a lever of 0.1 m.
+
     Args:
         model: What the device states.
         rate: Of the servo, in Hz.
@@ -65,7 +68,8 @@ def displayed_stiffness(model: DeviceModel, rate: float, start: Vector) -> float
     jacobian = (
         axes if arm is None else np.array([arm.torque(start, tuple(e)) for e in axes.tolist()])
     )
-    turn = np.linalg.lstsq(jacobian, DEPTH * axes[0], rcond=None)[0]
+    depth = at_lever(DEPTH, "m", pressed_kind(model))
+    turn = np.linalg.lstsq(jacobian, depth * axes[0], rcond=None)[0]
     dissipation = dissipation_of(model, servo)
     step = np.array(per_axis("resolution", dissipation.resolution, len(start)))
     device = BoundedDevice(
@@ -76,13 +80,19 @@ def displayed_stiffness(model: DeviceModel, rate: float, start: Vector) -> float
     force = tuple((0.99 * model.saturation / lever * axes[0]).tolist())
     for tick in range(round((DEPTH / SPEED + RESTING) * rate)):
         written = device.write(tick * servo.period_ns, force, 1.0)
-    return math.hypot(*written.applied) / DEPTH
+    return math.hypot(*written.applied) / depth
+
+
+def pressed_kind(model: DeviceModel) -> AxisKind:
+    """Return the kind of the axis along which the press goes: the first."""
+    return model.named_axes[0].kind
 
 
 class Verdict(NamedTuple):
     """Displayed stiffness of the law ``certified`` on a device."""
 
-    stiffness: float  # N/m
+    stiffness: float  # N/m; of angles N m/rad
+    kind: AxisKind  # of the axes
     gains: dict[str, float]  # times as stiff on a device with a better number, see BETTER
     limit: str  # the number with the largest gain
 
@@ -96,10 +106,10 @@ def verdict(model: Any, rate: float, start: Vector) -> Verdict:
     now = shown()
     gains = {}
     for name, (factor, _) in BETTER.items():
-        value = getattr(model, name) or 0.0
+        value = getattr(model, name, None) or 0.0
         if np.any(value):
             better = (
                 tuple(factor * v for v in value) if isinstance(value, tuple) else factor * value
             )
             gains[name] = shown(**{name: better}) / (now or math.inf)
-    return Verdict(now, gains, max(gains, key=gains.__getitem__))
+    return Verdict(now, pressed_kind(model), gains, max(gains, key=gains.__getitem__))

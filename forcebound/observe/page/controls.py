@@ -8,6 +8,7 @@ from typing import Any
 
 import msgspec
 
+from forcebound.axes import units_on
 from forcebound.errors import ConfigError, ForceboundError
 from forcebound.graph.graph import GraphConfig
 from forcebound.graph.names import LAW, ParameterName, parameter_name
@@ -82,11 +83,15 @@ class Controls:
     def describe(self) -> Message:
         """Return the description of the graph for a page, before its first frame."""
         hands = self._config.hands_here
+        axes = next(iter(hands.values())).named_axes  # all have as many, of these kinds
+        si = {"position": "m", "force": "N", "stiffness": "N/m"}
         return {
             "type": "hello",
             "name": RunDocument.read(self._run_dir).file,
             "description": self._config.description,
-            "axes": next(iter(hands.values())).facts.axes,  # all have as many
+            "axes": len(axes),
+            "names": [axis.name for axis in axes],
+            "si": {name: units_on(axes, unit) for name, unit in si.items()},
             "units": {si: (one.factor, one.unit) for si, one in EVERYDAY.items()},
             "laws": takeable_laws(),
             "hands": [_described(self._config, name) for name in hands],
@@ -116,7 +121,8 @@ class Controls:
             own["device"]["law"] = status.law
             cause = self._reasons[hand].look(recent[hand], partial(_run, own, status))
             columns = TelemetryColumns.from_packets(recent[hand][0])
-            run = _run({"device": own["device"]}, status, columns)
+            sections: Document = {name: own[name] for name in ("device", "axes") if name in own}
+            run = _run(sections, status, columns)
             judged[hand] = Judged(own, status.bounder, cause, broken_promises(run))
         return judged
 

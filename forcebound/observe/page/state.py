@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from forcebound.axes import at_lever
 from forcebound.messages.control import BounderReport
 from forcebound.messages.packets import Telemetry
 from forcebound.messages.topology import Document
@@ -22,7 +23,7 @@ from forcebound.results.figures import OF_STATE
 from forcebound.results.promises import BrokenPromise
 from forcebound.results.samples import Samples
 from forcebound.results.state import Passivity, State, state
-from forcebound.units import energy_in_words
+from forcebound.units import N, energy_in_words
 
 MEMORY = 2.0  # s of samples that are looked at
 LEAST_FORCE = 0.02  # N; less is no contact
@@ -86,14 +87,16 @@ class LiveState:
             self._broken = self.judged.broken
         document["device"]["law"] = law
         figures = self._figures(document, is_of_now)
-        now = state(figures, launched(document))
-        kind, head, more = self._words(now, law, bool(figures["at_rest"]))
+        run = launched(document)
+        now = state(figures, run)
+        unit = run.shown(N).unit
+        kind, head, more = self._words(now, law, bool(figures["at_rest"]), unit)
         seen = f"Seen from {self._seen_from:.3g} s on." if self._seen_from else ""
         return {
             "kind": kind,
             "head": head,
             "more": " ".join(part for part in (more, seen) if part),
-            "force": f"{math.hypot(*self._past[-1].applied_force):.3g} N",
+            "force": f"{math.hypot(*self._past[-1].applied_force):.3g} {unit}",
             "energy": energy_in_words(self._energy),
             "cause": self.judged.cause,
         }
@@ -109,6 +112,7 @@ class LiveState:
             del self._holds[: -2 * BESIDE - 1]
         report = self.judged.report if is_of_now else None
         speed = self._speed
+        rest = at_lever(REST_SPEED, "m/s", launched(document).axis_kind or "angle")
         return {
             **dict.fromkeys(figure.key for figure in OF_STATE),
             "law": document["device"]["law"],
@@ -116,7 +120,7 @@ class LiveState:
             "observed_energy_min_j": self._motor.energy_min,
             "observed_energy_error_j": self._motor.error,
             "final_speed_m_per_s": speed,
-            "at_rest": None if speed is None else speed < REST_SPEED,
+            "at_rest": None if speed is None else speed < rest,
             "broken_promises": self._broken,
             "largest_allowance_j": None if report is None else report.largest_allowance,
             "hold_limit_overruns": None if report is None else report.overruns,
@@ -133,7 +137,7 @@ class LiveState:
         time = np.array([one.time_ns for one in last]) * 1e-9
         return final_speed(time, np.array([one.true_position for one in last]))
 
-    def _words(self, now: State, law: str, at_rest: bool) -> tuple[str, str, str]:
+    def _words(self, now: State, law: str, at_rest: bool, unit: str) -> tuple[str, str, str]:
         """Return a word for the colour, the state as a sentence, and what explains it."""
         assert self.judged is not None
         last, missed = self._past[-1], self._missed
@@ -144,7 +148,7 @@ class LiveState:
         asked, given = self._contact
         late = f" {missed:.0%} of the ticks are missed." if missed >= LATE else ""
         is_short, is_free = given < WHOLE * asked, law == "none"
-        share = f"{given:.3g} N of the {asked:.3g} N that the environment commands"
+        share = f"{given:.3g} {unit} of the {asked:.3g} {unit} that the environment commands"
         motion = "At rest." if at_rest else "In contact." if asked else "Moving freely."
         if now.kind is not Passivity.PASSIVE:
             known = f"{now.known[0].upper()}{now.known[1:]}. Law {law}."
@@ -153,7 +157,7 @@ class LiveState:
         if late and is_short and not is_free and (not cause or "ticks come late" in cause):
             return "late", "Late ticks: the surface feels softer.", f"{share}.{late}"
         why = f": {cause.partition(': ')[0]}" if cause and not is_free else ""
-        more = f"The hand gets all {asked:.3g} N." if asked else "No contact."
+        more = f"The hand gets all {asked:.3g} {unit}." if asked else "No contact."
         if is_short:
             more = f"The hand gets {share}{why}.{'' if late or is_free else self._lasting}"
         head = f"{'No law. ' * is_free}{now.head}. {motion}"

@@ -5,7 +5,7 @@ import { Figures } from "./figures.js";
 import { Choice, coloured } from "./hands.js";
 import { PLOTS, Plot, linesOf, signalPlots } from "./plots.js";
 import { Window } from "./samples.js";
-import { magnitude, text, units } from "./scale.js";
+import { magnitude, si, text, units } from "./scale.js";
 import { Scene } from "./scene.js";
 
 const $ = (id) => document.getElementById(id);
@@ -54,6 +54,8 @@ const takes = {
     const hands = all = coloured(message.hands);
     frames.clear();
     Object.assign(units, message.units);
+    Object.assign(si, message.si);
+    for (const [name, plot] of Object.keys(main).map((key, i) => [key, plots[i]])) plot.si = si[name] ?? plot.si;
     document.body.classList.toggle("several", hands.length > 1);
     document.body.style.setProperty("--count", hands.length);
     $("name").replaceChildren(Object.assign(document.createElement("span"), { textContent: "forcebound: " }), message.name.replace(/\.yaml\b/, ""));
@@ -118,13 +120,13 @@ const takes = {
 
 /** Show the hand that is chosen, or all. */
 function showChoice() {
-  const { shown: hands } = choice, { axes, signals } = hello;
+  const { shown: hands } = choice, { names, signals } = hello;
   scene.choose(hands.map(({ name }) => name));
   controls.choose(hands.map(({ name }) => name));
   figures.clear();
   for (const { name, hand_speed } of hands) if (hand_speed !== "null") figures.show(`${hands.length > 1 ? `${name}: ` : ""}speed of a hand, at most`, hand_speed);
-  Object.values(main).forEach((spec, i) => { plots[i].lines = linesOf(spec, axes, hands); });
-  delays.lines = linesOf(delay, axes, hands);
+  Object.values(main).forEach((spec, i) => { plots[i].lines = linesOf(spec, names, hands); });
+  delays.lines = linesOf(delay, names, hands);
   for (const { canvas } of plots.splice(others)) canvas.remove();
   plots.push(...signalPlots($("plots"), shown, signals, hands));
   $("hint").replaceChildren(Object.assign(document.createElement("span"), { id: "about", textContent: `${hello.description} ` }), hintOf(hello));

@@ -1,7 +1,7 @@
 // The controls: fields for the parameters, the law, nodes that stop and start, two buttons for visitors.
 
 import { ofHand } from "./hands.js";
-import { units } from "./scale.js";
+import { si, units } from "./scale.js";
 
 const make = (tag, properties = {}, ...children) => {
   const element = Object.assign(document.createElement(tag), properties);
@@ -17,7 +17,7 @@ const RECORD = "Record";
 const LAW = "device.law";
 const STIFFNESS = "environment.stiffness";
 const DELAYS = ["links.environment_query.delay", "links.environment_reply.delay"];
-const SOFTEST = 2, HARDEST = 5; // powers of ten of the stiffness slider, in N/m
+const SOFTEST = 2, HARDEST = 5; // powers of ten of the stiffness slider, in N/m; of angles a hundredth
 const SLOWEST = 20; // ms, of the delay slider
 
 /** A quantity as one would write it: `5 ms` for `0.005 s`, `10 N/mm` for `10000 N/m`. */
@@ -73,9 +73,10 @@ export class Controls {
     const outage = make("button", { type: "button", id: "outage", textContent: "lose all for 0.5 s" });
     outage.addEventListener("click", () => this.ask({ do: "outage", time: "500 ms" }, outage));
     const stiffness = this.input(STIFFNESS, make("small", { id: `r-${STIFFNESS}`, className: "spoken" }));
+    const turned = si.stiffness === "N/m" ? 0 : 2;
     const [hardness, ...delays] = this.sliders = [
-      this.slider("stiffness", { min: SOFTEST, max: HARDEST, step: 0.05, shown: stiffness }, {
-        words: (power) => readable(`${Number((10 ** power).toPrecision(2))} N/m`), names: [STIFFNESS],
+      this.slider("stiffness", { min: SOFTEST - turned, max: HARDEST - turned, step: 0.05, shown: stiffness }, {
+        words: (power) => readable(`${Number((10 ** power).toPrecision(2))} ${si.stiffness}`), names: [STIFFNESS],
         read: ([text]) => Math.log10(Math.max(siOf(text), 1)) }),
       ...hello.hands.map(({ name: hand }) => this.slider("delay each way", { min: 0, max: SLOWEST, step: 0.5, shown: make("output") }, {
         words: (delay) => `${delay} ms`, names: DELAYS.map((name) => ofHand(hand, name)), read: (texts) => 1e3 * Math.max(...texts.map(siOf)) })),

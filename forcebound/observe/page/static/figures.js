@@ -1,6 +1,6 @@
 // The figures: the values of now, each under its name.
 
-import { everyday, magnitude, quantity, text } from "./scale.js";
+import { everyday, magnitude, quantity, si, text } from "./scale.js";
 
 export class Figures {
   /** @param list element for names and values */
@@ -29,11 +29,11 @@ export class Figures {
   /** Show the values of a frame; `whose`: words before their names. */
   showAll(frame, whose = "") {
     const newest = (name) => frame[name].at(-1) ?? NaN, show = (name, words) => this.show(whose + name, words);
-    const [factor, unit] = everyday("m");
+    const [factor, unit] = everyday(si.position);
     show("position", `${newest("position").map((x) => text(factor * x)).join(", ")} ${unit}`);
-    show("commanded", quantity(magnitude(newest("commanded")), "N"));
-    show("applied", quantity(magnitude(newest("applied")), "N"));
-    show("limit", quantity(newest("limit"), "N"));
+    show("commanded", quantity(magnitude(newest("commanded")), si.force));
+    show("applied", quantity(magnitude(newest("applied")), si.force));
+    show("limit", quantity(newest("limit"), si.force));
     show("true energy, this law", quantity(newest("true_energy"), "J"));
     show("loop delay", quantity(newest("delay"), "s"));
     show("age of the reply", quantity(newest("reply_age"), "s"));

@@ -8,7 +8,7 @@ const MARGIN = { left: 46, right: 10, top: 24, bottom: 18 };
 const TOGETHER = 1; // s between hands that take a law in one change, and share one mark
 const MARKS = 14; // pixels for the names of laws, below the key
 const MANY = 1e3; // from so many of its unit on, a plot is in its larger one
-const AXES = [["x", "true"], ["y", "second"], ["z", "energy"]];
+const COLOURS = ["true", "second", "energy", "commanded", "limit"]; // of axes and signals, one after the other
 
 /**
  * The plots. `si` is the unit of the values; large ones are shown in it, with `isWide`; `least` is the smallest range, in the everyday unit; with `isOfLaw` the law in use sets
@@ -31,13 +31,13 @@ export const PLOTS = {
 
 const DASHES = [[], [7, 4], [2, 4]]; // of the axes of several hands, whose curves have the colours of the hands
 
-/** The lines of a plot for `hands`: of one all that it has, of several an overview. */
-export function linesOf({ lines, overview }, axes, hands) {
+/** The lines of a plot for `hands`, whose axes have `names`: of one all that it has, of several an overview. */
+export function linesOf({ lines, overview }, names, hands) {
   if (hands.length > 1 && overview) return hands.map(({ name, colour }) => ({ name: overview, label: name, colour, hand: name }));
   if (lines.length) return lines.map((line) => ({ ...line, hand: hands[0].name }));
-  const own = AXES.slice(0, axes).map(([label, colour], i) => ({ name: `p${i}`, label, colour }));
+  const own = names.map((label, i) => ({ name: `p${i}`, label, colour: COLOURS[i % COLOURS.length], dash: DASHES[Math.floor(i / COLOURS.length)] }));
   if (hands.length < 2) return own.map((line) => ({ ...line, hand: hands[0].name }));
-  return hands.flatMap(({ name, colour }) => own.map((line, i) => ({ ...line, label: i ? "" : name, colour, hand: name, dash: DASHES[i] })));
+  return hands.flatMap(({ name, colour }) => own.map((line, i) => ({ ...line, label: i ? "" : name, colour, hand: name, dash: DASHES[i % DASHES.length] })));
 }
 
 /** Lines over time, on a canvas that is added to an element. */
@@ -222,8 +222,6 @@ export class Plot {
     context.stroke();
   }
 }
-
-const COLOURS = ["true", "second", "energy", "commanded", "limit"]; // of signals, one after the other
 
 /** One plot for each unit of the signals that the parts of a graph publish for `hands`; canvases are added to `place`. */
 export function signalPlots(place, shown, published, hands) {

@@ -3,6 +3,8 @@
 const LEAST = 1e-9; // below, a number is a rounding error
 /** SI unit -> [how many everyday units it has, which]; the server sends it. */
 export const units = {};
+/** SI units of the axes, which may be angles; the server sends them. */
+export const si = { position: "m", force: "N", stiffness: "N/m" };
 
 export const magnitude = (vector) => (vector.length === 1 ? vector[0] : Math.hypot(...vector)); // on one axis with its sign
 
@@ -13,11 +15,11 @@ export function text(value) {
 }
 
 /** How many everyday units an SI unit has, and which. */
-export const everyday = (si) => units[si] ?? [1, si];
+export const everyday = (of) => units[of] ?? [1, of];
 
 /** A value in SI, in its everyday unit. */
-export function quantity(value, si) {
-  const [factor, unit] = everyday(si);
+export function quantity(value, of) {
+  const [factor, unit] = everyday(of);
   return `${text(factor * value)} ${unit}`;
 }
 
@@ -36,7 +38,7 @@ export function ticks(low, high, count) {
 /** The scale bar of a scene: a round length that is at most `most` pixels long. */
 export function scaleBar(pixelsPerMetre, most) {
   const metres = round(most / pixelsPerMetre, [5, 2, 1]).find((length) => length * pixelsPerMetre <= most);
-  return { pixels: metres * pixelsPerMetre, words: quantity(metres, "m") };
+  return { pixels: metres * pixelsPerMetre, words: quantity(metres, si.position) };
 }
 
 /** The range of a plot's columns [{at, low, high}] after the pixel `from`, with 0 and some room; at least `least`. */

@@ -1,7 +1,7 @@
 // The scene: the tip of each hand, its proxy, the forces, and what the environment says there is to draw.
 
 import { colour, fit } from "./canvas.js";
-import { scaleBar, text } from "./scale.js";
+import { quantity, scaleBar, si, text } from "./scale.js";
 import { listen } from "./hand.js";
 import { BOX_EDGES, add, boxCorners, cross, dot, facesOf, pad, pointsOf, scaled, sub } from "./shapes.js";
 
@@ -204,7 +204,7 @@ export class Scene {
     this.drawForces(context, tip, hand);
     this.dot(context, tip, 10, colour("ground"));
     this.dot(context, tip, 8, colour(hand.colour ?? "text"));
-    const isDeep = this.axes < 2 && this.hasWall && tip[0] > this.wall, deep = `${text(1e3 * (tip[0] - this.wall))} mm deep`;
+    const isDeep = this.axes < 2 && this.hasWall && tip[0] > this.wall, deep = `${quantity(tip[0] - this.wall, si.position)} deep`;
     if (hand.colour) this.drawName(context, tip, isDeep ? `${hand.name}, ${deep}` : hand.name, colour(hand.colour));
     else if (isDeep) this.drawDepth(context, tip, deep);
   }
@@ -220,8 +220,8 @@ export class Scene {
     const [given, asked] = [applied, commanded].map((force) => Math.hypot(...force));
     const isWhole = given > WHOLE * asked, away = this.axes < 2 ? SIDE : 0;
     const [thin, whose] = own ? [3, `${name} `] : [6, ""]; // of several hands the colour says whose force it is
-    if (!isWhole) this.arrow(context, tip, commanded, { stroke: colour(own ?? "commanded"), width: thin, side: -away, words: `${whose}commanded ${text(asked)} N` });
-    this.arrow(context, tip, applied, { stroke: colour(own ?? "true"), width: 6, side: 0, words: `${whose || "force "}${text(given)} N`, isBelow: true });
+    if (!isWhole) this.arrow(context, tip, commanded, { stroke: colour(own ?? "commanded"), width: thin, side: -away, words: `${whose}commanded ${text(asked)} ${si.force}` });
+    this.arrow(context, tip, applied, { stroke: colour(own ?? "true"), width: 6, side: 0, words: `${whose || "force "}${text(given)} ${si.force}`, isBelow: true });
   }
 
   /** The spring of the hand, from where it pulls to the tip, and the ring of its end. */
