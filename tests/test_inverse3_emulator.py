@@ -393,6 +393,7 @@ def test_the_arm_has_what_the_model_states_of_the_axes_anywhere_in_its_box() -> 
     assert isinstance(arm.friction, tuple)
     assert isinstance(arm.resolution, float)
     kinematics = arm.kinematics()
+    assert kinematics is not None
     for _ in range(300):
         place = tuple(draw.uniform(-edge / 2, edge / 2) for edge in arm.workspace)
         angles = arm.angles(place)

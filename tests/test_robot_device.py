@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 import zmq
 from builders import MS
-from fakes import DISSIPATION, FakeDevice, answer
+from fakes import DISSIPATION, answer
 
 from forcebound.errors import ConfigError, DeviceError
 from forcebound.graph.loader import load
@@ -27,6 +27,7 @@ from forcebound.nodes.device import DeviceNode
 from forcebound.run.bus import reads_once
 from forcebound.run.check import check_part
 from forcebound.run.virtual import run_virtual
+from forcebound.testing import Handle, OpenHandle
 
 HEADER = Path(__file__).parent.parent / "examples/cpp"
 
@@ -277,11 +278,11 @@ def test_each_file_imports_the_file_of_its_own_folder_also_later(tmp_path: Path)
 # One reading in a tick
 
 
-class SlowDevice(FakeDevice):
+class SlowDevice(OpenHandle):
     """A fake whose reads and writes take time of its own clock."""
 
     def __init__(self, read: float, write: float) -> None:
-        super().__init__()
+        super().__init__(Handle())
         self.now_ns, self.reads = MS, 0
         self._read_ns, self._write_ns = round(1e9 * read), round(1e9 * write)
 
@@ -459,7 +460,7 @@ class Server:
         if self._thread.is_alive():
             with zmq.Context() as context, context.socket(zmq.REQ) as last:
                 last.linger = 0
-                last.connect(self._socket.last_endpoint)
+                last.connect(str(self._socket.getsockopt_string(zmq.LAST_ENDPOINT)))
                 last.send(b"end")
                 self._thread.join()
         self._socket.close(linger=0)

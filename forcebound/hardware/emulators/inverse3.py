@@ -50,6 +50,7 @@ def arm_of(stated: AxesModel, mass: float) -> DesktopArm:
     steps = per_axis("resolution", stated.resolution, AXES)
     friction, damping, step = [0.0] * AXES, [0.0] * AXES, math.inf
     kinematics = arm.kinematics()
+    assert kinematics is not None  # the arm presents its tip
     for place in product(*[(-x / 2, 0.0, x / 2) for x in arm.workspace]):
         angles = arm.angles(place)
         assert angles is not None
@@ -126,7 +127,9 @@ class Inverse3:
     ) -> None:
         arm = arm_of(model, mass)
         self.mechanism = Mechanism(arm, operator, ZERO)
-        self.kinematics = arm.kinematics()
+        kinematics = arm.kinematics()
+        assert kinematics is not None
+        self.kinematics = kinematics
         self._largest, self._weight = model.saturation, GRAVITY * mass
         self._idle_ns = round(idle * 1e9)
         self._oscillation = Oscillation()
