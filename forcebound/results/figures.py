@@ -27,7 +27,7 @@ from forcebound.results.energy import since_contact
 from forcebound.results.promises import broken_promises
 from forcebound.results.samples import Needs, Samples
 from forcebound.results.spectrum import transparency_bandwidth
-from forcebound.results.stiffness import felt_stiffness
+from forcebound.results.stiffness import felt_share, felt_stiffness
 from forcebound.units import (
     DB,
     HZ,
@@ -203,11 +203,6 @@ def _felt(run: Samples) -> dict[str, object] | None:
     return None if felt is None else felt._asdict()
 
 
-def _felt_share(run: Samples) -> float | None:
-    felt = felt_stiffness(run)
-    return None if felt is None else felt.felt / felt.asked
-
-
 def _energy_left(run: Samples) -> float | None:
     energy = run.columns.true_energy
     return _or_none(np.min, energy[int(np.argmax(run.contact)) :])
@@ -288,7 +283,7 @@ FIGURES: tuple[Figure, ...] = (
     Figure("samples", "samples", NUMBER, lambda run: int(run.since.sum())),
     Figure("displayed_stiffness", "displayed stiffness", N_MM, "displayed_stiffness", need.STEADY),
     Figure("stiffness", "", N_MM, _felt, need.ASKED),
-    Figure("displayed_stiffness_share", "share of the stiffness", WHOLE, _felt_share, need.ASKED),
+    Figure("displayed_stiffness_share", "share of the stiffness", WHOLE, felt_share, need.ASKED),
     Figure("rate_hardness", "rate-hardness", N_MM, "rate_hardness", need.INWARDS),
     Figure(
         "extended_rate_hardness",

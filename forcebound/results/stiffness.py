@@ -90,6 +90,12 @@ def felt_stiffness(run: Samples) -> Stiffness | None:
     return Stiffness(stiffness, felt, shares)
 
 
+def felt_share(run: Samples) -> float | None:
+    """Return the share of the stiffness that a run's hand felt; None without contact."""
+    felt = felt_stiffness(run)
+    return None if felt is None else felt.felt / felt.asked
+
+
 def _shares(lost: dict[str, float]) -> dict[str, float] | None:
     """Return the shares of the losses; None where gains are more than a tenth of them.
 
