@@ -2,8 +2,8 @@
 
 The service is emulated, one process for all; nobody holds the device. `driver`: a force and its
 state, with all checks, the guardian and the channel of events. `client`: the same message and reply
-by `websockets` as most clients use it, nothing checked. `tick`: a tick of the device node, a reading and one write.
-A tick that takes longer than its period is missed.
+by `websockets` as most clients use it, nothing checked. `tick`: a tick of the device node, a
+reading and one write. A tick that takes longer than its period is missed.
 """
 
 import os
