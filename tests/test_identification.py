@@ -44,6 +44,12 @@ class Swapped(Altered):
         return (force[1], force[0])
 
 
+class Coupled(FiveBar):
+    """As if its axes were those of an arm's tip."""
+
+    has_coupled_axes = True
+
+
 def found_of(model: DeviceModel, plan: Plan, altered: type[Altered] | None = None) -> Found:
     device: Any = model.open(None, 1.25e-3)
     if altered is not None:
@@ -149,6 +155,10 @@ def test_motors_of_different_gains_state_how_different_they_are() -> None:
     assert (stated_then.gain_error, stated_then.lag, set(stated_then.presliding)) == (0, 0, {0})
     assert stated_then.damping == stated.damping
     assert "gain_error" not in stated_then.sources
+    as_tip = document.identified_model(Coupled(friction=(1e-3, 1.0), resolution=1e-2), found)
+    assert as_tip.friction == (1e-3, stated.friction[1])  # only ever more careful
+    assert as_tip.resolution == (1e-2, 1e-2)
+    assert as_tip.sources["friction"] == "assumed"
     for damping, friction in zip(stated.damping, stated.friction, strict=True):
         assert 0.9 * 1e-3 <= damping <= 1e-3  # and not that over the gain, as a motor sees it
         assert 0.9 * 4e-3 <= friction <= 4e-3

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from forcebound.errors import ConfigError
@@ -385,6 +386,22 @@ def test_torques_of_the_joints_are_those_of_their_force_at_the_tip(truth: TruthF
     found = truth.look()
     assert found is not None
     assert found.torque == pytest.approx((0.020, -0.030, 0.010))
+
+
+def test_friction_along_the_axes_alone_says_too_much_of_motion_across_them() -> None:
+    """Why a number that is identified on one axis at a time is no lower bound on an arm."""
+    arm = arm_of(MODEL, MODEL.mass)
+    angles = arm.angles((0.0, 0.0, 0.0))
+    assert angles is not None
+    jacobian = np.array(arm.kinematics().jacobian(angles))
+
+    def friction(velocity: tuple[float, float, float]) -> float:
+        rates = np.linalg.solve(jacobian, velocity)
+        return float(np.abs(rates) @ np.array(arm.friction))
+
+    along = [friction((0.0, 1.0, 0.0)), friction((0.0, 0.0, 1.0))]
+    assert friction((0.0, -1.0, 1.0)) < 0.6 * sum(along)
+    assert friction((0.0, -1.0, 1.0)) > 2 * 0.12
 
 
 def test_the_arm_has_what_the_model_states_of_the_axes_anywhere_in_its_box() -> None:

@@ -64,12 +64,15 @@ _logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, kw_only=True)
-class HaplyInverse3(DriverNumbers, AxesModel):
+class HaplyInverse3(  # pyright: ignore[reportIncompatibleVariableOverride]
+    DriverNumbers, AxesModel
+):
     """Parameters of a Haply Inverse3, driven through its maker's service of version 3.5.
 
     The maker publishes neither its largest force nor damping, friction and resolution: all are
-    assumed until ``forcebound identify`` has measured them, within the part of the workspace in
-    which they are to hold. The service's filters may give less than the force written, at any time.
+    assumed. It is an arm, whose axes at the tip are coupled, so ``forcebound identify`` only makes
+    these numbers more careful. The service's filters may give less than the force written, at any
+    time.
 
     Attributes:
         axes: x, y and z of the service.
@@ -92,6 +95,7 @@ class HaplyInverse3(DriverNumbers, AxesModel):
     """
 
     simulated_in: ClassVar[str] = "three_axes"  # launch file for virtual time
+    has_coupled_axes: ClassVar[bool] = True
 
     axes: Literal[3] = 3
     damping: DampingOfAxes = (0.2, 0.2, 0.2)
@@ -152,7 +156,7 @@ class OpenInverse3(SerialDevice):
         exchanges.longest_wait = line.silence
         exchanges.restart()
         if assumed := [name for name, source in model.sources.items() if source == "assumed"]:
-            words = "assumed, not measured: %s; `forcebound identify haply_inverse3` measures them"
+            words = "assumed, not measured: %s; `forcebound identify haply_inverse3` tests them"
             _logger.warning(words, ", ".join(assumed))
 
     @property

@@ -63,7 +63,9 @@ class DriverNumbers:
 
 
 @dataclass(frozen=True, kw_only=True)
-class SerialJoints(DriverNumbers, StatedJoints):
+class SerialJoints(  # pyright: ignore[reportIncompatibleVariableOverride]
+    DriverNumbers, StatedJoints
+):
     """Stated numbers of joints at a serial port."""
 
     board: ClassVar[str]  # kind of device

@@ -186,6 +186,8 @@ class DeviceModel(StatedNumbers, Publishing, ABC):
     Attributes:
         sources: By name of a number: measured, data sheet or assumed; for reports.
         simulated_in: Launch file with the simulated device of this kind, if it has no virtual time.
+        has_coupled_axes: Whether its axes are those of an arm's tip: between two axes there may be
+            less friction and damping, and a coarser resolution, than along both.
         port: Path of its serial port; empty: it is at none.
         on_loss: While the force is on: ``end`` ends the graph when the device is lost; ``wait``
             keeps it, without force, until the user says that the device is in order.
@@ -193,6 +195,7 @@ class DeviceModel(StatedNumbers, Publishing, ABC):
     """
 
     simulated_in: ClassVar[str | None] = None
+    has_coupled_axes: ClassVar[bool] = False
 
     sources: Mapping[str, Source] = field(default_factory=dict, hash=False)
 

@@ -94,7 +94,10 @@ class Service:
         self._faults, self._truth = faults, truth
         self._is_old = faults.is_planned("old")
         self.port, self.replies = "", 0
-        self.settings: Json = {"devices/force_scale": 1.0}
+        self.settings: Json = {
+            "devices/force_scale": 1.0,
+            "communication/bind_all_interfaces": False,
+        }
         self.sessions: dict[int, wire.Configure] = {}
         self.events: deque[bytes] = deque()
         self.outgoing: deque[Outgoing] = deque()

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import msgspec
+import numpy as np
 
 from forcebound.errors import ConfigError
 from forcebound.files import read_text
@@ -40,6 +41,7 @@ METHODS = {
     "lag": "by which the ripple of the speed follows a force that jumps; upper bound",
     "gain_error": "force for a hanging weight, how far motors are from their mean; upper bound",
 }
+COUPLED = ("damping", "friction", "resolution")  # along an axis no bound of what is between two
 LOWER = ("damping", "friction")  # a lower bound is the careful one
 
 
@@ -108,6 +110,11 @@ def numbers_of(model: DeviceModel, found: Found) -> dict[str, Number]:
         stated = getattr(model, name)
         is_of_axes = name == "presliding" and model.axes > 1
         numbers[name].stated = per_axis(name, stated, model.axes) if is_of_axes else stated
+    for name in COUPLED if model.has_coupled_axes else ():
+        stated = per_axis(name, getattr(model, name), model.axes)
+        careful = min if name in LOWER else max
+        both = zip(stated, np.atleast_1d(numbers[name].stated), strict=True)
+        numbers[name].stated = tuple([float(careful(pair)) for pair in both])
     return numbers
 
 
@@ -148,6 +155,7 @@ def identified_model(model: Any, found: Found) -> Any:
     """
     bounds: dict[str, object] = {name: one.stated for name, one in numbers_of(model, found).items()}
     measured = bounds.keys() - _unproved(model)
+    measured -= set(COUPLED) if model.has_coupled_axes else set()
     sources = {**model.sources, **dict.fromkeys(measured, "measured")}
     if model.watchdog == "guarding" and (bounds.get("lag") or bounds["write_delay"]):
         bounds["watchdog"] = "reporting"
