@@ -73,7 +73,7 @@ hands:
 environment: { kind: wall, stiffness: 10 N/mm, position: 10 mm }
 ```
 
-* All devices have the same number of axes, and ports of their own.
+* All devices have the same number of axes, of the same kinds, and ports of their own.
 * Of an included file only the sections of a hand and the `arguments` are taken. An argument that
   several files have is one: `delay:="2 ms"` sets it for all of them.
 * The path of a hand's value begins with its name: `left.device.law`, or `hands.left.device.law`,

@@ -42,10 +42,17 @@ Why not more: the motors saturate at 8.5 N (device.saturation): motors of twice 
 
 `--all` prints the table of all figures below it; `--json` prints them under the keys given here, in SI units (a key that
 ends in `_ms`: in ms).
+
+**Axes that are angles** ([devices.md](devices.md#joint-axes)): tables, plots and verdict are in rad, rad/s, N m and N m/rad.
+The keys stay as they are, `units` has the unit of each number whose key names another one (`peak_force_n`: `N m`), and
+`axes` the name and the kind of each axis. *At rest* is then slower than 0.01 rad/s: thresholds are those of lengths at a
+lever of 0.1 m. Vibration thresholds are known for lengths alone (need *lengths*). Lengths and angles together have no
+common size: figures of the whole vector are missing there (need *size*), and `peak_force_by_axis` has those of each axis.
+
 `forcebound plot RUN.mcap` computes them again from a recording. A dash means: not defined for this run (no surface, no
 contact, no ground truth); `undefined` has the reason, by key. Under *needs* stands what a run must have for the figure,
 beside an engaged force: *truth* is that of a simulated device, *axes* are several, *constant* is a stiffness that does not
-change, *mass* is that of the device. The [glossary](glossary.md) defines the terms.
+change, *mass* is that of the device, *named* are axes with names. The [glossary](glossary.md) defines the terms.
 [Sources](#sources) are below.
 
 | row, unit | key | needs | meaning |
@@ -84,6 +91,7 @@ MEANINGS = {
         "damping of -K T/2 (Mehling, Colgate and Peshkin 2005; Colonnese and Okamura 2015)"
     ),
     "peak_force_n": "largest applied force",
+    "peak_force_by_axis": "the same on each named axis, in N or N m, by its name",
     "peak_penetration_m": "deepest reading",
     "peak_tangential_force_n": (
         "largest part of the applied force across the normal, in contact. This row and the "

@@ -63,8 +63,8 @@ def lengths(count: int) -> tuple[Axis, ...]:
 
 def common_kind(axes: Iterable[Axis]) -> AxisKind | None:
     """Return the kind that all axes have; None if they differ. Without axes: length."""
-    kinds = {axis.kind for axis in axes} or {"length"}
-    return next(iter(kinds)) if len(kinds) == 1 else None
+    kinds: list[AxisKind] = list(dict.fromkeys(axis.kind for axis in axes)) or ["length"]
+    return kinds[0] if len(kinds) == 1 else None
 
 
 def units_on(axes: Iterable[Axis], symbol: str) -> str:

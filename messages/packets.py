@@ -13,10 +13,10 @@ To add a field: a line in its class, at the end and with a default, so that olde
 compatible; what fills it; its row in ``docs/protocol.md``. Codec, recordings, schemas, tables and
 ``forcebound echo`` take it from here; ``tests/golden_packets.py`` holds its bytes.
 
-Vectors are tuples of 1 to 8 floats, one per axis, in m and N, or in rad and N m where the axis is an
-angle (:mod:`forcebound.axes`); the objects of a scene are in space, whatever the
-axes. Positions grow *into* the environment; a force is positive when it *resists* motion in the
-positive direction (``docs/theory.md``, section 1).
+Vectors are tuples of 1 to 8 floats, one per axis: in m and N, or in rad and N m where the axis is
+an angle (:mod:`forcebound.axes`). The objects of a scene are in space, whatever the axes. Positions
+grow *into* the environment; a force is positive when it *resists* motion in the positive direction
+(``docs/theory.md``, section 1).
 """
 
 import reprlib

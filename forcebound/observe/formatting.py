@@ -94,7 +94,8 @@ def _on_axes(hint: Any, axes: Sequence[Axis]) -> Any:
     inside = tuple(_on_axes(one, axes) for one in get_args(hint))
     if origin in (Union, UnionType):
         return reduce(or_, inside)
-    return origin[inside] if origin in (Annotated, tuple) else hint
+    turns: Any = Annotated if origin is Annotated else tuple
+    return turns[inside] if origin in (Annotated, tuple) else hint
 
 
 def _place(config: GraphConfig, name: str) -> tuple[type | None, Any]:

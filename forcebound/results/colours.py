@@ -15,16 +15,8 @@ PHASE = "#56B4E9"  # sky blue: every other phase
 NEUTRAL = "#7F7F7F"  # grey: surfaces, bounds, zero lines
 
 #: One for each axis, in order.
-AXIS_COLOURS = (
-    "#0072B2",
-    "#D55E00",
-    "#009E73",
-    "#CC79A7",
-    "#56B4E9",
-    "#E69F00",
-    "#882255",
-    "#000000",
-)
+AXIS_COLOURS: tuple[str, ...] = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00")
+AXIS_COLOURS += ("#882255", "#000000")
 
 LAW_COLOURS = {
     "less_conservative": "#0072B2",

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from forcebound.axes import at_lever, common_kind
+from forcebound.axes import AxisKind, at_lever, common_kind
 from forcebound.errors import ConfigError
 from forcebound.haptics.devices import DEVICES, DeviceModel
 from forcebound.haptics.hands.hands import SoftGrip
@@ -96,17 +96,16 @@ class Twin:
         self._kinematics = None if self._model is None else self._model.kinematics()
         is_arm = bool(np.isfinite(columns.torques).any())
         place = tuple(columns.position[-1].tolist())
-        self._kind, self._unit = run.launched.axis_kind, run.launched.shown(N_MM).unit
-        if self._kind is None or (
-            self._model is not None and common_kind(self._model.hand_axes) != self._kind
-        ):
+        kind, self._unit = run.launched.axis_kind, run.launched.shown(N_MM).unit
+        held = kind if self._model is None else common_kind(self._model.hand_axes)
+        if kind is None or held != kind:
             raise ConfigError("the hand does not hold the axes that this run has, all alike")
         if is_arm and (self._model is None or self._model.angles(place) is None):
             raise ConfigError("the joints of this arm cannot be computed from places of its tip")
         self.stated = self._state(device, run.device)
         motors = columns.applied_force if self._kinematics is None else columns.torques
         self._first: Vector = tuple(motors[0].tolist())
-        self._hand = self._hold(run)
+        self._hand = self._hold(run, kind)
         # Energy of the ledger, when the run began in the middle of another; what the twin errs.
         start = self._bounder(Change())[0].estimated_energy
         self._before = float(np.nan_to_num(columns.estimated_energy[0] - start))
@@ -133,15 +132,15 @@ class Twin:
         names = {each.name for each in fields(Dissipation)}
         return Dissipation(**{name: one for name, one in numbers.items() if name in names})
 
-    def _hold(self, run: "Samples") -> tuple[float, float, Floats, Floats]:
+    def _hold(self, run: "Samples", kind: AxisKind) -> tuple[float, float, Floats, Floats]:
         """Return mass and stiffness of the hand; damping and friction with the device, per axis."""
         grip, units = run.launched.operator, {"mass": "kg", "stiffness": "N/m", "damping": "N s/m"}
         mass, spring, damper = (
-            getattr(grip, name) or at_lever(getattr(SoftGrip, name), unit, self._kind or "length")
+            getattr(grip, name) or at_lever(getattr(SoftGrip, name), unit, kind)
             for name, unit in units.items()
         )
         own = run.mass or 0.0
-        if self._kind == "angle":
+        if kind == "angle":
             own = float(np.mean(run.config["device"].get("inertia") or 0.0))
         turns = unit = np.eye(self._columns.position.shape[1])
         if self._model is not None and self._kinematics is not None:

@@ -28,10 +28,8 @@ from forcebound.haptics.parts import PartShape, Table
 from forcebound.haptics.parts.signals import Publisher, Publishing
 from forcebound.messages.packets import MAX_AXES, MAX_NAME, Quaternion, Vector
 
-__all__ = [
-    *("DEVICES", "AxesModel", "Axis", "Device", "DeviceModel", "JointsModel", "Kinematics"),
-    *("Source", "Truth"),
-]
+__all__ = ["DEVICES", "AxesModel", "Axis", "Device", "DeviceModel", "JointsModel", "Kinematics"]
+__all__ += ["Source", "Truth"]
 
 #: Where a number comes from.
 Source: TypeAlias = Literal["measured", "data sheet", "assumed"]

@@ -8,6 +8,7 @@ from typing import Annotated, Any, TypeAlias
 
 import numpy as np
 
+from forcebound.axes import PerAxis, per_axis
 from forcebound.compiled import jit, new_records, record_type
 from forcebound.haptics.devices import Kinematics, Truth
 from forcebound.haptics.devices.plant import Axis, Moving, advance_extended, quantise
@@ -87,17 +88,17 @@ class AxesBody:
 
     def __init__(
         self,
-        masses: Vector,
-        weights: Vector,
+        mass: PerAxis,
+        weight: PerAxis,
         substep: float,
         true: TrueNumbers,
         operator: Operator,
     ) -> None:
-        """Put it into an operator's hand; masses without it, weights as they are stated."""
-        axes = len(masses)
+        """Put it into an operator's hand; ``mass`` without it, ``weight`` as it is stated."""
+        axes = len(true.damping)
         self._records = new_records(Axes)
         self._axes: Any = self._records[0]
-        self._axes.count, self._masses = axes, np.array(masses)
+        self._axes.count, self._masses = axes, np.array(per_axis("inertia", mass, axes))
         self._axes.mass[:axes] = self._masses + operator.mass
         self._axes.hand_mass, self._axes.stiffness = operator.mass, operator.stiffness
         self._axes.hand_damping, self._axes.gap = operator.damping, operator.gap
@@ -112,7 +113,7 @@ class AxesBody:
             if f > 0.0 and z > 0.0:  # an eighth of a radian of the oscillation on the bristle
                 step = 0.125 * math.sqrt(mass * z / f)
                 self._axes.substep = min(self._axes.substep, step)
-        self.compensation: Vector = tuple([-w for w in weights])
+        self.compensation: Vector = tuple([-w for w in per_axis("weight", weight, axes)])
         start = pad(operator.target(0.0), axes)
         self._axes.x[:axes], self._axes.motor[:axes] = start, self.compensation
         for axis, x in enumerate(start):

@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated
 
+from forcebound.axes import OfAxes
 from forcebound.haptics.devices import JointsModel, Source
 from forcebound.haptics.devices.arms import ASSUMED
 from forcebound.haptics.devices.axes import AxesBody
@@ -19,13 +20,7 @@ from forcebound.haptics.devices.simulated import SimulatedDevice, SimulatedModel
 from forcebound.haptics.devices.true_values import TrueJoints, TrueNumbers
 from forcebound.haptics.hands import Operator
 from forcebound.haptics.laws import Watchdog
-from forcebound.haptics.laws.dissipation import (
-    AngleOfJoints,
-    DampingOfJoints,
-    OfAxes,
-    TorqueOfJoints,
-    per_axis,
-)
+from forcebound.haptics.laws.dissipation import AngleOfJoints, DampingOfJoints, TorqueOfJoints
 from forcebound.quantities import POSITIVE, AngularSpeed, Inertia, Range, Ratio, Time, Torque
 
 
@@ -58,8 +53,7 @@ class Joints(JointsModel, SimulatedModel):
     sources: Mapping[str, Source] = field(default_factory=lambda: ASSUMED, hash=False)
 
     def body(self, true: TrueNumbers, operator: Operator) -> AxesBody:
-        inertia = per_axis("inertia", self.inertia, self.axes)
-        return AxesBody(inertia, (0.0,) * self.axes, self.substep, true, operator)
+        return AxesBody(self.inertia, 0.0, self.substep, true, operator)
 
     def open(self, operator: Operator | None, hold_limit: float) -> SimulatedDevice:
         return SimulatedDevice(self, operator, hold_limit)

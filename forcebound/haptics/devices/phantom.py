@@ -10,12 +10,7 @@ from forcebound.haptics.devices.simulated import SimulatedDevice, SimulatedModel
 from forcebound.haptics.devices.true_values import TrueAxes, TrueNumbers
 from forcebound.haptics.hands import Operator
 from forcebound.haptics.laws import Watchdog
-from forcebound.haptics.laws.dissipation import (
-    DampingOfAxes,
-    FrictionOfAxes,
-    LengthOfAxes,
-    per_axis,
-)
+from forcebound.haptics.laws.dissipation import DampingOfAxes, FrictionOfAxes, LengthOfAxes
 from forcebound.messages.packets import MAX_AXES
 from forcebound.quantities import POSITIVE, Force, Mass, Range, Ratio, Speed, Time
 
@@ -63,8 +58,7 @@ class PhantomPremium15(SimulatedModel, AxesModel):
     )
 
     def body(self, true: TrueNumbers, operator: Operator) -> AxesBody:
-        weight = per_axis("weight", self.weight, self.axes)
-        return AxesBody((self.mass,) * self.axes, weight, self.substep, true, operator)
+        return AxesBody(self.mass, self.weight, self.substep, true, operator)
 
     def open(self, operator: Operator | None, hold_limit: float) -> SimulatedDevice:
         return SimulatedDevice(self, operator, hold_limit)

@@ -26,7 +26,7 @@ Research 20(6), 2001.
 
 import math
 from dataclasses import dataclass
-from typing import Annotated, Literal, NamedTuple, TypeAlias
+from typing import Annotated, Literal, TypeAlias
 
 from forcebound.axes import OfAxes, PerAxis, entries, per_axis
 from forcebound.errors import ConfigError
@@ -118,13 +118,10 @@ class Coupling(EnvironmentModel):
         """The force scale."""
         return self.scale if self.force_scale is None else self.force_scale
 
-    def on_axis(self, axis: int) -> "Gains":
-        """Return the numbers of one axis."""
-        stiffness, damping, scale, ratio = (
-            of[axis] if isinstance(of, tuple) else of
-            for of in (self.stiffness, self.damping, self.scale, self.ratio)
-        )
-        return Gains(stiffness, damping, scale, ratio)
+    def on_axis(self, axis: int) -> list[float]:
+        """Return stiffness, damping, scale and force scale of one axis."""
+        numbers = map(entries, (self.stiffness, self.damping, self.scale, self.ratio))
+        return [of[axis % len(of)] for of in numbers]
 
     def check_hands(self, hands: tuple[str, ...]) -> None:
         for field in ("leader", "follower"):
@@ -136,19 +133,10 @@ class Coupling(EnvironmentModel):
             raise ConfigError(message, field="offset")
         for field in _OF_AXES:
             per_axis(field, getattr(self, field) or 0.0, axes)
-        return _Coupled(self)
+        return _Coupled(self, axes)
 
 
 _OF_AXES = ("stiffness", "damping", "scale", "force_scale")
-
-
-class Gains(NamedTuple):
-    """Numbers of a coupling on one axis; of an angle rad stands for m, N m for N."""
-
-    stiffness: float  # N/m
-    damping: float  # N s/m
-    scale: float
-    ratio: float  # of forces
 
 
 class _Hand:
@@ -162,8 +150,9 @@ class _Hand:
 class _Coupled(Environment):
     """An open coupling."""
 
-    def __init__(self, model: Coupling) -> None:
+    def __init__(self, model: Coupling, axes: int) -> None:
         self._model, self._offset = model, model.offset
+        self._gains = [model.on_axis(i) for i in range(axes)]
         self._hands = {model.leader: _Hand(), model.follower: _Hand()}
         self._is_released = False  # by the clutch
         self._reindexes = False  # as soon as both are there and the clutch is up
@@ -190,7 +179,7 @@ class _Coupled(Environment):
             return zero
         if self._reindexes:
             both = enumerate(zip(leader.position, follower.position, strict=False))
-            offsets = [f - model.on_axis(i).scale * at for i, (at, f) in both]
+            offsets = [f - self._gains[i][2] * at for i, (at, f) in both]
             self._offset, self._reindexes = tuple(offsets), False
         motors = self._motors(leader, follower)
         answer = tuple([-forces[hand is follower] for forces in motors])
@@ -205,7 +194,7 @@ class _Coupled(Environment):
         c_4, c_2, c_3 = GAINS[model.architecture if is_sensed else "position_position"]
         forces, errors, differences = [], [], []
         for i, offset in enumerate(_padded(self._offset, count)):
-            k, b, s, r = model.on_axis(i)
+            k, b, s, r = self._gains[i]
             error = s * leader.position[i] + offset - follower.position[i]
             c = k * error
             c += b * (s * leader.velocity[i] - follower.velocity[i])
@@ -246,6 +235,7 @@ class _Coupled(Environment):
         if {model.leader, model.follower} != self._hands.keys():
             return False
         self._model = model
+        self._gains = [model.on_axis(i) for i in range(len(self._gains))]
         self._reindexes = self._reindexes or model.scale != before.scale
         if model.offset != before.offset:
             self._offset, self._reindexes = model.offset, False

@@ -6,6 +6,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from forcebound.axes import shown_on
 from forcebound.errors import ConfigError
 from forcebound.graph.forms import Values
 from forcebound.graph.problems import unknown
@@ -91,6 +92,8 @@ def axis_of(table: Table, name: str) -> tuple[str, float]:
     hand, _, figure = name.rpartition(".")
     if figure in (FIGURE_AXES if hand else AXES):
         words, unit = AXES[figure]
+        turned = table.columns.get(f"{hand}{'.' * bool(hand)}units.{figure}", ())
+        unit = shown_on("angle" if any(turned) else "length", unit)
         return unit.label(f"{in_figure(hand)}: {words}" if hand else words), unit.factor
     words, written = name.replace("_", " "), (table.about.get("units") or {}).get(name, "")
     size = to_si(f"1 {written}") if written else None
