@@ -73,9 +73,11 @@ def columns_of(device: Any, operator: Any, environment: Any, law: str) -> Any:
     return run_virtual(graph_of(device, operator, environment, law), 0.4).columns
 
 
-def on_a_lever(r: float, law: str, resolution: float, stiffness: float) -> tuple[Any, Any]:
+def on_a_lever(
+    r: float, law: str, resolution: float, stiffness: float, speed: float | None = None
+) -> tuple[Any, Any]:
     """Return the columns of a straight axis, and of a joint that is the same at a lever."""
-    straight = PhantomPremium15(resolution=resolution)
+    straight = PhantomPremium15(resolution=resolution, hand_speed=speed)
     hand = PressingHand(approach_speed=0.2)
     turned = Joints(
         joints=("hinge",),
@@ -85,6 +87,7 @@ def on_a_lever(r: float, law: str, resolution: float, stiffness: float) -> tuple
         resolution=resolution / r,
         saturation=straight.saturation * r,
         largest_speed=5.0 / r,
+        hand_speed=None if speed is None else speed / r,
     )
     round_hand = PressingHand(
         mass=hand.mass * r * r,
@@ -106,11 +109,12 @@ def on_a_lever(r: float, law: str, resolution: float, stiffness: float) -> tuple
     power=st.integers(1, 6),
     law=st.sampled_from(["none", "certified"]),
     k=st.floats(500.0, 20_000.0),
+    speed=st.sampled_from([None, 0.15, 2.0]),
 )
 def test_a_joint_has_the_energies_of_the_straight_axis_at_its_lever(
-    power: int, law: str, k: float
+    power: int, law: str, k: float, speed: float | None
 ) -> None:
-    straight, turned = on_a_lever(0.5**power, law, 3e-5, k)
+    straight, turned = on_a_lever(0.5**power, law, 3e-5, k, speed)
     np.testing.assert_array_equal(turned.true_energy, straight.true_energy)
     np.testing.assert_array_equal(turned.estimated_energy, straight.estimated_energy)
     np.testing.assert_array_equal(turned.position * 0.5**power, straight.position)

@@ -134,8 +134,8 @@ def test_every_problem_of_arguments_and_paths_is_said_at_once(tmp_path: Path) ->
     said = problems_of(file, "environment.stiffness:=2 kg", "device.rate:=2 kg", "lw:=none")
     assert [line.split(":=")[0] for line in said.splitlines()] == [
         "argument lw",
-        "argument environment.stiffness",
         "argument device.rate",
+        "argument environment.stiffness",
     ]
 
 

@@ -192,10 +192,10 @@ class HandConfig:
 
     @property
     def named_axes(self) -> tuple[Axis, ...]:
-        """Axes that environment and results see."""
+        """Axes that environment and results see; none if they are lengths, of unknown number."""
         if isinstance(self.device, DeviceModel):
             return self.device.named_axes
-        return self.seen or lengths(self.axes)
+        return self.seen or lengths(0 if self.stated is None else self.stated.axes)
 
     @property
     def axes(self) -> int:
