@@ -219,15 +219,8 @@ MEANINGS = {
         "what the device's own reads and writes take of each tick, a mean that its process "
         "measures (of older recordings the median of twice the time from reading to write); more "
         "than a period misses ticks, and the verdict says so"
-<<<<<<< HEAD
-    ),
-    "device_misses": (
-        "ticks that were missed while the device read or wrote; the others, the machine"
-    ),
-=======
     ),
     "device_misses": "ticks that were missed while the device itself read or wrote",
->>>>>>> robot41
     "longest_write_delay_ms": "the longest such time",
     "largest_allowance_j": (
         "the most that holds beyond the hold limit can have given the hand (`device.allowance`)"

@@ -14,12 +14,8 @@ from typing import Any
 import pytest
 import zmq
 from builders import MS
-<<<<<<< HEAD
 from fakes import DISSIPATION, answer
-=======
-from fakes import DISSIPATION, FakeDevice, answer
 from waiting import TIMEOUT
->>>>>>> robot41
 
 from forcebound.errors import ConfigError, DeviceError
 from forcebound.graph.loader import load
@@ -466,11 +462,7 @@ class Server:
         if self._thread.is_alive():
             with zmq.Context() as context, context.socket(zmq.REQ) as last:
                 last.linger = 0
-<<<<<<< HEAD
-                last.connect(str(self._socket.getsockopt_string(zmq.LAST_ENDPOINT)))
-=======
                 last.connect(self._endpoint)
->>>>>>> robot41
                 last.send(b"end")
                 self._thread.join()
         self._socket.close(linger=0)
