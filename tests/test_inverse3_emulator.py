@@ -393,7 +393,9 @@ def test_friction_along_the_axes_alone_says_too_much_of_motion_across_them() -> 
     arm = arm_of(MODEL, MODEL.mass)
     angles = arm.angles((0.0, 0.0, 0.0))
     assert angles is not None
-    jacobian = np.array(arm.kinematics().jacobian(angles))
+    kinematics = arm.kinematics()
+    assert kinematics is not None
+    jacobian = np.array(kinematics.jacobian(angles))
 
     def friction(velocity: tuple[float, float, float]) -> float:
         rates = np.linalg.solve(jacobian, velocity)

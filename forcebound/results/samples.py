@@ -326,7 +326,7 @@ _NO_SURFACE = "the environment describes no surface, and its method `contact` re
 class Needs(NamedTuple):
     """What a figure needs of a run."""
 
-    of_run: str = ""  # keys of Samples.lacks; without any, the figure is not of one law alone
+    of_run: str = ""  # keys of Samples.lacks; without any but the size, of all laws of a run
     otherwise: str = "the run is too short"  # why it is missing in a run that has all of that
     is_optional: bool = False  # without it there is no row, in place of a dash
 
@@ -350,7 +350,7 @@ LEDGER = Needs("force", "the law keeps no ledger")
 TRUTH = Needs("force truth")
 TOUCHED = Needs("force truth contact")
 SIZE = Needs("size")
-MOVED = Needs("truth size")
+MOVED = Needs("force truth size")
 REGAINED = Needs("force truth", "not regained by the end of the run")
 SURFACE = Needs("force surface")
 STEADY = Needs(_TOUCHED, _NOT_TOUCHED)

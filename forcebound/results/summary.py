@@ -16,11 +16,11 @@ from forcebound.recordings.launched import Launched
 from forcebound.recordings.telemetry import TelemetryColumns
 from forcebound.results.cells import Summary
 from forcebound.results.figures import FIGURES, Figure
-from forcebound.results.samples import Samples
+from forcebound.results.samples import ALWAYS, SIZE, Samples
 from forcebound.results.ticks import answered_share
 
 #: Figures of one law; a run that changed it has them for each law.
-OF_ONE_LAW = tuple(figure.key for figure in FIGURES if figure.needs.of_run)
+OF_ONE_LAW = tuple(one.key for one in FIGURES if one.needs not in (ALWAYS, SIZE))
 
 _OF_A_PHASE = ("loop_delay_ms", "reply_age_ms", "peak_force_n")
 
