@@ -306,6 +306,16 @@ def test_a_grip_gives_orientation_and_buttons(service: ScriptedService) -> None:
         assert "wireless_verse_grip" not in service.messages[-1]
 
 
+def test_a_reply_may_leave_out_its_session(service: ScriptedService) -> None:
+    """As that of a real device does (tests/golden/inverse3/README.md)."""
+    found = parse(packed(golden("from_service/state_of_a_device.json")))
+    assert (found.session_id, found.inverse3[0].lack) == (None, "")
+    with opened(service) as device:
+        changed("session_id", value=None)(service)
+        device.write(0, (1.0, 0.0, 0.0))
+        assert service.forces[-1] == (-1.0, 0.0, 0.0)
+
+
 def test_a_late_reply_is_used_and_counted(service: ScriptedService) -> None:
     with opened(service, reply_within=1e-9) as device:
         device.write(0, (1.0, 0.0, 0.0))

@@ -146,7 +146,7 @@ class Session(service.Connection):
         """
         message = parse(data)
         own = [one for one in message.inverse3 if one.device_id == self.device_id]
-        if message.session_id != self._id:
+        if None not in (self._id, message.session_id) and message.session_id != self._id:
             fault = f"the reply is of session {message.session_id}, this one is {self._id}"
             raise DeviceError(f"{fault}: restart the Haply service")
         if not own:
