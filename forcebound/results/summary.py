@@ -64,7 +64,7 @@ def figures_of(run: Samples, figures: Sequence[Figure] = FIGURES) -> Summary:
     for figure in figures:
         missing = [lacks[need] for need in figure.needs.of_run.split() if need in lacks]
         found[figure.key] = value = None if missing else figure.value(run)
-        if value is None and figure.needs.of_run:
+        if missing or (value is None and figure.key in OF_ONE_LAW):
             undefined[figure.key] = (*missing, figure.needs.otherwise)[0]
     return {**found, **axes_and_units(run.launched), "undefined": undefined}
 
