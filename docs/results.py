@@ -213,11 +213,11 @@ MEANINGS = {
         "certificate planned for less. Only shown if there are any"
     ),
     "reads_and_writes_s": (
-        "what the device's own reads and writes take of each tick, a mean that its process measures "
-        "(of older recordings the median of twice the time from reading to write); more than a period "
-        "misses ticks, and the verdict says so"
+        "what the device's own reads and writes take of each tick, a mean that its process "
+        "measures (of older recordings the median of twice the time from reading to write); more "
+        "than a period misses ticks, and the verdict says so"
     ),
-    "device_misses": "ticks that were missed while the device read or wrote; the others, the machine",
+    "device_misses": "ticks that were missed while the device itself read or wrote",
     "longest_write_delay_ms": "the longest such time",
     "largest_allowance_j": (
         "the most that holds beyond the hold limit can have given the hand (`device.allowance`)"

@@ -1,5 +1,6 @@
 """A robot by a plain class, a device in a program: calls, units, limits, failures, times."""
 
+import json
 import shutil
 import subprocess
 import sys
@@ -14,6 +15,7 @@ import pytest
 import zmq
 from builders import MS
 from fakes import DISSIPATION, FakeDevice, answer
+from waiting import TIMEOUT
 
 from forcebound.errors import ConfigError, DeviceError
 from forcebound.graph.loader import load
@@ -440,7 +442,7 @@ class Server:
 
     def __init__(self, endpoint: str, reply: Callable[[bytes], bytes | None]) -> None:
         self.seen: list[bytes] = []
-        self._context = zmq.Context()
+        self._context, self._endpoint = zmq.Context(), endpoint
         self._socket = self._context.socket(zmq.REP)
         self._socket.bind(endpoint)
         self._reply = reply
@@ -459,7 +461,7 @@ class Server:
         if self._thread.is_alive():
             with zmq.Context() as context, context.socket(zmq.REQ) as last:
                 last.linger = 0
-                last.connect(self._socket.last_endpoint)
+                last.connect(self._endpoint)
                 last.send(b"end")
                 self._thread.join()
         self._socket.close(linger=0)
@@ -550,3 +552,21 @@ def test_a_program_of_other_axes_and_one_that_does_not_start_are_refused(program
         rails(program, joints=("x",), prismatic=("x",), watchdog_limit=1.0).open(None, 1e-3)
     with pytest.raises(DeviceError, match="ended at its start"):
         rails(Path("/bin/false"), watchdog_limit=1.0).open(None, 1e-3)
+
+
+@pytest.mark.examples
+@pytest.mark.live
+@pytest.mark.xdist_group("processes")
+def test_the_program_of_the_example_presses_into_the_wall_of_its_launch_file() -> None:
+    """``make examples`` builds it; it is skipped where it is not built."""
+    if not (HEADER / "device").exists():
+        pytest.skip("make -C examples/cpp has not built it")
+    words = ["launch", str(HEADER / "device.yaml"), "--duration", "2s", "--json"]
+    ran = subprocess.run(
+        [sys.executable, "-m", "forcebound", *words], capture_output=True, timeout=TIMEOUT
+    )
+    assert ran.returncode == 0, ran.stderr.decode()
+    summary = json.loads(ran.stdout)
+    assert summary["samples"] > 100
+    assert summary["peak_penetration_m"] > 0.0  # 0.3 N push it along x
+    assert b"the rails rest" in ran.stderr

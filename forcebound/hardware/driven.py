@@ -32,6 +32,7 @@ from forcebound.quantities import NOT_NEGATIVE, POSITIVE, Angle, Range, Time, To
 
 FIRST_CALLS = 10  # without force, for the quickest call
 GRACE = 1.0  # s, for a call when the device is closed
+HANGING = 0.1  # s, for one that hangs then
 SIGNALS = {"velocities": "velocity", "currents": "current"}  # of joints 1, 2, ..., as published
 
 _logger = logging.getLogger(__name__)
@@ -102,14 +103,11 @@ class Caller:
         self._answers: queue.SimpleQueue[Any] = queue.SimpleQueue()
         threading.Thread(target=self._serve, name="robot", daemon=True).start()
 
-    def call(self, name: str, what: Callable[..., Any], *arguments: Any) -> Called:
-        """Return what a call returns; DeviceError if it fails or takes too long."""
-        return self.call_within(self._timeout, name, what, *arguments)
-
-    def call_within(
-        self, timeout: float, name: str, what: Callable[..., Any], *arguments: Any
+    def call(
+        self, name: str, what: Callable[..., Any], *arguments: Any, timeout: float | None = None
     ) -> Called:
-        """Do the same with another time-out, in s."""
+        """Return what a call returns; DeviceError if it fails or takes too long."""
+        timeout = timeout or self._timeout
         if self._stuck:
             raise DeviceError(f"{self._stuck} has not returned yet, so {name} cannot be called")
         self._asked.put((what, arguments))
@@ -160,15 +158,9 @@ class OpenDriven(Device):
         self._name = type(robot).__name__
         self.axes, self._saturation = model.axes, model.saturation
         self._names = model.joints
-        self._limits = tuple(
-            zip(
-                model.of_joints("torque_limit", model.saturation),
-                model.of_joints("lower", -math.inf),
-                model.of_joints("upper", math.inf),
-                units.commands,
-                strict=True,
-            )
-        )
+        absent = {"torque_limit": model.saturation, "lower": -math.inf, "upper": math.inf}
+        limits = (model.of_joints(*one) for one in absent.items())
+        self._limits = tuple(zip(*limits, units.commands, strict=True))
         self._latency_ns = round(1e9 * model.write_latency)
         self._more = [name for name in ("velocities", "currents") if hasattr(robot, f"get_{name}")]
         self._reading: Vector = ()
@@ -235,13 +227,13 @@ class OpenDriven(Device):
         zero, stop = [0.0] * self.axes, getattr(self._robot, "stop", None)
         calls = [("set_torques", self._robot.set_torques, [zero])] if self._reading else []
         calls += [("stop", stop, [])] if callable(stop) else []
-        if self._caller.waits(GRACE):
+        if self._caller.waits(HANGING):
             _logger.warning("%s: a call hangs, so `stop` is called beside it", self._name)
             self._caller.end()
             self._caller, calls = Caller(GRACE), calls[-1:]
         for name, what, arguments in calls:
             try:
-                self._caller.call_within(GRACE, f"{self._name}.{name}", what, *arguments)
+                self._caller.call(f"{self._name}.{name}", what, *arguments, timeout=GRACE)
             except DeviceError as error:
                 _logger.warning("at the end: %s", error)
         self._caller.end()
@@ -252,7 +244,7 @@ class OpenDriven(Device):
     def _numbers(self, name: str, values: Any) -> Vector:
         try:
             numbers = tuple(map(float, values))
-        except (TypeError, ValueError):
+        except Exception:  # of any kind, by a value of any type
             numbers = ()
         if len(numbers) != self.axes or not all(map(math.isfinite, numbers)):
             expected = f"{self.axes} finite numbers ({', '.join(self._names)})"

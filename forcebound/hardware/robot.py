@@ -106,7 +106,7 @@ class Robot(DrivenModel):
         make, caller = _class_of(self.class_), Caller(self.timeout)
         name = f"{make.__name__}({', '.join(f'{n}={v!r}' for n, v in self.arguments.items())})"
         try:
-            made = caller.call_within(OPENING, name, lambda: make(**self.arguments))
+            made = caller.call(name, lambda: make(**self.arguments), timeout=OPENING)
         except DeviceError:
             caller.end()
             raise

@@ -75,31 +75,23 @@ def reads_once(
     Live, an open device is asked how long it takes. ConfigError if a tick is too short even so, or
     the ``write_delay`` for one reading.
     """
-    asked = servo.readings_per_tick
-    is_real = clock is not None and device.truth() is None and not device.is_exchange
-    times = None
-    if clock and is_real and asked != 2:
+    times, period = None, servo.period_ns * 1e-9
+    is_real = device.truth() is None and not device.is_exchange
+    if clock is not None and is_real and servo.readings_per_tick != 2:
         times = time_ticks(device, clock, OPENING_CALLS, share=QUICKEST)
-    period = servo.period_ns * 1e-9
-    if times is None or (asked == "auto" and times.of(2) <= FULL * period):
-        return asked == 1
-    if times.of(1) > period:
-        raise ConfigError(
-            f"a read and a write of the device take {_ms(times.of(1))}, a tick {_ms(period)}: lower"
-            f" device.rate to {_rate(times.of(1)):.0f} Hz or less",
-            field="rate",
-        )
+    if times is None or not _needs_one(times, servo):
+        return servo.readings_per_tick == 1
+    both, once = (f"a read and a write of the device take {_ms(times.of(1))}", times.of(1))
+    if once > period:
+        rate = f"lower device.rate to {_rate(once)} Hz or less"
+        raise ConfigError(f"{both}, a tick {_ms(period)}: {rate}", field="rate")
     try:
         check_delay(model, times.delay(servo))
     except ConfigError as error:
-        rate = _rate(times.of(2))
-        raise ConfigError(
-            f"two reads and a write of the device take {_ms(times.of(2))}, a tick {_ms(period)}:"
-            f" {error}; or lower device.rate to {rate:.0f} Hz",
-            field="write_delay",
-        ) from None
+        rate = f"or lower device.rate to {_rate(times.of(2))} Hz, for two readings"
+        raise ConfigError(f"{both}: {error}; {rate}", field="write_delay") from None
     _logger.info(
-        "one reading in a tick (%s for two and the write, of %s): its force acts %s after it, and"
+        "one reading in a tick (two and a write take %s of %s): its force acts %s after it, and"
         " device.write_delay of %s costs stiffness; `forcebound feel` says how much",
         *map(_ms, (times.of(2), period, times.delay(servo), model.write_delay)),
     )
@@ -108,35 +100,32 @@ def reads_once(
 
 def described(times: TickTimes, servo: ServoSettings | None) -> Iterator[str]:
     """Yield what times of a tick permit; ``servo``: the settings of a launch file."""
-    reads = ("a read", "two reads")[times.reads - 1]
-    line = f"a read takes {_us(times.read)}, a write {_us(times.write)}: {reads} and a write take"
-    yield f"{line} {_us(times.of(times.reads))}, at most {_rate(times.of(times.reads)):.0f} Hz"
-    delay = times.longest
-    words = f"a read and a write (half take {_us(times.of(1))} or less, 99 of 100 {_us(delay)})"
-    if times.reads == 2 and times.of(2) > 1e-3:
-        once = _rate(times.of(1))
-        yield f"with one reading in a tick (device.readings_per_tick: 1) at most {once:.0f} Hz"
-    if servo is not None and (
-        servo.readings_per_tick == 1
-        or (
-            servo.readings_per_tick == "auto"
-            and times.of(times.reads) > FULL * servo.period_ns / 1e9
-        )
-    ):
+    took, delay, words = times.of(times.reads), times.longest, "a read and a write"
+    yield (
+        f"a read takes {_ms(times.read)}, a write {_ms(times.write)}:"
+        f" {('a read', 'two reads')[times.reads - 1]} and a write take {_ms(took)}, at most"
+        f" {_rate(took)} Hz; with one reading in a tick {_rate(times.of(1))} Hz"
+    )
+    if servo is not None and _needs_one(times, servo):
         delay += times.delay(servo) - times.of(1)
-        words += f"; one reading in a tick at {servo.rate:g} Hz, reply_wait {servo.reply_wait:g}"
-    yield f"state device.write_delay: {stated_delay(delay):g} ms or more, for {words}"
+        words = f"one reading in a tick at {servo.rate:g} Hz, reply_wait {servo.reply_wait:g}"
+    yield (
+        f"state device.write_delay: {stated_delay(delay):g} ms, for {words} (half take"
+        f" {_ms(times.of(1))} or less, 99 of 100 {_ms(times.longest)})"
+    )
 
 
-def _rate(seconds: float) -> float:
-    """Return the highest rate, rounded down to tens above 100 Hz."""
-    rate = 1.0 / max(seconds, 1e-9)
-    return math.floor(rate / 10.0) * 10.0 if rate > 100.0 else math.floor(rate)
+def _needs_one(times: TickTimes, servo: ServoSettings) -> bool:
+    if servo.readings_per_tick != "auto":
+        return servo.readings_per_tick == 1
+    return times.reads == 2 and times.of(2) > FULL * servo.period_ns * 1e-9
+
+
+def _rate(seconds: float) -> int:
+    """Return the highest rate, in Hz, rounded down to tens above 100."""
+    rate = math.floor(1.0 / max(seconds, 1e-9))
+    return rate // 10 * 10 if rate > 100 else rate
 
 
 def _ms(seconds: float) -> str:
     return f"{1e3 * seconds:.2g} ms"
-
-
-def _us(seconds: float) -> str:
-    return f"{1e6 * seconds:.1f} us" if seconds < 1e-3 else f"{1e3 * seconds:.3g} ms"
