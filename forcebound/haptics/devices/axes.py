@@ -103,7 +103,7 @@ class AxesBody:
         self._axes.mass[:axes] = self._masses + operator.mass
         self._axes.hand_mass, self._axes.stiffness = operator.mass, operator.stiffness
         self._axes.hand_damping, self._axes.lag = operator.damping, true.lag
-        self._axes.gap, self._axes.is_hand = math.nan, not operator.walls
+        self._axes.gap[:], self._axes.is_hand = math.nan, not operator.walls
         self._axes.gap[: len(operator.walls)] = operator.walls
         self._axes.damping[:axes], self._axes.friction[:axes] = true.damping, true.friction
         self._axes.presliding[:axes], self._axes.weight[:axes] = true.presliding, true.weight
