@@ -117,6 +117,7 @@ def test_a_force_can_be_cut_before_the_next_one_acts() -> None:
     device = SimulatedDevice(replace(FREE, write_delay=8e-4), None, hold_limit=1e-3)
     device.read(0)
     device.write(0, (-1.0,))  # acts from 0.8 to 1.8 ms
+    device.read(1_500_000)
     device.write(1_500_000, (-1.0,))  # acts from 2.3 ms on
     device.read(2_300_000)
     assert place_of_cut(device, 1_800_000) == pytest.approx(0.5 * 10 * 1e-3**2)

@@ -184,7 +184,10 @@ def test_the_energy_of_a_motor_behind_a_slow_bus_is_true_within_its_error(
     ("file", "device"),
     [
         ("stiff_wall", "{truth: {damping: 0, friction: 0}}"),
-        ("stiff_wall", "{truth: {damping: 0, friction: 0}, lag: 1 ms, watchdog: reporting}"),
+        (
+            "stiff_wall",
+            "{truth: {damping: 0, friction: 0}, lag: 1 ms, watchdog: reporting, hand_speed: null}",
+        ),
         ("stiff_wall", "{truth: {damping: 0, friction: 0}, resolution: 0.3 mm}"),
         (
             "stiff_wall",

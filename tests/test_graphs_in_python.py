@@ -214,7 +214,7 @@ def test_a_graph_runs_as_its_file_does_to_the_bit() -> None:
     made = graph(
         hands={
             "hand": fb.Hand(
-                device=Phantom(),
+                device=Phantom(hand_speed=3.0),
                 servo=read.only.servo,
                 operator=read.only.operator,
                 links=links,

@@ -13,7 +13,7 @@ from forcebound.graph.loader import load
 from forcebound.lab.identification import document
 from forcebound.lab.identification.verdict import verdict
 
-USE = "forcebound: 1\ninclude: {}\ndevice: {{ include: device.yaml }}\n"
+USE = "forcebound: 1\ninclude: {}\ndevice: {{ include: device.yaml, hand_speed: null }}\n"
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +56,7 @@ def test_a_file_that_does_not_fit_is_refused_at_its_place(folder: Path, tmp_path
     with pytest.raises(ConfigError, match=r"my_stiff_wall.yaml:3:"):
         load_with(tmp_path, "stiff_wall.yaml")
     (tmp_path / "device.yaml").write_text("forcebound: 1\n")
-    with pytest.raises(ConfigError, match="no section device"):
+    with pytest.raises(ConfigError, match="a section device"):
         load_with(tmp_path, "stiff_wall.yaml")
 
 
@@ -84,7 +84,7 @@ def test_a_file_that_cannot_be_checked_is_refused_before_anything_moves(
     path = tmp_path / "device.yaml"
     for damaged, message in (
         (text.split("identified:")[0], "no section identified"),
-        (text.replace("\ndevice:", "\ndevices:"), "no section device"),
+        (text.replace("\ndevice:", "\ndevices:"), "a section device"),
         (text.replace("reach:", "reeach:"), "reach"),
         (text.replace(f"stated: {stated}", "stated: much"), "numbers.friction.stated"),
         (text.replace(f"stated: {stated}", f"stated: [{stated}, 1]"), "friction"),

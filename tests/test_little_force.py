@@ -92,7 +92,13 @@ CASES = {
         remedied=f"{BOARD}, rate: 200 Hz, write_delay: 2 ms",
         late=LateTicks(rate=100.0, shortest=1e-3, longest=6e-3),
     ),
-    "dissipation": Case("stiff_wall", "dissipation", "", [], "rate: 2 kHz"),
+    "dissipation": Case(
+        "stiff_wall",
+        "dissipation",
+        "hand_speed: null",
+        [],
+        "hand_speed: null, rate: 2 kHz",
+    ),
     "knob": Case(
         "knob_wall",
         "watchdog_limit",

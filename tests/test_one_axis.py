@@ -158,7 +158,7 @@ def test_a_run_with_a_reading_that_the_bounder_refuses_goes_through_the_graph() 
     ("changed", "reason"),
     [
         ({"model": {"axes": 2}}, "2 axes"),
-        ({"model": {"lag": 1e-3, "watchdog": "reporting"}}, "lag"),
+        ({"model": {"lag": 1e-3, "watchdog": "reporting", "hand_speed": None}}, "lag"),
         ({"model": {"friction": (0.12,)}}, "friction"),
         ({"model": {"watchdog": "none", "watchdog_limit": 0.1}}, "watchdog"),
         ({"operator": PointerHand()}, "pointer"),

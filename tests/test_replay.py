@@ -97,7 +97,7 @@ def test_late_ticks_and_a_watchdog_s_cuts_are_heard_again(tmp_path: Path, watchd
     config = load("stiff_wall")
     model: Any = config.only.device
     limit = 5e-3 if watchdog == "none" else "auto"
-    model = with_fields(model, watchdog=watchdog, watchdog_limit=limit)
+    model = with_fields(model, watchdog=watchdog, watchdog_limit=limit, hand_speed=None)
     config = config.with_hand(device=model)
     run_virtual(config, 0.6, path, late_ticks=LateTicks(rate=40.0))
     assert verified(path).is_same
@@ -120,7 +120,8 @@ def test_late_ticks_and_a_watchdog_s_cuts_are_heard_again(tmp_path: Path, watchd
 def test_a_change_of_one_bit_is_found(
     tmp_path: Path, tick: int, field: str, value: Callable[[Any], Any]
 ) -> None:
-    path = recorded(tmp_path / "run.mcap", "stiff_wall", "delay:=5ms")
+    words = "stiff_wall", "delay:=5ms", "device.hand_speed:=null"
+    path = recorded(tmp_path / "run.mcap", *words)
     packet = read(path).packets("telemetry")[tick]
     changed(path, {tick: {field: value(getattr(packet, field))}})
     found = verified(path)

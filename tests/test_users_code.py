@@ -54,15 +54,14 @@ def test_the_line_of_code_that_never_ends_is_named(tmp_path: Path) -> None:
     assert "took more than 3 s" in str(caught.value)
 
 
-def test_a_check_finds_no_more_modules_than_a_launch_does(
+def test_a_check_finds_the_modules_that_a_launch_does(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     written(tmp_path, "x = 1\n", "beside.py")
     written(tmp_path, f"import beside\n{SOURCE}", "mine.py")
     monkeypatch.chdir(tmp_path)
     result = invoke("check", "environment", "mine.py")
-    assert result.exit_code == 2
-    assert "No module named 'beside'" in result.output
+    assert result.exit_code == 0, result.output
 
 
 @pytest.mark.parametrize(

@@ -123,8 +123,9 @@ def emulate(
         model, operator = program.launch_file_parts(EMULATED[kind], arguments)
     advice, operator = "", None if no_hand else operator
     if parts is None:
-        words = f"identify {kind}" if no_hand else f"launch {EMULATED[kind]}"
-        advice = f"in another terminal: `forcebound {words} device:={link}`"
+        advice = f"`forcebound launch {EMULATED[kind]} device:={link}`"
+        advice = f"`forcebound identify {kind} device:={link}`" if no_hand else advice
+        advice = f"in another terminal: {advice}"
     if is_service:
         listen = port if parts is None else 0
         service.run((model, operator), link, listen, idle, planned, until_unused, show, advice)

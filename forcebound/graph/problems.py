@@ -113,7 +113,7 @@ def shortened(text: str) -> str:
 def unknown(what: str, name: str, known: Iterable[str]) -> str:
     """Return the message for an unknown name: the most similar known one, or all of them."""
     names = sorted(known)
-    near = [known for known in names if len(name) > 1 and known.startswith(name)]
+    near = sorted((one for one in names if len(name) > 1 and one.startswith(name)), key=len)
     near = near or [known for known in names if name in known.split("_")]  # speed: approach_speed
     near = near or difflib.get_close_matches(name, names, n=1)
     message = f"unknown {what} {shortened(name)!r}"

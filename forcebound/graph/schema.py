@@ -46,6 +46,7 @@ def json_schema() -> Schema:
     phases = {"type": "array", "items": _mapping(properties(PHASE.fields))}
     hand = {name: _kinds(name) for name in KINDS if name in HAND_SECTIONS}
     hand |= {"links": _mapping(links), "remote": fixed.pop("remote")}
+    hand["axes"] = {"type": "array", "description": "of a resolved document, with names"}
     of_a_hand = {"include": {"type": "string", "description": "launch file of one hand"}, **hand}
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",

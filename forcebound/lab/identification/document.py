@@ -21,6 +21,7 @@ from forcebound.graph.document import DEVICE_FILE, MAX_BYTES
 from forcebound.graph.fields import fields_of
 from forcebound.graph.problems import Problems
 from forcebound.graph.resolved import part_document
+from forcebound.graph.servo import ServoSettings, dissipation_of
 from forcebound.graph.tree import parse
 from forcebound.haptics.devices import DeviceModel
 from forcebound.haptics.laws.dissipation import per_axis
@@ -199,6 +200,8 @@ def document_of(
     defaults = {name: field.default for name, field in fields_of(kind).items()}
     kept = {name for name in defaults if getattr(identified, name) != defaults[name]}
     kept |= {"kind", "sources", *numbers}
+    if not _takes_a_speed(identified):  # a launch file that states one says null, too
+        values["hand_speed"], kept = None, kept | {"hand_speed"}
     device = {name: value for name, value in values.items() if name in kept}
     if serial and "serial_number" in defaults:
         device["serial_number"] = serial
@@ -219,6 +222,15 @@ def document_of(
             **_further(found),
         },
     }
+
+
+def _takes_a_speed(model: Any) -> bool:
+    """Whether there is a proof with a speed of the hand and the other numbers of a model."""
+    try:
+        dissipation_of(dataclasses.replace(model, hand_speed=1.0), ServoSettings())
+    except ConfigError as error:
+        return error.field != "hand_speed"
+    return True
 
 
 def _further(found: Found) -> dict[str, object]:
@@ -250,6 +262,11 @@ def _short(value: Any) -> Any:
     return float(f"{value:.{DIGITS}g}")
 
 
+def use_of(path: Path, no_speed: bool) -> str:
+    """Return the section of a launch file that uses a device file; what it says itself wins."""
+    return f"device: {{include: {path.name}{', hand_speed: null' * no_speed}}}"
+
+
 def write(path: Path, document: Document, command: str) -> None:
     """Write the file.
 
@@ -263,8 +280,8 @@ def write(path: Path, document: Document, command: str) -> None:
     yaml.width = 200  # a line for each number
     text = StringIO()
     yaml.dump(json.loads(json.dumps(document)), text)  # no object twice: that gives anchors
-    use = f"`device: {{include: {path.name}}}` in a launch file"
-    head = f"# Written by `{command}`. Use: {use}.\n"
+    no_speed = document["device"].get("hand_speed", "") is None
+    head = f"# Written by `{command}`. Use: `{use_of(path, no_speed)}` in a launch file.\n"
     try:
         path.write_text(head + text.getvalue(), encoding="utf-8")
     except OSError as error:
