@@ -66,6 +66,24 @@ def test_a_kind_is_held_against_the_wall_of_its_launch_file() -> None:
     assert speeds.runs["displayed_stiffness"][0] > 1.35 * found.felt
 
 
+@pytest.mark.usefixtures("few_runs")
+def test_the_headline_is_known_before_the_runs_with_other_limits(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    said: list[str] = []
+    names: list[tuple[int, str]] = []
+
+    def noted(config: Any, numbers: Any) -> feel.Varied:
+        names.extend((len(said), name) for name in numbers)
+        return varied(config, numbers)
+
+    varied = feel._varied
+    monkeypatch.setattr(feel, "_varied", noted)
+    found = feel.forecast("haply_2diy", say=said.append)
+    assert said == [found.headline]
+    assert names == [(0, "rate"), (1, "watchdog_limit"), (1, "allowance"), (1, "hand_speed")]
+
+
 @pytest.mark.parametrize(
     ("name", "reason"),
     [("two_hands", "left, right"), ("follow_path", "stiffness"), ("nothing", "nothing")],
