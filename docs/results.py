@@ -74,7 +74,8 @@ MEANINGS = {
         "null where late answers added more than a tenth of what was lost"
     ),
     "displayed_stiffness_share": (
-        "`felt` over `asked`, as the verdict says it; above 1: a hand that oscillates"
+        "`felt` over `asked`, as the verdict says it; null where that is above 1.005 and the hand "
+        "is not at rest: a mean of a hand that moves to and fro says nothing"
     ),
     "rate_hardness_n_per_m": (
         "slope of force over slope of penetration in the first 10 ms of the first contact (Eq. 34)"

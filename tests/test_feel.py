@@ -57,15 +57,33 @@ def test_the_words_say_what_the_hand_can_get() -> None:
 
 @pytest.mark.usefixtures("few_runs")
 def test_a_kind_is_held_against_the_wall_of_its_launch_file() -> None:
-    found = feel.forecast("phantom_premium_1_5")
-    no_speed: Any = {"device.hand_speed": "null"}
-    stated = fb.simulate("stiff_wall", **no_speed)
+    found = feel.forecast("phantom_premium_1_5", ["hand_speed:=3 m/s"])  # as stiff_wall states
     assert found.asked == 10_000.0
-    assert found.felt == pytest.approx(stated.figures.displayed_stiffness)
+    assert found.felt == pytest.approx(fb.simulate("stiff_wall").figures.displayed_stiffness)
     rates, speeds = found.varied
     assert rates.runs["device.rate"].tolist() == [500.0, 1000.0]
-    assert speeds.runs["device.hand_speed"].tolist() == [2.0]
-    assert speeds.runs["displayed_stiffness"][0] > 1.35 * found.felt
+    assert speeds.runs["device.hand_speed"].tolist() == [2.0, 3.0]
+    slower, stated = speeds.runs["displayed_stiffness"]
+    assert slower > stated
+    assert stated == found.felt
+
+
+@pytest.mark.usefixtures("few_runs")
+def test_the_headline_is_known_before_the_runs_with_other_limits(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    said: list[str] = []
+    names: list[tuple[int, str]] = []
+
+    def noted(config: Any, numbers: Any) -> feel.Varied:
+        names.extend((len(said), name) for name in numbers)
+        return varied(config, numbers)
+
+    varied = feel._varied
+    monkeypatch.setattr(feel, "_varied", noted)
+    found = feel.forecast("haply_2diy", say=said.append)
+    assert said == [found.headline]
+    assert names == [(0, "rate"), (1, "watchdog_limit"), (1, "allowance"), (1, "hand_speed")]
 
 
 @pytest.mark.parametrize(

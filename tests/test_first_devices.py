@@ -15,6 +15,10 @@ def test_without_a_law_the_hand_oscillates_and_receives_energy(name: str) -> Non
     summary = run_virtual(simulated_graph(name, ["law:=none"]), DURATION).summary
     assert summary["true_energy_min_j"] < -0.02
     assert not summary["at_rest"]
+    more = summary["stiffness_n_per_m"]["felt"] > 1.005 * summary["stiffness_n_per_m"]["asked"]
+    assert (summary["displayed_stiffness_share"] is None) == more
+    assert ("displayed_stiffness_share" in summary["undefined"]) == more
+    assert any("not known, since" in line for line in summary["verdict"]) == more
 
 
 @pytest.mark.parametrize("name", FILES)

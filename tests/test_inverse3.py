@@ -170,8 +170,8 @@ REFUSED: list[tuple[Change, str]] = [
         keeps("damping", {"vector": {"x": 0, "y": 1, "z": 0}}),
         r"damping\.vector\.y at 1, expected",
     ),
-    (with_another, "it has 049D, 04BA.*name one by its id"),
-    (lambda s: s.inventory.update(inverse3=[]), "it has none: plug it in"),
+    (with_another, "several Inverse3, 049D, 04BA: launch with device:=049D"),
+    (lambda s: s.inventory.update(inverse3=[]), "has no Inverse3: plug it in"),
     (lambda s: s.inventory.update(inverse3="none"), "expected a state of the Haply service"),
 ]
 
@@ -185,6 +185,19 @@ def test_a_service_or_a_device_that_is_not_as_stated_gets_no_force(
         model(service).open(None, HOLD)
     assert not any(any(force) for force in service.forces)
     until(lambda: service.sessions == 0, "the end of the session")
+
+
+def test_a_device_that_another_program_has_is_refused_before_it_gives_a_force(
+    service: ScriptedService,
+) -> None:
+    with opened(service):
+        sessions = service.sessions
+        assert not service.device["status"]["in_use"]
+        for use in (model(service).check_here, lambda: model(service).open(None, HOLD)):
+            with pytest.raises(DeviceError, match="in use by another program of this machine"):
+                use()
+        until(lambda: service.sessions == sessions, "the end of the session")
+    model(service).check_here()
 
 
 def test_without_a_service_one_sentence_says_how_to_start_it() -> None:
@@ -208,7 +221,7 @@ def test_a_device_is_found_by_its_id_and_another_ones_numbers_are_refused(
         assert device.serial_number == "049D"
     with pytest.raises(DeviceError, match="numbers in the launch file are of the device 04BA"):
         model(service, port="049D", serial_number="04BA").open(None, HOLD)
-    with pytest.raises(DeviceError, match="port '1234': expected the id"):
+    with pytest.raises(DeviceError, match="no Inverse3 1234; it has 049D, 04BA: launch with dev"):
         model(service, port="1234").check_here()
 
 

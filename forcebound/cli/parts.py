@@ -69,7 +69,7 @@ def resume(
 ) -> None:
     r"""Let a running graph open its lost device again (on_loss: wait), of HAND if it has several.
 
-    First plug it in, switch it on, and hold it in its home pose.
+    First plug it in, switch it on, and hold it in its home pose if it has one.
 
     \b
     forcebound device resume --run haply_2diy

@@ -31,7 +31,7 @@ from forcebound.haptics.laws.dissipation import (
 )
 from forcebound.hardware import inverse_service
 from forcebound.hardware.inverse_messages import Grip, chosen, framed
-from forcebound.hardware.inverse_session import NO_FORCE, Session
+from forcebound.hardware.inverse_session import NO_FORCE, Session, claim
 from forcebound.hardware.line import EMULATED, Line
 from forcebound.hardware.serial_device import (
     FIRST_EXCHANGES,
@@ -121,7 +121,7 @@ class HaplyInverse3(  # pyright: ignore[reportIncompatibleVariableOverride]
         if self.port != EMULATED:
             address = inverse_service.address_of(self.port, self.service)
             inverse_service.check_version(address)
-            chosen(inverse_service.devices(address), self.port)
+            claim(chosen(inverse_service.devices(address), self.port), address).close()
 
     def open(self, operator: Operator | None, hold_limit: float) -> "OpenInverse3":
         kind, limit, opens = "haply_inverse3", self.longest_force, partial(Session, self)

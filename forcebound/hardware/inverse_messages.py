@@ -137,11 +137,15 @@ def to_device(device_id: str, grips: Sequence[tuple[str, str]], **what: Any) -> 
 
 def chosen(found: Sequence[Inverse3], name: str) -> Inverse3:
     """Return the device with an id, or the only one; DeviceError if that is none, or several."""
-    there = ", ".join(each.device_id for each in found) or "none"
+    there = ", ".join(each.device_id for each in found)
     by_id = [each for each in found if each.device_id == name]
     if by_id or (len(found) == 1 and (name in ("auto", "emulated") or "/" in name)):
         return (by_id or found)[0]
+    if not there:
+        raise DeviceError("the service has no Inverse3: plug it in")
+    example = f"launch with device:={found[0].device_id}"
+    if len(found) > 1 and name == "auto":
+        raise DeviceError(f"the service has several Inverse3, {there}: {example}, or another one")
     raise DeviceError(
-        f"port {name!r}: expected the id of an Inverse3 of the service, or auto if it has one;"
-        f" it has {there}: plug it in, or name one by its id"
+        f"the service has no Inverse3 {name}; it has {there}: {example}, or plug {name} in"
     )

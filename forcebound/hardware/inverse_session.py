@@ -1,6 +1,7 @@
 """A session at the service of an Inverse3: its start, its settings, its end."""
 
 import logging
+import socket
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack
@@ -9,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from forcebound.errors import DeviceError
 from forcebound.hardware import inverse_service as service
 from forcebound.hardware.inverse_messages import (
+    Inverse3,
     Message,
     chosen,
     end_of_session,
@@ -86,11 +88,7 @@ class Session(service.Connection):
                 f" is {self.device_id}: plug the other one in, or measure this one with `forcebound"
                 " identify`"
             )
-        if device.status.get("in_use") or device.state.control_mode not in ("idle", ""):
-            raise DeviceError(
-                f"{self._name} is driven by another session, whose forces would add to these: end"
-                " the other program, the Haply Hub's demos among them"
-            )
+        self._others.callback(claim(device, self._address).close)
         if device.lack:
             raise DeviceError(
                 f"{self._name} is not {device.lack}: give it power, and calibrate it as its maker"
@@ -169,9 +167,10 @@ class Session(service.Connection):
             is_about = event.data.get("device_id") == self.device_id
             if event.name in ENDING and event.level not in INFORMING and is_about:
                 kind = event.data.get("safety_type", event.name)
+                more = f" ({event.message})" if event.message not in ("", kind) else ""
                 raise DeviceError(
-                    f"the Haply service reports {kind} of {self._name} ({event.message}): see that"
-                    " it is free and nobody else drives it, then launch or resume again"
+                    f"the Haply service reports {kind} of {self._name}{more}: see that it is"
+                    " plugged in and free and nobody else drives it, then launch or resume again"
                 )
 
     def close(self) -> None:
@@ -184,6 +183,31 @@ class Session(service.Connection):
             self._set_torque_scaling(not self._model.torque_scaling)
         except DeviceError as error:
             _logger.error("torque_scaling cannot be put back: %s", error)
+
+
+def claim(device: Inverse3, address: str) -> socket.socket:
+    """Return what keeps other programs of this machine from a device, until it is closed.
+
+    The service says ``in_use`` only while a session gives a force. The socket's abstract name ends
+    with its process, and is that of all users; one service has several addresses, but one port.
+    DeviceError if another session or program has the device.
+    """
+    name = f"the Inverse3 {device.device_id}"
+    if device.status.get("in_use") or device.state.control_mode not in ("idle", ""):
+        raise DeviceError(
+            f"{name} is driven by another session, whose forces would add to these: end the other"
+            " program, the Haply Hub's demos among them"
+        )
+    claimed = socket.socket(socket.AF_UNIX)
+    try:
+        claimed.bind(f"\0forcebound-inverse3-{address.rpartition(':')[2]}-{device.device_id}")
+    except OSError as error:
+        claimed.close()
+        raise DeviceError(
+            f"{name} is in use by another program of this machine, whose forces would add to these:"
+            " end it"
+        ) from error
+    return claimed
 
 
 def _differences(found: Any, stated: Any, name: str = "") -> Iterator[tuple[str, Any, Any]]:

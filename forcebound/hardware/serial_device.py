@@ -169,7 +169,7 @@ class Exchanges:
         """Log the counts, if a reply has come."""
         if self.count:
             share, limit = 100.0 * self.late / self.count, 1e-6 * self._late_ns
-            message = "%d replies of the board, %.2f %% of them later than %.2g ms, the"
+            message = "%d replies of the device, %.2f %% of them later than %.2g ms, the"
             message += " longest wait %.2g ms"
             logger.info(message, self.count, share, limit, 1e-6 * self.longest_ns)
 

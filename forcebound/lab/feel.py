@@ -4,7 +4,7 @@ A launch file runs in virtual time, on punctual ticks, with its numbers and with
 some: a run for each. A device at a port is replaced by the simulated one with the same numbers.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import fields, replace
 from pathlib import Path
@@ -59,6 +59,7 @@ class Forecast(NamedTuple):
         asked: Stiffness of the environment, in N/m.
         felt: What a hand feels of it with all numbers as stated, in N/m.
         stated: The numbers that vary, as stated, in SI units.
+        speed_unit: Of hand_speed, for people.
         varied: Runs with others in their place.
     """
 
@@ -66,6 +67,7 @@ class Forecast(NamedTuple):
     asked: float
     felt: float
     stated: Mapping[str, float]
+    speed_unit: str
     varied: Sequence[Varied]
 
     @property
@@ -80,14 +82,16 @@ class Forecast(NamedTuple):
         return {**stated, "stated": dict(self.stated), "runs": runs}
 
     @property
-    def lines(self) -> Iterator[str]:
-        """The forecast in words."""
-        units = {key: unit for one in self.varied for key, unit in zip(*one[:2], strict=True)}
-        stated = ", ".join(
-            f"{key} {_text(self.stated[key], unit)}" if key in self.stated else f"no {key}"
-            for key, unit in units.items()
-        )
-        yield f"{self.name}: {self._felt(self.felt)}, as stated ({stated}), with punctual ticks"
+    def headline(self) -> str:
+        """The forecast for the numbers as stated, which needs no others."""
+        speed = Everyday(self.speed_unit, self.speed_unit)
+        units = {"watchdog_limit": MS, "allowance": MJ, "rate": HZ, "hand_speed": speed}
+        stated = ", ".join(f"{key} {_text(self.stated[key], units[key])}" for key in self.stated)
+        return f"{self.name}: {self._felt(self.felt)}, as stated ({stated}), with punctual ticks"
+
+    @property
+    def details(self) -> Iterator[str]:
+        """The forecast for other numbers, in words."""
         for one in self.varied:
             yield from _table(one)
         yield from self._advice()
@@ -138,25 +142,21 @@ def _text(value: float, unit: Everyday) -> str:
     return f"{number:.0f} {unit.unit}" if number >= 1000.0 else f"{number:.3g} {unit.unit}"
 
 
-def forecast(name: str, arguments: Sequence[str] = ()) -> Forecast:
+def forecast(
+    name: str, arguments: Sequence[str] = (), say: Callable[[str], None] = lambda _: None
+) -> Forecast:
     """Return the forecast for a launch file, or for a kind of device.
+
+    ``say`` takes its headline as soon as that is known; the other runs take minutes.
 
     Raises:
         ConfigError: If there is no such file or device, it has several hands or no stiffness.
     """
     config = simulated_graph(name, arguments)
     model, servo = config.only.device, config.only.servo
-    stated = {"rate": servo.rate}
-    plan: list[dict[str, tuple[Everyday, Sequence[float]]]] = []
-    if model.watchdog == "none":
-        stated |= {"watchdog_limit": model.longest_force, "allowance": servo.allowance}
-        possible = [limit for limit in LIMITS if limit * servo.rate >= LONGEST_TICK]
-        limits = (MS, _with(possible, model.longest_force))
-        plan = [{"watchdog_limit": limits, "allowance": (MJ, _with(ALLOWANCES, servo.allowance))}]
     rates = [factor * servo.rate for factor in RATES if factor * servo.rate <= FASTEST]
-    plan.append({"rate": (HZ, rates)})
-    varied = [_varied(config, numbers) for numbers in plan]
-    runs = varied[-1].runs
+    varied = [_varied(config, {"rate": (HZ, rates)})]
+    runs = varied[0].runs
     ((asked, felt),) = (
         (row.get("environment.stiffness"), row["displayed_stiffness_n_per_m"])
         for row in runs.where(**{"device.rate": servo.rate})
@@ -166,12 +166,23 @@ def forecast(name: str, arguments: Sequence[str] = ()) -> Forecast:
             f"{name}: expected an environment with a stiffness that the hand reaches; the"
             " hand of the forecast is in operator:"
         )
+    has_limit = model.watchdog == "none"
+    stated = {"watchdog_limit": model.longest_force} if has_limit else {}
+    stated |= {"allowance": servo.allowance} if has_limit else {}
+    stated |= {"rate": servo.rate}
     stated |= {} if model.hand_speed is None else {"hand_speed": model.hand_speed}
     unit = "rad/s" if model.kinematics() is not None else units_on(model.named_axes, "m/s")
+    found = Forecast(name, asked, felt, stated, unit, varied)
+    say(found.headline)
+    if has_limit:
+        possible = [limit for limit in LIMITS if limit * servo.rate >= LONGEST_TICK]
+        limits = (MS, _with(possible, model.longest_force))
+        allowances = (MJ, _with(ALLOWANCES, servo.allowance))
+        varied.insert(0, _varied(config, {"watchdog_limit": limits, "allowance": allowances}))
     speeds = _with(HAND_SPEEDS[unit], model.hand_speed or HAND_SPEEDS[unit][0])
     with suppress(ConfigError):  # some devices may not state one
         varied.append(_varied(config, {"hand_speed": (Everyday(unit, unit), speeds)}))
-    return Forecast(name, asked, felt, stated, varied)
+    return found
 
 
 def _varied(config: GraphConfig, numbers: Mapping[str, tuple[Everyday, Sequence[float]]]) -> Varied:

@@ -97,6 +97,7 @@ def _processes(seen: Observations) -> Iterator[Finding]:
             yield note("process_starting", name, f"is starting{then}", action)
         elif state == "lost":
             words = "is lost: zero force; plug it in, switch it on, hold it in its home pose"
+            words += " if it has one"
             command = resume_command(seen.hand).strip("`")
             yield problem("device_lost", name, words, command=command)
         elif state in ("restarting", "ended"):

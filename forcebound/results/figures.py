@@ -283,7 +283,7 @@ FIGURES: tuple[Figure, ...] = (
     Figure("samples", "samples", NUMBER, lambda run: int(run.since.sum())),
     Figure("displayed_stiffness", "displayed stiffness", N_MM, "displayed_stiffness", need.STEADY),
     Figure("stiffness", "", N_MM, _felt, need.ASKED),
-    Figure("displayed_stiffness_share", "share of the stiffness", WHOLE, felt_share, need.ASKED),
+    Figure("displayed_stiffness_share", "share of the stiffness", WHOLE, felt_share, need.SHARED),
     Figure("rate_hardness", "rate-hardness", N_MM, "rate_hardness", need.INWARDS),
     Figure(
         "extended_rate_hardness",

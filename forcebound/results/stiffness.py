@@ -33,6 +33,7 @@ from forcebound.results.surface import Floats
 DROPPING = ("silent", "reporting", None)  # watchdogs; None: not stated
 ROUNDING = 1e-9  # of a force
 LARGEST_GAIN = 0.1  # of the losses
+MORE = 1.005  # of the stiffness: more than all of it
 
 
 class Stiffness(NamedTuple):
@@ -91,9 +92,14 @@ def felt_stiffness(run: Samples) -> Stiffness | None:
 
 
 def felt_share(run: Samples) -> float | None:
-    """Return the share of the stiffness that a run's hand felt; None without contact."""
+    """Return the share of the stiffness that a run's hand felt; None without contact.
+
+    Also if it is more than all and the hand moves: the mean of a hand to and fro says nothing.
+    """
     felt = felt_stiffness(run)
-    return None if felt is None else felt.felt / felt.asked
+    if felt is None or (felt.felt > MORE * felt.asked and run.is_at_rest is False):
+        return None
+    return felt.felt / felt.asked
 
 
 def _shares(lost: dict[str, float]) -> dict[str, float] | None:

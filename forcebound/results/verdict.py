@@ -62,7 +62,9 @@ def _stiffness(s: Summary, run: Launched) -> str:
     stiffness, words = s["stiffness_n_per_m"], _felt(s, run)
     if run.environment.get("kind") == "coupling":
         return ""  # a line for both hands says it
-    if stiffness is None or abs(stiffness["felt"] / stiffness["asked"] - 1.0) <= 1.0 - ALL:
+    if stiffness is None or s["displayed_stiffness_share"] is None:
+        return f"{words}."
+    if abs(stiffness["felt"] / stiffness["asked"] - 1.0) <= 1.0 - ALL:
         return f"{words}."
     words += f" ({stiffness['felt'] / stiffness['asked']:.0%}"
     words += ")" if s["at_rest"] is not False else ", a mean, since the hand moved)"
@@ -85,6 +87,8 @@ def _felt(s: Summary, run: Launched) -> str:
     if of is not None:
         felt, asked = (in_unit(of[key], unit, 3) for key in ("felt", "asked"))
         what = BETWEEN if run.environment.get("kind") in BODIES else "Stiffness felt"
+        if s["displayed_stiffness_share"] is None:
+            return f"{what}: not known, since the hand moves to and fro"
         return f"{what}: {felt} of {asked}"
     if mean is not None:
         return f"Stiffness felt: {in_unit(mean, unit, 3)}; the environment has no constant one"

@@ -45,8 +45,8 @@ from forcebound.run.restarts import GIVE_UP_DEATHS, GIVE_UP_NS, Restarts
 from forcebound.stop import INTERRUPTED
 
 ADVICE = (
-    "the device is lost: zero force. Plug it in, switch it on, hold it in its home pose; then run"
-    " {} in another terminal. Ctrl-C ends the run"
+    "the device is lost: zero force. Plug it in, switch it on, hold it in its home pose if it has"
+    " one; then run {} in another terminal. Ctrl-C ends the run"
 )
 STOPPED_EARLY = (INTERRUPTED, -signal.SIGTERM)  # exit status of a node that was not ready yet
 

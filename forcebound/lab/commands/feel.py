@@ -4,7 +4,7 @@ from pathlib import Path
 
 from forcebound.cli import complete
 from forcebound.cli import options as opt
-from forcebound.cli.common import print_document, say
+from forcebound.cli.common import print_document, say, show
 from forcebound.cli.lazy import when_used
 
 with when_used():
@@ -29,8 +29,8 @@ def feel(
     """
     if output is not None:
         plots.check_picture(output)
-    found = forecasts.forecast(device, arguments)
-    print_document(found.document, as_json, lambda _: found.lines)
+    found = forecasts.forecast(device, arguments, (lambda _: None) if as_json else show)
+    print_document(found.document, as_json, lambda _: found.details)
     if output is not None:
         plots.save(forecasts.draw(found), output)
         say(f"picture: {output}")
