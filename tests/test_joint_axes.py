@@ -280,6 +280,8 @@ def test_each_joint_has_a_scale_an_offset_and_a_stiffness_of_its_own() -> None:
 def test_a_coupling_takes_one_number_or_one_of_each_axis(field: str) -> None:
     with pytest.raises(ConfigError, match=field):
         replace(Coupling(), **{field: cast("Any", (1.0, 1.0))}).open(3)
+    with pytest.raises(ConfigError, match=rf"joint_arms.*environment: {field}"):
+        load("joint_arms", [f"environment.{field}:=[1, 1]"])
     with pytest.raises(ConfigError, match="force_scale"):
         Coupling(scale=(1.0, 1.0), force_scale=(1.0, -1.0))
 

@@ -12,17 +12,18 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from tabulate import tabulate
 
-from forcebound.axes import units_on
+from forcebound.axes import AxisKind, at_lever, common_kind, shown_on, units_on
 from forcebound.errors import ConfigError
 from forcebound.graph.document import find
 from forcebound.graph.graph import GraphConfig
-from forcebound.graph.loader import load
+from forcebound.graph.loader import hand_of, launch_file_of, load
 from forcebound.graph.parts import member_of
 from forcebound.haptics.devices import DEVICES, DeviceModel, JointsModel
 from forcebound.haptics.devices.joint_device import Joints
+from forcebound.haptics.laws.dissipation import MOST_LATE
 from forcebound.lab.sweeps import Runs, sweep
-from forcebound.messages.topology import Document
-from forcebound.units import MJ, MS, N_MM, Everyday
+from forcebound.messages.topology import HAND, Document
+from forcebound.units import MJ, MM, MS, N_MM, Everyday, N
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -60,6 +61,7 @@ class Forecast(NamedTuple):
         felt: What a hand feels of it with all numbers as stated, in N/m.
         stated: The numbers that vary, as stated, in SI units.
         varied: Runs with others in their place.
+        kind: Of the axes; stiffnesses of angles are in N m/rad.
     """
 
     name: str
@@ -67,6 +69,12 @@ class Forecast(NamedTuple):
     felt: float
     stated: Mapping[str, float]
     varied: Sequence[Varied]
+    kind: AxisKind = "length"
+
+    @property
+    def unit(self) -> Everyday:
+        """In which people read its stiffnesses."""
+        return shown_on(self.kind, N_MM)
 
     @property
     def document(self) -> Document:
@@ -89,12 +97,12 @@ class Forecast(NamedTuple):
         )
         yield f"{self.name}: {self._felt(self.felt)}, as stated ({stated}), with punctual ticks"
         for one in self.varied:
-            yield from _table(one)
+            yield from _table(one, self.unit)
         yield from self._advice()
 
     def _felt(self, felt: float) -> str:
         share = min(felt / self.asked, 1.0)
-        return f"{_text(felt, N_MM)} of {_text(self.asked, N_MM)} ({share:.0%})"
+        return f"{_text(felt, self.unit)} of {_text(self.asked, self.unit)} ({share:.0%})"
 
     def _advice(self) -> Iterator[str]:
         if "allowance" not in self.stated or self.felt >= WHOLE * self.asked:
@@ -104,11 +112,13 @@ class Forecast(NamedTuple):
         rows = {given: felt for limit, given, felt in runs if limit == short}
         enough = WHOLE * max(rows.values())
         given, felt = next((given, felt) for given, felt in rows.items() if felt >= enough)
+        path = at_lever(PUSH, "m", self.kind)
+        force, way = (shown_on(self.kind, unit) for unit in (N, MM))
         yield ""
         yield (
             f"With watchdog_limit {_text(short, MS)} and allowance {_text(given, MJ)}: "
             f"{self._felt(felt)}. The hand can then get at most {_text(given, MJ)}, the energy of"
-            f" {given / PUSH:.2g} N over {1e3 * PUSH:.0f} mm."
+            f" {given / path:.2g} {force.unit} over {path * way.factor:.3g} {way.unit}."
         )
 
 
@@ -118,7 +128,7 @@ def _columns(one: Varied) -> Iterator[tuple[float, ...]]:
     yield from zip(*(one.runs[key].tolist() for key in (*keys, FELT)), strict=True)
 
 
-def _table(one: Varied) -> list[str]:
+def _table(one: Varied, unit: Everyday) -> list[str]:
     """Return the lines of a table: the first number down, the second across."""
     felt = {tuple(values): felt for *values, felt in _columns(one)}
     down, *rest = ([*dict.fromkeys(column)] for column in zip(*felt, strict=True))
@@ -126,7 +136,7 @@ def _table(one: Varied) -> list[str]:
     units = one.units
     head = [one.names[0], *(_text(value[0], units[1]) if value else "felt" for value in across)]
     rows = [
-        [_text(value, units[0]), *(_text(felt[value, *other], N_MM) for other in across)]
+        [_text(value, units[0]), *(_text(felt[value, *other], unit) for other in across)]
         for value in down
     ]
     title = f"felt, over {' and '.join(one.names)}"
@@ -142,10 +152,15 @@ def forecast(name: str, arguments: Sequence[str] = ()) -> Forecast:
     """Return the forecast for a launch file, or for a kind of device.
 
     Raises:
-        ConfigError: If there is no such file or device, it has several hands or no stiffness.
+        ConfigError: If there is no such file, hand or device, nobody holds it, it has no stiffness
+            or both lengths and angles.
     """
     config = simulated_graph(name, arguments)
-    model, servo = config.only.device, config.only.servo
+    model, servo, kind = config.only.device, config.only.servo, common_kind(config.only.named_axes)
+    if config.only.operator is None:
+        raise ConfigError(f"{name}: expected `operator:`, a hand for the forecast; there is none")
+    if kind is None:
+        raise ConfigError(f"{name}: lengths and angles have no common stiffness to forecast")
     stated = {"rate": servo.rate}
     plan: list[dict[str, tuple[Everyday, Sequence[float]]]] = []
     if model.watchdog == "none":
@@ -153,7 +168,8 @@ def forecast(name: str, arguments: Sequence[str] = ()) -> Forecast:
         possible = [limit for limit in LIMITS if limit * servo.rate >= LONGEST_TICK]
         limits = (MS, _with(possible, model.longest_force))
         plan = [{"watchdog_limit": limits, "allowance": (MJ, _with(ALLOWANCES, servo.allowance))}]
-    rates = [factor * servo.rate for factor in RATES if factor * servo.rate <= FASTEST]
+    fastest = min(FASTEST, MOST_LATE / model.write_delay if model.write_delay else FASTEST)
+    rates = [factor * servo.rate for factor in RATES if factor * servo.rate <= fastest]
     plan.append({"rate": (HZ, rates)})
     varied = [_varied(config, numbers) for numbers in plan]
     runs = varied[-1].runs
@@ -171,7 +187,7 @@ def forecast(name: str, arguments: Sequence[str] = ()) -> Forecast:
     speeds = _with(HAND_SPEEDS[unit], model.hand_speed or HAND_SPEEDS[unit][0])
     with suppress(ConfigError):  # some devices may not state one
         varied.append(_varied(config, {"hand_speed": (Everyday(unit, unit), speeds)}))
-    return Forecast(name, asked, felt, stated, varied)
+    return Forecast(name, asked, felt, stated, varied, kind)
 
 
 def _varied(config: GraphConfig, numbers: Mapping[str, tuple[Everyday, Sequence[float]]]) -> Varied:
@@ -182,8 +198,12 @@ def _varied(config: GraphConfig, numbers: Mapping[str, tuple[Everyday, Sequence[
 
 def simulated_graph(name: str, arguments: Sequence[str] = ()) -> GraphConfig:
     """Return the graph that :func:`forecast` runs with the numbers as stated."""
-    if find(Path(name)) is not None or (name.endswith((".yaml", ".yml")) and name not in DEVICES):
-        config = load(name, arguments)
+    file, which = launch_file_of(name)
+    if find(Path(name)) is not None or (file and name not in DEVICES):
+        config = load(file or name, arguments)
+        if which:
+            hand_of(name, arguments)  # a name that is unknown is an error
+            config = _alone(config, which, file)
         model = config.only.device
     else:
         model = member_of("device", name, arguments)
@@ -194,6 +214,15 @@ def simulated_graph(name: str, arguments: Sequence[str] = ()) -> GraphConfig:
         servo = replace(hand.servo, readings_per_tick="auto")
         hands[key] = replace(hand, device=_simulated(model), servo=servo)
     return replace(config, hands=hands)
+
+
+def _alone(config: GraphConfig, hand: str, file: str) -> GraphConfig:
+    try:
+        config.environment.served.check_hands((HAND,))
+        return config.of(hand)
+    except ConfigError:
+        words = f"{hand} is coupled with another hand, and a forecast is of one alone"
+        raise ConfigError(f"{words}: see both with `forcebound simulate {file}`") from None
 
 
 def _simulated(model: DeviceModel) -> DeviceModel:
@@ -222,23 +251,23 @@ def draw(found: Forecast) -> "Figure":
     for panel, one in zip(panels, found.varied, strict=True):
         unit, rows = one.units[0], [*_columns(one)]
         for other in dict.fromkeys(row[1:-1] for row in rows):
-            curve = [(row[0] * unit.factor, row[-1] * N_MM.factor) for row in rows]
+            curve = [(row[0] * unit.factor, row[-1] * found.unit.factor) for row in rows]
             curve = [at for at, row in zip(curve, rows, strict=True) if row[1:-1] == other]
             words = f"{one.names[1]} {_text(other[0], one.units[1])}" if other else None
             panel.plot(*zip(*curve, strict=True), marker=".", label=words)
         if one.names[0] in found.stated:
-            here = found.stated[one.names[0]] * unit.factor, found.felt * N_MM.factor
+            here = found.stated[one.names[0]] * unit.factor, found.felt * found.unit.factor
             panel.plot(*here, "o", color="black", fillstyle="none", label="as stated")
         panel.set_xscale("log")
         panel.set_xticks([at * unit.factor for at in dict.fromkeys(row[0] for row in rows)])
         panel.xaxis.set_major_formatter("{x:g}")
         panel.xaxis.minorticks_off()
         panel.set_xlabel(f"{one.names[0].replace('_', ' ')} ({unit.unit})")
-        panel.axhline(found.asked * N_MM.factor, color="grey", linestyle=":")
+        panel.axhline(found.asked * found.unit.factor, color="grey", linestyle=":")
         panel.set_ylim(bottom=0.0)
         plain(panel)
     handles, words = panels[0].get_legend_handles_labels()
     figure.legend(handles, words, loc="outside right center", frameon=False)
-    panels[0].set_ylabel("stiffness felt (N/mm)")
+    panels[0].set_ylabel(f"stiffness felt ({found.unit.unit})")
     figure.suptitle(f"{found.name}: dotted, the stiffness of the wall")
     return figure
