@@ -123,7 +123,6 @@ def test_of_several_hands_the_law_is_that_of_the_launch_file(tmp_path: Path) -> 
     assert verdict(summary, {"device": {"law": "certified"}})[0].startswith("Passive by")
 
 
-@pytest.mark.parametrize(("has_stamps", "delay"), [(False, 3e-3), (True, 3e-3), (False, 4.6e-3)])
 def test_of_several_hands_only_the_one_that_failed_says_how(tmp_path: Path) -> None:
     failed = "leader/device ended unexpectedly; its last lines:\n  forcebound: unplugged"
     calm = result_of(tmp_path, "").summary
@@ -133,6 +132,7 @@ def test_of_several_hands_only_the_one_that_failed_says_how(tmp_path: Path) -> N
     assert "unplugged" not in other
 
 
+@pytest.mark.parametrize(("has_stamps", "delay"), [(False, 3e-3), (True, 3e-3), (False, 4.6e-3)])
 def test_forces_later_than_stated_are_named_first_and_no_certificate_covers_the_run(
     has_stamps: bool, delay: float
 ) -> None:
