@@ -11,6 +11,8 @@ import forcebound as fb
 from forcebound.cli import main
 from forcebound.lab import feel
 
+LAUNCH = Path(__file__).parent.parent / "launch"
+
 
 @pytest.fixture
 def few_runs(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -59,7 +61,9 @@ def test_the_words_say_what_the_hand_can_get() -> None:
 def test_a_kind_is_held_against_the_wall_of_its_launch_file() -> None:
     found = feel.forecast("phantom_premium_1_5", ["hand_speed:=3 m/s"])  # as stiff_wall states
     assert found.asked == 10_000.0
-    assert found.felt == pytest.approx(fb.simulate("stiff_wall").figures.displayed_stiffness)
+    as_stated: Any = {"device.hand_speed": "null"}  # the kind states none
+    run = fb.simulate("stiff_wall", **as_stated)
+    assert found.felt == pytest.approx(run.figures.displayed_stiffness)
     rates, speeds = found.varied
     assert rates.runs["device.rate"].tolist() == [500.0, 1000.0]
     assert speeds.runs["device.hand_speed"].tolist() == [2.0, 3.0]
@@ -86,9 +90,52 @@ def test_the_headline_is_known_before_the_runs_with_other_limits(
     assert names == [(0, "rate"), (1, "watchdog_limit"), (1, "allowance"), (1, "hand_speed")]
 
 
+ANGLES = """\
+forcebound: 1
+seed: 1
+duration: 2 s
+hands:
+  one:
+    device: { kind: joints, joints: [base], inertia: 0.005 kg m^2, damping: 0.04 N m s }
+    operator: %s
+  other:
+    device: { kind: joints, joints: [base], inertia: 0.005 kg m^2, damping: 0.04 N m s }
+environment: { kind: wall, position: 0.1 rad, stiffness: 2 N m/rad }
+"""
+HOLDS = (
+    "{ kind: pressing, end: 0.3 rad, start: 0 rad, stiffness: 20 N m/rad, damping: 0.2 N m s/rad }"
+)
+
+
+@pytest.mark.usefixtures("few_runs")
+def test_a_hand_of_joints_has_a_forecast_in_their_unit(tmp_path: Path) -> None:
+    path = tmp_path / "angles.yaml"
+    path.write_text(ANGLES % HOLDS)
+    done = CliRunner().invoke(main, ["feel", f"{path}:one"])
+    assert done.exit_code == 0, done.output
+    assert "N m/rad of 2 N m/rad" in done.output
+    assert "N/mm" not in done.output
+    assert "nan" not in done.output
+
+
+def test_without_a_hand_nothing_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "angles.yaml"
+    path.write_text(ANGLES % HOLDS)
+    monkeypatch.setattr(feel, "sweep", None)
+    done = CliRunner().invoke(main, ["feel", f"{path}:other"])
+    assert done.exit_code == 2, done.output
+    assert "operator" in done.output
+
+
 @pytest.mark.parametrize(
     ("name", "reason"),
-    [("two_hands", "left, right"), ("follow_path", "stiffness"), ("nothing", "nothing")],
+    [
+        ("two_hands", "left, right"),
+        (str(LAUNCH / "leader_follower.yaml:leader"), "simulate"),
+        (str(LAUNCH / "leader_follower.yaml:lead"), "leader"),
+        ("follow_path", "stiffness"),
+        ("nothing", "nothing"),
+    ],
 )
 def test_what_has_no_forecast_is_refused(name: str, reason: str) -> None:
     done = CliRunner().invoke(main, ["feel", name])

@@ -277,9 +277,17 @@ def test_each_joint_has_a_scale_an_offset_and_a_stiffness_of_its_own() -> None:
 
 
 @pytest.mark.parametrize("field", ["stiffness", "damping", "scale", "force_scale"])
-def test_a_coupling_takes_one_number_or_one_of_each_axis(field: str) -> None:
+def test_a_coupling_takes_one_number_or_one_of_each_axis(field: str, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=field):
         replace(Coupling(), **{field: cast("Any", (1.0, 1.0))}).open(3)
+    path = tmp_path / "arms.yaml"
+    unit = {"stiffness": " N m/rad", "damping": " N m s"}.get(field, "")
+    numbers = f"[1{unit}, 1{unit}]"
+    path.write_text(
+        f"forcebound: 1\ninclude: joint_arms.yaml\nenvironment: {{{field}: {numbers}}}\n"
+    )
+    with pytest.raises(ConfigError, match=rf"arms.yaml:3:\d+: environment: {field}"):
+        load(path)
     with pytest.raises(ConfigError, match="force_scale"):
         Coupling(scale=(1.0, 1.0), force_scale=(1.0, -1.0))
 

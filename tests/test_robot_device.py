@@ -20,13 +20,13 @@ from waiting import TIMEOUT
 from forcebound.errors import ConfigError, DeviceError
 from forcebound.graph.loader import load
 from forcebound.graph.resolved import to_document
-from forcebound.graph.servo import ServoSettings
+from forcebound.graph.servo import ServoSettings, stated_delay
 from forcebound.haptics.devices import Device
 from forcebound.hardware.program import Program
 from forcebound.hardware.robot import Robot
 from forcebound.messages.packets import DeviceState, Event, Packet, Telemetry, Vector
 from forcebound.nodes.device import DeviceNode
-from forcebound.run.bus import reads_once
+from forcebound.run.bus import described, reads_once, time_ticks
 from forcebound.run.check import check_part
 from forcebound.run.virtual import run_virtual
 from forcebound.testing import Handle, OpenHandle
@@ -433,6 +433,30 @@ def test_check_device_takes_a_launch_file_and_says_what_its_bus_permits(folder: 
     assert checked.seconds_per_tick is not None
     assert checked.seconds_per_tick.reads == 2
     assert any("write_delay" in line for line in checked.permits)
+
+
+def test_joints_beyond_one_turn_in_rad_lead_to_the_question_of_the_unit(folder: Path) -> None:
+    text = written(folder, "  rate: 100 Hz").read_text(encoding="utf-8")
+    for unit, is_asked in (("deg", False), ("rad", True)):
+        path = folder / f"{unit}.yaml"
+        path.write_text(text.replace("positions: deg", f"positions: {unit}"), encoding="utf-8")
+        said = check_part("device", str(path), is_child=True).permits
+        assert any("positions: deg" in line for line in said) is is_asked
+
+
+def test_a_rate_that_does_not_fit_is_said_as_the_launch_says_it(folder: Path) -> None:
+    device = SlowDevice(read=3.8e-3, write=1e-4)
+    times = time_ticks(device, device.clock, 20)
+    assert times is not None
+    asked, stated = (ServoSettings(rate=one, reply_wait=0.8) for one in (300.0, 250.0))
+    model = Robot(class_=Path("r.py:R"), joints=("a",), watchdog_limit=0.1, write_delay=0.01)
+    with pytest.raises(ConfigError, match="250 Hz") as error:
+        reads_once(device, model, asked, device.clock)
+    assert error.value.field == "rate"
+    delay = f"write_delay: {stated_delay(times.delay(stated)):g} ms"
+    assert "device.rate: 250 Hz" in [*described(times, asked)][-1]
+    assert delay in [*described(times, asked)][-1]
+    assert reads_once(device, model, stated, device.clock)
 
 
 # A device in a program

@@ -123,6 +123,15 @@ def test_of_several_hands_the_law_is_that_of_the_launch_file(tmp_path: Path) -> 
     assert verdict(summary, {"device": {"law": "certified"}})[0].startswith("Passive by")
 
 
+def test_of_several_hands_only_the_one_that_failed_says_how(tmp_path: Path) -> None:
+    failed = "leader/device ended unexpectedly; its last lines:\n  forcebound: unplugged"
+    calm = result_of(tmp_path, "").summary
+    own, other = (verdict({**calm, "failed": failed, "hand": h}, {})[0] for h in ("leader", "left"))
+    assert "unplugged" in own
+    assert "leader" in other
+    assert "unplugged" not in other
+
+
 @pytest.mark.parametrize(("has_stamps", "delay"), [(False, 3e-3), (True, 3e-3), (False, 4.6e-3)])
 def test_forces_later_than_stated_are_named_first_and_no_certificate_covers_the_run(
     has_stamps: bool, delay: float

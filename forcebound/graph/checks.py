@@ -64,8 +64,9 @@ def check_together(made: Values, note: Note, asks: bool = False) -> None:
         _check(note, name, "device", check_energy_partner, name, servos)
     if environment is not None and sound:
         _check(note, "", "environment", environment.served.check_hands, tuple(sound))
+        axes = next(iter(sound.values()))["device"].axes
+        _check(note, "", "environment", environment.model.check_axes, axes)
         if asks:
-            axes = next(iter(sound.values()))["device"].axes
             _check(note, "", "environment", _ask, "environment", environment.model, axes)
 
 

@@ -12,17 +12,18 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from tabulate import tabulate
 
-from forcebound.axes import units_on
+from forcebound.axes import AxisKind, at_lever, common_kind, shown_on, units_on
 from forcebound.errors import ConfigError
 from forcebound.graph.document import find
 from forcebound.graph.graph import GraphConfig
-from forcebound.graph.loader import load
+from forcebound.graph.loader import hand_of, launch_file_of, load
 from forcebound.graph.parts import member_of
 from forcebound.haptics.devices import DEVICES, DeviceModel, JointsModel
 from forcebound.haptics.devices.joint_device import Joints
+from forcebound.haptics.laws.dissipation import MOST_LATE
 from forcebound.lab.sweeps import Runs, sweep
-from forcebound.messages.topology import Document
-from forcebound.units import MJ, MS, N_MM, Everyday
+from forcebound.messages.topology import HAND, Document
+from forcebound.units import MJ, MM, MS, N_MM, Everyday, N
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -61,6 +62,7 @@ class Forecast(NamedTuple):
         stated: The numbers that vary, as stated, in SI units.
         speed_unit: Of hand_speed, for people.
         varied: Runs with others in their place.
+        kind: Of the axes; stiffnesses of angles are in N m/rad.
     """
 
     name: str
@@ -69,6 +71,12 @@ class Forecast(NamedTuple):
     stated: Mapping[str, float]
     speed_unit: str
     varied: Sequence[Varied]
+    kind: AxisKind = "length"
+
+    @property
+    def unit(self) -> Everyday:
+        """In which people read its stiffnesses."""
+        return shown_on(self.kind, N_MM)
 
     @property
     def document(self) -> Document:
@@ -93,12 +101,12 @@ class Forecast(NamedTuple):
     def details(self) -> Iterator[str]:
         """The forecast for other numbers, in words."""
         for one in self.varied:
-            yield from _table(one)
+            yield from _table(one, self.unit)
         yield from self._advice()
 
     def _felt(self, felt: float) -> str:
         share = min(felt / self.asked, 1.0)
-        return f"{_text(felt, N_MM)} of {_text(self.asked, N_MM)} ({share:.0%})"
+        return f"{_text(felt, self.unit)} of {_text(self.asked, self.unit)} ({share:.0%})"
 
     def _advice(self) -> Iterator[str]:
         if "allowance" not in self.stated or self.felt >= WHOLE * self.asked:
@@ -108,11 +116,13 @@ class Forecast(NamedTuple):
         rows = {given: felt for limit, given, felt in runs if limit == short}
         enough = WHOLE * max(rows.values())
         given, felt = next((given, felt) for given, felt in rows.items() if felt >= enough)
+        path = at_lever(PUSH, "m", self.kind)
+        force, way = (shown_on(self.kind, unit) for unit in (N, MM))
         yield ""
         yield (
             f"With watchdog_limit {_text(short, MS)} and allowance {_text(given, MJ)}: "
             f"{self._felt(felt)}. The hand can then get at most {_text(given, MJ)}, the energy of"
-            f" {given / PUSH:.2g} N over {1e3 * PUSH:.0f} mm."
+            f" {given / path:.2g} {force.unit} over {path * way.factor:.3g} {way.unit}."
         )
 
 
@@ -122,7 +132,7 @@ def _columns(one: Varied) -> Iterator[tuple[float, ...]]:
     yield from zip(*(one.runs[key].tolist() for key in (*keys, FELT)), strict=True)
 
 
-def _table(one: Varied) -> list[str]:
+def _table(one: Varied, unit: Everyday) -> list[str]:
     """Return the lines of a table: the first number down, the second across."""
     felt = {tuple(values): felt for *values, felt in _columns(one)}
     down, *rest = ([*dict.fromkeys(column)] for column in zip(*felt, strict=True))
@@ -130,7 +140,7 @@ def _table(one: Varied) -> list[str]:
     units = one.units
     head = [one.names[0], *(_text(value[0], units[1]) if value else "felt" for value in across)]
     rows = [
-        [_text(value, units[0]), *(_text(felt[value, *other], N_MM) for other in across)]
+        [_text(value, units[0]), *(_text(felt[value, *other], unit) for other in across)]
         for value in down
     ]
     title = f"felt, over {' and '.join(one.names)}"
@@ -150,11 +160,17 @@ def forecast(
     ``say`` takes its headline as soon as that is known; the other runs take minutes.
 
     Raises:
-        ConfigError: If there is no such file or device, it has several hands or no stiffness.
+        ConfigError: If there is no such file, hand or device, nobody holds it, it has no stiffness
+            or both lengths and angles.
     """
     config = simulated_graph(name, arguments)
-    model, servo = config.only.device, config.only.servo
-    rates = [factor * servo.rate for factor in RATES if factor * servo.rate <= FASTEST]
+    model, servo, kind = config.only.device, config.only.servo, common_kind(config.only.named_axes)
+    if config.only.operator is None:
+        raise ConfigError(f"{name}: expected `operator:`, a hand for the forecast; there is none")
+    if kind is None:
+        raise ConfigError(f"{name}: lengths and angles have no common stiffness to forecast")
+    fastest = min(FASTEST, MOST_LATE / model.write_delay if model.write_delay else FASTEST)
+    rates = [factor * servo.rate for factor in RATES if factor * servo.rate <= fastest]
     varied = [_varied(config, {"rate": (HZ, rates)})]
     runs = varied[0].runs
     ((asked, felt),) = (
@@ -172,7 +188,7 @@ def forecast(
     stated |= {"rate": servo.rate}
     stated |= {} if model.hand_speed is None else {"hand_speed": model.hand_speed}
     unit = "rad/s" if model.kinematics() is not None else units_on(model.named_axes, "m/s")
-    found = Forecast(name, asked, felt, stated, unit, varied)
+    found = Forecast(name, asked, felt, stated, unit, varied, kind)
     say(found.headline)
     if has_limit:
         possible = [limit for limit in LIMITS if limit * servo.rate >= LONGEST_TICK]
@@ -193,8 +209,12 @@ def _varied(config: GraphConfig, numbers: Mapping[str, tuple[Everyday, Sequence[
 
 def simulated_graph(name: str, arguments: Sequence[str] = ()) -> GraphConfig:
     """Return the graph that :func:`forecast` runs with the numbers as stated."""
-    if find(Path(name)) is not None or (name.endswith((".yaml", ".yml")) and name not in DEVICES):
-        config = load(name, arguments)
+    file, which = launch_file_of(name)
+    if find(Path(name)) is not None or (file and name not in DEVICES):
+        config = load(file or name, arguments)
+        if which:
+            hand_of(name, arguments)  # a name that is unknown is an error
+            config = _alone(config, which, file)
         model = config.only.device
     else:
         model = member_of("device", name, arguments)
@@ -205,6 +225,15 @@ def simulated_graph(name: str, arguments: Sequence[str] = ()) -> GraphConfig:
         servo = replace(hand.servo, readings_per_tick="auto")
         hands[key] = replace(hand, device=_simulated(model), servo=servo)
     return replace(config, hands=hands)
+
+
+def _alone(config: GraphConfig, hand: str, file: str) -> GraphConfig:
+    try:
+        config.environment.served.check_hands((HAND,))
+        return config.of(hand)
+    except ConfigError:
+        words = f"{hand} is coupled with another hand, and a forecast is of one alone"
+        raise ConfigError(f"{words}: see both with `forcebound simulate {file}`") from None
 
 
 def _simulated(model: DeviceModel) -> DeviceModel:
@@ -233,23 +262,23 @@ def draw(found: Forecast) -> "Figure":
     for panel, one in zip(panels, found.varied, strict=True):
         unit, rows = one.units[0], [*_columns(one)]
         for other in dict.fromkeys(row[1:-1] for row in rows):
-            curve = [(row[0] * unit.factor, row[-1] * N_MM.factor) for row in rows]
+            curve = [(row[0] * unit.factor, row[-1] * found.unit.factor) for row in rows]
             curve = [at for at, row in zip(curve, rows, strict=True) if row[1:-1] == other]
             words = f"{one.names[1]} {_text(other[0], one.units[1])}" if other else None
             panel.plot(*zip(*curve, strict=True), marker=".", label=words)
         if one.names[0] in found.stated:
-            here = found.stated[one.names[0]] * unit.factor, found.felt * N_MM.factor
+            here = found.stated[one.names[0]] * unit.factor, found.felt * found.unit.factor
             panel.plot(*here, "o", color="black", fillstyle="none", label="as stated")
         panel.set_xscale("log")
         panel.set_xticks([at * unit.factor for at in dict.fromkeys(row[0] for row in rows)])
         panel.xaxis.set_major_formatter("{x:g}")
         panel.xaxis.minorticks_off()
         panel.set_xlabel(f"{one.names[0].replace('_', ' ')} ({unit.unit})")
-        panel.axhline(found.asked * N_MM.factor, color="grey", linestyle=":")
+        panel.axhline(found.asked * found.unit.factor, color="grey", linestyle=":")
         panel.set_ylim(bottom=0.0)
         plain(panel)
     handles, words = panels[0].get_legend_handles_labels()
     figure.legend(handles, words, loc="outside right center", frameon=False)
-    panels[0].set_ylabel("stiffness felt (N/mm)")
+    panels[0].set_ylabel(f"stiffness felt ({found.unit.unit})")
     figure.suptitle(f"{found.name}: dotted, the stiffness of the wall")
     return figure

@@ -27,9 +27,10 @@ _WORDS = {
     "watchdog_limit": ("forces lasted longer than", "state {most}, if nothing drops them then"),
     COSTS_FORCE: (
         "readings were refused, since they imply more than",
-        "that costs force; state more if the hand was so fast, else look at the encoder",
+        "that costs force; state more if the hand was so fast, else look at the encoder{unit}",
     ),
 }
+_UNIT = ", or at the unit: degrees taken as radians (positions: deg)"
 
 
 class BrokenPromise(TypedDict):
@@ -114,6 +115,7 @@ def in_words(broken: BrokenPromise) -> str:
     what, remedy = _WORDS[broken["promise"]]
     if broken["is_paid"] and broken["promise"] == "write_delay":
         remedy = "the ledger had enough for each of them"
+    doubt = _UNIT if broken["unit"] == "rad/s" else ""
     unit = "ms" if broken["unit"] == "s" else broken["unit"]
     most = broken["largest"]
     numbers = (broken["stated"], broken["typical"], most, ROUNDED_UP * most)
@@ -121,5 +123,5 @@ def in_words(broken: BrokenPromise) -> str:
     counts = f"{broken['count']:,} of {broken['of']:,}"
     return (
         f"{counts} {what} device.{broken['promise']} ({stated}): typically {typical}, at most"
-        f" {largest}; {remedy.format(most=more)}"
+        f" {largest}; {remedy.format(most=more, unit=doubt)}"
     )

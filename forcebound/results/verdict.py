@@ -31,7 +31,7 @@ def verdict(summary: Summary, document: Document) -> list[str]:
         document: The launch file as resolved for the run.
     """
     failed, run = summary.get("failed", ""), launched(document)
-    lines = [f"Failed: {_cause(failed)}."] if failed else []
+    lines = [_failed(failed, summary.get("hand", ""))] if failed else []
     if "laws" in summary:
         for one in summary["laws"][len(lines) - MOST_LAWS :]:
             own = replace(run, device=replace(run.device, law=one["law"]))
@@ -49,6 +49,14 @@ def verdict(summary: Summary, document: Document) -> list[str]:
         lines = ["No force: it never engaged."]
     failures = "; ".join(_failures(summary, run))
     return [line for line in (*lines, failures and f"Faults: {failures}.") if line]
+
+
+def _failed(failed: str, hand: str) -> str:
+    """Return why a run failed; of another hand only which: its own lines say the rest."""
+    other, slash, _ = failed.split(" ", 1)[0].partition("/")
+    if slash and other != hand:
+        return f"Ended because {other} failed."
+    return f"Failed: {_cause(failed)}."
 
 
 def _cause(failed: str) -> str:

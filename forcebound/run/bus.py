@@ -8,12 +8,16 @@ after it, by ``reply_wait``, which ``write_delay`` has to cover (docs/theory.md,
 import logging
 import math
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 from msgspec import Struct
 
+from forcebound.axes import Axis
 from forcebound.errors import ConfigError
 from forcebound.graph.servo import ServoSettings, check_delay, stated_delay
 from forcebound.haptics.devices import Device, DeviceModel
+from forcebound.hardware.driven import DrivenModel
+from forcebound.messages.packets import Vector
 
 OPENING_CALLS = 20
 QUICKEST = 0.0  # by which a bus is judged then: before the loop the process is not punctual
@@ -26,13 +30,14 @@ _logger = logging.getLogger(__name__)
 class TickTimes(Struct, frozen=True):
     """Times of a device's read and write, in s; ``reads``: how many of them a tick has.
 
-    ``longest``: of a read and the write after it, but for one in a hundred.
+    ``longest``: of a read and the write after it, but for one in a hundred; ``reading``: the last.
     """
 
     read: float
     write: float
     reads: int
     longest: float = 0.0
+    reading: Vector = ()
 
     def of(self, reads: int) -> float:
         """Return what so many reads and a write take, in s."""
@@ -53,8 +58,9 @@ def time_ticks(
     """Return the times that a ``share`` of some ticks without force have kept; None without any."""
     times: list[tuple[int, int]] = []
     reads, zero, end_ns = 2, (0.0,) * device.axes, clock() + min(seconds, 1e9) * 1e9
+    reading: Vector = ()
     while len(times) < calls and (began := clock()) < end_ns:
-        device.read(began)
+        reading = device.read(began)
         between = clock()
         device.write(between, zero)
         times.append((between - began, clock() - between))
@@ -64,7 +70,7 @@ def time_ticks(
     read, write = (1e-9 * sorted(one)[int(share * len(one))] for one in zip(*times, strict=True))
     both = sorted(map(sum, times))
     longest = both[len(both) - 1 - math.floor(RARE * len(both))]
-    return TickTimes(read, write, reads, 1e-9 * longest)
+    return TickTimes(read, write, reads, 1e-9 * longest, reading)
 
 
 def reads_once(
@@ -79,11 +85,13 @@ def reads_once(
     is_real = device.truth() is None and not device.is_exchange
     if clock is not None and is_real and servo.readings_per_tick != 2:
         times = time_ticks(device, clock, OPENING_CALLS, share=QUICKEST)
+    if times is not None and (doubt := doubted_unit(times, model)):
+        _logger.warning("%s", doubt)
     if times is None or not _needs_one(times, servo):
         return servo.readings_per_tick == 1
-    both, once = (f"a read and a write of the device take {_ms(times.of(1))}", times.of(1))
-    if once > period:
-        rate = f"lower device.rate to {_rate(once)} Hz or less"
+    both = f"a read and a write of the device take {_ms(times.of(1))}"
+    if fits := _rate_that_fits(times, servo):
+        rate = f"lower device.rate to {fits} Hz or less"
         raise ConfigError(f"{both}, a tick {_ms(period)}: {rate}", field="rate")
     try:
         check_delay(model, times.delay(servo))
@@ -106,19 +114,43 @@ def described(times: TickTimes, servo: ServoSettings | None) -> Iterator[str]:
         f" {('a read', 'two reads')[times.reads - 1]} and a write take {_ms(took)}, at most"
         f" {_rate(took)} Hz; with one reading in a tick {_rate(times.of(1))} Hz"
     )
+    start = "state"
     if servo is not None and _needs_one(times, servo):
+        if fits := _rate_that_fits(times, servo):
+            start = f"{servo.rate:g} Hz does not fit: state device.rate: {fits} Hz and"
+            servo = replace(servo, rate=float(fits))
         delay += times.delay(servo) - times.of(1)
         words = f"one reading in a tick at {servo.rate:g} Hz, reply_wait {servo.reply_wait:g}"
     yield (
-        f"state device.write_delay: {stated_delay(delay):g} ms, for {words} (half take"
+        f"{start} device.write_delay: {stated_delay(delay):g} ms, for {words} (half take"
         f" {_ms(times.of(1))} or less, 99 of 100 {_ms(times.longest)})"
     )
+
+
+def doubted_unit(times: TickTimes, model: DeviceModel) -> str:
+    """Return a warning about joints beyond one turn in rad: their unit may be missing; or ""."""
+    if not isinstance(model, DrivenModel) or getattr(model, "positions", "rad") != "rad":
+        return ""
+    joints = zip(model.named_axes, times.reading, strict=False)
+    far = [f"{axis.name} is at {at:.4g} rad" for axis, at in joints if _is_far(axis, at)]
+    advice = "more than one turn: does the class count degrees or turns (positions: deg)?"
+    return f"{', '.join(far)}, {advice}" if far else ""
+
+
+def _is_far(axis: Axis, at: float) -> bool:
+    return axis.kind == "angle" and abs(at) > math.tau
 
 
 def _needs_one(times: TickTimes, servo: ServoSettings) -> bool:
     if servo.readings_per_tick != "auto":
         return servo.readings_per_tick == 1
     return times.reads == 2 and times.of(2) > FULL * servo.period_ns * 1e-9
+
+
+def _rate_that_fits(times: TickTimes, servo: ServoSettings) -> int:
+    """Return the highest rate, in Hz, for a tick too short even for one reading; 0: it fits."""
+    once = times.of(1)
+    return _rate(once) if once > servo.period_ns * 1e-9 else 0
 
 
 def _rate(seconds: float) -> int:

@@ -28,7 +28,7 @@ from forcebound.haptics.parts.contract import Report, Violation
 from forcebound.haptics.parts.user_module import file_of, names_file
 from forcebound.messages.packets import MAX_AXES
 from forcebound.messages.topology import HAND, Document
-from forcebound.run.bus import TickTimes, described, time_ticks
+from forcebound.run.bus import TickTimes, described, doubted_unit, time_ticks
 from forcebound.units import parse_quantity
 
 CONTRACTS: Mapping[str, Any] = {
@@ -128,7 +128,9 @@ def check_part(
     checked = _checked(part, CONTRACTS[section].check(model))
     if section == "device" and checked.passed:
         checked.seconds_per_tick = times = _tick_times(model)
-        checked.permits = [] if times is None else list(described(times, servo))
+        if times is not None:
+            permits = (*described(times, servo), doubted_unit(times, model))
+            checked.permits = list(filter(None, permits))
     return checked
 
 

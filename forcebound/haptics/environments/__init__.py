@@ -141,6 +141,9 @@ class EnvironmentModel(Publishing, ABC):
     def check_hands(self, hands: tuple[str, ...]) -> None:
         """Check that it can serve hands of these names; ConfigError if not."""
 
+    def check_axes(self, axes: int) -> None:
+        """Check that it can be opened for so many axes; ConfigError if not."""
+
     def check_files(self) -> None:
         """Read the files that the parameters name; ConfigError if one cannot be used."""
 

@@ -127,12 +127,15 @@ class Coupling(EnvironmentModel):
         for field in ("leader", "follower"):
             check_hand(getattr(self, field), hands, field)
 
-    def open(self, axes: int) -> "_Coupled":
+    def check_axes(self, axes: int) -> None:
         if len(self.offset) > axes:
             message = f"offset: expected at most {axes} entries, got {len(self.offset)}"
             raise ConfigError(message, field="offset")
         for field in _OF_AXES:
             per_axis(field, getattr(self, field) or 0.0, axes)
+
+    def open(self, axes: int) -> "_Coupled":
+        self.check_axes(axes)
         return _Coupled(self, axes)
 
 

@@ -22,6 +22,7 @@ def feel(
 
     In virtual time, with the numbers as stated and with others in their place. Without a watchdog
     that ends late forces, these are watchdog_limit and allowance; for every device the rate.
+    FILE.yaml:HAND is one hand of several. The launch file says in operator: who holds it.
 
     \b
     forcebound feel haply_2diy
