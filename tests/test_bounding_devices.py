@@ -478,6 +478,11 @@ def test_a_ledger_pays_for_a_hand_that_trembles_within_a_hold() -> None:
         ({"attenuates": "often"}, "attenuates"),
         ({"attenuates": "freely", "lag": 1e-4}, "lag"),
         ({"attenuates": "freely", "presliding": 1e-5}, "per_write"),
+        (
+            {"attenuates": "per_write", "presliding": 1e-5, "watchdog": "none"}
+            | {"watchdog_limit": 0.02},
+            "no watchdog",
+        ),
         ({"attenuates": "per_write", "hand_speed": 1.0}, "hand_speed"),
         ({"attenuates": "freely", "gain_error": 0.1}, "gain_error"),
         ({"attenuates": "per_write", "weight": (0.0, 0.1)}, "weight"),

@@ -61,8 +61,7 @@ def test_the_words_say_what_the_hand_can_get() -> None:
 def test_a_kind_is_held_against_the_wall_of_its_launch_file() -> None:
     found = feel.forecast("phantom_premium_1_5", ["hand_speed:=3 m/s"])  # as stiff_wall states
     assert found.asked == 10_000.0
-    as_stated: Any = {"device.hand_speed": "null"}  # the kind states none
-    run = fb.simulate("stiff_wall", **as_stated)
+    run = fb.simulate("stiff_wall")
     assert found.felt == pytest.approx(run.figures.displayed_stiffness)
     rates, speeds = found.varied
     assert rates.runs["device.rate"].tolist() == [500.0, 1000.0]

@@ -283,6 +283,8 @@ class Dissipation(StatedAxes):
         unproved = f"hand_speed {self.hand_speed:g}" if self.hand_speed < math.inf else ""
         if self.attenuates == "freely" and any(entries(self.presliding)):
             unproved = "presliding, where a hand may tremble without friction: expected per_write"
+        elif self.watchdog == "none" and any(entries(self.presliding)):
+            unproved = "presliding and no watchdog: what a late hold can have given is not known"
         if unproved:
             raise ConfigError(
                 f"attenuates: {self.attenuates} has no proof with {unproved}", field="attenuates"
