@@ -32,7 +32,9 @@ FLAGS = ("-O3", "-march=native", "-fno-math-errno", "-fno-trapping-math", "-shar
 
 def run(duration: float, rate: float) -> Result:
     """Run the benchmark."""
-    config = replace(load("stiff_wall", ["law:=certified"]), duration=SECONDS)
+    config = replace(
+        load("stiff_wall", ["law:=certified", "device.hand_speed:=null"]), duration=SECONDS
+    )
     device = LAWS["certified"].device(dissipation_of(config.only.device, config.only.servo))
     system, course = system_of(config), course_of(config, timing_of(config))
     trace = np.empty((course.answered.size, len(TRACE)))

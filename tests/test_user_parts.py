@@ -2,6 +2,7 @@
 
 import ast
 import dataclasses
+import importlib
 import json
 import os
 import re
@@ -18,6 +19,7 @@ from forcebound.graph.loader import load, load_tried
 from forcebound.graph.model import always, restore
 from forcebound.graph.resolved import to_document
 from forcebound.graph.servo import ServoSettings
+from forcebound.haptics.parts import user_module
 from forcebound.messages.packets import EnvironmentQuery, EnvironmentReply
 from forcebound.network.impairment import Impairment
 from forcebound.nodes.environment import EnvironmentNode
@@ -384,3 +386,16 @@ except ConfigError as error:
     assert told == "True False True"
     assert error.startswith("cannot import 'sand' of the package lab-parts")
     assert "No module named 'nonsense'" in error
+
+
+def test_a_module_that_the_program_had_before_stays_when_a_file_of_its_name_is_loaded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("first", "second"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "had_before.py").write_text("VALUE = 1\n")
+    monkeypatch.syspath_prepend(tmp_path / "first")
+    had = importlib.import_module("had_before")
+    for name in ("first", "second"):
+        user_module._load(tmp_path / name / "had_before.py")
+    assert sys.modules.pop("had_before") is had

@@ -61,8 +61,11 @@ class AnsweredLine(Line, Port):
         return data
 
     def read_lines(self, count: int, deadline_ns: int = 0) -> bytes:
-        """Return all that has come."""
-        return self.drain()
+        """Return all bytes that have come, or else all texts."""
+        if not self._bytes:
+            return self.drain()
+        data, self._bytes = self._bytes, b""
+        return data
 
     def drain(self, quiet: float = 0.0) -> bytes:
         """Return all that has come."""

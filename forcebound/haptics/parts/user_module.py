@@ -39,6 +39,7 @@ class _File:
 
 _files: dict[Path, _File] = {}
 _folders: set[Path] = set()  # of the files
+_theirs: set[str] = set()  # modules that a program had from such a folder before: they stay
 _parts: dict[str, object] = {}  # by absolute kind, FILE.py:NAME
 
 
@@ -147,7 +148,11 @@ def _importing_from(folder: Path) -> Iterator[None]:
 
     A module of the same name from the folder of another user's file is not taken for one of these.
     """
+    if folder not in _folders:
+        _theirs.update(name for name, module in sys.modules.items() if _folder(module) == folder)
     for name in [name for name, module in sys.modules.items() if _is_of_another(module, folder)]:
+        if name in _theirs:
+            continue
         if (folder / f"{name.partition('.')[0]}.py").exists() or (folder / name).is_dir():
             del sys.modules[name]
     _folders.add(folder)
@@ -160,8 +165,12 @@ def _importing_from(folder: Path) -> Iterator[None]:
 
 
 def _is_of_another(module: ModuleType, folder: Path) -> bool:
+    return _folder(module) in _folders - {folder}
+
+
+def _folder(module: ModuleType) -> Path | None:
     file = getattr(module, "__file__", None)
-    return bool(file) and Path(str(file)).parent in _folders - {folder}
+    return Path(str(file)).parent if file else None
 
 
 def _read(path: Path) -> bytes:
