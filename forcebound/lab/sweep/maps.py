@@ -200,8 +200,10 @@ def _draw_panel(
         return legend  # a row has no areas and no contours
     restless = (cells.grid(cells.rests, chosen) == 0.0) & ~is_leak
     if restless.any():
-        hatched = axis.pcolor(xs, ys, np.ma.masked_where(~restless, restless), shading="nearest")
-        hatched.set(array=None, facecolor="none", edgecolor="black", linewidth=0.0, hatch="////")
+        shown = np.ma.masked_where(~restless, restless)
+        clear = ListedColormap([(0.0, 0.0, 0.0, 0.0)])  # without an array the mask is lost
+        hatched = axis.pcolor(xs, ys, shown, shading="nearest", cmap=clear)
+        hatched.set(edgecolor="black", linewidth=0.0, hatch="////")
         legend["no rest"] = Patch(facecolor="white", edgecolor="black", hatch="////")
     if cells.shows_softness:
         softest = 1.0 - WEBER_FRACTIONS["displayed_stiffness_n_per_m"][0]
