@@ -79,6 +79,8 @@ def test_a_map_of_stiffness_shows_leaks_rest_and_where_a_wall_feels_softer(tmp_p
     assert red[0] > 0  # without a law the stiff and late walls leak
     assert red[1] == 0
     assert {"no rest", "encoder: 2 f_c / resolution"} <= texts(figure)
+    hatched = [each for axes in panels for each in axes.collections if each.get_hatch()]
+    assert any(np.ma.getmaskarray(np.ma.asarray(each.get_array())).any() for each in hatched)
     assert any("softer" in text for text in texts(figure))
     (line,) = (line for legend in figure.legends for line in legend.get_lines()[-1:])
     assert line.get_color() == "white"
