@@ -236,3 +236,33 @@ def test_a_yielding_that_no_push_has_shown_may_still_be_there() -> None:
     found = estimators.presliding(np.zeros(20), 0.8, Bounded(1.0, 0.9, 1.1), 2e-3)
     assert found.estimate == found.lower == 0.0
     assert 0.2e-3 < found.upper < 2e-3
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Commanded(FiveBar):
+    """An arm whose motors are commanded by a number of each joint."""
+
+    torque_constant: tuple[float, ...] = (0.5, 0.4)
+
+    @property
+    def torque_scale(self) -> str:
+        return "torque_constant"
+
+
+def test_a_number_that_scales_the_torque_of_each_joint_is_corrected_by_the_gains() -> None:
+    gain = (1.3, 0.8)
+    model = Commanded(truth=TrueJoints(gain=gain), substep=2.5e-4, gain_error=0.3)
+    device = Weighted(model.open(None, 1.25e-3), gain, 0.02)
+    plan = dataclasses.replace(ARM, weight=0.02, poses=(0.0,), pushes=2, strokes=4)
+    found = identify(device, model, VirtualClock(), plan, device.listen)
+    stated = document.identified_model(model, found)
+    assert stated.torque_constant == pytest.approx((0.5 * 1.3, 0.4 * 0.8), rel=0.02)
+    assert stated.sources["torque_constant"] == "measured"
+    assert stated.gain_error <= 0.02
+    for damping, friction in zip(stated.damping, stated.friction, strict=True):
+        assert 0.88 * 1e-3 <= damping <= 1e-3
+        assert 0.88 * 4e-3 <= friction <= 4e-3
+    one = document.identified_model(model, dataclasses.replace(found, gain=(found.gain[0], None)))
+    assert one.torque_constant == (stated.torque_constant[0], 0.4)
+    assert one.gain_error == 0.3  # of the motor that was not measured, as stated
+    assert "torque_constant" not in one.sources

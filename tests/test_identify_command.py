@@ -125,5 +125,5 @@ def test_the_verdict_grows_with_the_damping(folder: Path) -> None:
     model = load_with(folder, "stiff_wall.yaml")
     judged = verdict(model, 1000.0, (0.0,))
     assert 500.0 < judged.stiffness < 1500.0
-    assert judged.gains[judged.limit] == judged.gains["damping"] > 1.05
-    assert judged.gains["saturation"] == pytest.approx(1.0)
+    assert judged.better[judged.limit] == judged.better["damping"] > 1.05 * judged.stiffness
+    assert judged.better["saturation"] == pytest.approx(judged.stiffness)

@@ -82,6 +82,11 @@ class Robot(DrivenModel):
             )
 
     @property
+    def torque_scale(self) -> str:
+        """Of motors whose torque is not commanded as such."""
+        return "" if self.commands == "torque" else "torque_constant"
+
+    @property
     def own_code(self) -> str:
         return str(self.class_)
 

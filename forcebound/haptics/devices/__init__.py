@@ -263,6 +263,14 @@ class DeviceModel(StatedNumbers, Publishing, ABC):
         """Its user's code beside the kind, ``FILE.py:NAME``; empty: none."""
         return ""
 
+    @property
+    def torque_scale(self) -> str:
+        """Its number of each joint that scales the torque of the motor; empty: none.
+
+        ``forcebound identify`` measures it with a weight.
+        """
+        return ""
+
     def check_files(self) -> None:
         """Check, where a launch file is read, the files that it names; ConfigError if not sound."""
 

@@ -12,7 +12,7 @@ import numpy as np
 from msgspec import Struct
 
 from forcebound import realtime
-from forcebound.axes import at_lever, shown_on
+from forcebound.axes import shown_on
 from forcebound.errors import ConfigError
 from forcebound.files import check_writable
 from forcebound.graph.document import find
@@ -29,7 +29,7 @@ from forcebound.lab.identification.document import COMPARED, LOWER, METHODS, Num
 from forcebound.lab.identification.estimators import Bounded
 from forcebound.lab.identification.procedure import Found, Plan, identify
 from forcebound.lab.identification.rig import Clock, VirtualClock
-from forcebound.lab.identification.verdict import BETTER, DEPTH, verdict
+from forcebound.lab.identification.verdict import BETTER, verdict
 from forcebound.messages.topology import Document
 from forcebound.quantities import POSITIVE
 from forcebound.units import MM, N_MM, in_unit, parse_quantity
@@ -287,12 +287,12 @@ def lines(content: Document) -> list[str]:
             "lag           not found: too many late ticks; it stays as the device states it"
         )
     judged = content["verdict"]
-    kind = judged["kind"]
-    depth = in_unit(at_lever(DEPTH, "m", kind), shown_on(kind, MM).unit, 3)
-    shown = in_unit(judged["stiffness"], shown_on(kind, N_MM).unit, 3)
-    text.append(f"stiffest wall under certified, pressed by {depth}: {shown}")
-    for name, gain in judged["gains"].items():
-        text.append(f"  {name:<13} {BETTER[name][1]}: {100.0 * (gain - 1.0):+.1f} %")
+    kind, now = judged["kind"], judged["stiffness"]
+    depth, unit = in_unit(judged["depth"], shown_on(kind, MM).unit, 3), shown_on(kind, N_MM).unit
+    text.append(f"stiffest wall under certified, pressed by {depth}: {in_unit(now, unit, 3)}")
+    for name, then in judged["better"].items():
+        shown = f"{100.0 * (then / now - 1.0):+.1f} %" if now else in_unit(then, unit, 3)
+        text.append(f"  {name:<13} {BETTER[name][1]}: {shown}")
     text.append(f"what limits it most: {judged['limit']}")
     text.append(f"written: {content['file']}")
     return text

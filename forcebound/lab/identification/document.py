@@ -42,6 +42,7 @@ METHODS = {
     "lag": "by which the ripple of the speed follows a force that jumps; upper bound",
     "gain_error": "force for a hanging weight, how far motors are from their mean; upper bound",
 }
+SCALED = "by the force for a hanging weight, each motor for itself; the middle of its bounds"
 COUPLED = ("damping", "friction", "resolution")  # along an axis no bound of what is between two
 LOWER = ("damping", "friction")  # a lower bound is the careful one
 
@@ -87,9 +88,12 @@ COMPARED = RecordedNumbers.__struct_fields__  # in a check
 def numbers_of(model: DeviceModel, found: Found) -> dict[str, Number]:
     """Return the numbers of a device after an identification.
 
-    With a weight they count in forces of the mean gain, of which each motor gives its share.
+    With a weight they count in forces of the mean gain, of which each motor gives its share; or,
+    where a number scales the torque of each joint, in N m: that number is corrected by the gain.
     """
-    shares = _shares(found)
+    scale = model.torque_scale
+    scales = per_axis(scale, getattr(model, scale), model.axes) if scale else ()
+    shares = _shares(found, bool(scales))
     numbers, known = {}, {field.name for field in dataclasses.fields(model)}
     for name in (*COMPARED, "weight_error"):
         if name not in known:  # no joint has a weight error
@@ -102,11 +106,17 @@ def numbers_of(model: DeviceModel, found: Found) -> dict[str, Number]:
     lag = lag_of(found)
     if lag is not None and (lag.lower > 0.0 or model.watchdog != "guarding"):
         numbers["lag"] = Number(max(lag.estimate, 0.0), up(max(lag.upper, 0.0)))
-    if found.gain:
+    if scales and any(found.gain):
+        middles = [0.5 * (share.lower + share.upper) for share in shares]
+        stated = tuple([_short(k * middle) for k, middle in zip(scales, middles, strict=True)])
+        numbers[scale] = Number(stated, stated)
+        corrected = zip(shares, scales, stated, strict=True)
+        shares = [one.times(_exact(before / after)) for one, before, after in corrected]
+    if any(found.gain) and (scales or None not in found.gain):
         error = max(abs(share.estimate - 1.0) for share in shares)
-        numbers["gain_error"] = Number(
-            error, up(max(max(share.upper - 1.0, 1.0 - share.lower) for share in shares))
-        )
+        most = max(max(share.upper - 1.0, 1.0 - share.lower) for share in shares)
+        not_weighed = model.gain_error if None in found.gain else 0.0
+        numbers["gain_error"] = Number(error, up(max(most, not_weighed)))
     for name in _unproved(model) & numbers.keys():
         stated = getattr(model, name)
         is_of_axes = name == "presliding" and model.axes > 1
@@ -140,12 +150,21 @@ def lag_of(found: Found) -> Bounded | None:
     return max(lags, key=lambda one: one.upper)
 
 
-def _shares(found: Found) -> list[Bounded]:
-    """Gain of each motor over the mean: the middle of the least and the largest that can be."""
-    if not found.gain:
-        return [Bounded(1.0, 1.0, 1.0)] * len(found.axes)
-    mean = 0.5 * (min(g.lower for g in found.gain) + max(g.upper for g in found.gain))
-    return [one.times(Bounded(1 / mean, 1 / mean, 1 / mean)) for one in found.gain]
+def _shares(found: Found, is_scaled: bool) -> list[Bounded]:
+    """Gain of each motor over the mean: the middle of the least and the largest that can be.
+
+    With a scale of its own for each joint: the gain itself, 1 where it was not measured.
+    """
+    known = [gain for gain in found.gain if gain]
+    if is_scaled or len(known) < len(found.axes):
+        gains = found.gain if is_scaled and known else [None] * len(found.axes)
+        return [gain or _exact(1.0) for gain in gains]
+    mean = 0.5 * (min(g.lower for g in known) + max(g.upper for g in known))
+    return [gain.times(_exact(1.0 / mean)) for gain in known]
+
+
+def _exact(value: float) -> Bounded:
+    return Bounded(value, value, value)
 
 
 def identified_model(model: Any, found: Found) -> Any:
@@ -156,6 +175,7 @@ def identified_model(model: Any, found: Found) -> Any:
     """
     bounds: dict[str, object] = {name: one.stated for name, one in numbers_of(model, found).items()}
     measured = bounds.keys() - _unproved(model)
+    measured -= {model.torque_scale} if None in found.gain else set()
     measured -= set(COUPLED) if model.has_coupled_axes else set()
     sources = {**model.sources, **dict.fromkeys(measured, "measured")}
     if model.watchdog == "guarding" and (bounds.get("lag") or bounds["write_delay"]):
@@ -205,8 +225,9 @@ def document_of(
     device = {name: value for name, value in values.items() if name in kept}
     if serial and "serial_number" in defaults:
         device["serial_number"] = serial
+    methods = METHODS | {model.torque_scale: SCALED}
     numbers_found = {
-        name: {"found": _short(one.found), "stated": values[name], "method": METHODS[name]}
+        name: {"found": _short(one.found), "stated": values[name], "method": methods[name]}
         for name, one in numbers.items()
     }
     return {
@@ -240,7 +261,7 @@ def _further(found: Found) -> dict[str, object]:
     bounds = {
         name: {key: _short([getattr(one, end) for one in each]) for key, end in ends.items()}
         for name, each in both.items()
-        if each
+        if each and None not in each
     }
     loads = [
         {"mean": _short(axis.load.estimate), "largest": _short(axis.load.upper)}

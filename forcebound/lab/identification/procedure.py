@@ -75,7 +75,8 @@ class Found:
     #: From reading to the effect of the write, in s: median, and what 999 of 1000 writes keep.
     write_delay: Bounded
     interval: Bounded  # s, between two writes, alike
-    gain: tuple[Bounded, ...] = ()  # of each motor, force over command; empty: not measured
+    #: Of each motor, force over command; None: not measured; empty: of none.
+    gain: tuple[Bounded | None, ...] = ()
 
 
 def identify(
@@ -143,17 +144,17 @@ def _gains(
     speeds: Sequence[float],
     plan: Plan,
     report: Callable[[str], None],
-) -> tuple[Bounded, ...]:
-    """Gains of all motors, or none; a failure is reported, and ends no identification."""
-    gains = []
+) -> tuple[Bounded | None, ...]:
+    """Gains of the motors whose weight was hung; a failure is reported, and ends nothing."""
+    gains: list[Bounded | None] = [None] * len(losses)
     try:
         for axis, one in enumerate(losses):
             reach, speed = WEIGHED * plan.reach, WEIGHED * speeds[axis]
-            found = gain(drive, axis, plan.weight, one.friction.upper, reach, speed, report)
-            gains += [] if found is None else [found]
+            friction = one.friction.upper
+            gains[axis] = gain(drive, axis, plan.weight, friction, reach, speed, report)
     except DeviceError as error:
         report(f"{error}. What was measured before is kept")
-    return tuple(gains) if len(gains) == len(losses) else ()
+    return tuple(gains) if any(gains) else ()
 
 
 def _first_look(

@@ -1,9 +1,10 @@
 """The verdict: what the certified law will show on an identified device, and what limits it.
 
-A reading goes along a prescribed way, at 100 mm/s to 2 mm behind a surface, and rests there, while
-the environment asks for more force than the law will ever give. What the law lets through, over
-these 2 mm, is the stiffness that a wall can have on this device: no device is simulated, and no
-hand. Repeated with one number better, this shows which number limits it.
+A reading goes along a prescribed way, at 100 mm/s to 2 mm behind a surface, or 20 steps of a coarse
+encoder, and rests there, while the environment asks for more force than the law will ever give.
+What the law lets through, over this depth, is the stiffness that a wall can have on this device: no
+device is simulated, and no hand. Repeated with one number better, this shows which number limits
+it.
 """
 
 import dataclasses
@@ -21,6 +22,7 @@ from forcebound.messages.packets import Vector
 from forcebound.nodes.bounded_device import BoundedDevice
 
 SPEED, DEPTH = 0.1, 2e-3  # m/s, m
+STEPS = 20  # of the encoder, at least
 RESTING = 0.2  # s
 
 #: By how many times a number is better on a better device, and what that is called.
@@ -37,13 +39,15 @@ BETTER = {
 class _Prescribed(Device):
     """A device whose readings go along a way of their own, whatever the force."""
 
-    def __init__(self, model: DeviceModel, start: Floats, turn: Floats, step: Floats) -> None:
+    def __init__(
+        self, model: DeviceModel, start: Floats, turn: Floats, step: Floats, seconds: float
+    ) -> None:
         self.kinematics, self.axes = model.kinematics(), model.axes
-        self._start, self._turn, self._step = start, turn, step
+        self._start, self._turn, self._step, self._seconds = start, turn, step, seconds
 
     def read(self, time_ns: int) -> Vector:
         """Return where the way is now, in steps of the encoder."""
-        way = self._start + min(1.0, time_ns * 1e-9 * SPEED / DEPTH) * self._turn
+        way = self._start + min(1.0, time_ns * 1e-9 / self._seconds) * self._turn
         step = np.where(self._step > 0.0, self._step, 1.0)
         return tuple(np.where(self._step > 0.0, step * np.round(way / step), way).tolist())
 
@@ -52,10 +56,15 @@ class _Prescribed(Device):
         return force
 
 
-def displayed_stiffness(model: DeviceModel, rate: float, start: Vector) -> float:
-    """Return the largest stiffness that the law ``certified`` displays after the press, in N/m.
+class Press(NamedTuple):
+    """A press: the stiffness that the law ``certified`` displays after it, and how deep it went."""
 
-    Of angles in N m/rad, pressed by as much at a lever of 0.1 m.
+    stiffness: float  # N/m; of angles N m/rad
+    depth: float  # m, rad
+
+
+def press(model: DeviceModel, rate: float, start: Vector) -> Press:
+    """Return the press with the largest force; on angles by as much at a lever of 0.1 m.
 
     Args:
         model: What the device states.
@@ -72,15 +81,21 @@ def displayed_stiffness(model: DeviceModel, rate: float, start: Vector) -> float
     turn = np.linalg.lstsq(jacobian, depth * axes[0], rcond=None)[0]
     dissipation = dissipation_of(model, servo)
     step = np.array(per_axis("resolution", dissipation.resolution, len(start)))
+    moves = np.abs(turn) > 1e-9 * np.abs(turn).max()
+    deeper = max(1.0, STEPS * float((step[moves] / np.abs(turn[moves])).min()))
+    seconds = deeper * DEPTH / SPEED
     device = BoundedDevice(
-        _Prescribed(model, np.array(start), turn, step), servo.law, dissipation, learns=False
+        _Prescribed(model, np.array(start), deeper * turn, step, seconds),
+        servo.law,
+        dissipation,
+        learns=False,
     )
     device.begin()
     lever = float(np.linalg.norm(jacobian[0]))
     force = tuple((0.99 * model.saturation / lever * axes[0]).tolist())
-    for tick in range(round((DEPTH / SPEED + RESTING) * rate)):
+    for tick in range(round((seconds + RESTING) * rate)):
         written = device.write(tick * servo.period_ns, force, 1.0)
-    return math.hypot(*written.applied) / depth
+    return Press(math.hypot(*written.applied) / (deeper * depth), deeper * depth)
 
 
 def pressed_kind(model: DeviceModel) -> AxisKind:
@@ -92,24 +107,22 @@ class Verdict(NamedTuple):
     """Displayed stiffness of the law ``certified`` on a device."""
 
     stiffness: float  # N/m; of angles N m/rad
+    depth: float  # m, rad; of the press
     kind: AxisKind  # of the axes
-    gains: dict[str, float]  # times as stiff on a device with a better number, see BETTER
-    limit: str  # the number with the largest gain
+    better: dict[str, float]  # stiffness of a device with a better number, see BETTER
+    limit: str  # the number with the largest of them
 
 
 def verdict(model: Any, rate: float, start: Vector) -> Verdict:
-    """Return that of a device; arguments of `displayed_stiffness`."""
-
-    def shown(**changed: object) -> float:
-        return displayed_stiffness(dataclasses.replace(model, **changed), rate, start)
-
-    now = shown()
-    gains = {}
+    """Return that of a device; arguments of `press`."""
+    now, better = press(model, rate, start), {}
     for name, (factor, _) in BETTER.items():
         value = getattr(model, name, None) or 0.0
         if np.any(value):
-            better = (
+            changed = (
                 tuple(factor * v for v in value) if isinstance(value, tuple) else factor * value
             )
-            gains[name] = shown(**{name: better}) / (now or math.inf)
-    return Verdict(now, pressed_kind(model), gains, max(gains, key=gains.__getitem__))
+            one = press(dataclasses.replace(model, **{name: changed}), rate, start)
+            better[name] = one.stiffness * one.depth / now.depth
+    limit = max(better, key=better.__getitem__)
+    return Verdict(now.stiffness, now.depth, pressed_kind(model), better, limit)
