@@ -31,6 +31,7 @@ from forcebound.haptics.laws import LAWS, Dissipation
 from forcebound.haptics.parts import overridden
 from forcebound.haptics.parts.signals import Signal
 from forcebound.messages.control import (
+    Accepted,
     Answer,
     BounderReport,
     DeviceStatus,
@@ -39,6 +40,7 @@ from forcebound.messages.control import (
     Point,
     Pointed,
     Refused,
+    Release,
     Request,
 )
 from forcebound.messages.events import TAKES_HOLD_LIMIT, EventLog
@@ -75,7 +77,7 @@ class DeviceNode(Node):
     """
 
     wakes_on_arrival: ClassVar[bool] = False
-    requests: ClassVar[tuple[type[Request], ...]] = (Engage, Point)
+    requests: ClassVar[tuple[type[Request], ...]] = (Engage, Point, Release)
     wake_ns: int = 0  # of the next instant
 
     def __init__(
@@ -124,7 +126,7 @@ class DeviceNode(Node):
         self._writes_next = False
         self._engage_requested = False
         self._engaged_ns: int | None = None
-        self._stopped = False
+        self._stopped = self._is_released = False
         self._is_answered = False  # at the last write with the dead-man button held
         self._applied = self._zero
         self._position = self._zero
@@ -174,9 +176,13 @@ class DeviceNode(Node):
     def _report(self) -> BounderReport:
         return replace(self._bounded.report(), device_misses=self._device_misses)
 
-    def handle(self, request: Engage | Point) -> Answer:
+    def handle(self, request: Engage | Point | Release) -> Answer:
         if isinstance(request, Point):
             return self._point(request.target)
+        self._is_released = isinstance(request, Release)
+        if self._is_released:
+            self._chain.disengage()
+            return Accepted()
         self.engage()
         return Engaged()
 
@@ -295,6 +301,7 @@ class DeviceNode(Node):
     def _write(self, time_ns: int) -> Telemetry:
         chain, exchange = self._chain, self._exchange
         gives = self.is_engaged and self._next_law is None and chain.is_held
+        gives = gives and not self._is_released
         demand = chain.demand(time_ns) if gives else chain.no_force
         command = chain.command if gives else None
         given = received = None

@@ -31,7 +31,14 @@ from forcebound.haptics.environments import (
 )
 from forcebound.haptics.parts import overridden
 from forcebound.haptics.parts.user_module import describe_user_error
-from forcebound.messages.control import EnvironmentStatus
+from forcebound.messages.control import (
+    Accepted,
+    Answer,
+    EnvironmentStatus,
+    Refused,
+    Request,
+    ResetWorld,
+)
 from forcebound.messages.events import STATE_INTERVAL_NS, EventLog
 from forcebound.messages.packets import (
     EnvironmentQuery,
@@ -112,6 +119,7 @@ class EnvironmentNode(Node):
     """
 
     wakes_on_arrival: ClassVar[bool] = True
+    requests: ClassVar[tuple[type[Request], ...]] = (ResetWorld,)
 
     def __init__(
         self,
@@ -169,6 +177,19 @@ class EnvironmentNode(Node):
             self._model = model
             self._watch()
         self._computation.change(computation, trace)
+
+    def handle(self, request: ResetWorld) -> Answer:
+        """Let the world begin again, with the hands where they are; its answer in work counts."""
+        try:
+            if not self._environment.reset():
+                opened = open_environment(self._model, self._axes, self._hands)
+                self.close()
+                self._environment = opened
+                self._watch()
+        except Exception as error:  # of a user's code
+            return Refused(describe_user_error(error))
+        self._proxies.clear()
+        return Accepted()
 
     def _watch(self) -> None:
         self._signals.watch(self._environment)
