@@ -31,14 +31,7 @@ from forcebound.haptics.environments import (
 )
 from forcebound.haptics.parts import overridden
 from forcebound.haptics.parts.user_module import describe_user_error
-from forcebound.messages.control import (
-    Accepted,
-    Answer,
-    EnvironmentStatus,
-    Refused,
-    Request,
-    ResetWorld,
-)
+from forcebound.messages import control
 from forcebound.messages.events import STATE_INTERVAL_NS, EventLog
 from forcebound.messages.packets import (
     EnvironmentQuery,
@@ -119,7 +112,7 @@ class EnvironmentNode(Node):
     """
 
     wakes_on_arrival: ClassVar[bool] = True
-    requests: ClassVar[tuple[type[Request], ...]] = (ResetWorld,)
+    requests: ClassVar[tuple[type[control.Request], ...]] = (control.ResetWorld,)
 
     def __init__(
         self,
@@ -178,18 +171,15 @@ class EnvironmentNode(Node):
             self._watch()
         self._computation.change(computation, trace)
 
-    def handle(self, request: ResetWorld) -> Answer:
-        """Let the world begin again, with the hands where they are; its answer in work counts."""
+    def handle(self, request: control.ResetWorld) -> control.Answer:
+        """Let the world begin again, with the hands where they are."""
         try:
             if not self._environment.reset():
-                opened = open_environment(self._model, self._axes, self._hands)
-                self.close()
-                self._environment = opened
-                self._watch()
+                self._renew()
         except Exception as error:  # of a user's code
-            return Refused(describe_user_error(error))
+            return control.Refused(describe_user_error(error))
         self._proxies.clear()
-        return Accepted()
+        return control.Accepted()
 
     def _watch(self) -> None:
         self._signals.watch(self._environment)
@@ -270,8 +260,8 @@ class EnvironmentNode(Node):
             replies.append(self.events.emit(time_ns, "environment_failed", message, is_fault=True))
         return replies
 
-    def status(self) -> EnvironmentStatus:
-        return EnvironmentStatus(
+    def status(self) -> control.EnvironmentStatus:
+        return control.EnvironmentStatus(
             rejected=dict(self.rejected),
             name=self.name,
             refused_for=next(filter(None, (u.refused_for for u in self._users.values())), None),
@@ -356,14 +346,18 @@ class EnvironmentNode(Node):
             return
         self._is_sound = False
         try:
-            opened = open_environment(self._model, self._axes, self._hands)
+            self._renew()
         except ConfigError as error:
             self._count_failure(error)
             return
+        self._failure = f"no answer for {FAILED_NS / 1e6:g} ms, so it was opened again"
+
+    def _renew(self) -> None:
+        """Open another one in place of this one; ConfigError, and no change, if it fails."""
+        opened = open_environment(self._model, self._axes, self._hands)
         self.close()
         self._environment = opened
         self._watch()
-        self._failure = f"no answer for {FAILED_NS / 1e6:g} ms, so it was opened again"
 
     def _count_failure(self, error: Exception) -> None:
         self.faults += 1
