@@ -144,6 +144,11 @@ class EnvironmentNode(Node):
         self._failure = ""  # the first of them, until it is reported
 
     @property
+    def environment(self) -> Environment:
+        """The open environment."""
+        return self._environment
+
+    @property
     def answered(self) -> int:
         """Number of queries that it has answered."""
         return self._seq

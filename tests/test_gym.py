@@ -138,11 +138,11 @@ def test_an_episode_is_as_long_as_the_launch_file_says(tmp_path: Path) -> None:
 class Shy(HapticEnv):
     """A task: touch the wall with little force."""
 
-    def reward(self, telemetry: Sequence[Telemetry]) -> float:
+    def reward(self, telemetry: Sequence[Telemetry], *seen: Any) -> float:
         assert len(telemetry) == 10
         return -max(abs(tick.applied_force[0]) for tick in telemetry)
 
-    def is_over(self, telemetry: Sequence[Telemetry]) -> bool:
+    def is_over(self, telemetry: Sequence[Telemetry], *seen: Any) -> bool:
         return self.reward(telemetry) < -1.0
 
 

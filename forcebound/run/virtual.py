@@ -16,6 +16,7 @@ from forcebound.messages.control import Configure
 from forcebound.messages.events import PHASE_BEGINS, EventLog, is_of
 from forcebound.messages.packets import TOPIC_OF, EnvironmentReply, Event, Packet, Telemetry
 from forcebound.messages.topology import Document, flat
+from forcebound.nodes.environment import EnvironmentNode
 from forcebound.realtime import without_garbage_collection
 from forcebound.recordings.recording import Recorder
 from forcebound.recordings.telemetry import TelemetryCollector
@@ -55,6 +56,7 @@ class VirtualGraph:
         graph, links = config.graph, build_links(config)
         others = [build_node(n, config) for n in graph.loop if graph.nodes[n].role != DEVICE]
         nodes = [*others, *self.devices.values()]
+        (self.world,) = (node for node in others if isinstance(node, EnvironmentNode))
         self._simulation = Simulation(nodes, links, observe, observed, graph)
         self._observe = observe
         self._launcher = EventLog(LAUNCHER)

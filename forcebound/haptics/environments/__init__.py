@@ -95,6 +95,10 @@ class Environment(Publisher, ABC):
         """
         return None
 
+    def mujoco(self) -> tuple[Any, Any] | None:
+        """Return the world as MuJoCo has it, its MjModel and MjData; None: it is none of MuJoCo."""
+        return None
+
     def change(self, model: Any) -> bool:
         """Take over the parameters of another model of the same kind, and keep the state.
 

@@ -186,6 +186,12 @@ class _Scene(Environment):
         self._probes = [_Probe(self._scene, self._data, n, tool) for n in range(probes)]
         for number in range(probes):
             self._set_contacts(number, False)  # until a hand has it
+        self._set_coupling(model)
+
+    def _set_coupling(self, model: Bodies) -> None:
+        for probe in self._probes:
+            self._scene.jnt_stiffness[probe.joints] = model.stiffness
+            self._scene.dof_damping[probe.motion] = model.damping
 
     def _join(self, user: str, place: Vector3, now: float) -> _Hand:
         """Give a hand a probe; the bodies stay as they are."""
@@ -333,6 +339,9 @@ class _Scene(Environment):
                 objects.append(drawn(position=place, orientation=tuple(turned.tolist())))
         return tuple(objects)
 
+    def mujoco(self) -> tuple[Any, Any]:
+        return self._scene, self._data
+
     def _drawn_as(self, geom: int) -> partial[SceneObject] | None:
         """Return what draws a geom; None: it is a probe's, which is not drawn."""
         scene = self._scene
@@ -352,9 +361,7 @@ class _Scene(Environment):
             self._begin(model)
             return True
         check_coupling(model, self._step)
-        for probe in self._probes:
-            self._scene.jnt_stiffness[probe.joints] = model.stiffness
-            self._scene.dof_damping[probe.motion] = model.damping
+        self._set_coupling(model)
         self._model = model
         return True
 

@@ -15,7 +15,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
-from typing import Annotated, ClassVar, TypeAlias
+from typing import Annotated, Any, ClassVar, TypeAlias
 
 from forcebound.errors import ConfigError
 from forcebound.haptics.environments import (
@@ -387,6 +387,9 @@ class _Guided(Environment):
 
     def scene(self) -> tuple[SceneObject, ...]:
         return (*(self._opened.scene() or ()), *self._model.fixtures.drawn())
+
+    def mujoco(self) -> tuple[Any, Any] | None:
+        return self._opened.mujoco()
 
     def change(self, model: WithFixtures) -> bool:
         """Take over other parameters; the environment keeps its state if it can."""
