@@ -135,6 +135,7 @@ class EnvironmentNode(Node):
         self.events = EventLog(ENVIRONMENT)
         self._signals = Signals(self._environment, model.signals, self.events, self.reject)
         self._scene = SceneSource(self._environment, self.events)
+        self._is_asked_for_contacts = True
         self._proxies: dict[str, Vector] = {}  # of the last answer to each hand
         self._watch()
         self.name = name
@@ -175,13 +176,18 @@ class EnvironmentNode(Node):
             self._watch()
         self._computation.change(computation, trace)
 
+    def leave_out_views(self, contacts: bool) -> None:
+        """Make no scenes, and if ``contacts``, report none: nobody takes them."""
+        self._scene.is_taken, self._is_asked_for_contacts = False, not contacts
+        self._watch()
+
     def _watch(self) -> None:
         self._signals.watch(self._environment)
         self._scene.watch(self._environment)
         methods = overridden(self._environment, Environment)
         self._takes_readings = "take_readings" in methods
         self._notices_leaving = "leave" in methods
-        self._reports_contacts = "contact" in methods
+        self._reports_contacts = "contact" in methods and self._is_asked_for_contacts
 
     def close(self) -> None:
         close_part(self._environment.close, ENVIRONMENT)

@@ -33,6 +33,7 @@ class SceneSource:
         self._repeat_ns = 0
         self._sent: tuple[Sequence[SceneObject], Mapping[str, Vector]] = ((), {})
         self._left_out = 0
+        self.is_taken = True  # False: nobody looks
         self._wait_until_ns = 0  # until when a scene waits for a moment without an answer
         self.watch(environment)
 
@@ -45,7 +46,7 @@ class SceneSource:
 
     def note_answer(self, time_ns: int) -> None:
         """Plan a scene if one is due: the environment may have changed."""
-        if not self.is_due and self._has_scene and time_ns >= self._due_ns:
+        if self._has_scene and self.is_taken and not self.is_due and time_ns >= self._due_ns:
             self.is_due = True
             self._wait_until_ns = time_ns + LONGEST_WAIT_NS
 

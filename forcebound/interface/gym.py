@@ -39,6 +39,7 @@ from forcebound.messages.packets import (
     Vector,
 )
 from forcebound.messages.topology import HAND
+from forcebound.realtime import without_garbage_collection
 from forcebound.run.virtual import VirtualGraph, check_has_virtual_time
 
 check_installed("forcebound.interface.gym", "gymnasium")
@@ -202,7 +203,7 @@ class HapticEnv(gymnasium.Env[Any, Numbers]):
         self._ticks: list[Telemetry] = []
         self._law = config.only.servo.law
         self._signals: dict[type[Packet], SignalValues] = {}
-        self._graph = VirtualGraph(config, self._take, TAKEN)
+        self._graph = VirtualGraph(config, self._take, TAKEN, has_views=False)
         self._graph.run(config.only.servo.period_ns)
 
     def _go_to(self, target: Vector) -> None:
@@ -210,7 +211,8 @@ class HapticEnv(gymnasium.Env[Any, Numbers]):
         self._targets.append(target)
         self._graph.devices[HAND].handle(Point(target))
         self._ticks = []
-        self._graph.run(self._graph.time_ns + self._step_ns)
+        with without_garbage_collection():
+            self._graph.run(self._graph.time_ns + self._step_ns)
 
     def observation(self, telemetry: Ticks, scene: Objects, signals: SignalValues) -> Any:
         """Return the observation after a step, in ``observation_space``; to be overridden.

@@ -38,7 +38,8 @@ class VirtualGraph:
 
     ``observe`` is called with each packet of the classes ``observed`` at its sending, in order, and
     with the events of the phases and of the end. ConfigError or DeviceError if a part cannot be
-    opened; :func:`check_has_virtual_time` comes first.
+    opened; :func:`check_has_virtual_time` comes first. Unless ``has_views``, the environment makes no
+    scenes, and no contacts that no controller uses: the forces are the same.
     """
 
     def __init__(
@@ -47,6 +48,8 @@ class VirtualGraph:
         observe: Callable[[Packet], None],
         observed: Collection[type[Packet]],
         late_ticks: LateTicks | None = None,
+        *,
+        has_views: bool = True,
     ) -> None:
         config = config.on_one_machine()
         self.devices = {}
@@ -57,6 +60,10 @@ class VirtualGraph:
         others = [build_node(n, config) for n in graph.loop if graph.nodes[n].role != DEVICE]
         nodes = [*others, *self.devices.values()]
         (self.world,) = (node for node in others if isinstance(node, EnvironmentNode))
+        if not has_views:
+            controllers = [hand.controller for hand in config.hands.values()]
+            takes = any(each.takes_contacts or not _is_ours(each) for each in controllers)
+            self.world.leave_out_views(not takes and _is_ours(config.environment.model))
         self._simulation = Simulation(nodes, links, observe, observed, graph)
         self._observe = observe
         self._launcher = EventLog(LAUNCHER)
@@ -182,6 +189,11 @@ def run_virtual_hands(
         hand: replace(result, interrupted=interrupted, times_real_time=speed)
         for hand, result in results.items()
     }
+
+
+def _is_ours(part: object) -> bool:
+    """Return whether a controller or an environment comes with forcebound."""
+    return type(part).__module__.startswith("forcebound.")
 
 
 def check_has_virtual_time(config: GraphConfig) -> None:

@@ -41,7 +41,7 @@ FAR = 10.0  # m: a hand that is farther away is taken to be there
 
 def within_reach(coordinate: float) -> float:
     """Return a coordinate of a hand, in m, at most ``FAR`` from the origin."""
-    return min(max(coordinate, -FAR), FAR)
+    return coordinate if -FAR < coordinate < FAR else min(max(coordinate, -FAR), FAR)
 
 
 class Environment(Publisher, ABC):

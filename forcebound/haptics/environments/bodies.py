@@ -257,8 +257,8 @@ class _Scene(Environment):
         steps = min(due, MOST_STEPS)
         hands = [(hand, self._probes[hand.number]) for hand in self._hands.values()]
         for hand, probe in hands:
-            applied, damping = probe.applied, self._model.damping  # entry by entry: quick
-            applied[0], applied[1], applied[2] = (damping * v for v in hand.speed)
+            applied, damping, (u, v, w) = probe.applied, self._model.damping, hand.speed
+            applied[0], applied[1], applied[2] = damping * u, damping * v, damping * w  # quick
         for i in range(steps):  # the spring ends where the hand was when the step began
             for hand, probe in hands:
                 end = along(hand.before, sub(hand.place, hand.before), i / steps)
