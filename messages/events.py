@@ -26,7 +26,7 @@ CODE_FAILED = ("environment_failed", "controller_failed")  # code of a part did;
 TAKES_HOLD_LIMIT = "takes_hold_limit"  # in data of an event: this device can be given a hold limit
 PUBLISHED = "published"  # in data of an event: code of a device, controller or environment sent it
 STATE_INTERVAL_NS = 200_000_000  # between two events about a state that each packet may change
-MAX_ENTRIES, MAX_DATA = 60, 1_800  # of an event's data, bytes: a packet holds no more than 4096
+MAX_ENTRIES, MAX_DATA = 60, 1_800  # of an event's data, bytes: it takes part of a packet
 
 
 class EventLog:

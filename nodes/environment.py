@@ -133,7 +133,7 @@ class EnvironmentNode(Node):
         self._users: dict[str, _User] = {}  # by hand
         self._serving_changed = False  # so an event may be due
         self.events = EventLog(ENVIRONMENT)
-        self._signals = Signals(self._environment, model.signals, self.events, self.reject)
+        self._signals = Signals(self._environment, model.declared(), self.events, self.reject)
         self._scene = SceneSource(self._environment, self.events)
         self._is_asked_for_contacts = True
         self._proxies: dict[str, Vector] = {}  # of the last answer to each hand

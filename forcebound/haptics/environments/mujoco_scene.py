@@ -51,7 +51,7 @@ def compile_scene(mujoco: Any, model: "Bodies", probes: int) -> Any:
     """
     try:
         open_file(model.file).close()
-        binary = _binary(replace(model, stiffness=0.0, damping=0.0), probes)
+        binary = _binary(replace(model, stiffness=0.0, damping=0.0, record=()), probes)
     except ConfigError as error:
         raise ConfigError(str(error), field="file") from None
     except (OSError, ChildError) as error:
