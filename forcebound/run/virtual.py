@@ -38,8 +38,8 @@ class VirtualGraph:
 
     ``observe`` is called with each packet of the classes ``observed`` at its sending, in order, and
     with the events of the phases and of the end. ConfigError or DeviceError if a part cannot be
-    opened; :func:`check_has_virtual_time` comes first. Unless ``has_views``, the environment makes no
-    scenes, and no contacts that no controller uses: the forces are the same.
+    opened; :func:`check_has_virtual_time` comes first. Unless ``has_views``, the environment makes
+    no scenes, and no contacts that no controller uses: the forces are the same.
     """
 
     def __init__(
