@@ -19,6 +19,7 @@ from forcebound.graph.graph import GraphConfig
 from forcebound.graph.parameters import change
 from forcebound.graph.resolved import kind_of
 from forcebound.haptics.devices.simulated import pad
+from forcebound.haptics.environments import Environment
 from forcebound.haptics.environments.bodies import Bodies
 from forcebound.haptics.hands import Operator
 from forcebound.haptics.hands.hands import coordinates
@@ -119,6 +120,8 @@ class HapticEnv(gymnasium.Env[Any, Numbers]):
                 'render_mode: expected None, or "rgb_array" with a world of kind bodies, which'
                 f" MuJoCo draws; got {render_mode!r} with {kind}"
             )
+        methods = {"observation", "reward", "is_over"}
+        self._is_task = bool(methods & overridden(self, HapticEnv))
         self.render_mode = render_mode
         self._painter: Painter | None = None
         self._camera, self._size = camera, (width, height)
@@ -135,6 +138,13 @@ class HapticEnv(gymnasium.Env[Any, Numbers]):
         )
         any_number = gymnasium.spaces.Box(-np.inf, np.inf, (axes,), np.float64)
         self.observation_space = gymnasium.spaces.Dict(dict.fromkeys(OBSERVED, any_number))
+
+    @property
+    def world(self) -> Environment:
+        """The open environment of this episode; ResetNeeded before the first :meth:`reset`."""
+        if self._graph is None:
+            raise gymnasium.error.ResetNeeded("call reset() first")
+        return self._graph.world.environment
 
     def reset(
         self, *, seed: int | None = None, options: Mapping[str, object] | None = None
@@ -203,7 +213,8 @@ class HapticEnv(gymnasium.Env[Any, Numbers]):
         self._ticks: list[Telemetry] = []
         self._law = config.only.servo.law
         self._signals: dict[type[Packet], SignalValues] = {}
-        self._graph = VirtualGraph(config, self._take, TAKEN, has_views=False)
+        taken = TAKEN if self._is_task else TAKEN[:3]
+        self._graph = VirtualGraph(config, self._take, taken, has_views=False)
         self._graph.run(config.only.servo.period_ns)
 
     def _go_to(self, target: Vector) -> None:
@@ -243,14 +254,12 @@ class HapticEnv(gymnasium.Env[Any, Numbers]):
         """
         if self.render_mode is None:
             return None
-        if self._graph is None:
-            raise gymnasium.error.ResetNeeded("call reset() before render()")
-        world = self._graph.world.environment.mujoco()
-        assert world is not None  # of bodies
-        if self._painter is None or self._painter.signature != world[0].signature:
+        drawn = self.world.mujoco()
+        assert drawn is not None  # of bodies
+        if self._painter is None or self._painter.signature != drawn[0].signature:
             self._end_painter()
-            self._painter = Painter(world[0], *self._size, self._camera)
-        return self._painter.picture(*world)
+            self._painter = Painter(drawn[0], *self._size, self._camera)
+        return self._painter.picture(*drawn)
 
     def close(self) -> None:
         """Close the graph."""
@@ -279,10 +288,9 @@ class HapticEnv(gymnasium.Env[Any, Numbers]):
 
     def _seen(self) -> tuple[Ticks, Objects, SignalValues]:
         """Return what the methods to be overridden get; nothing is asked if there are none."""
-        assert self._graph is not None
-        if not overridden(self, HapticEnv) & {"observation", "reward", "is_over"}:
+        if not self._is_task:
             return self._ticks, {}, {}
-        drawn = self._graph.world.environment.scene() or ()
+        drawn = self.world.scene() or ()
         signals = {name: value for each in self._signals.values() for name, value in each.items()}
         return self._ticks, {one.name: one for one in drawn}, signals
 
