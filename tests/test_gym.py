@@ -155,7 +155,9 @@ def test_every_tick_is_that_of_a_graph_that_makes_scenes_and_contacts(
     env = Kept(file, frame_skip=20)
     env.ticks.clear()
     env.reset(seed=2)
-    start = (env.action_space.low + env.action_space.high) / 2.0
+    space = env.action_space
+    assert isinstance(space, gymnasium.spaces.Box)
+    start = (space.low + space.high) / 2.0
     actions = [
         tuple((start + min(k * 4e-3, 0.04) * np.eye(len(start))[0]).tolist()) for k in range(20)
     ]

@@ -3,6 +3,7 @@
 import re
 import sys
 import warnings
+from collections.abc import Iterator
 from copy import deepcopy
 from ctypes.util import find_library
 from pathlib import Path
@@ -13,6 +14,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
+from forcebound.bounded_child import in_bounded_child
 from forcebound.errors import ConfigError
 from forcebound.haptics.environments import mujoco_scene
 from forcebound.interface.gym import HapticEnv
@@ -29,7 +31,7 @@ def blocks(language: str) -> list[str]:
 
 
 @pytest.fixture
-def names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+def names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[dict[str, Any]]:
     """The names of the page's task, in a folder with its files."""
     monkeypatch.chdir(tmp_path)
     Path("push_box.xml").write_text(blocks("xml")[0])
@@ -140,11 +142,11 @@ def test_a_reset_compiles_only_what_has_changed(
     names: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     compiled: list[Any] = []
-    compile_, file = mujoco_scene.in_bounded_child, Path("push_box.xml")
+    file = Path("push_box.xml")
 
     def counted(*arguments: Any) -> bytes:
         compiled.append(arguments)
-        return compile_(*arguments)
+        return in_bounded_child(*arguments)
 
     monkeypatch.setattr(mujoco_scene, "in_bounded_child", counted)
     env = Seen("push_box.yaml", frame_skip=20)
