@@ -241,6 +241,9 @@ class Telemetry(_Wire, frozen=True, tag="telemetry"):
         float | None, _means("to the energy_partner since the force engaged", "J")
     ] = None
     received_energy: Annotated[float | None, _means("likewise from it", "J")] = None
+    velocity: Annotated[
+        _Vector | None, _means("filtered backward difference of the readings", "m/s")
+    ] = None
 
 
 class EnergyTransfer(_Wire, frozen=True, tag="energy_transfer"):

@@ -31,7 +31,7 @@ from forcebound.haptics.environments import (
 )
 from forcebound.haptics.parts import overridden
 from forcebound.haptics.parts.user_module import describe_user_error
-from forcebound.messages.control import EnvironmentStatus
+from forcebound.messages import control
 from forcebound.messages.events import STATE_INTERVAL_NS, EventLog
 from forcebound.messages.packets import (
     EnvironmentQuery,
@@ -112,6 +112,7 @@ class EnvironmentNode(Node):
     """
 
     wakes_on_arrival: ClassVar[bool] = True
+    requests: ClassVar[tuple[type[control.Request], ...]] = (control.ResetWorld,)
 
     def __init__(
         self,
@@ -134,8 +135,7 @@ class EnvironmentNode(Node):
         self._serving_changed = False  # so an event may be due
         self.events = EventLog(ENVIRONMENT)
         self._signals = Signals(self._environment, model.declared(), self.events, self.reject)
-        self._scene = SceneSource(self._environment, self.events)
-        self._is_asked_for_contacts = True
+        self.views = SceneSource(self._environment, self.events)
         self._proxies: dict[str, Vector] = {}  # of the last answer to each hand
         self._watch()
         self.name = name
@@ -145,18 +145,13 @@ class EnvironmentNode(Node):
         self._failure = ""  # the first of them, until it is reported
 
     @property
-    def environment(self) -> Environment:
-        """The open environment."""
-        return self._environment
-
-    @property
     def answered(self) -> int:
         """Number of queries that it has answered."""
         return self._seq
 
     @property
     def wake_ns(self) -> int | None:
-        if self._scene.is_due:
+        if self.views.is_due:
             return self._step_ns
         return None if self._answering is None else self._done_ns
 
@@ -176,18 +171,22 @@ class EnvironmentNode(Node):
             self._watch()
         self._computation.change(computation, trace)
 
-    def leave_out_views(self, contacts: bool) -> None:
-        """Make no scenes, and if ``contacts``, report none: nobody takes them."""
-        self._scene.is_taken, self._is_asked_for_contacts = False, not contacts
-        self._watch()
+    def handle(self, request: control.ResetWorld) -> control.Answer:
+        """Let the world begin again, with the hands where they are."""
+        try:
+            if not self._environment.reset():
+                self._renew()
+        except Exception as error:  # of a user's code
+            return control.Refused(describe_user_error(error))
+        self._proxies.clear()
+        return control.Accepted()
 
     def _watch(self) -> None:
         self._signals.watch(self._environment)
-        self._scene.watch(self._environment)
+        self.views.watch(self._environment)
         methods = overridden(self._environment, Environment)
         self._takes_readings = "take_readings" in methods
         self._notices_leaving = "leave" in methods
-        self._reports_contacts = "contact" in methods and self._is_asked_for_contacts
 
     def close(self) -> None:
         close_part(self._environment.close, ENVIRONMENT)
@@ -199,14 +198,14 @@ class EnvironmentNode(Node):
                 self._take(packet, time_ns)
         if len(self._users) > 1:
             self._drop_absent(time_ns)
-        was_due, answered = self._scene.is_due, self._seq
+        was_due, answered = self.views.is_due, self._seq
         packets = self._answers(time_ns)
         if self._signals.waiting:
             packets += self._signals.events(time_ns)
         if self._seq != answered:
-            self._scene.note_answer(time_ns)
-        if was_due and (self._seq == answered or not self._scene.may_wait(time_ns)):
-            packets += self._scene.packets(time_ns, self._proxies)
+            self.views.note_answer(time_ns)
+        if was_due and (self._seq == answered or not self.views.may_wait(time_ns)):
+            packets += self.views.packets(time_ns, self._proxies)
         return packets
 
     def _take(self, query: EnvironmentQuery, time_ns: int) -> None:
@@ -260,8 +259,8 @@ class EnvironmentNode(Node):
             replies.append(self.events.emit(time_ns, "environment_failed", message, is_fault=True))
         return replies
 
-    def status(self) -> EnvironmentStatus:
-        return EnvironmentStatus(
+    def status(self) -> control.EnvironmentStatus:
+        return control.EnvironmentStatus(
             rejected=dict(self.rejected),
             name=self.name,
             refused_for=next(filter(None, (u.refused_for for u in self._users.values())), None),
@@ -326,7 +325,7 @@ class EnvironmentNode(Node):
             force = _vector(answer, query)
             if not all(map(isfinite, force)):
                 raise ValueError(f"expected a finite force, got {force} N")
-            contact = environment.contact(query.hand) if self._reports_contacts else None
+            contact = environment.contact(query.hand) if self.views.reports_contacts else None
             signals = self._signals.numbers()
             self._is_sound, self._failing_ns = True, None
             if contact is None:
@@ -346,14 +345,18 @@ class EnvironmentNode(Node):
             return
         self._is_sound = False
         try:
-            opened = open_environment(self._model, self._axes, self._hands)
+            self._renew()
         except ConfigError as error:
             self._count_failure(error)
             return
+        self._failure = f"no answer for {FAILED_NS / 1e6:g} ms, so it was opened again"
+
+    def _renew(self) -> None:
+        """Open another one in place of this one; ConfigError, and no change, if it fails."""
+        opened = open_environment(self._model, self._axes, self._hands)
         self.close()
         self._environment = opened
         self._watch()
-        self._failure = f"no answer for {FAILED_NS / 1e6:g} ms, so it was opened again"
 
     def _count_failure(self, error: Exception) -> None:
         self.faults += 1

@@ -144,7 +144,7 @@ class HapticEnv(gymnasium.Env[Any, Numbers]):
         """The open environment of this episode; ResetNeeded before the first :meth:`reset`."""
         if self._graph is None:
             raise gymnasium.error.ResetNeeded("call reset() first")
-        return self._graph.world.environment
+        return self._graph.world.views.environment
 
     def reset(
         self, *, seed: int | None = None, options: Mapping[str, object] | None = None

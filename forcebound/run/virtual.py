@@ -63,7 +63,7 @@ class VirtualGraph:
         if not has_views:
             controllers = [hand.controller for hand in config.hands.values()]
             takes = any(each.takes_contacts or not _is_ours(each) for each in controllers)
-            self.world.leave_out_views(not takes and _is_ours(config.environment.model))
+            self.world.views.leave_out(not takes and _is_ours(config.environment.model))
         self._simulation = Simulation(nodes, links, observe, observed, graph)
         self._observe = observe
         self._launcher = EventLog(LAUNCHER)
