@@ -35,6 +35,7 @@ NAMES = (
     "virtual",
     "sweep",
     "bodies",
+    "gymnasium",
     "touch",
     "codec",
     "start",

@@ -135,7 +135,7 @@ class EnvironmentNode(Node):
         self._serving_changed = False  # so an event may be due
         self.events = EventLog(ENVIRONMENT)
         self._signals = Signals(self._environment, model.declared(), self.events, self.reject)
-        self._scene = SceneSource(self._environment, self.events)
+        self.views = SceneSource(self._environment, self.events)
         self._proxies: dict[str, Vector] = {}  # of the last answer to each hand
         self._watch()
         self.name = name
@@ -151,7 +151,7 @@ class EnvironmentNode(Node):
 
     @property
     def wake_ns(self) -> int | None:
-        if self._scene.is_due:
+        if self.views.is_due:
             return self._step_ns
         return None if self._answering is None else self._done_ns
 
@@ -183,11 +183,10 @@ class EnvironmentNode(Node):
 
     def _watch(self) -> None:
         self._signals.watch(self._environment)
-        self._scene.watch(self._environment)
+        self.views.watch(self._environment)
         methods = overridden(self._environment, Environment)
         self._takes_readings = "take_readings" in methods
         self._notices_leaving = "leave" in methods
-        self._reports_contacts = "contact" in methods
 
     def close(self) -> None:
         close_part(self._environment.close, ENVIRONMENT)
@@ -199,14 +198,14 @@ class EnvironmentNode(Node):
                 self._take(packet, time_ns)
         if len(self._users) > 1:
             self._drop_absent(time_ns)
-        was_due, answered = self._scene.is_due, self._seq
+        was_due, answered = self.views.is_due, self._seq
         packets = self._answers(time_ns)
         if self._signals.waiting:
             packets += self._signals.events(time_ns)
         if self._seq != answered:
-            self._scene.note_answer(time_ns)
-        if was_due and (self._seq == answered or not self._scene.may_wait(time_ns)):
-            packets += self._scene.packets(time_ns, self._proxies)
+            self.views.note_answer(time_ns)
+        if was_due and (self._seq == answered or not self.views.may_wait(time_ns)):
+            packets += self.views.packets(time_ns, self._proxies)
         return packets
 
     def _take(self, query: EnvironmentQuery, time_ns: int) -> None:
@@ -326,7 +325,7 @@ class EnvironmentNode(Node):
             force = _vector(answer, query)
             if not all(map(isfinite, force)):
                 raise ValueError(f"expected a finite force, got {force} N")
-            contact = environment.contact(query.hand) if self._reports_contacts else None
+            contact = environment.contact(query.hand) if self.views.reports_contacts else None
             signals = self._signals.numbers()
             self._is_sound, self._failing_ns = True, None
             if contact is None:

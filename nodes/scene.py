@@ -24,7 +24,12 @@ _logger = logging.getLogger(__name__)
 
 
 class SceneSource:
-    """Asks an open environment for its scene, and makes the packets."""
+    """Asks an open environment for its scene, and makes the packets.
+
+    Attributes:
+        environment: The open environment of now.
+        reports_contacts: Whether answers carry its contacts.
+    """
 
     def __init__(self, environment: Environment, events: EventLog) -> None:
         self._events = events
@@ -33,19 +38,27 @@ class SceneSource:
         self._repeat_ns = 0
         self._sent: tuple[Sequence[SceneObject], Mapping[str, Vector]] = ((), {})
         self._left_out = 0
+        self._is_taken = self._takes_contacts = True
         self._wait_until_ns = 0  # until when a scene waits for a moment without an answer
         self.watch(environment)
 
     def watch(self, environment: Environment) -> None:
         """Ask this environment from now on."""
+        methods = overridden(environment, Environment)
         # A step without a scene would make the next answer late.
-        self._has_scene = "scene" in overridden(environment, Environment)
-        self._environment = environment
+        self._has_scene = "scene" in methods
+        self.reports_contacts = "contact" in methods and self._takes_contacts
+        self.environment = environment
         self.is_due = False  # whether the next step makes a scene; it may have none
+
+    def leave_out(self, contacts: bool) -> None:
+        """Make no scenes, and if ``contacts``, report no contacts: nobody takes them."""
+        self._is_taken, self._takes_contacts = False, not contacts
+        self.watch(self.environment)
 
     def note_answer(self, time_ns: int) -> None:
         """Plan a scene if one is due: the environment may have changed."""
-        if not self.is_due and self._has_scene and time_ns >= self._due_ns:
+        if self._has_scene and self._is_taken and not self.is_due and time_ns >= self._due_ns:
             self.is_due = True
             self._wait_until_ns = time_ns + LONGEST_WAIT_NS
 
@@ -61,7 +74,7 @@ class SceneSource:
         self.is_due = False
         self._due_ns = time_ns + PERIOD_NS
         try:
-            drawn = self._environment.scene()
+            drawn = self.environment.scene()
             if drawn is None:
                 self._has_scene = False
                 return []

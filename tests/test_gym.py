@@ -1,6 +1,5 @@
 """The hand as an environment of gymnasium: its checker, physics, equality with a run, bad input."""
 
-import re
 import sys
 import warnings
 from collections.abc import Sequence
@@ -8,7 +7,7 @@ from copy import deepcopy
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import gymnasium
 import numpy as np
@@ -21,8 +20,9 @@ from forcebound.haptics.environments import open_environment
 from forcebound.haptics.environments.bodies import Bodies
 from forcebound.haptics.hands.pointer import PointerHand, PointerTarget
 from forcebound.interface.gym import OBSERVED, HapticEnv
-from forcebound.messages.packets import Telemetry, Vector
-from forcebound.run.virtual import run_virtual
+from forcebound.messages.codec import encode
+from forcebound.messages.packets import Scene, Telemetry, Vector
+from forcebound.run.virtual import VirtualGraph, run_virtual
 
 NOISY = """
 forcebound: 1
@@ -103,23 +103,28 @@ def test_a_seed_and_its_actions_give_the_same_bits(tmp_path: Path) -> None:
     assert episode(env, seed=8) == second
 
 
-def test_steps_are_the_run_of_the_launch_file_with_the_same_motion(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    env = HapticEnv(str(written(tmp_path, NOISY)), frame_skip=20, law="none")
-    rows = episode(env, seed=3)
+def scripted(monkeypatch: pytest.MonkeyPatch, frame_skip: int, actions: Sequence[Vector]) -> None:
+    """Let the hand of a graph be pointed where the actions of an environment's steps point it."""
 
     class Scripted(PointerTarget):
         time = 0.0  # s
 
         def advance(self, duration: float) -> Vector:
             self.time += duration
-            step = int(self.time * 1e3 + 1e-6 - 1.0) // 20  # the first tick is that of reset()
+            step = int(self.time * 1e3 + 1e-6 - 1.0) // frame_skip  # the first tick is reset()'s
             if self.time > 1e-3 - 1e-9:
-                self.point((0.012 + 0.004 * (step % 2),))
+                self.point(actions[min(step, len(actions) - 1)])
             return super().advance(duration)
 
     monkeypatch.setattr(PointerHand, "follow", lambda hand, axes: Scripted(hand, axes))
+
+
+def test_steps_are_the_run_of_the_launch_file_with_the_same_motion(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    env = HapticEnv(str(written(tmp_path, NOISY)), frame_skip=20, law="none")
+    rows = episode(env, seed=3)
+    scripted(monkeypatch, 20, [(0.012 + 0.004 * (k % 2),) for k in range(20)])
     columns = run_virtual(replace(env.config, seed=3), 0.401).columns
     assert columns.applied_force.max() > 1.0
     for row in rows:
@@ -127,6 +132,47 @@ def test_steps_are_the_run_of_the_launch_file_with_the_same_motion(
         assert row[0] == columns.position[tick].tolist()
         assert row[2] == columns.applied_force[tick].tolist()
         assert row[-1]["energy"] == columns.true_energy[tick]
+
+
+class Kept(HapticEnv):
+    """Keeps the telemetry of every tick."""
+
+    ticks: ClassVar[list[Telemetry]] = []
+
+    def reward(self, telemetry: Sequence[Telemetry], *seen: Any) -> float:
+        self.ticks.extend(telemetry)
+        return 0.0
+
+
+LOCAL = "forcebound: 1\ninclude: hold_arm.yaml\ncontroller: { kind: local_model }\n"
+
+
+@pytest.mark.parametrize("file", ["hold_arm", "push_boxes", "touch_sphere", "membrane", LOCAL])
+def test_every_tick_is_that_of_a_graph_that_makes_scenes_and_contacts(
+    file: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = str(written(tmp_path, file)) if "\n" in file else file
+    env = Kept(file, frame_skip=20)
+    env.ticks.clear()
+    env.reset(seed=2)
+    space = env.action_space
+    assert isinstance(space, gymnasium.spaces.Box)
+    start = (space.low + space.high) / 2.0
+    actions = [
+        tuple((start + min(k * 4e-3, 0.04) * np.eye(len(start))[0]).tolist()) for k in range(20)
+    ]
+    for action in actions:
+        env.step(np.array(action))
+    scripted(monkeypatch, 20, actions)
+    whole: list[Any] = []
+    graph = VirtualGraph(replace(env.config, seed=2), whole.append, (Telemetry, Scene))
+    graph.run(401_000_000)
+    graph.close()
+    ticks = [packet for packet in whole if isinstance(packet, Telemetry)]
+    assert [encode(tick) for tick in ticks[1:]] == [encode(tick) for tick in env.ticks]
+    assert len(env.ticks) == 400
+    assert len(whole) > 401
+    assert max(abs(tick.applied_force[0]) for tick in ticks) > 0.1
 
 
 def test_an_episode_is_as_long_as_the_launch_file_says(tmp_path: Path) -> None:
@@ -138,11 +184,11 @@ def test_an_episode_is_as_long_as_the_launch_file_says(tmp_path: Path) -> None:
 class Shy(HapticEnv):
     """A task: touch the wall with little force."""
 
-    def reward(self, telemetry: Sequence[Telemetry]) -> float:
+    def reward(self, telemetry: Sequence[Telemetry], *seen: Any) -> float:
         assert len(telemetry) == 10
         return -max(abs(tick.applied_force[0]) for tick in telemetry)
 
-    def is_over(self, telemetry: Sequence[Telemetry]) -> bool:
+    def is_over(self, telemetry: Sequence[Telemetry], *seen: Any) -> bool:
         return self.reward(telemetry) < -1.0
 
 
@@ -196,19 +242,6 @@ def test_an_action_that_is_no_place_is_refused(action: Any) -> None:
     env.reset()
     with pytest.raises(ConfigError, match="action"):
         env.step(np.array(action))
-
-
-def test_the_page_prints_what_it_says(capsys: pytest.CaptureFixture[str]) -> None:
-    page = (Path(__file__).parent.parent / "docs/gymnasium.md").read_text(encoding="utf-8")
-    first, task = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
-    [printed] = re.findall(r"```text\n(.*?)```", page, re.DOTALL)
-    names: dict[str, Any] = {}
-    exec(first, names)
-    assert capsys.readouterr().out == printed
-    exec(task, names)
-    env = names["LightTouch"]("stiff_wall")
-    env.reset()
-    assert env.step(np.array([0.0]))[1:3] == (-1.0, False)
 
 
 def test_a_step_needs_a_reset_first() -> None:

@@ -16,6 +16,7 @@ from forcebound.messages.control import Configure
 from forcebound.messages.events import PHASE_BEGINS, EventLog, is_of
 from forcebound.messages.packets import TOPIC_OF, EnvironmentReply, Event, Packet, Telemetry
 from forcebound.messages.topology import Document, flat
+from forcebound.nodes.environment import EnvironmentNode
 from forcebound.realtime import without_garbage_collection
 from forcebound.recordings.recording import Recorder
 from forcebound.recordings.telemetry import TelemetryCollector
@@ -37,7 +38,8 @@ class VirtualGraph:
 
     ``observe`` is called with each packet of the classes ``observed`` at its sending, in order, and
     with the events of the phases and of the end. ConfigError or DeviceError if a part cannot be
-    opened; :func:`check_has_virtual_time` comes first.
+    opened; :func:`check_has_virtual_time` comes first. Unless ``has_views``, the environment makes
+    no scenes, and no contacts that no controller uses: the forces are the same.
     """
 
     def __init__(
@@ -46,6 +48,8 @@ class VirtualGraph:
         observe: Callable[[Packet], None],
         observed: Collection[type[Packet]],
         late_ticks: LateTicks | None = None,
+        *,
+        has_views: bool = True,
     ) -> None:
         config = config.on_one_machine()
         self.devices = {}
@@ -55,6 +59,11 @@ class VirtualGraph:
         graph, links = config.graph, build_links(config)
         others = [build_node(n, config) for n in graph.loop if graph.nodes[n].role != DEVICE]
         nodes = [*others, *self.devices.values()]
+        (self.world,) = (node for node in others if isinstance(node, EnvironmentNode))
+        if not has_views:
+            controllers = [hand.controller for hand in config.hands.values()]
+            takes = any(each.takes_contacts or not _is_ours(each) for each in controllers)
+            self.world.views.leave_out(not takes and _is_ours(config.environment.model))
         self._simulation = Simulation(nodes, links, observe, observed, graph)
         self._observe = observe
         self._launcher = EventLog(LAUNCHER)
@@ -180,6 +189,11 @@ def run_virtual_hands(
         hand: replace(result, interrupted=interrupted, times_real_time=speed)
         for hand, result in results.items()
     }
+
+
+def _is_ours(part: object) -> bool:
+    """Return whether a controller or an environment comes with forcebound."""
+    return type(part).__module__.startswith("forcebound.")
 
 
 def check_has_virtual_time(config: GraphConfig) -> None:

@@ -61,9 +61,11 @@ class ControllerModel(Publishing, ABC):
     Attributes:
         answers_states: Whether ``on_state`` returns forces, so that an environment may be further
             away than the device's age limit.
+        takes_contacts: Whether it uses the contact of a reply.
     """
 
     answers_states: ClassVar[bool] = False
+    takes_contacts: ClassVar[bool] = True
 
     @abstractmethod
     def open(self, axes: int) -> Controller:

@@ -13,6 +13,8 @@ class DirectController(ControllerModel, Controller):
     It keeps no state, so model and instance are one.
     """
 
+    takes_contacts = False
+
     def open(self, axes: int) -> "DirectController":
         return self
 

@@ -41,7 +41,7 @@ FAR = 10.0  # m: a hand that is farther away is taken to be there
 
 def within_reach(coordinate: float) -> float:
     """Return a coordinate of a hand, in m, at most ``FAR`` from the origin."""
-    return min(max(coordinate, -FAR), FAR)
+    return coordinate if -FAR < coordinate < FAR else min(max(coordinate, -FAR), FAR)
 
 
 class Environment(Publisher, ABC):
@@ -93,6 +93,10 @@ class Environment(Publisher, ABC):
 
         It is called at most 30 times a second, and may be called before the first query.
         """
+        return None
+
+    def mujoco(self) -> tuple[Any, Any] | None:
+        """Return the world as MuJoCo has it, its MjModel and MjData; None: it is none of MuJoCo."""
         return None
 
     def change(self, model: Any) -> bool:

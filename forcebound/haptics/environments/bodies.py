@@ -202,7 +202,13 @@ class _Scene(Environment):
         self._probes = [_Probe(self._scene, self._data, n, tool) for n in range(probes)]
         for number in range(probes):
             self._set_contacts(number, False)  # until a hand has it
+        self._set_coupling(model)
         self.state = SceneState(self._mujoco, self._scene, self._data, model.record)
+
+    def _set_coupling(self, model: Bodies) -> None:
+        for probe in self._probes:
+            self._scene.jnt_stiffness[probe.joints] = model.stiffness
+            self._scene.dof_damping[probe.motion] = model.damping
 
     def _join(self, user: str, place: Vector3, now: float) -> _Hand:
         """Give a hand a probe; the bodies stay as they are."""
@@ -270,8 +276,8 @@ class _Scene(Environment):
         steps = min(due, MOST_STEPS)
         hands = [(hand, self._probes[hand.number]) for hand in self._hands.values()]
         for hand, probe in hands:
-            applied, damping = probe.applied, self._model.damping  # entry by entry: quick
-            applied[0], applied[1], applied[2] = (damping * v for v in hand.speed)
+            applied, damping, (u, v, w) = probe.applied, self._model.damping, hand.speed
+            applied[0], applied[1], applied[2] = damping * u, damping * v, damping * w  # quick
         for i in range(steps):  # the spring ends where the hand was when the step began
             for hand, probe in hands:
                 end = along(hand.before, sub(hand.place, hand.before), i / steps)
@@ -357,6 +363,9 @@ class _Scene(Environment):
                 objects.append(drawn(position=place, orientation=tuple(turned.tolist())))
         return tuple(objects)
 
+    def mujoco(self) -> tuple[Any, Any]:
+        return self._scene, self._data
+
     def _drawn_as(self, geom: int) -> partial[SceneObject] | None:
         """Return what draws a geom; None: it is a probe's, which is not drawn."""
         scene = self._scene
@@ -376,9 +385,7 @@ class _Scene(Environment):
             self._begin(model)
             return True
         check_coupling(model, self._step)
-        for probe in self._probes:
-            self._scene.jnt_stiffness[probe.joints] = model.stiffness
-            self._scene.dof_damping[probe.motion] = model.damping
+        self._set_coupling(model)
         self._model = model
         return True
 

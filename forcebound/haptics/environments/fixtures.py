@@ -14,7 +14,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
-from typing import Annotated, ClassVar, TypeAlias
+from typing import Annotated, Any, ClassVar, TypeAlias
 
 from forcebound.errors import ConfigError
 from forcebound.haptics.environments import (
@@ -106,7 +106,6 @@ class GuidancePlane(_Guidance):
     """
 
     places: ClassVar[tuple[str, ...]] = ("point", "normal")
-
     point: Point = (0.0, 0.0, 0.0)
     normal: tuple[float, ...] = (0.0, 0.0, 1.0)
 
@@ -384,8 +383,10 @@ class _Guided(Environment):
     def scene(self) -> tuple[SceneObject, ...]:
         return (*(self._opened.scene() or ()), *self._model.fixtures.drawn())
 
+    def mujoco(self) -> tuple[Any, Any] | None:
+        return self._opened.mujoco()
+
     def change(self, model: WithFixtures) -> bool:
-        """Take over other parameters; the environment keeps its state if it can."""
         if model.model != self._model.model:
             self._opened = change_environment(self._opened, model.model, self._axes, self._users)
             self.published = self._opened.published

@@ -1,8 +1,13 @@
 """Scenes of MuJoCo, compiled with the probes of hands in them."""
 
+import json
 import logging
 import warnings
+from collections import deque
+from collections.abc import Iterable
+from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,6 +30,10 @@ SAME_TURN = 1.0 - 1e-9  # of the product of two quaternions
 
 _logger = logging.getLogger(__name__)
 
+# The last scenes: what was compiled, with so many probes, the files as they were, and the result.
+# An environment of gymnasium opens its scene for each episode, and for each copy of itself.
+_compiled_last: deque[tuple["Bodies", int, list[Any], bytes]] = deque(maxlen=4)
+
 
 def engine() -> Any:
     """Return the module ``mujoco``, whose warnings go to our log."""
@@ -37,11 +46,12 @@ def engine() -> Any:
 def compile_scene(mujoco: Any, model: "Bodies", probes: int) -> Any:
     """Return the scene of the file with so many probes in it, compiled in bounded time and memory.
 
-    A scene may name files that have no end, or things a million times over.
+    A scene may name files that have no end, or things a million times over. One that was compiled
+    before is compiled again if a file has changed since. It has no coupling to the hands yet.
     """
     try:
         open_file(model.file).close()
-        binary = in_bounded_child(partial(_compiled, model, probes), SECONDS, MEMORY)
+        binary = _binary(replace(model, stiffness=0.0, damping=0.0, record=()), probes)
     except ConfigError as error:
         raise ConfigError(str(error), field="file") from None
     except (OSError, ChildError) as error:
@@ -56,8 +66,27 @@ def compile_scene(mujoco: Any, model: "Bodies", probes: int) -> Any:
     return scene
 
 
+def _binary(model: "Bodies", probes: int) -> bytes:
+    for before, count, files, binary in _compiled_last:
+        if (before, count) == (model, probes) and files == _stamps(name for name, *_ in files):
+            return binary
+    answer = in_bounded_child(partial(_compiled, model, probes), SECONDS, MEMORY)
+    files_text, _, binary = answer.partition(b"\n")
+    _compiled_last.append((model, probes, json.loads(files_text), binary))
+    return binary
+
+
+def _stamps(files: Iterable[str]) -> list[Any]:
+    """Return each file with the time of its last change, in ns, and its size, if it is there."""
+    found = {name: Path(name).stat() for name in files if Path(name).exists()}
+    return [[name, stat.st_mtime_ns, stat.st_size] for name, stat in found.items()]
+
+
 def _compiled(model: "Bodies", probes: int) -> bytes:
-    """Do the work of :func:`compile_scene`, and a first step, in the child."""
+    """Do the work of :func:`compile_scene`, and a first step, in the child.
+
+    Return the stamps of the scene's files, as JSON on a line, and the scene.
+    """
     mujoco = engine()
     warnings.simplefilter("ignore")  # Python's, about keys that are going out of use
     try:
@@ -83,11 +112,14 @@ def _compiled(model: "Bodies", probes: int) -> bytes:
             _fill_key(scene, start)
             mujoco.mj_resetDataKeyframe(scene, data, 0)
         mujoco.mj_step(scene, data)
+        files = set(mujoco.mju_getXMLDependencies(str(model.file)))  # of URDF itself alone
+        folder = model.file.parent / spec.meshdir
+        files |= {str(folder / mesh.file) for mesh in spec.meshes}
     except Exception as error:  # of MuJoCo
         raise ConfigError(f"{model.file}: {' '.join(str(error).split())}") from error
     binary = np.empty(mujoco.mj_sizeModel(scene), np.uint8)
     mujoco.mj_saveModel(scene, None, binary)
-    return binary.tobytes()
+    return json.dumps(_stamps(sorted(files))).encode() + b"\n" + binary.tobytes()
 
 
 def _start(mujoco: Any, spec: Any, key: str | None) -> Any:
