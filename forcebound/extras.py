@@ -13,6 +13,7 @@ EXTRAS = {
     "distributed": "cluster",
     "foxglove": "foxglove",
     "gymnasium": "gymnasium",
+    "h5py": "export",
     "matplotlib": "plot",
     "mujoco": "mujoco",
     "pyarrow": "lab",
@@ -22,6 +23,7 @@ EXTRAS = {
     "tornado": "view",
     "trimesh": "mesh",
     "websockets": "inverse3",
+    "zarr": "export",
 }
 
 

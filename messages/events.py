@@ -14,10 +14,12 @@ EventKind: TypeAlias = TrialEvent | Literal[
     "force_engages", "force_released", "ticks_missed", "readings_refused", "packets_refused",
     "environment_awaited", "environment_serves", "environment_lost", "environment_refused",
     "serving", "environment_failed", "controller_failed", "scene_failed", "scene_cut",
-    "process_started", "process_ended", "device_lost",
+    "process_started", "process_ended", "device_lost", "episode_begins", "episode_ends",
 ]  # fmt: skip
 REMOTE = "remote_"  # kinds of events of a remote link begin so; then the kind of the notice
 PHASE_BEGINS: Final = "phase"  # a part of a scripted run begins; its data has the name
+EPISODE_BEGINS: Final = "episode_begins"  # of a demonstration; its data has the number
+EPISODE_ENDS: Final = "episode_ends"  # its data has the number, and whether it is kept
 PARAMETERS_SET: Final = "parameter_set"  # parameters changed; its data has the new values
 LINK_COUNTED: Final = "link_counted"  # packets of a link, by fate
 BOUNDER_REPORTED: Final = "bounder_reported"  # what the bounder has met in a run
