@@ -27,9 +27,9 @@ EXTRAS = {
 }
 
 
-def missing(what: str, package: str, reason: object = "") -> ConfigError:
-    """Return the error that ``what`` needs a package, with how to install it."""
-    extra = EXTRAS.get(package)
+def missing(what: str, package: str, reason: object = "", extra: str | None = None) -> ConfigError:
+    """Return the error that ``what`` needs a package, with how to install it: with an extra."""
+    extra = extra or EXTRAS.get(package)
     name = package if extra is None else f"'forcebound[{extra}]'"
     words = f" ({reason})" if reason else ""
     return ConfigError(f"{what} needs {package}: pip install {name}{words}")

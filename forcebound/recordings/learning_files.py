@@ -7,13 +7,14 @@ Source of the layouts: HDF5, ``robomimic/utils/dataset.py`` of robomimic (d309ea
 import json
 import shutil
 from collections.abc import Callable
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from forcebound.errors import ConfigError
-from forcebound.extras import check_installed, needed
+from forcebound.extras import missing, needed
 from forcebound.files import reason
 from forcebound.recordings.demonstrations import DataSet
 from forcebound.recordings.lerobot_dataset import write_lerobot
@@ -48,7 +49,8 @@ def write(data: DataSet, form: str, place: Path, overwrite: bool = False) -> Non
         ConfigError: If a package is missing, something is there, or it cannot be written.
     """
     chosen = FORMATS[form]
-    check_installed(f"an export to {chosen.name}", chosen.package)
+    if find_spec(chosen.package) is None:
+        raise missing(f"an export to {chosen.name}", chosen.package, extra="export")
     if place.exists():
         if not overwrite:
             raise ConfigError(f"{place} exists: choose another name, or add --overwrite")

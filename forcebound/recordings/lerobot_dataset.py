@@ -17,7 +17,7 @@ from forcebound.errors import ConfigError
 from forcebound.extras import needed
 from forcebound.recordings.demonstrations import DataSet, Demonstration
 
-_FILE_SIZE_MB, _CHUNK = 100, 1000  # of rows, after which a file ends; files of a chunk
+FILE_SIZE_MB, _CHUNK = 100, 1000  # of rows, after which a file ends; files of a chunk
 _FILE = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 _QUANTILES = (0.01, 0.1, 0.5, 0.9, 0.99)
 _Columns: TypeAlias = dict[str, NDArray[Any]]
@@ -39,7 +39,7 @@ def write_lerobot(data: DataSet, folder: Path) -> None:
         writer: Any = None
         for count, one in enumerate(data.demonstrations()):
             columns = _columns(one, rows, count, tasks.setdefault(one.about["task"], len(tasks)))
-            if writer is not None and writer.file_handle.tell() > _FILE_SIZE_MB << 20:
+            if writer is not None and writer.file_handle.tell() > FILE_SIZE_MB << 20:
                 opened.close()
                 number, writer = number + 1, None
             where = {"chunk_index": number // _CHUNK, "file_index": number % _CHUNK}
@@ -65,7 +65,7 @@ def write_lerobot(data: DataSet, folder: Path) -> None:
         "total_frames": rows,
         "total_tasks": len(tasks),
         "chunks_size": _CHUNK,
-        "data_files_size_in_mb": _FILE_SIZE_MB,
+        "data_files_size_in_mb": FILE_SIZE_MB,
         "video_files_size_in_mb": 200,
         "fps": round(data.fps),
         "splits": {"train": f"0:{len(episodes)}"},
