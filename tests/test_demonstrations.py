@@ -294,7 +294,8 @@ def test_what_is_there_stays_unless_one_says_so_and_only_a_data_set_is_replaced(
             assert refused.exit_code == 2, refused.output
     assert (photos / "one.png").read_text() == "mine"
     for form in ("hdf5", "zarr", "lerobot"):
-        place, words = tmp_path / form, ("export", pair, f"--{form}", tmp_path / form)
+        place = tmp_path / form
+        words = ("export", pair, f"--{form}", place)
         assert invoke(*words).exit_code == 0
         assert place.exists()
         assert invoke(*words).exit_code == 2
