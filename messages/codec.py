@@ -45,7 +45,7 @@ from forcebound.messages.packets import (
     field_types,
 )
 
-MAX_BYTES = 4096  # the largest packet, telemetry of eight axes with 32 reasons, has less than 2000
+MAX_BYTES = 8192  # a reply of eight axes with 128 signals of the longest names has less than 6500
 MAX_SCENE_BYTES = 32768  # of a scene, which no loop waits for; 64 boxes have less than 12000
 MAX_FAULT = 300  # characters of a library's message in that of a PacketError
 

@@ -7,7 +7,7 @@ To add a request: a class here, and its class in the ``requests`` of the node th
 """
 
 from collections.abc import Mapping
-from typing import Annotated, Any, TypeAlias
+from typing import Annotated, Any, Literal, TypeAlias
 
 import msgspec
 from msgspec import Meta, Struct
@@ -17,6 +17,8 @@ from forcebound.messages.packets import MAX_AXES, MAX_TEXT, TOPIC_OF, Event, Sce
 from forcebound.roles import Fact
 
 UNCERTAIN = (TOPIC_OF[Event], TOPIC_OF[Scene])  # topics on which no packet may ever come
+
+EpisodeAction: TypeAlias = Literal["start", "keep", "discard"]
 
 #: Parameters of a graph by name, as plain JSON values in SI units.
 Parameters: TypeAlias = dict[str, Any]
@@ -44,6 +46,14 @@ class Configure(Request, frozen=True, tag="configure"):
 
 class Engage(Request, frozen=True, tag="engage"):
     """Permit forces from the next tick on."""
+
+
+class Release(Request, frozen=True, tag="release"):
+    """Write zero force until :class:`Engage`; the ledger goes on, the force returns by the ramp."""
+
+
+class ResetWorld(Request, frozen=True, tag="reset_world"):
+    """Let the world of the environment begin again."""
 
 
 class Point(Request, frozen=True, tag="point"):
@@ -91,6 +101,13 @@ class EmitEvent(Request, frozen=True, tag="emit_event"):
     data: dict[str, str] = {}
 
 
+class MarkEpisode(Request, frozen=True, tag="mark_episode"):
+    """Begin an episode of the recording, or keep or discard the open one; an event says so."""
+
+    action: EpisodeAction
+    is_question: bool = False  # whether it is only asked if that could be done
+
+
 #: Requests that every node takes, besides those of its class; and those that the launcher takes.
 OF_NODES: tuple[type[Request], ...] = (GetStatus, StopProcess, Configure)
 OF_LAUNCHER: tuple[type[Request], ...] = (
@@ -100,6 +117,7 @@ OF_LAUNCHER: tuple[type[Request], ...] = (
     ResumeDevice,
     ConfigureNode,
     EmitEvent,
+    MarkEpisode,
 )
 
 
@@ -232,11 +250,20 @@ class ProcessState(Struct, frozen=True):
     restarts: int = 0
 
 
+class Episodes(Struct):
+    """Episodes of a run so far; they count from 0."""
+
+    begun: int = 0
+    kept: int = 0
+    is_open: bool = False  # whether the last one has not ended
+
+
 class LauncherStatus(_Answer, kw_only=True, tag="launcher"):
     """Status of a launcher."""
 
     phase: str
     nodes: dict[str, ProcessState] = {}
+    episodes: Episodes = msgspec.field(default_factory=Episodes)
 
 
 Answer: TypeAlias = (

@@ -18,8 +18,8 @@ EventKind: TypeAlias = TrialEvent | Literal[
 ]  # fmt: skip
 REMOTE = "remote_"  # kinds of events of a remote link begin so; then the kind of the notice
 PHASE_BEGINS: Final = "phase"  # a part of a scripted run begins; its data has the name
-EPISODE_BEGINS: Final = "episode_begins"  # of a demonstration; its data has the number
-EPISODE_ENDS: Final = "episode_ends"  # its data has the number, and whether it is kept
+EPISODE_BEGINS: Final = "episode_begins"  # a part of a recording begins; its data has the number
+EPISODE_ENDS: Final = "episode_ends"  # and ends; its data has the number, and whether it is kept
 PARAMETERS_SET: Final = "parameter_set"  # parameters changed; its data has the new values
 LINK_COUNTED: Final = "link_counted"  # packets of a link, by fate
 BOUNDER_REPORTED: Final = "bounder_reported"  # what the bounder has met in a run
@@ -28,7 +28,7 @@ CODE_FAILED = ("environment_failed", "controller_failed")  # code of a part did;
 TAKES_HOLD_LIMIT = "takes_hold_limit"  # in data of an event: this device can be given a hold limit
 PUBLISHED = "published"  # in data of an event: code of a device, controller or environment sent it
 STATE_INTERVAL_NS = 200_000_000  # between two events about a state that each packet may change
-MAX_ENTRIES, MAX_DATA = 60, 1_800  # of an event's data, bytes: a packet holds no more than 4096
+MAX_ENTRIES, MAX_DATA = 60, 1_800  # of an event's data, bytes: it takes part of a packet
 
 
 class EventLog:

@@ -38,7 +38,7 @@ MAX_LENGTH = 64  # of any array or map on the wire
 MAX_NAME = 64  # characters of a name
 NAMES = ("hand", "environment", "node", "event")  # keys whose text is printable, on one line
 MAX_TEXT = 500  # characters of a text for people
-MAX_SIGNALS = 32  # of a packet, which holds no more than 4096 bytes
+MAX_SIGNALS = 128  # of a packet, which holds no more than 8192 bytes: an arm and five boxes
 SIGNAL_NAME = "^[A-Za-z][A-Za-z0-9_]{0,31}$"  # it becomes part of names of columns
 
 Vector: TypeAlias = tuple[float, ...]
@@ -242,6 +242,9 @@ class Telemetry(_Wire, frozen=True, tag="telemetry"):
         float | None, _means("to the energy_partner since the force engaged", "J")
     ] = None
     received_energy: Annotated[float | None, _means("likewise from it", "J")] = None
+    velocity: Annotated[
+        _Vector | None, _means("filtered backward difference of the readings", "m/s")
+    ] = None
 
 
 class EnergyTransfer(_Wire, frozen=True, tag="energy_transfer"):

@@ -191,8 +191,8 @@ def graph_of(
     """Return the graph of some hands in one environment, as far as it is on this machine.
 
     Args:
-        hands: Names of all hands.
-        here: Names of those on this machine; None: all.
+        hands: All of them.
+        here: Those on this machine; None: all.
         serves: Whether the environment on this machine also serves the other hands.
         exchanges: Pairs of hands whose bounders exchange energy, each once.
         linked: Hands with a link of their own to the environment, which is on another machine.
@@ -204,14 +204,8 @@ def graph_of(
             nodes[node_name(hand, role)] = NodeSpec(role, hand, f"c{len(nodes)}")
     streams: list[Stream] = []
 
-    def add(
-        packet: type[Packet],
-        hand: str | None,
-        sender: str,
-        receiver: str | None = None,
-        is_forwarded: bool = False,
-        partner: str | None = None,
-    ) -> None:
+    def add(packet: type[Packet], hand: str | None, sender: str, receiver: str | None = None,
+            is_forwarded: bool = False, partner: str | None = None) -> None:  # fmt: skip
         is_here = hand in (None, *here) or partner in here
         if not (is_here or (serves and ENVIRONMENT in (sender, receiver))):
             return
@@ -240,6 +234,8 @@ def graph_of(
     for pair in exchanges:
         for one, other in (pair, pair[::-1]):
             add(EnergyTransfer, one, end_of(one, other), end_of(other, one), partner=other)
+    for hand in [one for one in here if one in linked][:1]:  # all see the same world
+        add(Scene, None, name_of(CONTROLLER, hand), is_forwarded=True)
     return Graph(nodes, tuple(streams))
 
 

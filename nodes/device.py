@@ -30,17 +30,7 @@ from forcebound.haptics.devices import Device
 from forcebound.haptics.laws import LAWS, Dissipation
 from forcebound.haptics.parts import overridden
 from forcebound.haptics.parts.signals import Signal
-from forcebound.messages.control import (
-    Answer,
-    BounderReport,
-    DeviceStatus,
-    Engage,
-    Engaged,
-    Point,
-    Pointed,
-    Refused,
-    Request,
-)
+from forcebound.messages import control
 from forcebound.messages.events import TAKES_HOLD_LIMIT, EventLog
 from forcebound.messages.packets import (
     DeviceState,
@@ -75,7 +65,11 @@ class DeviceNode(Node):
     """
 
     wakes_on_arrival: ClassVar[bool] = False
-    requests: ClassVar[tuple[type[Request], ...]] = (Engage, Point)
+    requests: ClassVar[tuple[type[control.Request], ...]] = (
+        control.Engage,
+        control.Point,
+        control.Release,
+    )
     wake_ns: int = 0  # of the next instant
 
     def __init__(
@@ -124,7 +118,7 @@ class DeviceNode(Node):
         self._writes_next = False
         self._engage_requested = False
         self._engaged_ns: int | None = None
-        self._stopped = False
+        self._stopped = self._is_released = False
         self._is_answered = False  # at the last write with the dead-man button held
         self._applied = self._zero
         self._position = self._zero
@@ -151,8 +145,8 @@ class DeviceNode(Node):
 
     @property
     def is_engaged(self) -> bool:
-        """True if force may be applied: engaged and not stopped."""
-        return self._engaged_ns is not None and not self._stopped
+        """True if force may be applied: engaged, not stopped, not released."""
+        return self._engaged_ns is not None and not (self._stopped or self._is_released)
 
     def engage(self) -> None:
         """Let the force engage, and a simulated hand move, from the next tick on."""
@@ -161,8 +155,8 @@ class DeviceNode(Node):
     def reject(self, reason: str) -> None:
         self._chain.reject(reason)
 
-    def status(self) -> DeviceStatus:
-        return DeviceStatus(
+    def status(self) -> control.DeviceStatus:
+        return control.DeviceStatus(
             rejected=dict(self._chain.rejected),
             engaged=self.is_engaged,
             law=self._bounded.law,
@@ -171,14 +165,18 @@ class DeviceNode(Node):
             bounder=self._report(),
         )
 
-    def _report(self) -> BounderReport:
+    def _report(self) -> control.BounderReport:
         return replace(self._bounded.report(), device_misses=self._device_misses)
 
-    def handle(self, request: Engage | Point) -> Answer:
-        if isinstance(request, Point):
+    def handle(self, request: control.Engage | control.Point | control.Release) -> control.Answer:
+        if isinstance(request, control.Point):
             return self._point(request.target)
+        self._is_released = isinstance(request, control.Release)
+        if self._is_released:
+            self._chain.disengage()
+            return control.Accepted()
         self.engage()
-        return Engaged()
+        return control.Engaged()
 
     def set(self, law: str) -> None:
         """Let another law bound as soon as no force is held; the force returns over the ramp.
@@ -193,14 +191,14 @@ class DeviceNode(Node):
         self._next_law = law
         self._chain.disengage()
 
-    def _point(self, target: Vector) -> Pointed | Refused:
+    def _point(self, target: Vector) -> control.Pointed | control.Refused:
         if len(target) > len(self._zero) or not all(map(isfinite, target)):
-            return Refused(f"target: expected 1 to {len(self._zero)} finite numbers in m")
+            return control.Refused(f"target: expected 1 to {len(self._zero)} finite numbers in m")
         place = self._device.point(target)
         if place is None:
-            return Refused("no hand follows a pointer here: set operator: {kind: pointer}")
+            return control.Refused("no hand follows a pointer here: set operator: {kind: pointer}")
         self._is_dragged = True
-        return Pointed(tuple(place), self.wake_ns)
+        return control.Pointed(tuple(place), self.wake_ns)
 
     def stop(self, time_ns: int) -> None:
         """Write zero force, now and from now on; if that fails, the device's watchdog remains."""
@@ -344,6 +342,7 @@ class DeviceNode(Node):
             reply_age,
             given,
             received,
+            self._velocity,
             hand=self.hand,
         )
         self._writes_next = False

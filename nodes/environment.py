@@ -31,7 +31,7 @@ from forcebound.haptics.environments import (
 )
 from forcebound.haptics.parts import overridden
 from forcebound.haptics.parts.user_module import describe_user_error
-from forcebound.messages.control import EnvironmentStatus
+from forcebound.messages import control
 from forcebound.messages.events import STATE_INTERVAL_NS, EventLog
 from forcebound.messages.packets import (
     EnvironmentQuery,
@@ -112,6 +112,7 @@ class EnvironmentNode(Node):
     """
 
     wakes_on_arrival: ClassVar[bool] = True
+    requests: ClassVar[tuple[type[control.Request], ...]] = (control.ResetWorld,)
 
     def __init__(
         self,
@@ -133,7 +134,7 @@ class EnvironmentNode(Node):
         self._users: dict[str, _User] = {}  # by hand
         self._serving_changed = False  # so an event may be due
         self.events = EventLog(ENVIRONMENT)
-        self._signals = Signals(self._environment, model.signals, self.events, self.reject)
+        self._signals = Signals(self._environment, model.declared(), self.events, self.reject)
         self._scene = SceneSource(self._environment, self.events)
         self._proxies: dict[str, Vector] = {}  # of the last answer to each hand
         self._watch()
@@ -169,6 +170,16 @@ class EnvironmentNode(Node):
             self._model = model
             self._watch()
         self._computation.change(computation, trace)
+
+    def handle(self, request: control.ResetWorld) -> control.Answer:
+        """Let the world begin again, with the hands where they are."""
+        try:
+            if not self._environment.reset():
+                self._renew()
+        except Exception as error:  # of a user's code
+            return control.Refused(describe_user_error(error))
+        self._proxies.clear()
+        return control.Accepted()
 
     def _watch(self) -> None:
         self._signals.watch(self._environment)
@@ -249,8 +260,8 @@ class EnvironmentNode(Node):
             replies.append(self.events.emit(time_ns, "environment_failed", message, is_fault=True))
         return replies
 
-    def status(self) -> EnvironmentStatus:
-        return EnvironmentStatus(
+    def status(self) -> control.EnvironmentStatus:
+        return control.EnvironmentStatus(
             rejected=dict(self.rejected),
             name=self.name,
             refused_for=next(filter(None, (u.refused_for for u in self._users.values())), None),
@@ -335,14 +346,18 @@ class EnvironmentNode(Node):
             return
         self._is_sound = False
         try:
-            opened = open_environment(self._model, self._axes, self._hands)
+            self._renew()
         except ConfigError as error:
             self._count_failure(error)
             return
+        self._failure = f"no answer for {FAILED_NS / 1e6:g} ms, so it was opened again"
+
+    def _renew(self) -> None:
+        """Open another one in place of this one; ConfigError, and no change, if it fails."""
+        opened = open_environment(self._model, self._axes, self._hands)
         self.close()
         self._environment = opened
         self._watch()
-        self._failure = f"no answer for {FAILED_NS / 1e6:g} ms, so it was opened again"
 
     def _count_failure(self, error: Exception) -> None:
         self.faults += 1

@@ -74,4 +74,5 @@ def full_telemetry(tick: int = 0, axes: int = 1) -> Telemetry:
         reply_age=0.04,
         given_energy=0.2,
         received_energy=0.1,
+        velocity=vector,
     )

@@ -142,6 +142,7 @@ SIMULATED_TELEMETRY = replace(
     joints=(0.1,),
     torques=(0.1,),
     cut_position=(0.1,),
+    velocity=(0.1,),
 )
 GOLDEN: dict[str, Packet] = {
     "device_state": STATE,

@@ -330,3 +330,49 @@ def test_a_robot_in_urdf_is_a_scene(tmp_path: Path) -> None:
     scene: Any = open_environment(Bodies(file, tool="tip"), 3)
     assert held(scene, (0.02, 0.0, 0.0), 2.0) == pytest.approx((0.0, 0.0, 0.0), abs=1e-2)
     assert at(scene, "tip")[0] == pytest.approx(0.02, abs=1e-3)
+
+
+STATE = (
+    BOX
+    + """<body name="arm-2" pos="0 0.3 0.2"><joint type="hinge"/>
+<geom name="link" size="0.01" mass="0.1"/></body>"""
+)
+
+
+def test_the_state_of_a_scene_is_in_its_signals(tmp_path: Path) -> None:
+    chosen = ("qpos", "qvel", "box", "contact box", "contact floor")
+    scene = opened(tmp_path, STATE, record=chosen)
+    moved(scene, -0.1, -0.1, 0.5, z=0.1)
+    found = scene.published.numbers
+    assert set(found) == {signal.name for signal in scene._model.declared()}
+    assert [found[f"qpos_box_{axis}"] for axis in "xyz"] == pytest.approx((0.02, 0, 0.01), abs=1e-3)
+    assert found["box_z"] == pytest.approx(found["qpos_box_z"], abs=1e-6)
+    weight = 0.1 * 9.81  # N; the floor bears it
+    assert found["contact_box_z"] == pytest.approx(weight, rel=0.01)
+    assert found["contact_floor_z"] == pytest.approx(-weight, rel=0.01)
+    assert "qpos_arm_2" in found
+    units = {signal.name: signal.unit for signal in scene._model.declared()}
+    assert (units["qpos_arm_2"], units["qvel_box_wx"], units["box_vx"]) == ("rad", "rad/s", "m/s")
+
+
+def test_the_state_goes_with_a_pushed_body_and_back_at_a_reset(tmp_path: Path) -> None:
+    scene = opened(tmp_path, BOX, record=("qpos", "box"))
+    moved(scene, -0.01, 0.02, 0.5, z=0.01)
+    found = scene.published.numbers
+    before = found["box_x"]
+    assert before > 0.021
+    assert found["box_vx"] > 0.0
+    assert found["qpos_box_x"] >= before  # one step ahead
+    away = (-0.05, 0.0, 0.1), (0.0, 0.0, 0.0)
+    for tick in range(500, 1000):
+        scene.force("", *away, tick * 1e-3)
+    assert scene.reset()
+    force = scene.force("", *away, 1.0)
+    assert found["qpos_box_x"] == pytest.approx(0.02, abs=1e-4)
+    assert force == pytest.approx((0.0, 0.0, 0.0), abs=1e-6)
+
+
+def test_a_name_that_the_scene_does_not_have_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="box") as error:
+        opened(tmp_path, BOX, record=("boks",))
+    assert error.value.field == "record"

@@ -165,7 +165,7 @@ def malformed() -> list[bytes]:
         b"\x8c" + good[1:],
         msgpack.packb([pairs()]),
         msgpack.packb(list(pairs().values())),
-        msgpack.packb(pairs(more="x" * 4096)),
+        msgpack.packb(pairs(more="x" * 8192)),
         b"\x91" * 4000,
         b"\xdf\xff\xff\xff\xff",
         b"\xdd\xff\xff\xff\xff",

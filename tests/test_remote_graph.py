@@ -23,8 +23,8 @@ from forcebound.messages.control import (
     Parameters,
     Refused,
 )
-from forcebound.messages.packets import EnvironmentReply, Event, ForceCommand, Packet
-from forcebound.messages.topology import HAND
+from forcebound.messages.packets import EnvironmentReply, Event, ForceCommand, Packet, Scene
+from forcebound.messages.topology import HAND, endpoint, graph_of
 from forcebound.network.ends import RemoteEnd
 from forcebound.network.impairment import Impairment
 from forcebound.network.link import Link
@@ -51,10 +51,13 @@ class Pair:
         )
         self.far = environment
         node, folder = ControllerNode(DirectController()), self.folders["here"]
-        self.controller = Runner(node, "controller", folder, {}, self.here, remotes={HAND: graph})
+        nodes = graph_of(linked=[HAND])
+        self.controller = Runner(
+            node, "controller", folder, {}, self.here, remotes={HAND: graph}, graph=nodes
+        )
         far, folder = EnvironmentNode(Membrane(stiffness=1000.0), name="far"), self.folders["there"]
         self.environment = Runner(
-            far, "environment", folder, {}, self.there, remotes={HAND: environment}
+            far, "environment", folder, {}, self.there, remotes={HAND: environment}, graph=nodes
         )
         self.device = self.here.publisher(topic_endpoint(self.folders["here"], "device_state"))
         self._at_once, other = socket.socketpair()  # readable: it ends a wait at once
@@ -120,11 +123,27 @@ def test_an_environment_on_another_machine_answers_a_device_that_listens(pair: P
     assert pair.controller.status().received["environment_reply"] >= 1
 
 
+def test_the_scene_of_another_machine_is_shown_and_recorded_here(pair: Pair) -> None:
+    forwarded = [each for each in pair.controller.graph.named("scene") if each.is_forwarded]
+    scenes = pair.here.subscriber(*(endpoint(pair.folders["here"], each) for each in forwarded))
+    heard: list[bytes] = []
+
+    def came() -> bool:
+        pair.turn()
+        heard.extend(scenes.receive())
+        return bool(heard)
+
+    until(came, "a scene from far away")
+    scene = decode(heard[0], Scene)
+    assert isinstance(scene, Scene)
+    assert scene.objects
+
+
 def test_another_machine_cannot_play_the_device(pair: Pair) -> None:
     def rejected() -> bool:
         pair.turn()
         pair.far.send(encode(state(1_000_000, 0.011)))
-        return bool(pair.controller.status().rejected.get("value"))
+        return bool(pair.controller.status().rejected.get("unexpected"))
 
     until(rejected, "a rejected device state from the other machine")
     received = pair.controller.status().received["device_state"]

@@ -36,7 +36,7 @@ Text key_of(const Text& text, const Text& kind) {
 // Return the query in a message, or throw the reason why there is none.
 Query read(const zmq::message_t& frame) {
   std::size_t end = 0;
-  if (frame.size() > 4096 || frame.more()) throw Refused("malformed: over 4096 bytes, or several frames");
+  if (frame.size() > 8192 || frame.more()) throw Refused("malformed: over 8192 bytes, or several frames");
   const auto whole = msgpack::unpack(frame.data<char>(), frame.size(), end);
   const auto map = whole->as<std::map<Text, msgpack::object>>();
   if (map.at("version").as<uint64_t>() != 5) throw Refused("version: this program speaks 5");

@@ -55,7 +55,7 @@ const isName = (value) => value === null || (typeof value === "string" && value 
 /** Return the query in a message, or throw the reason why there is none. */
 function read(frames) {
   const [bytes] = frames;
-  if (frames.length !== 1 || bytes.length > 4096) throw new Error("malformed: several frames, or over 4096 bytes");
+  if (frames.length !== 1 || bytes.length > 8192) throw new Error("malformed: several frames, or over 8192 bytes");
   const query = decode(bytes, BIG); // throws at cut and at trailing bytes
   if (typeof query !== "object" || query === null) throw new Error("malformed: not a map");
   if (!isCount(query.version) || Number(query.version) !== 5) throw new Error(`version ${query.version}: this program speaks 5`);

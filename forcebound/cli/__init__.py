@@ -54,6 +54,7 @@ COMMANDS = {
         "stop": ("change", "Stop a node: zero force."),
         "start": ("change", "Start a node that was stopped."),
         "outage": ("change", "Cut a link from now for a time."),
+        "episode": ("change", "Start, keep or discard episodes of a recording."),
     },
     "Recordings": {
         "record": ("recordings", "Record a running graph from now on."),

@@ -10,14 +10,17 @@ from forcebound.cli import complete
 from forcebound.cli import options as opt
 from forcebound.cli.common import Group, command, print_document, print_json, show
 from forcebound.cli.lazy import when_used
+from forcebound.errors import ConfigError
 from forcebound.roles import CONTROLLER, ENVIRONMENT
 
 with when_used():
     from forcebound.graph import names as graph_names
     from forcebound.graph import parameters
     from forcebound.messages import control as messages
-    from forcebound.observe import control, formatting, snapshot, tuning
+    from forcebound.observe import control, episodes, formatting, snapshot, tuning
     from forcebound.observe import kernels as observed
+
+EPISODES = ("start", "keep", "discard")
 
 _links = complete.offering(
     lambda context, _: (stream.name for stream in complete.graph_of(context).links)
@@ -173,3 +176,43 @@ def outage(
     seconds, cut = tuning.cut_links(run, time, links)
     words = f"{', '.join(cut)}: no packet for {time}"
     print_document({"links": cut, "duration_s": seconds}, as_json, lambda _: [words])
+
+
+def episode(
+    action: "messages.EpisodeAction | None" = opt.argument(
+        required=False, metavar="[start|keep|discard]", type=click.Choice(EPISODES)
+    ),
+    buttons: str = opt.option(
+        "Actions of the device's buttons, start=0,keep=1,discard=2.", default=""
+    ),
+    hand: str | None = opt.hand,
+    run: Path = opt.graph,
+) -> None:
+    r"""Start an episode of the recording of a running graph; keep or discard the open one.
+
+    At a start and after a discard the world begins again; the force returns over engage_time.
+    Without an action: by the keys s, k and d, and by buttons of the device, until q.
+
+    \b
+    forcebound episode start
+    forcebound episode keep
+    forcebound episode --buttons start=0,keep=1,discard=2
+    """
+
+    def act(chosen: "messages.EpisodeAction") -> None:
+        try:
+            found = episodes.mark(run, chosen)
+        except ConfigError as error:
+            if action is not None:
+                raise
+            show(f"forcebound: {error}", err=True)
+            return
+        open_one = f"episode {found.begun - 1} is open, " if found.is_open else ""
+        show(f"{open_one}{found.kept} kept of {found.begun}")
+
+    if action is not None:
+        act(action)
+        return
+    whose = control.chosen_hand(run, hand) if buttons else None
+    show("s: start, k: keep, d: discard, q: end this command")
+    episodes.watch(run, whose, episodes.buttons_of(buttons), act)

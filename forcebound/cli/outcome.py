@@ -10,6 +10,7 @@ import click
 from forcebound.cli.common import print_json, show
 from forcebound.cli.lazy import when_used
 from forcebound.errors import RunError
+from forcebound.messages.events import EPISODE_BEGINS, EPISODE_ENDS
 from forcebound.results.printing import print_rows
 
 with when_used():
@@ -104,6 +105,12 @@ def show_results(
             show(f"  {line}" if labels else line)
     for line in together:
         show(line)
+    kinds = [(one.event, one.data.get("kept")) for result in results[:1] for one in result.events]
+    if begun := sum(kind == EPISODE_BEGINS for kind, _ in kinds):
+        kept = kinds.count((EPISODE_ENDS, "true"))
+        others = begun - kept - kinds.count((EPISODE_ENDS, "false"))
+        left_open = ", and one without an end, which is not kept" if others else ""
+        show(f"Episodes: {kept} kept of {begun}{left_open}.")
     if shows_all:
         click.echo()
         shown = zip(labels or [one.label for one in results], results, strict=True)

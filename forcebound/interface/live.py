@@ -20,9 +20,10 @@ from forcebound.graph.graph import KINDS, GraphConfig
 from forcebound.graph.resolved import to_document
 from forcebound.interface.figures import Figures
 from forcebound.interface.runs import LaunchFile, Run, configuration, split, time_of
-from forcebound.messages.control import GetStatus, LauncherStatus
+from forcebound.messages.control import EpisodeAction, Episodes, GetStatus, LauncherStatus
 from forcebound.observe import tuning
 from forcebound.observe.control import ask
+from forcebound.observe.episodes import mark
 from forcebound.observe.kernels import Kernels
 from forcebound.observe.runs import launched
 from forcebound.roles import LAUNCHER
@@ -136,6 +137,25 @@ class Running:
         self._check_runs()
         with closing(Kernels(self.run_dir)) as kernels:
             tuning.set_parameters(self.run_dir, {name: value}, kernels)
+
+    def episode(self, action: EpisodeAction) -> Episodes:
+        """Start an episode of the recording, or keep or discard the open one.
+
+        At a start and after a discard the world begins again, and the force comes back over
+        ``engage_time``; so it does for ``forcebound episode``.
+
+        Args:
+            action: ``"start"``, ``"keep"`` or ``"discard"``.
+
+        Returns:
+            How many were begun and kept, and whether one is open.
+
+        Raises:
+            ConfigError: If one is open at a start, or none at an end.
+            RunError: If the graph has ended, or the world does not begin again.
+        """
+        self._check_runs()
+        return mark(self.run_dir, action)
 
     def wait(self, seconds: float | str) -> None:
         """Let time pass; return earlier if the graph ends by itself, RunError if it fails."""

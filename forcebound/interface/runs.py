@@ -151,15 +151,15 @@ class Run:
     def to_pandas(self) -> Any:
         """Return the telemetry as a pandas.DataFrame, indexed by time in s; needs pandas.
 
-        A column of several axes becomes several: ``position_0``, ``position_1``; :attr:`axes`
-        has their names.
+        A vector has a column for each axis, as in the tables of ``forcebound export``:
+        ``position[0]``, ``position[1]``; :attr:`axes` has their names.
         """
         found: dict[str, NDArray[Any]] = {}
         for name, column in self.telemetry.items():
-            if column.ndim == 1 or column.shape[1] == 1:
-                found[name] = column.reshape(-1)
+            if column.ndim == 1:
+                found[name] = column
             else:
-                found |= {f"{name}_{axis}": values for axis, values in enumerate(column.T)}
+                found |= {f"{name}[{axis}]": values for axis, values in enumerate(column.T)}
         return needed("to_pandas", "pandas").DataFrame(found).set_index("time")
 
     @property

@@ -23,7 +23,7 @@ from forcebound.network import sockets
 from forcebound.observe.control import device_status
 from forcebound.observe.runs import Watch
 from forcebound.run.process.reader import Reader
-from forcebound.run.process.recorder import COMPLETE, FailSafeSink
+from forcebound.run.process.recorder import COMPLETE, FailSafeSink, clocks
 from forcebound.run.run_directory import RunDocument, read_configuration
 from forcebound.stop import Stop
 
@@ -88,7 +88,7 @@ def record_running(
             sink.flush()
         finally:
             with suppress(OSError):  # a full disk, which is reported; the file stays readable
-                recorder.close() if sink.state == COMPLETE else recorder.abandon()
+                recorder.close(clocks()[1]) if sink.state == COMPLETE else recorder.abandon()
         seconds = time.monotonic() - start
     if not any(reader.received.values()):
         file.unlink()
@@ -114,8 +114,8 @@ def _begun(run_dir: Path, run: RunDocument, file: Path, reader: Reader) -> "Reco
             for hand, one in devices.items()
         }
         now["launch"] = json.dumps(to_document(config), sort_keys=True)
-        offset_ns = time.time_ns() - time.monotonic_ns()
-        recorder = Recorder(str(file.absolute()), run.metadata | now, offset_ns, run.graph)
+        offset_ns, clock = clocks()
+        recorder = Recorder(str(file.absolute()), run.metadata | now | clock, offset_ns, run.graph)
         reader.forget()
         if read_configuration(run_dir) == config:
             return recorder

@@ -58,6 +58,7 @@ from forcebound.messages.topology import (
     nested,
     node_name,
 )
+from forcebound.recordings.clock import CLOCK_END
 from forcebound.recordings.launched import Launched
 from forcebound.recordings.schema import (
     ABSENT,
@@ -150,10 +151,15 @@ class Recorder(AbstractContextManager["Recorder"]):
         """
         self._writer.flush()
 
-    def close(self) -> None:
-        """Write index and footer and close the file; a second call does nothing."""
+    def close(self, clock_end: Mapping[str, str] | None = None) -> None:
+        """Write index and footer and close the file; a second call does nothing.
+
+        ``clock_end`` has the ``UTC_OFFSET`` of a live run at its end.
+        """
         if not self._file.closed:
             with self._file:
+                if clock_end is not None:
+                    self._writer.add_metadata(CLOCK_END, clock_end)
                 self._writer.finish()
 
     def abandon(self) -> None:

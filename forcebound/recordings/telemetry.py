@@ -40,6 +40,7 @@ class TelemetryColumns:
     cut_ns: NDArray[np.int64]  # (n,), ns, when the watchdog dropped the force before; -1: not
     ahead_ns: NDArray[np.int64]  # (n,), ns, sum of the latch jitter so far; -1: not reported
     position: NDArray[np.float64]  # (n, axes), m, reading
+    velocity: NDArray[np.float64]  # (n, axes), m/s, filtered; NaN: of recordings of before
     joints: NDArray[np.float64]  # (n, axes), rad, reading of an arm; else NaN
     commanded_force: NDArray[np.float64]  # (n, axes), N, before saturation
     applied_force: NDArray[np.float64]  # (n, axes), N

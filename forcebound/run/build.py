@@ -62,7 +62,7 @@ def build_node(
         except Exception as error:
             raise ConfigError(f"controller: open: {describe_user_error(error)}") from error
         leases = lease_ns(hand), dead_lease_ns(hand)
-        return ControllerNode(controller, *leases, hand_name, hand.controller.signals)
+        return ControllerNode(controller, *leases, hand_name, hand.controller.declared())
     raise KeyError(name)
 
 
@@ -100,7 +100,7 @@ def build_device(
     # A simulated one cannot fail in a hand of ours, and runs in sweeps.
     if not (isinstance(device, SimulatedDevice) and is_shipped):
         device = GuardedDevice(device)
-    signals = model.signals
+    signals = model.declared()
     dissipation = dissipation_of(model, servo)
     process = 0 if clock is None else process_number()
     try:

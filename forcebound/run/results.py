@@ -43,7 +43,9 @@ def run_metadata(config: GraphConfig) -> dict[str, str]:
     signals: dict[str, dict[str, Meaning]] = {}
     for hand, sections in document[HANDS].items():
         parts = {"environment": document["environment"], **sections}
-        axes = config.hands[hand].named_axes
+        own, served = config.hands[hand], config.environment.model
+        models = {"device": own.device, "controller": own.controller, "environment": served}
+        axes = own.named_axes
         kinds = {section: parts[section]["kind"] for section in KINDS if section in parts}
         device = parts["device"]
         named = {**kinds, "device": device.get("class", kinds["device"]), "law": device["law"]}
@@ -55,12 +57,15 @@ def run_metadata(config: GraphConfig) -> dict[str, str]:
             node_name(hand, topic): {
                 each.name: Meaning(
                     each.label or each.name,
-                    each.unit if section == "device" else units_on(axes, each.unit),
+                    # Written as of lengths, unless it is that of an angle wherever it acts.
+                    each.unit
+                    if section == "device" or "rad" in each.unit
+                    else units_on(axes, each.unit),
                 )
                 for each in declared
             }
             for section, topic in SIGNAL_TOPICS.items()
-            if (declared := KINDS[section][kinds[section]].signals)
+            if (declared := models[section].declared())
         }
     return {**metadata, "signals": json.dumps(signals)} if signals else metadata
 

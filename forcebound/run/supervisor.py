@@ -28,7 +28,14 @@ from forcebound.graph.parameters import describe
 from forcebound.graph.phases import ScheduledPhase
 from forcebound.messages import control, packets
 from forcebound.messages.codec import encode
-from forcebound.messages.events import PARAMETERS_SET, PHASE_BEGINS, EventKind, EventLog
+from forcebound.messages.events import (
+    EPISODE_BEGINS,
+    EPISODE_ENDS,
+    PARAMETERS_SET,
+    PHASE_BEGINS,
+    EventKind,
+    EventLog,
+)
 from forcebound.messages.topology import ONE_HAND, Graph, endpoint
 from forcebound.network.control import ControlServer
 from forcebound.network.sockets import Network
@@ -54,6 +61,8 @@ from forcebound.run.lifecycle import STOPPED_EARLY, Lifecycle
 from forcebound.run.screen import Screen, doing
 
 REQUEST_INTERVAL_NS = 20_000_000  # between two requests to a node that is not ready
+NO_EPISODE = dict.fromkeys(("keep", "discard"), "no episode is open: start one first")
+NO_EPISODE["start"] = "an episode is open: keep or discard it first"
 NOT_STARTED = 126  # exit status of a process that could not be started, as in a shell
 
 
@@ -92,6 +101,7 @@ class Supervisor:
         self._not_started: list[str] = []
         self._has_requests = False  # more than the last turn has answered
         self._events = EventLog(LAUNCHER)
+        self._episodes = control.Episodes()
 
     def run(self) -> bool:
         """Start, monitor and end the processes; return whether the run was interrupted.
@@ -241,7 +251,17 @@ class Supervisor:
                 self._clients[node].ask(configure)
             case control.EmitEvent(event, message, data):
                 self._emit(event, message, data)
+            case control.MarkEpisode():
+                if lifecycle.phase is not RunPhase.RUNNING:
+                    return control.Refused(
+                        "episodes need a graph that runs, with its force engaged"
+                    )
+                if self._episodes.is_open == (request.action == "start"):
+                    return control.Refused(NO_EPISODE[request.action])
+                if not request.is_question:
+                    self._mark(request.action)
         return control.LauncherStatus(
+            episodes=self._episodes,
             phase=lifecycle.phase.name.lower(),
             nodes={
                 name: control.ProcessState(
@@ -252,6 +272,19 @@ class Supervisor:
                 for name, child in self._children.items()
             },
         )
+
+    def _mark(self, action: control.EpisodeAction) -> None:
+        """Begin an episode, or end the open one."""
+        found = self._episodes
+        found.is_open, is_kept = action == "start", action == "keep"
+        found.begun += found.is_open
+        found.kept += is_kept
+        data = {"episode": str(found.begun - 1)}
+        if found.is_open:
+            self._emit(EPISODE_BEGINS, f"episode {found.begun - 1} begins", data)
+        else:
+            words = f"episode {found.begun - 1} is {'kept' if is_kept else 'discarded'}"
+            self._emit(EPISODE_ENDS, words, data | {"kept": str(is_kept).lower()})
 
     def _answers(self) -> list[LifecycleEvent]:
         events: list[LifecycleEvent] = []

@@ -30,7 +30,7 @@ from forcebound.roles import CONTROLLER, ENVIRONMENT, LOST, RECORDER, ROLES
 from forcebound.run.application import Tuner
 from forcebound.run.build import build_links, build_node, parts_of
 from forcebound.run.children import name_begins
-from forcebound.run.process.recorder import COMPLETE, record
+from forcebound.run.process.recorder import COMPLETE, clocks, record
 from forcebound.run.process.runner import run as run_process
 from forcebound.run.results import run_metadata
 from forcebound.run.run_directory import (
@@ -203,15 +203,15 @@ def _record(run: RunDocument, run_dir: Path, stop: Stop) -> RecorderStatus:
         Recorder,  # slow to import; no other process needs it
     )
 
-    offset_ns = time.time_ns() - time.monotonic_ns()
-    recorder = Recorder(run.record, run.metadata, offset_ns, run.graph)
+    offset_ns, clock = clocks()
+    recorder = Recorder(run.record, run.metadata | clock, offset_ns, run.graph)
     is_complete = False
     try:
         status = record(recorder, run_dir, run.graph, run.recorded, run.core, stop)
         is_complete = status.recording == COMPLETE
     finally:
         with suppress(OSError):  # a full disk, which was reported; the file stays readable
-            recorder.close() if is_complete else recorder.abandon()
+            recorder.close(clocks()[1]) if is_complete else recorder.abandon()
     return status
 
 

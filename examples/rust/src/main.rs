@@ -29,8 +29,8 @@ fn only_hand() -> String { "hand".into() }
 /// Return the query in a message, or the reason why there is none.
 fn read(frames: &[Vec<u8>]) -> Fallible<Query> {
     let frame = &frames[0];
-    if frames.len() != 1 || frame.len() > 4096 || !matches!(frame.first(), Some(0x80..=0x8f | 0xde | 0xdf)) {
-        return Err("malformed: not one map of at most 4096 bytes".into());
+    if frames.len() != 1 || frame.len() > 8192 || !matches!(frame.first(), Some(0x80..=0x8f | 0xde | 0xdf)) {
+        return Err("malformed: not one map of at most 8192 bytes".into());
     }
     if rmp_serde::from_slice::<Header>(frame)?.version != 5 { return Err("version: this program speaks 5".into()) }
     let mut rest = frame.as_slice();

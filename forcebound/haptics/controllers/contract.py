@@ -43,7 +43,7 @@ def _answers(model: ControllerModel, axes: int, states: int, found: Findings) ->
     """The answers of a new instance; none if it does not open or close."""
     with found.noting("opens", "an instance that closes", f"axes: {axes}"):
         controller = model.open(axes)
-        controller.published.declare(model.signals)
+        controller.published.declare(model.declared())
         answers = list(_drive(controller, axes, states, found))
         controller.close()
         return answers

@@ -62,7 +62,7 @@ def check(model: DeviceModel, ticks: int = 100, hold_limit: float = 1.25e-3) -> 
         if not isinstance(device, Device):
             raise TypeError(f"expected a forcebound.haptics.devices.Device, got {device!r}")
         try:
-            device.published.declare(model.signals)
+            device.published.declare(model.declared())
             _use(device, model, ticks, found)
             absent = _use_extras(device, model, ticks * PERIOD_NS, found)
         finally:

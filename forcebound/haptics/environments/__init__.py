@@ -102,6 +102,13 @@ class Environment(Publisher, ABC):
         """
         return False
 
+    def reset(self) -> bool:
+        """Begin again as after ``open``, with the hands where they are, for another episode.
+
+        Return whether it did; if not, the environment is closed, and opened again.
+        """
+        return False
+
     def close(self) -> None:
         """Release what ``open`` took; called once."""
 
@@ -184,7 +191,7 @@ def open_environment(
     """
     with _users_code(f"open({axes})"):
         opened = model.open(axes)
-        opened.published.declare(model.signals)
+        opened.published.declare(model.declared())
         if users:
             opened.expect(users)
         return opened

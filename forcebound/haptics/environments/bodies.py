@@ -14,7 +14,7 @@ import logging
 import math
 from collections.abc import Collection
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any
@@ -38,6 +38,7 @@ from forcebound.haptics.environments.mujoco_scene import (
     probe_name,
     shape_of,
 )
+from forcebound.haptics.environments.mujoco_state import SceneState
 from forcebound.haptics.geometry.vectors import (
     ZERO,
     Vector3,
@@ -49,6 +50,7 @@ from forcebound.haptics.geometry.vectors import (
     scale,
     sub,
 )
+from forcebound.haptics.parts.signals import Signal
 from forcebound.messages.packets import MAX_NAME, Contact, SceneObject, Vector
 from forcebound.quantities import (
     NOT_NEGATIVE,
@@ -91,6 +93,8 @@ class Bodies(Ranged, EnvironmentModel):
             the tool's, or is that of a mocap body.
         probe_radius: Of the probe.
         key: Name of the file's keyframe in which the scene begins; null: as the bodies are placed.
+        record: Signals that carry the state of the scene: qpos, qvel, sensors, the name of a body
+            (pose and velocity), "contact NAME" (force of contacts on a body or geom).
     """
 
     file: Path
@@ -101,6 +105,17 @@ class Bodies(Ranged, EnvironmentModel):
     probe_mass: Annotated[Mass, POSITIVE] = 0.010
     probe_radius: Annotated[Length, POSITIVE] = 0.005
     key: str | None = None
+    record: tuple[str, ...] = ()
+
+    def declared(self) -> Collection[Signal]:
+        """Return what ``record`` chooses; nothing where MuJoCo is not installed."""
+        return self._declared
+
+    @cached_property
+    def _declared(self) -> Collection[Signal]:
+        if not self.record or find_spec("mujoco") is None:
+            return ()
+        return _Scene(self, 3).state.signals
 
     def check_files(self) -> None:
         """Compile the scene, unless MuJoCo is only installed where the environment runs."""
@@ -168,6 +183,7 @@ class _Scene(Environment):
         self._clock = SharedClock()
         self._elapsed = 0.0  # s, until which the scene has gone
         self._has_flown = False
+        self.published.numbers.clear()
 
     def expect(self, users: Collection[str]) -> None:
         if len(users) > 1 and self._model.tool is None:
@@ -186,6 +202,7 @@ class _Scene(Environment):
         self._probes = [_Probe(self._scene, self._data, n, tool) for n in range(probes)]
         for number in range(probes):
             self._set_contacts(number, False)  # until a hand has it
+        self.state = SceneState(self._mujoco, self._scene, self._data, model.record)
 
     def _join(self, user: str, place: Vector3, now: float) -> _Hand:
         """Give a hand a probe; the bodies stay as they are."""
@@ -236,6 +253,8 @@ class _Scene(Environment):
             self._set_contacts(hand.number, True)
             self._couple(hand)
         self._advance(now)
+        if self.state.names:
+            self.signal_all(self.state.names, self.state.values())
         stiffness, damping = self._model.stiffness, self._model.damping
         speed = self._probes[hand.number].speed.tolist()
         pulls = zip(hand.place, self._probed(hand), hand.speed, speed, strict=True)
@@ -296,9 +315,14 @@ class _Scene(Environment):
                 self._model.file,
             )
         self._has_flown = True
+        self.reset()
+
+    def reset(self) -> bool:
+        """Put everything where it began, coupled with the hands; a tool is taken where it is."""
         self._put_at_start()
         for hand in self._hands.values():
             self._couple(hand)
+        return True
 
     def contact(self, user: str) -> Contact | None:
         hand = self._hands.get(user)

@@ -2,8 +2,7 @@
 
 Their forces are added to that of the environment. Each is the gradient of a potential (plus a
 damping that only resists), so that without delay no fixture gives energy; the bounder at the
-device guards them like any other force. Positions with fewer than three entries have zeros in
-the others.
+device guards them like any other force. Missing coordinates of a position are zero.
 
 Source: L. B. Rosenberg, Virtual fixtures, IEEE VRAIS 1993; J. J. Abbott, P. Marayong, A. M.
 Okamura, Haptic virtual fixtures for robot-assisted manipulation, ISRR 2005.
@@ -38,6 +37,7 @@ from forcebound.haptics.geometry.vectors import (
     unit,
     z_onto,
 )
+from forcebound.haptics.parts.signals import Signal
 from forcebound.messages.packets import Contact, SceneObject, Vector
 from forcebound.messages.topology import HAND
 from forcebound.quantities import (
@@ -71,8 +71,6 @@ def _expect(is_sound: bool, field: str, expected: str, got: object) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class _Fixture(ABC):
-    """Base of the fixtures."""
-
     places: ClassVar[tuple[str, ...]] = ()  # fields that are places
 
     def __post_init__(self) -> None:
@@ -346,8 +344,8 @@ class WithFixtures(EnvironmentModel):
     model: EnvironmentModel
     fixtures: Fixtures
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "signals", self.model.signals)
+    def declared(self) -> Collection[Signal]:
+        return self.model.declared()
 
     def check_hands(self, hands: tuple[str, ...]) -> None:
         self.model.check_hands(hands)
@@ -359,8 +357,6 @@ class WithFixtures(EnvironmentModel):
 
 
 class _Guided(Environment):
-    """An open environment with fixtures."""
-
     def __init__(self, model: WithFixtures, axes: int) -> None:
         self._model, self._axes = model, axes
         self._users: Collection[str] = ()
@@ -395,6 +391,9 @@ class _Guided(Environment):
             self.published = self._opened.published
         self._model = model
         return True
+
+    def reset(self) -> bool:
+        return self._opened.reset()
 
     def close(self) -> None:
         self._opened.close()

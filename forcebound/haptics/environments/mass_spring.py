@@ -12,6 +12,7 @@ from forcebound.haptics.environments import (
     within_reach,
 )
 from forcebound.haptics.environments.walls import on_first_axis
+from forcebound.haptics.parts.signals import Signal
 from forcebound.messages.packets import Contact, SceneObject, Vector
 from forcebound.quantities import (
     NOT_NEGATIVE,
@@ -52,6 +53,11 @@ class MassSpring(EnvironmentModel):
         position: Of the face at rest.
         thickness: From the face to the back; null: it has no back.
     """
+
+    signals = (
+        Signal("face", "m", "place of the face"),
+        Signal("face_velocity", "m/s", "velocity of the slab"),
+    )
 
     mass: Annotated[Mass, Range(at_least=1e-3)] = 0.2
     spring: Annotated[Stiffness, NOT_NEGATIVE] = 200.0
@@ -112,6 +118,8 @@ class _Slab(Environment):
         now = self._clock.at(user, elapsed)
         self._advance(min(now - self._time, LONGEST))
         self._time = now
+        self.signal("face", self._face)
+        self.signal("face_velocity", self._speed)
         return on_first_axis(self._push(hand, x), self._axes)
 
     @property

@@ -97,7 +97,7 @@ def _start(mujoco: Any, spec: Any, key: str | None) -> Any:
         known = [one.name for one in spec.keys]
         if key not in known:
             words = f"key: expected the name of a keyframe, got {key!r}; known: "
-            raise ConfigError(words + _listed(known))
+            raise ConfigError(words + listed(known))
         mujoco.mj_resetDataKeyframe(start.model, start, known.index(key))
     mujoco.mj_kinematics(start.model, start)
     return start
@@ -178,10 +178,11 @@ def body_of(tool: str, scene: Any) -> int:
     if tool in found:
         return found[tool]
     message = f"expected the name of a site or body that moves, got {tool!r}; known: "
-    raise ConfigError(message + _listed(list(found)), field="tool")
+    raise ConfigError(message + listed(list(found)), field="tool")
 
 
-def _listed(names: list[str]) -> str:
+def listed(names: list[str]) -> str:
+    """Return the first of some names, for an error."""
     if not names:
         return "none"
     return ", ".join(names[:MOST_NAMES]) + ("" if len(names) <= MOST_NAMES else ", ...")

@@ -1,12 +1,13 @@
 """Signals: named numbers and events that a part publishes beside its forces.
 
 The model declares the numbers in its class, ``signals = (Signal("damage", "1", "damage of the
-skin"),)``; the open part sets them with :meth:`Publisher.signal`. The packets of its node carry
-them (:mod:`forcebound.nodes.publishing`), recordings, plots and pages show them.
+skin"),)``, or by a method ``declared``; the open part sets them with :meth:`Publisher.signal`. The
+packets of its node carry them (:mod:`forcebound.nodes.publishing`), recordings, plots and pages
+show them.
 """
 
 import re
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import isfinite
@@ -54,6 +55,10 @@ class Publishing:
     """
 
     signals: ClassVar[Collection[Signal]] = ()
+
+    def declared(self) -> Collection[Signal]:
+        """Return the numbers of this model: ``signals``, unless they depend on its parameters."""
+        return self.signals
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
@@ -112,6 +117,10 @@ class Publisher:
         SignalError if it is not declared, or no number.
         """
         self.published.take(name, value)
+
+    def signal_all(self, names: Sequence[str], values: Sequence[float]) -> None:
+        """Publish many finite numbers that the model declares, without a check of each."""
+        self.published.numbers.update(zip(names, values, strict=True))
 
     def event(self, event: str, message: str = "", *, is_fault: bool = False) -> None:
         """Publish an event of the run: its kind, in a word or two, and a message for people."""

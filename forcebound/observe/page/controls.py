@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -22,7 +23,14 @@ from forcebound.messages.control import DeviceStatus, GetStatus, Point, Pointed
 from forcebound.messages.packets import Vector
 from forcebound.messages.topology import HAND, Document, endpoint, flat
 from forcebound.network.sockets import Network
-from forcebound.observe.control import ANSWER_TIMEOUT, ask_all, start_node, stop_node
+from forcebound.observe.control import (
+    ANSWER_TIMEOUT,
+    ask_all,
+    ask_launcher,
+    start_node,
+    stop_node,
+)
+from forcebound.observe.episodes import ACTIONS, mark
 from forcebound.observe.formatting import as_written, meanings_of, ranges
 from forcebound.observe.kernels import Kernels
 from forcebound.observe.page.feed import Message
@@ -67,6 +75,9 @@ class Controls:
         (loaded, *others) = {hand.servo.law for hand in hands.values()}
         self._kernels = Kernels(run_dir, "" if others else loaded)
         self._kernels.begin((BROKEN[LAW], SAFE[LAW]))
+        self.episodes: Message = {}  # that were counted last, as a message
+        with suppress(ForceboundError):
+            self.count_episodes()
         self._law_requests = 0
         self._newest: dict[str, int] = {}  # number of the newest request for each hand's law
         self._actions: dict[str, Callable[[Message], None]] = {
@@ -76,6 +87,7 @@ class Controls:
             "outage": lambda request: self._cut(str(request["time"])),
             "record": lambda _: self.recording.begin(),
             "end_recording": lambda _: self.recording.end(),
+            "episode": lambda request: self._mark(request["action"]),
             "break": lambda _: self._set_all(BROKEN),
             "safe": lambda _: self._set_all(SAFE),
         }
@@ -183,6 +195,17 @@ class Controls:
         """Change parameters of every hand."""
         hands = self._config.hands_here
         self._set({parameter_name(hand, name): v for hand in hands for name, v in settings.items()})
+
+    def _mark(self, action: Any) -> None:
+        if action not in ACTIONS:
+            raise ConfigError(f"expected {', '.join(ACTIONS)}, got {action!r}")
+        mark(self._run_dir, action)
+
+    def count_episodes(self) -> Message:
+        """Return how many episodes there are, for pages; ConfigError without a launcher."""
+        found = ask_launcher(self._run_dir, GetStatus()).episodes
+        self.episodes = {"type": "episodes", **msgspec.structs.asdict(found)}
+        return self.episodes
 
     def _cut(self, time: str) -> None:
         cut_links(self._run_dir, time, ())

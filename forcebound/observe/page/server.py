@@ -20,7 +20,12 @@ import tornado.web
 import tornado.websocket
 
 from forcebound.errors import ConfigError, ForceboundError
-from forcebound.messages.events import LAW_CHANGED, PARAMETERS_SET
+from forcebound.messages.events import (
+    EPISODE_BEGINS,
+    EPISODE_ENDS,
+    LAW_CHANGED,
+    PARAMETERS_SET,
+)
 from forcebound.messages.topology import HAND
 from forcebound.observe.listing import list_graphs
 from forcebound.observe.page.access import Access, hosts_of
@@ -181,13 +186,15 @@ class Server:
         """Keep an event; send the parameters to the pages again when some have changed."""
         if message["type"] == "event" and self.graph:
             self.graph.events.append(message)
-        if message.get("event") in (LAW_CHANGED, PARAMETERS_SET) and self.graph:
+        shown = (LAW_CHANGED, PARAMETERS_SET, EPISODE_BEGINS, EPISODE_ENDS)
+        if message.get("event") in shown and self.graph:
             self.workers.submit(self.broadcast_parameters, self.graph.controls)
 
     def broadcast_parameters(self, controls: Controls) -> None:
-        """Send the pages the parameters of a graph; from a thread, since it takes time."""
+        """Send the pages parameters and episodes of a graph; from a thread: it takes time."""
         with suppress(ForceboundError):  # the graph has ended
             self.later(self.broadcast, controls.parameters())
+            self.later(self.broadcast, controls.count_episodes())
 
     def _pointed(self, stamp: tuple["_Page", Any]) -> None:
         """Report to a page that the device has taken its place."""

@@ -42,7 +42,8 @@ class ShownGraph:
             for about in (self.feed.signals[name],)
         ]
         hello = {**controls.describe(), "graph": self._shown_since, "signals": signals}
-        return [hello, controls.parameters(), *([scene] if scene else []), *self.events]
+        known = filter(None, (scene, controls.episodes))
+        return [hello, controls.parameters(), *known, *self.events]
 
     def look(self, now: float) -> list[Message]:
         """Return the messages to the pages about what has come since the last look."""

@@ -25,6 +25,19 @@ BACKLOG_LIMIT_NS = 60_000_000_000  # to write what waits, on a machine that give
 _logger = logging.getLogger(__name__)
 
 
+def clocks() -> tuple[int, dict[str, str]]:
+    """Return UTC less the monotonic clock, in ns, and the metadata that says so.
+
+    Of ten readings between two of the monotonic clock, that with the shortest time between counts.
+    """
+    from forcebound.recordings.clock import UTC_OFFSET, UTC_OFFSET_AT  # slow to import
+
+    readings = [(time.monotonic_ns(), time.time_ns(), time.monotonic_ns()) for _ in range(10)]
+    before, utc, after = min(readings, key=lambda one: one[2] - one[0])
+    at = (before + after) // 2
+    return utc - at, {UTC_OFFSET: str(utc - at), UTC_OFFSET_AT: str(at)}
+
+
 class FailSafeSink:
     """Writes to a sink until that fails, which is reported once; then drops the packets."""
 

@@ -53,6 +53,7 @@ from forcebound.messages.packets import (
     EnvironmentReply,
     Event,
     Packet,
+    Scene,
 )
 from forcebound.messages.topology import HAND, ONE_HAND, Graph, Route, Stream, endpoint
 from forcebound.network import sockets
@@ -65,6 +66,9 @@ from forcebound.roles import Fact
 from forcebound.run.process.inbox import LONGEST_WAIT_NS, Inbox, Relays
 from forcebound.stop import Stop
 
+SCENE_INTERVAL_NS = (
+    200_000_000  # over a link, whose packets a hand waits for: a scene has kilobytes
+)
 COMPLAINT_INTERVAL_NS = 1_000_000_000  # between two events about rejected packets
 FINAL_STEPS = 4  # until the last telemetry, with zero force, is sent
 
@@ -217,19 +221,27 @@ class Runner:
         came: type[Packet] = EnvironmentReply
         if remote.end.role == "environment":
             sent, came = came, sent
-        here, there = self._publish[sent, hand], remote.send
-
-        def both(data: bytes) -> None:
-            there(data)
-            here(data)
-
-        self._publish[sent, hand] = both
+            self._send_also((Scene, HAND), remote, SCENE_INTERVAL_NS)
+        self._send_also((sent, hand), remote)
         forwarded = self.graph.forwarded(TOPIC_OF[came], hand)
         forward = self._network.publisher(endpoint(self._run_dir, forwarded)).send
         self._inbox.listen_remotely(came, hand, remote.channel, forward, self._relayed[hand])
 
+    def _send_also(self, route: Route, remote: RemoteLink, interval_ns: int = 0) -> None:
+        """Let packets of a route also go to another machine, there first, not more often."""
+        here, there, due_ns = self._publish[route], remote.send, 0
+
+        def both(data: bytes) -> None:
+            nonlocal due_ns
+            if not interval_ns or time.monotonic_ns() >= due_ns:
+                there(data)
+                due_ns = interval_ns and time.monotonic_ns() + interval_ns
+            here(data)
+
+        self._publish[route] = both
+
     def _relays(self, name: str) -> tuple[Relays, dict[str, Relays]]:
-        """Return what passes on the energy of hands between this machine and others.
+        """Return what passes on energy of hands, and scenes, between this machine and others.
 
         First what goes from this machine; then what comes over each link, by its hand: to a device
         here, or to another link.
@@ -238,6 +250,9 @@ class Runner:
         into: dict[str, dict[Stream, Callable[[bytes], object]]] = {h: {} for h in self._remotes}
         serves = any(one.end.role == "environment" for one in self._remotes.values())
         for stream in self.graph.streams:
+            if stream.topic == TOPIC_OF[Scene] and stream.is_forwarded and stream.sender == name:
+                show = self._network.publisher(endpoint(self._run_dir, stream)).send
+                into |= {hand: {**relays, stream: show} for hand, relays in into.items()}
             if stream.partner is None or stream.hand is None:
                 continue
             comes, goes = stream.hand, stream.partner  # the links of an environment are of others

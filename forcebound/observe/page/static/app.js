@@ -107,6 +107,7 @@ const takes = {
   },
   answer(message) { controls.answer(message); },
   recording(message) { controls.recording(message); },
+  episodes(message) { controls.showEpisodes(message); },
   over() {
     const was = $("controls").childElementCount > 0;
     isOver = true;

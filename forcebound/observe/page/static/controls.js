@@ -38,6 +38,12 @@ export class Controls {
     this.record = make("button", { type: "button", id: "record", textContent: RECORD });
     this.record.addEventListener("click", () => this.ask({ do: this.record.textContent === RECORD ? "record" : "end_recording" }, this.record));
     this.recorded = make("small", { id: "recorded", role: "status" });
+    this.episodes = make("small", { id: "episodes", role: "status" });
+    this.episode = Object.fromEntries(["start", "keep", "discard"].map((action) => {
+      const button = make("button", { type: "button", id: `episode-${action}`, textContent: action });
+      button.addEventListener("click", () => this.ask({ do: "episode", action }, button));
+      return [action, button];
+    }));
     this.shows = { none: document.getElementById("break"), certified: document.getElementById("safe") };
     this.shows.none.addEventListener("click", () => this.ask({ do: "break" }, this.shows.none));
     this.shows.certified.addEventListener("click", () => this.ask({ do: "safe" }, this.shows.certified));
@@ -97,6 +103,7 @@ export class Controls {
     document.getElementById("controls").replaceChildren(
       ...main,
       make("div", { className: "field" }, make("label", { htmlFor: "record", textContent: "recording" }), this.record, this.recorded),
+      make("div", { className: "field" }, make("label", { htmlFor: "episode-start", textContent: "episode" }), ...Object.values(this.episode), this.episodes),
     );
     const links = [...this.parts.values()].map(([, details]) => details);
     network.replaceChildren(make("div", { className: "field" }, make("label", { htmlFor: "outage", textContent: "outage" }), outage), ...links);
@@ -214,6 +221,12 @@ export class Controls {
     this.record.textContent = file ? "Stop recording" : RECORD;
     this.record.setAttribute("aria-pressed", String(Boolean(file)));
     this.recorded.textContent = file ? `${file.split("/").at(-1)}: ${Math.round(seconds)} s` : result;
+  }
+
+  /** Show how many episodes there are; only what can be done now can be pressed. */
+  showEpisodes({ begun, kept, is_open: isOpen }) {
+    this.episodes.textContent = `${isOpen ? `episode ${begun - 1} is open, ` : ""}${kept} kept of ${begun}`;
+    for (const [action, button] of Object.entries(this.episode)) button.setAttribute("aria-pressed", String(isOpen && action === "start"));
   }
 
   /** Show the law, and which preset is active. */

@@ -1,0 +1,142 @@
+"""Episodes of a running graph: parts of a recording that somebody begins, and keeps or discards.
+
+At the beginning of an episode, and after one that is discarded, the world begins again. The devices
+write zero force before it does and until it has; then the force returns over ``engage_time``.
+"""
+
+import os
+import sys
+import termios
+import tty
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import get_args
+
+from forcebound.errors import ConfigError, RunError
+from forcebound.messages.control import (
+    Accepted,
+    Engage,
+    EpisodeAction,
+    Episodes,
+    MarkEpisode,
+    Refused,
+    Release,
+    ResetWorld,
+)
+from forcebound.messages.packets import TOPIC_OF, DeviceState
+from forcebound.messages.topology import is_bound, node_name
+from forcebound.network import sockets
+from forcebound.observe.control import ANSWER_TIMEOUT, ask, ask_all, ask_launcher
+from forcebound.observe.runs import Watch
+from forcebound.roles import DEVICE, ENVIRONMENT
+from forcebound.run.process.reader import Reader
+from forcebound.run.run_directory import RunDocument, graph_in
+
+ACTIONS: tuple[EpisodeAction, ...] = get_args(EpisodeAction)
+
+
+def mark(run_dir: Path, action: EpisodeAction) -> Episodes:
+    """Begin an episode, or keep or discard the open one; return how many there are.
+
+    Raises:
+        ConfigError: If it does not go with what is open, or there is no launcher.
+        RunError: If the world does not begin again, or a process does not answer.
+    """
+    ask_launcher(run_dir, MarkEpisode(action, is_question=True))
+    if action == "start":
+        reset_world(run_dir)
+    found = ask_launcher(run_dir, MarkEpisode(action)).episodes
+    if action == "discard":
+        reset_world(run_dir)
+    return found
+
+
+def reset_world(run_dir: Path) -> None:
+    """Let the world begin again without a jump of the force; one on another machine goes on.
+
+    Errors are as of :func:`mark`.
+    """
+    nodes = graph_in(run_dir).nodes
+    devices = [name for name, node in nodes.items() if node.role == DEVICE]
+    if not is_bound(run_dir, nodes[ENVIRONMENT]):
+        return
+    try:
+        ask_all(run_dir, dict.fromkeys(devices, Release()), ANSWER_TIMEOUT)
+        answer = ask(run_dir, ENVIRONMENT, ResetWorld())
+    finally:
+        ask_all(run_dir, dict.fromkeys(devices, Engage()), ANSWER_TIMEOUT)
+    if not isinstance(answer, Accepted):
+        why = answer.error if isinstance(answer, Refused) else "it does not answer"
+        raise RunError(f"the world did not begin again: {why}")
+
+
+def buttons_of(text: str) -> dict[int, EpisodeAction]:
+    """Return the actions of buttons by their bits, from ``start=0,keep=1``; ConfigError if none."""
+    found: dict[int, EpisodeAction] = {}
+    for entry in filter(None, text.split(",")):
+        name, _, bit = entry.strip().partition("=")
+        if not bit.isdecimal() or name not in ACTIONS:
+            expected = "such as start=0,keep=1,discard=2, each with the bit of a button"
+            raise ConfigError(f"buttons: expected actions, {expected}, got {text!r}")
+        found[int(bit)] = next(action for action in ACTIONS if action == name)
+    return found
+
+
+def watch(
+    run_dir: Path,
+    hand: str | None,
+    buttons: Mapping[int, EpisodeAction],
+    act: Callable[[EpisodeAction], None],
+) -> None:
+    """Call ``act`` for each key s, k or d, and each press of a button of a hand, if there is one.
+
+    It returns after the key q, or when the graph ends. Presses of a button while ``act`` works are
+    dropped.
+    """
+    keys = {action[0]: action for action in ACTIONS}
+    run, over = RunDocument.read(run_dir), Watch(run_dir)
+    topic = TOPIC_OF[DeviceState]
+    streams = () if hand is None else run.graph.named(node_name(hand, topic))
+    with _keys() as terminal, Reader(run_dir, streams, run.core) as reader:
+        held: int | None = None
+        while not over.is_over:
+            reader.wait(*([] if terminal is None else [terminal]))
+            for received in reader.take():
+                assert isinstance(received.packet, DeviceState)
+                before, held = held, received.packet.buttons or 0
+                pressed = 0 if before is None else held & ~before
+                actions = [action for bit, action in buttons.items() if pressed >> bit & 1]
+                if actions:
+                    act(actions[0])
+                    reader.forget()
+                    held = None
+                    break
+            typed = _typed(terminal)
+            if "q" in typed:
+                return
+            for key in typed[:1]:
+                if key in keys:
+                    act(keys[key])
+                    reader.forget()
+
+
+@contextmanager
+def _keys() -> Iterator[int | None]:
+    """The descriptor of the terminal, which gives each key at once; None: there is none."""
+    if not sys.stdin.isatty():
+        yield None
+        return
+    terminal = sys.stdin.fileno()
+    before = termios.tcgetattr(terminal)
+    try:
+        tty.setcbreak(terminal)
+        yield terminal
+    finally:
+        termios.tcsetattr(terminal, termios.TCSADRAIN, before)
+
+
+def _typed(terminal: int | None) -> str:
+    if terminal is None or not sockets.wait((terminal,), 0):
+        return ""
+    return os.read(terminal, 100).decode(errors="replace")
