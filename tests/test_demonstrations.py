@@ -289,8 +289,8 @@ def test_what_is_there_stays_unless_one_says_so_and_only_a_data_set_is_replaced(
     photos.mkdir()
     (photos / "one.png").write_text("mine")
     for form in ("--zarr", "--lerobot"):
-        for words in ((), ("--overwrite",)):
-            refused = invoke("export", pair, form, photos, *words)
+        for more in ([], ["--overwrite"]):
+            refused = invoke("export", pair, form, photos, *more)
             assert refused.exit_code == 2, refused.output
     assert (photos / "one.png").read_text() == "mine"
     for form in ("hdf5", "zarr", "lerobot"):

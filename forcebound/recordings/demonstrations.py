@@ -14,7 +14,7 @@ import re
 from array import array
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
-from itertools import chain
+from itertools import chain, groupby
 from math import nan
 from typing import Any, NamedTuple
 
@@ -139,11 +139,10 @@ class DataSet:
         rows = f"frames at {self.fps:g} Hz" if self._has_frames else "ticks"
         lines = ["episodes: {}, rows: {}, ".format(*self._counts) + f"{rows} of {self._clock}"]
         for name, about in self.features.items():
-            groups: dict[tuple[str, str], list[str]] = {}
-            for label, unit in zip(about["names"], about["units"], strict=True):
-                of, _, number = label.rpartition(".")
-                groups.setdefault((of, f" ({unit})" if unit else ""), []).append(number)
-            words = [f"{of}.{'/'.join(numbers)}{unit}" for (of, unit), numbers in groups.items()]
+            words, rows = [], zip(about["names"], about["units"], strict=True)
+            for (of, unit), group in groupby(rows, lambda row: (row[0].rpartition(".")[0], row[1])):
+                numbers = "/".join(label.rpartition(".")[2] for label, _ in group)
+                words.append(f"{of}.{numbers}".removeprefix(".") + (f" ({unit})" if unit else ""))
             lines.append(f"{name}: {', '.join(words)}")
         return "\n".join([*lines, *self._notes])
 

@@ -109,7 +109,11 @@ def columns_of(recording: Recording, topics: Sequence[str] = tuple(TOPICS)) -> d
     columns = {}
     for kind in filter(seen.__contains__, TOPICS.values()):
         order = list(field_types(kind))
-        names = sorted(seen[kind], key=lambda name: (order.index(_field(name)), name))
+        own = [f"signals.{name}" for name in recording.signals.get(TOPIC_OF[kind], {})]
+        names = sorted(
+            seen[kind],
+            key=lambda n: (order.index(_field(n)), own.index(n) if n in own else len(own), n),
+        )
         columns[TOPIC_OF[kind]] = names
     return columns
 
