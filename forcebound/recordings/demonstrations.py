@@ -42,6 +42,7 @@ UTC_OFFSET = "utc_offset_ns"  # key of the metadata: UTC minus the devices' cloc
 _STATE, _TELEMETRY, _REPLY = _TOPICS = tuple(
     TOPIC_OF[kind] for kind in (DeviceState, Telemetry, EnvironmentReply)
 )
+_ABOUT = ("names", "units", "meanings")  # of the columns of a feature, as attributes of a file
 _SETTLING_NS = 2_000_000_000  # packets of an episode may be so late in the file
 
 
@@ -127,8 +128,8 @@ class DataSet:
             )
         if not any(chosen for _, _, chosen in self._parts):
             raise ConfigError(f"no episode was kept in {paths}: --all takes the others, too")
-        self.features = {
-            name: dict(zip(("names", "units", "meanings"), zip(*rows, strict=True), strict=True))
+        self.features: dict[str, dict[str, list[str]]] = {
+            name: {key: [row[n] for row in rows] for n, key in enumerate(_ABOUT)}
             for name, rows in about[0][0].items()
         }
 
@@ -139,8 +140,11 @@ class DataSet:
         rows = f"frames at {self.fps:g} Hz" if self._has_frames else "ticks"
         lines = ["episodes: {}, rows: {}, ".format(*self._counts) + f"{rows} of {self._clock}"]
         for name, about in self.features.items():
-            words, rows = [], zip(about["names"], about["units"], strict=True)
-            for (of, unit), group in groupby(rows, lambda row: (row[0].rpartition(".")[0], row[1])):
+            words: list[str] = []
+            columns = zip(about["names"], about["units"], strict=True)
+            for (of, unit), group in groupby(
+                columns, lambda row: (row[0].rpartition(".")[0], row[1])
+            ):
                 numbers = "/".join(label.rpartition(".")[2] for label, _ in group)
                 words.append(f"{of}.{numbers}".removeprefix(".") + (f" ({unit})" if unit else ""))
             lines.append(f"{name}: {', '.join(words)}")
