@@ -13,6 +13,7 @@ EXTRAS = {
     "distributed": "cluster",
     "foxglove": "foxglove",
     "gymnasium": "gymnasium",
+    "h5py": "export",
     "matplotlib": "plot",
     "mujoco": "mujoco",
     "pyarrow": "lab",
@@ -22,12 +23,13 @@ EXTRAS = {
     "tornado": "view",
     "trimesh": "mesh",
     "websockets": "inverse3",
+    "zarr": "export",
 }
 
 
-def missing(what: str, package: str, reason: object = "") -> ConfigError:
-    """Return the error that ``what`` needs a package, with how to install it."""
-    extra = EXTRAS.get(package)
+def missing(what: str, package: str, reason: object = "", extra: str | None = None) -> ConfigError:
+    """Return the error that ``what`` needs a package, with how to install it: with an extra."""
+    extra = extra or EXTRAS.get(package)
     name = package if extra is None else f"'forcebound[{extra}]'"
     words = f" ({reason})" if reason else ""
     return ConfigError(f"{what} needs {package}: pip install {name}{words}")

@@ -21,6 +21,7 @@ grow *into* the environment; a force is positive when it *resists* motion in the
 
 import reprlib
 from collections.abc import Mapping
+from functools import cache
 from itertools import chain
 from math import isfinite
 from typing import Annotated, Any, Final, Literal, NamedTuple, TypeAlias, get_type_hints
@@ -330,6 +331,7 @@ def meanings(packet: type[Packet]) -> dict[str, Meaning]:
     return {name: Meaning(each["description"], each["unit"]) for name, each in schemas.items()}
 
 
+@cache  # asked for each packet of a recording that becomes a table
 def field_types(packet: type[Packet]) -> dict[str, Any]:
     """Return the names of the fields of ``packet``, in order, with their types.
 

@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+import click
+
 from forcebound.cli import complete
 from forcebound.cli import options as opt
 from forcebound.cli.common import print_json, show
@@ -14,9 +16,9 @@ from forcebound.stop import Stop
 with when_used():
     from forcebound.messages import packets, topology
     from forcebound.observe import recorder
+    from forcebound.recordings import demonstrations, learning_files, recovery
     from forcebound.recordings import export as tabled
     from forcebound.recordings import recording as recorded
-    from forcebound.recordings import recovery
     from forcebound.results import perception, plots, signals, tables
     from forcebound.run import results as run_results
 
@@ -110,26 +112,74 @@ def read_saying(
     return recording
 
 
-def export(
-    run: Path = given_run,
-    csv: Path = opt.option(
-        "Into this folder, as CSV.", type=opt.FOLDER, metavar="DIR", required=True
-    ),
-    overwrite: bool = opt.flag("Replace existing files."),
-    hand: str | None = opt.hand,
-) -> None:
-    r"""Write each topic of a recording as a table; columns.csv has their units and meanings.
+def _features(
+    _: click.Context, parameter: click.Parameter, given: tuple[str, ...]
+) -> dict[str, list[str]]:
+    found = {}
+    for text in given:
+        name, is_given, columns = text.partition("=")
+        if not (is_given and name.isidentifier()):
+            raise click.BadParameter(f"expected NAME=COLUMN,..., got {text!r}", param=parameter)
+        found[name] = [column.strip() for column in columns.split(",") if column.strip()]
+    return found
 
-    The tables of several hands are in folders of their names in DIR.
+
+def export(
+    runs: tuple[Path, ...] = opt.arguments(
+        "RUN.mcap...", complete.recordings, type=opt.FILE, required=True
+    ),
+    csv: Path | None = opt.option("Into this folder, as CSV.", type=opt.FOLDER, metavar="DIR"),
+    hdf5: Path | None = opt.file("Into this file, as HDF5 (robomimic).", metavar="FILE"),
+    zarr: Path | None = opt.option(
+        "Into this folder, as zarr (diffusion policy).", type=opt.FOLDER, metavar="DIR"
+    ),
+    lerobot: Path | None = opt.option(
+        "Into this folder, as LeRobotDataset v3.0.", type=opt.FOLDER, metavar="DIR"
+    ),
+    overwrite: bool = opt.flag("Replace what exists."),
+    hand: str | None = opt.hand,
+    features: dict[str, list[str]] = opt.repeated(
+        "Columns of a feature; without any it is left out.",
+        "--feature",
+        metavar="NAME=[COLUMN,...]",
+        callback=_features,
+    ),
+    fps: int | None = opt.option("Frames per second. Default: each tick.", type=opt.COUNT),
+    task: str | None = opt.option("What is done. Default: the launch file's description."),
+    takes_all: bool = opt.flag("Take discarded episodes, too.", "--all"),
+) -> None:
+    r"""Write recordings as tables, or as a data set that learning reads.
+
+    CSV: each topic of one recording as a table; columns.csv has their units and meanings. The
+    tables of several hands are in folders of their names in DIR.
+
+    HDF5, zarr, LeRobotDataset: the kept episodes of all recordings as one data set; --feature,
+    --fps, --task and --all are for these. A column is one of those tables, such as position or
+    leader.position; with +1, its value in the next row.
 
     \b
     forcebound export run.mcap --csv tables
-    forcebound export run.mcap --csv tables --overwrite
+    forcebound export one.mcap two.mcap --hdf5 demos.hdf5
+    forcebound export pair.mcap --lerobot pair --fps 30 --feature effort=leader.applied_force
     """
-    for name, recording in read_saying(run, hand).by_hand.items():
-        folder = csv if name == topology.HAND else csv / name
-        for file in tabled.export(recording, folder, overwrite):
-            show(str(file))
+    given = {"hdf5": hdf5, "zarr": zarr, "lerobot": lerobot}
+    places = {form: place for form, place in given.items() if place is not None}
+    if (csv is None) != bool(places):
+        raise click.UsageError("name what to write: --csv, or any of --hdf5, --zarr, --lerobot")
+    if csv is not None and len(runs) > 1:
+        raise click.UsageError(f"--csv takes one recording, got {len(runs)}")
+    recordings = [read_saying(run, hand) for run in runs]
+    if csv is not None:
+        for name, recording in recordings[0].by_hand.items():
+            folder = csv if name == topology.HAND else csv / name
+            for file in tabled.export(recording, folder, overwrite):
+                show(str(file))
+    else:
+        data = demonstrations.DataSet(recordings, features, fps, task, takes_all)
+        for form, place in places.items():
+            learning_files.write(data, form, place, overwrite)
+            show(str(place))
+        show(str(data))
 
 
 def recover(

@@ -9,6 +9,7 @@ the text gives the same bits.
 import csv
 import json
 import re
+from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -17,7 +18,7 @@ import msgspec
 from forcebound.axes import units_on
 from forcebound.errors import ConfigError
 from forcebound.files import content_of, reason
-from forcebound.messages.packets import TOPIC_OF, TOPICS, Packet, field_types, meanings
+from forcebound.messages.packets import TOPIC_OF, TOPICS, Meaning, Packet, field_types, meanings
 from forcebound.recordings.launched import launched
 from forcebound.recordings.recording import Recording
 
@@ -38,7 +39,7 @@ def export(recording: Recording, folder: Path, overwrite: bool = False) -> list[
         ConfigError: If there is no packet, or a file is there or cannot be written.
     """
     with content_of(recording.path):
-        columns = _columns_of(recording)
+        columns = columns_of(recording)
     if not columns:
         raise ConfigError(f"{recording.path} has no packet: nothing to export")
     files = {topic: folder / f"{topic}.csv" for topic in columns}
@@ -58,28 +59,33 @@ def export(recording: Recording, folder: Path, overwrite: bool = False) -> list[
 
             tables = {topic: table(file, columns[topic]) for topic, file in files.items()}
             for packet in recording.stream(*TOPICS):
-                tables[TOPIC_OF[type(packet)]].writerow(_row_of(packet))
-            described = table(folder / COLUMNS, ["table", "column", "unit", "meaning"])
-            signals, named = recording.signals, launched(recording.launch).axes
+                tables[TOPIC_OF[type(packet)]].writerow(row_of(packet))
+            described_columns = table(folder / COLUMNS, ["table", "column", "unit", "meaning"])
             for topic, names in columns.items():
-                own = {f"signals.{name}": one for name, one in signals.get(topic, {}).items()}
-                known = meanings(TOPICS[topic]) | own
                 for name in names:
-                    text, unit = known.get(name) or known[_field(name)]
-                    at = re.fullmatch(r".*\[(\d+)\]", name)
-                    if at is not None and int(at[1]) < len(named):
-                        axis = named[int(at[1])]
-                        text, unit = f"{axis.name}: {text}", axis.unit(unit)
-                    elif name not in own:
-                        unit = units_on(named, unit)
+                    text, unit = described(recording, topic, name)
                     row = {"table": topic, "column": name, "unit": unit, "meaning": text}
-                    described.writerow(row)
+                    described_columns.writerow(row)
     except OSError as error:  # the disk is full
         raise ConfigError(f"cannot write into the folder {folder}: {reason(error)}") from error
     return written
 
 
-def _row_of(packet: Packet) -> dict[str, float | str]:
+def described(recording: Recording, topic: str, column: str) -> Meaning:
+    """Return the meaning and unit of a column of a topic's table, on the axes of its hand."""
+    own = {f"signals.{name}": one for name, one in recording.signals.get(topic, {}).items()}
+    if column in own:
+        return own[column]
+    text, unit = meanings(TOPICS[topic])[_field(column)]
+    named = launched(recording.launch).axes
+    at = re.fullmatch(r".*\[(\d+)\]", column)
+    if at is not None and int(at[1]) < len(named):
+        axis = named[int(at[1])]
+        return Meaning(f"{axis.name}: {text}", axis.unit(unit))
+    return Meaning(text, units_on(named, unit))
+
+
+def row_of(packet: Packet) -> dict[str, float | str]:
     """Return the values of a packet by column; no value: no key."""
     row: dict[str, float | str] = {}
     for name in field_types(type(packet)):
@@ -95,15 +101,19 @@ def _row_of(packet: Packet) -> dict[str, float | str]:
     return row
 
 
-def _columns_of(recording: Recording) -> dict[str, list[str]]:
+def columns_of(recording: Recording, topics: Sequence[str] = tuple(TOPICS)) -> dict[str, list[str]]:
     """Return the columns of each topic that has packets, in the order of the fields."""
     seen: dict[type[Packet], set[str]] = {}
-    for packet in recording.stream(*TOPICS):
-        seen.setdefault(type(packet), set()).update(_row_of(packet))
+    for packet in recording.stream(*topics):
+        seen.setdefault(type(packet), set()).update(row_of(packet))
     columns = {}
     for kind in filter(seen.__contains__, TOPICS.values()):
         order = list(field_types(kind))
-        names = sorted(seen[kind], key=lambda name: (order.index(_field(name)), name))
+        own = [f"signals.{name}" for name in recording.signals.get(TOPIC_OF[kind], {})]
+        names = sorted(
+            seen[kind],
+            key=lambda n: (order.index(_field(n)), own.index(n) if n in own else len(own), n),
+        )
         columns[TOPIC_OF[kind]] = names
     return columns
 
