@@ -49,6 +49,14 @@ class Packet(NamedTuple):
     parameters: bytes
 
 
+class Status(NamedTuple):
+    """What a servo answers: an error byte, 0 for none, and values of registers."""
+
+    servo: int
+    error: int
+    values: bytes
+
+
 def crc(data: bytes) -> int:
     """Return the CRC-16 of data: polynomial 0x8005, from 0, not reflected."""
     value = 0
@@ -83,6 +91,14 @@ def parse(data: bytes) -> Packet:
     if crc(data[:-2]) != int.from_bytes(data[-2:], "little"):
         raise DeviceError(f"a packet of servo {data[4]} is spoiled: its CRC is wrong")
     return Packet(data[4], data[FIRST], data[FIRST + 1 : -2].replace(STUFFED, UNSTUFFED))
+
+
+def status(data: bytes) -> Status:
+    """Return the status that ``data`` are; DeviceError if they are none."""
+    servo, instruction, parameters = parse(data)
+    if instruction != STATUS or not parameters:
+        raise DeviceError(f"expected a status on the bus, got {data[:20].hex(' ')}")
+    return Status(servo, parameters[0], parameters[1:])
 
 
 def read(servo: int, address: int, count: int) -> bytes:

@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from forcebound.errors import DeviceError
+from forcebound.hardware.dynamixel_frames import Status
 
 HEADER = b"\xff\xff"
 FIRST = 4  # bytes, up to the length
@@ -57,6 +58,11 @@ def parse(data: bytes) -> Packet:
     if checksum(data[2:-1]) != data[-1]:
         raise DeviceError(f"a packet of servo {data[2]} is spoiled: its checksum is wrong")
     return Packet(data[2], data[FIRST], data[FIRST + 1 : -1])
+
+
+def status(data: bytes) -> Status:
+    """Return the status that ``data`` are; DeviceError if it is spoiled."""
+    return Status(*parse(data))
 
 
 def read(servo: int, address: int, count: int) -> bytes:

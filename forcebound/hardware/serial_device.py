@@ -25,6 +25,7 @@ SILENT = (
     " get no processor: see `forcebound doctor`, or take a longer watchdog_limit)"
 )
 FIRST_EXCHANGES = 50  # without force, for the quickest exchange
+LONGEST_WAIT = 0.5  # s, for a board that has not been given a force yet
 
 Reply = TypeVar("Reply")
 
