@@ -77,7 +77,10 @@ class LimitedJoints(JointsModel):
     def torques(self) -> Callable[[Vector, Vector], Vector]:
         """Return what limits forces that resist at a reading to torques that accelerate, in N m."""
         lower, upper = self.of_joints("lower", -math.inf), self.of_joints("upper", math.inf)
-        limits, saturation = tuple(zip(self.largest_torques, lower, upper, strict=True)), self.saturation
+        limits, saturation = (
+            tuple(zip(self.largest_torques, lower, upper, strict=True)),
+            self.saturation,
+        )
 
         def torques(force: Vector, reading: Vector) -> Vector:
             allowed = []
