@@ -64,7 +64,9 @@ def test_a_packet_has_the_golden_bytes(name: str) -> None:
 
 
 @pytest.mark.parametrize("frames", MODULES)
-@given(servo=st.integers(0, 253), instruction=st.integers(0, 254), parameters=st.binary(max_size=90))
+@given(
+    servo=st.integers(0, 253), instruction=st.integers(0, 254), parameters=st.binary(max_size=90)
+)
 def test_a_packet_survives_packing_and_parsing(
     frames: ModuleType, servo: int, instruction: int, parameters: bytes
 ) -> None:

@@ -77,15 +77,12 @@ class LimitedJoints(JointsModel):
     def torques(self) -> Callable[[Vector, Vector], Vector]:
         """Return what limits forces that resist at a reading to torques that accelerate, in N m."""
         lower, upper = self.of_joints("lower", -math.inf), self.of_joints("upper", math.inf)
-        limits, saturation = (
-            tuple(zip(self.largest_torques, lower, upper, strict=True)),
-            self.saturation,
-        )
+        limits = tuple(zip(self.largest_torques, lower, upper, strict=True))
 
         def torques(force: Vector, reading: Vector) -> Vector:
             allowed = []
             for resisting, at, (limit, least, most) in zip(
-                saturated(force, saturation), reading, limits, strict=True
+                saturated(force, self.saturation), reading, limits, strict=True
             ):
                 torque = min(max(-resisting, -limit), limit)
                 if (at >= most and torque > 0.0) or (at <= least and torque < 0.0):

@@ -1,8 +1,8 @@
 """Packets of the Feetech STS protocol (protocol 0), for the driver and its emulator.
 
-A packet is ``ff ff``, the servo's id, the length of what follows, an instruction, its parameters and
-a checksum. A status has an error byte in the place of the instruction. Numbers are little-endian,
-and those with a sign have it in a bit of their own: they are no two's complement.
+A packet is ``ff ff``, the servo's id, the length of what follows, an instruction, its parameters
+and a checksum. A status has an error byte in the place of the instruction. Numbers are
+little-endian, and those with a sign have it in a bit of their own: they are no two's complement.
 
 Source: the tables of lerobot, ``motors/feetech``, and the maker's SDK.
 """

@@ -77,7 +77,7 @@ class Port:
         return self.read_until(lambda data: CHUNK if data.count(b"\n") < count else 0, deadline_ns)
 
     def read_until(self, missing: Callable[[bytes], int], deadline_ns: int) -> bytes:
-        """Return what has come when no bytes are missing of it, or what there is by the deadline."""
+        """Return what has come when it misses no bytes, or what there is by the deadline."""
         data = b""
         wait_ns = 1
         while wait_ns > 0 and (count := missing(data)):
