@@ -5,7 +5,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -46,9 +46,8 @@ def emulated(kind: str, folder: Path, *faults: str) -> Iterator[tuple[str, Truth
     with subprocess.Popen(command, stdout=subprocess.DEVNULL) as process:
         try:
             until(link.is_symlink, "the port")
-            truth = TruthFile(Path(f"{link}{SUFFIX}"))
-            yield str(link), truth
-            truth.close()
+            with closing(TruthFile(Path(f"{link}{SUFFIX}"))) as truth:
+                yield str(link), truth
         finally:
             process.kill()
 
