@@ -29,7 +29,13 @@ with when_used():
     from forcebound.run import check as contract
 
 #: Kinds of emulators, and the launch file of each: its hand holds an emulator started by hand.
-EMULATED = {"haply_2diy": "haply_2diy", "haply_inverse3": "haply_inverse3", "odrive": "odrive_knob"}
+EMULATED = {
+    "dynamixel": "dynamixel_arm",
+    "feetech": "feetech_arm",
+    "haply_2diy": "haply_2diy",
+    "haply_inverse3": "haply_inverse3",
+    "odrive": "odrive_knob",
+}
 
 CHECKED = ("law", "device", "operator", "controller", "environment")
 
@@ -87,10 +93,10 @@ def emulate(
     ),
     faults: tuple[str, ...] = opt.repeated(
         "short, noise, nan: spoil one reply, or those of a time; lost; reset; stall; unplug; "
-        "reversed; docs/devices.md has those of haply_inverse3. TIME counts from the first reply; "
-        "default: at=1s. Repeatable.",
+        "reversed; docs/devices.md has those of haply_inverse3 and of servos, which may name one. "
+        "TIME counts from the first reply; default: at=1s. Repeatable.",
         "--fault",
-        metavar="KIND[:at=TIME][,for=TIME]",
+        metavar="KIND[:at=TIME][,for=TIME][,servo=ID]",
     ),
     no_hand: bool = opt.flag("Without a hand, as `forcebound identify` needs it."),
     until_unused: bool = opt.flag("End when the port is closed."),
@@ -114,7 +120,7 @@ def emulate(
     forcebound emulate haply_2diy --fault short:at=3s --fault stall:at=5s,for=50ms
     """
     is_service = kind == "haply_inverse3"
-    kinds = emulated.SERVICE_KINDS if is_service else emulated.KINDS
+    kinds = emulated.KINDS_OF.get(kind, emulated.KINDS)
     planned = [emulated.parse_fault(text, kinds) for text in faults]
     link = program.default_link(kind) if link is None else link.absolute()
     if parts is not None:

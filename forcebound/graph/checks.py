@@ -116,7 +116,8 @@ def _check_beside(hand: str, device: DeviceModel, before: Mapping[str, Values]) 
                 f"the axes of {hand} are {', '.join(kinds[0])}, those of {name}"
                 f" {', '.join(kinds[1])}: one environment answers both, so they need the same kinds"
             )
-        if device.port and device.port == other.port:
+        # Every device that is emulated has an emulator of its own.
+        if device.port not in ("", "emulated") and device.port == other.port:
             raise ConfigError(f"{hand} and {name} are both at the port {device.port}", field="port")
 
 

@@ -34,13 +34,18 @@ FIRST_CALLS = 10  # without force, for the quickest call
 GRACE = 1.0  # s, for a call when the device is closed
 HANGING = 0.1  # s, for one that hangs then
 SIGNALS = {"velocities": "velocity", "currents": "current"}  # of joints 1, 2, ..., as published
+SIGNALS_OF_JOINTS = tuple(
+    Signal(f"{name}_{joint}", unit)
+    for name, unit in (("velocity", "rad/s"), ("current", "A"))
+    for joint in range(1, MAX_AXES + 1)
+)
 
 _logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, kw_only=True)
-class DrivenModel(JointsModel):
-    """Stated numbers and limits of such a device.
+class LimitedJoints(JointsModel):
+    """Stated limits of joints.
 
     Attributes:
         torque_limit: Largest torque of a joint, beside the saturation of all; one number, or one of
@@ -48,24 +53,11 @@ class DrivenModel(JointsModel):
         lower: Least position of a joint: no torque pushes it further there; one number, or one of
             each; null: none.
         upper: Largest position, likewise.
-        timeout: A call that takes longer ends the run.
-        write_latency: Longest time from the return of a write until the motors have its torques, as
-            of bytes that still wait for the line.
     """
 
-    simulated_in: ClassVar[str] = "joint_arms"
-    signals = tuple(
-        Signal(f"{name}_{joint}", unit)
-        for name, unit in (("velocity", "rad/s"), ("current", "A"))
-        for joint in range(1, MAX_AXES + 1)
-    )
-
-    watchdog: Watchdog = "none"
     torque_limit: OfAxes[Annotated[Torque, POSITIVE]] | None = None
     lower: OfAxes[Annotated[Angle, Range()]] | None = None
     upper: OfAxes[Annotated[Angle, Range()]] | None = None
-    timeout: Annotated[Time, POSITIVE] = 0.05
-    write_latency: Annotated[Time, NOT_NEGATIVE] = 0.0
 
     def of_joints(self, name: str, absent: float) -> Vector:
         """Return a number of each joint; ConfigError if there are others."""
@@ -76,6 +68,47 @@ class DrivenModel(JointsModel):
         super().__post_init__()
         for name in ("torque_limit", "lower", "upper"):
             self.of_joints(name, 0.0)
+
+    @property
+    def largest_torques(self) -> Vector:
+        """Of each joint, in N m."""
+        return tuple([min(t, self.saturation) for t in self.of_joints("torque_limit", math.inf)])
+
+    def torques(self) -> Callable[[Vector, Vector], Vector]:
+        """Return what limits forces that resist at a reading to torques that accelerate, in N m."""
+        lower, upper = self.of_joints("lower", -math.inf), self.of_joints("upper", math.inf)
+        limits = tuple(zip(self.largest_torques, lower, upper, strict=True))
+
+        def torques(force: Vector, reading: Vector) -> Vector:
+            allowed = []
+            for resisting, at, (limit, least, most) in zip(
+                saturated(force, self.saturation), reading, limits, strict=True
+            ):
+                torque = min(max(-resisting, -limit), limit)
+                if (at >= most and torque > 0.0) or (at <= least and torque < 0.0):
+                    torque = 0.0
+                allowed.append(torque)
+            return tuple(allowed)
+
+        return torques
+
+
+@dataclass(frozen=True, kw_only=True)
+class DrivenModel(LimitedJoints):
+    """Stated numbers and limits of such a device.
+
+    Attributes:
+        timeout: A call that takes longer ends the run.
+        write_latency: Longest time from the return of a write until the motors have its torques, as
+            of bytes that still wait for the line.
+    """
+
+    simulated_in: ClassVar[str] = "joint_arms"
+    signals = SIGNALS_OF_JOINTS
+
+    watchdog: Watchdog = "none"
+    timeout: Annotated[Time, POSITIVE] = 0.05
+    write_latency: Annotated[Time, NOT_NEGATIVE] = 0.0
 
 
 class Called(NamedTuple):
@@ -156,11 +189,7 @@ class OpenDriven(Device):
     def __init__(self, model: DrivenModel, caller: Caller, robot: Any, units: Units) -> None:
         self._caller, self._robot, self._units = caller, robot, units
         self._name = type(robot).__name__
-        self.axes, self._saturation = model.axes, model.saturation
-        self._names = model.joints
-        absent = {"torque_limit": model.saturation, "lower": -math.inf, "upper": math.inf}
-        limits = (model.of_joints(*one) for one in absent.items())
-        self._limits = tuple(zip(*limits, units.commands, strict=True))
+        self.axes, self._names, self._torques = model.axes, model.joints, model.torques()
         self._latency_ns = round(1e9 * model.write_latency)
         self._more = [name for name in ("velocities", "currents") if hasattr(robot, f"get_{name}")]
         self._reading: Vector = ()
@@ -199,13 +228,8 @@ class OpenDriven(Device):
     def write(self, time_ns: int, force: Vector) -> Vector:
         """Hold torques, in N m, or less: within the limits of each joint, in whole counts."""
         commands, held = [], []
-        wanted = saturated(force, self._saturation)
-        for resisting, at, (limit, lower, upper, per_torque) in zip(
-            wanted, self._reading, self._limits, strict=True
-        ):
-            torque = min(max(-resisting, -limit), limit)  # one that is positive accelerates
-            if (at >= upper and torque > 0.0) or (at <= lower and torque < 0.0):
-                torque = 0.0
+        torques = self._torques(force, self._reading)
+        for torque, per_torque in zip(torques, self._units.commands, strict=True):
             command = torque * per_torque
             if self._units.are_counts:
                 command = int(command)

@@ -16,9 +16,8 @@ from typing import NoReturn, TypeVar
 from forcebound.errors import DeviceError
 from forcebound.hardware.line import Line
 from forcebound.hardware.port import CHUNK
-from forcebound.hardware.serial_device import Exchange, Exchanges
+from forcebound.hardware.serial_device import LONGEST_WAIT, Exchange, Exchanges
 
-LONGEST_WAIT = 0.5  # s, for a board that has not been given a force yet
 Value = TypeVar("Value")
 
 IDLE, CLOSED_LOOP_CONTROL = 1, 8  # states of an axis

@@ -70,14 +70,14 @@ class Port:
         What is there is read even after it. DeviceError if the device is unplugged, as of
         :meth:`read_lines` and :meth:`drain`.
         """
-        return self._read(deadline_ns, lambda data: count - len(data))
+        return self.read_until(lambda data: count - len(data), deadline_ns)
 
     def read_lines(self, count: int, deadline_ns: int) -> bytes:
         """Return what has come when ``count`` lines have, or what there is by the deadline."""
-        return self._read(deadline_ns, lambda data: CHUNK if data.count(b"\n") < count else 0)
+        return self.read_until(lambda data: CHUNK if data.count(b"\n") < count else 0, deadline_ns)
 
-    def _read(self, deadline_ns: int, missing: Callable[[bytes], int]) -> bytes:
-        """Read until nothing is missing, or nothing has come by the deadline."""
+    def read_until(self, missing: Callable[[bytes], int], deadline_ns: int) -> bytes:
+        """Return what has come when it misses no bytes, or what there is by the deadline."""
         data = b""
         wait_ns = 1
         while wait_ns > 0 and (count := missing(data)):

@@ -16,6 +16,8 @@ BOARDS = {
     (0x1209, 0x0D31): "odrive",  # ODrive v3; these three are registered for it
     (0x1209, 0x0D32): "odrive",
     (0x1209, 0x0D33): "odrive",
+    (0x0403, 0x6014): "dynamixel",  # FT232H, the converter of a U2D2, and of others
+    (0x1A86, 0x55D3): "feetech",  # CH343, of the usual bus adapters, and of others
 }
 
 

@@ -25,6 +25,7 @@ SILENT = (
     " get no processor: see `forcebound doctor`, or take a longer watchdog_limit)"
 )
 FIRST_EXCHANGES = 50  # without force, for the quickest exchange
+LONGEST_WAIT = 0.5  # s, for a board that has not been given a force yet
 
 Reply = TypeVar("Reply")
 
@@ -63,14 +64,10 @@ class DriverNumbers:
 
 
 @dataclass(frozen=True, kw_only=True)
-class SerialJoints(  # pyright: ignore[reportIncompatibleVariableOverride]
-    DriverNumbers, StatedJoints
-):
-    """Stated numbers of joints at a serial port."""
+class SerialNumbers(DriverNumbers):
+    """Stated numbers of a driver of a board at a serial port."""
 
     board: ClassVar[str]  # kind of device
-
-    inertia: Annotated[Inertia, POSITIVE] = 1e-4  # assumed; of the emulator alone
 
     def check_here(self) -> None:
         """Check, before anything starts, the port and its serial number; DeviceError if wrong."""
@@ -84,15 +81,23 @@ class SerialJoints(  # pyright: ignore[reportIncompatibleVariableOverride]
         self, zero: bytes, operator: Operator | None, baud: int = 115_200, reply: int = 0
     ) -> Iterator[Line]:
         """Open the line to the board, which is closed if what follows fails; see :class:`Line`."""
-        name, ends = self.port, self.longest_force
-        line = Line(
-            self.board, name, zero, ends, baud=baud, zero_reply=reply, model=self, operator=operator
-        )
+        numbers: dict[str, Any] = {"baud": baud, "zero_reply": reply, "operator": operator}
+        numbers["model"] = self
+        line = Line(self.board, self.port, zero, self.longest_force, **numbers)
         try:
             yield line
         except BaseException:
             line.close()
             raise
+
+
+@dataclass(frozen=True, kw_only=True)
+class SerialJoints(  # pyright: ignore[reportIncompatibleVariableOverride]
+    SerialNumbers, StatedJoints
+):
+    """Stated numbers of joints at a serial port."""
+
+    inertia: Annotated[Inertia, POSITIVE] = 1e-4  # assumed; of the emulator alone
 
 
 class Exchange(NamedTuple, Generic[Reply]):

@@ -62,8 +62,12 @@ class AnsweredLine(Line, Port):
 
     def read_lines(self, count: int, deadline_ns: int = 0) -> bytes:
         """Return all bytes that have come, or else all texts."""
-        if not self._bytes:
-            return self.drain()
+        return self.read_until() or self.drain()
+
+    def read_until(
+        self, missing: Callable[[bytes], int] | None = None, deadline_ns: int = 0
+    ) -> bytes:
+        """Return all bytes that have come."""
         data, self._bytes = self._bytes, b""
         return data
 

@@ -341,6 +341,8 @@ DEVICES: Table[type[DeviceModel]] = Table(
     "devices",
     {
         "desktop_arm": "forcebound.haptics.devices.desktop_arm:DesktopArm",
+        "dynamixel": "forcebound.hardware.dynamixel:Dynamixel",
+        "feetech": "forcebound.hardware.feetech:Feetech",
         "five_bar": "forcebound.haptics.devices.five_bar:FiveBar",
         "haply_2diy": "forcebound.hardware.haply_2diy:Haply2DIY",
         "haply_inverse3": "forcebound.hardware.haply_inverse3:HaplyInverse3",

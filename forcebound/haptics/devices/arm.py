@@ -38,6 +38,7 @@ class ArmBody:
         self._numbers = numbers = np.zeros((joints.ROWS, axes))
         numbers[joints.ANGLE], numbers[joints.INERTIA] = angles, stated.inertia
         numbers[joints.DAMPING], numbers[joints.RESOLUTION] = true.damping, true.resolution
+        self._damping = numbers[joints.DAMPING].copy()
         self._frictions = numbers[joints.FRICTION : joints.PRESLIDING + 1]
         self._frictions[:] = true.friction, true.presliding
         self._sound, self._weak_spot = self._frictions.copy(), true.weak_spot
@@ -78,6 +79,9 @@ class ArmBody:
 
     def kinetic_energy(self) -> float:
         return 0.5 * float(self._numbers[joints.INERTIA] @ self._numbers[joints.SPEED] ** 2)
+
+    def brake(self, damping: Vector) -> None:
+        self._numbers[joints.DAMPING] = self._damping + damping
 
     def move(self, target: Vector, target_end: Vector, duration: float, commanded: Vector) -> None:
         """Move the joints; DeviceError if the tip comes to where the arm cannot be held."""

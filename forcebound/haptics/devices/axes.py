@@ -106,6 +106,7 @@ class AxesBody:
         self._axes.gap[:], self._axes.is_hand = math.nan, not operator.walls
         self._axes.gap[: len(operator.walls)] = operator.walls
         self._axes.damping[:axes], self._axes.friction[:axes] = true.damping, true.friction
+        self._damping = np.array(true.damping)
         self._axes.presliding[:axes], self._axes.weight[:axes] = true.presliding, true.weight
         self._axes.resolution[:axes] = true.resolution
         self._sound = self._axes.friction.copy(), self._axes.presliding.copy()
@@ -143,6 +144,9 @@ class AxesBody:
     def kinetic_energy(self) -> float:
         speeds = self._axes.v[: self._axes.count]
         return 0.5 * float(self._masses @ speeds**2)
+
+    def brake(self, damping: Vector) -> None:
+        self._axes.damping[: self._axes.count] = self._damping + damping
 
     def move(self, target: Vector, target_end: Vector, duration: float, commanded: Vector) -> None:
         if self._weak_spot is not None:

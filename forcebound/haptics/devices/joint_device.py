@@ -25,35 +25,44 @@ from forcebound.quantities import POSITIVE, AngularSpeed, Inertia, Range, Ratio,
 
 
 @dataclass(frozen=True, kw_only=True)
-class Joints(JointsModel, SimulatedModel):
-    """Parameters of simulated joints.
+class JointBodies(JointsModel, SimulatedModel):
+    """Parameters of joints that can be simulated, or emulated.
 
     Attributes:
         inertia: Of each joint, with what it carries; one number, or one of each.
         substep: Longest step of the integration.
+    """
+
+    inertia: OfAxes[Annotated[Inertia, POSITIVE]] = 3e-3
+    substep: Annotated[Time, POSITIVE] = 5e-5
+
+    def body(self, true: TrueNumbers, operator: Operator) -> AxesBody:
+        return AxesBody(self.inertia, 0.0, self.substep, true, operator)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Joints(JointBodies):
+    """Parameters of simulated joints.
+
+    Attributes:
         force_sensor: Whether it measures the torques of the simulated hand, of its springs and
             dampers.
         truth: What the simulated joints really have, where that differs from what is stated.
     """
 
     joints: tuple[str, ...] = ("shoulder", "elbow", "wrist")
-    inertia: OfAxes[Annotated[Inertia, POSITIVE]] = 3e-3
     damping: DampingOfJoints = 0.01
     friction: TorqueOfJoints = 0.03
     resolution: AngleOfJoints = 2.0 * math.pi / 8192
     saturation: Annotated[Torque, POSITIVE] = 3.0
     # Twice a hand's fastest twist, 2.6 rad in 0.15 s; see knob.py.
     largest_speed: Annotated[AngularSpeed, POSITIVE] | None = 65.0
-    substep: Annotated[Time, POSITIVE] = 5e-5
     watchdog: Watchdog = "guarding"
     watchdog_tolerance: Annotated[Ratio, Range(at_least=0, below=1)] = 0.0
     guard_period: Annotated[Time, POSITIVE] = 50e-6
     force_sensor: bool = False
     truth: TrueJoints | None = None
     sources: Mapping[str, Source] = field(default_factory=lambda: ASSUMED, hash=False)
-
-    def body(self, true: TrueNumbers, operator: Operator) -> AxesBody:
-        return AxesBody(self.inertia, 0.0, self.substep, true, operator)
 
     def open(self, operator: Operator | None, hold_limit: float) -> SimulatedDevice:
         return SimulatedDevice(self, operator, hold_limit)

@@ -30,6 +30,9 @@ class Body(Protocol):
         The hand's target moves evenly from ``target`` to ``target_end``, in m.
         """
 
+    def brake(self, damping: Vector) -> None:
+        """Add a viscous damping to its own from now on, in N s/m: of motors that brake."""
+
     def truth(self) -> Truth:
         """Return the ground truth."""
         ...
@@ -158,6 +161,10 @@ class SimulatedDevice(Device):
 
     def truth(self) -> Truth:
         return self._body.truth()
+
+    def brake(self, damping: Vector) -> None:
+        """Add a viscous damping to that of the joints, or axes, from now on; see :class:`Body`."""
+        self._body.brake(damping)
 
     def measured_force(self) -> Vector | None:
         return self._body.truth().hand_force if self._has_sensor else None

@@ -115,6 +115,22 @@ class TrueJoints(TrueMotor):
     resolution: AngleOfJoints | None = None
 
 
+@dataclass(frozen=True, kw_only=True)
+class TrueServos(TrueJoints):
+    """True values of emulated servos; null: as stated.
+
+    Attributes:
+        gain: Of a servo, its true torque constant over the one that is stated; one, or one of each.
+        supply: Voltage of the supply, in V; null: that of the data sheet, or the largest stated.
+        sag: What the supply loses for each A that the servos take together, in ohm.
+        latency: Time that the converter at the USB port keeps what comes from the servos.
+    """
+
+    supply: Annotated[Ratio, POSITIVE] | None = None
+    sag: Annotated[Ratio, NOT_NEGATIVE] = 0.0
+    latency: Annotated[Time, NOT_NEGATIVE] = 0.0
+
+
 class TrueNumbers(NamedTuple):
     """True numbers of a simulated device; vectors have one number of each axis.
 

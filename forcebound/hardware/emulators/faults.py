@@ -30,10 +30,27 @@ SERVICE_KINDS: tuple[str, ...] = (
     "busy",
 )
 SERVICE_KINDS += ("ebrake", "motor_stall", "uncalibrated", "old", "new")
+#: Of an emulated bus of servos, beside those above but nan; of one servo where it names one.
+SERVO_KINDS = {kind: words for kind, words in KINDS.items() if kind != "nan"} | {
+    "silent": "a servo does as it is ordered, and answers nothing",
+    "checksum": "the checksum of a servo's answer is wrong",
+    "overload": "a servo is overloaded: its torque goes off, and each of its answers says so",
+    "voltage": "the supply has less than half of its voltage",
+    "watchdog": "the bus watchdog of a servo (Dynamixel) has fired",
+    "cut": "the cable before a servo breaks within its answer: it and those behind have no power",
+}
+#: By the kind of device, where they are others than :data:`KINDS`.
+KINDS_OF: dict[str, Iterable[str]] = {
+    **dict.fromkeys(("dynamixel", "feetech"), SERVO_KINDS),
+    "haply_inverse3": SERVICE_KINDS,
+}
+OF_SERVO = ("silent", "checksum", "overload", "watchdog", "cut")
 #: Kinds of every emulator that go on for ever without an end; the others happen once.
-LASTING = ("stall", "unplug", "reversed", "busy", "ebrake", "motor_stall")
+LASTING: tuple[str, ...] = ("stall", "unplug", "reversed", "busy", "ebrake", "motor_stall")
+LASTING += ("silent", "voltage", "cut")
 DURATIONS = {"restart": 0.5}  # s, of kinds that have one by default
 FORM = "KIND[:at=TIME][,for=TIME], such as stall:at=2s,for=50ms"
+SERVO_FORM = "KIND[:at=TIME][,for=TIME][,servo=ID], such as silent:at=2s,servo=3"
 
 
 @dataclass(frozen=True)
@@ -44,11 +61,13 @@ class Fault:
         kind: A key of :data:`KINDS`, or one of another emulator's.
         at: Begin, in s after the first reply.
         duration: In s; None: for ever, or, if it is not :data:`LASTING`, once.
+        servo: Id of the servo that it is of, on a bus; None: of whichever it can be.
     """
 
     kind: str
     at: float = 1.0
     duration: float | None = None
+    servo: int | None = None
 
 
 def parse_fault(text: str, kinds: Iterable[str] = KINDS) -> Fault:
@@ -57,24 +76,34 @@ def parse_fault(text: str, kinds: Iterable[str] = KINDS) -> Fault:
     if kind not in kinds:
         raise ConfigError(f"no kind of fault is {kind!r}: use one of {', '.join(kinds)}")
     times: dict[str, float] = {}
+    servo = None
     for part in rest.split(",") if rest else ():
         name, _, value = part.partition("=")
+        if name == "servo" and kind in OF_SERVO and value.isdecimal() and servo is None:
+            servo = int(value)
+            continue
         if name not in ("at", "for") or name in times:
-            raise ConfigError(f"a fault has the form {FORM}; got {text!r}")
+            form = SERVO_FORM if kind in OF_SERVO else FORM
+            raise ConfigError(f"a fault has the form {form}; got {text!r}")
         times[name] = parse_quantity(value, "s")
         if not times[name] >= 0.0:
             raise ConfigError(f"a time of a fault must be >= 0 s, got {value}")
-    return Fault(kind, times.get("at", 1.0), times.get("for", DURATIONS.get(kind)))
+    return Fault(kind, times.get("at", 1.0), times.get("for", DURATIONS.get(kind)), servo)
 
 
 class Faults:
-    """The faults of one board over time, which counts from its first reply."""
+    """The faults of one board over time, which counts from its first reply.
+
+    Attributes:
+        servos: Ids of those that they name.
+    """
 
     def __init__(self, faults: Sequence[Fault]) -> None:
         self._faults = tuple(faults)
         self._random = Random(1)
         self._start_ns: int | None = None
         self._done: set[Fault] = set()
+        self.servos = {one.servo for one in self._faults if one.servo is not None}
 
     def begin(self, time_ns: int) -> None:
         """Count from now on, if it does not count yet."""
@@ -85,8 +114,11 @@ class Faults:
         """Return whether a kind is among them, at any time."""
         return any(one.kind == kind for one in self._faults)
 
-    def is_on(self, kind: str, time_ns: int) -> bool:
-        """Return whether a fault of a kind is on; one that happens once is over then."""
+    def is_on(self, kind: str, time_ns: int, servo: int | None = None) -> bool:
+        """Return whether a fault of a kind is on; one that happens once is over then.
+
+        ``servo``: on a bus, one of this servo, or of none by name.
+        """
         if self._start_ns is None:
             return False
         elapsed = (time_ns - self._start_ns) * 1e-9
@@ -94,6 +126,7 @@ class Faults:
             one
             for one in self._faults
             if one.kind == kind
+            and one.servo in (None, servo)
             and one not in self._done
             and one.at <= elapsed < one.at + (math.inf if one.duration is None else one.duration)
         ]

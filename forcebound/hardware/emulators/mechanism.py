@@ -87,6 +87,7 @@ class Mechanism:
         self.angles: Vector = (0.0,) * model.axes
         self.torque: Vector = (0.0,) * model.axes
         self.torque_ns = 0
+        self._braking: Vector = (0.0,) * model.axes
 
     def start(self, time_ns: int) -> None:
         """Begin at this time, at rest."""
@@ -114,6 +115,12 @@ class Mechanism:
             if not self._is_stuck:
                 self._device.write(time_ns, tuple([-t for t in torque]))  # resists, where positive
             self.torque, self.torque_ns = torque, time_ns
+
+    def brake(self, damping: Vector) -> None:
+        """Let the motors brake, beside their torque, from now on, in N m s."""
+        if damping != self._braking:
+            self._device.brake(damping)
+            self._braking = damping
 
     def truth(self) -> Truth:
         """Return the ground truth, at the tip."""
@@ -144,6 +151,7 @@ class Mechanism:
             self._device = self._new_device()
             self._begin(time_ns)
             self._device.write(time_ns, tuple([-t for t in self.torque]))
+            self._device.brake(self._braking)
 
     def _elapsed(self, time_ns: int) -> float:
         return (time_ns - self._start_ns) * 1e-9

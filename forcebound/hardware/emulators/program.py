@@ -14,20 +14,29 @@ from forcebound import realtime
 from forcebound.errors import ConfigError
 from forcebound.folders import runtime_folder
 from forcebound.graph.parts import part_of
+from forcebound.haptics.devices.joint_device import Joints
+from forcebound.haptics.devices.true_values import TrueServos
 from forcebound.haptics.hands import Operator
 from forcebound.haptics.laws.dissipation import per_axis
+from forcebound.hardware.dynamixel import Dynamixel
+from forcebound.hardware.emulators.dynamixel_bus import DynamixelBus, DynamixelServo
 from forcebound.hardware.emulators.emulation import Board, Emulation
 from forcebound.hardware.emulators.faults import Fault, Faults
+from forcebound.hardware.emulators.feetech_bus import FeetechBus, FeetechServo
 from forcebound.hardware.emulators.haply_board import HaplyBoard
 from forcebound.hardware.emulators.mechanism import Mechanism
 from forcebound.hardware.emulators.odrive_board import ODriveBoard
 from forcebound.hardware.emulators.pty import PseudoPort, serve
+from forcebound.hardware.emulators.servo_bus import ServoBoard, Wiring
+from forcebound.hardware.feetech import Feetech
 from forcebound.hardware.hapi import WIRINGS
 from forcebound.hardware.haply_2diy import Haply2DIY
 from forcebound.hardware.odrive import ODrive
+from forcebound.hardware.servo_bus import ServoBus
 from forcebound.messages.topology import Document
 from forcebound.stop import Stop
 
+FIVE_VOLTS = (1190, 1200, 1240)  # model numbers of Dynamixels whose supply it is; else 12 V
 PRIORITY = 20  # of SCHED_FIFO; below that of the nodes
 
 
@@ -51,9 +60,43 @@ def odrive(model: ODrive, operator: Operator | None) -> tuple[Board, Mechanism]:
     return ODriveBoard(joints), Mechanism(knobs, operator, (0.0,) * joints)
 
 
+def dynamixel(model: Dynamixel, operator: Operator | None) -> tuple[Board, Mechanism]:
+    """Return Dynamixels at the supply of their data sheet, or the true one."""
+    supply = 5.0 if all(one.number in FIVE_VOLTS for one in model.types) else 12.0
+    mechanism, truth, wirings = _joints(model, operator)
+    servos = [DynamixelServo(one, supply) for one in wirings]
+    return DynamixelBus(servos, model.baud, truth, supply, mechanism.brake), mechanism
+
+
+def feetech(model: Feetech, operator: Operator | None) -> tuple[Board, Mechanism]:
+    """Return Feetech servos at the largest supply that is stated, or the true one."""
+    supply = model.largest_supply
+    mechanism, truth, wirings = _joints(model, operator)
+    servos = [FeetechServo(one, supply) for one in wirings]
+    return FeetechBus(servos, model.baud, truth, supply, mechanism.brake), mechanism
+
+
+def _joints(
+    model: ServoBus, operator: Operator | None
+) -> tuple[Mechanism, TrueServos, list[Wiring]]:
+    """Return the joints that servos turn, what is true of them, and how each is built in."""
+    truth = model.truth or TrueServos()
+    names = ("joints", "inertia", "damping", "friction", "presliding", "gain_error", "saturation")
+    stated = {name: getattr(model, name) for name in names}
+    joints = Joints(**stated, resolution=0.0, truth=truth)  # the registers have steps
+    each = [per_axis(name, getattr(model, name), model.axes) for name in ("direction", "zero")]
+    rows = zip(model.servos, *each, model.constants, model.types, strict=True)
+    wirings = [
+        Wiring(number, int(sense), round(zero), *rest) for number, sense, zero, *rest in rows
+    ]
+    return Mechanism(joints, operator, (0.0,) * model.axes), truth, wirings
+
+
 #: By the kind of device that is emulated: the function that makes board and mechanism of its model
 #: and a hand, or None.
 EMULATORS: Mapping[str, Callable[[Any, Operator | None], tuple[Board, Mechanism]]] = {
+    "dynamixel": dynamixel,
+    "feetech": feetech,
     "haply_2diy": haply_2diy,
     "odrive": odrive,
 }
@@ -76,7 +119,11 @@ def run(
     """
     be_punctual()
     with Stop() as stop, PseudoPort(link) as port:
-        emulation = Emulation(*EMULATORS[kind](*parts), Faults(faults), port.truth)
+        board, mechanism = EMULATORS[kind](*parts)
+        planned = Faults(faults)
+        if isinstance(board, ServoBoard):
+            board.plan(planned)
+        emulation = Emulation(board, mechanism, planned, port.truth)
         realtime.freeze_garbage()
         emulation.start(time.monotonic_ns())
         port.show(port.name)
