@@ -30,7 +30,7 @@ class RigLine(AnsweredLine):
 
     def __init__(self, rig: Rig, rest: bytes) -> None:
         super().__init__(lambda message: rig.send(message))
-        self.rig, self._rest = rig, rest
+        self.rig, self._at_rest = rig, rest
         self.forces: list[bool] = []
 
     def send(self, message: bytes | str, has_force: bool = False) -> None:
@@ -51,7 +51,7 @@ class RigLine(AnsweredLine):
 
     def fail(self, failure: DeviceError) -> None:
         super().fail(failure)
-        self.write(self._rest)
+        self.write(self._at_rest)
         self.wait(MS)
 
 
@@ -118,7 +118,7 @@ def test_a_dynamixel_gets_these_bytes_and_no_others() -> None:
         assert device.read(0) == ((0x08FD - 2048) * STEP,)
         assert device.write(0, (0.1,)) == (0.0,)
         device.read(0)
-        assert device.write(0, (0.1,)) == (pytest.approx(285 * 0.35e-3),)
+        assert device.write(0, (0.1,))[0] == pytest.approx(285 * 0.35e-3)
         device._take_look()
     assert device.published.numbers["current_1"] == -0.01
 
@@ -153,7 +153,7 @@ def test_a_feetech_gets_these_bytes_and_no_others() -> None:
         assert device.read(0) == (-STEP,)
         assert device.write(0, (0.0999,)) == (0.0,)
         device.read(0)
-        assert device.write(0, (0.0999,)) == (pytest.approx(0.098),)  # 49 of 1000, of 2 N m
+        assert device.write(0, (0.0999,))[0] == pytest.approx(0.098)  # 49 of 1000, of 2 N m
         device._take_look()
 
 
