@@ -31,7 +31,7 @@ function send(message) {
   return request;
 }
 
-const scene = new Scene($("scene"), (hand, target, at) => send({ do: "point", hand, target, stamp: at }));
+export const scene = new Scene($("scene"), (hand, target, at) => send({ do: "point", hand, target, stamp: at }));
 const controls = new Controls(send);
 const figures = new Figures($("figures"));
 const frames = new Map(); // the newest, by hand
@@ -57,8 +57,8 @@ const takes = {
     Object.assign(si, message.si);
     for (const [name, plot] of Object.keys(main).map((key, i) => [key, plots[i]])) plot.si = si[name] ?? plot.si;
     document.body.classList.toggle("several", hands.length > 1);
-    document.body.style.setProperty("--count", hands.length);
-    $("name").replaceChildren(Object.assign(document.createElement("span"), { textContent: "forcebound: " }), message.name.replace(/\.yaml\b/, ""));
+    document.body.classList.toggle("many", hands.length > 2);
+    $("name").replaceChildren(Object.assign(document.createElement("span"), { textContent: "forcebound: " }), message.name.replace(/^\S*\//, "").replace(/\.yaml\b/, ""));
     document.title = message.name;
     shown.begin(hands.map(({ name }) => name));
     scene.describe({ ...message, hands });
@@ -154,7 +154,7 @@ function showStates(known) {
   $("note").textContent = [
     preparing && preparing !== present ? `Preparing law ${preparing}; until then, law ${present} goes on.` : "",
     scene.isLoading ? "The shape is still loading: the force is real, its picture comes." : "",
-    pace > SLOWED ? `Ticks are missed, so this page backs off: ${Math.round(1 / pace)} pictures a second.` : "",
+    pace > SLOWED ? `Ticks are missed: only ${Math.round(1 / pace)} pictures a second.` : "",
   ].join(" ");
   for (const [key, is] of Object.entries(scene.parts)) document.querySelector(`[data-key=${key}]`).hidden = !is;
   const { pixels, words: length } = scene.bar;
@@ -171,7 +171,7 @@ function showEach(known) {
   [...$("each").children].forEach((line, i) => {
     const { name, colour, kind, head, more, force, energy, cause } = known[i];
     line.dataset.state = kind;
-    line.title = cause;
+    line.title = [more, cause].filter(Boolean).join("\n");
     line.style.setProperty("--hand", `var(--${colour})`);
     line.classList.toggle("brief", !choice.shown.some((hand) => hand.name === name));
     [name, head, force, energy, more].forEach((words, j) => { if (line.children[j].textContent !== words) line.children[j].textContent = words; });
