@@ -31,7 +31,7 @@ PHONE = 800  # pixels; narrower screens are touched
 MEASURED = """
 const [{ scene }, done] = [await import("./app.js"), arguments[0]];
 const state = { kind: "uncovered", head: "Not covered by the certificate. In contact.", force: "20.9 N",
-  energy: "-13.6 mJ", cause: "", more: "The hand gets 2.58 N of the 87.5 N that the environment commands: "
+  energy: "-13.6 mJ", cause: "", paid: "8%", more: "The hand gets 2.58 N of the 87.5 N that the environment commands: "
     + "a force acts 3.2 ms after its reading. 9 ticks were missed in this contact: let go, and press again." };
 const hands = Object.fromEntries(scene.hands.map(({ name }) => [name, state]));
 window.sockets.at(-1).dispatchEvent(new MessageEvent("message", { data: JSON.stringify({ type: "state", hands }) }));
@@ -41,7 +41,7 @@ scene.draw();
 const box = ({ left, top, right, bottom }) => [left, top, right, bottom];
 const words = (one) => { const range = document.createRange(); range.selectNodeContents(one); return range.getBoundingClientRect(); };
 const parts = {};
-for (const place of ["#hands", "#break", "#safe", "#state", "#why", "#note", ".gauges > div", "#each > li > :not(small)", "#each small", "canvas#scene", ".legend > li", ".bar", ".scene .buttons > button"]) {
+for (const place of ["#hands", "#break", "#safe", "#state", "#why", "#paid", "#note", ".gauges > div", "#each > li > :not(small)", "#each small", "canvas#scene", ".legend > li", ".bar", ".scene .buttons > button"]) {
   [...document.querySelectorAll(place)].filter((one) => one.checkVisibility()).forEach((one, i) => {
     const isWhole = ["#hands", "canvas#scene", "#each small", ".bar"].includes(place) || one.tagName === "BUTTON";
     const { width, height } = one.getBoundingClientRect();
@@ -61,6 +61,7 @@ Box = tuple[float, float, float, float]
 
 pytestmark = [
     pytest.mark.live,
+    pytest.mark.slow,  # runs in `make browser`
     pytest.mark.xdist_group("processes"),
     pytest.mark.skipif(not (CHROMIUM and DRIVER), reason="needs Debian's chromium-driver"),
 ]
