@@ -120,7 +120,7 @@ fuzz: $(STAMP)
 # The page in Debian's Chromium (packages chromium and chromium-driver), by selenium, and in Firefox
 # (firefox-esr), by WebDriver BiDi; `make test` runs the former. A browser that is missing is skipped.
 browser: $(STAMP)
-	$(BIN)/pytest -rs -m live tests/test_view_browser.py tests/test_view_firefox.py
+	$(BIN)/pytest -rs -m live tests/test_view_browser.py tests/test_view_firefox.py tests/test_page_layout.py
 
 # The maker's own client of the Haply 2DIY against our emulator. It is under the GPL and puts an
 # __init__.py beside all packages, so it gets a folder of its own and is in no extra.

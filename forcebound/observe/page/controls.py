@@ -67,6 +67,9 @@ class Controls:
         self._config = configuration(run_dir, with_code=False)
         hands = self._config.hands_here
         self.period = min(hand.servo.period_ns for hand in hands.values()) * 1e-9  # s
+        pointed = {name: _pointer(hand.operator) for name, hand in hands.items()}
+        #: Where the pointers of hands that follow one begin, in m.
+        self.starts = {name: one["start"] for name, one in pointed.items() if one}
         known = self._statuses(ANSWER_TIMEOUT)
         self.energies_before = {
             hand: known[hand].energy_before if hand in known else 0.0 for hand in hands
@@ -254,7 +257,8 @@ class Pointer:
                 self._asked = None
                 if isinstance(answer, Pointed):
                     self.place = answer.target
-                    self._taken(stamp)
+                    if stamp is not None:
+                        self._taken(stamp)
             elif time.monotonic() - asked > OVERDUE:
                 self._asked = None
         if self._newest is not None and self._asked is None:

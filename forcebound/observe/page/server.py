@@ -150,20 +150,26 @@ class Server:
         if (graph := self.graph) is None:
             page.answer(request, "no graph runs")
         elif request["do"] == "point":
-            pointer = graph.pointers.get(str(request.get("hand", HAND)))
+            hand = str(request.get("hand", HAND))
+            pointer = graph.pointers.get(hand)
             error: str | None = f"no hand {request.get('hand')!r}"
             if pointer is not None:
+                graph.let_be(hand)
                 error = pointer.point(request.get("target"), (page, request.get("stamp")))
             if error is not None:
                 page.answer(request, error)
         else:
             counts = graph.controls.receive(request)
-            self.workers.submit(self._act, page, graph.controls, request, counts)
+            self.workers.submit(self._act, page, graph, request, counts)
 
     def _act(
-        self, page: "_Page", controls: Controls, request: Message, counts: Callable[[], bool]
+        self, page: "_Page", graph: ShownGraph, request: Message, counts: Callable[[], bool]
     ) -> None:
-        self.later(page.answer, request, controls.act(request, counts))
+        controls = graph.controls
+        error = controls.act(request, counts)
+        if request["do"] == "safe" and error is None and counts():
+            self.later(graph.press_again)
+        self.later(page.answer, request, error)
         self.later(self.broadcast, controls.recording.describe())
         self.broadcast_parameters(controls)
 

@@ -8,6 +8,7 @@ from typing import Any
 
 from forcebound.observe.page.controls import Controls, Pointer
 from forcebound.observe.page.feed import Feed, Message
+from forcebound.observe.page.lead import Lead
 from forcebound.observe.page.pace import Pace
 from forcebound.observe.page.state import Judged
 from forcebound.observe.runs import Watch
@@ -27,6 +28,10 @@ class ShownGraph:
         self.controls = controls
         self.feed = Feed(run_dir, controls.energies_before)  # first: the graph may have ended
         self.pointers = {hand: Pointer(run_dir, taken, hand) for hand in self.feed.hands}
+        self._leads = {
+            hand: Lead(self.pointers[hand].point, start, self.feed.hands[hand].state)
+            for hand, start in controls.starts.items()
+        }
         self._misses = dict.fromkeys(self.feed.hands, 0)
         self.pace = Pace(controls.period)
         self.events: deque[Message] = deque(maxlen=MOST_EVENTS)  # for pages that come later
@@ -48,6 +53,8 @@ class ShownGraph:
     def look(self, now: float) -> list[Message]:
         """Return the messages to the pages about what has come since the last look."""
         messages = self.feed.look(self.pace.slowness)
+        for lead in self._leads.values():
+            lead.look()
         for message in messages:
             if message["type"] == "frame":
                 message["pointer"] = self.pointers[message["hand"]].place  # of any page
@@ -60,6 +67,16 @@ class ShownGraph:
             known = {name: one for name, one in words.items() if one is not None}
             messages += [{"type": "state", "hands": known}] if known else []
         return messages
+
+    def press_again(self) -> None:
+        """Let hands that are inside let go, and press again: their laws have begun again."""
+        for hand, lead in self._leads.items():
+            lead.begin(self.pointers[hand].place)
+
+    def let_be(self, hand: str) -> None:
+        """Lead a hand nowhere: somebody moves it."""
+        if hand in self._leads:
+            self._leads[hand].end()
 
     def take_judged(self, judged: Mapping[str, Judged]) -> None:
         """Take what is known of the hands beside their samples."""

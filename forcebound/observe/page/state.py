@@ -31,6 +31,8 @@ BOUNCE = 0.25  # s without a force that a hand which bounces may be in the air
 WHOLE = 0.95  # share of the commanded force from which on nothing is missing
 LATE = 0.02  # share of missed ticks that a hand can feel
 LASTING = 0.02  # s of missed ticks in one contact that a hand can feel
+EMPTY = "the ledger began empty with the law, and only motion fills it"
+AGAIN = "Let go, and press again."
 BEGAN = 0.1  # s since the force engaged, after which something may have been before the page
 
 
@@ -48,10 +50,14 @@ class LiveState:
 
     def __init__(self) -> None:
         self.judged: Judged | None = None
+        self.is_led = False  # the page makes the hand let go, and press again
+        self._past = deque[Telemetry]()
         self.begin("")
 
     def begin(self, law: str) -> None:
         """Begin again, with a law; empty: with the same one."""
+        #: Whether the hand has been in contact ever since the law began: its ledger began empty.
+        self.is_inside = bool(law) and self._contact[0] > 0.0
         self._law, self._lowest, self._began = law, math.inf, bool(law)
         self._motor, self._holds = MotorAccount(), list[Telemetry]()
         self._past, self._energy = deque[Telemetry](), 0.0
@@ -69,6 +75,8 @@ class LiveState:
                 self._lowest = min(self._lowest, energy)
             elif self._began and sample.engagement > 0.0:
                 self._holds.append(sample)
+            if self.is_inside and sample.engagement == 1.0 and not _asked(sample):
+                self.is_inside = False
             shown = sample.estimated_energy if energy is None else energy
             self._energy = shown if math.isfinite(shown) else 0.0
         self._past.extend(samples)
@@ -91,6 +99,8 @@ class LiveState:
         now = state(figures, run)
         unit = run.shown(N).unit
         kind, head, more = self._words(now, law, bool(figures["at_rest"]), unit)
+        asked, given = self._contact
+        paid = "" if law == "none" or not self.is_short else f"{given / asked:.0%}"
         seen = f"Seen from {self._seen_from:.3g} s on." if self._seen_from else ""
         return {
             "kind": kind,
@@ -99,6 +109,7 @@ class LiveState:
             "force": f"{math.hypot(*self._past[-1].applied_force):.3g} {unit}",
             "energy": energy_in_words(self._energy),
             "cause": self.judged.cause,
+            "paid": paid,
         }
 
     def _figures(self, document: Document, is_of_now: bool) -> Summary:
@@ -147,13 +158,16 @@ class LiveState:
             return "off", f"The force engages: {last.engagement:.0%}.", ""
         asked, given = self._contact
         late = f" {missed:.0%} of the ticks are missed." if missed >= LATE else ""
-        is_short, is_free = given < WHOLE * asked, law == "none"
+        is_short, is_free = self.is_short, law == "none"
         share = f"{given:.3g} {unit} of the {asked:.3g} {unit} that the environment commands"
         motion = "At rest." if at_rest else "In contact." if asked else "Moving freely."
         if now.kind is not Passivity.PASSIVE:
             known = f"{now.known[0].upper()}{now.known[1:]}. Law {law}."
             return now.kind, f"{now.head}. {motion}", f"{known}{late}"
         cause = self.judged.cause
+        if self.is_inside and is_short and not is_free:
+            again = "The hand lets go, and presses again." if self.is_led else AGAIN
+            return now.kind, f"{now.head}. {motion}", f"The hand gets {share}: {EMPTY}. {again}"
         if late and is_short and not is_free and (not cause or "ticks come late" in cause):
             return "late", "Late ticks: the surface feels softer.", f"{share}.{late}"
         why = f": {cause.partition(': ')[0]}" if cause and not is_free else ""
@@ -164,13 +178,28 @@ class LiveState:
         return "off" if is_free else now.kind, head, f"{more}{late} {now.costly}".strip()
 
     @property
+    def newest(self) -> Telemetry | None:
+        """The newest sample of this law; None: there is none yet."""
+        return self._past[-1] if self._past else None
+
+    @property
+    def is_short(self) -> bool:
+        """Whether the hand gets less than what is commanded."""
+        asked, given = self._contact
+        return given < WHOLE * asked
+
+    def is_free_for(self, time_ns: int) -> bool:
+        """Whether no force has been commanded for so long."""
+        since = self._past[-1].time_ns - time_ns
+        return not any(_asked(sample) for sample in self._past if sample.time_ns >= since)
+
+    @property
     def _contact(self) -> tuple[float, float]:
         """The newest commanded force, and that which was applied, in N; 0: no contact."""
         for sample in reversed(self._past):
             if sample.time_ns < self._past[-1].time_ns - BOUNCE * 1e9:
                 break
-            asked = math.hypot(*sample.commanded_force)
-            if asked >= LEAST_FORCE:
+            if asked := _asked(sample):
                 if self._misses_before is None:
                     self._misses_before = sample.deadline_misses
                 return asked, math.hypot(*sample.applied_force)
@@ -195,3 +224,9 @@ class LiveState:
         if ticks * self._period <= LASTING:
             return ""
         return f" {ticks} ticks were missed in this contact: let go, and press again."
+
+
+def _asked(sample: Telemetry) -> float:
+    """The commanded force of a sample, in N; 0: no contact."""
+    asked = math.hypot(*sample.commanded_force)
+    return asked if asked >= LEAST_FORCE else 0.0

@@ -31,7 +31,7 @@ function send(message) {
   return request;
 }
 
-const scene = new Scene($("scene"), (hand, target, at) => send({ do: "point", hand, target, stamp: at }));
+export const scene = new Scene($("scene"), (hand, target, at) => send({ do: "point", hand, target, stamp: at }));
 const controls = new Controls(send);
 const figures = new Figures($("figures"));
 const frames = new Map(); // the newest, by hand
@@ -57,8 +57,8 @@ const takes = {
     Object.assign(si, message.si);
     for (const [name, plot] of Object.keys(main).map((key, i) => [key, plots[i]])) plot.si = si[name] ?? plot.si;
     document.body.classList.toggle("several", hands.length > 1);
-    document.body.style.setProperty("--count", hands.length);
-    $("name").replaceChildren(Object.assign(document.createElement("span"), { textContent: "forcebound: " }), message.name.replace(/\.yaml\b/, ""));
+    document.body.classList.toggle("many", hands.length > 2);
+    $("name").replaceChildren(Object.assign(document.createElement("span"), { textContent: "forcebound: " }), message.name.replace(/^\S*\//, "").replace(/\.yaml\b/, ""));
     document.title = message.name;
     shown.begin(hands.map(({ name }) => name));
     scene.describe({ ...message, hands });
@@ -144,18 +144,19 @@ function hintOf({ may_change, axes }) {
 
 const WORST = ["not_passive", "uncovered", "late", "unknown", "off", "passive"]; // kinds of states
 
-/** Show the states of hands: {name, colour, kind, head, more, force, energy, cause} of each, all words of the server. */
+/** Show the states of hands: {name, colour, kind, head, more, force, energy, cause, paid} of each, all words of the server. */
 function showStates(known) {
   const worst = WORST.flatMap((kind) => known.filter((one) => one.kind === kind))[0];
   const whose = all.length > 1 ? `${worst.name}: ` : "";
   say({ ...worst, head: whose + worst.head }, true);
   if (whose) showEach(known);
   else [$("force").textContent, $("energy").textContent, $("why").title] = [worst.force, worst.energy, worst.cause];
+  showPaid($("paid"), whose ? "" : worst.paid);
   const { preparing, present } = controls;
   $("note").textContent = [
     preparing && preparing !== present ? `Preparing law ${preparing}; until then, law ${present} goes on.` : "",
     scene.isLoading ? "The shape is still loading: the force is real, its picture comes." : "",
-    pace > SLOWED ? `Ticks are missed, so this page backs off: ${Math.round(1 / pace)} pictures a second.` : "",
+    pace > SLOWED ? `Ticks are missed: only ${Math.round(1 / pace)} pictures a second.` : "",
   ].join(" ");
   for (const [key, is] of Object.entries(scene.parts)) document.querySelector(`[data-key=${key}]`).hidden = !is;
   const { pixels, words: length } = scene.bar;
@@ -167,16 +168,26 @@ function showStates(known) {
 function showEach(known) {
   while ($("each").children.length < known.length) {
     $("each").append(document.createElement("li"));
-    $("each").lastChild.append(...["b", "strong", "data", "data", "small"].map((tag) => document.createElement(tag)));
+    $("each").lastChild.append(...["b", "strong", "data", "data", "small", "p"].map((tag) => document.createElement(tag)));
   }
   [...$("each").children].forEach((line, i) => {
-    const { name, colour, kind, head, more, force, energy, cause } = known[i];
+    const { name, colour, kind, head, more, force, energy, cause, paid } = known[i];
     line.dataset.state = kind;
-    line.title = cause;
+    line.title = [more, cause].filter(Boolean).join("\n");
     line.style.setProperty("--hand", `var(--${colour})`);
     line.classList.toggle("brief", !choice.shown.some((hand) => hand.name === name));
+    showPaid(line.lastChild, paid);
     [name, head, force, energy, more].forEach((words, j) => { if (line.children[j].textContent !== words) line.children[j].textContent = words; });
   });
+}
+
+/** Show how much of the force the ledger pays for, such as "8%", as a bar that motion fills; empty: all, or there is none. */
+function showPaid(bar, share) {
+  bar.className = "paid";
+  bar.style.visibility = share ? "visible" : "hidden"; // its place stays
+  bar.title = "Share of the commanded force for which the ledger has energy. Only motion of the hand fills it.";
+  bar.style.setProperty("--share", share);
+  if (share && bar.textContent !== `ledger: pays for ${share}`) bar.textContent = `ledger: pays for ${share}`;
 }
 
 /** Say how things are; whether what can be changed can be changed just now follows from it. */
@@ -186,6 +197,7 @@ function say({ head, more, kind = "away" }, isWell = false) {
   for (const [id, words] of [["state", head], ["why", more]]) if ($(id).textContent !== words) $(id).textContent = words;
   if (!isWell) $("note").textContent = "";
   $("each").hidden = !isWell || all.length < 2;
+  if (!isWell) showPaid($("paid"), "");
   document.body.classList.toggle("is-away", !isWell);
   const isOff = !mayChange || socket?.readyState !== WebSocket.OPEN || isOver || isClosed;
   for (const part of document.querySelectorAll(".changes")) if (part.disabled !== isOff) part.disabled = isOff;

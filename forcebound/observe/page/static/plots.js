@@ -138,14 +138,17 @@ export class Plot {
     context.lineWidth = 1;
     context.setLineDash([3, 3]);
     context.textBaseline = "top";
-    for (const { time, words } of marks) {
-      const isLeft = x(time) + 4 + context.measureText(words).width < right;
+    let free = right; // up to here there are no words yet: the newest law comes first
+    for (const { time, words } of marks.toReversed()) {
+      const wide = context.measureText(words).width, isLeft = x(time) + 4 + wide < free, hasRoom = isLeft || x(time) - 4 < free;
       context.textAlign = isLeft ? "left" : "right";
       context.beginPath();
       context.moveTo(x(time), MARGIN.top);
       context.lineTo(x(time), bottom);
       context.stroke();
+      if (!hasRoom) continue;
       context.fillText(words, x(time) + (isLeft ? 4 : -4), MARGIN.top);
+      free = x(time) - (isLeft ? 0 : wide + 8);
     }
     context.setLineDash([]);
   }

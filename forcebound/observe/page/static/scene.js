@@ -3,6 +3,8 @@
 import { colour, fit } from "./canvas.js";
 import { quantity, scaleBar, si, text } from "./scale.js";
 import { listen } from "./hand.js";
+import { Labels } from "./labels.js";
+import { segment, spring } from "./strokes.js";
 import { BOX_EDGES, add, boxCorners, cross, dot, facesOf, pad, pointsOf, scaled, sub } from "./shapes.js";
 
 const NEWTONS = 22; // as many would be as long as the scene
@@ -10,6 +12,8 @@ const LONGEST = 0.45; // of the scene, that an arrow is drawn; a longer one is d
 const WHOLE = 0.95; // share of the commanded force from which on both are one arrow
 const SIDE = 26; // pixels between the two arrows where there is one axis
 const LANE = 130; // pixels between two hands where there is one axis, at most
+const TIP = 20, RING = 34; // pixels of a tip and of the ring of a pointer
+const BAR = 150; // pixels of the scale bar, at most
 const NEAR = 0.08; // m, half of what is seen at first
 const ABOUT = 0.03; // m about a wall that is seen
 const OWN = 500; // ms that the pointer of this page is its own after a move
@@ -22,6 +26,7 @@ export class Scene {
     this.files = new Map(); // digest -> corners of a mesh, or points of a cloud
     this.placed = new Map(); // of meshes, faces in the world
     this.layer = document.createElement("canvas"); // the objects alone
+    this.labels = new Labels();
     this.begin({ axes: 1, hands: [] });
     listen(this);
   }
@@ -83,7 +88,7 @@ export class Scene {
   }
 
   /** The scale bar: {pixels, words}. */
-  get bar() { return scaleBar(this.scale, 0.25 * this.size); }
+  get bar() { return scaleBar(this.scale, Math.min(0.25 * this.size, BAR)); }
 
   /** The parts of the scene that there are, for its legend. */
   get parts() {
@@ -120,12 +125,17 @@ export class Scene {
 
   /** Do something where a hand is drawn: on one axis each has a lane of its own. */
   inLane(hand, act) {
-    const { length } = this.hands;
-    if (this.axes < 2) this.lane = (this.hands.indexOf(hand) - (length - 1) / 2) * Math.min(LANE, this.canvas.clientHeight / (length + 0.5));
+    if (this.axes < 2) this.lane = (this.hands.indexOf(hand) - (this.hands.length - 1) / 2) * this.wide;
     const result = act();
     this.lane = 0;
     return result;
   }
+
+  /** Pixels between two hands where there is one axis. */
+  get wide() { return Math.min(LANE, this.canvas.clientHeight / (this.hands.length + 0.2)); }
+
+  /** Pixels between the two arrows of a hand. */
+  get side() { return this.axes < 2 ? Math.min(SIDE, this.wide / 3) : 0; }
 
   /** Move the pointer to the right, up and away on the screen, in m; `at`: when, by the event. */
   move([right, up, away], at) {
@@ -191,12 +201,23 @@ export class Scene {
     for (const hand of this.hands) if (hand.workspace) this.inLane(hand, () => this.drawBox(context, [0, 0, 0], hand.workspace));
     if (this.axes < 3) this.drawGround(context, width, height);
     this.drawLayer(context, width, height);
+    this.labels.begin(context, width, height);
+    for (const hand of this.seen) this.inLane(hand, () => this.keepFree(hand));
     for (const hand of this.seen) this.inLane(hand, () => this.drawHand(context, hand));
+    this.labels.draw();
+  }
+
+  /** Keep the labels off the tip of a hand and its pointer. */
+  keepFree({ tip, target }) {
+    for (const [at, wide] of target ? [[tip, TIP], [target, RING]] : [[tip, TIP]]) {
+      const [x, y] = this.project(at);
+      this.labels.keep({ x, y, wide, high: wide });
+    }
   }
 
   drawHand(context, hand) {
     const tip = pad(hand.tip);
-    if (hand.target) this.drawSpring(context, hand.target, tip);
+    if (hand.target) spring(context, this.project(hand.target), this.project(tip));
     if (hand.proxy) {
       this.line(context, [tip, pad(hand.proxy)], colour("energy"), 2);
       this.dot(context, pad(hand.proxy), 6, colour("energy"));
@@ -205,61 +226,27 @@ export class Scene {
     this.dot(context, tip, 10, colour("ground"));
     this.dot(context, tip, 8, colour(hand.colour ?? "text"));
     const isDeep = this.axes < 2 && this.hasWall && tip[0] > this.wall, deep = `${quantity(tip[0] - this.wall, si.position)} deep`;
-    if (hand.colour) this.drawName(context, tip, isDeep ? `${hand.name}, ${deep}` : hand.name, colour(hand.colour));
-    else if (isDeep) this.drawDepth(context, tip, deep);
-  }
-
-  /** The name of one of several hands, above its tip on the right. */
-  drawName(context, tip, words, fill) {
     const [x, y] = this.project(tip);
-    this.label(context, words, x + 14 + 0.6 * context.measureText(words).width, y - 22, fill);
+    if (hand.colour) this.labels.name(hand.name, isDeep ? `, ${deep}` : "", x + TIP / 2, y - TIP, colour(hand.colour));
+    else if (isDeep) this.drawDepth(context, tip, deep);
   }
 
   /** The arrows of the applied and the commanded force, as the hand feels them, with their names. */
   drawForces(context, tip, { name, colour: own, commanded, applied }) {
     const [given, asked] = [applied, commanded].map((force) => Math.hypot(...force));
-    const isWhole = given > WHOLE * asked, away = this.axes < 2 ? SIDE : 0;
+    const isWhole = given > WHOLE * asked;
     const [thin, whose] = own ? [3, `${name} `] : [6, ""]; // of several hands the colour says whose force it is
-    if (!isWhole) this.arrow(context, tip, commanded, { stroke: colour(own ?? "commanded"), width: thin, side: -away, words: `${whose}commanded ${text(asked)} ${si.force}` });
+    if (!isWhole) this.arrow(context, tip, commanded, { stroke: colour(own ?? "commanded"), width: thin, side: -this.side, words: `${whose}commanded ${text(asked)} ${si.force}` });
     this.arrow(context, tip, applied, { stroke: colour(own ?? "true"), width: 6, side: 0, words: `${whose || "force "}${text(given)} ${si.force}`, isBelow: true });
-  }
-
-  /** The spring of the hand, from where it pulls to the tip, and the ring of its end. */
-  drawSpring(context, target, tip) {
-    const from = this.project(target), to = this.project(tip), line = [to[0] - from[0], to[1] - from[1]];
-    const length = Math.hypot(...line), turns = 14, wide = Math.min(9, length / 4);
-    context.strokeStyle = colour("soft");
-    context.lineWidth = 1.5;
-    context.beginPath();
-    for (let i = 0; i <= turns && length > 1; i += 1) {
-      const off = i % turns === 0 ? 0 : i % 2 ? wide : -wide;
-      context.lineTo(from[0] + (line[0] * i) / turns - (line[1] / length) * off, from[1] + (line[1] * i) / turns + (line[0] / length) * off);
-    }
-    context.stroke();
-    context.lineWidth = 3;
-    context.beginPath();
-    context.arc(...from, 16, 0, 2 * Math.PI);
-    context.stroke();
   }
 
   /** How deep the tip is in the wall. */
   drawDepth(context, tip, words) {
     const [x0, y] = this.project([this.wall, 0, 0]), [x1] = this.project(tip), level = y + 2 * SIDE;
     context.lineWidth = 1;
-    for (const x of [x0, x1]) this.segment(context, [x, level - 6], [x, level + 6], colour("soft"));
-    this.segment(context, [x0, level], [x1, level], colour("soft"));
-    this.label(context, words, (x0 + x1) / 2, level + 18, colour("soft"));
-  }
-
-  /** Words with a rim, so that they can be read on whatever is behind; they stay in the scene. */
-  label(context, words, x, y, fill) {
-    context.font = context.font.replace("12px", "600 14px");
-    const half = context.measureText(words).width / 2 + 6;
-    const at = Math.min(Math.max(x, half), this.canvas.clientWidth - half);
-    Object.assign(context, { textAlign: "center", textBaseline: "middle", lineWidth: 4, lineJoin: "round", strokeStyle: colour("scene"), fillStyle: fill });
-    context.strokeText(words, at, y);
-    context.fillText(words, at, y);
-    context.font = context.font.replace("600 14px", "12px");
+    for (const x of [x0, x1]) segment(context, [x, level - 6], [x, level + 6], colour("soft"));
+    segment(context, [x0, level], [x1, level], colour("soft"));
+    this.labels.put(words, (x0 + x1) / 2, level + 18, colour("soft"));
   }
 
   /** The edges of a box: how far the pointer can go, or the workspace. */
@@ -278,7 +265,7 @@ export class Scene {
     const [x, y] = this.project([this.wall ?? 0, 0, 0]);
     context.lineWidth = 1;
     for (const hand of this.axes < 2 ? this.hands : []) {
-      this.inLane(hand, () => this.segment(context, [0, y + this.lane], [width, y + this.lane], colour("line")));
+      this.inLane(hand, () => segment(context, [0, y + this.lane], [width, y + this.lane], colour("line")));
     }
     if (!this.hasWall) return;
     context.fillStyle = colour("limit");
@@ -296,15 +283,7 @@ export class Scene {
     context.stroke();
     context.restore();
     context.lineWidth = 3;
-    this.segment(context, [x, 0], [x, height], colour("soft"));
-  }
-
-  segment(context, from, to, stroke) {
-    context.strokeStyle = stroke;
-    context.beginPath();
-    context.moveTo(...from);
-    context.lineTo(...to);
-    context.stroke();
+    segment(context, [x, 0], [x, height], colour("soft"));
   }
 
   /** All that stands in space. */
@@ -386,14 +365,15 @@ export class Scene {
     const shaft = Math.max(length - head, 0);
     context.lineWidth = width;
     context.setLineDash(full > length ? [10, 6] : []);
-    this.segment(context, [x, y + side], [x + ux * shaft, y + side + uy * shaft], stroke);
+    segment(context, [x, y + side], [x + ux * shaft, y + side + uy * shaft], stroke);
     context.setLineDash([]);
     context.fillStyle = stroke;
     context.beginPath();
     context.moveTo(x1, y1);
     for (const across of [-1, 1]) context.lineTo(x1 - ux * head + across * uy * head * 0.5, y1 - uy * head - across * ux * head * 0.5);
     context.fill();
-    if (this.axes < 2) this.label(context, words, (x + x1) / 2, y + side + (isBelow ? 22 : -20), stroke);
-    else this.label(context, words, x1 + ux * 50, y1 + uy * 24 + (isBelow ? 20 : -20), stroke);
+    if (this.axes < 2) this.labels.keep({ x: (x + x1) / 2, y: y1, wide: length, high: head });
+    if (this.axes < 2) this.labels.put(words, (x + x1) / 2, y + side + (isBelow ? 22 : -20), stroke);
+    else this.labels.put(words, x1 + ux * 50, y1 + uy * 24 + (isBelow ? 20 : -20), stroke);
   }
 }
