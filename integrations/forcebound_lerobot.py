@@ -1,9 +1,17 @@
-"""What the follower of a lerobot session meets, as the environment of the leader's graph.
+r"""What the follower of a lerobot session meets, as the environment of the leader's graph.
 
 lerobot's process publishes each observation of the follower (:class:`Observations`); the
-environment's process computes the force from the newest one for every reading of the leader. So the
-spring is computed at the rate of the leader's servo, only the follower's position is held between
-two observations, and nothing of lerobot's process is in the loop. Nothing here imports lerobot.
+environment's process computes the force on the leader from the newest one, for every reading of the
+leader. So the spring is computed at the rate of the leader's servo, only the follower's position is
+held between two observations, and lerobot's process is not in the loop. Nothing here imports
+lerobot. For each joint, with the positions and velocities of leader and follower, and the
+follower's effort :math:`e`, positive towards larger positions:
+
+.. math::
+
+    f = k (x_l - x_f) + b (v_l - v_f) + g e
+
+:math:`v_f` is the mean velocity between the last two observations.
 """
 
 import math
@@ -11,30 +19,24 @@ import time
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from numbers import Real
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, TypeAlias
 
 import msgspec
 
-from forcebound.axes import OfAxes, PerAxis, entries, per_axis
+from forcebound.axes import OfAxes, entries, per_axis
 from forcebound.errors import ConfigError
 from forcebound.folders import runtime_folder
-from forcebound.haptics.environments import Environment, check_hand
-from forcebound.haptics.environments.coupling import Coupling
+from forcebound.haptics.environments import Environment, EnvironmentModel
 from forcebound.haptics.parts.signals import Signal
 from forcebound.messages.packets import Vector
-from forcebound.messages.topology import HAND
 from forcebound.network.sockets import Network
-from forcebound.quantities import POSITIVE, Force, Length, Range, Time
+from forcebound.quantities import NOT_NEGATIVE, Damping, Force, Length, Stiffness, Time
+
+#: An observation on its way: time (ns) of the sender's monotonic clock, what is no image by name.
+Observation: TypeAlias = tuple[int, dict[str, float]]
 
 DEGREE = math.radians(1.0)
 ONSET = 0.5  # s, over which the force comes in when the follower is seen, or seen again
-
-
-class Observation(msgspec.Struct):
-    """One observation of the follower on its way."""
-
-    time_ns: int  # of the sender's monotonic clock
-    numbers: dict[str, float]  # what is no image, by lerobot's names
 
 
 class Observations:
@@ -55,7 +57,7 @@ class Observations:
     def send(self, observation: Mapping[str, Any]) -> None:
         """Send what is a number."""
         numbers = {k: float(v) for k, v in observation.items() if isinstance(v, Real)}
-        self._send(msgspec.msgpack.encode(Observation(time.monotonic_ns(), numbers)))
+        self._send(msgspec.msgpack.encode((time.monotonic_ns(), numbers)))
 
     def close(self) -> None:
         """Close the socket."""
@@ -64,166 +66,137 @@ class Observations:
 
 def _endpoint(link: str) -> str:
     """Return where a follower's observations are: in a folder that only this user can enter."""
-    folder = runtime_folder()
-    if folder is None:
-        raise ConfigError("this user has no private folder for the link to lerobot")
-    return f"ipc://{folder}/lerobot-{link}"
+    return f"ipc://{runtime_folder()}/lerobot-{link}"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Follower(Coupling):
-    """A follower that lerobot drives, coupled to the leader by spring and damper.
+class Follower(EnvironmentModel):
+    """A follower that lerobot drives, and that a hand feels at the leader.
 
-    Stiffness, damping, scale, offset and architecture are those of the kind ``coupling``; the
-    follower is not a hand of the graph. An observation that is late, lacks a joint or has a number
-    that is not finite is none.
+    An observation that lacks a joint, or has a number that is not finite, is none.
 
     Attributes:
         joints: What the follower calls its joints, in the order of the leader's axes.
-        unit: Angle of the leader for 1 of the follower's ``.pos``; one number, or one of each
-            joint; null: 1 degree.
-        zero: Angle of the leader where the follower's ``.pos`` is 0; likewise.
-        effort: What the follower calls its effort, such as effort or current, for the architectures
-            with a measured force; empty: it has none.
-        effort_unit: Torque on what the follower touches for 1 of its effort; null: 1 N m.
-        observation_age: Older observations give no force.
-        link: Name of the link, if there are several pairs.
+        stiffness: Of a spring from the leader to the follower; one number, or one of each joint, as
+            are the next three.
+        damping: Between leader and follower.
+        unit: Angle of the leader for 1 of the follower's ``.pos``; null: 1 degree.
+        zero: Angle of the leader where the follower's ``.pos`` is 0.
+        effort: What the follower calls its effort, such as effort or current; empty: it has none.
+        effort_unit: Torque on the leader for 1 of the effort.
+        observation_age: An older observation gives no force.
+        link: Name of the link, that of the robot's configuration.
     """
 
     signals: ClassVar[Collection[Signal]] = (
-        *Coupling.signals,
+        Signal("position_error", "m", "follower, from the leader"),
         Signal("observation_age", "s", "since the follower's last observation"),
     )
 
-    leader: str = HAND
-    follower: str = "follower"
     joints: tuple[str, ...]
-    unit: OfAxes[Annotated[Length, Range()]] | None = None
+    stiffness: OfAxes[Annotated[Stiffness, NOT_NEGATIVE]] = 100.0
+    damping: OfAxes[Annotated[Damping, NOT_NEGATIVE]] = 1.0
+    unit: OfAxes[Length] | None = None
     zero: OfAxes[Length] = 0.0
     effort: str = ""
-    effort_unit: OfAxes[Annotated[Force, Range()]] | None = None
-    observation_age: Annotated[Time, POSITIVE] = 0.2
+    effort_unit: OfAxes[Force] = 0.0
+    observation_age: Annotated[Time, NOT_NEGATIVE] = 0.2
     link: str = "lerobot"
 
     def __post_init__(self) -> None:
-        super().__post_init__()
-        if 0.0 in entries(self.units):
+        if 0.0 in entries(DEGREE if self.unit is None else self.unit):
             raise ConfigError("unit must not be 0: no angle has a .pos then", field="unit")
-        if not self.link.isidentifier():
-            message = f"link must be a word of letters, digits and _, got {self.link!r}"
-            raise ConfigError(message, field="link")
+        if bool(self.effort) != any(entries(self.effort_unit)):
+            raise ConfigError("effort and effort_unit: both, or neither", field="effort_unit")
 
-    @property
-    def units(self) -> PerAxis:
-        """Angle for 1 of a ``.pos``, in rad."""
-        return DEGREE if self.unit is None else self.unit
-
-    @property
-    def efforts(self) -> PerAxis:
-        """Torque for 1 of an effort, in N m."""
-        return 1.0 if self.effort_unit is None else self.effort_unit
-
-    def check_hands(self, hands: tuple[str, ...]) -> None:
-        check_hand(self.leader, hands, "leader")
+    def on_axes(self, field: str, axes: int) -> tuple[float, ...]:
+        """Return the numbers of a field, one for each axis; ConfigError if there are others."""
+        value = getattr(self, field)
+        return per_axis(field, DEGREE if value is None else value, axes)
 
     def check_axes(self, axes: int) -> None:
-        super().check_axes(axes)
-        if len(self.joints) != axes:
-            message = f"joints: expected {axes} names, one per axis, got {len(self.joints)}"
-            raise ConfigError(message, field="joints")
-        for field, value in (("unit", self.units), ("zero", self.zero)):
-            per_axis(field, value, axes)
-        per_axis("effort_unit", self.efforts, axes)
+        if (got := len(self.joints)) != axes:
+            raise ConfigError(f"joints: expected {axes} names, got {got}", field="joints")
+        for field in _OF_AXES:
+            self.on_axes(field, axes)
 
     def action(self, position: Vector) -> dict[str, float]:
-        """Return what lerobot calls the position of the leader, in rad."""
-        units, zeros = (per_axis("", of, len(position)) for of in (self.units, self.zero))
+        """Return what lerobot calls a position of the leader, in rad."""
+        units, zeros = (self.on_axes(field, len(position)) for field in ("unit", "zero"))
         each = zip(self.joints, position, zeros, units, strict=True)
         return {f"{joint}.pos": (q - zero) / unit for joint, q, zero, unit in each}
 
     def open(self, axes: int) -> Environment:
-        return _Followed(self, super().open(axes), axes)
+        return _Followed(self, axes)
+
+
+_OF_AXES = ("stiffness", "damping", "unit", "zero", "effort_unit")
+
+
+#: A whole observation: ns of the sender; rad, rad/s and N m on the leader, for each joint.
+_Seen: TypeAlias = tuple[int, Vector, Vector, Vector]
 
 
 class _Followed(Environment):
-    """An open coupling to a follower of which only observations are here."""
+    """An open link to a follower."""
 
-    def __init__(self, model: Follower, coupled: Environment, axes: int) -> None:
-        self._model, self._coupled = model, coupled
-        self.published = coupled.published
-        self._of_axes = [per_axis("", of, axes) for of in (model.units, model.zero, model.efforts)]
+    def __init__(self, model: Follower, axes: int) -> None:
         self._network = Network(linger_ms=0)
         self._subscriber = self._network.subscriber(_endpoint(model.link))
-        self._decoder = msgspec.msgpack.Decoder(Observation)
-        self._last: tuple[int, Vector] | None = None  # ns of the sender, rad; None: it is silent
+        self._seen: _Seen | None = None  # None: it is silent
         self._heard, self._onset = -math.inf, 0.0  # s: the last, and the first of those in a row
-        self._lacking = ""
-
-    def expect(self, users: Collection[str]) -> None:
-        self._coupled.expect(users)
-
-    def take_readings(self, user: str, buttons: int | None, measured_force: Vector | None) -> None:
-        self._coupled.take_readings(user, buttons, measured_force)
+        self._refused = ""
+        self._model = model
+        numbers = (model.on_axes(field, axes) for field in _OF_AXES)
+        self._joints = list(zip(model.joints, *numbers, strict=True))
 
     def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
-        if user != self._model.leader:
-            return (0.0,) * len(position)
         if messages := self._subscriber.receive():
             self._take(messages[-1], elapsed)
         age = elapsed - self._heard
-        if self._last is not None and age > self._model.observation_age:
-            self._last = None
-            self._coupled.leave(self._model.follower)
-            words = f"no observation of the follower for {1e3 * age:.0f} ms: no force"
-            self.event("follower_silent", words, is_fault=True)
         self.signal("observation_age", age)
+        seen = self._seen
+        if seen is not None and age > self._model.observation_age:
+            self._seen = seen = None
+            self.event("follower_silent", f"no observation for {1e3 * age:.0f} ms", is_fault=True)
+        if seen is None:
+            self.signal("position_error", math.nan)
+            return (0.0,) * len(position)
         share = min(max((elapsed - self._onset) / ONSET, 0.0), 1.0)
-        felt = self._coupled.force(user, position, velocity, elapsed)
+        _, places, speeds, efforts = seen
+        errors = [x - at for x, at in zip(position, places, strict=True)]
+        self.signal("position_error", math.hypot(*errors))
+        each = zip(self._joints, errors, velocity, speeds, efforts, strict=True)
+        felt = [k * e + b * (v - v_f) + t for (_, k, b, *_), e, v, v_f, t in each]
         return tuple([share * one for one in felt])
 
     def _take(self, message: bytes, elapsed: float) -> None:
-        """Let the follower be where the newest observation says."""
-        model = self._model
+        """Let the follower be where an observation says, if it is whole."""
         try:
-            observation = self._decoder.decode(message)
-            places = [observation.numbers[f"{joint}.pos"] for joint in model.joints]
-            felt = [
-                -unit * observation.numbers[f"{joint}.{model.effort}"]
-                for joint, unit in zip(model.joints, self._of_axes[2], strict=True)
-                if model.effort
-            ]
-        except (KeyError, msgspec.DecodeError) as error:
-            self._report(f"the follower's observation lacks {error}")
+            seen = self._read(*msgspec.msgpack.decode(message, type=Observation))
+        except (KeyError, ValueError, msgspec.MsgspecError) as error:
+            if (lack := f"expected {error}") != self._refused:
+                self.event("observation_refused", lack, is_fault=True)
+            self._refused = lack
             return
-        units, zeros, _ = self._of_axes
-        place = tuple([z + u * p for u, z, p in zip(units, zeros, places, strict=True)])
-        if not all(map(math.isfinite, (*place, *felt))):
-            self._report("the follower's observation has a number that is not finite")
-            return
-        velocity = self._velocity(observation.time_ns, place)
-        if self._last is None:
+        if self._seen is None:
             self._onset = elapsed
             self.event("follower_seen", "the follower is observed: its force comes in")
-        self._last, self._heard = (observation.time_ns, place), elapsed
-        self._coupled.take_readings(model.follower, None, tuple(felt) or None)
-        self._coupled.force(model.follower, place, velocity, elapsed)
+        self._seen, self._heard, self._refused = seen, elapsed, ""
 
-    def _velocity(self, time_ns: int, place: Vector) -> Vector:
-        """Return the mean velocity since the observation before, in rad/s."""
-        if self._last is None or time_ns <= self._last[0]:
-            return (0.0,) * len(place)
-        before_ns, before = self._last
-        step = 1e-9 * (time_ns - before_ns)
-        return tuple([(now - then) / step for now, then in zip(place, before, strict=True)])
-
-    def _report(self, words: str) -> None:
-        """Report what an observation lacks, when that is another thing than before."""
-        if words != self._lacking:
-            self._lacking = words
-            self.event("observation_refused", words, is_fault=True)
-
-    def leave(self, user: str) -> None:
-        self._coupled.leave(user)
+    def _read(self, time_ns: int, numbers: Mapping[str, float]) -> _Seen:
+        """Return what an observation says; KeyError or ValueError if it lacks something."""
+        name, of = self._model.effort, self._joints
+        places = [zero + unit * numbers[f"{joint}.pos"] for joint, _, _, unit, zero, _ in of]
+        efforts = [unit * numbers[f"{joint}.{name}"] if name else 0.0 for joint, *_, unit in of]
+        if not all(map(math.isfinite, (*places, *efforts))):
+            raise ValueError("finite numbers")
+        speeds, before = (0.0,) * len(places), self._seen
+        if before is not None and time_ns > before[0]:
+            step = 1e-9 * (time_ns - before[0])
+            both = zip(places, before[1], strict=True)
+            speeds = tuple([(now - then) / step for now, then in both])
+        return time_ns, tuple(places), speeds, tuple(efforts)
 
     def close(self) -> None:
         self._network.close()

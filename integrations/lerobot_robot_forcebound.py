@@ -1,7 +1,6 @@
 """A robot of lerobot: any follower, whose observations also reach the leader's graph as force."""
 
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass
 from typing import Any
 
 import draccus
@@ -23,7 +22,7 @@ class ForceboundRobotConfig(RobotConfig):
         link: That of the environment.
     """
 
-    follower: dict[str, Any] = field(default_factory=dict)
+    follower: dict[str, Any]
     link: str = "lerobot"
 
 
@@ -38,20 +37,18 @@ class ForceboundRobot(Robot):
         self.name = self.follower.name  # data sets and policies are the follower's
         super().__init__(config)
         self._link = config.link
-        self._observations: Observations | None = None
 
     @property
-    def cameras(self) -> dict[str, Any]:
+    def cameras(self) -> Any:
         """Those of the follower."""
-        cameras: dict[str, Any] = getattr(self.follower, "cameras", {})
-        return cameras
+        return getattr(self.follower, "cameras", {})
 
-    @cached_property
+    @property
     def observation_features(self) -> dict[str, Any]:
         """Those of the follower."""
         return self.follower.observation_features
 
-    @cached_property
+    @property
     def action_features(self) -> dict[str, Any]:
         """Those of the follower."""
         return self.follower.action_features
@@ -82,8 +79,7 @@ class ForceboundRobot(Robot):
     def get_observation(self) -> dict[str, Any]:
         """Return what the follower observes; its numbers are sent to the graph."""
         observation = self.follower.get_observation()
-        if self._observations is not None:
-            self._observations.send(observation)
+        self._observations.send(observation)
         return observation
 
     def send_action(self, action: dict[str, Any]) -> dict[str, Any]:
@@ -92,7 +88,5 @@ class ForceboundRobot(Robot):
 
     def disconnect(self) -> None:
         """Disconnect from the follower, and close the link: no force from now on."""
-        if self._observations is not None:
-            self._observations.close()
-            self._observations = None
+        self._observations.close()
         self.follower.disconnect()

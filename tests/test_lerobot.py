@@ -2,7 +2,6 @@
 
 import ast
 import json
-import logging
 import math
 import os
 import re
@@ -23,7 +22,6 @@ from waiting import TIMEOUT, until
 from forcebound.errors import ConfigError
 from forcebound.haptics.environments import Environment
 from forcebound.messages.packets import Telemetry
-from forcebound.recordings.recording import read
 from forcebound.testing import check_environment
 from forcebound_lerobot import ONSET, Follower, Observations
 
@@ -119,7 +117,7 @@ real = importlib.util.module_from_spec(spec)
 spec.loader.exec_module(real)
 real.register_third_party_plugins()
 from lerobot.robots import RobotConfig
-raw = {"type": "forcebound", "follower": {"type": "wall", "steps": 1}}
+raw = {"type": "forcebound", "follower": {"type": "wall"}}
 import lerobot_robot_wall
 robot = real.make_device_from_device_class(draccus.decode(RobotConfig, raw))
 print(json.dumps([sorted(draccus.ChoiceRegistry.choices), str(type(robot))]))
@@ -153,11 +151,12 @@ def plug_ins(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 @pytest.mark.usefixtures("plug_ins")
 def test_the_robot_is_its_follower_for_lerobot() -> None:
+    from lerobot.robots import RobotConfig
     from lerobot_robot_forcebound import ForceboundRobot, ForceboundRobotConfig
     from lerobot_robot_wall import WallRobotConfig  # registers the follower
 
-    assert WallRobotConfig(steps=3).steps == 3
-    config = ForceboundRobotConfig(follower={"type": "wall", "steps": 3}, link="of_this_test")
+    assert issubclass(WallRobotConfig, RobotConfig)
+    config = ForceboundRobotConfig(follower={"type": "wall"}, link="of_this_test")
     robot = ForceboundRobot(config)
     assert robot.name == robot.robot_type == "wall"
     assert robot.observation_features == robot.action_features | {"front": (2, 2, 3)}
@@ -170,30 +169,6 @@ def test_the_robot_is_its_follower_for_lerobot() -> None:
         assert robot.get_observation()["gripper.pos"] == 1.0
     finally:
         robot.disconnect()
-
-
-@pytest.mark.usefixtures("plug_ins")
-def test_no_position_is_taken_for_a_force(caplog: pytest.LogCaptureFixture) -> None:
-    from lerobot_teleoperator_forcebound import (
-        ForceboundTeleoperator,
-        ForceboundTeleoperatorConfig,
-    )
-
-    teleop = ForceboundTeleoperator(
-        ForceboundTeleoperatorConfig(launch="joint_arms", hand="leader")
-    )
-    assert len(teleop.action_features) == 7
-    assert not teleop.feedback_features
-    assert not {"enable_torque", "disable_torque"} & set(dir(teleop))
-    with caplog.at_level(logging.WARNING):
-        for _ in range(3):
-            teleop.send_feedback({"base.pos": 1.0})
-    assert len(caplog.records) == 1
-    assert not teleop.is_connected
-    with pytest.raises(ConnectionError):
-        teleop.get_action()
-    with pytest.raises(ConfigError):
-        ForceboundTeleoperator(ForceboundTeleoperatorConfig(launch="joint_arms", hand="left"))
 
 
 # The environment
@@ -280,7 +255,7 @@ def test_an_observation_that_lacks_something_gives_no_force_and_one_event(
 
 def test_the_leader_feels_the_measured_effort_of_the_follower() -> None:
     place = FREE | {f"{joint}.effort": 0.0 for joint in JOINTS} | {"elbow_flex.effort": 3.0}
-    fields = {"architecture": "position_force", "effort": "effort", "effort_unit": 0.5}
+    fields = {"stiffness": 0.0, "effort": "effort", "effort_unit": 0.5}
     with observed(place, **fields) as (environment, _):
         felt = environment.force("hand", STILL, STILL, 1.0 + 0.2 * ONSET)
         # It pushes what it touches towards larger positions; that resists the leader's hand.
@@ -295,9 +270,9 @@ def test_the_environment_keeps_its_promises() -> None:
     ("fields", "field"),
     [
         ({"unit": 0.0}, "unit"),
-        ({"link": "../x"}, "link"),
         ({"joints": ("one",)}, "joints"),
         ({"zero": (0.0, 0.0)}, "zero"),
+        ({"effort": "current"}, "effort_unit"),
     ],
 )
 def test_what_does_not_fit_is_named(fields: dict[str, Any], field: str) -> None:
@@ -319,12 +294,21 @@ def leader(tmp_path: Path) -> Path:
 
 
 @contextmanager
-def session(
-    variables: Mapping[str, str], sources: Path | str, steps: int, **teleop: object
-) -> Iterator[subprocess.Popen[str]]:
+def running(
+    installed: Mapping[str, str], leader: Path
+) -> Iterator[tuple[LiveGraph, dict[str, str]]]:
+    """The graph of a leader, and the variables of a process of lerobot beside it."""
+    own = {"PYTHONPATH": installed["PYTHONPATH"]}
+    with live_graph(str(leader), prefix=(), variables=own, is_alone=False) as graph:
+        graph.wait_until_engaged()
+        yield graph, {**installed, **graph.variables}
+
+
+@contextmanager
+def session(variables: Mapping[str, str], sources: Path | str) -> Iterator[subprocess.Popen[str]]:
     """A session of lerobot, in a process of its own."""
-    robot = {"type": "forcebound", "follower": {"type": "wall", "steps": steps}}
-    words = (str(sources), json.dumps({"type": "forcebound"} | teleop), json.dumps(robot))
+    robot = {"type": "forcebound", "follower": {"type": "wall"}}
+    words = (str(sources), json.dumps({"type": "forcebound"}), json.dumps(robot))
     command = [sys.executable, str(SESSION), *words]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env={**variables})
     try:
@@ -335,10 +319,12 @@ def session(
 
 
 def wait_for_force(graph: LiveGraph, is_there: bool) -> None:
+    """Wait until the follower is felt, or there is no force; how much passes is the law's."""
+
     def has(telemetry: Telemetry) -> bool:
-        return (abs(telemetry.applied_force[0]) > 0.3) is is_there and (
-            is_there or not any(telemetry.applied_force)
-        )
+        if is_there:
+            return abs(telemetry.commanded_force[0]) > 0.3
+        return not any(telemetry.commanded_force) and not any(telemetry.applied_force)
 
     graph.wait_for_telemetry(has, "a force" if is_there else "no force")
 
@@ -346,31 +332,65 @@ def wait_for_force(graph: LiveGraph, is_there: bool) -> None:
 class TestLive:
     pytestmark = PROCESSES_OF_THEIR_OWN
 
+    @pytest.mark.usefixtures("plug_ins")
+    def test_no_position_is_taken_for_a_force_and_the_end_of_the_graph_is_an_error(self) -> None:
+        from lerobot_teleoperator_forcebound import (
+            ForceboundTeleoperator,
+            ForceboundTeleoperatorConfig,
+        )
+
+        with live_graph("joint_arms", is_alone=False) as graph:
+            graph.wait_until_engaged()
+            config = ForceboundTeleoperatorConfig(run=graph.run_dir, hand="left")
+            with pytest.raises(ConfigError):
+                ForceboundTeleoperator(config)
+            config = ForceboundTeleoperatorConfig(run=graph.run_dir, hand="leader")
+            teleop = ForceboundTeleoperator(config)
+            with pytest.raises(ConnectionError):
+                teleop.get_action()
+            teleop.connect()
+            try:
+                assert teleop.get_action().keys() == teleop.action_features.keys()
+                assert teleop.action_features.keys() >= {"base.pos", "gripper.pos"}
+                assert not teleop.feedback_features
+                assert not {"enable_torque", "disable_torque"} & set(dir(teleop))
+                with pytest.warns(UserWarning, match=r"base\.pos"):
+                    teleop.send_feedback({"base.pos": 1.0})
+                graph.process.send_signal(signal.SIGINT)
+                graph.outcome()
+                with pytest.raises(ConnectionError):  # an action of before comes first
+                    until(lambda: not teleop.get_action(), "an error")
+            finally:
+                teleop.disconnect()
+        assert not teleop.is_connected
+
     def test_the_unmodified_loop_lets_the_leader_feel_the_wall_of_the_follower(
-        self, lerobot: Path, installed: dict[str, str], leader: Path, tmp_path: Path
+        self, lerobot: Path, installed: dict[str, str], leader: Path
     ) -> None:
-        record = tmp_path / "run.mcap"
-        with session(installed, lerobot, 360, launch=str(leader), record=str(record)) as process:
-            _, log = process.communicate(timeout=TIMEOUT)
-        assert process.returncode == 0, log
-        columns, events = read(record).run
-        assert "follower_seen" in {one.event for one in events}
-        last = columns.position[-30:].mean(0), columns.applied_force[-60:-30].mean(0)
-        assert last[0][0] > 15.0 * DEGREE  # it is beyond the wall, which the follower is at
+        with running(installed, leader) as (graph, variables):
+            with session(variables, lerobot) as process:
+                wait_for_force(graph, True)
+                graph.wait(2.0)
+                process.send_signal(signal.SIGINT)
+                _, log = process.communicate(timeout=TIMEOUT)
+                assert process.returncode == 0, log
+            wait_for_force(graph, False)
+            ended = graph.end()
+        columns = ended.columns
         assert columns.true_energy.min() >= -1e-9
-        felt = np.abs(columns.applied_force).max(0)
-        assert felt[0] > 0.4  # N m
-        assert (felt[1:] < 0.5 * felt[0]).all()
+        assert columns.position[:, 0].max() > 15.0 * DEGREE  # beyond the wall of the follower
+        asked = np.abs(columns.commanded_force).max(0)
+        assert asked[0] > 0.4  # N m
+        assert (asked[1:] < 0.5 * asked[0]).all()
+        assert np.abs(columns.applied_force[:, 0]).max() > 0.1  # of it, what the law lets pass
+        assert ended.events("follower_seen")
 
     @pytest.mark.parametrize("harm", [signal.SIGKILL, signal.SIGSTOP])
     def test_a_session_that_is_killed_or_hangs_leaves_no_force(
         self, installed: dict[str, str], leader: Path, harm: signal.Signals
     ) -> None:
-        variables = {"PYTHONPATH": installed["PYTHONPATH"]}
-        with live_graph(str(leader), prefix=(), variables=variables, is_alone=False) as graph:
-            graph.wait_until_engaged()
-            own = installed | {"XDG_RUNTIME_DIR": graph.variables["XDG_RUNTIME_DIR"]}
-            with session(own, "", -1, run=str(graph.run_dir)) as process:
+        with running(installed, leader) as (graph, variables):
+            with session(variables, "") as process:
                 wait_for_force(graph, True)
                 process.send_signal(harm)
                 wait_for_force(graph, False)

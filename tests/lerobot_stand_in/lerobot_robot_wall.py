@@ -11,8 +11,7 @@ WALL = 10.0
 
 @RobotConfig.register_subclass("wall")
 @dataclass(kw_only=True)
-class WallRobotConfig(RobotConfig):
-    steps: int  # of the loop, after which somebody presses Ctrl-C
+class WallRobotConfig(RobotConfig): ...
 
 
 class WallRobot(Robot):
@@ -22,7 +21,6 @@ class WallRobot(Robot):
     def __init__(self, config: WallRobotConfig) -> None:
         super().__init__(config)
         self.places = {f"{joint}.pos": 0.0 for joint in JOINTS}
-        self.left = config.steps
 
     @property
     def observation_features(self) -> dict[str, Any]:
@@ -53,9 +51,6 @@ class WallRobot(Robot):
         for name, goal in action.items():
             self.places[name] += 0.5 * (goal - self.places[name])
         self.places["shoulder_pan.pos"] = min(self.places["shoulder_pan.pos"], WALL)
-        self.left -= 1
-        if self.left == 0:
-            raise KeyboardInterrupt
         return action
 
     def disconnect(self) -> None: ...

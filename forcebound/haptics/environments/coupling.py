@@ -25,9 +25,8 @@ Research 20(6), 2001.
 """
 
 import math
-from collections.abc import Collection
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Literal, TypeAlias
+from typing import Annotated, Literal, TypeAlias
 
 from forcebound.axes import OfAxes, PerAxis, entries, per_axis
 from forcebound.errors import ConfigError
@@ -82,7 +81,7 @@ class Coupling(EnvironmentModel):
             let go, they are coupled where they are then. null: none.
     """
 
-    signals: ClassVar[Collection[Signal]] = (
+    signals = (
         Signal("position_error", "m", "follower, from its target position"),
         Signal("force_error", "N", "hand's force on the leader, less that of the follower"),
     )
@@ -135,7 +134,7 @@ class Coupling(EnvironmentModel):
         for field in _OF_AXES:
             per_axis(field, getattr(self, field) or 0.0, axes)
 
-    def open(self, axes: int) -> Environment:
+    def open(self, axes: int) -> "_Coupled":
         self.check_axes(axes)
         return _Coupled(self, axes)
 
