@@ -73,8 +73,9 @@ def ratios_of(truth: Any, found: Found) -> dict[str, list[float]]:
         add("presliding", one.presliding.upper, truth.presliding[axis])
         add("lag", math.inf if one.lag is None else one.lag.upper, truth.lag)
     for gain, bound in zip(truth.gain, found.gain, strict=bool(found.gain)):
-        add("least_gain", bound.lower, gain)
-        add("largest_gain", bound.upper, gain)
+        if bound is not None:
+            add("least_gain", bound.lower, gain)
+            add("largest_gain", bound.upper, gain)
     add("write_delay", found.write_delay.upper, truth.write_delay)
     return ratios
 
