@@ -113,8 +113,8 @@ class HapticEnv(gymnasium.Env[Any, Numbers]):
         check_has_virtual_time(config)
         if len(config.hands) > 1:
             raise ConfigError(f"HapticEnv has one hand; this graph has {', '.join(config.hands)}")
-        is_drawn = isinstance(config.environment.model, Bodies)
-        if render_mode not in (None, *(self.metadata["render_modes"] if is_drawn else ())):
+        modes = ["rgb_array"] if isinstance(config.environment.model, Bodies) else []
+        if render_mode not in (None, *modes):
             kind = kind_of("environment", config.environment.model)
             raise ConfigError(
                 'render_mode: expected None, or "rgb_array" with a world of kind bodies, which'
@@ -128,7 +128,6 @@ class HapticEnv(gymnasium.Env[Any, Numbers]):
         hand, axes = _pointed(config.only.operator), config.only.axes
         self.config = config.with_hand(operator=hand)
         self._step_ns = frame_skip * config.only.servo.period_ns
-        modes = self.metadata["render_modes"] if is_drawn else []
         self.metadata = {"render_modes": modes, "render_fps": round(1e9 / self._step_ns)}
         self._seed = config.seed
         self._graph: VirtualGraph | None = None

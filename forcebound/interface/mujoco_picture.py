@@ -11,7 +11,6 @@ from forcebound.errors import ConfigError
 from forcebound.haptics.environments.mujoco_scene import listed
 
 MOST_GEOMS = 10_000  # in a picture
-FONT = 150  # %, of MuJoCo's smallest font: there is no text
 
 
 class Painter:
@@ -31,10 +30,10 @@ class Painter:
         if camera is not None:
             known = [scene.camera(i).name for i in range(scene.ncam)]
             if camera not in known:
-                raise ConfigError(
-                    f"camera: expected the name of one in the scene, or None for a view of all,"
-                    f" got {camera!r}; known: {listed(known)}"
+                expected = (
+                    "camera: expected None, for a view of all, or the name of one in the scene"
                 )
+                raise ConfigError(f"{expected}, got {camera!r}; known: {listed(known)}")
             self._camera.type = mujoco.mjtCamera.mjCAMERA_FIXED
             self._camera.fixedcamid = known.index(camera)
         scene.vis.global_.offwidth, scene.vis.global_.offheight = width, height
@@ -42,7 +41,7 @@ class Painter:
             place = "mujoco" if os.environ.get("MUJOCO_GL") else "mujoco.egl"
             self._gl = import_module(place).GLContext(width, height)
             self._gl.make_current()
-            self._context = mujoco.MjrContext(scene, FONT)
+            self._context = mujoco.MjrContext(scene, mujoco.mjtFontScale.mjFONTSCALE_100)
         except Exception as error:  # of PyOpenGL, a driver or MuJoCo
             raise ConfigError(
                 f"render_mode rgb_array: no OpenGL draws here ({type(error).__name__}: {error});"
@@ -58,10 +57,9 @@ class Painter:
         """Return the scene as it is, red, green and blue from 0 to 255, (height, width, 3)."""
         mujoco, frame = self._mujoco, self._frame
         pixels = np.empty((frame.height, frame.width, 3), np.uint8)
-        everything = mujoco.mjtCatBit.mjCAT_ALL
-        option = mujoco.MjvOption()
+        how = mujoco.MjvOption(), None, self._camera, mujoco.mjtCatBit.mjCAT_ALL
         self._gl.make_current()  # another one may have drawn
-        mujoco.mjv_updateScene(scene, data, option, None, self._camera, everything, self._drawn)
+        mujoco.mjv_updateScene(scene, data, *how, self._drawn)
         mujoco.mjr_render(frame, self._drawn, self._context)
         mujoco.mjr_readPixels(pixels, None, frame, self._context)
         return pixels[::-1].copy()

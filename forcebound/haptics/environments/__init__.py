@@ -91,7 +91,8 @@ class Environment(Publisher, ABC):
     def scene(self) -> tuple[SceneObject, ...] | None:
         """Return what there is to draw now; None: nothing, ever.
 
-        It is called at most 30 times a second, and may be called before the first query.
+        It is called at most 30 times a second, or after each step of a task of gymnasium, and may
+        be called before the first query.
         """
         return None
 
