@@ -103,3 +103,26 @@ def test_hands_stand_in_the_order_of_the_file_and_empty_signals_nowhere(
     done = invoke("plot", str(folder / "pair.mcap"), "-o", str(folder / "pair.png"))
     assert done.output.index("leader: certified") < done.output.index("follower: certified")
     assert "against" not in done.output  # two hands of a run are no two runs
+
+
+def test_a_recorded_leader_moves_the_hand_of_another_launch_file(folder: Path) -> None:
+    run, again = folder / "pair.mcap", folder / "onto.mcap"
+    words = ("replay", run, "--hand", "leader", "--onto")
+    assert invoke(*words, "three_axes", "--record", again).exit_code == 0
+    old, new = read(run, hand="leader").telemetry, read(again).telemetry
+    count = min(len(old.time), len(new.time))
+    before, now = old.position[:count, 0], new.position[:count, 0]
+    is_free = before < 0.009  # m; the solid of the other file begins at 10 mm
+    assert before[is_free].max() > 0.008
+    assert now[is_free] == pytest.approx(before[is_free], abs=2e-3)
+
+
+def test_a_replay_onto_what_no_simulated_hand_moves_is_refused(folder: Path) -> None:
+    run = folder / "pair.mcap"
+    for words in (
+        ("--onto", "three_axes"),  # whose hand of the recording?
+        ("--hand", "leader", "--onto", "leader_follower"),  # whose of the launch file?
+        ("--hand", "leader", "--onto", "haply_inverse3"),
+        ("--hand", "leader", "--onto", "stiff_wall", "--network"),
+    ):
+        assert invoke("replay", run, *words).exit_code == 2

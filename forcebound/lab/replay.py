@@ -24,7 +24,7 @@ from typing import cast
 from forcebound.errors import ConfigError
 from forcebound.files import content_of
 from forcebound.graph.graph import COMPUTATION, KINDS, SECTION_SETTINGS, GraphConfig, HandConfig
-from forcebound.graph.loader import from_document
+from forcebound.graph.loader import from_document, launch_file_of, load
 from forcebound.graph.model import read_section
 from forcebound.graph.names import (
     OF_GRAPH,
@@ -35,6 +35,7 @@ from forcebound.graph.names import (
 )
 from forcebound.graph.parts import law_of
 from forcebound.graph.problems import Problems, unknown
+from forcebound.graph.resolved import to_document
 from forcebound.graph.tree import from_plain, scalar
 from forcebound.haptics.hands.hands import SoftGrip
 from forcebound.haptics.hands.paths import began
@@ -94,6 +95,36 @@ def graph_of(
                 f" such as {device}:=five_bar, or this one: {device}:=KIND {device}.port:=PORT"
             )
     return config
+
+
+def graph_onto(recording: Recording, target: str, settings: Sequence[str] = ()) -> GraphConfig:
+    """Return the graph of a launch file, one of whose hands does what that of a recording did.
+
+    Args:
+        recording: Of one hand.
+        target: The launch file, ``FILE``, or with the name of its hand, ``FILE.yaml:HAND``.
+        settings: Of the launch file, each ``name:=value``.
+
+    Raises:
+        ConfigError: If a setting is wrong, there is no such hand, or it has other axes, or a real
+            device, which only its own motors move.
+    """
+    path, name = launch_file_of(target)
+    config = load(path or target, settings)
+    name = name or (HAND if len(config.hands) > 1 else next(iter(config.hands)))
+    if name not in config.hands:
+        known = " or ".join(f"--onto {path or target}:{hand}" for hand in config.hands)
+        raise ConfigError(f"{target}: which hand? {known}")
+    if config.hands[name].device.simulated_in is not None:
+        raise ConfigError(
+            f"{target}: the device of {name} is a real one, which no simulated hand moves: name a"
+            " simulated leader, to which the environment coupling couples a real follower"
+        )
+    document = to_document(config)
+    sections, file = document[HANDS][name], str(recording.path.absolute())
+    path_of = {"kind": "trajectory", "file": file, "hand": recording.hand}
+    sections["operator"] = {**path_of, **_kept(sections, "operator", _GRIP)}
+    return from_document(document)
 
 
 def device_of(recording: Recording, settings: Sequence[str] = ()) -> HandConfig:

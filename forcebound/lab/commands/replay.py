@@ -27,6 +27,9 @@ def replay(
     verify: bool = opt.flag("Check that its inputs give its forces, to the bit."),
     network: bool = opt.flag("Use the recorded delays instead of the set ones."),
     environment: bool = opt.flag("Use the recorded replies; they do not react to the hand."),
+    onto: str | None = opt.option(
+        "Launch file, one of whose hands does what the recorded one did.", metavar="FILE[:HAND]"
+    ),
     live: bool = opt.flag("In real time. Default: in virtual time."),
     hand: str | None = opt.hand,
     duration: float | None = opt.run_duration,
@@ -43,6 +46,9 @@ def replay(
     the bit. Exit status 1: a force differs, a command or a tick is missing. If the recording begins
     after the force engaged, verification begins at a new law.
 
+    --onto FILE runs a launch file in place of the recorded graph, NAME:=VALUE are its arguments,
+    and the recorded hand moves one of its simulated hands. A real follower in FILE does it as well.
+
     Several hands run together, and each is verified. One of them alone (--hand) needs
     --environment: what the others did to their world is in the recorded replies only.
 
@@ -51,18 +57,24 @@ def replay(
     forcebound replay run.mcap --network --live --record again.mcap controller:=local_model
     forcebound replay run.mcap --environment law:=tdpa
     forcebound replay run.mcap --verify
+    forcebound replay two.mcap --hand leader --onto pair.yaml:leader --live
     forcebound replay two.mcap left.law:=none
     forcebound replay two.mcap --hand left --environment law:=none
     """
     if verify:
-        if live or network or environment or duration or record:
+        if live or network or environment or duration or record or onto:
             raise click.UsageError("--verify runs no graph: give it alone, or with NAME:=VALUE")
         _verify(run, hand, arguments, as_json)
     if record is not None and record.exists() and record.samefile(run):
         raise click.UsageError(f"--record: {record} is the recording itself")
     recording = read_saying(run, hand, (packets.TOPIC_OF[packets.Telemetry],))
     fed = {"hand": True, "network": network, "environment": environment}
-    config = again.graph_of(recording, arguments, [feed for feed, is_fed in fed.items() if is_fed])
+    if onto is None:
+        config = again.graph_of(recording, arguments, [name for name, on in fed.items() if on])
+    elif network or environment:
+        raise click.UsageError("--onto runs another graph: its network, its environment")
+    else:
+        config = again.graph_onto(recording, onto, arguments)
     seconds = again.duration_of(recording, config) if duration is None else duration
     words = " ".join((str(run), *arguments)) if live else None
     show_run(config, seconds, record, as_json, shows_all, words)
