@@ -2,6 +2,7 @@
 
 import time
 from contextlib import closing
+from itertools import pairwise
 from pathlib import Path
 from typing import cast
 
@@ -16,7 +17,7 @@ import forcebound as fb
 from forcebound.errors import ConfigError
 from forcebound.haptics.environments.mass_spring import MassSpring
 from forcebound.messages.control import Accepted, Engage, Episodes, Refused, Release, ResetWorld
-from forcebound.messages.packets import EnvironmentReply, Telemetry
+from forcebound.messages.packets import DeviceState, EnvironmentReply, Telemetry
 from forcebound.nodes.environment import EnvironmentNode
 from forcebound.observe.episodes import buttons_of, mark, watch
 from forcebound.observe.page.controls import Controls
@@ -95,7 +96,7 @@ def test_the_world_begins_again_and_the_force_ramps_from_zero(recorded: Path) ->
         assert max(faces[:reset]) > 0.0101
     engage_time = recording.launch["device"]["engage_time"]
     zero_ns, drops = ticks[0].time_ns, 0
-    for one, other in zip(ticks, ticks[1:], strict=False):
+    for one, other in pairwise(ticks):
         drops += one.engagement > 0.0 == other.engagement
         zero_ns = other.time_ns if other.engagement == 0.0 else zero_ns
         assert other.engagement <= (other.time_ns - zero_ns) * 1e-9 / engage_time + 1e-9
@@ -134,6 +135,7 @@ def test_a_released_device_writes_zero_until_it_engages_and_then_ramps() -> None
     def forces(first: int, last: int) -> list[float]:
         for k in range(first, last):
             (state,) = node.step(k * MS, [])
+            assert isinstance(state, DeviceState)
             node.step(k * MS + 400_000, [answer(state, (2.0,))])
         return [force[0] for _, force in device.written[first:last]]
 
