@@ -21,7 +21,8 @@ from forcebound.graph.loader import load
 from forcebound.messages.events import EPISODE_BEGINS, EPISODE_ENDS, EventLog
 from forcebound.messages.packets import Event, Packet
 from forcebound.recordings import learning_files, lerobot_dataset
-from forcebound.recordings.demonstrations import UTC_OFFSET, DataSet
+from forcebound.recordings.clock import UTC_OFFSET, UTC_OFFSET_AT
+from forcebound.recordings.demonstrations import DataSet
 from forcebound.recordings.episodes import Episode, episodes_of
 from forcebound.recordings.recording import Recorder, Recording, read
 from forcebound.run.virtual import run_virtual_hands
@@ -56,7 +57,7 @@ def demonstrated(
     for one in recording.by_hand.values():
         packets += one.stream(*TOPICS)
     path = folder / f"{launch}.mcap"
-    metadata = recording.metadata | {UTC_OFFSET: str(OFFSET)}
+    metadata = recording.metadata | {UTC_OFFSET: str(OFFSET), UTC_OFFSET_AT: "0"}
     with Recorder(path, metadata, graph=config.graph) as recorder:
         for packet in sorted(packets, key=lambda packet: packet.time_ns):
             recorder.write(packet)

@@ -59,7 +59,7 @@ COMMANDS = {
     "Recordings": {
         "record": ("recordings", "Record a running graph from now on."),
         "plot": ("recordings", "Draw recordings side by side."),
-        "export": ("recordings", "Write the topics of a recording as tables."),
+        "export": ("recordings", "Write recordings as tables, or as a data set."),
         "replay": (LAB, "Verify a recording, or run it once more with other parts."),
         "recover": ("recordings", "Make a complete recording of a cut one."),
     },

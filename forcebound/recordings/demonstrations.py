@@ -31,13 +31,13 @@ from forcebound.messages.packets import (
     Telemetry,
 )
 from forcebound.messages.topology import HAND
+from forcebound.recordings.clock import UTC_OFFSET, utc_ns
 from forcebound.recordings.episodes import Episode, episodes_of
 from forcebound.recordings.export import columns_of, described, row_of
 from forcebound.recordings.launched import launched
 from forcebound.recordings.recording import Recording
 
 NEXT = "+1"  # after the name of a column: its value in the next row
-UTC_OFFSET = "utc_offset_ns"  # key of the metadata: UTC minus the devices' clock, ns
 # The first that has a field gives it.
 _STATE, _TELEMETRY, _REPLY = _TOPICS = tuple(
     TOPIC_OF[kind] for kind in (DeviceState, Telemetry, EnvironmentReply)
@@ -197,7 +197,7 @@ class DataSet:
             return None
         stamps: dict[str, NDArray[Any]] = {"timestamp": since[:count], "time_ns": times[:count]}
         if UTC_OFFSET in recording.metadata:
-            stamps["utc_ns"] = times[:count] + int(recording.metadata[UTC_OFFSET])
+            stamps["utc_ns"] = utc_ns(recording, times[:count])
         task = self._task or recording.launch.get("description") or recording.path.stem
         where = {"recording": recording.path.name, "episode": ticks[0].episode.number}
         return Demonstration(
