@@ -12,7 +12,7 @@ from servo_buses import MS, STEP, DynamixelPort, FeetechPort, Rig, dynamixels, f
 
 from forcebound.errors import ConfigError
 from forcebound.haptics.devices.true_values import TrueServos
-from forcebound.haptics.hands.hands import PressingHand
+from forcebound.haptics.hands.hands import PressingHand, WallInPlace
 from forcebound.hardware import dynamixel_frames, feetech_frames
 from forcebound.hardware.emulators.faults import SERVO_KINDS, parse_fault
 
@@ -390,6 +390,18 @@ def test_a_servo_of_the_hls_answers_and_never_moves(tmp_path: Path) -> None:
         client.drive(200, servo)
     assert client.rig.bus.torque == pytest.approx((0.0, 0.4))
     assert client.read(56) == 2048
+
+
+def test_a_follower_is_free_up_to_the_wall_that_it_meets(tmp_path: Path) -> None:
+    wall = WallInPlace(stiffness=50.0, damping=0.1, gap=0.1)
+    client = DutyClient(feetechs(tmp_path, operator=wall))
+    client.drive(-100)  # 0.2 N m, 0.05 of them against friction
+    client.rig.wait(1_000 * MS)
+    speed = (0.2 - 0.05) / (0.02 + 2.0 / 8.0 * 7.4 / 4.7)
+    assert client.rig.mechanism.angles[0] == pytest.approx(-speed, rel=0.05)
+    client.drive(100)
+    client.rig.wait(3_000 * MS)
+    assert client.rig.mechanism.angles[0] == pytest.approx(0.1 + 0.15 / 50.0, abs=1e-3)
 
 
 def test_what_a_motor_does_to_a_hand_is_seen_in_the_energy_and_braking_only_takes(

@@ -45,6 +45,9 @@ class Drive(NamedTuple):
     braking: float = 0.0  # N m s, damping that it adds
 
 
+OFF = Drive()
+
+
 class Servo(ABC):
     """One servo: its registers, and its shaft.
 
@@ -167,7 +170,7 @@ class ServoBoard(ABC):
             at_ns, _, event = heappop(self._events)
             event(at_ns)
         servos = self.servos.values()
-        drives = [one.drive() if one.has_power else Drive() for one in servos]
+        drives = [one.drive() if one.has_power else OFF for one in servos]
         self._taken = sum([abs(one.current) for one in drives])
         pairs = zip(servos, drives, strict=True)
         self.torque = tuple([servo.wiring.direction * one.torque for servo, one in pairs])
