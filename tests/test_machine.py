@@ -78,6 +78,21 @@ def test_a_port_that_may_not_be_opened_is_said_with_how(group: str, kind: str, a
     assert advice in finding.advice
 
 
+@pytest.mark.parametrize(("timer", "is_found"), [("16\n", True), ("1\n", False), (None, False)])
+def test_a_converter_that_keeps_answers_is_said_with_how_to_set_it(
+    tmp_path: Path, timer: str | None, is_found: bool
+) -> None:
+    device = tmp_path / "ttyUSB7"
+    device.mkdir()
+    if timer is not None:
+        (device / "latency_timer").write_text(timer)
+    finding = machine.latency(SerialPort("/dev/ttyUSB7"), tmp_path)
+    assert (finding is not None) == is_found
+    if finding is not None:
+        assert finding.severity == "note"
+        assert f"echo 1 | sudo tee {device}/latency_timer" in finding.advice
+
+
 def test_keys_that_others_can_replace_are_reported(tmp_path: Path) -> None:
     new_key("device-lab", tmp_path)
     tmp_path.chmod(0o777)

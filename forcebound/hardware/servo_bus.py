@@ -107,7 +107,8 @@ class ServoBus(  # pyright: ignore[reportIncompatibleVariableOverride]
             ids = f"an id for each of {self.axes} joints, none twice, got {self.servos}"
             raise ConfigError(f"servos: expected {ids}", field="servos")
         if not {-1.0, 1.0}.issuperset(self.of_joints("direction", 1.0)):
-            raise ConfigError(f"direction: expected 1 or -1, got {self.direction}", "direction")
+            words = f"direction: expected 1 or -1, got {self.direction}"
+            raise ConfigError(words, field="direction")
         self.of_joints("zero", 0.0)
         if len(self.constants) != self.axes:
             raise ConfigError("expected the torque of each joint, or one of all")
@@ -238,7 +239,10 @@ class OpenServos(SerialDevice):
 
     def read(self, time_ns: int) -> Vector:
         self._take_look()
-        exchange = self.bus.ask("read", self._ask_all, self.model.servos, any(self._held))
+        has_force, before_ns = any(self._held), self._read_ns
+        exchange = self.bus.ask("read", self._ask_all, self.model.servos, has_force)
+        if exchange.sent_ns - before_ns > 1e9 * self.bus.longest_wait and not has_force:
+            self._is_on = False  # after a pause, in which a watchdog may have fired
         counts = []
         for joint, status in enumerate(exchange.reply):
             self._check(status, self.polled[1])
@@ -285,13 +289,11 @@ class OpenServos(SerialDevice):
         if self._look is None:
             return
         servo, _, expected, words = self._look
-        self._look, status = None, self.bus.collect(servo)
+        self._look = None
+        status = self.bus.collect(servo)
         self._check(status, 1)
-        if status.values[0] == expected:
-            return
-        if any(self._held):
+        if status.values[0] != expected:
             self.bus.end(DeviceError(f"{self.bus.names[servo]}: {words}"))
-        self._is_on = False  # after a pause without force
 
     def _check(self, status: Status, count: int) -> None:
         if status.error:

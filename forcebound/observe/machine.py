@@ -57,7 +57,7 @@ def examine() -> list[Finding]:
     """Return the findings about this machine, first what prevents live runs."""
     ports = listed()
     findings = [*judge(look()), *key_folder(), *map(port, ports), *haply_service(ports)]
-    findings += filter(None, map(modem_manager, ports))
+    findings += filter(None, (rule(one) for one in ports for rule in (modem_manager, latency)))
     order = ("problem", "note", "fine")
     return sorted(findings, key=lambda finding: order.index(finding.severity))
 
@@ -199,6 +199,18 @@ def modem_manager(
     command = f"sudo tee /etc/udev/rules.d/61-forcebound.rules <<< '{rule}'"
     action = "let it ignore serial ports, if none of them is a modem; then replug the device"
     return note("modem_manager", found.path, words, action, command)
+
+
+def latency(
+    found: SerialPort, devices: Path = Path("/sys/bus/usb-serial/devices")
+) -> Finding | None:
+    """Judge how long the converter at a port keeps a short answer for more bytes to come."""
+    timer = devices / os.path.basename(os.path.realpath(found.path)) / "latency_timer"
+    if (waits := _read(str(timer))) in ("", "1"):
+        return None
+    words = f"{found} keeps a short answer for {waits} ms: a tick of servos takes as long"
+    action = "set its latency timer to 1 ms, each time after it was plugged in"
+    return note("latency_timer", found.path, words, action, f"echo 1 | sudo tee {timer}")
 
 
 def haply_service(
