@@ -5,22 +5,27 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import dynamixel_sdk
+import numpy as np
 import pytest
 import scservo_sdk
+from live_graph import live_graph
 from waiting import TIMEOUT, until
 
 from forcebound.errors import DeviceError
+from forcebound.graph.graph import HandConfig
+from forcebound.graph.loader import load
 from forcebound.graph.resolved import part_document
 from forcebound.haptics.devices.truth_file import SUFFIX, TruthFile
 from forcebound.hardware.dynamixel import Dynamixel
 from forcebound.hardware.feetech import Feetech
 from forcebound.hardware.servo_bus import ServoBus
+from forcebound.recordings.recording import read
 
 pytestmark = pytest.mark.live
 
@@ -29,14 +34,20 @@ MODELS: dict[str, ServoBus] = {
     "dynamixel": Dynamixel(watchdog_limit=1.0),
     "feetech": Feetech(watchdog_limit=1.0),
 }
+PATIENT = "watchdog_limit:=1 s"
 HOLD = 1.0  # s, likewise
 TORQUE = -0.1  # N m, of each joint
 
 
 @contextmanager
-def emulated(kind: str, folder: Path, *faults: str) -> Iterator[tuple[str, TruthFile]]:
-    """Start an emulator of six servos that nobody holds; its port, and the truth."""
+def emulated(
+    kind: str, folder: Path, *faults: str, hand: HandConfig | None = None
+) -> Iterator[tuple[str, TruthFile]]:
+    """Start an emulator of six servos, in a hand or held by nobody; its port, and the truth."""
     document = {"device": part_document("device", MODELS[kind]), "operator": None}
+    if hand is not None:
+        document["device"] = part_document("device", hand.device)
+        document["operator"] = part_document("operator", hand.operator)
     (folder / "parts").write_text(json.dumps(document))
     link = folder / "bus"
     command = [sys.executable, "-m", "forcebound", "emulate", kind, "--link", str(link)]
@@ -151,3 +162,47 @@ def drive(device: Any, truth: TruthFile) -> None:
         device.write(time.monotonic_ns(), (TORQUE,) * 6)
         was_on = was_on or any(torque(truth))
     raise AssertionError(f"no failure within {TIMEOUT} s, torque on: {was_on}")
+
+
+#: Of the arms of servo_arms: which one fails, how, and what the error names.
+FAILURES = [
+    ("leader", "silent:at=9s,servo=3", "servo 3 (elbow)"),
+    ("leader", "checksum:at=9s,servo=2", "servo 2 (shoulder)"),
+    ("follower", "cut:at=9s,servo=2", "servo 2 (shoulder)"),
+    ("follower", "overload:at=9s,servo=1", "servo 1 (base)"),
+]
+
+
+@pytest.mark.xdist_group("processes")
+@pytest.mark.no_cover
+@pytest.mark.parametrize(("hand", "fault", "named"), FAILURES)
+def test_a_fault_of_an_arm_takes_the_force_of_both_and_is_named_once(
+    tmp_path: Path, hand: str, fault: str, named: str
+) -> None:
+    config = load("servo_arms", [PATIENT])
+    with ExitStack() as stack:
+        truths, ports = {}, []
+        for name, each in config.hands.items():
+            folder = tmp_path / name
+            folder.mkdir()
+            faults = (fault,) if name == hand else ()
+            device = emulated("dynamixel", folder, *faults, hand=each)
+            link, truths[name] = stack.enter_context(device)
+            ports.append(f"{name}:={link}")
+        graph = stack.enter_context(live_graph("servo_arms", PATIENT, *ports, is_alone=False))
+        graph.until(lambda: any(torque(truths["leader"])), "a force on the leader")
+        status, _ = graph.outcome()
+        assert status == 1, graph.log
+        assert graph.log.count(f"[{hand}/device] forcebound: ") == 1, graph.log
+        assert named in graph.log
+        for truth in truths.values():
+            until(lambda found=truth: not any(torque(found)), "no torque")
+        recording = read(graph.record)
+        assert recording.complete
+        lowest = 0.0
+        for name in config.hands:
+            columns = recording.by_hand[name].telemetry
+            assert columns.applied_force.any()
+            assert np.isfinite(columns.true_energy).all()
+            lowest += columns.true_energy.min()
+        assert lowest >= -sum(each.servo.allowance for each in config.hands.values())
