@@ -69,6 +69,10 @@ def torque(truth: TruthFile) -> tuple[float, ...]:
     return found.torque
 
 
+def until_at_rest(truth: TruthFile) -> None:
+    until(lambda: not any(torque(truth)), "no torque")
+
+
 @pytest.fixture
 def unhurried(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let the makers' clients wait for long: theirs is 34 ms, and a busy machine takes longer."""
@@ -142,7 +146,7 @@ def test_a_fault_ends_in_no_torque_and_one_error_that_names_the_servo(
             device.engage(time.monotonic_ns())
             with pytest.raises(DeviceError) as failure:
                 drive(device, truth)
-            until(lambda: not any(torque(truth)), "no torque")
+            until_at_rest(truth)
             named = "servo 3 (elbow)" if "servo=3" in fault else "servo "
             assert named in str(failure.value)
             with pytest.raises(DeviceError) as again:
@@ -196,7 +200,7 @@ def test_a_fault_of_an_arm_takes_the_force_of_both_and_is_named_once(
         assert graph.log.count(f"[{hand}/device] forcebound: ") == 1, graph.log
         assert named in graph.log
         for truth in truths.values():
-            until(lambda found=truth: not any(torque(found)), "no torque")
+            until_at_rest(truth)
         recording = read(graph.record)
         assert recording.complete
         lowest = 0.0
