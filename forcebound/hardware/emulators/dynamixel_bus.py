@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 
 from forcebound.hardware import dynamixel_frames as frames
+from forcebound.hardware.dynamixel_frames import Packet
 from forcebound.hardware.emulators.servo_bus import OFF, Drive, Servo, ServoBoard, Turn, Wiring
 
 UNKNOWN, RANGE, LENGTH, LIMIT, ACCESS = 2, 4, 5, 6, 7  # errors of a status
@@ -125,7 +126,7 @@ class DynamixelBus(ServoBoard):
     frames = frames
     servos: Mapping[int, DynamixelServo]
 
-    def obey(self, order: frames.Packet, time_ns: int) -> Sequence[Turn]:
+    def obey(self, order: Packet, time_ns: int) -> Sequence[Turn]:
         for number, servo in self.servos.items():
             servo.fed_ns = time_ns
             if self.faults.is_on("watchdog", time_ns, number):
@@ -152,7 +153,7 @@ class DynamixelBus(ServoBoard):
             if one.get(LEVEL) == 2 and not is_for_all
         ]
 
-    def _change(self, servo: DynamixelServo, order: frames.Packet) -> int:
+    def _change(self, servo: DynamixelServo, order: Packet) -> int:
         if order.instruction == frames.WRITE:
             return servo.write(_word(order.parameters), order.parameters[2:])
         if order.instruction == frames.REBOOT:

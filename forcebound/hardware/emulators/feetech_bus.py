@@ -17,6 +17,7 @@ from functools import partial
 
 from forcebound.hardware import feetech_frames as frames
 from forcebound.hardware.emulators.servo_bus import OFF, Drive, Servo, ServoBoard, Turn, Wiring
+from forcebound.hardware.feetech_frames import Packet
 from forcebound.hardware.servo_models import COUNTS, DUTY, FEETECH_CURRENT, FEETECH_VOLT
 
 STALL_CURRENT = 2.5  # A, at the voltage of the data sheet: that of an STS3215, assumed of others
@@ -113,7 +114,7 @@ class FeetechBus(ServoBoard):
     frames = frames
     servos: Mapping[int, FeetechServo]
 
-    def obey(self, order: frames.Packet, time_ns: int) -> Sequence[Turn]:
+    def obey(self, order: Packet, time_ns: int) -> Sequence[Turn]:
         given, is_for_all = order.parameters, order.servo == frames.BROADCAST
         meant = [one for number, one in self.servos.items() if is_for_all or number == order.servo]
         reads = order.instruction in (frames.PING, frames.READ, frames.SYNC_READ)
