@@ -19,7 +19,6 @@ from forcebound.hardware.servo_bus import OpenServos, ServoBus
 from forcebound.messages.packets import Vector
 from forcebound.testing import AnsweredLine, scripted
 
-HOLD = 4e-3  # s
 NAMES = ("base", "elbow")
 ARM = Dynamixel(joints=NAMES, servos=(1, 2), torque_constant=0.35, cycle=0.0)
 STS_ARM = Feetech(joints=NAMES, servos=(1, 2), torque_per_volt=0.25, largest_supply=8.0, cycle=0.0)
@@ -58,7 +57,7 @@ class RigLine(AnsweredLine):
 def opened(rig: Rig, model: ServoBus = ARM) -> tuple[OpenServos, RigLine]:
     kind: Any = OpenDynamixels if isinstance(model, Dynamixel) else OpenFeetechs
     line = RigLine(rig, kind.rest(model)[0])
-    return kind(model, line, HOLD, lambda: rig.time_ns), line
+    return kind(model, line, lambda: rig.time_ns), line
 
 
 def tick(device: OpenServos, line: RigLine, force: Vector) -> Vector:
@@ -114,7 +113,7 @@ def test_a_dynamixel_gets_these_bytes_and_no_others() -> None:
         (poll, there),
         (goal + dxl.read(1, 64, 1), answer(1)),
     ) as line:
-        device = OpenDynamixels(model, line, HOLD)
+        device = OpenDynamixels(model, line)
         assert device.read(0) == ((0x08FD - 2048) * STEP,)
         assert device.write(0, (0.1,)) == (0.0,)
         device.read(0)
@@ -149,7 +148,7 @@ def test_a_feetech_gets_these_bytes_and_no_others() -> None:
         poll,
         (sts.sync_write({1: b"\x31\x04"}, 44) + ask, sts.packet(1, 0, b"\1")),
     ) as line:
-        device = OpenFeetechs(model, line, HOLD)
+        device = OpenFeetechs(model, line)
         assert device.read(0) == (-STEP,)
         assert device.write(0, (0.0999,)) == (0.0,)
         device.read(0)
@@ -285,12 +284,6 @@ def test_a_servo_that_is_not_there_is_named(tmp_path: Path) -> None:
     model = Dynamixel(joints=("base", "elbow", "wrist"), servos=(1, 2, 7))
     with pytest.raises(DeviceError, match="servo 7 \\(wrist\\)"):
         opened(dynamixels(tmp_path), model)
-
-
-def test_a_bus_that_is_too_slow_for_the_rate_is_refused(tmp_path: Path) -> None:
-    rig = dynamixels(tmp_path, baud=57_600)
-    with pytest.raises(DeviceError, match="baud"):
-        opened(rig, Dynamixel(joints=NAMES, servos=(1, 2), baud=57_600))
 
 
 def test_an_hls_is_read_and_gives_no_force(tmp_path: Path) -> None:

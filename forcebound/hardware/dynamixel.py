@@ -55,9 +55,8 @@ class Dynamixel(ServoBus):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not 1 <= self.steps <= MOST_STEPS:
-            most = f"20 to {1e3 * MOST_STEPS * WATCHDOG_STEP:g} ms"
-            words = f"that of the servos has {most}, got {1e3 * self.longest_force:g} ms"
+        if not self.steps:
+            words = f"that of the servos has steps of 20 ms, got {1e3 * self.longest_force:g} ms"
             raise ConfigError(f"watchdog_limit: {words}", field="watchdog_limit")
 
     def refused(self, name: str) -> str:
@@ -79,10 +78,10 @@ class Dynamixel(ServoBus):
     @property
     def steps(self) -> int:
         """Of the watchdog."""
-        return int(self.longest_force / WATCHDOG_STEP + 1e-6)
+        return min(int(self.longest_force / WATCHDOG_STEP + 1e-6), MOST_STEPS)
 
     def open(self, operator: Operator | None, hold_limit: float) -> OpenServos:
-        return self.opened(OpenDynamixels, operator, hold_limit)
+        return self.opened(OpenDynamixels, operator)
 
 
 class OpenDynamixels(OpenServos):

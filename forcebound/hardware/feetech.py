@@ -80,7 +80,7 @@ class Feetech(ServoBus):
         return tuple([self.largest_supply * one for one in per_volt])
 
     def open(self, operator: Operator | None, hold_limit: float) -> OpenServos:
-        return self.opened(OpenFeetechs, operator, hold_limit)
+        return self.opened(OpenFeetechs, operator)
 
 
 class OpenFeetechs(OpenServos):

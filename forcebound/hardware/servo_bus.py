@@ -138,20 +138,15 @@ class ServoBus(  # pyright: ignore[reportIncompatibleVariableOverride]
         pairs = zip(self.servos, self.joints, strict=True)
         return {servo: f"servo {servo} ({joint})" for servo, joint in pairs}
 
-    def opened(
-        self, kind: "type[OpenServos]", operator: Operator | None, hold_limit: float
-    ) -> "OpenServos":
+    def opened(self, kind: "type[OpenServos]", operator: Operator | None) -> "OpenServos":
         """Return the open device of a kind, on a line of its own."""
         zero, reply = kind.rest(self)
         with self.line(zero, operator, self.baud, reply) as line:
-            return kind(self, line, hold_limit)
+            return kind(self, line)
 
 
 class OpenServos(SerialDevice):
-    """Servos on a line, from open to close, with ``hold_limit`` s between two writes at most.
-
-    DeviceError if a servo is not as the model states, or a tick of this length is too short.
-    """
+    """Servos on a line, from open to close; DeviceError if one is not as the model states."""
 
     is_exchange = False
     frames: ClassVar[Any]
@@ -162,7 +157,6 @@ class OpenServos(SerialDevice):
         self,
         model: ServoBus,
         line: Line,
-        hold_limit: float,
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         self.bus = Bus(line, model.reply_within, clock, self.frames, model.named_servos)
@@ -184,13 +178,6 @@ class OpenServos(SerialDevice):
         for _ in range(FIRST_EXCHANGES):
             self.read(0)
         self._line_ns = round(1e9 * BITS * len(self._goals([0] * self.axes)) / model.baud)
-        needed = 1e-9 * (self.bus.quickest_ns("read") + self._line_ns)
-        if needed > hold_limit:
-            raise DeviceError(
-                f"the messages of a tick take {1e3 * needed:.3g} ms at this port, and a force is"
-                f" held for {1e3 * hold_limit:.3g} ms: raise the baud rate of the servos, set the"
-                " latency timer of the port (`forcebound doctor`), or lower device.rate"
-            )
         self.bus.longest_wait = line.silence
         self.bus.restart()
 
