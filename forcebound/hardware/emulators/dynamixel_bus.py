@@ -3,25 +3,18 @@
 Registers, limits, errors and the bus watchdog are those of the maker's e-manual. The motor gives
 its goal current times its true torque constant, and no more than the supply can drive through a
 motor at rest. Left out: every operating mode but that of current (no torque then), a shadow id,
-indirect registers, fast reads, registered writes, profiles, back-EMF, heat.
+indirect registers, bulk and fast reads, registered writes, profiles, back-EMF, heat.
 """
 
 import math
 from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import Any, NamedTuple
 
 from forcebound.hardware import dynamixel_frames as frames
-from forcebound.hardware.emulators.servo_bus import (
-    VOLTAGE,
-    Servo,
-    ServoBoard,
-    Turn,
-    Wiring,
-)
+from forcebound.hardware.dynamixel_frames import Packet
+from forcebound.hardware.emulators.servo_bus import OFF, Drive, Servo, ServoBoard, Turn, Wiring
 
-BULK_READ = 0x92
-LIMIT_BEYOND, ACCESS, LENGTH, RANGE, UNKNOWN = 6, 7, 5, 4, 2  # errors of a status
+UNKNOWN, RANGE, LENGTH, LIMIT, ACCESS = 2, 4, 5, 6, 7  # errors of a status
 FIRMWARE = 45
 CURRENT_MODE = 0
 SPEED_UNIT = 0.229 * math.tau / 60.0  # rad/s
@@ -29,123 +22,102 @@ WATCHDOG_NS, FIRED = 20_000_000, 0xFF
 TICKS = 32768  # ms, of the realtime tick
 REGISTERS = 148
 # Registers.
-ID, DELAY, MODE, OFFSET, SHUTDOWN, TORQUE, LEVEL, ERROR = 7, 9, 11, 20, 63, 64, 68, 70
-MOST_VOLTS, LEAST_VOLTS, CURRENT_LIMIT = 32, 34, 38
-WATCHDOG, GOAL_PWM, GOAL_CURRENT, GOAL_SPEED, TICK, CURRENT = 98, 100, 102, 104, 120, 126
-SPEED, POSITION, VOLTS, TEMPERATURE = 128, 132, 144, 146
-LIMITS = {GOAL_PWM: 36, GOAL_CURRENT: CURRENT_LIMIT, GOAL_SPEED: 44}  # goal -> its limit
-
-
-class Item(NamedTuple):
-    """What may be written to a register."""
-
-    size: int
-    least: int
-    most: int
-
-
-def _items(text: str) -> dict[int, Item]:
-    rows = [list(map(int, row.split(":"))) for row in text.split()]
-    return {row[0]: Item(*row[1:]) for row in rows}
-
-
-#: By address: bytes, least and most of what may be written; all others are read-only.
-ITEMS = _items(
-    "7:1:0:252 8:1:0:7 9:1:0:254 10:1:0:13 11:1:0:16 12:1:0:255 20:4:-1044479:1044479 24:4:0:1023"
-    " 31:1:0:100 32:2:31:160 34:2:31:160 36:2:0:885 38:2:0:2047 44:4:0:2047 48:4:0:4095"
-    " 52:4:0:4095 60:1:0:3 63:1:0:63 64:1:0:1 65:1:0:1 68:1:0:2 76:2:0:16383 78:2:0:16383"
-    " 80:2:0:16383 82:2:0:16383 84:2:0:16383 98:1:0:127 100:2:-885:885 102:2:-2047:2047"
-    " 104:4:-2047:2047 108:4:0:32767 112:4:0:32767 116:4:-1048575:1048575"
+ID, DELAY, MODE, OFFSET, MOST_VOLTS, LEAST_VOLTS, CURRENT_LIMIT = 7, 9, 11, 20, 32, 34, 38
+SHUTDOWN, TORQUE, LEVEL, ERROR, WATCHDOG, GOAL_PWM, GOAL_CURRENT = 63, 64, 68, 70, 98, 100, 102
+TICK, CURRENT, SPEED, POSITION, VOLTS, TEMPERATURE = 120, 126, 128, 132, 144, 146
+LIMITS = {GOAL_PWM: 36, GOAL_CURRENT: CURRENT_LIMIT, 104: 44}  # goal -> its limit
+GOALS = 8  # bytes, from GOAL_PWM on
+#: Address, bytes, least and most of what may be written; all other registers are read-only.
+_ITEMS = (
+    "7 1 0 252, 8 1 0 7, 9 1 0 254, 10 1 0 13, 11 1 0 16, 20 4 -1044479 1044479, 31 1 0 100,"
+    "32 2 31 160, 34 2 31 160, 36 2 0 885, 38 2 0 2047, 44 4 0 2047, 48 4 0 4095, 52 4 0 4095,"
+    "63 1 0 63, 64 1 0 1, 65 1 0 1, 68 1 0 2, 98 1 0 127, 100 2 -885 885, 102 2 -2047 2047,"
+    "104 4 -2047 2047, 108 4 0 32767, 112 4 0 32767, 116 4 -1048575 1048575"
 )
+ITEMS = {item[0]: item[1:] for item in (tuple(map(int, i.split())) for i in _ITEMS.split(","))}
 
 
 class DynamixelServo(Servo):
-    """One servo.
-
-    ``supply``: of its data sheet, in V. ``fed_ns``: when the bus last had an instruction.
-    """
+    """One servo; ``supply``: of its data sheet, in V; ``fed_ns``: of the last instruction."""
 
     kept, return_delay = 64, DELAY
 
     def __init__(self, wiring: Wiring, supply: float) -> None:
         model = wiring.model
-        words = {0: model.number, MOST_VOLTS: 160, LEAST_VOLTS: round(7.0 * supply), 36: 885}
-        words |= {CURRENT_LIMIT: model.current_limit, 44: 445, 48: 4095}
-        given = {address: value.to_bytes(2, "little") for address, value in words.items()}
-        ones = {6: FIRMWARE, ID: wiring.number, 8: 1, DELAY: 250, MODE: 3, 12: 255, 13: 2, 31: 70}
-        ones |= {SHUTDOWN: 53 if model.has_watchdog else 52, LEVEL: 2, TEMPERATURE: 30}
-        given |= {address: bytes((value,)) for address, value in ones.items()}
-        super().__init__(wiring, given, REGISTERS)
-        self._stall_per_volt = model.stall[1] / supply
+        volts = ((MOST_VOLTS, 2, 160), (LEAST_VOLTS, 2, round(7.0 * supply)))
+        limits = (
+            (36, 2, 885),
+            (CURRENT_LIMIT, 2, model.current_limit),
+            (44, 4, 445),
+            (48, 4, 4095),
+        )
+        itself = ((0, 2, model.number), (6, 1, FIRMWARE), (ID, 1, wiring.number), (8, 1, 3))
+        modes = ((DELAY, 1, 250), (MODE, 1, 3), (LEVEL, 1, 2), (TEMPERATURE, 1, 30))
+        errors = (SHUTDOWN, 1, 53 if model.has_watchdog else 52)
+        super().__init__(wiring, REGISTERS, *volts, *limits, *itself, *modes, errors)
+        self._stall_per_volt: float = model.stall[1] / supply
         self.fed_ns = 0
 
     def refresh(self) -> None:
-        offset = self.get(OFFSET, 4, signed=True)
+        current = self.drive().current / self.wiring.model.current_unit
         self.put(TICK, self.time_ns // 1_000_000 % TICKS, 2)
-        self.put(CURRENT, round(self.current() / self.wiring.model.current_unit), 2)
+        self.put(CURRENT, round(current), 2)
         self.put(SPEED, round(self.speed / SPEED_UNIT), 4)
-        self.put(POSITION, self.counts + offset, 4)
+        self.put(POSITION, self.counts + self.get(OFFSET, 4, signed=True), 4)
         self.put(VOLTS, round(10.0 * self.supply), 2)
 
     def look(self, time_ns: int, angle: float, supply: float) -> None:
+        is_other = supply != self.supply
         super().look(time_ns, angle, supply)
-        if not self.get(LEAST_VOLTS, 2) <= 10.0 * supply <= self.get(MOST_VOLTS, 2):
-            self.fail(VOLTAGE)
-        steps = self.get(WATCHDOG)
-        if self.get(TORQUE) and 0 < steps < FIRED and time_ns - self.fed_ns > steps * WATCHDOG_NS:
+        if is_other and not self.get(LEAST_VOLTS, 2) <= 10.0 * supply <= self.get(MOST_VOLTS, 2):
+            self.fail(self.voltage)
+        steps = self.registers[WATCHDOG]
+        is_silent = 0 < steps < FIRED and time_ns - self.fed_ns > steps * WATCHDOG_NS
+        if is_silent and self.registers[TORQUE]:
             self.bite()
 
     def bite(self) -> None:
         """Let the bus watchdog fire."""
         self.put(WATCHDOG, FIRED)
-        self._clear_goals()
+        self.put(GOAL_PWM, 0, GOALS)
 
     def fail(self, error: int) -> None:
         self.put(ERROR, self.get(ERROR) | error)
         if self.get(ERROR) & self.get(SHUTDOWN):
             self.put(TORQUE, 0)
 
-    def current(self) -> float:
-        if not self.get(TORQUE) or self.get(MODE) != CURRENT_MODE:
-            return 0.0
-        unit: float = self.wiring.model.current_unit
-        goal = self.get(GOAL_CURRENT, 2, signed=True) * unit
-        most: float = self._stall_per_volt * self.supply
-        return min(max(goal, -most), most)
-
-    def torque(self) -> float:
-        return self.wiring.constant * self.current()
+    def drive(self) -> Drive:
+        if not self.registers[TORQUE] or self.registers[MODE] != CURRENT_MODE:
+            return OFF
+        most = self._stall_per_volt * self.supply
+        goal = self.get(GOAL_CURRENT, 2, signed=True) * self.wiring.model.current_unit
+        current = min(max(goal, -most), most)
+        return Drive(current, self.wiring.constant * current)
 
     def write(self, address: int, data: bytes) -> int:
         """Write registers, all or none; return the error of the status."""
-        found: list[tuple[int, bytes]] = []
+        before = self.registers[:]
         while data:
-            item = ITEMS.get(address)
-            if item is None or (address < self.kept and self.get(TORQUE)):
-                return ACCESS
-            if len(data) < item.size:
-                return LENGTH
-            value = int.from_bytes(data[: item.size], "little", signed=item.least < 0)
-            is_stopped = address in LIMITS and self.get(WATCHDOG) == FIRED
-            if is_stopped or not item.least <= value <= item.most:
-                return RANGE
-            if address in LIMITS and abs(value) > self.get(LIMITS[address], 2):
-                return LIMIT_BEYOND
-            found.append((address, data[: item.size]))
-            address, data = address + item.size, data[item.size :]
-        for place, given in found:
-            self._set(place, given)
+            size, least, most = ITEMS.get(address, (1, 0, -1))
+            value = int.from_bytes(data[:size], "little", signed=least < 0)
+            if least > most or (address < self.kept and self.get(TORQUE)):
+                error = ACCESS
+            elif len(data) < size:
+                error = LENGTH
+            elif not least <= value <= most or (address in LIMITS and self.get(WATCHDOG) == FIRED):
+                error = RANGE
+            else:
+                beyond = address in LIMITS and abs(value) > self.get(LIMITS[address], 2)
+                error = LIMIT if beyond else 0
+            if error:
+                self.registers = before
+                return error
+            if address != TORQUE or not self.get(ERROR) & self.get(SHUTDOWN):  # until a restart
+                self.put(address, value, size)
+            if address == MODE:
+                self.put(GOAL_PWM, 0, GOALS)
+            address, data = address + size, data[size:]
         return 0
-
-    def _set(self, address: int, value: bytes) -> None:
-        if address == TORQUE and self.get(ERROR) & self.get(SHUTDOWN):
-            return  # until it restarts
-        self.registers[address : address + len(value)] = value
-        if address == MODE:
-            self._clear_goals()
-
-    def _clear_goals(self) -> None:
-        self.put(GOAL_PWM, 0, 8)
 
 
 class DynamixelBus(ServoBoard):
@@ -154,42 +126,34 @@ class DynamixelBus(ServoBoard):
     frames = frames
     servos: Mapping[int, DynamixelServo]
 
-    def _look(self, time_ns: int) -> None:
-        super()._look(time_ns)
+    def obey(self, order: Packet, time_ns: int) -> Sequence[Turn]:
         for number, servo in self.servos.items():
+            servo.fed_ns = time_ns
             if self.faults.is_on("watchdog", time_ns, number):
                 servo.bite()
-
-    def _begin(self, order: Any, time_ns: int) -> None:
-        for servo in self.servos.values():
-            servo.fed_ns = time_ns
-        super()._begin(order, time_ns)
-
-    def _obey(self, order: frames.Packet) -> Sequence[Turn]:
-        given, servos = order.parameters, self._meant(order.servo)
-        if order.instruction == frames.SYNC_READ:
-            return self._readings([(number, given[:4]) for number in given[4:]])
-        if order.instruction == BULK_READ:
-            rows = [given[i : i + 5] for i in range(0, len(given), 5)]
-            return self._readings([(row[0], row[1:]) for row in rows])
+        given, is_for_all = order.parameters, order.servo == frames.BROADCAST
+        meant = [one for number, one in self.servos.items() if is_for_all or number == order.servo]
+        place, size = _word(given), _word(given[2:])
         if order.instruction == frames.SYNC_WRITE:
-            size = 1 + _word(given[2:4])
-            for row in [given[i : i + size] for i in range(4, len(given), size)]:
-                for servo in self._meant(row[0]):
-                    servo.write(_word(given), row[1:])
+            for i in range(4, len(given), 1 + size):
+                if given[i] in self.servos:
+                    self.servos[given[i]].write(place, given[i + 1 : i + 1 + size])
             return ()
         if order.instruction == frames.PING:
-            return [(one, partial(self._status, one, 0, b"\0\0\2\0\6\0\1\0")) for one in servos]
-        if order.instruction == frames.READ:
-            return self._readings([(order.servo, given)])
-        errors = [self._change(one, order) for one in servos]
+            return [(one, partial(self._status, one, 0, (0, 2), (6, 1))) for one in meant]
+        if order.instruction == frames.SYNC_READ:
+            meant = [self.servos[number] for number in given[4:] if number in self.servos]
+        if order.instruction in (frames.READ, frames.SYNC_READ):
+            asked = [one for one in meant if one.get(LEVEL)]
+            return [(one, partial(self._status, one, 0, (place, size))) for one in asked]
+        errors = [self._change(one, order) for one in meant]
         return [
             (one, partial(self._status, one, error))
-            for one, error in zip(servos, errors, strict=True)
-            if one.get(LEVEL) == 2 and order.servo != frames.BROADCAST
+            for one, error in zip(meant, errors, strict=True)
+            if one.get(LEVEL) == 2 and not is_for_all
         ]
 
-    def _change(self, servo: DynamixelServo, order: frames.Packet) -> int:
+    def _change(self, servo: DynamixelServo, order: Packet) -> int:
         if order.instruction == frames.WRITE:
             return servo.write(_word(order.parameters), order.parameters[2:])
         if order.instruction == frames.REBOOT:
@@ -197,28 +161,12 @@ class DynamixelBus(ServoBoard):
             return 0
         return UNKNOWN
 
-    def _meant(self, number: int) -> list[DynamixelServo]:
-        if number == frames.BROADCAST:
-            return list(self.servos.values())
-        return [self.servos[number]] if number in self.servos else []
-
-    def _readings(self, asked: Sequence[tuple[int, bytes]]) -> list[Turn]:
-        return [
-            (servo, partial(self._status, servo, 0, place))
-            for number, place in asked
-            if (servo := self.servos.get(number)) is not None and servo.get(LEVEL) > 0
-        ]
-
-    def _status(self, servo: DynamixelServo, error: int, places: bytes = b"") -> bytes:
-        """Return a status with the registers at ``places``, each an address and a size."""
-        data = b""
-        for i in range(0, len(places), 4):
-            address, size = _word(places[i:]), _word(places[i + 2 :])
-            data += servo.read(address, size)
-            error = error if address + size <= REGISTERS else ACCESS
+    def _status(self, servo: DynamixelServo, error: int, *places: tuple[int, int]) -> bytes:
+        """Return a status with the registers at places, each an address and a size."""
+        error = ACCESS if any(sum(one) > REGISTERS for one in places) else error
         alert = frames.ALERT if servo.get(ERROR) else 0
-        content = bytes((error | alert,)) + (b"" if error == ACCESS else data)
-        return frames.packet(servo.wiring.number, frames.STATUS, content)
+        data = b"" if error else b"".join([servo.read(*one) for one in places])
+        return frames.packet(servo.wiring.number, frames.STATUS, bytes((error | alert,)) + data)
 
 
 def _word(data: bytes) -> int:

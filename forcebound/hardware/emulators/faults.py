@@ -119,7 +119,7 @@ class Faults:
 
         ``servo``: on a bus, one of this servo, or of none by name.
         """
-        if self._start_ns is None:
+        if self._start_ns is None or not self._faults:
             return False
         elapsed = (time_ns - self._start_ns) * 1e-9
         found = [

@@ -7,7 +7,8 @@ the time in 35 is an overload: the torque goes off until it is switched off and 
 the HLS series answers, and never moves: what its register 44 does is not settled.
 
 What is known of the registers is what lerobot's tables and the maker's pages say. Left out: modes
-0, 1 and 3 (no torque then), multi-turn angles, registered writes, the current's dynamics, heat.
+0, 1 and 3 (no torque then), multi-turn angles, the lock of the EEPROM, registered writes, the
+current's dynamics, heat.
 """
 
 import math
@@ -15,14 +16,8 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 
 from forcebound.hardware import feetech_frames as frames
-from forcebound.hardware.emulators.servo_bus import (
-    OVERLOAD,
-    VOLTAGE,
-    Servo,
-    ServoBoard,
-    Turn,
-    Wiring,
-)
+from forcebound.hardware.emulators.servo_bus import OFF, Drive, Servo, ServoBoard, Turn, Wiring
+from forcebound.hardware.feetech_frames import Packet
 from forcebound.hardware.servo_models import COUNTS, DUTY, FEETECH_CURRENT, FEETECH_VOLT
 
 STALL_CURRENT = 2.5  # A, at the voltage of the data sheet: that of an STS3215, assumed of others
@@ -30,67 +25,51 @@ DUTY_MODE = 2
 OVERLOAD_NS = 10_000_000  # unit of register 35
 REGISTERS = 71
 # Registers.
-MODEL, ID, DELAY, LEVEL, MOST_VOLTS, LEAST_VOLTS, MOST_TORQUE, UNLOADING = (
-    3,
-    5,
-    7,
-    8,
-    14,
-    15,
-    16,
-    19,
-)
-OFFSET, MODE, OVERLOAD_TIME, OVERLOAD_DUTY, TORQUE, GOAL, LIMIT, LOCK = (
-    31,
-    33,
-    35,
-    36,
-    40,
-    44,
-    48,
-    55,
-)
-POSITION, SPEED, LOAD, VOLTS, TEMPERATURE, STATUS, CURRENT = 56, 58, 60, 62, 63, 65, 69
-RAM = 40  # registers from here on are forgotten
+MODEL, ID, DELAY, LEVEL, MOST_VOLTS, LEAST_VOLTS, MOST_TORQUE = 3, 5, 7, 8, 14, 15, 16
+UNLOADING, OFFSET, MODE, OVERLOAD_TIME, OVERLOAD_DUTY, TORQUE, GOAL = 19, 31, 33, 35, 36, 40, 44
+LIMIT, POSITION, SPEED, LOAD, VOLTS, TEMPERATURE, STATUS, CURRENT = 48, 56, 58, 60, 62, 63, 65, 69
 READ_ONLY = (*range(ID), *range(POSITION, REGISTERS))
 
 
 class FeetechServo(Servo):
     """One servo; ``largest`` is the supply at which its constant holds, in V."""
 
-    kept, return_delay = RAM, DELAY
+    kept, return_delay = 40, DELAY
 
     def __init__(self, wiring: Wiring, largest: float) -> None:
         model = wiring.model
-        ones = {0: 3, 1: 10, ID: wiring.number, DELAY: 250, LEVEL: 1, 13: 70, MOST_VOLTS: 140}
-        ones |= {LEAST_VOLTS: 40, UNLOADING: 44, OVERLOAD_TIME: 200, OVERLOAD_DUTY: 80, LOCK: 1}
-        given = {address: bytes((value,)) for address, value in ones.items()}
-        words = {MODEL: model.number or 0, MOST_TORQUE: DUTY, LIMIT: DUTY, 11: COUNTS - 1}
-        given |= {address: value.to_bytes(2, "little") for address, value in words.items()}
-        given[TEMPERATURE] = bytes((30,))
-        super().__init__(wiring, given, REGISTERS)
+        itself = ((0, 2, 0x0A03), (MODEL, 2, model.number or 0), (ID, 1, wiring.number))
+        volts = ((MOST_VOLTS, 1, 140), (LEAST_VOLTS, 1, 40), (DELAY, 1, 250), (LEVEL, 1, 1))
+        limits = ((MOST_TORQUE, 2, DUTY), (LIMIT, 2, DUTY), (UNLOADING, 1, 44))
+        others = ((OVERLOAD_TIME, 1, 200), (OVERLOAD_DUTY, 1, 80), (TEMPERATURE, 1, 30))
+        super().__init__(wiring, REGISTERS, *itself, *volts, *limits, *others)
         self._per_volt = wiring.constant / largest  # N m/V
         self._back_emf: float = model.voltage / model.free_speed  # V s/rad
         self._resistance: float = model.voltage / STALL_CURRENT
-        self._loaded_ns: int | None = None  # since when its duty is an overload
+        self._load_ns = 0  # when its duty was last no overload
+
+    def signed(self, address: int) -> int:
+        """Return a number with its sign."""
+        return frames.decoded(address, bytes(self.registers[address : address + 2]))
 
     @property
     def duty(self) -> float:
         """What the motor is driven with, as a share of the supply."""
-        is_driven = self.get(TORQUE) == 1 and self.get(MODE) == DUTY_MODE
-        if not is_driven or not self.wiring.model.has_duty:
-            return 0.0
         most = min(self.get(LIMIT, 2), self.get(MOST_TORQUE, 2), DUTY)
-        goal = frames.decoded(GOAL, self.bytes_at(GOAL, 2))
-        return min(max(goal, -most), most) / DUTY
+        return min(max(self.signed(GOAL), -most), most) / DUTY if self.is_driven else 0.0
+
+    @property
+    def is_driven(self) -> bool:
+        """Whether the duty drives the motor."""
+        is_on = self.registers[TORQUE] == 1 and self.registers[MODE] == DUTY_MODE
+        return is_on and bool(self.wiring.model.has_duty)
 
     def refresh(self) -> None:
-        counts = self.counts - frames.decoded(OFFSET, self.bytes_at(OFFSET, 2))
         shown = {
-            POSITION: counts % COUNTS,
+            POSITION: (self.counts - self.signed(OFFSET)) % COUNTS,
             SPEED: round(self.speed * COUNTS / math.tau),
             LOAD: round(self.duty * DUTY),
-            CURRENT: round(self.current() / FEETECH_CURRENT),
+            CURRENT: round(self.drive().current / FEETECH_CURRENT),
         }
         for address, value in shown.items():
             self.registers[address : address + 2] = frames.encoded(address, value)
@@ -98,47 +77,35 @@ class FeetechServo(Servo):
 
     def look(self, time_ns: int, angle: float, supply: float) -> None:
         super().look(time_ns, angle, supply)
-        is_well = self.get(LEAST_VOLTS) <= supply / FEETECH_VOLT <= self.get(MOST_VOLTS)
-        self.put(STATUS, self.get(STATUS) & ~VOLTAGE)
-        if not is_well:
-            self.fail(VOLTAGE)
+        self.registers[STATUS] &= ~self.voltage
+        if not self.registers[LEAST_VOLTS] <= supply / FEETECH_VOLT <= self.registers[MOST_VOLTS]:
+            self.fail(self.voltage)
         if 100.0 * abs(self.duty) <= self.get(OVERLOAD_DUTY):
-            self._loaded_ns = None
-        elif self._loaded_ns is None:
-            self._loaded_ns = time_ns
-        elif time_ns - self._loaded_ns > OVERLOAD_NS * self.get(OVERLOAD_TIME):
-            self.fail(OVERLOAD)
+            self._load_ns = time_ns
+        if time_ns - self._load_ns > OVERLOAD_NS * self.get(OVERLOAD_TIME):
+            self.fail(self.overload)
 
     def fail(self, error: int) -> None:
         self.put(STATUS, self.get(STATUS) | error)
         if error & self.get(UNLOADING):
             self.put(TORQUE, 0)
 
-    def current(self) -> float:
-        if not self.get(TORQUE):
-            return 0.0
-        return (self.duty * self.supply - self._back_emf * self.speed) / self._resistance
-
-    def torque(self) -> float:
-        return self._per_volt * self.duty * self.supply
-
-    def braking(self) -> float:
-        is_driven = self.get(TORQUE) and self.get(MODE) == DUTY_MODE
-        return self._per_volt * self._back_emf if is_driven else 0.0
+    def drive(self) -> Drive:
+        if not self.is_driven:
+            return OFF
+        volts = self.duty * self.supply
+        current = (volts - self._back_emf * self.speed) / self._resistance
+        return Drive(current, self._per_volt * volts, self._per_volt * self._back_emf)
 
     def write(self, address: int, data: bytes) -> None:
-        """Write registers; what is read-only stays, and what is locked is kept until a restart."""
+        """Write registers; what is read-only stays."""
         for place, value in enumerate(data[: max(REGISTERS - address, 0)], start=address):
             if place == TORQUE and value == 0:
                 self.put(STATUS, 0)
-            if place in READ_ONLY or (place == TORQUE and self.get(STATUS) & OVERLOAD):
-                continue
-            self.registers[place] = value
-            if place < RAM and not self.get(LOCK):
-                self._new[place] = value
-
-    def restart(self) -> None:
-        self.registers[:] = self._new
+            if place not in READ_ONLY and not (
+                place == TORQUE and self.get(STATUS) & self.overload
+            ):
+                self.put(place, value)
 
 
 class FeetechBus(ServoBoard):
@@ -147,31 +114,26 @@ class FeetechBus(ServoBoard):
     frames = frames
     servos: Mapping[int, FeetechServo]
 
-    def _obey(self, order: frames.Packet) -> Sequence[Turn]:
-        given = order.parameters
-        if order.instruction == frames.SYNC_READ:
-            asked = [self.servos[number] for number in given[2:] if number in self.servos]
-            return [(one, partial(self._status, one, given[:2])) for one in asked]
-        if order.instruction == frames.SYNC_WRITE:
-            size = 1 + (given[1] if len(given) > 1 else 0)
-            for row in [given[i : i + size] for i in range(2, len(given), size)]:
-                if row[0] in self.servos:
-                    self.servos[row[0]].write(given[0], row[1:])
-            return ()
-        is_for_all = order.servo == frames.BROADCAST
+    def obey(self, order: Packet, time_ns: int) -> Sequence[Turn]:
+        given, is_for_all = order.parameters, order.servo == frames.BROADCAST
         meant = [one for number, one in self.servos.items() if is_for_all or number == order.servo]
-        reads = order.instruction in (frames.PING, frames.READ)
-        if order.instruction == frames.WRITE and given:
+        reads = order.instruction in (frames.PING, frames.READ, frames.SYNC_READ)
+        if order.instruction == frames.SYNC_READ:
+            meant = [self.servos[number] for number in given[2:] if number in self.servos]
+        elif order.instruction == frames.SYNC_WRITE and len(given) > 1:
+            for i in range(2, len(given), 1 + given[1]):
+                if given[i] in self.servos:
+                    self.servos[given[i]].write(given[0], given[i + 1 : i + 1 + given[1]])
+        elif order.instruction == frames.WRITE and given:
             for servo in meant:
                 servo.write(given[0], given[1:])
-        places = given[:2] if order.instruction == frames.READ else b""
-        return [
-            (one, partial(self._status, one, places))
-            for one in meant
-            if not is_for_all and (reads or one.get(LEVEL))
-        ]
+        if is_for_all and order.instruction != frames.SYNC_READ:
+            return ()
+        place = given[:2] if reads else b""
+        asked = [one for one in meant if reads or one.get(LEVEL)]
+        return [(one, partial(self._status, one, place)) for one in asked]
 
-    def _status(self, servo: FeetechServo, places: bytes) -> bytes:
+    def _status(self, servo: FeetechServo, place: bytes) -> bytes:
         """Return a status with registers, from an address and so many."""
-        data = servo.read(*places) if len(places) == 2 else b""
+        data = servo.read(*place) if len(place) == 2 else b""
         return frames.packet(servo.wiring.number, servo.get(STATUS), data)
