@@ -51,7 +51,7 @@ class RigLine(AnsweredLine):
     def fail(self, failure: DeviceError) -> None:
         super().fail(failure)
         self.write(self._at_rest)
-        self.wait(MS)
+        self.wait(5 * MS)
 
 
 def opened(rig: Rig, model: ServoBus = ARM) -> tuple[OpenServos, RigLine]:
@@ -74,8 +74,8 @@ def driven(device: OpenServos, line: RigLine, force: Vector) -> Vector:
 
 
 def ticks(device: OpenServos, line: RigLine, count: int) -> None:
-    for _ in range(count):
-        tick(device, line, (0.1, 0.1))
+    for number in range(count):
+        tick(device, line, (0.1 + 0.02 * (number % 2), 0.1))
 
 
 def test_a_dynamixel_gets_these_bytes_and_no_others() -> None:
@@ -108,10 +108,10 @@ def test_a_dynamixel_gets_these_bytes_and_no_others() -> None:
         (bytes.fromhex("ff ff fd 00 01 06 00 03 0b 00 00 42 e3"), answer()),
         number(11, b"\0"),
         *[(poll, there)] * (FIRST_EXCHANGES + 1),
-        (setting(98, 0) + zero + setting(98, 2) + setting(64, 1) + zero + dxl.read(1, 98, 1), None),
-        (None, answer(2)),
+        (setting(98, 0) + zero + setting(98, 2) + setting(64, 1) + zero + dxl.read(1, 98, 6), None),
+        (None, answer(2, 0, 0, 0, 0, 0)),
         (poll, there),
-        (goal + dxl.read(1, 64, 1), answer(1)),
+        (goal + dxl.read(1, 98, 6), answer(2, 0, 0, 0, *(-285).to_bytes(2, "little", signed=True))),
     ) as line:
         device = OpenDynamixels(model, line)
         assert device.read(0) == ((0x08FD - 2048) * STEP,)
@@ -132,10 +132,13 @@ def test_a_feetech_gets_these_bytes_and_no_others() -> None:
     off = sts.sync_write({1: b"\0"}, 40)
     poll = sts.sync_read(b"\1", 56, 7), sts.packet(1, 0, bytes.fromhex("ff 07 05 80 00 00 4a"))
     on = sts.sync_write({1: b"\1"}, 40)
-    ask = sts.read(1, 40, 1)
+    ask, has = sts.read(1, 40, 6), sts.packet(1, 0, b"\1\0\0\0\x31\x04")
     model = Feetech(joints=("base",), servos=(1,), torque_per_volt=0.25, largest_supply=8.0)
     with scripted(
-        (sts.sync_write({1: bytes(2)}, 44) + off + ask, sts.packet(1, 0, b"\0")),
+        (
+            bytes(256) + sts.sync_write({1: bytes(2)}, 44) + off + sts.read(1, 40, 1),
+            sts.packet(1, 0, b"\0"),
+        ),
         number(3, b"\x09\x03"),
         number(7, b"\xfa"),
         setting(55, 0),
@@ -144,9 +147,9 @@ def test_a_feetech_gets_these_bytes_and_no_others() -> None:
         number(7, b"\0"),
         number(33, b"\2"),
         *[poll] * (FIRST_EXCHANGES + 1),
-        (on + sts.sync_write({1: bytes(2)}, 44) + ask, sts.packet(1, 0, b"\1")),
+        (on + sts.sync_write({1: bytes(2)}, 44) + ask, sts.packet(1, 0, b"\1" + bytes(5))),
         poll,
-        (sts.sync_write({1: b"\x31\x04"}, 44) + ask, sts.packet(1, 0, b"\1")),
+        (sts.sync_write({1: b"\x31\x04"}, 44) + ask, has),
     ) as line:
         device = OpenFeetechs(model, line)
         assert device.read(0) == (-STEP,)
@@ -201,18 +204,21 @@ def test_servos_are_set_up_as_the_driver_needs_them(tmp_path: Path) -> None:
 
 FAULTS = [
     (ARM, "silent,servo=2", "servo 2 (elbow)"),
-    (ARM, "checksum,servo=1", "servo 1"),
+    (ARM, "checksum,servo=1", "servo 1 (base)"),
+    (ARM, "lost", "servo"),
     (ARM, "overload,servo=2", "overload"),
     (ARM, "voltage", "input voltage"),
-    (ARM, "watchdog,servo=2", "servo 2 (elbow): its bus watchdog"),
+    (ARM, "watchdog,servo=2", "servo 2 (elbow) is off: its bus watchdog"),
     (ARM, "cut,servo=2", "servo 2 (elbow)"),
-    (ARM, "reset", "its motor is off"),
+    (ARM, "reset", "it was reset"),
     (STS_ARM, "silent,servo=1", "servo 1 (base)"),
-    (STS_ARM, "checksum,servo=2", "servo 2"),
-    (STS_ARM, "overload,servo=2", "servo 2 (elbow): reports the error"),
+    (STS_ARM, "checksum,servo=2", "servo 2 (elbow)"),
+    (STS_ARM, "lost", "servo"),
+    (STS_ARM, "noise", "servo"),
+    (STS_ARM, "overload,servo=2", "servo 2 (elbow) reports the error"),
     (STS_ARM, "voltage", "voltage"),
     (STS_ARM, "cut,servo=2", "servo 2 (elbow)"),
-    (STS_ARM, "reset", "its motor is off"),
+    (STS_ARM, "reset", "it was reset"),
 ]
 
 

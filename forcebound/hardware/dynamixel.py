@@ -17,7 +17,7 @@ from forcebound.haptics.hands import Operator
 from forcebound.haptics.laws.dissipation import AngleOfJoints
 from forcebound.hardware import dynamixel_frames
 from forcebound.hardware.driven import SIGNALS_OF_JOINTS
-from forcebound.hardware.servo_bus import OFF, OpenServos, ServoBus, of_each
+from forcebound.hardware.servo_bus import OpenServos, ServoBus, of_each
 from forcebound.hardware.servo_models import DYNAMIXELS
 from forcebound.hardware.servo_requests import orders
 from forcebound.messages.packets import Vector
@@ -91,6 +91,7 @@ class OpenDynamixels(OpenServos):
     frames: ClassVar[Any] = dynamixel_frames
     goal: ClassVar[int] = GOAL_CURRENT
     polled: ClassVar[tuple[int, int]] = (PRESENT_CURRENT, 10)
+    shown: ClassVar[tuple[int, int]] = (WATCHDOG, 6)
 
     @classmethod
     def rest(cls, model: Any) -> tuple[bytes, int]:
@@ -102,10 +103,10 @@ class OpenDynamixels(OpenServos):
         pairs = zip(self._directions, self.model.constants, self.model.types, strict=True)
         return tuple([turn / (constant * each.current_unit) for turn, constant, each in pairs])
 
-    def looks(self) -> list[tuple[int, int, str]]:
+    def while_on(self) -> tuple[int, str]:
         limit = f"{1e3 * self.model.steps * WATCHDOG_STEP:g} ms"
-        fired = f"its bus watchdog has fired: it saw nothing on the bus for {limit}"
-        return [(WATCHDOG, self.model.steps, fired), (TORQUE, 1, OFF)]
+        fired = f"is off: its bus watchdog has fired, after {limit} without a message, or"
+        return self.model.steps, f"{fired} it was reset"
 
     def set_up(self, joint: int) -> None:
         bus, servo = self.bus, self.model.servos[joint]

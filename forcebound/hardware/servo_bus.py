@@ -1,9 +1,10 @@
 """Servos on a bus, one for each joint: what Dynamixel and Feetech have in common.
 
 A tick has one request for the registers of all servos, which answer one after the other, and one
-order with their goals, which none answers. Behind the order one register of one servo is asked for,
-in turn; its answer is there before the next request. So a servo that was reset, or whose watchdog
-has fired, is found after as many ticks as there are servos and such registers.
+order with their goals, which none answers. Behind the order one servo, in turn, is asked for the
+goal that it has, and for a register that shows that it is on; its answer is there before the next
+request. So an order that was lost is found in the same tick, and a servo that was reset, or whose
+watchdog has fired, after as many ticks as there are servos.
 
 The motors are switched on with the first force, and off by whatever ends the run. What goes wrong
 ends in zero force and a DeviceError, once, as :mod:`forcebound.hardware.line` has it: a servo that
@@ -46,7 +47,7 @@ from forcebound.quantities import POSITIVE, AngularSpeed, Name, Range, Ratio, Ti
 
 GUESSED = "damping friction presliding saturation largest_speed write_delay gain_error inertia"
 BITS = 10  # on the line, of a byte
-OFF = "its motor is off: it was reset, or another program has switched it off"
+LOST = "has not the goal that was written: the order was lost, or it refuses it"
 
 _logger = logging.getLogger(__name__)
 
@@ -152,6 +153,9 @@ class OpenServos(SerialDevice):
     frames: ClassVar[Any]
     goal: ClassVar[int]  # register, of two bytes, that sets the force
     polled: ClassVar[tuple[int, int]]  # registers of every tick: first, and how many bytes
+    shown: ClassVar[
+        tuple[int, int]
+    ]  # of one servo: the first says that it is on, the last its goal
 
     def __init__(
         self,
@@ -170,8 +174,8 @@ class OpenServos(SerialDevice):
         self._cycle_ns = round(1e9 * model.cycle)
         self._held: Vector = (0.0,) * model.axes
         self._is_on = False
-        self._looks = cycle([(servo, *one) for one in self.looks() for servo in self._driven])
-        self._look: tuple[int, int, int, str] | None = None  # whose answer has not been taken
+        self._turns = cycle(self._driven)
+        self._look: tuple[int, bytes] | None = None  # servo and goal, if the answer is to be taken
         self.bus.ask("begin", self.rest(model)[0], model.servos[:1])
         for joint in range(model.axes):
             self.set_up(joint)
@@ -191,8 +195,8 @@ class OpenServos(SerialDevice):
         """Return what the goal register of each joint has for a N m; 0: it gives no force."""
 
     @abstractmethod
-    def looks(self) -> list[tuple[int, int, str]]:
-        """Return registers of a byte, what they have while it is in order, and what is wrong."""
+    def while_on(self) -> tuple[int, str]:
+        """Return what the first register shown has while a servo is on, and words if not."""
 
     @abstractmethod
     def set_up(self, joint: int) -> None:
@@ -255,9 +259,10 @@ class OpenServos(SerialDevice):
         held = zip(goals, self._per_torque, strict=True)
         self._held = tuple([-goal / one + 0.0 if one else 0.0 for goal, one in held])
         if self._is_on:
-            self._look = next(self._looks)
-            message += self._goals(goals) + self.frames.read(*self._look[:2], 1)
+            servo = next(self._turns)
+            message += self._goals(goals) + self.frames.read(servo, *self.shown)
             self.bus.order(message, any(goals))
+            self._look = servo, self.encoded(goals[self.model.servos.index(servo)])
         self._effect_ns = self._clock() + self._line_ns + self._cycle_ns
         return self._held
 
@@ -272,15 +277,17 @@ class OpenServos(SerialDevice):
         return orders(self.frames, ((self.goal, values),))
 
     def _take_look(self) -> None:
-        """Take the answer that the last order has, and check that register."""
+        """Take the answer of the servo that was asked with the last order, and check it."""
         if self._look is None:
             return
-        servo, _, expected, words = self._look
-        self._look = None
-        status = self.bus.collect(servo)
-        self._check(status, 1)
-        if status.values[0] != expected:
-            self.bus.end(DeviceError(f"{self.bus.names[servo]}: {words}"))
+        (servo, goal), self._look = self._look, None
+        status, (expected, words) = self.bus.collect(servo), self.while_on()
+        self._check(status, self.shown[1])
+        if status.values[0] == expected:
+            if status.values[-2:] == goal:
+                return
+            words = LOST
+        self.bus.end(DeviceError(f"{self.bus.names[servo]} {words}"))
 
     def _check(self, status: Status, count: int) -> None:
         if status.error:
@@ -290,7 +297,7 @@ class OpenServos(SerialDevice):
             return
         else:
             words = f"answers {len(status.values)} bytes, expected {count}"
-        self.bus.end(DeviceError(f"{self.bus.names[status.servo]}: {words}"))
+        self.bus.end(DeviceError(f"{self.bus.names[status.servo]} {words}"))
 
 
 def of_each(name: str, value: OfAxes[float] | None, axes: int, known: Sequence[float]) -> Vector:
