@@ -180,6 +180,31 @@ def test_what_is_held_is_what_the_servos_give_rounded_towards_zero(
     assert not line.forces[-1]
 
 
+@pytest.mark.parametrize("cycle", [0.0, 2.5e-4, 5e-3])
+def test_a_reading_is_stamped_after_the_goal_that_came_first_if_the_servo_has_had_time_for_it(
+    tmp_path: Path, cycle: float
+) -> None:
+    rig = dynamixels(tmp_path)
+    device, line = opened(rig, replace(ARM, cycle=cycle))
+    for _ in range(3):
+        device.read(0)
+        device.write(0, (0.1, 0.1))
+        written_ns = rig.time_ns
+        _, effect_ns = device.stamps()
+        line.wait(MS)
+        asked_ns = rig.time_ns
+        device.read(0)
+        read_ns, _ = device.stamps()
+        latest_ns = read_ns + device.latch_jitter()
+        assert written_ns + cycle * 1e9 < effect_ns < written_ns + cycle * 1e9 + MS
+        assert latest_ns >= asked_ns - MS // 10
+        if cycle < 1e-3:
+            assert effect_ns <= read_ns
+        else:  # the answer has come too soon after the goal
+            assert read_ns == pytest.approx(asked_ns - 1e9 * cycle, abs=MS)
+            assert latest_ns < effect_ns
+
+
 def test_limits_of_joints_and_the_saturation_hold(tmp_path: Path) -> None:
     rig = dynamixels(tmp_path)
     device, line = opened(rig, replace(ARM, torque_limit=(0.05, 0.3), upper=(1.0, -1.0)))

@@ -11,9 +11,13 @@ ends in zero force and a DeviceError, once, as :mod:`forcebound.hardware.line` h
 is silent or says that it has an error; a packet that is spoiled or nobody's; a register that is not
 as it was set; a guardian that had to step in.
 
-**Stamps.** A servo latches its reading, and takes its goal, at the same place of each message, so
+**Stamps.** A servo takes its goal, and latches its reading, at the same place of each message, so
 its times are shifted alike, whatever that place is. What varies is the time that a request takes
-longer than the quickest one, and the servo's own cycle, of which nobody knows the phase.
+longer than the quickest one, and the phase of the servo's own cycle c, in which it takes a new goal
+and latches a new reading: a goal that has come at g acts by g + c, its stamp, and a reading asked
+for at a is not older than a - c. Goals and requests stay in order on the bus. So a reading is after
+a goal that came before it, if the answer comes c later at least; it is stamped no earlier than that
+goal then, and may be later than its stamp by the time from g to a, too. Else the goal acts later.
 """
 
 import logging
@@ -68,8 +72,8 @@ class ServoBus(  # pyright: ignore[reportIncompatibleVariableOverride]
         direction: 1 if larger counts of the servo are larger angles, else -1; likewise.
         zero: Position of the servo, in counts of 4096 in a turn, at which its joint is at 0 rad;
             likewise. An angle begins within half a turn of it.
-        cycle: Longest time by which a servo's register may be older than its answer, and a goal act
-            later than it came.
+        cycle: Of a servo's own control: by so much a register may be older than its answer, and a
+            goal act later than it came.
         inertia: Of the emulator alone.
         truth: What the emulated servos really have, where that differs from what is stated.
     """
@@ -83,13 +87,13 @@ class ServoBus(  # pyright: ignore[reportIncompatibleVariableOverride]
     baud: Annotated[int, Range(at_least=9600)] = 1_000_000
     direction: OfAxes[Annotated[Ratio, Range(at_least=-1, at_most=1)]] = 1.0
     zero: OfAxes[Annotated[Ratio, Range()]] = 2048.0
-    cycle: Annotated[Time, Range(at_least=0)] = 1e-3
+    cycle: Annotated[Time, Range(at_least=0)] = 2.5e-4
     damping: DampingOfJoints = 0.01
     friction: TorqueOfJoints = 0.04
     resolution: AngleOfJoints = math.tau / COUNTS  # data sheet
     saturation: Annotated[Torque, POSITIVE] = 0.5
     largest_speed: Annotated[AngularSpeed, POSITIVE] | None = 30.0  # without load: 11
-    write_delay: Annotated[Time, Range(at_least=0)] = 6e-3  # one reading in a tick, at 300 Hz
+    write_delay: Annotated[Time, Range(at_least=0)] = 5e-3  # one reading in a tick, at 300 Hz
     truth: TrueServos | None = None
     sources: Mapping[str, Source] = field(
         default_factory=lambda: dict.fromkeys([*GUESSED.split(), "cycle"], "assumed"), hash=False
@@ -153,9 +157,7 @@ class OpenServos(SerialDevice):
     frames: ClassVar[Any]
     goal: ClassVar[int]  # register, of two bytes, that sets the force
     polled: ClassVar[tuple[int, int]]  # registers of every tick: first, and how many bytes
-    shown: ClassVar[
-        tuple[int, int]
-    ]  # of one servo: the first says that it is on, the last its goal
+    shown: ClassVar[tuple[int, int]]  # of one servo: the first says that it is on, its goal is last
 
     def __init__(
         self,
@@ -172,6 +174,7 @@ class OpenServos(SerialDevice):
         self._driven = [s for s, one in zip(model.servos, self._per_torque, strict=True) if one]
         self._ask_all = self.frames.sync_read(bytes(model.servos), *self.polled)
         self._cycle_ns = round(1e9 * model.cycle)
+        self._asking_ns = round(1e9 * BITS * len(self._ask_all) / model.baud)
         self._held: Vector = (0.0,) * model.axes
         self._is_on = False
         self._turns = cycle(self._driven)
@@ -241,8 +244,7 @@ class OpenServos(SerialDevice):
             # By half a turn at most, which is also how a servo's position wraps.
             counts.append(before + (found - before + COUNTS / 2) % COUNTS - COUNTS / 2)
         self._counts = tuple(counts)
-        self._read_ns = exchange.sent_ns - self._cycle_ns
-        self._jitter_ns = exchange.excess_ns + self._cycle_ns
+        self._stamp(exchange.sent_ns, exchange.excess_ns)
         places = zip(self._directions, counts, self._zeros, strict=True)
         self._angles = tuple([d * (at - zero) * math.tau / COUNTS for d, at, zero in places])
         return self._angles
@@ -265,6 +267,14 @@ class OpenServos(SerialDevice):
             self._look = servo, self.encoded(goals[self.model.servos.index(servo)])
         self._effect_ns = self._clock() + self._line_ns + self._cycle_ns
         return self._held
+
+    def _stamp(self, sent_ns: int, excess_ns: int) -> None:
+        earliest_ns = sent_ns - self._cycle_ns
+        self._read_ns = earliest_ns
+        if sent_ns + self._asking_ns >= self._effect_ns:
+            earliest_ns = max(earliest_ns, self._effect_ns - self._cycle_ns)  # the goal has come
+            self._read_ns = max(self._read_ns, self._effect_ns)
+        self._jitter_ns = excess_ns + sent_ns - earliest_ns
 
     def close(self) -> None:
         self._line.close()
