@@ -46,3 +46,14 @@ def test_with_the_certified_law_the_hand_rests_and_feels_the_wall(name: str) -> 
 def test_a_port_and_its_emulator_have_the_same_limit(name: str) -> None:
     devices = [load(name, [f"device:={port}"]).only.device for port in ("emulated", "/dev/ttyACM0")]
     assert {device.longest_force for device in devices} == {0.03}
+
+
+@pytest.mark.parametrize("name", ["servo_wall", "dynamixel_arm", "feetech_arm"])
+def test_a_servo_arm_gives_energy_without_a_law_and_rests_with_one(name: str) -> None:
+    free = run_virtual(simulated_graph(name, ["law:=none"]), DURATION).summary
+    assert free["true_energy_min_j"] < -0.02
+    assert not free["at_rest"]
+    bounded = run_virtual(simulated_graph(name), DURATION).summary
+    assert bounded["true_energy_min_j"] >= 0.0
+    assert bounded["at_rest"]
+    assert bounded["stiffness_n_per_m"]["felt"] > 0.5  # N m/rad

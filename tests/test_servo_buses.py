@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from itertools import accumulate, pairwise
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ from servo_buses import MS, STEP, DynamixelPort, FeetechPort, Rig, dynamixels, f
 
 from forcebound.errors import ConfigError
 from forcebound.haptics.devices.true_values import TrueServos
-from forcebound.haptics.hands.hands import PressingHand
+from forcebound.haptics.hands.hands import PressingHand, WallInPlace
 from forcebound.hardware import dynamixel_frames, feetech_frames
 from forcebound.hardware.emulators.faults import SERVO_KINDS, parse_fault
 
@@ -194,10 +195,10 @@ def test_a_tick_takes_as_long_as_its_bytes(tmp_path: Path, baud: int, expected_n
     begin_ns = rig.time_ns
     asked = dynamixel_frames.sync_read(servos, VELOCITY, 8)
     assert len(rig.exchange(asked)) == 6 * 19
-    # 20 bytes, then 6 times 19, ten bits each; the six answers come one after the other
+    # 20 bytes, then 6 times 19, ten bits each; the answers come one after the other
     times = [at_ns - begin_ns for at_ns, _ in rig.replies]
     byte_ns = 10_000_000_000 // baud
-    assert times == [(20 + 19 * k) * byte_ns for k in range(1, 7)]
+    assert times == [(20 + 19 * 6) * byte_ns]
     goals = dynamixel_frames.sync_write(dict.fromkeys(servos, b"\x10\0"), GOAL)
     begin_ns = rig.time_ns
     rig.send(goals)
@@ -267,11 +268,13 @@ def test_a_fault_of_one_servo_is_its_own(
     rig.exchange(frames.sync_read(servos, address, size))
     whole = len(frames.packet(1, 0, bytes(size + (kind == "dynamixel"))))
     expected = [math.floor(share * whole) for share in lengths if share]
-    assert [len(data) for _, data in rig.replies] == expected
+    ((_, came),) = rig.replies
+    assert len(came) == sum(expected)
+    ends = list(accumulate(expected, initial=0))
     is_off = fault.startswith("cut")
     assert rig.bus.torque == ((torque[0], 0.0, 0.0) if is_off else torque)
-    spoiled = [data for _, data in rig.replies if not _is_sound(frames, data)]
-    assert len(spoiled) == (not fault.startswith("silent"))
+    sound = [_is_sound(frames, came[begin:end]) for begin, end in pairwise(ends)]
+    assert sound.count(False) == (not fault.startswith("silent"))
 
 
 def _is_sound(frames: Any, data: bytes) -> bool:
@@ -390,6 +393,18 @@ def test_a_servo_of_the_hls_answers_and_never_moves(tmp_path: Path) -> None:
         client.drive(200, servo)
     assert client.rig.bus.torque == pytest.approx((0.0, 0.4))
     assert client.read(56) == 2048
+
+
+def test_a_follower_is_free_up_to_the_wall_that_it_meets(tmp_path: Path) -> None:
+    wall = WallInPlace(stiffness=50.0, damping=0.1, gap=0.1)
+    client = DutyClient(feetechs(tmp_path, operator=wall))
+    client.drive(-100)  # 0.2 N m, 0.05 of them against friction
+    client.rig.wait(1_000 * MS)
+    speed = (0.2 - 0.05) / (0.02 + 2.0 / 8.0 * 7.4 / 4.7)
+    assert client.rig.mechanism.angles[0] == pytest.approx(-speed, rel=0.05)
+    client.drive(100)
+    client.rig.wait(3_000 * MS)
+    assert client.rig.mechanism.angles[0] == pytest.approx(0.1 + 0.15 / 50.0, abs=1e-3)
 
 
 def test_what_a_motor_does_to_a_hand_is_seen_in_the_energy_and_braking_only_takes(

@@ -19,7 +19,6 @@ from forcebound.hardware.servo_bus import OpenServos, ServoBus
 from forcebound.messages.packets import Vector
 from forcebound.testing import AnsweredLine, scripted
 
-HOLD = 4e-3  # s
 NAMES = ("base", "elbow")
 ARM = Dynamixel(joints=NAMES, servos=(1, 2), torque_constant=0.35, cycle=0.0)
 STS_ARM = Feetech(joints=NAMES, servos=(1, 2), torque_per_volt=0.25, largest_supply=8.0, cycle=0.0)
@@ -52,13 +51,13 @@ class RigLine(AnsweredLine):
     def fail(self, failure: DeviceError) -> None:
         super().fail(failure)
         self.write(self._at_rest)
-        self.wait(MS)
+        self.wait(5 * MS)
 
 
 def opened(rig: Rig, model: ServoBus = ARM) -> tuple[OpenServos, RigLine]:
     kind: Any = OpenDynamixels if isinstance(model, Dynamixel) else OpenFeetechs
     line = RigLine(rig, kind.rest(model)[0])
-    return kind(model, line, HOLD, lambda: rig.time_ns), line
+    return kind(model, line, lambda: rig.time_ns), line
 
 
 def tick(device: OpenServos, line: RigLine, force: Vector) -> Vector:
@@ -75,8 +74,8 @@ def driven(device: OpenServos, line: RigLine, force: Vector) -> Vector:
 
 
 def ticks(device: OpenServos, line: RigLine, count: int) -> None:
-    for _ in range(count):
-        tick(device, line, (0.1, 0.1))
+    for number in range(count):
+        tick(device, line, (0.1 + 0.02 * (number % 2), 0.1))
 
 
 def test_a_dynamixel_gets_these_bytes_and_no_others() -> None:
@@ -109,12 +108,12 @@ def test_a_dynamixel_gets_these_bytes_and_no_others() -> None:
         (bytes.fromhex("ff ff fd 00 01 06 00 03 0b 00 00 42 e3"), answer()),
         number(11, b"\0"),
         *[(poll, there)] * (FIRST_EXCHANGES + 1),
-        (setting(98, 0) + zero + setting(98, 2) + setting(64, 1) + zero + dxl.read(1, 98, 1), None),
-        (None, answer(2)),
+        (setting(98, 0) + zero + setting(98, 2) + setting(64, 1) + zero + dxl.read(1, 98, 6), None),
+        (None, answer(2, 0, 0, 0, 0, 0)),
         (poll, there),
-        (goal + dxl.read(1, 64, 1), answer(1)),
+        (goal + dxl.read(1, 98, 6), answer(2, 0, 0, 0, *(-285).to_bytes(2, "little", signed=True))),
     ) as line:
-        device = OpenDynamixels(model, line, HOLD)
+        device = OpenDynamixels(model, line)
         assert device.read(0) == ((0x08FD - 2048) * STEP,)
         assert device.write(0, (0.1,)) == (0.0,)
         device.read(0)
@@ -133,10 +132,13 @@ def test_a_feetech_gets_these_bytes_and_no_others() -> None:
     off = sts.sync_write({1: b"\0"}, 40)
     poll = sts.sync_read(b"\1", 56, 7), sts.packet(1, 0, bytes.fromhex("ff 07 05 80 00 00 4a"))
     on = sts.sync_write({1: b"\1"}, 40)
-    ask = sts.read(1, 40, 1)
+    ask, has = sts.read(1, 40, 6), sts.packet(1, 0, b"\1\0\0\0\x31\x04")
     model = Feetech(joints=("base",), servos=(1,), torque_per_volt=0.25, largest_supply=8.0)
     with scripted(
-        (sts.sync_write({1: bytes(2)}, 44) + off + ask, sts.packet(1, 0, b"\0")),
+        (
+            bytes(256) + sts.sync_write({1: bytes(2)}, 44) + off + sts.read(1, 40, 1),
+            sts.packet(1, 0, b"\0"),
+        ),
         number(3, b"\x09\x03"),
         number(7, b"\xfa"),
         setting(55, 0),
@@ -145,11 +147,11 @@ def test_a_feetech_gets_these_bytes_and_no_others() -> None:
         number(7, b"\0"),
         number(33, b"\2"),
         *[poll] * (FIRST_EXCHANGES + 1),
-        (on + sts.sync_write({1: bytes(2)}, 44) + ask, sts.packet(1, 0, b"\1")),
+        (on + sts.sync_write({1: bytes(2)}, 44) + ask, sts.packet(1, 0, b"\1" + bytes(5))),
         poll,
-        (sts.sync_write({1: b"\x31\x04"}, 44) + ask, sts.packet(1, 0, b"\1")),
+        (sts.sync_write({1: b"\x31\x04"}, 44) + ask, has),
     ) as line:
-        device = OpenFeetechs(model, line, HOLD)
+        device = OpenFeetechs(model, line)
         assert device.read(0) == (-STEP,)
         assert device.write(0, (0.0999,)) == (0.0,)
         device.read(0)
@@ -178,6 +180,31 @@ def test_what_is_held_is_what_the_servos_give_rounded_towards_zero(
     assert not line.forces[-1]
 
 
+@pytest.mark.parametrize("cycle", [0.0, 2.5e-4, 5e-3])
+def test_a_reading_is_stamped_after_the_goal_that_came_first_if_the_servo_has_had_time_for_it(
+    tmp_path: Path, cycle: float
+) -> None:
+    rig = dynamixels(tmp_path)
+    device, line = opened(rig, replace(ARM, cycle=cycle))
+    for _ in range(3):
+        device.read(0)
+        device.write(0, (0.1, 0.1))
+        written_ns = rig.time_ns
+        _, effect_ns = device.stamps()
+        line.wait(MS)
+        asked_ns = rig.time_ns
+        device.read(0)
+        read_ns, _ = device.stamps()
+        latest_ns = read_ns + device.latch_jitter()
+        assert written_ns + cycle * 1e9 < effect_ns < written_ns + cycle * 1e9 + MS
+        assert latest_ns >= asked_ns - MS // 10
+        if cycle < 1e-3:
+            assert effect_ns <= read_ns
+        else:  # the answer has come too soon after the goal
+            assert read_ns == pytest.approx(asked_ns - 1e9 * cycle, abs=MS)
+            assert latest_ns < effect_ns
+
+
 def test_limits_of_joints_and_the_saturation_hold(tmp_path: Path) -> None:
     rig = dynamixels(tmp_path)
     device, line = opened(rig, replace(ARM, torque_limit=(0.05, 0.3), upper=(1.0, -1.0)))
@@ -202,18 +229,21 @@ def test_servos_are_set_up_as_the_driver_needs_them(tmp_path: Path) -> None:
 
 FAULTS = [
     (ARM, "silent,servo=2", "servo 2 (elbow)"),
-    (ARM, "checksum,servo=1", "servo 1"),
+    (ARM, "checksum,servo=1", "servo 1 (base)"),
+    (ARM, "lost", "servo"),
     (ARM, "overload,servo=2", "overload"),
     (ARM, "voltage", "input voltage"),
-    (ARM, "watchdog,servo=2", "servo 2 (elbow): its bus watchdog"),
+    (ARM, "watchdog,servo=2", "servo 2 (elbow) is off: its bus watchdog"),
     (ARM, "cut,servo=2", "servo 2 (elbow)"),
-    (ARM, "reset", "its motor is off"),
+    (ARM, "reset", "it was reset"),
     (STS_ARM, "silent,servo=1", "servo 1 (base)"),
-    (STS_ARM, "checksum,servo=2", "servo 2"),
-    (STS_ARM, "overload,servo=2", "servo 2 (elbow): reports the error"),
+    (STS_ARM, "checksum,servo=2", "servo 2 (elbow)"),
+    (STS_ARM, "lost", "servo"),
+    (STS_ARM, "noise", "servo"),
+    (STS_ARM, "overload,servo=2", "servo 2 (elbow) reports the error"),
     (STS_ARM, "voltage", "voltage"),
     (STS_ARM, "cut,servo=2", "servo 2 (elbow)"),
-    (STS_ARM, "reset", "its motor is off"),
+    (STS_ARM, "reset", "it was reset"),
 ]
 
 
@@ -285,12 +315,6 @@ def test_a_servo_that_is_not_there_is_named(tmp_path: Path) -> None:
     model = Dynamixel(joints=("base", "elbow", "wrist"), servos=(1, 2, 7))
     with pytest.raises(DeviceError, match="servo 7 \\(wrist\\)"):
         opened(dynamixels(tmp_path), model)
-
-
-def test_a_bus_that_is_too_slow_for_the_rate_is_refused(tmp_path: Path) -> None:
-    rig = dynamixels(tmp_path, baud=57_600)
-    with pytest.raises(DeviceError, match="baud"):
-        opened(rig, Dynamixel(joints=NAMES, servos=(1, 2), baud=57_600))
 
 
 def test_an_hls_is_read_and_gives_no_force(tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ from forcebound.haptics.hands import Operator
 from forcebound.haptics.laws.dissipation import AngleOfJoints
 from forcebound.hardware import dynamixel_frames
 from forcebound.hardware.driven import SIGNALS_OF_JOINTS
-from forcebound.hardware.servo_bus import OFF, OpenServos, ServoBus, of_each
+from forcebound.hardware.servo_bus import OpenServos, ServoBus, of_each
 from forcebound.hardware.servo_models import DYNAMIXELS
 from forcebound.hardware.servo_requests import orders
 from forcebound.messages.packets import Vector
@@ -55,9 +55,8 @@ class Dynamixel(ServoBus):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not 1 <= self.steps <= MOST_STEPS:
-            most = f"20 to {1e3 * MOST_STEPS * WATCHDOG_STEP:g} ms"
-            words = f"that of the servos has {most}, got {1e3 * self.longest_force:g} ms"
+        if not self.steps:
+            words = f"that of the servos has steps of 20 ms, got {1e3 * self.longest_force:g} ms"
             raise ConfigError(f"watchdog_limit: {words}", field="watchdog_limit")
 
     def refused(self, name: str) -> str:
@@ -79,10 +78,10 @@ class Dynamixel(ServoBus):
     @property
     def steps(self) -> int:
         """Of the watchdog."""
-        return int(self.longest_force / WATCHDOG_STEP + 1e-6)
+        return min(int(self.longest_force / WATCHDOG_STEP + 1e-6), MOST_STEPS)
 
     def open(self, operator: Operator | None, hold_limit: float) -> OpenServos:
-        return self.opened(OpenDynamixels, operator, hold_limit)
+        return self.opened(OpenDynamixels, operator)
 
 
 class OpenDynamixels(OpenServos):
@@ -92,6 +91,7 @@ class OpenDynamixels(OpenServos):
     frames: ClassVar[Any] = dynamixel_frames
     goal: ClassVar[int] = GOAL_CURRENT
     polled: ClassVar[tuple[int, int]] = (PRESENT_CURRENT, 10)
+    shown: ClassVar[tuple[int, int]] = (WATCHDOG, 6)
 
     @classmethod
     def rest(cls, model: Any) -> tuple[bytes, int]:
@@ -103,10 +103,10 @@ class OpenDynamixels(OpenServos):
         pairs = zip(self._directions, self.model.constants, self.model.types, strict=True)
         return tuple([turn / (constant * each.current_unit) for turn, constant, each in pairs])
 
-    def looks(self) -> list[tuple[int, int, str]]:
+    def while_on(self) -> tuple[int, str]:
         limit = f"{1e3 * self.model.steps * WATCHDOG_STEP:g} ms"
-        fired = f"its bus watchdog has fired: it saw nothing on the bus for {limit}"
-        return [(WATCHDOG, self.model.steps, fired), (TORQUE, 1, OFF)]
+        fired = f"is off: its bus watchdog has fired, after {limit} without a message, or"
+        return self.model.steps, f"{fired} it was reset"
 
     def set_up(self, joint: int) -> None:
         bus, servo = self.bus, self.model.servos[joint]

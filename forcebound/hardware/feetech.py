@@ -28,7 +28,7 @@ from forcebound.haptics.hands import Operator
 from forcebound.haptics.laws.dissipation import Attenuates
 from forcebound.haptics.parts.signals import Signal
 from forcebound.hardware import feetech_frames
-from forcebound.hardware.servo_bus import OFF, OpenServos, ServoBus, of_each
+from forcebound.hardware.servo_bus import OpenServos, ServoBus, of_each
 from forcebound.hardware.servo_models import DUTY, FEETECH_VOLT, FEETECHS
 from forcebound.hardware.servo_requests import orders
 from forcebound.messages.packets import Vector
@@ -37,6 +37,7 @@ from forcebound.quantities import POSITIVE, Name, Ratio
 # Registers.
 MODEL, RETURN_DELAY, MODE, TORQUE, GOAL_DUTY, LOCK, POSITION, VOLTAGE = 3, 7, 33, 40, 44, 55, 56, 62
 DUTY_MODE = 2
+FILLING = bytes(256)  # completes whatever message has lost a byte, its length for example
 ERRORS = ("voltage", "encoder", "overheating", "current", "overload", "overload")  # by bit
 
 _logger = logging.getLogger(__name__)
@@ -80,7 +81,7 @@ class Feetech(ServoBus):
         return tuple([self.largest_supply * one for one in per_volt])
 
     def open(self, operator: Operator | None, hold_limit: float) -> OpenServos:
-        return self.opened(OpenFeetechs, operator, hold_limit)
+        return self.opened(OpenFeetechs, operator)
 
 
 class OpenFeetechs(OpenServos):
@@ -90,6 +91,7 @@ class OpenFeetechs(OpenServos):
     frames: ClassVar[Any] = feetech_frames
     goal: ClassVar[int] = GOAL_DUTY
     polled: ClassVar[tuple[int, int]] = (POSITION, 7)
+    shown: ClassVar[tuple[int, int]] = (TORQUE, 6)
 
     @classmethod
     def rest(cls, model: Any) -> tuple[bytes, int]:
@@ -97,14 +99,15 @@ class OpenFeetechs(OpenServos):
         pairs = zip(model.servos, model.types, strict=True)
         driven = [servo for servo, each in pairs if each.has_duty]
         off = [(GOAL_DUTY, dict.fromkeys(driven, bytes(2))), (TORQUE, dict.fromkeys(driven, b"\0"))]
-        return orders(feetech_frames, off) + feetech_frames.read(model.servos[0], TORQUE, 1), 7
+        asked = feetech_frames.read(model.servos[0], TORQUE, 1)
+        return FILLING + orders(feetech_frames, off) + asked, 7
 
     def goals_per_torque(self) -> Vector:
         pairs = zip(self._directions, self.model.constants, self.model.types, strict=True)
         return tuple([turn * DUTY / most if one.has_duty else 0.0 for turn, most, one in pairs])
 
-    def looks(self) -> list[tuple[int, int, str]]:
-        return [(TORQUE, 1, OFF)]
+    def while_on(self) -> tuple[int, str]:
+        return 1, "is off: it was reset, or protects itself"
 
     def set_up(self, joint: int) -> None:
         servo, stated = self.model.servos[joint], self.model.types[joint]

@@ -1,18 +1,23 @@
 """Servos on a bus, one for each joint: what Dynamixel and Feetech have in common.
 
 A tick has one request for the registers of all servos, which answer one after the other, and one
-order with their goals, which none answers. Behind the order one register of one servo is asked for,
-in turn; its answer is there before the next request. So a servo that was reset, or whose watchdog
-has fired, is found after as many ticks as there are servos and such registers.
+order with their goals, which none answers. Behind the order one servo, in turn, is asked for the
+goal that it has, and for a register that shows that it is on; its answer is there before the next
+request. So an order that was lost is found in the same tick, and a servo that was reset, or whose
+watchdog has fired, after as many ticks as there are servos.
 
 The motors are switched on with the first force, and off by whatever ends the run. What goes wrong
 ends in zero force and a DeviceError, once, as :mod:`forcebound.hardware.line` has it: a servo that
 is silent or says that it has an error; a packet that is spoiled or nobody's; a register that is not
 as it was set; a guardian that had to step in.
 
-**Stamps.** A servo latches its reading, and takes its goal, at the same place of each message, so
+**Stamps.** A servo takes its goal, and latches its reading, at the same place of each message, so
 its times are shifted alike, whatever that place is. What varies is the time that a request takes
-longer than the quickest one, and the servo's own cycle, of which nobody knows the phase.
+longer than the quickest one, and the phase of the servo's own cycle c, in which it takes a new goal
+and latches a new reading: a goal that has come at g acts by g + c, its stamp, and a reading asked
+for at a is not older than a - c. Goals and requests stay in order on the bus. So a reading is after
+a goal that came before it, if the answer comes c later at least; it is stamped no earlier than that
+goal then, and may be later than its stamp by the time from g to a, too. Else the goal acts later.
 """
 
 import logging
@@ -46,7 +51,7 @@ from forcebound.quantities import POSITIVE, AngularSpeed, Name, Range, Ratio, Ti
 
 GUESSED = "damping friction presliding saturation largest_speed write_delay gain_error inertia"
 BITS = 10  # on the line, of a byte
-OFF = "its motor is off: it was reset, or another program has switched it off"
+LOST = "has not the goal that was written: the order was lost, or it refuses it"
 
 _logger = logging.getLogger(__name__)
 
@@ -67,8 +72,8 @@ class ServoBus(  # pyright: ignore[reportIncompatibleVariableOverride]
         direction: 1 if larger counts of the servo are larger angles, else -1; likewise.
         zero: Position of the servo, in counts of 4096 in a turn, at which its joint is at 0 rad;
             likewise. An angle begins within half a turn of it.
-        cycle: Longest time by which a servo's register may be older than its answer, and a goal act
-            later than it came.
+        cycle: Of a servo's own control: by so much a register may be older than its answer, and a
+            goal act later than it came.
         inertia: Of the emulator alone.
         truth: What the emulated servos really have, where that differs from what is stated.
     """
@@ -82,13 +87,13 @@ class ServoBus(  # pyright: ignore[reportIncompatibleVariableOverride]
     baud: Annotated[int, Range(at_least=9600)] = 1_000_000
     direction: OfAxes[Annotated[Ratio, Range(at_least=-1, at_most=1)]] = 1.0
     zero: OfAxes[Annotated[Ratio, Range()]] = 2048.0
-    cycle: Annotated[Time, Range(at_least=0)] = 1e-3
+    cycle: Annotated[Time, Range(at_least=0)] = 2.5e-4
     damping: DampingOfJoints = 0.01
     friction: TorqueOfJoints = 0.04
     resolution: AngleOfJoints = math.tau / COUNTS  # data sheet
     saturation: Annotated[Torque, POSITIVE] = 0.5
     largest_speed: Annotated[AngularSpeed, POSITIVE] | None = 30.0  # without load: 11
-    write_delay: Annotated[Time, Range(at_least=0)] = 6e-3  # one reading in a tick, at 300 Hz
+    write_delay: Annotated[Time, Range(at_least=0)] = 5e-3  # one reading in a tick, at 300 Hz
     truth: TrueServos | None = None
     sources: Mapping[str, Source] = field(
         default_factory=lambda: dict.fromkeys([*GUESSED.split(), "cycle"], "assumed"), hash=False
@@ -138,31 +143,26 @@ class ServoBus(  # pyright: ignore[reportIncompatibleVariableOverride]
         pairs = zip(self.servos, self.joints, strict=True)
         return {servo: f"servo {servo} ({joint})" for servo, joint in pairs}
 
-    def opened(
-        self, kind: "type[OpenServos]", operator: Operator | None, hold_limit: float
-    ) -> "OpenServos":
+    def opened(self, kind: "type[OpenServos]", operator: Operator | None) -> "OpenServos":
         """Return the open device of a kind, on a line of its own."""
         zero, reply = kind.rest(self)
         with self.line(zero, operator, self.baud, reply) as line:
-            return kind(self, line, hold_limit)
+            return kind(self, line)
 
 
 class OpenServos(SerialDevice):
-    """Servos on a line, from open to close, with ``hold_limit`` s between two writes at most.
-
-    DeviceError if a servo is not as the model states, or a tick of this length is too short.
-    """
+    """Servos on a line, from open to close; DeviceError if one is not as the model states."""
 
     is_exchange = False
     frames: ClassVar[Any]
     goal: ClassVar[int]  # register, of two bytes, that sets the force
     polled: ClassVar[tuple[int, int]]  # registers of every tick: first, and how many bytes
+    shown: ClassVar[tuple[int, int]]  # of one servo: the first says that it is on, its goal is last
 
     def __init__(
         self,
         model: ServoBus,
         line: Line,
-        hold_limit: float,
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         self.bus = Bus(line, model.reply_within, clock, self.frames, model.named_servos)
@@ -174,23 +174,17 @@ class OpenServos(SerialDevice):
         self._driven = [s for s, one in zip(model.servos, self._per_torque, strict=True) if one]
         self._ask_all = self.frames.sync_read(bytes(model.servos), *self.polled)
         self._cycle_ns = round(1e9 * model.cycle)
+        self._asking_ns = round(1e9 * BITS * len(self._ask_all) / model.baud)
         self._held: Vector = (0.0,) * model.axes
         self._is_on = False
-        self._looks = cycle([(servo, *one) for one in self.looks() for servo in self._driven])
-        self._look: tuple[int, int, int, str] | None = None  # whose answer has not been taken
+        self._turns = cycle(self._driven)
+        self._look: tuple[int, bytes] | None = None  # servo and goal, if the answer is to be taken
         self.bus.ask("begin", self.rest(model)[0], model.servos[:1])
         for joint in range(model.axes):
             self.set_up(joint)
         for _ in range(FIRST_EXCHANGES):
             self.read(0)
         self._line_ns = round(1e9 * BITS * len(self._goals([0] * self.axes)) / model.baud)
-        needed = 1e-9 * (self.bus.quickest_ns("read") + self._line_ns)
-        if needed > hold_limit:
-            raise DeviceError(
-                f"the messages of a tick take {1e3 * needed:.3g} ms at this port, and a force is"
-                f" held for {1e3 * hold_limit:.3g} ms: raise the baud rate of the servos, set the"
-                " latency timer of the port (`forcebound doctor`), or lower device.rate"
-            )
         self.bus.longest_wait = line.silence
         self.bus.restart()
 
@@ -204,8 +198,8 @@ class OpenServos(SerialDevice):
         """Return what the goal register of each joint has for a N m; 0: it gives no force."""
 
     @abstractmethod
-    def looks(self) -> list[tuple[int, int, str]]:
-        """Return registers of a byte, what they have while it is in order, and what is wrong."""
+    def while_on(self) -> tuple[int, str]:
+        """Return what the first register shown has while a servo is on, and words if not."""
 
     @abstractmethod
     def set_up(self, joint: int) -> None:
@@ -250,8 +244,7 @@ class OpenServos(SerialDevice):
             # By half a turn at most, which is also how a servo's position wraps.
             counts.append(before + (found - before + COUNTS / 2) % COUNTS - COUNTS / 2)
         self._counts = tuple(counts)
-        self._read_ns = exchange.sent_ns - self._cycle_ns
-        self._jitter_ns = exchange.excess_ns + self._cycle_ns
+        self._stamp(exchange.sent_ns, exchange.excess_ns)
         places = zip(self._directions, counts, self._zeros, strict=True)
         self._angles = tuple([d * (at - zero) * math.tau / COUNTS for d, at, zero in places])
         return self._angles
@@ -268,11 +261,20 @@ class OpenServos(SerialDevice):
         held = zip(goals, self._per_torque, strict=True)
         self._held = tuple([-goal / one + 0.0 if one else 0.0 for goal, one in held])
         if self._is_on:
-            self._look = next(self._looks)
-            message += self._goals(goals) + self.frames.read(*self._look[:2], 1)
+            servo = next(self._turns)
+            message += self._goals(goals) + self.frames.read(servo, *self.shown)
             self.bus.order(message, any(goals))
+            self._look = servo, self.encoded(goals[self.model.servos.index(servo)])
         self._effect_ns = self._clock() + self._line_ns + self._cycle_ns
         return self._held
+
+    def _stamp(self, sent_ns: int, excess_ns: int) -> None:
+        earliest_ns = sent_ns - self._cycle_ns
+        self._read_ns = earliest_ns
+        if sent_ns + self._asking_ns >= self._effect_ns:
+            earliest_ns = max(earliest_ns, self._effect_ns - self._cycle_ns)  # the goal has come
+            self._read_ns = max(self._read_ns, self._effect_ns)
+        self._jitter_ns = excess_ns + sent_ns - earliest_ns
 
     def close(self) -> None:
         self._line.close()
@@ -285,15 +287,17 @@ class OpenServos(SerialDevice):
         return orders(self.frames, ((self.goal, values),))
 
     def _take_look(self) -> None:
-        """Take the answer that the last order has, and check that register."""
+        """Take the answer of the servo that was asked with the last order, and check it."""
         if self._look is None:
             return
-        servo, _, expected, words = self._look
-        self._look = None
-        status = self.bus.collect(servo)
-        self._check(status, 1)
-        if status.values[0] != expected:
-            self.bus.end(DeviceError(f"{self.bus.names[servo]}: {words}"))
+        (servo, goal), self._look = self._look, None
+        status, (expected, words) = self.bus.collect(servo), self.while_on()
+        self._check(status, self.shown[1])
+        if status.values[0] == expected:
+            if status.values[-2:] == goal:
+                return
+            words = LOST
+        self.bus.end(DeviceError(f"{self.bus.names[servo]} {words}"))
 
     def _check(self, status: Status, count: int) -> None:
         if status.error:
@@ -303,7 +307,7 @@ class OpenServos(SerialDevice):
             return
         else:
             words = f"answers {len(status.values)} bytes, expected {count}"
-        self.bus.end(DeviceError(f"{self.bus.names[status.servo]}: {words}"))
+        self.bus.end(DeviceError(f"{self.bus.names[status.servo]} {words}"))
 
 
 def of_each(name: str, value: OfAxes[float] | None, axes: int, known: Sequence[float]) -> Vector:

@@ -1,6 +1,7 @@
 """Requests to the servos on a bus, and what they answer."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from typing import Any, NoReturn
 
 from forcebound.errors import DeviceError
@@ -83,22 +84,29 @@ class Bus(Exchanges):
 
     def _receive(self, servos: Sequence[int], until_ns: int) -> bytes:
         def missing(data: bytes) -> int:
-            return 0 if len(list(self._packets(data))) >= len(servos) else CHUNK
+            with suppress(DeviceError):  # of what is no packet
+                for _ in servos:
+                    size = self._frames.size(data)
+                    if not 0 < size <= len(data):
+                        return CHUNK
+                    data = data[size:]
+            return 0
 
         return self._line.port.read_until(missing, until_ns) or self._miss(servos[0])
 
-    def _packets(self, data: bytes) -> Iterator[bytes]:
-        while data and 0 < (size := self._frames.size(data)) <= len(data):
-            yield data[:size]
-            data = data[size:]
-
     def _parse(self, data: bytes, servos: Sequence[int]) -> list[Status]:
-        packets = list(self._packets(data))
-        found, rest = [self._frames.status(one) for one in packets], data[len(b"".join(packets)) :]
-        for place, servo in enumerate(servos):
-            if place >= len(found) or found[place].servo != servo:
-                self._miss(servo, rest)
-        if len(found) > len(servos) or rest:
+        found: list[Status] = []
+        for servo in servos:
+            try:
+                size = self._frames.size(data)
+                status = self._frames.status(data[:size]) if 0 < size <= len(data) else None
+            except DeviceError as error:
+                raise DeviceError(f"{self.names[servo]}: {error}") from error
+            if status is None or status.servo != servo:
+                self._miss(servo, data if status is None else b"")
+            found.append(status)
+            data = data[size:]
+        if data:
             raise DeviceError(f"nobody was asked for what came on the bus: {data.hex(' ')}")
         return found
 

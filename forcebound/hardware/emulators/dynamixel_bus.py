@@ -11,7 +11,8 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 
 from forcebound.hardware import dynamixel_frames as frames
-from forcebound.hardware.emulators.servo_bus import Drive, Servo, ServoBoard, Turn, Wiring
+from forcebound.hardware.dynamixel_frames import Packet
+from forcebound.hardware.emulators.servo_bus import OFF, Drive, Servo, ServoBoard, Turn, Wiring
 
 UNKNOWN, RANGE, LENGTH, LIMIT, ACCESS = 2, 4, 5, 6, 7  # errors of a status
 FIRMWARE = 45
@@ -66,11 +67,13 @@ class DynamixelServo(Servo):
         self.put(VOLTS, round(10.0 * self.supply), 2)
 
     def look(self, time_ns: int, angle: float, supply: float) -> None:
+        is_other = supply != self.supply
         super().look(time_ns, angle, supply)
-        if not self.get(LEAST_VOLTS, 2) <= 10.0 * supply <= self.get(MOST_VOLTS, 2):
+        if is_other and not self.get(LEAST_VOLTS, 2) <= 10.0 * supply <= self.get(MOST_VOLTS, 2):
             self.fail(self.voltage)
-        steps = self.get(WATCHDOG)
-        if self.get(TORQUE) and 0 < steps < FIRED and time_ns - self.fed_ns > steps * WATCHDOG_NS:
+        steps = self.registers[WATCHDOG]
+        is_silent = 0 < steps < FIRED and time_ns - self.fed_ns > steps * WATCHDOG_NS
+        if is_silent and self.registers[TORQUE]:
             self.bite()
 
     def bite(self) -> None:
@@ -84,8 +87,8 @@ class DynamixelServo(Servo):
             self.put(TORQUE, 0)
 
     def drive(self) -> Drive:
-        if not self.get(TORQUE) or self.get(MODE) != CURRENT_MODE:
-            return Drive()
+        if not self.registers[TORQUE] or self.registers[MODE] != CURRENT_MODE:
+            return OFF
         most = self._stall_per_volt * self.supply
         goal = self.get(GOAL_CURRENT, 2, signed=True) * self.wiring.model.current_unit
         current = min(max(goal, -most), most)
@@ -123,7 +126,7 @@ class DynamixelBus(ServoBoard):
     frames = frames
     servos: Mapping[int, DynamixelServo]
 
-    def obey(self, order: frames.Packet, time_ns: int) -> Sequence[Turn]:
+    def obey(self, order: Packet, time_ns: int) -> Sequence[Turn]:
         for number, servo in self.servos.items():
             servo.fed_ns = time_ns
             if self.faults.is_on("watchdog", time_ns, number):
@@ -150,7 +153,7 @@ class DynamixelBus(ServoBoard):
             if one.get(LEVEL) == 2 and not is_for_all
         ]
 
-    def _change(self, servo: DynamixelServo, order: frames.Packet) -> int:
+    def _change(self, servo: DynamixelServo, order: Packet) -> int:
         if order.instruction == frames.WRITE:
             return servo.write(_word(order.parameters), order.parameters[2:])
         if order.instruction == frames.REBOOT:

@@ -41,7 +41,8 @@ SERVO_KINDS = {kind: words for kind, words in KINDS.items() if kind != "nan"} | 
 }
 #: By the kind of device, where they are others than :data:`KINDS`.
 KINDS_OF: dict[str, Iterable[str]] = {
-    **dict.fromkeys(("dynamixel", "feetech"), SERVO_KINDS),
+    "dynamixel": SERVO_KINDS,
+    "feetech": [kind for kind in SERVO_KINDS if kind != "watchdog"],
     "haply_inverse3": SERVICE_KINDS,
 }
 OF_SERVO = ("silent", "checksum", "overload", "watchdog", "cut")
@@ -119,7 +120,7 @@ class Faults:
 
         ``servo``: on a bus, one of this servo, or of none by name.
         """
-        if self._start_ns is None:
+        if self._start_ns is None or not self._faults:
             return False
         elapsed = (time_ns - self._start_ns) * 1e-9
         found = [

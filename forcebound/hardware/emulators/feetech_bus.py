@@ -16,7 +16,8 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 
 from forcebound.hardware import feetech_frames as frames
-from forcebound.hardware.emulators.servo_bus import Drive, Servo, ServoBoard, Turn, Wiring
+from forcebound.hardware.emulators.servo_bus import OFF, Drive, Servo, ServoBoard, Turn, Wiring
+from forcebound.hardware.feetech_frames import Packet
 from forcebound.hardware.servo_models import COUNTS, DUTY, FEETECH_CURRENT, FEETECH_VOLT
 
 STALL_CURRENT = 2.5  # A, at the voltage of the data sheet: that of an STS3215, assumed of others
@@ -60,7 +61,7 @@ class FeetechServo(Servo):
     @property
     def is_driven(self) -> bool:
         """Whether the duty drives the motor."""
-        is_on = self.get(TORQUE) == 1 and self.get(MODE) == DUTY_MODE
+        is_on = self.registers[TORQUE] == 1 and self.registers[MODE] == DUTY_MODE
         return is_on and bool(self.wiring.model.has_duty)
 
     def refresh(self) -> None:
@@ -76,8 +77,8 @@ class FeetechServo(Servo):
 
     def look(self, time_ns: int, angle: float, supply: float) -> None:
         super().look(time_ns, angle, supply)
-        self.put(STATUS, self.get(STATUS) & ~self.voltage)
-        if not self.get(LEAST_VOLTS) <= supply / FEETECH_VOLT <= self.get(MOST_VOLTS):
+        self.registers[STATUS] &= ~self.voltage
+        if not self.registers[LEAST_VOLTS] <= supply / FEETECH_VOLT <= self.registers[MOST_VOLTS]:
             self.fail(self.voltage)
         if 100.0 * abs(self.duty) <= self.get(OVERLOAD_DUTY):
             self._load_ns = time_ns
@@ -91,7 +92,7 @@ class FeetechServo(Servo):
 
     def drive(self) -> Drive:
         if not self.is_driven:
-            return Drive()
+            return OFF
         volts = self.duty * self.supply
         current = (volts - self._back_emf * self.speed) / self._resistance
         return Drive(current, self._per_volt * volts, self._per_volt * self._back_emf)
@@ -113,7 +114,7 @@ class FeetechBus(ServoBoard):
     frames = frames
     servos: Mapping[int, FeetechServo]
 
-    def obey(self, order: frames.Packet, time_ns: int) -> Sequence[Turn]:
+    def obey(self, order: Packet, time_ns: int) -> Sequence[Turn]:
         given, is_for_all = order.parameters, order.servo == frames.BROADCAST
         meant = [one for number, one in self.servos.items() if is_for_all or number == order.servo]
         reads = order.instruction in (frames.PING, frames.READ, frames.SYNC_READ)

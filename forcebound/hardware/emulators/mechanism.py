@@ -23,7 +23,9 @@ class CarryingHand(Operator):
 
     def __init__(self, operator: Operator, home: Vector) -> None:
         self.mass, self.stiffness = operator.mass, operator.stiffness
-        self.damping = operator.damping
+        self.damping, self.walls = operator.damping, operator.walls
+        self.joint_limits, self.joint_stiffness = operator.joint_limits, operator.joint_stiffness
+        self.joint_damping = operator.joint_damping
         self._operator = operator
         self.home, self.begin = home, pad(operator.target(0.0), len(home))
         self._from = self._to = home

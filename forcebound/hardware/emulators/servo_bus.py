@@ -2,7 +2,8 @@
 
 A byte takes ten bits of time. An order acts when its last byte has come; then the servos that it
 asks answer one after the other, each after its return delay, with what its registers hold when its
-turn begins. Behind a servo that is silent, the next waits for as long as the answer would take.
+turn begins. Behind a servo that is silent, the next waits for as long as the answer would take. The
+converter passes the answers to an order on together, when the last has come.
 Left out: two that speak at a time, and a wrong baud rate: a pseudo-terminal has none.
 """
 
@@ -43,6 +44,9 @@ class Drive(NamedTuple):
     current: float = 0.0  # A
     torque: float = 0.0  # N m, without its braking
     braking: float = 0.0  # N m s, damping that it adds
+
+
+OFF = Drive()
 
 
 class Servo(ABC):
@@ -143,7 +147,7 @@ class ServoBoard(ABC):
         self.wake_ns: int | None = None
         self._brake, self._truth, self._supply = brake, truth, truth.supply or supply
         self._byte_ns = BITS * 1e9 / baud
-        self._inbox, self._reply = bytearray(), bytearray()
+        self._inbox, self._said, self._reply = bytearray(), bytearray(), bytearray()
         self._quiet_ns = 0  # when the last byte has passed, in either direction
         self._events: list[tuple[int, int, Callable[[int], None]]] = []
         self._numbers = count()
@@ -167,7 +171,7 @@ class ServoBoard(ABC):
             at_ns, _, event = heappop(self._events)
             event(at_ns)
         servos = self.servos.values()
-        drives = [one.drive() if one.has_power else Drive() for one in servos]
+        drives = [one.drive() if one.has_power else OFF for one in servos]
         self._taken = sum([abs(one.current) for one in drives])
         pairs = zip(servos, drives, strict=True)
         self.torque = tuple([servo.wiring.direction * one.torque for servo, one in pairs])
@@ -229,22 +233,23 @@ class ServoBoard(ABC):
         self._pass_on(iter(self.obey(order, time_ns)), time_ns)
 
     def _pass_on(self, turns: Iterator[Turn], time_ns: int) -> None:
-        """Give the turn to the next who answers."""
+        """Give the turn to the next who answers; if there is none, pass on what was said."""
         if (turn := next(turns, None)) is not None:
             delay_ns = DELAY_NS * turn[0].get(turn[0].return_delay)
             self._at(time_ns + delay_ns, partial(self._speak, turn, turns))
+        elif said := bytes(self._said):
+            self._said.clear()
+            late_ns = round(self._truth.latency * 1e9)
+            self._at(time_ns + late_ns, lambda _: self._reply.extend(said))
 
     def _speak(self, turn: Turn, turns: Iterator[Turn], time_ns: int) -> None:
         servo, data = turn[0], turn[1]()
         number, end_ns = servo.wiring.number, time_ns + round(len(data) * self._byte_ns)
         self._quiet_ns = max(self._quiet_ns, end_ns)
-        self._pass_on(turns, end_ns)
-        if not servo.has_power or self.faults.is_on("silent", time_ns, number):
-            return
-        if self.faults.is_on("cut", time_ns, number):
-            data = data[: len(data) // 2]
+        if servo.has_power and self.faults.is_on("cut", time_ns, number):
+            self._said += data[: len(data) // 2]
             self._set_power(number, False)
-        if self.faults.is_on("checksum", time_ns, number):
-            data = data[:-1] + bytes((data[-1] ^ 0xFF,))
-        late_ns = round(self._truth.latency * 1e9)
-        self._at(end_ns + late_ns, lambda _: self._reply.extend(data))
+        if servo.has_power and not self.faults.is_on("silent", time_ns, number):
+            is_spoiled = self.faults.is_on("checksum", time_ns, number)
+            self._said += data[:-1] + bytes((data[-1] ^ 0xFF * is_spoiled,))
+        self._pass_on(turns, end_ns)
