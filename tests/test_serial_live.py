@@ -22,7 +22,13 @@ PATIENT = "watchdog_limit:=2 s"
 
 @pytest.mark.parametrize(
     ("launch_file", "allowance"),
-    [("haply_2diy", 0.015), ("odrive_knob", 0.010), ("haply_inverse3", 0.005)],
+    [
+        ("haply_2diy", 0.015),
+        ("odrive_knob", 0.010),
+        ("haply_inverse3", 0.005),
+        ("dynamixel_arm", 0.010),
+        ("feetech_arm", 0.010),
+    ],
 )
 def test_when_the_device_process_is_killed_in_contact_the_torque_becomes_zero(
     launch_file: str, allowance: float

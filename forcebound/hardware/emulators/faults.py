@@ -41,7 +41,8 @@ SERVO_KINDS = {kind: words for kind, words in KINDS.items() if kind != "nan"} | 
 }
 #: By the kind of device, where they are others than :data:`KINDS`.
 KINDS_OF: dict[str, Iterable[str]] = {
-    **dict.fromkeys(("dynamixel", "feetech"), SERVO_KINDS),
+    "dynamixel": SERVO_KINDS,
+    "feetech": [kind for kind in SERVO_KINDS if kind != "watchdog"],
     "haply_inverse3": SERVICE_KINDS,
 }
 OF_SERVO = ("silent", "checksum", "overload", "watchdog", "cut")
