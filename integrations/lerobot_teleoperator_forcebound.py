@@ -51,7 +51,7 @@ class ForceboundTeleoperator(Teleoperator):
     def __init__(self, config: ForceboundTeleoperatorConfig) -> None:
         self._network: Network | None = None
         super().__init__(config)
-        self._run_dir = find(config.run, require_graph=True, option="run=GRAPH")
+        self._run_dir = find(config.run, require_graph=True, option="--teleop.run=GRAPH")
         graph = configuration(self._run_dir)
         check_hand(config.hand, tuple(graph.hands), "hand")
         names = tuple(axis.name for axis in graph.hands[config.hand].named_axes)
