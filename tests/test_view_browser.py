@@ -185,6 +185,13 @@ def test_one_drags_the_hand_into_the_wall_breaks_it_and_makes_it_safe() -> None:
             visitor.until(lambda: visitor.energies[0] > -1.0)  # not the scale of the law before
             assert visitor.figure("true energy, this law") >= 0.0
             assert "under none the hand has received" in visitor.text("events")
+            laws = driver.find_element("id", "law")
+            assert [one.text for one in laws.find_elements("tag name", "option")] == [
+                "certified", "none", "more laws …",
+            ]  # fmt: skip
+            ui.Select(laws).select_by_value("")
+            assert len(laws.find_elements("tag name", "option")) > 5
+            assert laws.get_property("value") == "certified"
             visitor.slide("environment.stiffness", "11 N/mm")
             visitor.slide("links.environment_query.delay", "0.5 ms")
             assert visitor.errors() == []
