@@ -11,6 +11,7 @@ const NEWTONS = 22; // as many would be as long as the scene
 const LONGEST = 0.45; // of the scene, that an arrow is drawn; a longer one is dashed
 const WHOLE = 0.95; // share of the commanded force from which on both are one arrow
 const SIDE = 26; // pixels between the two arrows where there is one axis
+const GHOST = 0.6; // opacity of the commanded force, which the hand does not feel
 const LANE = 130; // pixels between two hands where there is one axis, at most
 const TIP = 20, RING = 34; // pixels of a tip and of the ring of a pointer
 const BAR = 150; // pixels of the scale bar, at most
@@ -27,6 +28,7 @@ export class Scene {
     this.placed = new Map(); // of meshes, faces in the world
     this.layer = document.createElement("canvas"); // the objects alone
     this.labels = new Labels();
+    this.past = () => null; // what gives the values that a hand had, by its name; null: now is shown
     this.begin({ axes: 1, hands: [] });
     listen(this);
   }
@@ -125,7 +127,7 @@ export class Scene {
 
   /** Do something where a hand is drawn: on one axis each has a lane of its own. */
   inLane(hand, act) {
-    if (this.axes < 2) this.lane = (this.hands.indexOf(hand) - (this.hands.length - 1) / 2) * this.wide;
+    if (this.axes < 2) this.lane = (this.hands.findIndex(({ name }) => name === hand.name) - (this.hands.length - 1) / 2) * this.wide;
     const result = act();
     this.lane = 0;
     return result;
@@ -135,7 +137,7 @@ export class Scene {
   get wide() { return Math.min(LANE, this.canvas.clientHeight / (this.hands.length + 0.2)); }
 
   /** Pixels between the two arrows of a hand. */
-  get side() { return this.axes < 2 ? Math.min(SIDE, this.wide / 3) : 0; }
+  get side() { return this.axes < 2 ? Math.min(SIDE, this.wide / 3) : 0.4 * SIDE; }
 
   /** Move the pointer to the right, up and away on the screen, in m; `at`: when, by the event. */
   move([right, up, away], at) {
@@ -202,9 +204,17 @@ export class Scene {
     if (this.axes < 3) this.drawGround(context, width, height);
     this.drawLayer(context, width, height);
     this.labels.begin(context, width, height);
-    for (const hand of this.seen) this.inLane(hand, () => this.keepFree(hand));
-    for (const hand of this.seen) this.inLane(hand, () => this.drawHand(context, hand));
+    for (const hand of this.seen.map((one) => this.asOf(one))) this.inLane(hand, () => this.keepFree(hand));
+    for (const hand of this.seen.map((one) => this.asOf(one))) this.inLane(hand, () => this.drawHand(context, hand));
     this.labels.draw();
+  }
+
+  /** A hand as it was, while one looks at the past: without its pointer and its proxy. */
+  asOf(hand) {
+    const value = this.past(hand.name);
+    if (!value) return hand;
+    const [tip, commanded, applied] = ["p", "c", "a"].map((name) => hand.tip.map((_, axis) => value(`${name}${axis}`)));
+    return Number.isFinite(tip[0]) ? { ...hand, tip, commanded, applied, target: null, proxy: null } : hand;
   }
 
   /** Keep the labels off the tip of a hand and its pointer. */
@@ -236,7 +246,9 @@ export class Scene {
     const [given, asked] = [applied, commanded].map((force) => Math.hypot(...force));
     const isWhole = given > WHOLE * asked;
     const [thin, whose] = own ? [3, `${name} `] : [6, ""]; // of several hands the colour says whose force it is
+    context.globalAlpha = GHOST;
     if (!isWhole) this.arrow(context, tip, commanded, { stroke: colour(own ?? "commanded"), width: thin, side: -this.side, words: `${whose}commanded ${text(asked)} ${si.force}` });
+    context.globalAlpha = 1;
     this.arrow(context, tip, applied, { stroke: colour(own ?? "true"), width: 6, side: 0, words: `${whose || "force "}${text(given)} ${si.force}`, isBelow: true });
   }
 
@@ -361,11 +373,12 @@ export class Scene {
     const seen = Math.hypot(ex - x, ey - y); // pixels that a force of so many metres would have
     const full = (seen / this.scale) * (this.size / NEWTONS), length = Math.min(full, LONGEST * this.size), head = 3 * width;
     if (length < 4) return;
-    const [ux, uy] = [(ex - x) / seen, (ey - y) / seen], [x1, y1] = [x + ux * length, y + side + uy * length];
+    const [ux, uy] = [(ex - x) / seen, (ey - y) / seen], [ox, oy] = this.axes < 2 ? [0, side] : [-uy * side, ux * side];
+    const [x1, y1] = [x + ox + ux * length, y + oy + uy * length];
     const shaft = Math.max(length - head, 0);
     context.lineWidth = width;
     context.setLineDash(full > length ? [10, 6] : []);
-    segment(context, [x, y + side], [x + ux * shaft, y + side + uy * shaft], stroke);
+    segment(context, [x + ox, y + oy], [x + ox + ux * shaft, y + oy + uy * shaft], stroke);
     context.setLineDash([]);
     context.fillStyle = stroke;
     context.beginPath();
