@@ -61,6 +61,7 @@ const takes = {
     for (const [name, plot] of Object.keys(main).map((key, i) => [key, plots[i]])) plot.si = si[name] ?? plot.si;
     document.body.classList.toggle("several", hands.length > 1);
     document.body.classList.toggle("many", hands.length > 2);
+    document.body.classList.toggle("has-joints", message.joints.length > 0);
     $("name").replaceChildren(Object.assign(document.createElement("span"), { textContent: "forcebound: " }), message.name.replace(/^\S*\//, "").replace(/\.yaml\b/, ""));
     document.title = message.name;
     shown.begin(hands.map(({ name }) => name));
@@ -289,6 +290,7 @@ function draw(now) {
   if (silence > SILENT && socket?.readyState === WebSocket.OPEN && !isOver) {
     say({ head: "Signal lost.", more: `Nothing from the device for ${Math.floor(silence / 1000)} s.` });
   }
+  if (!hello) return; // neither axes nor units are known
   scene.draw();
   const seen = $("network").open ? [...plots, delays] : plots;
   seen[pictures % seen.length].draw();

@@ -3,6 +3,7 @@
 import { colour, fit } from "./canvas.js";
 import { quantity, scaleBar, si, text } from "./scale.js";
 import { listen } from "./hand.js";
+import { drawJoints } from "./joints.js";
 import { Labels } from "./labels.js";
 import { segment, spring } from "./strokes.js";
 import { BOX_EDGES, add, boxCorners, cross, dot, facesOf, pad, pointsOf, scaled, sub } from "./shapes.js";
@@ -34,8 +35,8 @@ export class Scene {
   }
 
   /** Show a graph of which nothing is known yet. */
-  begin({ graph, axes, hands }) {
-    Object.assign(this, { graph, axes });
+  begin({ graph, axes, hands, joints = [] }) {
+    Object.assign(this, { graph, axes, joints }); // joints: of hands whose axes are no places in space, {name, isAngle} of each
     // Of each hand: target, where its pointer is, in m (null: nobody points); moved, when this page moved it last, in ms.
     this.hands = hands.map((hand) => ({ ...hand, target: null, moved: -Infinity }));
     this.own = this.hands; // that this page may move, if they follow a pointer
@@ -194,6 +195,11 @@ export class Scene {
 
   draw() {
     const { context, width, height } = fit(this.canvas);
+    this.labels.begin(context, width, height);
+    if (this.joints.length) {
+      drawJoints(context, this.seen.map((one) => this.asOf(one)), this.joints, width, height);
+      return;
+    }
     if (!this.isCentred && this.isWhole) {
       this.isCentred = true;
       this.centreOn();
@@ -203,7 +209,6 @@ export class Scene {
     for (const hand of this.hands) if (hand.workspace) this.inLane(hand, () => this.drawBox(context, [0, 0, 0], hand.workspace));
     if (this.axes < 3) this.drawGround(context, width, height);
     this.drawLayer(context, width, height);
-    this.labels.begin(context, width, height);
     for (const hand of this.seen.map((one) => this.asOf(one))) this.inLane(hand, () => this.keepFree(hand));
     for (const hand of this.seen.map((one) => this.asOf(one))) this.inLane(hand, () => this.drawHand(context, hand));
     this.labels.draw();
