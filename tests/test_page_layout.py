@@ -43,7 +43,7 @@ const words = (one) => { const range = document.createRange(); range.selectNodeC
 const parts = {};
 for (const place of ["#hands", "#break", "#safe", "#state", "#why", "#paid", "#note", ".gauges > div", "#each > li > :not(small)", "#each small", "canvas#scene", ".legend > li", ".bar", ".scene .buttons > button"]) {
   [...document.querySelectorAll(place)].filter((one) => one.checkVisibility()).forEach((one, i) => {
-    const isWhole = ["#hands", "canvas#scene", "#each small", ".bar"].includes(place) || one.tagName === "BUTTON";
+    const isWhole = ["#hands", "#why", "canvas#scene", "#each small", ".bar"].includes(place) || one.tagName === "BUTTON";
     const { width, height } = one.getBoundingClientRect();
     if (width * height) parts[`${place} ${i}`] = box(isWhole ? one.getBoundingClientRect() : words(one));
   });
