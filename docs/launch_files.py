@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterator, Mapping
 from typing import Any, get_args
 
+from forcebound.graph.document import descriptions
 from forcebound.graph.fields import fields_of
 from forcebound.graph.graph import (
     KINDS,
@@ -105,6 +106,7 @@ anchors (`&arm`, `*arm`) are refused: an alias could repeat itself without end.
 
 def _lines() -> Iterator[str]:
     yield from _rows(GraphConfig, RUN_KEYS)
+    yield from _shipped()
     yield from _HANDS.rstrip().split("\n")
     for section, table in KINDS.items():
         known: dict[str, str] = {}  # rows of the section, and the kind that has them first
@@ -132,6 +134,14 @@ def _lines() -> Iterator[str]:
         *_table(Phase, "A list; the run is as long as its phases.", PHASE_KEYS),
     )
     yield "| `set` | mapping | {} | parameters by name, such as `links.environment_reply.delay` |"
+
+
+def _shipped() -> Iterator[str]:
+    yield from ("", "## Files that come with forcebound", "")
+    yield "`forcebound launch NAME` runs one; `forcebound launch` lists them."
+    for group, named in descriptions().items():
+        yield from ("", f"| {group} | |", "|---|---|")
+        yield from (f"| `{name}` | {words} |" for name, words in named.items())
 
 
 def _inner(

@@ -3,6 +3,8 @@
 import subprocess
 import sys
 import time
+import urllib.error
+import urllib.request
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -252,6 +254,22 @@ def test_a_live_graph_is_changed_and_ends_with_its_block() -> None:
         fb.launch("stiff_wall", environment=Pad())
     with pytest.raises(fb.errors.ConfigError, match="delay"):
         fb.launch("stiff_wall", dela="2 ms")
+
+
+@pytest.mark.live
+def test_a_notebook_shows_the_page_of_a_live_graph_which_ends_with_it() -> None:
+    with fb.launch("pointer_wall") as graph:
+        page = graph.page(height=500)
+        assert f'src="{page.address}"' in page._repr_html_()
+        with urllib.request.urlopen(page.address) as answer:
+            assert "frame-ancestors" not in answer.headers["Content-Security-Policy"]
+        again = graph.page()  # in place of the one before
+        with pytest.raises(urllib.error.URLError):
+            urllib.request.urlopen(page.address)
+    with pytest.raises(urllib.error.URLError):
+        urllib.request.urlopen(again.address)
+    with pytest.raises(fb.errors.RunError, match="ended"):
+        graph.page()
 
 
 @pytest.mark.live

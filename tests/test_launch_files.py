@@ -9,7 +9,7 @@ import pytest
 from launch_texts import GOOD, problems_of, written
 
 from forcebound.errors import ConfigError
-from forcebound.graph.document import shipped
+from forcebound.graph.document import GROUPS, descriptions, shipped
 from forcebound.graph.fields import fields_of
 from forcebound.graph.graph import KINDS, SECTION_SETTINGS
 from forcebound.graph.loader import arguments_of, from_document, load
@@ -26,6 +26,14 @@ from forcebound.messages.topology import IMPAIRABLE, ONE_HAND, flat
 @pytest.fixture(params=shipped())
 def shipped_name(request: pytest.FixtureRequest) -> str:
     return str(request.param)
+
+
+def test_every_shipped_file_is_in_one_group_and_has_a_line() -> None:
+    grouped = [name for names in GROUPS.values() for name in names]
+    assert sorted(f"{name}.yaml" for name in grouped) == shipped()
+    lines = [line for named in descriptions().values() for line in named.values()]
+    assert len(lines) == len(grouped)
+    assert all(line.endswith(".") for line in lines)
 
 
 def test_every_shipped_file_takes_the_common_arguments(shipped_name: str) -> None:

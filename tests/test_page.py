@@ -72,10 +72,11 @@ UNITS = {si: (one.factor, one.unit) for si, one in EVERYDAY.items()}  # as the s
 
 def run(tmp_path: Path, script: str) -> Any:
     """What an expression of JavaScript gives, which uses modules of the page without a page."""
-    for name in ("scale.js", "shapes.js"):
+    for name in ("scale.js", "shapes.js", "samples.js"):
         (tmp_path / name).write_text(SCRIPTS[name])
     (tmp_path / "package.json").write_text('{"type": "module"}')
     head = "import * as scale from './scale.js'; import { facesOf } from './shapes.js';"
+    head += "import { History, Window } from './samples.js';"
     head += f"Object.assign(scale.units, {json.dumps(UNITS)});"
     (tmp_path / "main.js").write_text(f"{head} console.log(JSON.stringify({script}));")
     words = [str(NODE), str(tmp_path / "main.js")]
@@ -120,3 +121,41 @@ def test_every_scale_has_at_least_two_ticks(tmp_path: Path) -> None:
     for found in run(tmp_path, f"{ranges}.map(([low, high]) => scale.ticks(low, high, 3))"):
         assert 2 <= len(found) <= 6
         assert any(abs(tick) < 1e-9 for tick in found)
+
+
+def test_the_whole_run_is_kept_in_bounded_memory_with_its_extremes(tmp_path: Path) -> None:
+    made = """(() => {
+      const all = new History(400);
+      for (let i = 0; i < 200000; i += 1) all.take(5 + 1e-3 * i, { x: Math.sin(i / 50), spike: i === 77777 ? 9 : 0, none: null });
+      const kept = (name) => [...all.values.get(name)].slice(0, all.count);
+      return [all.count, all.oldest, all.newest, Math.min(...kept("x")), Math.max(...kept("x")), Math.max(...kept("spike")), all.values.has("none")];
+    })()"""  # noqa: E501
+    count, oldest, newest, low, high, spike, has_none = run(tmp_path, made)
+    assert 100 <= count <= 400
+    assert oldest == 5.0
+    assert newest > 200.0
+    assert (low, high) == pytest.approx((-1.0, 1.0), abs=1e-3)
+    assert spike == 9
+    assert not has_none
+
+
+def test_one_looks_back_at_a_run_that_goes_on(tmp_path: Path) -> None:
+    made = """(() => {
+      const shown = new Window(), found = [];
+      shown.begin(["hand"]);
+      const run = (from, to) => { for (let i = from; i < to; i += 1) shown.take("hand", 1 + 1e-3 * i, { p0: Math.floor(i / 1000) }); };
+      run(0, 5000);
+      shown.scrub(3);
+      for (const end of [5000, 30000, 90000]) {
+        run(found.length ? [5000, 30000][found.length - 1] : 0, end);
+        found.push([shown.to, shown.past("hand")("p0"), shown.of("hand") instanceof History]);
+      }
+      shown.scrub(shown.latest);
+      return [found, shown.isPaused, shown.past("hand"), shown.oldest];
+    })()"""  # noqa: E501
+    found, is_paused, past, oldest = run(tmp_path, made)
+    assert [to for to, *_ in found] == [3.0, 3.0, 3.0]
+    assert [is_history for *_, is_history in found] == [False, False, True]
+    assert found[-1][1] in (1, 2)
+    assert (is_paused, past) == (False, None)
+    assert oldest == pytest.approx(1.0)

@@ -15,9 +15,10 @@ from live_page import TWO_HANDS
 from msgspec.structs import replace
 from test_view import opened
 
+from forcebound.graph.loader import load
 from forcebound.messages.packets import Packet
 from forcebound.messages.topology import graph_of
-from forcebound.observe.page.controls import Controls
+from forcebound.observe.page.controls import Controls, _joints
 from forcebound.observe.page.feed import Feed
 from forcebound.observe.page.server import Server
 from forcebound.run.process.reader import Received
@@ -74,6 +75,15 @@ def test_a_law_begins_the_energy_of_its_own_hand_again(feed: Feed) -> None:
     event, *frames = feed.look()
     assert event["node"] == "right/device"
     assert [(one["law"], one["true_energy"]) for one in frames] == [("", [1.0]), ("none", [0.125])]
+
+
+def test_axes_that_are_no_places_in_space_are_joints() -> None:
+    (leader, _) = load("joint_arms").hands.values()
+    joints = _joints(leader.named_axes)
+    assert [joint["name"] for joint in joints] == [axis.name for axis in leader.named_axes]
+    assert all(joint["isAngle"] for joint in joints)
+    for file in ("three_axes", "knob_wall", "haply_2diy"):
+        assert _joints(load(file).hands["hand"].named_axes) == []
 
 
 def test_a_law_of_one_hand_does_not_replace_that_of_another() -> None:

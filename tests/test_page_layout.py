@@ -43,7 +43,7 @@ const words = (one) => { const range = document.createRange(); range.selectNodeC
 const parts = {};
 for (const place of ["#hands", "#break", "#safe", "#state", "#why", "#paid", "#note", ".gauges > div", "#each > li > :not(small)", "#each small", "canvas#scene", ".legend > li", ".bar", ".scene .buttons > button"]) {
   [...document.querySelectorAll(place)].filter((one) => one.checkVisibility()).forEach((one, i) => {
-    const isWhole = ["#hands", "canvas#scene", "#each small", ".bar"].includes(place) || one.tagName === "BUTTON";
+    const isWhole = ["#hands", "#why", "canvas#scene", "#each small", ".bar"].includes(place) || one.tagName === "BUTTON";
     const { width, height } = one.getBoundingClientRect();
     if (width * height) parts[`${place} ${i}`] = box(isWhole ? one.getBoundingClientRect() : words(one));
   });
@@ -53,9 +53,11 @@ const { clientWidth, clientHeight } = scene.canvas, { scrollWidth } = document.d
 done({ parts, names: scene.hands.map(({ name }) => name), labels: Object.fromEntries(labels), page: [innerWidth, innerHeight], scrollWidth, scene: [clientWidth, clientHeight],
   note: [parseFloat(getComputedStyle(document.getElementById("note")).fontSize), parseFloat(getComputedStyle(document.body).fontSize)] });
 """  # noqa: E501
-MEASURE = (
-    f"(async function () {{ {MEASURED} }}).apply(null, arguments)"  # a script may not wait by itself
-)
+#: A script may not wait by itself.
+MEASURE = f"(async function () {{ {MEASURED} }}).apply(null, arguments)"
+LINES = "return document.querySelectorAll('#each li').length"
+FOOT = (".legend", ".bar", ".scene .buttons")  # below the scene; one may scroll to it
+LEAST = 120  # pixels of height of the scene
 
 Box = tuple[float, float, float, float]
 
@@ -100,8 +102,7 @@ def test_states_and_labels_are_beside_the_scene_and_beside_each_other(
             driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
             driver.execute_cdp_cmd("Emulation.setTouchEmulationEnabled", {"enabled": is_phone})
             visitor.open(address)
-            lines = "return document.querySelectorAll('#each li').length"
-            visitor.until(lambda: driver.execute_script(lines) == (count if count > 1 else 0))
+            visitor.until(lambda: driver.execute_script(LINES) == (count if count > 1 else 0))
             seen: dict[str, Any] = driver.execute_async_script(MEASURE)
             parts = seen["parts"]
             assert seen["page"] == [width, height]
@@ -117,7 +118,3 @@ def test_states_and_labels_are_beside_the_scene_and_beside_each_other(
             small, normal = seen["note"]
             assert small < normal
         assert visitor.errors() == []
-
-
-FOOT = (".legend", ".bar", ".scene .buttons")  # below the scene; one may scroll to it
-LEAST = 120  # pixels of height of the scene

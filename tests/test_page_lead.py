@@ -1,9 +1,10 @@
-"""After *Make it safe* the hand that is inside lets go and presses again: by the law, not by gift."""
+"""After *Make it safe* a hand that is inside lets go and presses again, under the law as ever."""
 
 import math
 from typing import NamedTuple
 
 import pytest
+from test_page_state import judged
 
 from forcebound.graph.loader import load
 from forcebound.graph.resolved import to_document
@@ -16,7 +17,6 @@ from forcebound.observe.page.feed import HandFeed
 from forcebound.observe.page.lead import LONGEST_NS, Lead
 from forcebound.results.state import Passivity
 from forcebound.run.virtual import VirtualGraph
-from test_page_state import judged
 
 SECOND = 1_000_000_000
 LOOK = SECOND // 30

@@ -11,6 +11,7 @@ import pytest
 from click.testing import CliRunner
 
 from forcebound.cli import main
+from forcebound.graph.document import GROUPS
 
 
 def invoked(*words: str) -> "tuple[int, str]":
@@ -133,3 +134,23 @@ def test_an_interrupt_after_the_command_has_ended_leaves_its_exit_status() -> No
     command = [sys.executable, "-c", textwrap.dedent(program)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_without_a_name_launch_lists_its_files_in_groups() -> None:
+    status, text = invoked("launch")
+    assert status == 2
+    heads = [line.rstrip(":") for line in text.split("\n") if line.endswith(":") and line[0] != " "]
+    assert heads[-len(GROUPS) :] == list(GROUPS)
+    (pages,) = (block for block in text.split("\n\n") if block.startswith("pages:"))
+    assert [line.split()[0] for line in pages.split("\n")[1:]] == GROUPS["pages"]
+
+
+def test_the_hint_at_all_figures_comes_three_times_and_never_in_json(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("forcebound.cli.outcome.cache_folder", lambda name: tmp_path)
+    run = ("simulate", "stiff_wall", "--duration", "0.2s")
+    assert "All figures" not in invoked(*run, "--json")[1]
+    assert ["All figures" in invoked(*run)[1] for _ in range(4)] == [True, True, True, False]
+    monkeypatch.setattr("forcebound.cli.outcome.cache_folder", lambda name: None)
+    assert "All figures" in invoked(*run)[1]

@@ -177,7 +177,10 @@ def test_an_arm_follows_into_its_wall(kind: str, tmp_path: Path) -> None:
     assert together["follower_stiffness_n_per_m"] == 1000.0
 
 
-def test_the_figures_follow_the_verdicts_of_the_hands() -> None:
+def test_the_figures_follow_the_verdicts_of_the_hands(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("forcebound.cli.outcome.cache_folder", lambda name: tmp_path)
     arguments = ("simulate", "leader_follower", "law:=none", "--duration", "1.5s")
     text = invoke(*arguments).output
     assert text.index("follower:") < text.index("Together: passive") < text.index("All figures")

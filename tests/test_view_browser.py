@@ -18,6 +18,8 @@ from selenium.webdriver import Keys
 from selenium.webdriver.support import ui
 from waiting import TIMEOUT
 
+import forcebound as fb
+
 CHROMIUM, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
 QUIET = (
     "--headless=new", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
@@ -185,6 +187,13 @@ def test_one_drags_the_hand_into_the_wall_breaks_it_and_makes_it_safe() -> None:
             visitor.until(lambda: visitor.energies[0] > -1.0)  # not the scale of the law before
             assert visitor.figure("true energy, this law") >= 0.0
             assert "under none the hand has received" in visitor.text("events")
+            laws = driver.find_element("css selector", ".law select")
+            assert [one.text for one in laws.find_elements("tag name", "option")] == [
+                "certified", "none", "more laws …",
+            ]  # fmt: skip
+            ui.Select(laws).select_by_value("")
+            assert len(laws.find_elements("tag name", "option")) > 5
+            assert laws.get_property("value") == "certified"
             visitor.slide("environment.stiffness", "11 N/mm")
             visitor.slide("links.environment_query.delay", "0.5 ms")
             assert visitor.errors() == []
@@ -303,3 +312,64 @@ def test_a_mesh_that_does_not_come_is_fetched_again_and_until_then_the_page_says
         driver.execute_script("window.isLost = false")
         visitor.until(lambda: "loading" not in visitor.text("note"))
         graph.end()
+
+
+SAVED = "HTMLAnchorElement.prototype.click = function () { window.saved = this.href; };"
+BACK = """
+const scrub = document.getElementById("scrub");
+scrub.value = Number(scrub.min) + arguments[0] * (Number(scrub.max) - Number(scrub.min));
+scrub.dispatchEvent(new Event("input"));
+"""
+
+
+@pytest.mark.slow  # runs in `make browser`
+def test_one_looks_back_saves_a_picture_and_shares_the_layout() -> None:
+    with pointed() as (graph, (address, _)), browser() as driver:
+        driver.execute_cdp_cmd("Page.addScriptToEvaluateOnNewDocument", {"source": SAVED})
+        visitor = Visitor(driver)
+        visitor.open(address)
+        visitor.until(partial(is_at_start, visitor))
+        graph.wait(1.0)
+        visitor.drag(0.35)
+        visitor.until(lambda: visitor.figure("position") > 10.0)
+
+        def shown() -> Any:
+            return driver.execute_script(
+                "return import('./app.js').then(({ scene }) => scene.asOf(scene.hands[0]).tip[0])"
+            )
+
+        visitor.until(lambda: shown() > 0.010)
+        driver.execute_script(BACK, 0.1)
+        assert abs(shown() + 0.005) < 2e-4  # where it was at first
+        visitor.until(lambda: "s ago" in visitor.text("note"))
+        assert visitor.figure("position") > 10.0  # the run goes on
+        driver.execute_script(BACK, 1.0)
+        visitor.until(lambda: shown() > 0.010 and "s ago" not in visitor.text("note"))
+
+        driver.find_element("id", "picture").click()
+        saved = driver.execute_script("return window.saved")
+        assert saved.startswith("data:image/png;base64,")
+        assert len(saved) > 10_000
+
+        layout = "return import('./app.js').then(({ scene }) => [scene.half, ...scene.centre])"
+        driver.find_element("id", "nearer").click()
+        driver.find_element("css selector", "#environment > summary").click()
+        visitor.until(lambda: "view=" in driver.current_url)
+        visitor.until(lambda: "open=1" in driver.current_url)
+        half, centre, *_ = driver.execute_script(layout)
+        visitor.open(driver.current_url)
+        assert driver.execute_script(layout)[:2] == pytest.approx([half, centre], rel=1e-3)
+        assert driver.execute_script("return document.getElementById('environment').open")
+        assert visitor.errors() == []
+
+
+@pytest.mark.slow  # runs in `make browser`
+def test_a_cell_of_a_notebook_shows_the_page(tmp_path: Path) -> None:
+    with fb.launch("pointer_wall") as graph, browser() as driver:
+        cell = tmp_path / "cell.html"
+        cell.write_text(f"<!doctype html><title>cell</title>{graph.page()._repr_html_()}")
+        visitor = Visitor(driver)
+        driver.get(cell.as_uri())
+        driver.switch_to.frame(driver.find_element("tag name", "iframe"))
+        visitor.until(lambda: visitor.state in RUNNING)
+        assert visitor.errors() == []

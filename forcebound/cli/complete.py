@@ -74,15 +74,11 @@ def offering(words: Callable[[click.Context, str], Iterable[str]]) -> Offer:
     return offer
 
 
-def files(*endings: str, shipped: Callable[[], Iterable[str]] = tuple[str]) -> Offer:
-    """Return an :func:`offering` of files with these endings, of folders, and of shipped files.
-
-    Those can be named without ending.
-    """
+def files(*endings: str) -> Offer:
+    """Return an :func:`offering` of files with these endings, and of folders."""
 
     @offering
     def found(_: click.Context, begun: str) -> Iterable[str]:
-        yield from (Path(name).stem for name in shipped())
         folder, sign, _name = begun.rpartition("/")
         for path in sorted(Path(folder + sign).iterdir()):
             if path.is_dir() and not path.name.startswith("."):
@@ -99,7 +95,22 @@ def graphs(_: click.Context, begun: str) -> Iterable[str]:
     return (run.file.partition(" ")[0] for run in running.running().values())
 
 
-launch_files = files(".yaml", ".yml", shipped=lambda: document.shipped())
+_own_launch_files = files(".yaml", ".yml")
+
+
+def launch_files(
+    context: click.Context, parameter: click.Parameter, begun: str
+) -> list[CompletionItem]:
+    """Launch files: those that come with the package, without ending and by group; one's own."""
+    shipped = [
+        CompletionItem(name, help=group)
+        for group, names in document.GROUPS.items()
+        for name in names
+        if name.startswith(begun)
+    ]
+    return shipped + _own_launch_files(context, parameter, begun)
+
+
 parts = files(".py")
 recordings = files(RECORDING_SUFFIX)
 laws = offering(lambda *_: bounding.LAWS)

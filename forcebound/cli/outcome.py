@@ -2,7 +2,7 @@
 
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import click
@@ -10,6 +10,7 @@ import click
 from forcebound.cli.common import print_json, show
 from forcebound.cli.lazy import when_used
 from forcebound.errors import RunError
+from forcebound.folders import cache_folder
 from forcebound.results.printing import print_rows
 
 with when_used():
@@ -20,6 +21,7 @@ with when_used():
     from forcebound.run import results as run_results
     from forcebound.run import screen as screens
 
+HINTS = 3  # times that a hint is printed
 SLOW = 1.0  # s, after which a command shows its progress
 
 
@@ -117,8 +119,21 @@ def show_results(
         for cause in (cause for one in results for cause in one.summary["little_force"]):
             show(f"little force: {cause['advice']}")
     else:
-        show("All figures: --all, or --json.")
+        _hint("All figures: --all, or --json.")
     for phases in (one.summary["phases"] for one in results if one.summary["phases"]):
         head, *rows = tables.phase_rows(phases)
         click.echo()
         print_rows(head, rows)
+
+
+def _hint(words: str) -> None:
+    """Print words that a user needs to read a few times only; the cache has how often that was."""
+    folder = cache_folder("hints")
+    file = None if folder is None else folder / "all_figures"
+    with suppress(OSError):  # a cache that cannot be used only means one more line
+        if file is not None:
+            with file.open("a+b") as seen:
+                if seen.tell() >= HINTS:
+                    return
+                seen.write(b".")
+    show(words)

@@ -30,12 +30,15 @@ PAGE_END_TIMEOUT_S = 15.0  # for the last message to pages, and the end of a rec
 
 
 def _named_file(context: click.Context, parameter: click.Parameter, file: str | None) -> str:
-    """Return FILE; without one, list the shipped launch files."""
+    """Return FILE; without one, list the shipped launch files in groups."""
     if file is not None or context.resilient_parsing:  # of completion
         return file or ""
     known = files.descriptions()
-    width = max(map(len, known))
-    listed = "\n".join(f"  {name:{width}}  {words}" for name, words in known.items())
+    width = max(len(name) for group in known.values() for name in group)
+    listed = "\n\n".join(
+        "\n".join((f"{group}:", *(f"  {name:{width}}  {one}" for name, one in named.items())))
+        for group, named in known.items()
+    )
     message = f"Name one of your own, or one that comes with forcebound:\n\n{listed}"
     raise click.MissingParameter(message, context, parameter)
 

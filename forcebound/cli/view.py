@@ -84,6 +84,7 @@ def view(
         metavar="DIR",
     ),
     opens: bool = opt.opens,
+    embed: bool = opt.flag("Let other pages, such as a notebook, show it in a frame.", "--embed"),
     launcher: int | None = opt.option(
         "Show only the graph of this process.", type=int, hidden=True
     ),
@@ -108,7 +109,8 @@ def view(
         first = runs.find(run, require_graph=True)
 
     async def serve() -> None:
-        server = page_server.Server(listen, port, recordings)  # in the loop in which it serves
+        # In the loop in which it serves.
+        server = page_server.Server(listen, port, recordings, embed=embed)
         try:
             with shown(server.access, first, opens):
                 await _show_graphs(server, first, run, stays=launcher is None)

@@ -29,6 +29,23 @@ DEVICE_FILE = "the file of the device"
 
 SHIPPED = Path(__file__).parents[1] / "launch_files"
 
+#: The launch files that come with the package, by what somebody looks for; each is in one group.
+GROUPS = {
+    group: names.split()
+    for group, names in {
+        "walls": "stiff_wall damped_wall time_varying_wall three_axes palpation sliding_friction"
+        " released_hand impedance",
+        "worlds": "touch_sphere touch_mesh touch_field touch_points membrane push_mass push_boxes"
+        " follow_path",
+        "hands": "two_hands leader_follower leader_follower_transfer joint_arms",
+        "devices": "knob_wall odrive_knob five_bar_wall haply_2diy haply_inverse3 serial_arm_wall"
+        " desktop_arm hold_arm",
+        "pages": "pointer_wall pointer_touch pointer_membrane pointer_two_hands",
+        "paper": "paper_wall paper_time_varying_wall",
+        "networks": "delayed_wall far_wall stress remote_wall leader_follower_remote",
+    }.items()
+}
+
 
 def find(path: Path, folder: Path = Path()) -> Path | None:
     """Return the launch file meant by ``path`` in a folder: on disk, or else of those shipped."""
@@ -51,14 +68,14 @@ def shipped() -> list[str]:
     return sorted(path.name for path in SHIPPED.glob("*.yaml"))
 
 
-def descriptions() -> dict[str, str]:
-    """Return what each launch file of the package describes, by its name without ending."""
-    trees = {name: read(SHIPPED / name, Problems()) for name in shipped()}
-    return {
-        Path(name).stem: str(tree.entries["description"].content)
-        for name, tree in trees.items()
-        if tree is not None
-    }
+def descriptions() -> dict[str, dict[str, str]]:
+    """Return what each launch file of the package describes, by group and name without ending."""
+    return {group: {name: _description(name) for name in names} for group, names in GROUPS.items()}
+
+
+def _description(name: str) -> str:
+    tree = read(SHIPPED / f"{name}.yaml", Problems())
+    return "" if tree is None else str(tree.entries["description"].content)
 
 
 def missing(path: str | Path, folder: Path = Path()) -> str:

@@ -4,6 +4,7 @@ import atexit
 import json
 import shutil
 import subprocess
+import sys
 import tempfile
 import time
 import weakref
@@ -11,10 +12,11 @@ from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, NamedTuple
 
 from forcebound.ending import end
 from forcebound.errors import ConfigError, RunError
+from forcebound.extras import check_installed
 from forcebound.files import recording_file
 from forcebound.graph.graph import KINDS, GraphConfig
 from forcebound.graph.resolved import to_document
@@ -69,6 +71,17 @@ def end_server() -> None:
         _servers.pop().close()
 
 
+class Page(NamedTuple):
+    """The live page of a graph; a notebook shows it in its cell."""
+
+    address: str  # with the token: who has it may change the graph
+    height: int = 720  # pixels, in a notebook
+
+    def _repr_html_(self) -> str:
+        style = f"width: 100%; height: {self.height}px; border: 1px solid #ccc"
+        return f'<iframe src="{self.address}" style="{style}"></iframe>'
+
+
 class Running:
     """A running graph; leaving its block ends it, with zero force in any case.
 
@@ -85,6 +98,7 @@ class Running:
         self._recording = folder / "run.mcap" if record is None else record
         self._log = folder / "log"
         self._result: Run | None = None
+        self._view: subprocess.Popen[str] | None = None
         recorded = ["--record", str(self._recording)] if records else []
         with self._log.open("wb") as log:
             self._process = _launcher([*command, *recorded], log.fileno())
@@ -164,6 +178,41 @@ class Running:
             time.sleep(min(left, POLL))
         self._check()
 
+    def page(self, height: int = 720) -> Page:
+        """Return the live page of this graph, which ends with it.
+
+        As the last line of a cell it is shown below the cell, if the browser is on this machine.
+
+        Args:
+            height: Of the page in a notebook, in pixels.
+
+        Raises:
+            ConfigError: If tornado is not installed.
+            RunError: If the graph has ended.
+        """
+        self._check_runs()
+        check_installed("the page", "tornado")
+        words = ["view", "--launcher", str(self._process.pid), "--no-open", "--embed"]
+        self._close_page()
+        self._view = subprocess.Popen(
+            [sys.executable, "-u", "-m", "forcebound", *words],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            text=True,
+            start_new_session=True,  # Ctrl-C is for the notebook
+        )
+        assert self._view.stdout is not None
+        line = self._view.stdout.readline()
+        if not line:
+            raise RunError("the page cannot be shown: the graph has ended")
+        return Page(line.split()[-1], height)
+
+    def _close_page(self) -> None:
+        if self._view is not None:
+            self._view.terminate()
+            self._view.communicate()
+            self._view = None
+
     def figures(self, last: float | str | None = None) -> Figures:
         """Return the figures so far, or those of the ``last`` seconds, as :meth:`Run.last`.
 
@@ -195,12 +244,13 @@ class Running:
         return run
 
     def close(self) -> None:
-        """End the graph, with zero force first; no error if it has ended."""
+        """End the graph, with zero force first, and its page; no error if it has ended."""
         self._process.stdin.close()
         try:
             self._process.wait(END_TIMEOUT)
         except subprocess.TimeoutExpired:
             end(self._process, END_TIMEOUT)
+        self._close_page()
 
     def _check_runs(self) -> None:
         self._check()

@@ -1,7 +1,7 @@
 """What a page may do: change parameters, nodes, links; record; move the hand."""
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
@@ -9,7 +9,7 @@ from typing import Any
 
 import msgspec
 
-from forcebound.axes import units_on
+from forcebound.axes import Axis, common_kind, units_on
 from forcebound.errors import ConfigError, ForceboundError
 from forcebound.graph.graph import GraphConfig
 from forcebound.graph.names import LAW, ParameterName, parameter_name
@@ -106,6 +106,7 @@ class Controls:
             "description": self._config.description,
             "axes": len(axes),
             "names": [axis.name for axis in axes],
+            "joints": _joints(axes),
             "si": {name: units_on(axes, unit) for name, unit in si.items()},
             "units": {si: (one.factor, one.unit) for si, one in EVERYDAY.items()},
             "laws": takeable_laws(),
@@ -275,6 +276,13 @@ def _run(document: Document, status: DeviceStatus, columns: TelemetryColumns) ->
     run = Samples(columns, document)
     run.report = status.bounder
     return run
+
+
+def _joints(axes: Sequence[Axis]) -> list[Message]:
+    """The axes that are no places in space; none: they are, or there is one, which is drawn so."""
+    if len(axes) == 1 or common_kind(axes) == "length":
+        return []
+    return [{"name": axis.name, "isAngle": axis.kind == "angle"} for axis in axes]
 
 
 def _wall(config: GraphConfig) -> float | None:

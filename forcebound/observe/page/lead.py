@@ -29,6 +29,7 @@ class Lead:
 
     def __init__(self, move: Move, start: Vector, state: LiveState) -> None:
         self._move, self._start, self._state = move, start, state
+        self._place: Vector | None = None
         self.end()
 
     def begin(self, place: Vector | None) -> None:
@@ -38,7 +39,7 @@ class Lead:
 
     def end(self) -> None:
         """Let the hand be: somebody moves it, or it is inside again."""
-        self._place: Vector | None = None
+        self._place = None
         self._is_out, self._since_ns, self._press_ns = False, 0, 0
         self._state.is_led = False
 

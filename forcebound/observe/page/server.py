@@ -45,14 +45,15 @@ MOST_REQUEST = 16_000  # B, of the head of a request; no route takes a body
 IDLE = 10.0  # s that a connection may wait with its next request
 MOST_MESSAGE = 64_000  # B, of a message from a page
 MOST_WAITING = 2_000_000  # B that a page may leave unread before it misses frames
-POLICY = "default-src 'self'; connect-src 'self'; img-src 'self' data:; frame-ancestors 'none'"
+POLICY = "default-src 'self'; connect-src 'self'; img-src 'self' data:"
+ALONE = "; frame-ancestors 'none'"
 
 
 class Server:
     """A server for pages that show one running graph, and then perhaps another one; to be closed.
 
     It serves in the event loop in which it is made, at any port that is free for port 0. ``access``
-    has the addresses of the page.
+    has the addresses of the page; with ``embed`` other pages may show it in a frame.
 
     Raises:
         ConfigError: If the address cannot be listened at.
@@ -60,14 +61,21 @@ class Server:
 
     index: ClassVar[str] = "index.html"
 
-    def __init__(self, listen: str = "127.0.0.1", port: int = 0, recordings: Path = Path()) -> None:
+    def __init__(
+        self,
+        listen: str = "127.0.0.1",
+        port: int = 0,
+        recordings: Path = Path(),
+        *,
+        embed: bool = False,
+    ) -> None:
         listening = _bound(listen, port)
         self.access = Access(hosts_of(listen), listening.getsockname()[1])
         self.graph: ShownGraph | None = None  # that is shown
         self.is_stopped = False
         self._loop = asyncio.get_running_loop()
         self._loop.add_signal_handler(signal.SIGTERM, self.stop)
-        self._recordings = recordings
+        self._recordings, self.embed = recordings, embed
         self.last: Path | None = None  # shown before; its launcher may still compute the result
         self.pages: set[_Page] = set()
         self.workers = ThreadPoolExecutor(1, "controls")  # one change after the other
@@ -274,7 +282,7 @@ class _Handler(tornado.web.RequestHandler):
             raise tornado.web.HTTPError(403, "no token")
 
     def set_default_headers(self) -> None:
-        self.set_header("Content-Security-Policy", POLICY)
+        self.set_header("Content-Security-Policy", POLICY + ALONE)
         self.set_header("Referrer-Policy", "no-referrer")
         self.set_header("X-Content-Type-Options", "nosniff")
         self.set_header("Cache-Control", "no-store")
@@ -285,6 +293,8 @@ class _Handler(tornado.web.RequestHandler):
 
 class _Index(_Handler):
     def get(self) -> None:
+        if self.server.embed:
+            self.set_header("Content-Security-Policy", POLICY)
         self.set_header("Content-Type", "text/html; charset=utf-8")
         self.write((PAGE / self.server.index).read_bytes())
 

@@ -3,6 +3,7 @@
 import { Controls } from "./controls.js";
 import { Figures } from "./figures.js";
 import { Choice, coloured } from "./hands.js";
+import { Layout, drawn as drawPicture, save } from "./picture.js";
 import { PLOTS, Plot, linesOf, signalPlots } from "./plots.js";
 import { Window } from "./samples.js";
 import { magnitude, si, text, units } from "./scale.js";
@@ -41,6 +42,8 @@ let all = []; // hands of the graph
 const { delay, ...main } = PLOTS;
 export const plots = Object.values(main).map((spec) => new Plot($("plots"), shown, spec));
 const delays = new Plot($("delays"), shown, delay); // behind the fold of the network
+const layout = new Layout(scene, shown);
+scene.past = (hand) => shown.past(hand);
 const others = plots.length; // after them: plots of the graph's signals
 
 // --- What comes ----------------------------------------------------------------------------------
@@ -58,25 +61,27 @@ const takes = {
     for (const [name, plot] of Object.keys(main).map((key, i) => [key, plots[i]])) plot.si = si[name] ?? plot.si;
     document.body.classList.toggle("several", hands.length > 1);
     document.body.classList.toggle("many", hands.length > 2);
+    document.body.classList.toggle("has-joints", message.joints.length > 0);
     $("name").replaceChildren(Object.assign(document.createElement("span"), { textContent: "forcebound: " }), message.name.replace(/^\S*\//, "").replace(/\.yaml\b/, ""));
     document.title = message.name;
     shown.begin(hands.map(({ name }) => name));
     scene.describe({ ...message, hands });
     controls.describe({ ...message, hands });
     choice.offer(hands);
+    layout.restore();
     $("events").replaceChildren(); // those so far follow
   },
   frame(message) {
     heard = performance.now();
     const samples = shown.live.get(message.hand);
-    if (message.time[0] < samples.newest - 1) { samples.clear(); shown.marks = []; } // another clock
+    if (message.time[0] < samples.newest - 1) { samples.clear(); shown.histories.get(message.hand).clear(); shown.marks = []; } // another clock
     if (message.time[0] > samples.newest + 1e-3 * SILENT) samples.push(samples.newest, {}); // a gap
     message.time.forEach((time, i) => {
       const values = { limit: message.limit[i], energy: message.energy[i], true_energy: message.true_energy[i],
         known_energy: message.true_energy[i] ?? message.energy[i], delay: message.delay[i], commanded: magnitude(message.commanded[i]), applied: magnitude(message.applied[i]) };
       for (const [name, column] of Object.entries(message.signals)) values[name] = column[i];
-      message.position[i].forEach((x, axis) => { values[`p${axis}`] = x; });
-      samples.push(time, values);
+      for (const [letter, vector] of [["p", message.position[i]], ["c", message.commanded[i]], ["a", message.applied[i]]]) vector.forEach((x, axis) => { values[`${letter}${axis}`] = x; });
+      shown.take(message.hand, time, values);
     });
     scene.take(message);
     frames.set(message.hand, message);
@@ -155,9 +160,12 @@ function showStates(known) {
   const { preparing, present } = controls;
   $("note").textContent = [
     preparing && preparing !== present ? `Preparing law ${preparing}; until then, law ${present} goes on.` : "",
+    shown.isPaused ? `The plots and the scene end ${text(shown.latest - shown.end)} s ago.` : "",
     scene.isLoading ? "The shape is still loading: the force is real, its picture comes." : "",
     pace > SLOWED ? `Ticks are missed: only ${Math.round(1 / pace)} pictures a second.` : "",
   ].join(" ");
+  showTime();
+  layout.keep();
   for (const [key, is] of Object.entries(scene.parts)) document.querySelector(`[data-key=${key}]`).hidden = !is;
   const { pixels, words: length } = scene.bar;
   $("bar").textContent = length;
@@ -221,12 +229,25 @@ document.querySelectorAll("form").forEach((form) => form.addEventListener("submi
 $("nearer").addEventListener("click", () => scene.zoom(0.8));
 $("farther").addEventListener("click", () => scene.zoom(1.25));
 $("centre").addEventListener("click", () => scene.centreOn());
-$("pause").addEventListener("click", () => {
-  const isPaused = !shown.isPaused;
-  shown.pause(isPaused);
-  $("pause").setAttribute("aria-pressed", String(isPaused));
-  $("pause").textContent = isPaused ? "▶" : "❚❚";
+$("pause").addEventListener("click", () => { shown.pause(!shown.isPaused); showTime(); });
+$("scrub").addEventListener("input", () => { shown.scrub($("scrub").value >= $("scrub").max ? null : $("scrub").valueAsNumber); showTime(); });
+$("picture").addEventListener("click", () => {
+  const states = all.length > 1 ? [...$("each").children].map(({ children }) => [...children].slice(0, 5).map((one) => one.textContent).join("  "))
+    : [`${$("state").textContent}  ${$("force").textContent}  ${$("energy").textContent}`, $("why").textContent];
+  scene.draw();
+  for (const plot of plots) plot.draw();
+  save(drawPicture(scene.canvas, plots, [`${document.title}, ${new Date().toLocaleString()}`, ...states]), `${document.title.replace(/\W+/g, "_")}.png`);
 });
+
+/** Show which time is shown, of that which is kept. */
+function showTime() {
+  Object.assign($("scrub"), { min: shown.oldest, max: shown.latest });
+  $("scrub").value = shown.to;
+  $("scrub").setAttribute("aria-valuetext", shown.isPaused ? `${text(shown.latest - shown.end)} s ago` : "now");
+  $("pause").setAttribute("aria-pressed", String(shown.isPaused));
+  $("pause").textContent = shown.isPaused ? "▶" : "❚❚";
+}
+
 $("plots").addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.altKey || event.metaKey) return; // these are the browser's
   const step = shown.seconds / 50;
@@ -270,6 +291,7 @@ function draw(now) {
   if (silence > SILENT && socket?.readyState === WebSocket.OPEN && !isOver) {
     say({ head: "Signal lost.", more: `Nothing from the device for ${Math.floor(silence / 1000)} s.` });
   }
+  if (!hello) return; // neither axes nor units are known
   scene.draw();
   const seen = $("network").open ? [...plots, delays] : plots;
   seen[pictures % seen.length].draw();

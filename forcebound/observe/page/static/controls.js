@@ -15,6 +15,7 @@ const siOf = (text) => parseFloat(text) / (Object.values(units).find(([, unit]) 
 const SMALL = 10; // of a unit; below, the everyday one is shown
 const RECORD = "Record";
 const LAW = "device.law";
+const FIRST = ["none", "certified"]; // laws that are offered at once
 const STIFFNESS = "environment.stiffness";
 const DELAYS = ["links.environment_query.delay", "links.environment_reply.delay"];
 const SOFTEST = 2, HARDEST = 5; // powers of ten of the stiffness slider, in N/m; of angles a hundredth
@@ -120,8 +121,21 @@ export class Controls {
     const id = ["law", hand].filter(Boolean).join("-"), name = ofHand(hand, LAW);
     const list = make("select", { id }), power = make("button", { type: "button", id: id.replace("law", "power"), role: "switch", ariaLabel: "a law bounds the force" });
     const law = { name, list, power, present: undefined, before: "certified" }; // before: the law that the switch turns on
-    list.replaceChildren(...names.map((each) => new Option(each, each)));
-    list.addEventListener("change", () => this.ask({ do: "set", settings: { [name]: list.value } }, list));
+    const offer = (all) => list.replaceChildren(...all.map((each) => new Option(each, each)), ...(all.length < names.length ? [new Option("more laws …", "")] : []));
+    law.isFolded = true;
+    law.show = () => { // two laws and that of now; the others are behind the last entry
+      const all = law.isFolded ? names.filter((each) => each === law.present || FIRST.includes(each)) : names;
+      if (all.length !== [...list.options].filter(({ value }) => value).length || ![...list.options].some(({ value }) => value === law.present)) offer(all);
+      list.value = law.present;
+    };
+    list.addEventListener("change", () => {
+      if (list.value) this.ask({ do: "set", settings: { [name]: list.value } }, list);
+      else {
+        law.isFolded = false;
+        law.show();
+        try { list.showPicker(); } catch { list.focus(); } // where a browser opens it only by hand
+      }
+    });
     power.addEventListener("click", () => this.ask({ do: "set", settings: { [name]: law.present === "none" ? law.before : "none" } }, power));
     law.row = make("div", { className: "field law" }, make("label", { htmlFor: id, textContent: "law" }), power, list);
     return law;
@@ -231,8 +245,8 @@ export class Controls {
 
   /** Show the law, and which preset is active. */
   showLaw() {
-    for (const { list, power, present } of this.laws) {
-      if (document.activeElement !== list || !list.hasAttribute("aria-busy")) list.value = present;
+    for (const { list, power, present, show } of this.laws) {
+      if (document.activeElement !== list || !list.hasAttribute("aria-busy")) show();
       power.setAttribute("aria-checked", String(present !== "none"));
     }
     const delays = [...this.fields].filter(([name]) => DELAYS.some((each) => name.endsWith(each))).map(([, field]) => field.value);

@@ -107,7 +107,7 @@ export class Plot {
 
   /** The lowest and the highest sample in each column of pixels, in the plot's unit; at GAP there is none. */
   columns(line, x) {
-    const { from, to } = this.shown, samples = this.shown.samples.get(line.hand), found = [];
+    const { from, to } = this.shown, samples = this.shown.of(line.hand), found = [];
     if (!samples) return found;
     const { capacity } = samples, values = samples.values.get(line.name), first = samples.first(from), last = samples.first(to + 1e-9);
     let column = { at: GAP, low: 0, high: 0 };
@@ -177,7 +177,7 @@ export class Plot {
   get readings() {
     const { cursor, to } = this.shown;
     return this.lines.filter((line) => line.label).flatMap((line) => {
-      const samples = this.shown.samples.get(line.hand), values = samples?.values.get(line.name);
+      const samples = this.shown.of(line.hand), values = samples?.values.get(line.name);
       if (!values || !samples.count) return [];
       const index = Math.min(samples.first(cursor ?? to), samples.count - 1);
       return [{ line, words: `${line.label} ${text(this.shownAs(values[index % samples.capacity] * this.scale))}` }];

@@ -1,7 +1,8 @@
 // Samples of the last seconds, and the window of time that all plots show.
 
 const SECONDS = 10; // that plots show at first
-const SHORTEST = 0.05, LONGEST = 60; // s that plots can show
+const SHORTEST = 0.05, LONGEST = 3600; // s that plots can show
+const FINEST = 0.02; // s of a step of the history, at first
 
 /** A ring of times and of named values. */
 export class Samples {
@@ -22,6 +23,8 @@ export class Samples {
     }
     this.count += 1;
   }
+
+  get oldest() { return this.count ? this.time[Math.max(0, this.count - this.capacity) % this.capacity] : Infinity; }
 
   get newest() {
     return this.count ? this.time[(this.count - 1) % this.capacity] : 0;
@@ -50,10 +53,50 @@ export class Samples {
   }
 }
 
+/** The whole run in bounded memory: the lowest and the highest of each step, which is twice as long each time all is full. */
+export class History extends Samples {
+  constructor(capacity = 20000) {
+    super(capacity);
+    this.step = FINEST;
+    this.open = null; // the step that goes on: {end, low, high}
+  }
+
+  take(time, values) {
+    if (this.open && time >= this.open.end) {
+      if (this.count >= this.capacity) this.halve();
+      for (const side of ["low", "high"]) this.push(this.open.end - this.step, this.open[side]);
+      this.open = null;
+    }
+    this.open ??= { end: time + this.step, low: {}, high: {} };
+    const { low, high } = this.open;
+    for (const [name, value] of Object.entries(values)) {
+      if (value === null || value === undefined || Number.isNaN(value)) continue;
+      low[name] = Math.min(low[name] ?? value, value);
+      high[name] = Math.max(high[name] ?? value, value);
+    }
+  }
+
+  /** Have half as many steps, each twice as long. */
+  halve() {
+    for (let to = 0, from = 0; from < this.count; from += 4, to += 2) {
+      this.time[to] = this.time[to + 1] = this.time[from];
+      for (const column of this.values.values()) {
+        const both = [...column.slice(from, from + 4)].filter((value) => !Number.isNaN(value));
+        [column[to], column[to + 1]] = both.length ? [Math.min(...both), Math.max(...both)] : [NaN, NaN];
+      }
+    }
+    this.count /= 2;
+    this.step *= 2;
+  }
+
+  clear() { super.clear(); Object.assign(this, { open: null, step: FINEST }); }
+}
+
 /** The window of time that all plots show; paused, zoomed and pointed at together. */
 export class Window {
   constructor() {
     this.live = new Map(); // samples by hand
+    this.histories = new Map(); // of the whole run, by hand
     this.samples = this.live; // that are shown: of a pause a copy, since the rings go on
     this.seconds = SECONDS;
     this.end = null; // null: now
@@ -63,11 +106,40 @@ export class Window {
 
   /** Have samples of these hands, whose names those of before may be. */
   begin(hands) {
-    for (const name of this.live.keys()) if (!hands.includes(name)) this.live.delete(name);
+    for (const name of this.live.keys()) if (!hands.includes(name)) for (const all of [this.live, this.histories]) all.delete(name);
     for (const name of hands) {
       if (!this.live.has(name)) this.live.set(name, new Samples());
+      if (!this.histories.has(name)) this.histories.set(name, new History());
       this.live.get(name).push(this.live.get(name).newest, {}); // a gap: it may be another graph
     }
+  }
+
+  /** Take a sample of a hand. */
+  take(hand, time, values) {
+    this.live.get(hand).push(time, values);
+    this.histories.get(hand).take(time, values);
+  }
+
+  /** The samples of a hand that have the window: all, or of a time long ago the steps of the history. */
+  of(hand) {
+    const all = this.samples.get(hand), history = this.histories.get(hand);
+    return all && history?.count && Math.max(this.from, history.oldest) < all.oldest ? history : all;
+  }
+
+  /** What a hand had at the end of the window, by name; null: it shows now. */
+  past(hand) {
+    if (this.end === null) return null;
+    const samples = this.of(hand), index = Math.max(samples.first(this.end + 1e-9) - 1, 0);
+    return (name) => samples.values.get(name)?.[index % samples.capacity] ?? NaN;
+  }
+
+  /** When the run that is kept began, in s. */
+  get oldest() { return Math.min(this.newest, ...[...this.histories.values()].filter(({ count }) => count).map(({ oldest }) => oldest)); }
+
+  /** Show the time until `end`, in s, while the run goes on; null: now. */
+  scrub(end) {
+    if (this.samples !== this.live) this.pause(false);
+    this.end = end === null || end >= this.latest ? null : Math.max(end, this.oldest);
   }
 
   /** When the law of a hand at the window's end began, in s. */
@@ -76,11 +148,12 @@ export class Window {
   /** Mark that another law of a hand begins. */
   mark(time, law, hand) {
     if (time === this.marks.findLast((one) => one.hand === hand)?.time) return;
-    this.marks = [...this.marks, { time, law, hand }].filter((one) => one.hand !== hand || one.time > time - LONGEST);
+    this.marks = [...this.marks, { time, law, hand }].filter((one) => one.hand !== hand || one.time > time - LONGEST); // as far as one can see
   }
 
-  get isPaused() { return this.end !== null; }
+  get isPaused() { return this.end !== null; } // or shows what was
   get newest() { return Math.max(0, ...[...this.samples.values()].map((each) => each.newest)); }
+  get latest() { return Math.max(0, ...[...this.live.values()].map((each) => each.newest)); } // also in a pause
   get to() { return this.end ?? this.newest; }
   get from() { return this.to - this.seconds; }
   get cursor() { return this.age === null ? null : this.to - this.age; }

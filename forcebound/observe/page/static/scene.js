@@ -3,6 +3,7 @@
 import { colour, fit } from "./canvas.js";
 import { quantity, scaleBar, si, text } from "./scale.js";
 import { listen } from "./hand.js";
+import { drawJoints } from "./joints.js";
 import { Labels } from "./labels.js";
 import { segment, spring } from "./strokes.js";
 import { BOX_EDGES, add, boxCorners, cross, dot, facesOf, pad, pointsOf, scaled, sub } from "./shapes.js";
@@ -11,6 +12,7 @@ const NEWTONS = 22; // as many would be as long as the scene
 const LONGEST = 0.45; // of the scene, that an arrow is drawn; a longer one is dashed
 const WHOLE = 0.95; // share of the commanded force from which on both are one arrow
 const SIDE = 26; // pixels between the two arrows where there is one axis
+const GHOST = 0.6; // opacity of the commanded force, which the hand does not feel
 const LANE = 130; // pixels between two hands where there is one axis, at most
 const TIP = 20, RING = 34; // pixels of a tip and of the ring of a pointer
 const BAR = 150; // pixels of the scale bar, at most
@@ -27,13 +29,14 @@ export class Scene {
     this.placed = new Map(); // of meshes, faces in the world
     this.layer = document.createElement("canvas"); // the objects alone
     this.labels = new Labels();
+    this.past = () => null; // what gives the values that a hand had, by its name; null: now is shown
     this.begin({ axes: 1, hands: [] });
     listen(this);
   }
 
   /** Show a graph of which nothing is known yet. */
-  begin({ graph, axes, hands }) {
-    Object.assign(this, { graph, axes });
+  begin({ graph, axes, hands, joints = [] }) {
+    Object.assign(this, { graph, axes, joints }); // joints: of hands whose axes are no places in space, {name, isAngle} of each
     // Of each hand: target, where its pointer is, in m (null: nobody points); moved, when this page moved it last, in ms.
     this.hands = hands.map((hand) => ({ ...hand, target: null, moved: -Infinity }));
     this.own = this.hands; // that this page may move, if they follow a pointer
@@ -125,7 +128,7 @@ export class Scene {
 
   /** Do something where a hand is drawn: on one axis each has a lane of its own. */
   inLane(hand, act) {
-    if (this.axes < 2) this.lane = (this.hands.indexOf(hand) - (this.hands.length - 1) / 2) * this.wide;
+    if (this.axes < 2) this.lane = (this.hands.findIndex(({ name }) => name === hand.name) - (this.hands.length - 1) / 2) * this.wide;
     const result = act();
     this.lane = 0;
     return result;
@@ -135,7 +138,7 @@ export class Scene {
   get wide() { return Math.min(LANE, this.canvas.clientHeight / (this.hands.length + 0.2)); }
 
   /** Pixels between the two arrows of a hand. */
-  get side() { return this.axes < 2 ? Math.min(SIDE, this.wide / 3) : 0; }
+  get side() { return this.axes < 2 ? Math.min(SIDE, this.wide / 3) : 0.4 * SIDE; }
 
   /** Move the pointer to the right, up and away on the screen, in m; `at`: when, by the event. */
   move([right, up, away], at) {
@@ -192,6 +195,11 @@ export class Scene {
 
   draw() {
     const { context, width, height } = fit(this.canvas);
+    this.labels.begin(context, width, height);
+    if (this.joints.length) {
+      drawJoints(context, this.seen.map((one) => this.asOf(one)), this.joints, width, height);
+      return;
+    }
     if (!this.isCentred && this.isWhole) {
       this.isCentred = true;
       this.centreOn();
@@ -201,10 +209,17 @@ export class Scene {
     for (const hand of this.hands) if (hand.workspace) this.inLane(hand, () => this.drawBox(context, [0, 0, 0], hand.workspace));
     if (this.axes < 3) this.drawGround(context, width, height);
     this.drawLayer(context, width, height);
-    this.labels.begin(context, width, height);
-    for (const hand of this.seen) this.inLane(hand, () => this.keepFree(hand));
-    for (const hand of this.seen) this.inLane(hand, () => this.drawHand(context, hand));
+    for (const hand of this.seen.map((one) => this.asOf(one))) this.inLane(hand, () => this.keepFree(hand));
+    for (const hand of this.seen.map((one) => this.asOf(one))) this.inLane(hand, () => this.drawHand(context, hand));
     this.labels.draw();
+  }
+
+  /** A hand as it was, while one looks at the past: without its pointer and its proxy. */
+  asOf(hand) {
+    const value = this.past(hand.name);
+    if (!value) return hand;
+    const [tip, commanded, applied] = ["p", "c", "a"].map((name) => hand.tip.map((_, axis) => value(`${name}${axis}`)));
+    return Number.isFinite(tip[0]) ? { ...hand, tip, commanded, applied, target: null, proxy: null } : hand;
   }
 
   /** Keep the labels off the tip of a hand and its pointer. */
@@ -236,7 +251,9 @@ export class Scene {
     const [given, asked] = [applied, commanded].map((force) => Math.hypot(...force));
     const isWhole = given > WHOLE * asked;
     const [thin, whose] = own ? [3, `${name} `] : [6, ""]; // of several hands the colour says whose force it is
+    context.globalAlpha = GHOST;
     if (!isWhole) this.arrow(context, tip, commanded, { stroke: colour(own ?? "commanded"), width: thin, side: -this.side, words: `${whose}commanded ${text(asked)} ${si.force}` });
+    context.globalAlpha = 1;
     this.arrow(context, tip, applied, { stroke: colour(own ?? "true"), width: 6, side: 0, words: `${whose || "force "}${text(given)} ${si.force}`, isBelow: true });
   }
 
@@ -361,11 +378,12 @@ export class Scene {
     const seen = Math.hypot(ex - x, ey - y); // pixels that a force of so many metres would have
     const full = (seen / this.scale) * (this.size / NEWTONS), length = Math.min(full, LONGEST * this.size), head = 3 * width;
     if (length < 4) return;
-    const [ux, uy] = [(ex - x) / seen, (ey - y) / seen], [x1, y1] = [x + ux * length, y + side + uy * length];
+    const [ux, uy] = [(ex - x) / seen, (ey - y) / seen], [ox, oy] = this.axes < 2 ? [0, side] : [-uy * side, ux * side];
+    const [x1, y1] = [x + ox + ux * length, y + oy + uy * length];
     const shaft = Math.max(length - head, 0);
     context.lineWidth = width;
     context.setLineDash(full > length ? [10, 6] : []);
-    segment(context, [x, y + side], [x + ux * shaft, y + side + uy * shaft], stroke);
+    segment(context, [x + ox, y + oy], [x + ox + ux * shaft, y + oy + uy * shaft], stroke);
     context.setLineDash([]);
     context.fillStyle = stroke;
     context.beginPath();
