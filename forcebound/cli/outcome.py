@@ -10,12 +10,11 @@ import click
 from forcebound.cli.common import print_json, show
 from forcebound.cli.lazy import when_used
 from forcebound.errors import RunError
-from forcebound.messages.events import EPISODE_BEGINS, EPISODE_ENDS
 from forcebound.results.printing import print_rows
 
 with when_used():
     from forcebound.graph import graph
-    from forcebound.messages import topology
+    from forcebound.messages import events, topology
     from forcebound.results import coupling, tables
     from forcebound.run import fork_server, live, progress, virtual
     from forcebound.run import results as run_results
@@ -106,9 +105,9 @@ def show_results(
     for line in together:
         show(line)
     kinds = [(one.event, one.data.get("kept")) for result in results[:1] for one in result.events]
-    if begun := sum(kind == EPISODE_BEGINS for kind, _ in kinds):
-        kept = kinds.count((EPISODE_ENDS, "true"))
-        others = begun - kept - kinds.count((EPISODE_ENDS, "false"))
+    if begun := sum(kind == events.EPISODE_BEGINS for kind, _ in kinds):
+        kept = kinds.count((events.EPISODE_ENDS, "true"))
+        others = begun - kept - kinds.count((events.EPISODE_ENDS, "false"))
         left_open = ", and one without an end, which is not kept" if others else ""
         show(f"Episodes: {kept} kept of {begun}{left_open}.")
     if shows_all:

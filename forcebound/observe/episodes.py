@@ -14,16 +14,7 @@ from pathlib import Path
 from typing import get_args
 
 from forcebound.errors import ConfigError, RunError
-from forcebound.messages.control import (
-    Accepted,
-    Engage,
-    EpisodeAction,
-    Episodes,
-    MarkEpisode,
-    Refused,
-    Release,
-    ResetWorld,
-)
+from forcebound.messages import control
 from forcebound.messages.packets import TOPIC_OF, DeviceState
 from forcebound.messages.topology import is_bound, node_name
 from forcebound.network import sockets
@@ -33,20 +24,20 @@ from forcebound.roles import DEVICE, ENVIRONMENT
 from forcebound.run.process.reader import Reader
 from forcebound.run.run_directory import RunDocument, graph_in
 
-ACTIONS: tuple[EpisodeAction, ...] = get_args(EpisodeAction)
+ACTIONS: tuple[control.EpisodeAction, ...] = get_args(control.EpisodeAction)
 
 
-def mark(run_dir: Path, action: EpisodeAction) -> Episodes:
+def mark(run_dir: Path, action: control.EpisodeAction) -> control.Episodes:
     """Begin an episode, or keep or discard the open one; return how many there are.
 
     Raises:
         ConfigError: If it does not go with what is open, or there is no launcher.
         RunError: If the world does not begin again, or a process does not answer.
     """
-    ask_launcher(run_dir, MarkEpisode(action, is_question=True))
+    ask_launcher(run_dir, control.MarkEpisode(action, is_question=True))
     if action == "start":
         reset_world(run_dir)
-    found = ask_launcher(run_dir, MarkEpisode(action)).episodes
+    found = ask_launcher(run_dir, control.MarkEpisode(action)).episodes
     if action == "discard":
         reset_world(run_dir)
     return found
@@ -62,18 +53,18 @@ def reset_world(run_dir: Path) -> None:
     if not is_bound(run_dir, nodes[ENVIRONMENT]):
         return
     try:
-        ask_all(run_dir, dict.fromkeys(devices, Release()), ANSWER_TIMEOUT)
-        answer = ask(run_dir, ENVIRONMENT, ResetWorld())
+        ask_all(run_dir, dict.fromkeys(devices, control.Release()), ANSWER_TIMEOUT)
+        answer = ask(run_dir, ENVIRONMENT, control.ResetWorld())
     finally:
-        ask_all(run_dir, dict.fromkeys(devices, Engage()), ANSWER_TIMEOUT)
-    if not isinstance(answer, Accepted):
-        why = answer.error if isinstance(answer, Refused) else "it does not answer"
+        ask_all(run_dir, dict.fromkeys(devices, control.Engage()), ANSWER_TIMEOUT)
+    if not isinstance(answer, control.Accepted):
+        why = answer.error if isinstance(answer, control.Refused) else "it does not answer"
         raise RunError(f"the world did not begin again: {why}")
 
 
-def buttons_of(text: str) -> dict[int, EpisodeAction]:
+def buttons_of(text: str) -> dict[int, control.EpisodeAction]:
     """Return the actions of buttons by their bits, from ``start=0,keep=1``; ConfigError if none."""
-    found: dict[int, EpisodeAction] = {}
+    found: dict[int, control.EpisodeAction] = {}
     for entry in filter(None, text.split(",")):
         name, _, bit = entry.strip().partition("=")
         if not bit.isdecimal() or name not in ACTIONS:
@@ -86,8 +77,8 @@ def buttons_of(text: str) -> dict[int, EpisodeAction]:
 def watch(
     run_dir: Path,
     hand: str | None,
-    buttons: Mapping[int, EpisodeAction],
-    act: Callable[[EpisodeAction], None],
+    buttons: Mapping[int, control.EpisodeAction],
+    act: Callable[[control.EpisodeAction], None],
 ) -> None:
     """Call ``act`` for each key s, k or d, and each press of a button of a hand, if there is one.
 
@@ -98,45 +89,40 @@ def watch(
     run, over = RunDocument.read(run_dir), Watch(run_dir)
     topic = TOPIC_OF[DeviceState]
     streams = () if hand is None else run.graph.named(node_name(hand, topic))
-    with _keys() as terminal, Reader(run_dir, streams, run.core) as reader:
-        held: int | None = None
+    held: int | None = None
+    with _keys() as typed, Reader(run_dir, streams, run.core) as reader:
         while not over.is_over:
-            reader.wait(*([] if terminal is None else [terminal]))
+            reader.wait()
+            chosen: list[str] = [keys.get(key, key) for key in typed()]
             for received in reader.take():
                 assert isinstance(received.packet, DeviceState)
                 before, held = held, received.packet.buttons or 0
                 pressed = 0 if before is None else held & ~before
-                actions = [action for bit, action in buttons.items() if pressed >> bit & 1]
-                if actions:
-                    act(actions[0])
-                    reader.forget()
-                    held = None
-                    break
-            typed = _typed(terminal)
-            if "q" in typed:
+                chosen += [action for bit, action in buttons.items() if pressed >> bit & 1]
+            if "q" in chosen:
                 return
-            for key in typed[:1]:
-                if key in keys:
-                    act(keys[key])
-                    reader.forget()
+            for action in [one for one in ACTIONS if one in chosen][:1]:
+                act(action)
+                reader.forget()
+                held = None
 
 
 @contextmanager
-def _keys() -> Iterator[int | None]:
-    """The descriptor of the terminal, which gives each key at once; None: there is none."""
+def _keys() -> Iterator[Callable[[], str]]:
+    """Give the keys since the last call; without a terminal none."""
     if not sys.stdin.isatty():
-        yield None
+        yield lambda: ""
         return
     terminal = sys.stdin.fileno()
     before = termios.tcgetattr(terminal)
     try:
         tty.setcbreak(terminal)
-        yield terminal
+        yield (
+            lambda: (
+                os.read(terminal, 9).decode(errors="replace")
+                if sockets.wait((terminal,), 0)
+                else ""
+            )
+        )
     finally:
         termios.tcsetattr(terminal, termios.TCSADRAIN, before)
-
-
-def _typed(terminal: int | None) -> str:
-    if terminal is None or not sockets.wait((terminal,), 0):
-        return ""
-    return os.read(terminal, 100).decode(errors="replace")

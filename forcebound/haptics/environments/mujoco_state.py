@@ -9,7 +9,7 @@ bodies, sensors and contacts are those that MuJoCo computed for it, one time ste
 import re
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 
@@ -18,24 +18,21 @@ from forcebound.haptics.environments.mujoco_scene import PROBE, TOOL, listed
 from forcebound.haptics.parts.signals import Signal
 from forcebound.messages.packets import MAX_SIGNALS
 
-LONGEST = 32  # characters of the name of a signal
+LONGEST, LABEL = 32, 60  # characters of the name of a signal, and of its label
 CONTACT = "contact "
-PLACE = (("x", "m"), ("y", "m"), ("z", "m"))
-TURN = (("qw", "1"), ("qx", "1"), ("qy", "1"), ("qz", "1"))
-SPEED = (("vx", "m/s"), ("vy", "m/s"), ("vz", "m/s"))
-TURNING = (("wx", "rad/s"), ("wy", "rad/s"), ("wz", "rad/s"))
-FORCE = (("x", "N"), ("y", "N"), ("z", "N"))
-#: Entries of joints by their type: free, ball, slide, hinge.
-QPOS = ((*PLACE, *TURN), TURN, (("", "m"),), (("", "rad"),))
-QVEL = ((*SPEED, *TURNING), TURNING, (("", "m/s"),), (("", "rad/s"),))
-#: Units of sensors by the end of their type's name.
+# Suffixes and units of numbers. Of joints by their type: free, ball, slide, hinge.
+PLACE, TURN, FORCE = "x:m,y:m,z:m", "qw:1,qx:1,qy:1,qz:1", "x:N,y:N,z:N"
+SPEED, TURNING = "vx:m/s,vy:m/s,vz:m/s", "wx:rad/s,wy:rad/s,wz:rad/s"
+JOINTS = {
+    "qpos": (f"{PLACE},{TURN}", TURN, ":m", ":rad"),
+    "qvel": (f"{SPEED},{TURNING}", TURNING, ":m/s", ":rad/s"),
+}
+#: Units of sensors by their types.
 UNITS = {
     "TOUCH": "N", "ACCELEROMETER": "m/s^2", "VELOCIMETER": "m/s", "GYRO": "rad/s", "FORCE": "N",
     "TORQUE": "N m", "RANGEFINDER": "m", "FRAMEPOS": "m", "FRAMELINVEL": "m/s",
-    "FRAMEANGVEL": "rad/s", "FRAMELINACC": "m/s^2", "FRAMEANGACC": "rad/s^2", "CLOCK": "s",
+    "FRAMEANGVEL": "rad/s", "FRAMELINACC": "m/s^2", "FRAMEANGACC": "rad/s^2",
 }  # fmt: skip
-
-_Entries: TypeAlias = Sequence[tuple[str, str]]  # suffix and unit of each number
 
 
 class SceneState:
@@ -67,80 +64,71 @@ class SceneState:
         return [value for read in self._reads for value in read()]
 
     def _choose(self, one: str) -> None:
-        mujoco, scene, data = self._mujoco, self._scene, self._data
-        bodies = _numbers(scene.body, scene.nbody)
-        if one in ("qpos", "qvel"):
-            self._add_joints(one, QPOS if one == "qpos" else QVEL)
+        scene, data, name = self._scene, self._data, one.removeprefix(CONTACT)
+        bodies, geoms = _numbers(scene.body, scene.nbody), _numbers(scene.geom, scene.ngeom)
+        if one in JOINTS:
+            self._add_joints(one)
         elif one == "sensors":
             for i in range(scene.nsensor):
-                self._add("sensor", scene.sensor(i).name or str(i), self._of_sensor(i), one)
+                self._add("sensor_", scene.sensor(i).name or str(i), self._of_sensor(i), one)
             self._reads.append(data.sensordata.tolist)
         elif one in bodies:
-            number, spun = bodies[one], np.empty(6)
-            self._add("", one, (*PLACE, *TURN), "pose of the body")
-            self._add("", one, (*SPEED, *TURNING), "velocity of the body")
-            self._reads += [data.xpos[number].tolist, data.xquat[number].tolist]
-            kind = mujoco.mjtObj.mjOBJ_XBODY
-            ask = partial(mujoco.mj_objectVelocity, scene, data, kind, number, spun, 0)
-            self._reads.append(lambda: ask() or [*spun[3:].tolist(), *spun[:3].tolist()])
+            self._add("", one, f"{PLACE},{TURN}", "pose of the body")
+            self._add("", one, f"{SPEED},{TURNING}", "velocity of the body")
+            self._reads += [data.xpos[bodies[one]].tolist, data.xquat[bodies[one]].tolist]
+            self._reads.append(partial(self._moving, bodies[one], np.empty(6)))
+        elif one.startswith(CONTACT) and name in {*bodies, *geoms}:
+            self._add("contact_", name, FORCE, "force of contacts on it")
+            of_body = bodies.get(name)
+            touched = [i for i in range(scene.ngeom) if scene.geom_bodyid[i] == of_body]
+            self._reads.append(partial(self._pushed, touched or [geoms[name]]))
         else:
-            geoms = _numbers(scene.geom, scene.ngeom)
-            name = one.removeprefix(CONTACT)
-            if not one.startswith(CONTACT) or name not in {*bodies, *geoms}:
-                known = listed(["qpos", "qvel", "sensors", *bodies])
-                message = f"record: expected {known}, or contact and the name of a body or geom"
-                raise ConfigError(f"{message}, got {one!r}", field="record")
-            touched = np.arange(scene.ngeom) == geoms.get(name, -1)
-            if name in bodies:
-                touched = scene.geom_bodyid == bodies[name]
-            self._add("contact", name, FORCE, "force of contacts on it")
-            self._reads.append(partial(self._pushed, frozenset(np.flatnonzero(touched).tolist())))
+            known = listed([*JOINTS, "sensors", *bodies])
+            message = f"record: expected {known}, or contact and the name of a body or geom"
+            raise ConfigError(f"{message}, got {one!r}", field="record")
 
-    def _add(self, kind: str, name: str, entries: _Entries, label: str) -> None:
-        kind = f"{kind}_" if kind else ""
-        longest = max((len(suffix) + 1 for suffix, _ in entries if suffix), default=0)
+    def _add(self, kind: str, name: str, entries: str, label: str) -> None:
+        """Add the signals of a thing, whose suffixes are at most two letters."""
         plain = re.sub(r"[^A-Za-z0-9_]", "_", name)
-        if not kind and not plain[0].isalpha():
-            kind = "body_"
-        base = kind + plain[: LONGEST - len(kind) - longest]
-        for suffix, unit in entries:
-            own = f"{base}_{suffix}" if suffix else base
-            self.signals.append(Signal(own, unit, f"{label}: {plain}"[:60]))
+        kind = kind if kind or plain[0].isalpha() else "body_"
+        for suffix, unit in (entry.split(":") for entry in entries.split(",")):
+            own = f"{kind}{plain}"[: LONGEST - 3] + (f"_{suffix}" if suffix else "")
+            self.signals.append(Signal(own, unit, f"{label}: {plain}"[:LABEL]))
 
-    def _add_joints(self, array: str, entries: Sequence[_Entries]) -> None:
-        scene = self._scene
-        places: list[int] = []
+    def _add_joints(self, array: str) -> None:
+        scene, view, places = self._scene, getattr(self._data, array), list[int]()
         starts = scene.jnt_qposadr if array == "qpos" else scene.jnt_dofadr
         for i in range(scene.njnt):
             joint, body = scene.joint(i), scene.body(int(scene.jnt_bodyid[i]))
-            if joint.name.startswith(PROBE):
-                continue
-            of_body = f"{body.name or body.id}{f'_{i}' if body.jntnum[0] > 1 else ''}"
-            own = entries[int(scene.jnt_type[i])]
-            self._add(array, joint.name or of_body, own, array)
-            places += range(int(starts[i]), int(starts[i]) + len(own))
-        view, index = getattr(self._data, array), np.array(places, np.int64)
+            if not joint.name.startswith(PROBE):
+                of_body = f"{body.name or body.id}{f'_{i}' if body.jntnum[0] > 1 else ''}"
+                entries = JOINTS[array][int(scene.jnt_type[i])]
+                self._add(f"{array}_", joint.name or of_body, entries, array)
+                places += range(int(starts[i]), int(starts[i]) + len(entries.split(",")))
+        index = np.array(places, np.int64)
         self._reads.append(lambda: view.take(index).tolist())
 
-    def _of_sensor(self, number: int) -> _Entries:
+    def _of_sensor(self, number: int) -> str:
         """Return suffixes and units of a sensor's numbers."""
-        scene = self._scene
-        kind = self._mujoco.mjtSensor(int(scene.sensor_type[number])).name
-        unit, count = UNITS.get(kind.removeprefix("mjSENS_"), ""), int(scene.sensor_dim[number])
-        suffixes = {1: ("",), 3: ("x", "y", "z")}.get(count) or map(str, range(count))
-        return [(suffix, unit) for suffix in suffixes]
+        kind = self._mujoco.mjtSensor(int(self._scene.sensor_type[number])).name
+        unit, count = UNITS.get(kind.removeprefix("mjSENS_"), ""), self._scene.sensor_dim[number]
+        suffixes = {1: ("",), 3: ("x", "y", "z")}.get(int(count)) or range(count)
+        return ",".join(f"{suffix}:{unit}" for suffix in suffixes)
 
-    def _pushed(self, geoms: frozenset[int]) -> list[float]:
+    def _moving(self, body: int, spun: Any) -> list[float]:
+        """Return velocity and angular velocity of a body, in the axes of the scene."""
+        kind = self._mujoco.mjtObj.mjOBJ_XBODY
+        self._mujoco.mj_objectVelocity(self._scene, self._data, kind, body, spun, 0)
+        return [*spun[3:].tolist(), *spun[:3].tolist()]
+
+    def _pushed(self, geoms: Sequence[int]) -> list[float]:
         """Return the sum of the contact forces on some geoms, in N."""
-        contacts = self._data.contact
-        signs = [(two in geoms) - (one in geoms) for one, two in contacts.geom.tolist()]
-        found = [i for i, sign in enumerate(signs) if sign]
-        if not found:
-            return [0.0, 0.0, 0.0]
-        total, force, frames = np.zeros(3), np.empty(6), contacts.frame
-        for i in found:  # axes of a contact are the rows of its frame; the first goes to geom two
-            self._mujoco.mj_contactForce(self._scene, self._data, i, force)
-            total += signs[i] * (force[:3] @ frames[i].reshape(3, 3))
+        total, force, contacts = np.zeros(3), np.empty(6), self._data.contact
+        for i, (one, two) in enumerate(contacts.geom.tolist()):
+            sign = (two in geoms) - (one in geoms)
+            if sign:  # axes of a contact are the rows of its frame; the first goes to geom two
+                self._mujoco.mj_contactForce(self._scene, self._data, i, force)
+                total += sign * (force[:3] @ contacts.frame[i].reshape(3, 3))
         return total.tolist()
 
 
