@@ -74,11 +74,15 @@ def offering(words: Callable[[click.Context, str], Iterable[str]]) -> Offer:
     return offer
 
 
-def files(*endings: str) -> Offer:
-    """Return an :func:`offering` of files with these endings, and of folders."""
+def files(*endings: str, shipped: Callable[[], Iterable[str]] = tuple[str]) -> Offer:
+    """Return an :func:`offering` of files with these endings, of folders, and of shipped files.
+
+    Those can be named without ending.
+    """
 
     @offering
     def found(_: click.Context, begun: str) -> Iterable[str]:
+        yield from (Path(name).stem for name in shipped())
         folder, sign, _name = begun.rpartition("/")
         for path in sorted(Path(folder + sign).iterdir()):
             if path.is_dir() and not path.name.startswith("."):
