@@ -101,7 +101,7 @@ def watch(
                 chosen += [action for bit, action in buttons.items() if pressed >> bit & 1]
             if "q" in chosen:
                 return
-            for action in [one for one in ACTIONS if one in chosen][:1]:
+            for action in [one for one in ACTIONS if chosen.count(one)][:1]:
                 act(action)
                 reader.forget()
                 held = None

@@ -61,8 +61,11 @@ from forcebound.run.lifecycle import STOPPED_EARLY, Lifecycle
 from forcebound.run.screen import Screen, doing
 
 REQUEST_INTERVAL_NS = 20_000_000  # between two requests to a node that is not ready
-NO_EPISODE = dict.fromkeys(("keep", "discard"), "no episode is open: start one first")
-NO_EPISODE["start"] = "an episode is open: keep or discard it first"
+NONE_OPEN, ONE_OPEN = (
+    "no episode is open: start one first",
+    "an episode is open: keep or discard it",
+)
+NO_EPISODE = {"keep": NONE_OPEN, "discard": NONE_OPEN, "start": ONE_OPEN}
 NOT_STARTED = 126  # exit status of a process that could not be started, as in a shell
 
 
