@@ -101,7 +101,8 @@ def watch(
                 chosen += [action for bit, action in buttons.items() if pressed >> bit & 1]
             if "q" in chosen:
                 return
-            for action in [one for one in ACTIONS if chosen.count(one)][:1]:
+            action = next(filter(chosen.count, ACTIONS), None)
+            if action is not None:
                 act(action)
                 reader.forget()
                 held = None
