@@ -45,6 +45,7 @@ impairments = st.builds(
     reorder=share,
     rate=st.sampled_from([0.0, 1e4, 1e6]),
     limit=st.integers(0, 10),
+    deadband=st.sampled_from([0.0, 0.1]),
     outages=st.lists(st.builds(Outage, times, times), max_size=2).map(tuple),
     spikes=st.lists(
         st.builds(Spike, st.floats(0.04, 0.1), times, times, times, share), max_size=2

@@ -147,6 +147,10 @@ class Impairment:
         limit: How many packets are on the way at most, more are lost; 0: any number.
         outages: When the link is down.
         spikes: When packets take longer.
+        deadband: Weber fraction: a packet is not sent while its force (of a state or query: its
+            velocity) differs from that of the last one sent by at most this share of it; 0: all
+            are sent.
+        keep_alive: Time after which a link with a deadband sends a packet in any case.
 
     Raises:
         ConfigError: If a value is not finite or out of its range.
@@ -167,6 +171,8 @@ class Impairment:
     limit: Annotated[int, NOT_NEGATIVE] = 0
     outages: tuple[Outage, ...] = ()
     spikes: tuple[Spike, ...] = ()
+    deadband: Annotated[Ratio, Range(at_least=0, below=1)] = 0.0
+    keep_alive: Annotated[Time, Range(above=0, at_most=0.05)] = 0.02
     trace: Path | None = None
     trace_format: Literal["table", "s", "ms", "mahimahi"] = TABLE
     trace_interval: Annotated[Time, POSITIVE] = 0.001
