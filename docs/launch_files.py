@@ -24,7 +24,8 @@ from forcebound.graph.schema import SUBSTITUTION, properties
 from forcebound.graph.servo import ServoSettings
 from forcebound.haptics.geometry.proxy import Surface
 from forcebound.messages.topology import IMPAIRABLE
-from forcebound.network.impairment import GilbertElliott, Impairment, Outage
+from forcebound.network.impairment import GilbertElliott, Impairment, Outage, Spike
+from forcebound.network.presets import PRESETS
 from forcebound.observe.formatting import meanings
 
 _HEAD = """# Keys of launch files
@@ -124,7 +125,9 @@ def _lines() -> Iterator[str]:
     topics = ", ".join(f"`{topic}`" for topic in IMPAIRABLE)
     words = f"By topic: {topics}. A topic that is not named is perfect."
     yield from ("", "## `links`", *_table(Impairment, words))
-    for key, part in (("gemodel", GilbertElliott), ("outages", Outage)):
+    names, meaning = " or ".join(f"`{name}`" for name in PRESETS), "[named network](impairments.md)"
+    yield f"| `preset` | {names} | none | {meaning}: defaults of the other keys |"
+    for key, part in (("gemodel", GilbertElliott), ("outages", Outage), ("spikes", Spike)):
         yield from ("", f"### `{key}`", *_table(part))
     for section, settings in (("realtime", RealtimeConfig), ("remote", RemoteConfig)):
         yield from ("", f"## `{section}`", *_table(settings))

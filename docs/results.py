@@ -253,6 +253,10 @@ MEANINGS = {
         "packets that the device rejected, by reason ([protocol.md](protocol.md))"
     ),
     "links": "packets that impaired links lost or damaged on purpose",
+    "packets_saved": (
+        "packets that links with a `deadband` did not send, by topic "
+        "([impairments.md](impairments.md#deadband))"
+    ),
     "faults": "faults, by kind ([faults.md](faults.md))",
 }
 

@@ -10,6 +10,7 @@ import click
 NAMES = {
     "gallery": "Take the pictures of docs/gallery.md.",
     "live_pictures": "Take the pictures of the live page.",
+    "networks": "Draw the delay of each named network over a minute.",
     "rabbit": "Make the mesh of touch_mesh.",
     "rough_cloud": "Press on clouds of points.",
     "scaled": "Draw what the scaled controller is good for.",

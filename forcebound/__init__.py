@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from forcebound.interface.runs import Run, plot, read, simulate
     from forcebound.lab.sweeps import Runs, geomspace, linspace, sweep
     from forcebound.network.impairment import Impairment as Link
+    from forcebound.network.presets import named_link
     from forcebound.results.samples import Samples
 
     # Each class has keys of its kind.
@@ -61,6 +62,7 @@ __all__ = [
     "launch",
     "laws",
     "linspace",
+    "named_link",
     "operators",
     "plot",
     "read",
@@ -84,6 +86,7 @@ _PLACES = {
     "World": "graph.graph:EnvironmentConfig",
     "Servo": "graph.servo:ServoSettings",
     "Link": "network.impairment:Impairment",
+    "named_link": "network.presets",
     "Samples": "results.samples",
     "Running": "interface.live",
     "launch": "interface.live",

@@ -97,13 +97,18 @@ def text_of(path: Path, data: bytes) -> str:
         ) from None
 
 
-def read_rows(path: Path, what: str) -> Iterator[tuple[str, list[str]]]:
+def read_rows(path: Path, what: str, separators: str = ",") -> Iterator[tuple[str, list[str]]]:
     """Yield the rows of a CSV file that are not empty, each with its place, ``file.csv:3``.
+
+    The first of the ``separators`` that its first line has, or the last, separates its cells.
 
     Raises:
         ConfigError: As :func:`read_text`; or if a line is no row.
     """
-    rows = csv.reader(io.StringIO(read_text(path, what, MAX_TABLE), newline=""), strict=True)
+    text = read_text(path, what, MAX_TABLE)
+    head = text.partition("\n")[0]
+    separator = next((one for one in separators if one in head), separators[-1])
+    rows = csv.reader(io.StringIO(text, newline=""), strict=True, delimiter=separator)
     try:
         for row in rows:
             if row:

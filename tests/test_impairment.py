@@ -25,7 +25,7 @@ from forcebound.graph.loader import from_document, load
 from forcebound.graph.resolved import to_document
 from forcebound.messages.codec import encode
 from forcebound.messages.packets import EnvironmentQuery, EnvironmentReply
-from forcebound.network.impairment import QUANTILES, GilbertElliott, Impairment, Outage
+from forcebound.network.impairment import QUANTILES, GilbertElliott, Impairment, Outage, Spike
 from forcebound.network.link import Link
 from forcebound.quantities import DAY
 
@@ -45,7 +45,11 @@ impairments = st.builds(
     reorder=share,
     rate=st.sampled_from([0.0, 1e4, 1e6]),
     limit=st.integers(0, 10),
+    deadband=st.sampled_from([0.0, 0.1]),
     outages=st.lists(st.builds(Outage, times, times), max_size=2).map(tuple),
+    spikes=st.lists(
+        st.builds(Spike, st.floats(0.04, 0.1), times, times, times, share), max_size=2
+    ).map(tuple),
 )
 impairments |= st.builds(replace, impairments, gemodel=st.none(), loss=share)
 

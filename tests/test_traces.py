@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,7 +19,7 @@ from forcebound.graph.loader import from_document, load
 from forcebound.graph.resolved import to_document
 from forcebound.network.impairment import Impairment, Outage
 from forcebound.network.link import Link
-from forcebound.network.trace import DelayTrace, read_csv
+from forcebound.network.trace import DelayTrace, Opportunities, read_csv, read_numbers
 from forcebound.recordings.delay_traces import read_trace, shortest_of
 from forcebound.run.build import build_links
 from forcebound.run.virtual import run_virtual
@@ -50,7 +51,11 @@ def test_empty_lines_and_the_mark_of_spreadsheets_are_passed_over(tmp_path: Path
     ("text", "message"),
     [
         ("0,0.1\n", "wrong.csv:1: "),
-        ("time_ms,delay_ms\n0,1\n", "wrong.csv:1: .*time_ms,delay_ms.*divide ms by 1000"),
+        ("time_us,delay_us\n0,1\n", "wrong.csv:1: .*time_ms.*delay_ms.*'time_us,delay_us'"),
+        ("time_s,delay_s,delay_ms\n0,1,1\n", "wrong.csv:1: "),
+        ("No.,Time,Source,Info\n1,0.0,10.0.0.1,Echo\n", "wrong.csv:1: .*tcp.analysis.ack_rtt"),
+        ("frame.time\ttcp.analysis.ack_rtt\nJan 1\t0.1\n", "wrong.csv:1: .*frame.time_epoch"),
+        ("frame.time_epoch;icmp.resptime\n1.0;2,3\n", "wrong.csv:2: .*'1.0,2,3'"),
         ("time_s,delay_s\n", "got none"),
         ("time_s,delay_s\n0,x\n", "wrong.csv:2: .*'0,x'"),
         ('time_s,delay_s\n0,"1\n', "wrong.csv:2: "),
@@ -89,6 +94,98 @@ def test_impossible_traces_are_refused(
 ) -> None:
     with pytest.raises(ConfigError, match=message):
         DelayTrace(times, delays)
+
+
+# The files of others
+
+
+@pytest.mark.parametrize(
+    ("text", "times", "delays"),
+    [
+        ("time_ms,delay_ms\n0,1\n20,\n", (0.0, 0.02), (0.001, None)),
+        (  # tshark -T fields -E header=y -E quote=d; an acknowledgement has a round trip, data none
+            "frame.number\tframe.time_epoch\tip.src\ttcp.analysis.ack_rtt\r\n"
+            '"1"\t"1700000000.25"\t"10.0.0.1"\t""\r\n'
+            '"2"\t"1700000000.50"\t"10.0.0.2"\t"0.031250000"\r\n'
+            '"3"\t"1700000000.50"\t"10.0.0.2"\t"0.015625000"\r\n'
+            '"4"\t"1700000001.00"\t"10.0.0.2"\t"0.062500000"\r\n',
+            (1700000000.5, 1700000001.0),
+            (0.015625, 0.0625),
+        ),
+        ("icmp.resptime;frame.time_relative\n12.5;0.0\n;0.5\n25;1\n", (0.0, 1.0), (0.0125, 0.025)),
+    ],
+)
+def test_a_table_of_others_is_read_by_the_names_of_its_columns(
+    tmp_path: Path, text: str, times: tuple[float, ...], delays: tuple[float | None, ...]
+) -> None:
+    trace = read_csv(written(tmp_path, text, "other.csv"))
+    assert (trace.times, trace.delays) == (times, delays)
+
+
+@pytest.mark.parametrize(
+    ("text", "form", "times", "delays"),
+    [
+        ("# ping, ms\n20.5\n\nnan\n  21 \n", "ms", (0.0, 0.25, 0.5), (0.0205, None, 0.021)),
+        ("0.5\n-\n", "s", (0.0, 0.25), (0.5, None)),
+        ("0 2\n10\t4\n", "ms", (0.0, 0.01), (0.002, 0.004)),
+        ("1.0, 0.25\n1.5,\n2.0 ,NaN\n", "s", (1.0, 1.5, 2.0), (0.25, None, None)),
+        ("1;0.25\r\n2;0.5\r\n", "s", (1.0, 2.0), (0.25, 0.5)),
+    ],
+)
+def test_numbers_without_a_header_are_delays_or_times_and_delays(
+    tmp_path: Path,
+    text: str,
+    form: str,
+    times: tuple[float, ...],
+    delays: tuple[float | None, ...],
+) -> None:
+    trace = read_numbers(written(tmp_path, text, "numbers.txt"), form, 0.25)
+    assert trace.times == pytest.approx(times)
+    assert trace.delays == pytest.approx(delays)
+
+
+@pytest.mark.parametrize(
+    ("text", "form", "message"),
+    [
+        ("1\nslow\n", "ms", "n.txt:2: .*'slow'"),
+        ("1\n-2\n", "ms", "n.txt:2: .*>= 0"),
+        ("1\n\n# one\n2 3\n", "s", "n.txt:4: expected 1 .*'2 3'"),
+        ("1 2 3\n", "s", "n.txt:1: .*'1 2 3'"),
+        ("2 1\n1 1\n", "s", "n.txt:2: .*increase"),
+        ("nan 1\n", "s", "n.txt:1: .*nan"),
+        ("inf\n", "s", "n.txt:1: .*inf"),
+        ("# nothing\n", "s", "got none"),
+        ("5\n7\n6\n", "mahimahi", "n.txt:3: .*6 ms after 7 ms"),
+        ("5\n7.5\n", "mahimahi", "n.txt:2: .*'7.5'"),
+        ("5\n-7\n", "mahimahi", "n.txt:2: "),
+        ("5\n9999999999999\n", "mahimahi", "n.txt:2: "),
+        ("0\n0\n", "mahimahi", "above 0 ms"),
+        ("", "mahimahi", "above 0 ms"),
+    ],
+)
+def test_a_file_of_wrong_numbers_is_refused_at_its_line(
+    tmp_path: Path, text: str, form: str, message: str
+) -> None:
+    with pytest.raises(ConfigError, match=message):
+        read_numbers(written(tmp_path, text, "n.txt"), form, 0.001)
+
+
+def test_a_packet_waits_for_the_next_opportunity_of_mahimahi(tmp_path: Path) -> None:
+    trace = read_numbers(written(tmp_path, "2\n2\n5\n9\n", "cell.up"), "mahimahi", 0.001)
+    waits = [trace.delay_ns(at * MS) for at in range(12)]
+    ms = [2, 1, 0, 2, 1, 0, 3, 2, 1, 0, 1, 0]  # again from the start after 9 ms
+    assert waits == [one * MS for one in ms]
+    assert trace.delay_ns(9 * MS + 1) == 2 * MS - 1
+
+
+@given(
+    st.lists(st.integers(0, 50), min_size=1).map(sorted).filter(lambda times: times[-1] > 0),
+    st.integers(1, 500),
+)
+def test_no_opportunity_is_passed_over(times: list[int], since: int) -> None:
+    every = [time + times[-1] * turn for turn in range(1 + since // times[-1]) for time in times]
+    expected = min(time for time in every if time >= since) - since
+    assert Opportunities(times).delay_ns(since * MS) == expected * MS
 
 
 # The replay
@@ -233,6 +330,29 @@ def test_problems_with_a_trace_are_told_at_their_place(
 def test_a_trace_slower_than_the_age_limit_is_refused(tmp_path: Path) -> None:
     path = traced(tmp_path, "time_s,delay_s\n0,0.2\n1,0.15\n")
     assert "an answer takes at least 150 ms" in problems_of(path)
+
+
+@pytest.mark.parametrize(
+    ("link", "message"),
+    [
+        ("trace_format: ms", "16:37: trace_format .*give trace"),
+        ("trace: wifi.csv, trace_format: ms", "16:30: trace: .*wifi.csv:1: "),
+        ("trace: wifi.csv, trace_format: s, delay: 1 ms", "trace sets each delay"),
+        ("trace: wifi.csv, trace_format: mahimahi, jitter: 1 ms", "trace sets each delay"),
+    ],
+)
+def test_a_format_goes_with_a_file_of_numbers(tmp_path: Path, link: str, message: str) -> None:
+    assert re.search(message, problems_of(traced(tmp_path, link=link)))
+
+
+def test_a_launch_file_replays_mahimahi_with_a_delay_beside_it(tmp_path: Path) -> None:
+    link = "trace: wifi.csv, trace_format: mahimahi, delay: 3 ms"
+    config = load(traced(tmp_path, "4\n8\n", link))
+    assert from_document(json.loads(json.dumps(to_document(config)))) == config
+    assert shortest_of(config.only.links["environment_query"]) == 0.003
+    result = run_virtual(replace(config, duration=0.1))
+    # A query waits up to 4 ms, then 3 ms; the device waits for whole ticks.
+    assert 0.006 < result.columns.loop_delay[-50:].max() < 0.009
 
 
 def test_the_shortest_time_is_that_of_the_trace(tmp_path: Path) -> None:

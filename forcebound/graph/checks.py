@@ -28,7 +28,7 @@ from forcebound.haptics.laws.constants import axis_constants
 from forcebound.haptics.parts.contract import Findings
 from forcebound.haptics.parts.user_module import kind_of, user_code
 from forcebound.messages.packets import MAX_AXES
-from forcebound.messages.topology import HANDS
+from forcebound.messages.topology import HANDS, TRANSFER
 from forcebound.network.addresses import numeric_address
 from forcebound.network.impairment import Impairment
 from forcebound.recordings.delay_traces import shortest_of
@@ -90,6 +90,7 @@ def _check_hand(
     axes = device.axes
     if operator is not None:
         check("operator", _check_path, operator, device)
+    check("links", _check_deadbands, made["links"])
     answers_states = controller is not None and controller.answers_states
     if environment is not None and not answers_states:
         check("device", _check_delays, made["servo"], environment, made["links"])
@@ -196,8 +197,17 @@ def _check_delays(
     delays = sum(shortest_of(part) for part in parts)
     wait = servo.reply_wait / servo.rate  # the device takes an answer when it writes
     shortest = max(delays, wait)
-    if shortest < servo.age_limit:
+    silence = sum(link.keep_alive for link in links.values() if link.deadband)
+    if shortest + silence < servo.age_limit:
         return
+    if shortest < servo.age_limit:
+        raise ConfigError(
+            f"an answer may be {(shortest + silence) * 1e3:g} ms old, since links with a deadband"
+            f" are silent for up to {silence * 1e3:g} ms, and the device refuses answers older than"
+            f" age_limit = {servo.age_limit * 1e3:g} ms: lower keep_alive of these links, or raise"
+            " age_limit",
+            field="age_limit",
+        )
     what, remedy = "delays of the links and the environment", "lower the delays"
     if wait > delays:
         what, remedy = "reply_wait over rate", "raise the rate"
@@ -207,6 +217,12 @@ def _check_delays(
         f" set age_limit in device: above {shortest * 1e3:g} ms, or {remedy}",
         field="age_limit",
     )
+
+
+def _check_deadbands(links: Mapping[str, Impairment]) -> None:
+    if TRANSFER in links and links[TRANSFER].deadband:
+        words = "deadband: an energy transfer has no force that is felt; leave it out here"
+        raise ConfigError(words, field=f"{TRANSFER}.deadband")
 
 
 def check_energy_partner(hand: str, hands: Mapping[str, ServoSettings]) -> None:

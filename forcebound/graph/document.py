@@ -2,8 +2,9 @@
 
 ``include: other.yaml`` at the top of a file is read the same way, and what the including file says
 overrides it, key by key. A section that names another ``kind`` is replaced as a whole, since the
-parameters of one kind mean nothing to another. An included file is looked for in the including
-one's folder, then among those that come with the package.
+parameters of one kind mean nothing to another; likewise a link that names a ``preset``, so that
+only what stands beside it wins. An included file is looked for in the including one's folder, then
+among those that come with the package.
 
 ``hands: {default: ...}`` is what a file says of all hands, those of the included file, too. It
 overrides that file, and what the same file says of one hand overrides it.
@@ -23,6 +24,7 @@ from forcebound.graph.names import DEFAULT
 from forcebound.graph.problems import Place, Problems, nearest_file
 from forcebound.graph.tree import Value, parse
 from forcebound.messages.topology import HAND, HAND_SECTIONS, HANDS
+from forcebound.network.presets import PRESET
 
 MAX_BYTES = 256_000  # a launch file is a page or two; more is a mistake, and slow to read
 DEVICE_FILE = "the file of the device"
@@ -187,6 +189,8 @@ def merge(base: Value, above: Value) -> Value:
         return above
     kinds = [side.entries["kind"].plain for side in (base, above) if "kind" in side.entries]
     if len(kinds) == 2 and kinds[0] != kinds[1]:
+        return above
+    if PRESET in above.entries and not kinds:
         return above
     entries = dict(base.content)
     for name, value in above.content.items():

@@ -121,7 +121,7 @@ def _filled(template: Value, overrides: Sequence[str], problems: Problems) -> Va
     substitution = Substitution(arguments.values(of_arguments), problems)
     filled = _substituted(template, substitution, problems)
     arguments.note_unused(of_arguments, substitution.used)
-    for text in paths:
+    for text in sorted(paths, key=_comes_later):
         name, word = split_setting(text)
         place, at = override_place(text), ParameterName.parse(name)
         before, problem = filled.at(at.path), _whose(at, filled)
@@ -130,8 +130,15 @@ def _filled(template: Value, overrides: Sequence[str], problems: Problems) -> Va
         elif problem is not None:
             problems.add(problem, place)
         else:
+            if at.is_preset:
+                filled = filled.with_entry(at.path[:-1], Value({}, place, place))
             filled = filled.with_entry(at.path, Value(scalar(word), place, place, word))
     return filled
+
+
+def _comes_later(text: str) -> bool:
+    """Order of paths: first a link's named network, which takes the place of all the file says."""
+    return not ParameterName.parse(split_setting(text)[0]).is_preset
 
 
 def _substituted(template: Value, arguments: Substitution, problems: Problems) -> Value:

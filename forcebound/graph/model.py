@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
 from types import MappingProxyType
-from typing import Annotated, Any, TypeAlias
+from typing import Annotated, Any, Literal, TypeAlias
 
 from forcebound.axes import Axis
 from forcebound.errors import ConfigError
@@ -41,6 +41,7 @@ from forcebound.haptics.parts.plain import field_of
 from forcebound.haptics.parts.user_module import describe_user_error, user_code
 from forcebound.messages.topology import HAND_SECTIONS, HANDS, IMPAIRABLE, MOST_HANDS, Document
 from forcebound.network.impairment import Impairment
+from forcebound.network.presets import PRESET, PRESETS, named_link
 from forcebound.quantities import CheckedText
 from forcebound.recordings.delay_traces import trace_of
 
@@ -60,7 +61,10 @@ _RUN = {
 }
 _FILE = Form("the launch file", _RUN)
 _FILE_OF_PHASES = Form(_FILE.name, {n: f for n, f in _RUN.items() if n != "duration"})
-_LINK = {topic: Form(f"links.{topic}", fields_of(Impairment)) for topic in IMPAIRABLE}
+#: Keys of a link: those of an impairment, and the named network that gives them other defaults.
+_NAMED: Any = Literal[*PRESETS]
+LINK = {PRESET: Field(PRESET, _NAMED | None), **fields_of(Impairment)}
+_LINK = {topic: Form(f"links.{topic}", LINK) for topic in IMPAIRABLE}
 #: Sections that are made of their values alone.
 SETTINGS: Mapping[str, type] = {"realtime": RealtimeConfig, "remote": RemoteConfig}
 _SETTINGS = {name: (Form(name, fields_of(kind)), kind) for name, kind in SETTINGS.items()}
@@ -319,7 +323,8 @@ def read_link(topic: str, value: Value, problems: Problems) -> Any:
 
 
 def _impairment(values: Values) -> Impairment:
-    impairment = Impairment(**values)
+    name = values.pop(PRESET, None)
+    impairment = named_link(name, **values) if name else Impairment(**values)
     with user_code("trace", "trace"):
         trace_of(impairment)
     return impairment

@@ -65,6 +65,11 @@ class ParameterName:
         """The topic of a link's parameter; None for others."""
         return self.keys[1] if self.section == "links" and len(self.keys) > 2 else None
 
+    @property
+    def is_preset(self) -> bool:
+        """True for the named network of a link."""
+        return self.topic is not None and self.keys[2:] == ("preset",)
+
 
 DEFAULT = "default"  # below hands: what all of them share
 _RESERVED = ("forcebound", *HAND_SECTIONS, *OF_GRAPH, *RUN_KEYS, *FILE_KEYS, HANDS, "units")

@@ -29,6 +29,7 @@ from forcebound.messages.topology import (
     node_name,
 )
 from forcebound.network.impairment import Impairment
+from forcebound.network.presets import PRESET, named_link
 from forcebound.roles import DEVICE, ENVIRONMENT
 from forcebound.units import in_unit
 
@@ -74,7 +75,7 @@ def change(config: GraphConfig, settings: Parameters) -> GraphConfig:
     problem, if there is no such parameter, or it cannot have this value.
     """
     known, values = parameters(config), {}
-    for written, value in settings.items():
+    for written, value in spelled_out(settings).items():
         place = ParameterName.parse(written)
         name = str(place)
         if name not in known:
@@ -83,6 +84,24 @@ def change(config: GraphConfig, settings: Parameters) -> GraphConfig:
             check_takeable(name, value, known[name])
         values[name] = value
     return with_values(config, values)
+
+
+def spelled_out(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Return settings in which the keys of a link stand in place of its named network.
+
+    All of them; what is set beside it wins. ConfigError if there is no such network.
+    """
+    found: dict[str, Any] = {}
+    own: dict[str, Any] = {}
+    for name, value in settings.items():
+        if ParameterName.parse(name).is_preset:
+            found |= {
+                f"{name.removesuffix(PRESET)}{key}": one
+                for key, one in plain(named_link(str(value))).items()
+            }
+        else:
+            own[name] = value
+    return found | own
 
 
 def with_values(config: GraphConfig, settings: Parameters) -> GraphConfig:

@@ -21,11 +21,12 @@ from forcebound.graph.parameters import (
     describe,
     differences,
     parameters,
+    spelled_out,
     unknown_parameter,
     with_written,
 )
 from forcebound.graph.problems import Problems
-from forcebound.graph.tree import Value
+from forcebound.graph.tree import Value, from_plain
 from forcebound.messages.control import Parameters
 
 _KEEPS_LAW = f"a phase cannot set {LAW}; while the graph runs, `forcebound param set` changes it"
@@ -42,6 +43,11 @@ def read_phases(root: Value, config: GraphConfig, problems: Problems) -> GraphCo
     phases: list[Phase] = []
     for phase, written in zip(config.phases, listed, strict=True):
         settings = written.entries.get("set", Value({}, written.place, written.key))
+        try:
+            settings = _with_presets(settings)
+        except ConfigError as error:
+            problems.add(str(error), settings.key or settings.place)
+            continue
         _check_names(settings, known, config, problems)
         named = {name: one for name, one in settings.entries.items() if name in known}
         try:
@@ -51,6 +57,14 @@ def read_phases(root: Value, config: GraphConfig, problems: Problems) -> GraphCo
             continue
         phases.append(replace(phase, settings=differences(first, changed)))
     return replace(config, phases=tuple(phases))
+
+
+def _with_presets(settings: Value) -> Value:
+    """Return settings with the keys of links in place of their named networks."""
+    texts = {n: v for n, v in settings.entries.items() if ParameterName.parse(n).is_preset}
+    keys = spelled_out({name: value.plain for name, value in texts.items()})
+    made = {name: from_plain(one, name, ".") for name, one in keys.items()}
+    return settings.with_entries({**made, **settings.without(*texts).entries})
 
 
 def _check_names(

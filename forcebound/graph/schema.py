@@ -13,11 +13,10 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from forcebound.graph.fields import Field, fields_of
 from forcebound.graph.graph import FORMAT, KINDS, SECTION_SETTINGS, GraphConfig
-from forcebound.graph.model import PHASE, PHASES, SETTINGS
+from forcebound.graph.model import LINK, PHASE, PHASES, SETTINGS
 from forcebound.graph.names import RUN_KEYS
 from forcebound.haptics.laws import LAWS
 from forcebound.messages.topology import HAND_SECTIONS, HANDS, IMPAIRABLE
-from forcebound.network.impairment import Impairment
 from forcebound.quantities import Range, Unit
 from forcebound.recordings.schema import Schema
 
@@ -41,7 +40,7 @@ def json_schema() -> Schema:
         "help": {"type": "string"},
         "choices": {"type": "array", "items": _SCALAR},
     }
-    links = {topic: _mapping(properties(fields_of(Impairment))) for topic in IMPAIRABLE}
+    links = {topic: _mapping(properties(LINK)) for topic in IMPAIRABLE}
     fixed = {name: _mapping(properties(fields_of(kind))) for name, kind in SETTINGS.items()}
     phases = {"type": "array", "items": _mapping(properties(PHASE.fields))}
     hand = {name: _kinds(name) for name in KINDS if name in HAND_SECTIONS}

@@ -122,6 +122,8 @@ def unserved(config: GraphConfig) -> Iterator[str]:
     yield from ["phases"] if config.phases else []
     if any(link.rate for link in config.only.links.values()):
         yield "a link with a rate"  # the size of a packet matters
+    if any(link.deadband for link in config.only.links.values()):
+        yield "a link with a deadband"  # the content of a packet matters
     if safety.stages_of(servo) != STAGES:
         yield "a stage of the safety chain"
     yield from ["a dead-man button"] if servo.dead_man is not None else []

@@ -4,5 +4,5 @@
 receiving side. :mod:`forcebound.network.sockets` opens every socket, and only this room imports
 ``zmq``. :mod:`forcebound.network.remote` is the link to another machine, secured with the keys of
 :mod:`forcebound.network.keys`. None of them knows what a packet means: a link needs its stamps, a
-socket its bytes.
+socket its bytes; only a :mod:`deadband <forcebound.network.deadband>` its force or velocity.
 """

@@ -3,9 +3,11 @@
 Each random decision has a separate generator, and every packet draws all its numbers: two
 settings compared under one seed differ in nothing but the setting. *Correlation* is netem's, ``u =
 (1 - rho) * new + rho * last``. The *time on the way* is ``delay + jitter * quantile(u)``, rounded
-to nanoseconds and never negative, or that of a trace.
+to nanoseconds and never negative, or that of a trace; to both, *spikes* add. Whether a period has
+its spike depends on the number of the period alone, however many packets arrive.
 """
 
+import hashlib
 from collections.abc import Callable
 from typing import NamedTuple, TypeAlias
 
@@ -46,6 +48,11 @@ class Draws(dict[str, Draw]):
         self[decision] = np.random.Generator(np.random.PCG64(np.random.SeedSequence(words))).random
         return self[decision]
 
+    def once(self, *about: int) -> float:
+        """Return a number in [0, 1) that depends on the seed and these numbers alone."""
+        words = ",".join(map(str, (self._seed, *about))).encode()
+        return int.from_bytes(hashlib.blake2b(words, digest_size=6).digest(), "big") / 2**48
+
 
 class Chances:
     """The random processes of one link under one impairment; they go on with its numbers.
@@ -63,6 +70,10 @@ class Chances:
         self._delay_ns = round(impairment.delay * 1e9)
         self._jitter_ns = impairment.jitter * 1e9
         self._quantile = impairment.quantile
+        self._spikes = [
+            [round(at * 1e9) for at in (one.period, one.start, one.duration, one.delay)]
+            for one in impairment.spikes
+        ]
         self._last: float | None = None  # number of the last deviation
         self._is_bad = False
 
@@ -86,13 +97,27 @@ class Chances:
 
     def travel_ns(self, since_ns: int = 0) -> int | None:
         """Return the next time on the way, in ns; None if the trace loses the packet."""
+        longer_ns = self._spike_ns(since_ns) if self._spikes else 0
         if self._trace is not None:
-            return self._trace.delay_ns(since_ns)
+            travel_ns = self._trace.delay_ns(since_ns)
+            return None if travel_ns is None else travel_ns + self._delay_ns + longer_ns
         number, rho = self._draws["jitter"](), self._impairment.correlation
         if rho and self._last is not None:
             number = (1.0 - rho) * number + rho * self._last
         self._last = number
-        return max(0, self._delay_ns + round(self._jitter_ns * self._quantile(number)))
+        deviation_ns = round(self._jitter_ns * self._quantile(number))
+        return max(0, self._delay_ns + deviation_ns) + longer_ns
+
+    def _spike_ns(self, since_ns: int) -> int:
+        """Return what the spikes add to a delay, in ns."""
+        added_ns = 0
+        for number, (period_ns, start_ns, lasts_ns, delay_ns) in enumerate(self._spikes):
+            period, at_ns = divmod(since_ns, period_ns)
+            chance = self._impairment.spikes[number].chance
+            is_in = 0 <= at_ns - start_ns < lasts_ns
+            if is_in and self._draws.once(number, period) < chance:
+                added_ns += delay_ns
+        return added_ns
 
     def _is_lost_by_state(self) -> bool:
         change, chance = self._draws["state"](), self._draws["state_loss"]()

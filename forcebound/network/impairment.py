@@ -16,10 +16,13 @@ from typing import Annotated, Final, Literal
 
 from forcebound.errors import ConfigError
 from forcebound.files import RECORDING_SUFFIX
+from forcebound.network.trace import MAHIMAHI, TABLE
 from forcebound.quantities import (
     NOT_NEGATIVE,
+    POSITIVE,
     PROBABILITY,
     DataRate,
+    Range,
     Ranged,
     Ratio,
     Time,
@@ -88,6 +91,36 @@ class Outage(Ranged):
 
 
 @dataclass(frozen=True)
+class Spike(Ranged):
+    """A time in each period in which packets take longer; netem has no such word.
+
+    Counted from the first packet of the link.
+
+    Attributes:
+        period: From one to the next.
+        start: Of the spike in its period.
+        duration: Of the spike.
+        delay: Added to that of each packet that arrives in the spike.
+        chance: Of a period having the spike.
+
+    Raises:
+        ConfigError: If the spike does not end with its period.
+    """
+
+    period: Annotated[Time, Range(at_least=0.001)]
+    duration: Annotated[Time, NOT_NEGATIVE]
+    delay: Annotated[Time, NOT_NEGATIVE]
+    start: Annotated[Time, NOT_NEGATIVE] = 0.0
+    chance: Annotated[Ratio, PROBABILITY] = 1.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.start + self.duration > self.period:
+            end = f"{self.start + self.duration:g} s, after its period of {self.period:g} s"
+            raise ConfigError(f"the spike ends at {end}: split it in two", field="duration")
+
+
+@dataclass(frozen=True)
 class Impairment:
     """Impairment of packets by a link; the default is a perfect link.
 
@@ -98,6 +131,10 @@ class Impairment:
         loss: Probability of a packet being lost, 0 to 1.
         distribution: Of the deviation; docs/impairments.md has the shapes.
         trace: File of recorded delays, instead of ``delay`` and ``jitter``.
+        trace_format: Of that file: with a header that names its columns; without one, with a
+            delay, or a time and a delay, in a line, in this unit; or mahimahi's times in ms at
+            which a packet can go, to which ``delay`` is added.
+        trace_interval: Between the delays of a file that has one number in a line.
         trace_hop: Where a recording that ``trace`` names has these delays: on one link, or all
             around the loop.
         correlation: Of a delay with the one before, 0 to 1.
@@ -109,6 +146,11 @@ class Impairment:
         rate: Bytes/s that the link carries, one packet after the other, at least 1; 0: any number.
         limit: How many packets are on the way at most, more are lost; 0: any number.
         outages: When the link is down.
+        spikes: When packets take longer.
+        deadband: Weber fraction: a packet is not sent while its force (of a state or query: its
+            velocity) differs from that of the last one sent by at most this share of it; 0: all
+            are sent.
+        keep_alive: Time after which a link with a deadband sends a packet in any case.
 
     Raises:
         ConfigError: If a value is not finite or out of its range.
@@ -128,7 +170,12 @@ class Impairment:
     rate: Annotated[DataRate, NOT_NEGATIVE] = 0.0
     limit: Annotated[int, NOT_NEGATIVE] = 0
     outages: tuple[Outage, ...] = ()
+    spikes: tuple[Spike, ...] = ()
+    deadband: Annotated[Ratio, Range(at_least=0, below=1)] = 0.0
+    keep_alive: Annotated[Time, Range(above=0, at_most=0.05)] = 0.02
     trace: Path | None = None
+    trace_format: Literal["table", "s", "ms", "mahimahi"] = TABLE
+    trace_interval: Annotated[Time, POSITIVE] = 0.001
     trace_hop: Literal[
         "loop", "device_state", "environment_query", "environment_reply", "force_command"
     ] = LOOP
@@ -146,12 +193,18 @@ class Impairment:
         if self.trace_hop != LOOP and (self.trace is None or self.trace.suffix != RECORDING_SUFFIX):
             message = f"trace_hop {self.trace_hop} is a link in a recording: give trace: RUN.mcap"
             raise ConfigError(message, field="trace_hop")
+        if self.trace_format != TABLE and (
+            self.trace is None or self.trace.suffix == RECORDING_SUFFIX
+        ):
+            message = f"trace_format {self.trace_format} is of a text file: give trace: FILE"
+            raise ConfigError(message, field="trace_format")
         if self.distribution not in QUANTILES:
             message = (
                 f"distribution must be one of {', '.join(QUANTILES)}, got {self.distribution!r}"
             )
             raise ConfigError(message, field="distribution")
-        if self.trace is not None and (self.delay or self.jitter):
+        has_delay = self.delay and self.trace_format != MAHIMAHI
+        if self.trace is not None and (has_delay or self.jitter):
             message = "trace sets each delay: give it without delay and jitter"
             raise ConfigError(message, field="trace")
 
@@ -172,7 +225,7 @@ class Impairment:
 
     @property
     def shortest(self) -> float:
-        """The shortest time on the way, in s; of a ``trace``, which only its reader knows, 0."""
+        """The shortest time on the way, in s; that of a ``trace`` only its reader knows."""
         if self.reorder > 0.0:
             return 0.0
         return max(0.0, self.delay + self.jitter * self.quantile(0.0))

@@ -5,6 +5,8 @@ packet that arrives with the time (:meth:`Link.accept`), and asks which packets 
 (:meth:`Link.due`) and when the next one will be (:attr:`Link.next_due_ns`). The same seed and the
 same arrivals give the same deliveries, however often one asks.
 
+A deadband, which is the sender's, comes first: what it holds back is not on the link.
+
 The words and their meaning are those of Linux netem (``docs/impairments.md``), in this order:
 duplicated or lost, lost beyond the limit, delayed or sent at once, sent at a rate, thrown away as
 corrupt. Where netem decides on delivery, as for the queue's length, this model decides when
@@ -27,6 +29,7 @@ from heapq import heappop, heappush
 from typing import Generic, Protocol, TypeAlias, TypeVar
 
 from forcebound.network.chances import Chances, Draws, Fate
+from forcebound.network.deadband import Deadband
 from forcebound.network.impairment import PERFECT, Impairment
 from forcebound.network.trace import DelayTrace
 
@@ -54,7 +57,7 @@ PacketT = TypeVar("PacketT", bound=Stamped)
 _Rank: TypeAlias = tuple[int, int, int, int]  # life, stamp and seq of the origin, seq
 
 _OLDEST: _Rank = (-1, 0, 0, 0)
-_FATES = ("sent", "duplicated", "lost", "corrupted", "delivered", "superseded", "queued")
+_FATES = ("sent", "duplicated", "lost", "corrupted", "delivered", "superseded", "queued", "saved")
 
 
 def link_seed(seed: int, topic: str) -> int:
@@ -70,17 +73,19 @@ def link_seed(seed: int, topic: str) -> int:
 class Link(Generic[PacketT]):
     """One link of the graph, on its receiving side; see the head of this module.
 
-    At any time ``sent + duplicated == lost + corrupted + delivered + superseded + queued``.
+    A packet within the deadband counts as ``saved`` and has no other fate. At any time ``sent +
+    duplicated == lost + corrupted + delivered + superseded + queued``.
     """
 
     def __init__(self, impairment: Impairment, seed: int, trace: DelayTrace | None = None) -> None:
         """Make an empty link; ``seed`` is at least 0, for the others see :meth:`change`."""
-        self.sent = 0  # packets that accept got
+        self.sent = 0  # packets that accept got, but for those saved
         self.duplicated = 0
         self.lost = 0  # copies too
         self.corrupted = 0  # they arrived damaged and were thrown away
         self.delivered = 0  # packets that due returned
         self.superseded = 0  # through, but older than one delivered
+        self.saved = 0  # packets within the deadband, which are not sent
         self._queue: list[tuple[int, int, _Rank, PacketT]] = []  # heap: through at, number, ...
         self._life = 0
         self._newest_ns = -1
@@ -103,6 +108,8 @@ class Link(Generic[PacketT]):
         self._chances = Chances(impairment, self._draws, trace)
         self._impairment = impairment
         self._is_perfect = impairment == PERFECT
+        share = impairment.deadband
+        self._deadband = Deadband(share, impairment.keep_alive) if share else None
         self._is_plain = impairment.is_plain and trace is None
         outages = [
             (round(outage.start * 1e9), round((outage.start + outage.duration) * 1e9))
@@ -140,9 +147,12 @@ class Link(Generic[PacketT]):
 
         Its ``size`` on the wire, in bytes, matters where :attr:`has_rate`.
         """
-        self.sent += 1
         if self._first_ns is None:
             self._first_ns = time_ns
+        if self._deadband is not None and self._deadband.saves(time_ns, packet):
+            self.saved += 1
+            return
+        self.sent += 1
         if not self._is_plain:
             self._impair(time_ns, packet, size)
             return

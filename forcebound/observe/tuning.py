@@ -22,6 +22,7 @@ from forcebound.graph.parameters import (
     differences,
     node_of,
     parameters,
+    spelled_out,
     unknown_parameter,
 )
 from forcebound.graph.problems import Problems
@@ -165,6 +166,7 @@ def set_parameters(run_dir: Path, settings: Parameters, kernels: Kernels | None 
         RunError: If a node refuses, or does not answer; it will read the change later. If another
             command does not end its change.
     """
+    settings = spelled_out(settings)
     now, graph = configuration(run_dir), snapshot(run_dir)
     known = parameters(now)
     concerned = sorted({node_of(name, now) for name in settings if name in known})

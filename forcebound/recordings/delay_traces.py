@@ -12,7 +12,7 @@ from forcebound.files import RECORDING_SUFFIX, content_of, version_of
 from forcebound.messages.packets import TOPIC_OF, Telemetry
 from forcebound.messages.topology import LINKS, Document
 from forcebound.network.impairment import LOOP, Impairment
-from forcebound.network.trace import DelayTrace, read_csv
+from forcebound.network.trace import TABLE, DelayTrace, read_csv, read_numbers
 from forcebound.recordings.hops import Hops
 from forcebound.recordings.launched import launched
 from forcebound.recordings.telemetry import TelemetryColumns
@@ -26,7 +26,12 @@ if TYPE_CHECKING:
 
 def trace_of(impairment: Impairment) -> DelayTrace | None:
     """Return the trace of an impairment, see :func:`read_trace`; None if it names none."""
-    return None if impairment.trace is None else read_trace(impairment.trace, impairment.trace_hop)
+    if impairment.trace is None:
+        return None
+    if impairment.trace_format == TABLE:
+        return read_trace(impairment.trace, impairment.trace_hop)
+    numbers = impairment.trace, impairment.trace_format, impairment.trace_interval
+    return _read_numbers(*numbers, version_of(impairment.trace))
 
 
 def shortest_of(impairment: Impairment) -> float:
@@ -34,7 +39,7 @@ def shortest_of(impairment: Impairment) -> float:
     trace = trace_of(impairment)
     if trace is None or impairment.reorder > 0.0:
         return impairment.shortest
-    return trace.shortest
+    return trace.shortest + impairment.delay
 
 
 def read_trace(file: Path, hop: str = LOOP) -> DelayTrace:
@@ -59,6 +64,11 @@ def _read(file: Path, version: tuple[int, int]) -> DelayTrace:
         trace, document, _ = of_recording(file)
         return as_link_trace(trace, document)
     return read_csv(file)
+
+
+@lru_cache(maxsize=8)
+def _read_numbers(file: Path, form: str, interval: float, version: tuple[int, int]) -> DelayTrace:
+    return read_numbers(file, form, interval)
 
 
 @lru_cache(maxsize=2)

@@ -102,6 +102,13 @@ def lost(s: Summary) -> str:
     return ", ".join(f"{n} of {fates[t]['sent']} {t}" for t, n in bad.items() if n) or "0"
 
 
+def saved(s: Summary) -> str:
+    """Return the packets that deadbands saved, by topic."""
+    of = {topic: n + s["links"][topic]["sent"] for topic, n in s["packets_saved"].items()}
+    words = (f"{n} of {of[t]} {t} ({n / of[t]:.0%})" for t, n in s["packets_saved"].items())
+    return ", ".join(words) or "0"
+
+
 def little_force(s: Summary) -> str:
     """Return the causes of little force."""
     return ", ".join(cause["cause"].replace("_", " ") for cause in s["little_force"])

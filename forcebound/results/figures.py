@@ -386,6 +386,7 @@ FIGURES: tuple[Figure, ...] = (
         cell=cells.counts("rejected_packets"),
     ),
     Figure("links", "lost or damaged", NUMBER, ticks.links, cell=cells.lost),
+    Figure("packets_saved", "saved by deadbands", NUMBER, ticks.saved, cell=cells.saved),
     Figure("faults", "faults", NUMBER, ticks.faults, cell=cells.counts("faults")),
 )
 

@@ -88,6 +88,12 @@ def links(run: "Samples") -> dict[str, dict[str, int]]:
     return {topic: dict(counts) for topic, counts in found.items()}
 
 
+def saved(run: "Samples") -> dict[str, int]:
+    """Return the packets that deadbands saved, by topic; those of links with a deadband alone."""
+    counts = {topic: fates.get("saved", 0) for topic, fates in links(run).items()}
+    return {topic: count for topic, count in counts.items() if count}
+
+
 def _count(text: str) -> int:
     """The count in an event's data; 0 for what is none, in a recording from elsewhere."""
     return int(text) if text.isdecimal() else 0
