@@ -51,7 +51,8 @@ def test_the_stiffnesses_are_those_that_the_program_prints(folder: Path) -> None
     def numbers(text: str) -> list[float]:
         return [float(one) for one in re.findall(r"-?\d+\.?\d*", text)]
 
-    once, late = {}, {}
+    once: dict[str, list[str]] = {}
+    late: dict[str, list[str]] = {}
     found = once
     for line in printed(folder, "gains.py"):
         if "times" in line:
