@@ -100,7 +100,7 @@ def main(folder: Path) -> None:
             save(driver, folder / "live-page-phone.png")
             driver.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
             film_wall(driver, running, folder / "live-page.webp")
-        with graph(own, "pointer_touch") as launched, page(launched) as running:
+        with graph(own, "pointer_rabbit") as launched, page(launched) as running:
             show_touch(driver, running, folder / "live-page-touch.png")
         with graph(own, "pointer_two_hands") as launched, page(launched) as running:
             driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})
