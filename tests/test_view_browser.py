@@ -329,13 +329,14 @@ Object.assign(scene, { isCentred: true, centre: [0.01, 0.02, 0.03], wall: null, 
   { shape: "box", size: [0.01, 0.01, 0.01], position: [-0.02, 0.03, 0.02], is_fixed: true }] });
 scene.draw(true);
 const is = (place) => {
-  const [x, y] = scene.project(place), { width } = canvas.getBoundingClientRect(), ratio = canvas.width / width;
+  const [x, y] = scene.project(place), ratio = canvas.width / canvas.getBoundingClientRect().width;
   return canvas.getContext("2d").getImageData(x * ratio, y * ratio, 1, 1).data[3] > 128;
 };
 const { right, up } = scene.basis, ends = [right, up].flatMap((way) => [way, way.map((x) => -x)]);
 const along = (way, far) => way.map((x, i) => [0.03, 0, 0.04][i] + far * x);
 return { isCarded: scene.isCarded, box: is([-0.02, 0.03, 0.02]),
-  inside: ends.map((way) => is(along(way, 0.0185))), outside: ends.map((way) => is(along(way, 0.0215))) };
+  inside: ends.map((way) => is(along(way, 0.0185))),
+  outside: ends.map((way) => is(along(way, 0.0215))) };
 """
 AS_CARD = """
 const plain = WebGL2RenderingContext.prototype.getParameter;
