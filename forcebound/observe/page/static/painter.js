@@ -26,7 +26,7 @@ function paintFace(scene, context, { points, light, object }) {
     const grey = Math.round(95 + 120 * light);
     context.fillStyle = object.shape === "plane" ? "rgba(128,140,150,.18)" : `rgb(${grey - 8},${grey + 4},${grey + 14})`;
     context.fill();
-    if (object.shape === "mesh") context.strokeStyle = context.fillStyle; // no gaps between its triangles
+    if (["mesh", "sphere"].includes(object.shape)) context.strokeStyle = context.fillStyle; // no gaps between its faces
   }
   context.stroke();
 }
