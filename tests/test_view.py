@@ -413,7 +413,7 @@ def test_a_page_shows_one_graph_after_the_other_at_one_address_until_ctrl_c(tmp_
         await page.close()
 
     files = {name: tmp_path / name / "shown_in_turn.yaml" for name in ("one_axis", "three_axes")}
-    for name, base in (("one_axis", "pointer_wall"), ("three_axes", "pointer_touch")):
+    for name, base in (("one_axis", "pointer_wall"), ("three_axes", "pointer_rabbit")):
         files[name].parent.mkdir()
         files[name].write_text(f"forcebound: 1\ndescription: Shown.\ninclude: {base}.yaml\n")
     variables = {"XDG_RUNTIME_DIR": tempfile.mkdtemp(prefix="fb-", dir=tmp_path)}

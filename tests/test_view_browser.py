@@ -302,7 +302,7 @@ def test_two_pages_keys_fingers_wrong_values_and_a_lost_connection() -> None:
 
 @pytest.mark.slow  # runs in `make browser`
 def test_a_mesh_that_does_not_come_is_fetched_again_and_until_then_the_page_says_so() -> None:
-    with pointed("pointer_touch") as (graph, (address, _)), browser() as driver:
+    with pointed("pointer_rabbit") as (graph, (address, _)), browser() as driver:
         driver.execute_cdp_cmd("Page.addScriptToEvaluateOnNewDocument", {"source": LOSE_FETCHES})
         visitor = Visitor(driver)
         visitor.open(address)
@@ -311,6 +311,57 @@ def test_a_mesh_that_does_not_come_is_fetched_again_and_until_then_the_page_says
         assert "loading" in visitor.text("note")
         driver.execute_script("window.isLost = false")
         visitor.until(lambda: "loading" not in visitor.text("note"))
+        graph.end()
+
+
+# What draws a scene that stands still, without a graph: the pixel of a place in the view.
+PAINT = """
+const { Scene } = await import("./scene.js");
+const stage = document.querySelector(".stage");
+stage.style.cssText = "position: fixed; left: 0; top: 0; width: 400px; height: 400px";
+const canvas = document.createElement("canvas");
+canvas.id = "scene";
+stage.replaceChildren(canvas);
+const scene = new Scene(canvas, () => {});
+scene.begin({ axes: 3, hands: [{ name: "hand", pointer: null }] });
+Object.assign(scene, { isCentred: true, centre: [0.01, 0.02, 0.03], wall: null, objects: [
+  { shape: "sphere", size: [0.02], position: [0.03, 0, 0.04], is_fixed: true },
+  { shape: "box", size: [0.01, 0.01, 0.01], position: [-0.02, 0.03, 0.02], is_fixed: true }] });
+scene.draw(true);
+const is = (place) => {
+  const [x, y] = scene.project(place), ratio = canvas.width / canvas.getBoundingClientRect().width;
+  return canvas.getContext("2d").getImageData(x * ratio, y * ratio, 1, 1).data[3] > 128;
+};
+const { right, up } = scene.basis, ends = [right, up].flatMap((way) => [way, way.map((x) => -x)]);
+const along = (way, far) => way.map((x, i) => [0.03, 0, 0.04][i] + far * x);
+return { isCarded: scene.isCarded, box: is([-0.02, 0.03, 0.02]),
+  inside: ends.map((way) => is(along(way, 0.0185))),
+  outside: ends.map((way) => is(along(way, 0.0215))) };
+"""
+AS_CARD = """
+const plain = WebGL2RenderingContext.prototype.getParameter;
+WebGL2RenderingContext.prototype.getParameter = function (name) {
+  const value = plain.call(this, name);
+  return typeof value === "string" ? "card" : value;
+};
+"""
+
+
+@pytest.mark.slow  # runs in `make browser`
+@pytest.mark.parametrize("is_carded", [True, False])
+def test_an_object_is_drawn_where_its_packet_says_with_a_graphics_card_and_without(
+    is_carded: bool,
+) -> None:
+    with pointed() as (graph, (address, _)), browser() as driver:
+        if is_carded:  # the software of the browser in its place, which the page would not use
+            driver.execute_cdp_cmd("Page.addScriptToEvaluateOnNewDocument", {"source": AS_CARD})
+        visitor = Visitor(driver)
+        visitor.open(address)
+        seen = driver.execute_script(PAINT)
+        assert seen["isCarded"] is is_carded
+        assert seen["box"]
+        assert all(seen["inside"])
+        assert not any(seen["outside"])
         graph.end()
 
 

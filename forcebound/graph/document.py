@@ -42,7 +42,7 @@ GROUPS = {
         "hands": "two_hands leader_follower leader_follower_transfer joint_arms",
         "devices": "knob_wall odrive_knob five_bar_wall haply_2diy haply_inverse3 serial_arm_wall"
         " desktop_arm hold_arm",
-        "pages": "pointer_wall pointer_touch pointer_membrane pointer_two_hands",
+        "pages": "pointer_wall pointer_touch pointer_rabbit pointer_membrane pointer_two_hands",
         "paper": "paper_wall paper_time_varying_wall",
         "networks": "delayed_wall far_wall stress remote_wall leader_follower_remote",
     }.items()

@@ -17,11 +17,12 @@ from forcebound.graph.parameters import parameters, takeable_laws
 from forcebound.graph.resolved import to_document
 from forcebound.haptics.environments import StatelessEnvironment
 from forcebound.haptics.environments.fixtures import WithFixtures
+from forcebound.haptics.environments.touching import Touchable
 from forcebound.haptics.hands import Operator
 from forcebound.haptics.hands.pointer import PointerHand
 from forcebound.messages.control import DeviceStatus, GetStatus, Point, Pointed
-from forcebound.messages.packets import Vector
-from forcebound.messages.topology import HAND, Document, endpoint, flat
+from forcebound.messages.packets import SceneObject, Vector
+from forcebound.messages.topology import HAND, Document, endpoint, flat, is_bound
 from forcebound.network.sockets import Network
 from forcebound.observe.control import (
     ANSWER_TIMEOUT,
@@ -70,7 +71,11 @@ class Controls:
         pointed = {name: _pointer(hand.operator) for name, hand in hands.items()}
         #: Where the pointers of hands that follow one begin, in m.
         self.starts = {name: one["start"] for name, one in pointed.items() if one}
-        known = self._statuses(ANSWER_TIMEOUT)
+        graph = graph_in(run_dir)
+        devices = [graph.nodes[graph.of_role(DEVICE, hand)] for hand in hands]
+        #: Whether a device may be there already: one that is yet to start has spent no energy.
+        self.is_started = any(is_bound(run_dir, one) for one in devices)
+        known = self._statuses(ANSWER_TIMEOUT) if self.is_started else {}
         self.energies_before = {
             hand: known[hand].energy_before if hand in known else 0.0 for hand in hands
         }
@@ -127,6 +132,16 @@ class Controls:
             "help": meanings_of(config, found),
             "wall": _wall(config),
         }
+
+    def scene(self) -> tuple[SceneObject, ...]:
+        """Return what the environment will show, as far as its parameters say so; it may take 1 s.
+
+        A page draws this until the environment itself answers: the first start compiles.
+        """
+        model = self._config.environment.model
+        fixtures = model.fixtures.drawn() if isinstance(model, WithFixtures) else ()
+        solid = model.model if isinstance(model, WithFixtures) else model
+        return (*(solid.scene() if isinstance(solid, Touchable) else ()), *fixtures)
 
     def judge(self, recent: Mapping[str, Recent]) -> dict[str, Judged]:
         """Return what is known of each hand whose device answers, from its newest packets."""

@@ -22,6 +22,7 @@ from forcebound.messages.packets import (
     ForceCommand,
     Packet,
     Scene,
+    SceneObject,
     Telemetry,
 )
 from forcebound.messages.topology import HAND, node_name
@@ -82,6 +83,7 @@ class Feed:
         }
         self._ahead_ns = time.time_ns() - time.monotonic_ns()
         self.scene: Message | None = None  # the newest
+        self.is_answered = False  # by the environment, ever
 
     def signals_of(self, hand: str) -> list[str]:
         """Return the names of the signals that belong to a hand."""
@@ -96,6 +98,7 @@ class Feed:
         for stream, packet, _ in self._reader.take():
             hand = self._hand_of[stream]
             if hand is not None:
+                self.is_answered = self.is_answered or isinstance(packet, EnvironmentReply)
                 self.hands[hand].take(packet)
             elif isinstance(packet, Scene):
                 self.scene = {"type": "scene", **fields_of_packet(packet)}
@@ -104,6 +107,13 @@ class Feed:
                 messages.append(self._event(packet))
         frames = (hand.frame(keep) for hand in self.hands.values())
         return messages + [frame for frame in frames if frame is not None]
+
+    def foresee(self, objects: Sequence[SceneObject]) -> Message | None:
+        """Take what the environment will show; return the message, None: it shows it already."""
+        if self.scene is not None or not objects:
+            return None
+        self.scene = {"type": "scene", "objects": msgspec.to_builtins(objects)}
+        return self.scene
 
     def file(self, digest: str) -> Message | None:
         """Return what a file of the scene has to draw, as :func:`content`; None: it is not here.

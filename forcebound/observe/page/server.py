@@ -124,6 +124,7 @@ class Server:
             loop.add_reader(pointer.descriptor, pointer.send)
         for page in tuple(self.pages):
             page.greet()
+        loop.run_in_executor(None, self._foresee, graph)
         next_nodes = 0.0
         looking: asyncio.Future[None] | None = None  # may wait for a law that is being compiled
         try:
@@ -214,6 +215,16 @@ class Server:
         """Report to a page that the device has taken its place."""
         page, own = stamp
         page.send(json.dumps({"type": "taken", "stamp": own}))
+
+    def _foresee(self, graph: ShownGraph) -> None:
+        """Show what the environment will show before it answers; in a thread: a file takes time."""
+        with suppress(ForceboundError):  # the environment says what is wrong with its file
+            objects = graph.controls.scene()
+            self.later(lambda: self._show_scene(graph.feed.foresee(objects)))
+
+    def _show_scene(self, scene: Message | None) -> None:
+        if scene is not None:
+            self.broadcast(scene)
 
     def _look_at_nodes(self, graph: ShownGraph, recent: Mapping[str, Recent]) -> None:
         """Send the pages the processes, and judge the hands; in a thread, since it takes time."""

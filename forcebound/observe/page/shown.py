@@ -14,6 +14,7 @@ from forcebound.observe.page.state import Judged
 from forcebound.observe.runs import Watch
 
 FRAME = 1.0 / 30.0  # s between two looks at the graph
+COMPILES = 30.0  # s that a first start takes on a usual machine
 READABLE = 0.25  # s between two wordings of the state
 MOST_EVENTS = 50  # that a page which comes later gets
 
@@ -61,12 +62,23 @@ class ShownGraph:
                 self._misses[message["hand"]] = message["misses"]
                 self.pace.note(sum(self._misses.values()), now)
                 message["pace"] = FRAME * self.pace.slowness
-        if now >= self._next_state and any(one["type"] == "frame" for one in messages):
+        if now >= self._next_state and self.is_starting(now):
+            self._next_state = now + READABLE
+            seconds = now - self._shown_since
+            messages.append(
+                {"type": "starting", "seconds": seconds, "share": f"{seconds / COMPILES:.0%}"}
+            )
+        elif now >= self._next_state and any(one["type"] == "frame" for one in messages):
             self._next_state = now + READABLE
             words = {name: one.state.describe() for name, one in self.feed.hands.items()}
             known = {name: one for name, one in words.items() if one is not None}
             messages += [{"type": "state", "hands": known}] if known else []
         return messages
+
+    def is_starting(self, now: float) -> bool:
+        """Whether the environment has not answered yet, since it loads or compiles."""
+        is_new = not self.controls.is_started and not self.feed.is_answered
+        return is_new and now < self._shown_since + 2 * COMPILES
 
     def press_again(self) -> None:
         """Let hands that are inside let go, and press again: their laws have begun again."""

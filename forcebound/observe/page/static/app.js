@@ -92,6 +92,14 @@ const takes = {
     for (const { name } of choice.shown) if (frames.has(name)) figures.showAll(frames.get(name), choice.shown.length > 1 ? `${name}: ` : "");
     showStates(all.filter(({ name }) => name in hands).map((hand) => ({ ...hand, ...hands[hand.name] })));
   },
+  starting({ seconds, share }) {
+    heard = performance.now();
+    const isLong = seconds > 2;
+    say({ head: isLong ? "Compiling the force: about 30 s." : "The world starts.", kind: "off",
+      more: isLong ? "Only the first start compiles. Look around already: the force follows." : "" }, all.length < 2);
+    showPaid($("paid"), share);
+    Object.assign($("paid"), { textContent: `${Math.floor(seconds)} s`, title: "Share of the time that compiling takes on a usual machine." });
+  },
   scene(message) {
     scene.objects = message.objects;
     for (const object of message.objects) if (object.digest) fetchFile(object.digest);
@@ -234,7 +242,7 @@ $("scrub").addEventListener("input", () => { shown.scrub($("scrub").value >= $("
 $("picture").addEventListener("click", () => {
   const states = all.length > 1 ? [...$("each").children].map(({ children }) => [...children].slice(0, 5).map((one) => one.textContent).join("  "))
     : [`${$("state").textContent}  ${$("force").textContent}  ${$("energy").textContent}`, $("why").textContent];
-  scene.draw();
+  scene.draw(true);
   for (const plot of plots) plot.draw();
   save(drawPicture(scene.canvas, plots, [`${document.title}, ${new Date().toLocaleString()}`, ...states]), `${document.title.replace(/\W+/g, "_")}.png`);
 });

@@ -2,10 +2,13 @@
 
 import { colour, fit } from "./canvas.js";
 import { quantity, scaleBar, si, text } from "./scale.js";
+import { drawEdgeMark, drawHint, drawNearest, nearest } from "./guides.js";
 import { listen } from "./hand.js";
+import { Solids, isDrawable } from "./solids.js";
 import { drawJoints } from "./joints.js";
 import { Labels } from "./labels.js";
-import { segment, spring } from "./strokes.js";
+import { paint } from "./painter.js";
+import { ring, segment, spring } from "./strokes.js";
 import { BOX_EDGES, add, boxCorners, cross, dot, facesOf, pad, pointsOf, scaled, sub } from "./shapes.js";
 
 const NEWTONS = 22; // as many would be as long as the scene
@@ -22,12 +25,15 @@ const OWN = 500; // ms that the pointer of this page is its own after a move
 const OPEN = ["plane", "path"]; // shapes that one need not see whole
 const FACING = [Math.SQRT1_2, 0, -Math.SQRT1_2, 0]; // w x y z; turns z to -x, out of a wall
 
+const rgb = (hex) => [1, 3, 5].map((i) => (hex.length < 7 ? parseInt(hex[(i + 1) / 2], 16) / 15 : parseInt(hex.slice(i, i + 2), 16) / 255));
+
 export class Scene {
   constructor(canvas, point) {
     Object.assign(this, { canvas, point });
     this.files = new Map(); // digest -> corners of a mesh, or points of a cloud
     this.placed = new Map(); // of meshes, faces in the world
-    this.layer = document.createElement("canvas"); // the objects alone
+    this.layer = document.createElement("canvas"); // the objects alone, where there is no graphics card
+    this.card = Solids.behind(canvas);
     this.labels = new Labels();
     this.past = () => null; // what gives the values that a hand had, by its name; null: now is shown
     this.begin({ axes: 1, hands: [] });
@@ -46,7 +52,7 @@ export class Scene {
     this.centre = [0, 0, 0];
     this.half = NEAR;
     this.isCentred = false;
-    [this.yaw, this.pitch] = axes < 3 ? [0, Math.PI / 2] : [-0.5, 0.45];
+    [this.yaw, this.pitch] = axes < 3 ? [0, Math.PI / 2] : [-0.22, 0.32];
     this.shown = null; // what the layer shows
   }
 
@@ -156,16 +162,22 @@ export class Scene {
   /** The hands whose reach is drawn. */
   get boxed() { return this.mayChange ? this.own.filter(({ pointer }) => pointer) : []; }
 
+  /** The boxes that are drawn: hand, middle, edges, in m. */
+  get boxes() {
+    return [...this.boxed.map((hand) => [hand, pad(hand.pointer.start), scaled(this.reachesOf(hand), 2)]),
+      ...this.hands.filter(({ workspace }) => workspace).map((hand) => [hand, [0, 0, 0], pad(hand.workspace)])];
+  }
+
   /** Whether all that the view is to show at first is here. */
   get isWhole() {
-    return this.seen.length === this.hands.length && this.wall !== undefined && (this.wall !== null || this.objects.length)
+    return this.hands.every(({ tip, pointer }) => tip ?? pointer) && this.wall !== undefined && (this.wall !== null || this.objects.length)
       && !this.isLoading;
   }
 
   /** Look at all that there is. */
   centreOn() {
     const seen = this.objects.filter((object) => !OPEN.includes(object.shape));
-    const points = [...this.seen.map(({ tip }) => pad(tip)), ...seen.flatMap((object) => this.pointsOf(object))];
+    const points = [...this.hands.map(({ tip, pointer }) => pad(tip ?? pointer?.start)), ...seen.flatMap((object) => this.pointsOf(object))];
     if (this.hasWall) points.push([this.wall - ABOUT, 0, 0], [this.wall + ABOUT, 0, 0]);
     for (const hand of this.axes < 3 ? this.boxed : []) points.push(...boxCorners(pad(hand.pointer.start), scaled(this.reachesOf(hand), 2)));
     const low = [0, 1, 2].map((i) => points.reduce((least, p) => Math.min(least, p[i]), Infinity));
@@ -193,7 +205,11 @@ export class Scene {
     return this.placed.get(key);
   }
 
-  draw() {
+  /** Whether a graphics card draws what stands in space. */
+  get isCarded() { return this.axes > 2 && this.card !== null && !this.card.isLost && this.solids.every(isDrawable); }
+
+  /** Draw what there is; `isFlat`: all of it on the canvas itself, for a picture. */
+  draw(isFlat = false) {
     const { context, width, height } = fit(this.canvas);
     this.labels.begin(context, width, height);
     if (this.joints.length) {
@@ -205,10 +221,9 @@ export class Scene {
       this.centreOn();
     }
     this.view = { ...this.basis, scale: this.scale, x: width / 2, y: height / 2 };
-    for (const hand of this.boxed) this.inLane(hand, () => this.drawBox(context, pad(hand.pointer.start), scaled(this.reachesOf(hand), 2)));
-    for (const hand of this.hands) if (hand.workspace) this.inLane(hand, () => this.drawBox(context, [0, 0, 0], hand.workspace));
+    if (!this.isCarded) for (const [hand, middle, size] of this.boxes) this.inLane(hand, () => this.drawBox(context, middle, size));
     if (this.axes < 3) this.drawGround(context, width, height);
-    this.drawLayer(context, width, height);
+    this.drawLayer(context, width, height, isFlat);
     for (const hand of this.seen.map((one) => this.asOf(one))) this.inLane(hand, () => this.keepFree(hand));
     for (const hand of this.seen.map((one) => this.asOf(one))) this.inLane(hand, () => this.drawHand(context, hand));
     this.labels.draw();
@@ -238,12 +253,22 @@ export class Scene {
       this.dot(context, pad(hand.proxy), 6, colour("energy"));
     }
     this.drawForces(context, tip, hand);
-    this.dot(context, tip, 10, colour("ground"));
-    this.dot(context, tip, 8, colour(hand.colour ?? "text"));
+    if (this.isCarded) ring(context, this.project(tip), colour(hand.colour ?? "text")); // the tip itself may be behind something
+    else for (const [radius, fill] of [[10, "ground"], [8, hand.colour ?? "text"]]) this.dot(context, tip, radius, colour(fill));
+    this.guide(context, hand, tip);
     const isDeep = this.axes < 2 && this.hasWall && tip[0] > this.wall, deep = `${quantity(tip[0] - this.wall, si.position)} deep`;
     const [x, y] = this.project(tip);
     if (hand.colour) this.labels.name(hand.name, isDeep ? `, ${deep}` : "", x + TIP / 2, y - TIP, colour(hand.colour));
     else if (isDeep) this.drawDepth(context, tip, deep);
+  }
+
+  /** Guide a hand in space, and who may drag it for the first time. */
+  guide(context, hand, tip) {
+    const { clientWidth: width, clientHeight: height } = this.canvas, point = this.axes > 2 && !hand.proxy ? nearest(this, tip) : null;
+    if (point) drawNearest(this, context, tip, point);
+    if (this.axes > 1) drawEdgeMark(this, context, hand, width, height);
+    const isFirst = !hand.target && this.movable.some(({ name }) => name === hand.name) && !this.past(hand.name);
+    if (isFirst) drawHint(this, context, tip, this.axes > 2 ? point : this.hasWall ? [this.wall, tip[1], tip[2]] : null);
   }
 
   /** The arrows of the applied and the commanded force, as the hand feels them, with their names. */
@@ -310,51 +335,24 @@ export class Scene {
   }
 
   /** The objects, from a canvas of their own, which is drawn again when they or the view have changed. */
-  drawLayer(context, width, height) {
+  drawLayer(context, width, height, isFlat) {
     const { solids } = this;
+    if (this.card) this.card.canvas.hidden = !this.isCarded;
+    if (this.isCarded) {
+      const tips = this.seen.map((one) => this.asOf(one)).map(({ tip, colour: own }) => ({ place: pad(tip).map((x) => Math.round(2 * x * this.scale) / (2 * this.scale)), colour: rgb(colour(own ?? "text")) }));
+      const isDark = matchMedia("(prefers-color-scheme: dark)").matches;
+      const boxes = this.boxes.map(([, middle, size]) => ({ position: middle, size }));
+      this.card.draw({ boxes, objects: solids, files: this.files, centre: this.centre, view: this.view, tips, isDark });
+      if (isFlat) context.drawImage(this.card.canvas, 0, 0, width, height);
+      return;
+    }
     if (!solids.length) return;
     const shown = JSON.stringify([solids, this.files.size, this.centre, this.view, colour("line")]);
     if (shown !== this.shown) {
       this.shown = shown;
-      this.drawObjects(fit(this.layer, this.canvas).context, solids);
+      paint(this, fit(this.layer, this.canvas).context, solids);
     }
     context.drawImage(this.layer, 0, 0, width, height);
-  }
-
-  drawObjects(context, solids) {
-    const { forward } = this.view;
-    const depth = (points) => points.reduce((sum, point) => sum + dot(point, forward), 0) / points.length;
-    const faces = solids.flatMap((object) => this.facesOf(object).map((face) => ({ ...face, object, depth: depth(face.points) })));
-    faces.sort((a, b) => b.depth - a.depth);
-    for (const face of faces) this.drawFace(context, face);
-    for (const object of solids) {
-      const points = pointsOf(object, this.files.get(object.digest));
-      if (object.shape === "path" && points.length) this.line(context, points, colour("soft"), 2);
-      if (object.shape === "points") this.drawCloud(context, points);
-    }
-  }
-
-  drawFace(context, { points, light, object }) {
-    context.lineWidth = 0.5;
-    context.beginPath();
-    for (const point of points) context.lineTo(...this.project(point));
-    context.closePath();
-    context.strokeStyle = colour("line");
-    if (!object.is_removed) {
-      const grey = Math.round(95 + 120 * light);
-      context.fillStyle = object.shape === "plane" ? "rgba(128,140,150,.18)" : `rgb(${grey - 8},${grey + 4},${grey + 14})`;
-      context.fill();
-      if (object.shape === "mesh") context.strokeStyle = context.fillStyle; // no gaps between its triangles
-    }
-    context.stroke();
-  }
-
-  drawCloud(context, points) {
-    context.fillStyle = colour("soft");
-    for (const point of points) {
-      const [x, y] = this.project(point);
-      context.fillRect(x - 1, y - 1, 2, 2);
-    }
   }
 
   line(context, points, stroke, width) {

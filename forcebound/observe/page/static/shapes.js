@@ -36,13 +36,13 @@ const FACES = { // in the object's own axes
     const corners = boxCorners([0, 0, 0], size);
     return BOX_FACES.map((face) => face.map((i) => corners[i]));
   },
-  cylinder({ size: [radius, length] }) {
-    const rim = (z) => round(24, (t) => [radius * Math.cos(t), radius * Math.sin(t), z]);
+  cylinder({ size: [radius, length] }, _, fine = 1) {
+    const many = 24 * fine, rim = (z) => round(many, (t) => [radius * Math.cos(t), radius * Math.sin(t), z]);
     const low = rim(-length / 2), high = rim(length / 2);
-    return [low, high, ...low.map((p, i) => [p, low[(i + 1) % 24], high[(i + 1) % 24], high[i]])];
+    return [low, high, ...low.map((p, i) => [p, low[(i + 1) % many], high[(i + 1) % many], high[i]])];
   },
-  sphere({ size: [radius] }) {
-    const faces = [], rows = 8, count = 16, step = (2 * Math.PI) / count;
+  sphere({ size: [radius] }, _, fine = 1) {
+    const faces = [], rows = 8 * fine, count = 16 * fine, step = (2 * Math.PI) / count;
     const at = (i, t) => [Math.sin((Math.PI * i) / rows) * Math.cos(t), Math.sin((Math.PI * i) / rows) * Math.sin(t),
       Math.cos((Math.PI * i) / rows)].map((x) => radius * x);
     for (let i = 0; i < rows; i += 1) {
@@ -64,6 +64,30 @@ function divided(triangles) {
     return [...cut([a, b, middle]), ...cut([a, middle, c])];
   };
   return triangles.flatMap(cut);
+}
+
+/** The triangles of an object in its own axes, finer than its faces where it is round. */
+export function trianglesOf(object, file) {
+  if ((object.size ?? []).length < (SIZES[object.shape] ?? 0)) return []; // an environment may leave it out
+  const faces = object.shape === "mesh" ? file?.corners : FACES[object.shape]?.(object, file, 3);
+  return (faces ?? []).flatMap((points) => points.slice(2).map((point, i) => [points[0], points[i + 1], point]));
+}
+
+/** The point of a triangle closest to a place. Source: C. Ericson, Real-Time Collision Detection, 2005, section 5.1.5. */
+export function closest(p, [a, b, c]) {
+  const ab = sub(b, a), ac = sub(c, a), ap = sub(p, a), d1 = dot(ab, ap), d2 = dot(ac, ap);
+  if (d1 <= 0 && d2 <= 0) return a;
+  const bp = sub(p, b), d3 = dot(ab, bp), d4 = dot(ac, bp);
+  if (d3 >= 0 && d4 <= d3) return b;
+  const vc = d1 * d4 - d3 * d2;
+  if (vc <= 0 && d1 >= 0 && d3 <= 0) return add(a, scaled(ab, d1 / (d1 - d3)));
+  const cp = sub(p, c), d5 = dot(ab, cp), d6 = dot(ac, cp);
+  if (d6 >= 0 && d5 <= d6) return c;
+  const vb = d5 * d2 - d1 * d6;
+  if (vb <= 0 && d2 >= 0 && d6 <= 0) return add(a, scaled(ac, d2 / (d2 - d6)));
+  const va = d3 * d6 - d5 * d4;
+  if (va <= 0 && d4 >= d3 && d5 >= d6) return add(b, scaled(sub(c, b), (d4 - d3) / (d4 - d3 + d5 - d6)));
+  return add(a, add(scaled(ab, vb / (va + vb + vc)), scaled(ac, vc / (va + vb + vc))));
 }
 
 /** A face and how bright it is. */

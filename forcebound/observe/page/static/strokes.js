@@ -12,6 +12,15 @@ export function segment(context, from, to, stroke) {
   context.stroke();
 }
 
+/** The rim of a tip. */
+export function ring(context, at, stroke) {
+  context.strokeStyle = stroke;
+  context.lineWidth = 1.5;
+  context.beginPath();
+  context.arc(...at, 9.5, 0, 2 * Math.PI);
+  context.stroke();
+}
+
 /** The spring of a hand, from where it pulls to the tip, and the ring of its end. */
 export function spring(context, from, to) {
   const line = [to[0] - from[0], to[1] - from[1]], length = Math.hypot(...line), wide = Math.min(9, length / 4);
