@@ -39,9 +39,9 @@ GROUPS = {
         " released_hand impedance",
         "worlds": "touch_sphere touch_mesh touch_field touch_points membrane push_mass push_boxes"
         " follow_path",
-        "hands": "two_hands leader_follower leader_follower_transfer joint_arms",
+        "hands": "two_hands leader_follower leader_follower_transfer joint_arms servo_arms",
         "devices": "knob_wall odrive_knob five_bar_wall haply_2diy haply_inverse3 serial_arm_wall"
-        " desktop_arm hold_arm",
+        " desktop_arm hold_arm servo_wall dynamixel_arm feetech_arm",
         "pages": "pointer_wall pointer_touch pointer_rabbit pointer_membrane pointer_two_hands",
         "paper": "paper_wall paper_time_varying_wall",
         "networks": "delayed_wall far_wall stress remote_wall leader_follower_remote",

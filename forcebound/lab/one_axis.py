@@ -52,6 +52,7 @@ TRACE = (
     "true_energy",
     "true_position",
     "hand_force",
+    "velocity",
 )
 #: Columns of a motion, one row a piece of a move, SI units; ``motor_force`` is held in it.
 MOTION = ("duration", "motor_force", "x", "v", "work")
@@ -241,7 +242,7 @@ def loop(law: str) -> Loop:
             x, v, work, _, _ = body.moving
             estimated, true = energy(state, write, device), work - 0.5 * system.hand_mass * v * v
             forces = (commanded, axis.force, limit)
-            store(trace, k, (reading, *forces, estimated, true, x, body.hand_force))
+            store(trace, k, (reading, *forces, estimated, true, x, body.hand_force, velocity))
         return answered.size
 
     allow_in_kernels([start, settle, energy, bound])
