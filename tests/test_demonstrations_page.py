@@ -89,6 +89,10 @@ def test_pandas_and_h5py_read_the_numbers_of_the_recording(
             world = demo["obs/environment_state"]
             names = [label.removeprefix("signals.") for label in world.attrs["names"]]
             assert names[:3] == ["qpos_block_x", "qpos_block_y", "qpos_block_z"]
+            start = world[0, :3]  # m: of the file, but for how far it sinks into the table
+            np.testing.assert_allclose(start, (0.02, 0.0, 0.01), atol=1e-4)
+            assert world[-1, 0] - start[0] > 0.01
+            assert min(world[:, 0]) > start[0] - 1e-4
             answered = [(row, t) for row, t in enumerate(stamps) if t in replies]
             assert answered
             for row, t in answered:

@@ -50,6 +50,10 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
         assert graph.episode("start") == Episodes(begun=1, kept=0, is_open=True)
         with pytest.raises(ConfigError, match="keep or discard"):
             graph.episode("start")
+        with pytest.raises(ConfigError):
+            graph.episode("stop")  # type: ignore[arg-type]
+        with pytest.raises(ConfigError):
+            graph.point([0.01])  # this hand follows no pointer
         with closing(Controls(graph.run_dir, folder)) as page:
             assert page.act({"do": "episode", "action": "discard"}) is None
             assert "start" in str(page.act({"do": "episode", "action": "keep"}))
@@ -113,6 +117,7 @@ def test_the_world_begins_again_and_the_force_ramps_from_zero(recorded: Path) ->
                  if before < one.time_ns < begin]  # fmt: skip
         reset = len(faces) - 1 - faces[::-1].index(0.010)  # where it rests
         assert max(faces[:reset]) > 0.0101
+        assert next(one for one in ticks if one.time_ns > begin).engagement == 0.0
     engage_time = recording.launch["device"]["engage_time"]
     zero_ns, drops = ticks[0].time_ns, 0
     for one, other in pairwise(ticks):
@@ -178,6 +183,12 @@ def test_a_world_that_fails_to_begin_again_says_why(monkeypatch: pytest.MonkeyPa
     assert isinstance(refused, Refused)
     assert "no memory" in refused.error
     assert node.step(1000, [query(1, 0.002)])  # as it was
+
+
+def test_buttons_of_a_device_without_any_are_refused(tmp_path: Path) -> None:
+    file = written(tmp_path, "forcebound: 1\ninclude: push_mass.yaml\n")
+    with fb.launch(file) as graph, pytest.raises(ConfigError):
+        watch(graph.run_dir, "hand", buttons_of("start=0"), lambda _: None)
 
 
 def test_buttons_are_actions_with_bits() -> None:

@@ -213,6 +213,9 @@ def episode(
     if action is not None:
         act(action)
         return
-    whose = control.chosen_hand(run, hand) if buttons else None
+    whose, by_bit = (
+        control.chosen_hand(run, hand) if buttons else None,
+        episodes.buttons_of(buttons),
+    )
     show("s: start, k: keep, d: discard, q: end this command")
-    episodes.watch(run, whose, episodes.buttons_of(buttons), act)
+    episodes.watch(run, whose, by_bit, act)

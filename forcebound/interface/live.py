@@ -22,15 +22,24 @@ from forcebound.graph.graph import KINDS, GraphConfig
 from forcebound.graph.resolved import to_document
 from forcebound.interface.figures import Figures
 from forcebound.interface.runs import LaunchFile, Run, configuration, split, time_of
-from forcebound.messages.control import EpisodeAction, Episodes, GetStatus, LauncherStatus
+from forcebound.messages.control import (
+    EpisodeAction,
+    Episodes,
+    GetStatus,
+    LauncherStatus,
+    Point,
+    Pointed,
+    Refused,
+)
 from forcebound.observe import tuning
-from forcebound.observe.control import ask
+from forcebound.observe.control import ask, chosen_hand
 from forcebound.observe.episodes import mark
 from forcebound.observe.kernels import Kernels
 from forcebound.observe.runs import launched
-from forcebound.roles import LAUNCHER
+from forcebound.roles import DEVICE, LAUNCHER
 from forcebound.run import fork_server
 from forcebound.run.results import results_of
+from forcebound.run.run_directory import graph_in
 from forcebound.stop import INTERRUPTED
 from forcebound.units import parse_quantity
 
@@ -156,7 +165,8 @@ class Running:
         """Start an episode of the recording, or keep or discard the open one.
 
         At a start and after a discard the world begins again, and the force comes back over
-        ``engage_time``; so it does for ``forcebound episode``.
+        ``engage_time``; so it does for ``forcebound episode``. The hand stays where it is: bring
+        it back first.
 
         Args:
             action: ``"start"``, ``"keep"`` or ``"discard"``.
@@ -165,11 +175,34 @@ class Running:
             How many were begun and kept, and whether one is open.
 
         Raises:
-            ConfigError: If one is open at a start, or none at an end.
+            ConfigError: If one is open at a start, none at an end, or there is no such action.
             RunError: If the graph has ended, or the world does not begin again.
         """
         self._check_runs()
         return mark(self.run_dir, action)
+
+    def point(self, target: Sequence[float], hand: str | None = None) -> tuple[float, ...]:
+        """Move the pointer that a simulated hand follows, of ``operator: {kind: pointer}``.
+
+        Args:
+            target: Where, in m, of 1 to all axes; the others stay.
+            hand: Its name; None: the only one.
+
+        Returns:
+            Where the pointer is now, in m, within the hand's reach.
+
+        Raises:
+            ConfigError: If no hand follows a pointer there, or it is no such place.
+            RunError: If the graph has ended, or the device does not answer.
+        """
+        self._check_runs()
+        device = graph_in(self.run_dir).of_role(DEVICE, chosen_hand(self.run_dir, hand))
+        answer = ask(self.run_dir, device, Point(tuple(map(float, target))))
+        if isinstance(answer, Refused):
+            raise ConfigError(answer.error)
+        if not isinstance(answer, Pointed):
+            raise RunError(f"{device} does not answer")
+        return answer.target
 
     def wait(self, seconds: float | str) -> None:
         """Let time pass; return earlier if the graph ends by itself, RunError if it fails."""

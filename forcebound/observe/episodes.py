@@ -30,36 +30,46 @@ ACTIONS: tuple[control.EpisodeAction, ...] = get_args(control.EpisodeAction)
 def mark(run_dir: Path, action: control.EpisodeAction) -> control.Episodes:
     """Begin an episode, or keep or discard the open one; return how many there are.
 
+    An episode begins between the reset of the world and the return of the force.
+
     Raises:
-        ConfigError: If it does not go with what is open, or there is no launcher.
+        ConfigError: If there is no such action, it does not go with what is open, or there is no
+            launcher.
         RunError: If the world does not begin again, or a process does not answer.
     """
+    if action not in ACTIONS:
+        raise ConfigError(f"an episode: expected start, keep or discard, got {action!r}")
     ask_launcher(run_dir, control.MarkEpisode(action, is_question=True))
     if action == "start":
-        reset_world(run_dir)
+        with _world_reset(run_dir):
+            return ask_launcher(run_dir, control.MarkEpisode(action)).episodes
     found = ask_launcher(run_dir, control.MarkEpisode(action)).episodes
     if action == "discard":
-        reset_world(run_dir)
+        with _world_reset(run_dir):
+            pass
     return found
 
 
-def reset_world(run_dir: Path) -> None:
-    """Let the world begin again without a jump of the force; one on another machine goes on.
+@contextmanager
+def _world_reset(run_dir: Path) -> Iterator[None]:
+    """Let the world begin again, with zero force until the block ends; then the force ramps.
 
-    Errors are as of :func:`mark`.
+    A world on another machine goes on. Errors are as of :func:`mark`.
     """
     nodes = graph_in(run_dir).nodes
     devices = [name for name, node in nodes.items() if node.role == DEVICE]
     if not is_bound(run_dir, nodes[ENVIRONMENT]):
+        yield
         return
     try:
         ask_all(run_dir, dict.fromkeys(devices, control.Release()), ANSWER_TIMEOUT)
         answer = ask(run_dir, ENVIRONMENT, control.ResetWorld())
+        if not isinstance(answer, control.Accepted):
+            why = answer.error if isinstance(answer, control.Refused) else "it does not answer"
+            raise RunError(f"the world did not begin again: {why}")
+        yield
     finally:
         ask_all(run_dir, dict.fromkeys(devices, control.Engage()), ANSWER_TIMEOUT)
-    if not isinstance(answer, control.Accepted):
-        why = answer.error if isinstance(answer, control.Refused) else "it does not answer"
-        raise RunError(f"the world did not begin again: {why}")
 
 
 def buttons_of(text: str) -> dict[int, control.EpisodeAction]:
@@ -83,7 +93,7 @@ def watch(
     """Call ``act`` for each key s, k or d, and each press of a button of a hand, if there is one.
 
     It returns after the key q, or when the graph ends. Presses of a button while ``act`` works are
-    dropped.
+    dropped. ConfigError if the hand has no buttons.
     """
     keys = {action[0]: action for action in ACTIONS}
     run, over = RunDocument.read(run_dir), Watch(run_dir)
@@ -96,7 +106,9 @@ def watch(
             chosen: list[str] = [keys.get(key, key) for key in typed()]
             for received in reader.take():
                 assert isinstance(received.packet, DeviceState)
-                before, held = held, received.packet.buttons or 0
+                if received.packet.buttons is None:
+                    raise ConfigError(f"buttons: the device of {hand} has none; use keys")
+                before, held = held, received.packet.buttons
                 pressed = 0 if before is None else held & ~before
                 chosen += [action for bit, action in buttons.items() if pressed >> bit & 1]
             if "q" in chosen:
