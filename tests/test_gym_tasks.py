@@ -138,7 +138,9 @@ def test_the_model_has_three_joints_more_than_the_signals(names: dict[str, Any])
     env = Seen("all.yaml")
     env.reset()
     signals = env.step(np.zeros(3))[0][2]
-    model, _ = env.world.mujoco()
+    drawn = env.world.mujoco()
+    assert drawn is not None
+    model = drawn[0]
     own = [model.joint(i).name.startswith("forcebound_probe") for i in range(model.njnt)]
     assert (model.nq - len(signals), sum(own)) == (3, 3)
 

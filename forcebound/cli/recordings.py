@@ -137,7 +137,7 @@ def export(
         "Into this folder, as zarr (diffusion policy).", type=opt.FOLDER, metavar="DIR"
     ),
     lerobot: Path | None = opt.option(
-        "Into this folder, as LeRobotDataset v3.0.", type=opt.FOLDER, metavar="DIR"
+        "Into this folder, as LeRobotDataset v3.0; needs --fps.", type=opt.FOLDER, metavar="DIR"
     ),
     overwrite: bool = opt.flag("Replace what exists."),
     hand: str | None = opt.hand,
@@ -157,8 +157,8 @@ def export(
     tables of several hands are in folders of their names in DIR.
 
     HDF5, zarr, LeRobotDataset: the kept episodes of all recordings as one data set; --feature,
-    --fps, --task and --all are for these. A column is one of those tables, such as position or
-    leader.position; with +1, its value in the next row.
+    --fps, --task and --all are for these. A column is one of those tables, such as position,
+    leader.position or telemetry.position; with +1, its value in the next row.
 
     \b
     forcebound export run.mcap --csv tables
