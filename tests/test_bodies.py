@@ -372,7 +372,26 @@ def test_the_state_goes_with_a_pushed_body_and_back_at_a_reset(tmp_path: Path) -
     assert force == pytest.approx((0.0, 0.0, 0.0), abs=1e-6)
 
 
-def test_a_name_that_the_scene_does_not_have_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="box") as error:
-        opened(tmp_path, BOX, record=("boks",))
+SENSED = (
+    STATE.replace('<joint type="hinge"/>', '<joint name="turn"/>')
+    + """<body><joint name="slide" type="slide"/><geom size="0.01"/></body></worldbody>
+<sensor><jointpos name="grip" joint="slide"/><jointpos name="angle" joint="turn"/>
+<jointvel name="speed" joint="turn"/><jointactuatorfrc name="push" joint="slide"/></sensor>
+<worldbody>"""
+)
+
+
+def test_a_sensor_of_a_joint_has_the_unit_of_its_type(tmp_path: Path) -> None:
+    scene = opened(tmp_path, SENSED, record=("sensors",))
+    units = {signal.name.removeprefix("sensor_"): signal.unit for signal in scene._model.declared()}
+    assert units == {"grip": "m", "angle": "rad", "speed": "rad/s", "push": "N"}
+
+
+@pytest.mark.parametrize(("name", "right"), [("boks", "box"), ("grip", "sensors")])
+def test_a_name_that_the_state_does_not_have_is_refused(
+    tmp_path: Path, name: str, right: str
+) -> None:
+    with pytest.raises(ConfigError, match=rf"expected .*\b{right}\b") as error:
+        opened(tmp_path, SENSED, record=(name,))
     assert error.value.field == "record"
+    assert "world" not in str(error.value).partition("got")[0]

@@ -20,11 +20,13 @@ from forcebound.errors import ConfigError
 from forcebound.graph.loader import load
 from forcebound.messages.events import EPISODE_BEGINS, EPISODE_ENDS, EventLog
 from forcebound.messages.packets import Event, Packet
+from forcebound.observe import runs
 from forcebound.recordings import learning_files, lerobot_dataset
 from forcebound.recordings.clock import UTC_OFFSET, UTC_OFFSET_AT
 from forcebound.recordings.demonstrations import DataSet
 from forcebound.recordings.episodes import Episode, episodes_of
 from forcebound.recordings.recording import Recorder, Recording, read
+from forcebound.run.run_directory import RunDocument
 from forcebound.run.virtual import run_virtual_hands
 
 OFFSET = 1_800_000_000 * 10**9  # ns, of UTC
@@ -159,6 +161,43 @@ def test_a_hand_alone_acts_by_where_it_is_in_the_next_row(tmp_path: Path) -> Non
     assert one.features["action"].tolist() == [list(positions[k]) for k in range(51, 60)]
 
 
+def test_a_column_is_that_of_the_first_table_unless_the_text_names_one(tmp_path: Path) -> None:
+    packets: list[Packet] = [state(k, 0.01 * k) for k in range(5)]
+    packets += [
+        telemetry_packet(k, position=(1.0 + k,), time_ns=k * MS + MS // 2) for k in range(5)
+    ]
+    texts = ["position", "telemetry.position", "device_state.position", "telemetry.time_ns"]
+    chosen = {"all": texts, "action": [], "state": [], "effort": [], "velocity": []}
+    data = DataSet([recorded(tmp_path / "run.mcap", packets)], chosen, fps=1000)
+    (one,) = data.demonstrations()
+    first, *others = one.features["all"].T.tolist()
+    assert first == [0.01 * k for k in range(5)]
+    written = [float(k * MS + MS // 2) for k in range(5)]
+    assert others == [[1.0 + k for k in range(5)], first, written]
+    assert len(set(data.features["all"]["names"])) == 4
+
+
+def test_stamps_in_utc_are_those_of_all_episodes_or_of_none(pair: Path, tmp_path: Path) -> None:
+    virtual = tmp_path / "virtual.mcap"
+    run_virtual_hands(load("joint_arms"), 0.05, virtual)
+    data = DataSet([read(pair), read(virtual)])
+    assert ["utc_ns" in one.stamps for one in data.demonstrations()] == [False] * 3
+    assert f"utc_ns, since {virtual}" in str(data)
+    assert "utc_ns" not in str(DataSet([read(pair)]))
+
+
+def test_a_recording_that_a_graph_still_writes_is_not_called_incomplete(
+    pair: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(pair.read_bytes()[:-2000])
+    words = ("export", cut, "--csv", tmp_path / "tables", "--overwrite")
+    assert "recording incomplete" in invoke(*words).stderr
+    document = RunDocument(launcher=0, core=None, record=str(cut), recorded=[])
+    monkeypatch.setattr(runs, "running", lambda: {tmp_path: document})
+    assert "still records" in invoke(*words).stderr
+
+
 def test_a_frame_has_the_last_tick_at_or_before_it(pair: Path) -> None:
     data = DataSet([read(pair)], fps=30)
     one, _ = data.demonstrations()
@@ -220,7 +259,7 @@ def test_lerobot_has_the_numbers_in_float32_and_a_row_for_each_episode(
     pair: Path, tmp_path: Path
 ) -> None:
     folder = tmp_path / "demos"
-    words = ("--lerobot", folder, "--task", "press the wall")
+    words = ("--lerobot", folder, "--fps", 1000, "--task", "press the wall")
     done = invoke("export", pair, *words, "--feature", "button=leader.engagement")
     assert done.exit_code == 0, done.output
     table = pd.read_parquet(folder / "data/chunk-000/file-000.parquet")
@@ -291,12 +330,12 @@ def test_what_is_there_stays_unless_one_says_so_and_only_a_data_set_is_replaced(
     (photos / "one.png").write_text("mine")
     for form in ("--zarr", "--lerobot"):
         for more in ([], ["--overwrite"]):
-            refused = invoke("export", pair, form, photos, *more)
+            refused = invoke("export", pair, form, photos, "--fps", 30, *more)
             assert refused.exit_code == 2, refused.output
     assert (photos / "one.png").read_text() == "mine"
     for form in ("hdf5", "zarr", "lerobot"):
         place = tmp_path / form
-        words = ("export", pair, f"--{form}", place)
+        words = ("export", pair, f"--{form}", place, "--fps", 30)
         assert invoke(*words).exit_code == 0
         assert place.exists()
         assert invoke(*words).exit_code == 2
@@ -328,6 +367,7 @@ def test_recordings_of_other_hands_are_no_one_data_set(pair: Path, tmp_path: Pat
         (["--feature", "action"], "NAME="),
         (["--feature", "a/b=leader.position"], "NAME="),
         (["--csv", "tables"], "--hdf5"),
+        (["--lerobot", "demos"], "--fps"),
     ],
 )
 def test_a_wrong_word_gets_a_sentence_that_has_the_right_one(

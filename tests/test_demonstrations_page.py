@@ -108,3 +108,5 @@ def test_the_programs_of_the_page_load_it(printed: tuple[Path, dict[str, str]]) 
     folder, _ = printed
     assert run(folder, "load.py").count("the block moved by") == 3
     assert re.findall(r"^\d", run(folder, "arrays.py"), re.MULTILINE) == ["0", "2", "3"]
+    joined = run(folder, "camera.py")  # no row is without a picture
+    assert ("picture" in joined, "NaN" in joined) == (True, False)

@@ -125,6 +125,26 @@ def test_a_task_gets_telemetry_scene_and_signals_of_the_step(names: dict[str, An
     assert signals["box_vx"] > 0.0
 
 
+def test_an_object_that_is_not_there_gets_the_names_that_are(names: dict[str, Any]) -> None:
+    env = Seen("push_box.yaml")
+    _, scene, _ = env.reset()[0]
+    with pytest.raises(KeyError, match="box, floor"):
+        scene["goal"]
+    assert scene.get("goal") is None
+
+
+def test_the_model_has_three_joints_more_than_the_signals(names: dict[str, Any]) -> None:
+    Path("all.yaml").write_text(blocks("yaml")[0].replace("[box]", "[qpos]"))
+    env = Seen("all.yaml")
+    env.reset()
+    signals = env.step(np.zeros(3))[0][2]
+    drawn = env.world.mujoco()
+    assert drawn is not None
+    model = drawn[0]
+    own = [model.joint(i).name.startswith("forcebound_probe") for i in range(model.njnt)]
+    assert (model.nq - len(signals), sum(own)) == (3, 3)
+
+
 def test_a_copy_of_a_task_goes_on_as_the_original(names: dict[str, Any]) -> None:
     env = names["PushBox"](frame_skip=20)
     observation, _ = env.reset(seed=3)

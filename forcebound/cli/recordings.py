@@ -16,6 +16,7 @@ from forcebound.stop import Stop
 with when_used():
     from forcebound.messages import packets, topology
     from forcebound.observe import recorder
+    from forcebound.observe import runs as observed
     from forcebound.recordings import demonstrations, learning_files, recovery
     from forcebound.recordings import export as tabled
     from forcebound.recordings import recording as recorded
@@ -108,7 +109,9 @@ def read_saying(
     """Return a recording, with these topics or all, and say if it is incomplete."""
     recording = recorded.read(run, tuple(packets.TOPICS) if topics is None else topics, hand)
     if not recording.complete:
-        show(f"forcebound: recording incomplete: using the readable part of {run}", err=True)
+        growing = run.resolve() in [Path(one.record) for one in observed.running().values()]
+        why = "the graph still records it" if growing else "recording incomplete"
+        show(f"forcebound: {why}: using the readable part of {run}", err=True)
     return recording
 
 
@@ -134,7 +137,7 @@ def export(
         "Into this folder, as zarr (diffusion policy).", type=opt.FOLDER, metavar="DIR"
     ),
     lerobot: Path | None = opt.option(
-        "Into this folder, as LeRobotDataset v3.0.", type=opt.FOLDER, metavar="DIR"
+        "Into this folder, as LeRobotDataset v3.0; needs --fps.", type=opt.FOLDER, metavar="DIR"
     ),
     overwrite: bool = opt.flag("Replace what exists."),
     hand: str | None = opt.hand,
@@ -154,8 +157,8 @@ def export(
     tables of several hands are in folders of their names in DIR.
 
     HDF5, zarr, LeRobotDataset: the kept episodes of all recordings as one data set; --feature,
-    --fps, --task and --all are for these. A column is one of those tables, such as position or
-    leader.position; with +1, its value in the next row.
+    --fps, --task and --all are for these. A column is one of those tables, such as position,
+    leader.position or telemetry.position; with +1, its value in the next row.
 
     \b
     forcebound export run.mcap --csv tables
@@ -168,6 +171,8 @@ def export(
         raise click.UsageError("name what to write: --csv, or any of --hdf5, --zarr, --lerobot")
     if csv is not None and len(runs) > 1:
         raise click.UsageError(f"--csv takes one recording, got {len(runs)}")
+    if lerobot is not None and fps is None:
+        raise click.UsageError("a LeRobotDataset has frames at an even rate: add --fps 30")
     recordings = [read_saying(run, hand) for run in runs]
     if csv is not None:
         for name, recording in recordings[0].by_hand.items():

@@ -64,7 +64,8 @@ class Arguments:
                 self._problems.add(str(error), place)
                 continue
             if name not in values:
-                self._problems.add(unknown("argument", name, values), place)
+                hint = DURATION_HINT if name == "duration" else ""
+                self._problems.add(unknown("argument", name, values) + hint, place)
             elif name in given:
                 first_place = Related("first", values[name].place)
                 self._problems.add(f"argument {name!r} is given twice", place, first_place)
@@ -121,6 +122,7 @@ class Arguments:
         return replace(value, content=BROKEN)
 
 
+DURATION_HINT = "; how long a run takes: --duration, in gymnasium max_episode_steps"
 OVERRIDE = "argument "  # begins the name of such a place
 
 

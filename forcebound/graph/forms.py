@@ -254,7 +254,9 @@ class _Reader:
     def _sequence(self, kind: Any, hints: Sequence[Any], value: Value, label: str) -> Any:
         content = value.content
         if not isinstance(content, tuple):
-            return self._expect(value, label, "a list")
+            is_text = isinstance(content, str) and hints[0] is str
+            words = f"a list, such as [{content}]" if is_text else "a list"
+            return self._expect(value, label, words)
         if kind is tuple and hints[-1] is not ...:
             if len(content) != len(hints):
                 words = f"{label}: expected a list of {len(hints)}, got one of {len(content)}"

@@ -17,6 +17,7 @@ from forcebound.errors import ConfigError, RunError
 from forcebound.extras import check_installed
 from forcebound.graph.graph import GraphConfig
 from forcebound.graph.parameters import change
+from forcebound.graph.problems import unknown
 from forcebound.graph.resolved import kind_of
 from forcebound.haptics.devices.simulated import pad
 from forcebound.haptics.environments import Environment
@@ -291,7 +292,7 @@ class HapticEnv(gymnasium.Env[Any, Numbers]):
             return self._ticks, {}, {}
         drawn = self.world.scene() or ()
         signals = {name: value for each in self._signals.values() for name, value in each.items()}
-        return self._ticks, {one.name: one for one in drawn}, signals
+        return self._ticks, _Objects((one.name, one) for one in drawn), signals
 
     def _info(self) -> dict[str, Any]:
         tick = self._ticks[-1]
@@ -304,6 +305,13 @@ class HapticEnv(gymnasium.Env[Any, Numbers]):
             "law": self._law,
             "seed": self._seed,
         }
+
+
+class _Objects(dict[str, SceneObject]):
+    """What the world shows; a wrong name gets an error with those that there are."""
+
+    def __missing__(self, name: str) -> SceneObject:
+        raise KeyError(unknown("object of the scene", name, self))
 
 
 def _pointed(hand: Operator | None) -> PointerHand:

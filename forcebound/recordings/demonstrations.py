@@ -43,6 +43,7 @@ _STATE, _TELEMETRY, _REPLY = _TOPICS = tuple(
     TOPIC_OF[kind] for kind in (DeviceState, Telemetry, EnvironmentReply)
 )
 _ABOUT = ("names", "units", "meanings")  # of the columns of a feature, as attributes of a file
+LONGEST_LINE = 100  # characters of a feature's columns in a summary
 _SETTLING_NS = 2_000_000_000  # packets of an episode may be so late in the file
 
 
@@ -63,7 +64,7 @@ class Demonstration(NamedTuple):
         about: Number of rows, the task, the name of the recording's file, number of the episode.
         stamps: ``timestamp``, s from the first row, that of the frame if there are frames;
             ``time_ns``, ns, when the tick began, on the devices' clock; and ``utc_ns`` of that, if
-            the recording knows it. Each of shape (n,).
+            every recording of the data set knows it. Each of shape (n,).
         features: By name, shape (n, columns), float64.
     """
 
@@ -105,6 +106,10 @@ class DataSet:
         self._parts: list[tuple[Recording, dict[str, list[Column]], list[Episode]]] = []
         self._notes: dict[str, None] = {}
         self._counts = [0, 0]  # episodes and rows of the last reading
+        lacking = [one.path for one in recordings if UTC_OFFSET not in one.metadata]
+        self._has_utc = not lacking
+        if 0 < len(lacking) < len(recordings):
+            self._notes[f"left out: utc_ns, since {lacking[0]} was not recorded live"] = None
         about = []
         for recording in recordings:
             with content_of(recording.path):
@@ -147,7 +152,11 @@ class DataSet:
             ):
                 numbers = "/".join(label.rpartition(".")[2] for label, _ in group)
                 words.append(f"{of}.{numbers}".removeprefix(".") + (f" ({unit})" if unit else ""))
-            lines.append(f"{name}: {', '.join(words)}")
+            line = f"{name}: {', '.join(words)}"
+            if len(line) > LONGEST_LINE:
+                whole = re.split(r"[/ ]", line[:LONGEST_LINE])[-1]
+                line = f"{line[: LONGEST_LINE - len(whole)]}... ({len(about['names'])} columns)"
+            lines.append(line)
         return "\n".join([*lines, *self._notes])
 
     def demonstrations(self) -> Iterator[Demonstration]:
@@ -196,7 +205,7 @@ class DataSet:
         if count <= 0:
             return None
         stamps: dict[str, NDArray[Any]] = {"timestamp": since[:count], "time_ns": times[:count]}
-        if UTC_OFFSET in recording.metadata:
+        if self._has_utc:
             stamps["utc_ns"] = utc_ns(recording, times[:count])
         task = self._task or recording.launch.get("description") or recording.path.stem
         where = {"recording": recording.path.name, "episode": ticks[0].episode.number}
@@ -315,13 +324,17 @@ def _columns(
         known = " or ".join(f"{one}.position" for one in tables)
         raise ConfigError(f"expected hand and column, such as {known}, got {text!r}")
     of, is_next = recording.by_hand[hand], text.endswith(NEXT)
-    for topic in _TOPICS:
+    table, _, rest = field.partition(".")
+    topics, prefix = _TOPICS, hand
+    if table in _TOPICS:
+        topics, prefix, field = (table,), f"{hand}.{table}", rest
+    for topic in topics:
         names = [n for n in tables[hand].get(topic, ()) if re.sub(r"\[\d+\]", "", n) == field]
         axes = [axis.name for axis in launched(of.launch).named_axes(len(names))]
         found = []
         for name, axis in zip(names, axes, strict=False):
             is_axis = "[" in name and field not in ("joints", "torques", "orientation")
-            label = f"{hand}.{field}.{axis}" if is_axis else f"{hand}.{name}"
+            label = f"{prefix}.{field}.{axis}" if is_axis else f"{prefix}.{name}"
             meaning, unit = described(of, topic, name)
             shown = label.removeprefix(f"{HAND}.") + NEXT * is_next
             found.append(Column(hand, topic, name, is_next, (shown, unit, meaning)))

@@ -32,7 +32,10 @@ UNITS = {
     "TOUCH": "N", "ACCELEROMETER": "m/s^2", "VELOCIMETER": "m/s", "GYRO": "rad/s", "FORCE": "N",
     "TORQUE": "N m", "RANGEFINDER": "m", "FRAMEPOS": "m", "FRAMELINVEL": "m/s",
     "FRAMEANGVEL": "rad/s", "FRAMELINACC": "m/s^2", "FRAMEANGACC": "rad/s^2",
+    "BALLQUAT": "1", "BALLANGVEL": "rad/s", "FRAMEQUAT": "1",
 }  # fmt: skip
+#: Of a slide and a hinge, by the end of the type: JOINTPOS, JOINTLIMITVEL, JOINTACTFRC.
+JOINT_UNITS = {"POS": ("m", "rad"), "VEL": ("m/s", "rad/s"), "FRC": ("N", "N m")}
 
 
 class SceneState:
@@ -83,8 +86,10 @@ class SceneState:
             touched = [i for i in range(scene.ngeom) if scene.geom_bodyid[i] == of_body]
             self._reads.append(partial(self._pushed, touched or [geoms[name]]))
         else:
-            known = listed([*JOINTS, "sensors", *bodies])
+            known = listed([*JOINTS, "sensors", *(name for name in bodies if name != "world")])
             message = f"record: expected {known}, or contact and the name of a body or geom"
+            if one in _numbers(scene.sensor, scene.nsensor):
+                message = "record: expected sensors, which records all of them"
             raise ConfigError(f"{message}, got {one!r}", field="record")
 
     def _add(self, kind: str, name: str, entries: str, label: str) -> None:
@@ -111,7 +116,11 @@ class SceneState:
     def _of_sensor(self, number: int) -> str:
         """Return suffixes and units of a sensor's numbers."""
         kind = self._mujoco.mjtSensor(int(self._scene.sensor_type[number])).name
-        unit, count = UNITS.get(kind.removeprefix("mjSENS_"), ""), self._scene.sensor_dim[number]
+        kind, count = kind.removeprefix("mjSENS_"), self._scene.sensor_dim[number]
+        unit = UNITS.get(kind, "")
+        if kind.startswith("JOINT"):
+            joint = self._scene.jnt_type[self._scene.sensor_objid[number]]
+            unit = JOINT_UNITS[kind[-3:]][joint == self._mujoco.mjtJoint.mjJNT_HINGE]
         suffixes = {1: ("",), 3: ("x", "y", "z")}.get(int(count)) or range(count)
         return ",".join(f"{suffix}:{unit}" for suffix in suffixes)
 
