@@ -130,6 +130,11 @@ def enter(settings: Settings, role: str) -> list[Fact]:
     return facts
 
 
+def be_ordinary() -> None:
+    """Leave SCHED_FIFO: who still works on this core must not wait for the end of this process."""
+    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+
+
 def freeze_garbage() -> None:
     """Set aside all objects that there are, and switch the cyclic garbage collector off.
 

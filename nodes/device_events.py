@@ -106,9 +106,9 @@ class DeviceEvents:
 
     def _refusals(self, time_ns: int) -> Event:
         message = (
-            f"refused readings so far: {self.refused}; they are not finite, too soon after"
-            " another, or faster than device.largest_speed: look at the encoder, its cable"
-            " and the unit of its positions"
+            f"refused readings so far: {self.refused}; they are not finite, faster than"
+            " device.largest_speed (look at the encoder, its cable and the unit of its positions),"
+            " or too soon after another, as after a late tick"
         )
         data = {"refused": str(self.refused)}
         return self._log.emit(time_ns, "readings_refused", message, data, is_fault=True)

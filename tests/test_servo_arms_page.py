@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from invoking import invoke
 
 PAGE = Path(__file__).parent.parent / "docs/servo-arms.md"
 FILE = re.compile(r"^```(?:yaml|python)\n(# (\S+)\n.*?)^```$", re.MULTILINE | re.DOTALL)
@@ -74,3 +75,9 @@ def test_the_stiffnesses_are_those_that_the_program_prints(folder: Path) -> None
             )
         else:
             assert energies == []
+
+
+def test_the_arm_in_a_file_is_right(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(folder)
+    done = invoke("launch", "my_arm.yaml", "--check", "device:=emulated")
+    assert done.exit_code == 0, done.output

@@ -114,8 +114,8 @@ class Bus(Exchanges):
         cut = f", but {rest.hex(' ')}" if rest else ""
         raise DeviceError(
             f"{self.names[servo]} has not answered within {1e3 * self.longest_wait:g} ms{cut}: look"
-            " at its power, its cable, its id and baud rate (an emulator may get no processor: see"
-            " `forcebound doctor`, or take a longer watchdog_limit)"
+            " at its power, its cable, its id and baud rate (of an emulator: it may have got no"
+            " processor, see `forcebound doctor`)"
         )
 
 

@@ -14,11 +14,12 @@ from msgspec import Struct
 
 from forcebound.bounded_child import tried
 from forcebound.errors import ConfigError
+from forcebound.graph import document
 from forcebound.graph.loader import hand_of, launch_file_of
 from forcebound.graph.parts import law_of, member_of
 from forcebound.graph.resolved import part_document
 from forcebound.haptics.controllers import contract as controllers
-from forcebound.haptics.devices import DeviceModel
+from forcebound.haptics.devices import DEVICES, DeviceModel
 from forcebound.haptics.devices import contract as devices
 from forcebound.haptics.environments import Environment, EnvironmentModel, open_environment
 from forcebound.haptics.environments import contract as environments
@@ -97,7 +98,7 @@ def check_part(
     Args:
         section: ``"law"``, ``"device"``, ``"operator"``, ``"controller"`` or ``"environment"``.
         kind: ``FILE.py``, ``FILE.py:NAME`` or a kind that is installed; of a device also
-            ``FILE.yaml`` or ``FILE.yaml:HAND``, of a launch file.
+            ``FILE.yaml`` or ``FILE.yaml:HAND``, of a launch file, or one that ships, by name.
         arguments: Its parameters, each ``name:=value``; a law has none.
         axes: Numbers of axes of an environment; none: 1 to 8.
         rest: Forces expected of an environment at rest, each ``POSITION=FORCE``.
@@ -107,6 +108,8 @@ def check_part(
     Raises:
         ConfigError: If there is no such part, or the user's code was too slow or ended its process.
     """
+    if section == "device" and kind not in DEVICES and f"{kind}.yaml" in document.shipped():
+        kind = f"{kind}.yaml"
     if (names_file(kind) or launch_file_of(kind)[0]) and not is_child:
         here = partial(check_part, section, kind, arguments, axes, rest, progress, is_child=True)
         data = tried(partial(_as_json, here), _files(kind), CHECK_S)

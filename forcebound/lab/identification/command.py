@@ -181,7 +181,7 @@ def _punctual() -> Iterator[None]:
     try:
         yield
     finally:
-        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+        realtime.be_ordinary()
         os.sched_setaffinity(0, cores)
 
 

@@ -339,6 +339,7 @@ def run(
             runner = Runner(node, name, run_dir, links, network, spin_ns, configure, remotes, graph)
             realtime.freeze_garbage()
             runner.run(stop, facts)
+            realtime.be_ordinary()
             return runner.status()
     finally:
         node.close()
