@@ -162,8 +162,8 @@ def test_a_phase_and_a_change_set_all_keys_of_the_network(tmp_path: Path) -> Non
         is_there = (columns.time >= start) & (columns.time < start + 0.03)
         assert set(columns.loop_delay[is_there].round(4)) == {0.0024}
 
-    wanted = {f"{QUERY}.loss": "1 %", f"{QUERY}.preset": "wifi"}
-    assert change(config, wanted).only.links["environment_query"] == network("wifi", loss=0.01)
+    values = {f"{QUERY}.loss": "1 %", f"{QUERY}.preset": "wifi"}
+    assert change(config, values).only.links["environment_query"] == network("wifi", loss=0.01)
     with pytest.raises(ConfigError, match="moon"):
         change(config, {f"{QUERY}.preset": "moon"})
     wrong = written(tmp_path, text.replace("duration: 6 s\n", "") + phases.replace("wifi", "moon"))
