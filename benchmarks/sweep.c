@@ -4,7 +4,7 @@
 #include <math.h>
 #include <stdint.h>
 
-enum { ANCHOR_SAMPLES = 8, COLUMNS = 8 }; /* bounding/sample.py, TRACE */
+enum { ANCHOR_SAMPLES = 8, COLUMNS = 9 }; /* bounding/sample.py, TRACE */
 
 /* In the order in which sweep.py gives them. */
 struct rig {
@@ -141,7 +141,7 @@ int64_t run(int64_t ticks, const struct rig *p, const int64_t *restrict instants
         }
         written_ns = write_ns;
         double row[COLUMNS] = {reading, commanded, force, limit, energy,
-                               b.work - 0.5 * p->hand_mass * b.v * b.v, b.x, b.muscle};
+                               b.work - 0.5 * p->hand_mass * b.v * b.v, b.x, b.muscle, velocity};
         for (int column = 0; column < COLUMNS; column++)
             trace[k * COLUMNS + column] = row[column];
     }
