@@ -257,7 +257,7 @@ MEANINGS = {
         "packets that links with a `deadband` did not send, by topic "
         "([impairments.md](impairments.md#deadband))"
     ),
-    "faults": "faults, by kind ([faults.md](faults.md))",
+    "faults": "faults, by kind ([device-safety.md](device-safety.md#when-a-process-ends-or-hangs))",
 }
 
 _TAIL = """
