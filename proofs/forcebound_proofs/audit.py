@@ -28,7 +28,7 @@ Any run can be repeated by name:
 
 [audit.md](audit.md) has the laws and their certificates, [audit-worlds.md](audit-worlds.md) the
 certified laws in two and three axes, through every world and controller;
-[audit-method.md](audit-method.md) says how the attacks work, and what they rest on.
+[evidence.md](evidence.md#how-the-attacks-work) says how the attacks work, and what they rest on.
 """
 
 
