@@ -105,6 +105,7 @@ def _page(document: Row, command: str) -> Iterator[str]:
     yield INTRODUCTION.format(title=title, runs=document["runs"], origin=origin(command))
     for name in names:
         yield from attack_named(name).section(document[name])
+    yield "\n**Next**: [what a number costs](prices.md), in stiffness."
 
 
 def holds(document: Row) -> bool:
