@@ -24,6 +24,8 @@ here within {worst:.2f}.
 {figures}
 
 {conditions}
+
+**Next**: [real time](realtime.md), how to measure a machine of yours.
 """
 
 

@@ -4,6 +4,7 @@ The sources begin at the root of the repository, so that links from docs/ to REA
 and code lead somewhere. A link to a file that is no page is a download.
 """
 
+import re
 from importlib.metadata import version as version_of
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,7 @@ project_copyright = f"2026 {author}, MIT licence"
 version = release = version_of("forcebound")
 
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx_copybutton"]
-root_doc = "docs/index"
+root_doc = "docs/README"  # the one list of all pages
 include_patterns = ["*.md", "docs/**.md", "proofs/**.md", "examples/README.md"]
 exclude_patterns = [
     *({*FOLDERS} - {"docs", "examples", "proofs"}),
@@ -42,24 +43,31 @@ html_theme = "furo"
 html_title = "forcebound"
 html_static_path = ["site/site.css"]
 html_css_files = ["site.css"]
-html_extra_path = ["site/index.html"]  # leads to docs/index.html
+html_extra_path = ["site/index.html"]  # leads to docs/README.html
 html_copy_source = False
 html_math_renderer = "mathml"  # of the browser's own: the site asks no other server for anything
 
+PART = "\n```{{toctree}}\n:hidden:\n:caption: {}\n\n{}\n```\n"
 DECISIONS = "\n```{toctree}\n:hidden:\n:glob:\n\n[0-9]*\n```\n"
 
 
 def setup(app: Any) -> None:
-    """Add formulas, and the list of decisions to the navigation: their page has it as a table."""
+    """Add formulas, and the navigation: the pages that list others have tables."""
     app.connect("autodoc-process-docstring", keep_colon, priority=400)  # before napoleon
-    app.connect("source-read", add_decisions)
+    app.connect("source-read", add_navigation)
     app.add_html_math_renderer("mathml", (show_formula, None), (show_formula, None))
 
 
-def add_decisions(app: Any, page: str, source: list[str]) -> None:
-    """Append a table of contents to the page of the decisions, on the site alone."""
+def add_navigation(app: Any, page: str, source: list[str]) -> None:
+    """Append a page's tables of contents, which repository browsers would show as code."""
     if page == "docs/decisions/README":
         source[0] += DECISIONS
+    if page == root_doc:
+        for part in source[0].split("\n## ")[1:]:
+            pages = re.findall(r"^\| \[(.+?)\]\((.+?)\.md\) \|", part, re.MULTILINE)
+            source[0] += PART.format(
+                part.splitlines()[0], "\n".join("{} <{}>".format(*one) for one in pages)
+            )
 
 
 def show_formula(page: Any, node: Any) -> None:

@@ -49,12 +49,16 @@ key that another kind of the section has with the same default is explained ther
 | `arguments` | mapping | none | `name: default` or `name: { default, help, choices }`; used as `$(arg name)` |
 """  # noqa: E501
 
+_TAIL = """
+**Next**: [what a run's figures mean](results.md).
+"""
+
 _COLUMNS = ("| key | value | default | meaning |", "|---|---|---|---|")
 
 
 def reference_page() -> str:
     """Return the page in Markdown."""
-    return _HEAD + "\n".join(_lines()) + "\n"
+    return _HEAD + "\n".join(_lines()) + "\n" + _TAIL
 
 
 _HANDS = """

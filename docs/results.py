@@ -257,7 +257,7 @@ MEANINGS = {
         "packets that links with a `deadband` did not send, by topic "
         "([impairments.md](impairments.md#deadband))"
     ),
-    "faults": "faults, by kind ([faults.md](faults.md))",
+    "faults": "faults, by kind ([device-safety.md](device-safety.md#when-a-process-ends-or-hangs))",
 }
 
 _TAIL = """
@@ -381,6 +381,8 @@ from 23 % on (Jones and Hunter 1990), force from 7 % on (Pang, Tan and Durlach 1
   (peak) at 250 Hz, 12 dB per octave below down to 40 Hz, 9 dB above. A hand that grasps a handle is up to ten times as
   sensitive: Brisben, Hsiao, Johnson, "Detection of vibration transmitted through an object grasped in the hand", J.
   Neurophysiology 81, 1999.
+
+**Next**: [real time](realtime.md), if ticks were missed; [recordings](recordings.md), to look at a run again.
 """  # noqa: E501
 
 

@@ -17,7 +17,7 @@ Saturation and bounder follow in :mod:`forcebound.nodes.bounded_device`; nothing
 bounder. The saturation grows with the ramp, too: otherwise an absurdly large command would reach
 full force in its first tick.
 
-To add a stage, write a :data:`Stage` and name it in :func:`stages_of`; ``docs/device-safety.md``
+To add a stage, write a :data:`Stage` and name it in :func:`stages_of`; ``docs/write-your-own.md``
 has an example. ``replay --verify`` passes recorded commands through the same stages; a sweep runs a
 case with stages that it does not know in the graph.
 

@@ -1,6 +1,7 @@
 """Pages of docs/: links that resolve, rows and keys that exist."""
 
 import re
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -14,7 +15,14 @@ from forcebound.run.virtual import run_virtual
 
 ROOT = Path(__file__).parent.parent
 PAGES = sorted(
-    [ROOT / "README.md", ROOT / "examples/README.md", *(ROOT / "docs").rglob("*.md")],
+    [
+        *(
+            ROOT / name
+            for name in ("README.md", "SECURITY.md", "CONTRIBUTING.md", "examples/README.md")
+        ),
+        *(ROOT / "docs").rglob("*.md"),
+        *(ROOT / "proofs/docs").rglob("*.md"),
+    ],
     key=str,
 )
 ROWS = {figure.label for figure in FIGURES}
@@ -28,10 +36,50 @@ def test_every_link_between_pages_leads_somewhere(page: Path) -> None:
     assert [link for link in local if not (page.parent / link).exists()] == []
 
 
-def test_the_index_lists_every_page() -> None:
-    index = (ROOT / "docs/README.md").read_text(encoding="utf-8")
-    pages = {path.name for path in (ROOT / "docs").glob("*.md")} - {"README.md", "index.md"}
-    assert {page for page in pages if f"]({page})" not in index} == set()
+WRITTEN = [
+    page for folder in ("docs", "proofs/docs") for page in sorted((ROOT / folder).glob("*.md"))
+]
+LIST = ROOT / "docs/README.md"
+
+
+def linked(page: Path, text: str) -> list[Path]:
+    """The pages to which a part of a page's text links, in order."""
+    links = re.findall(r"\]\(([^)#:]+\.md)", text)
+    return [(page.parent / link).resolve() for link in links]
+
+
+def test_the_one_list_of_pages_has_every_page_once() -> None:
+    rows = re.findall(
+        r"^\| (\[[^]]+\]\([^)]+\)) \|", LIST.read_text(encoding="utf-8"), re.MULTILINE
+    )
+    listed = linked(LIST, " ".join(rows))
+    assert len(set(listed)) == len(listed)
+    assert set(WRITTEN) - {LIST} - set(listed) == set()
+
+
+@pytest.mark.parametrize(
+    "page", [page for page in WRITTEN if page != LIST], ids=lambda page: page.name
+)
+def test_every_page_says_at_its_end_what_comes_next(page: Path) -> None:
+    *_, last = page.read_text(encoding="utf-8").strip().split("\n\n")
+    assert last.startswith("**Next**")
+    assert linked(page, last)
+
+
+def paths() -> list[list[Path]]:
+    """The pages of each path, in order."""
+    part = LIST.read_text(encoding="utf-8").partition("\n## Four paths\n")[2].partition("\n## ")[0]
+    rows = [row.split("|")[-2] for row in part.splitlines() if "](" in row and row[0] == "|"]
+    return [linked(LIST, row) for row in rows]
+
+
+def test_each_of_the_four_paths_is_short_and_each_page_leads_to_the_next_one() -> None:
+    assert len(paths()) == 4
+    for pages in paths():
+        assert 1 < len(pages) <= 6
+        for page, following in pairwise(pages):
+            *_, last = page.read_text(encoding="utf-8").strip().split("\n\n")
+            assert following in linked(page, last), f"{page.name} does not lead to {following.name}"
 
 
 def test_the_glossary_names_rows_and_keys_that_exist() -> None:

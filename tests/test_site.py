@@ -33,7 +33,7 @@ def test_every_page_is_built(site: Path) -> None:
     built = {file.with_suffix("").relative_to(site) for file in (site / "docs").rglob("*.html")}
     assert built == pages
     assert (site / "README.html").exists()
-    assert "docs/index.html" in (site / "index.html").read_text()
+    assert "docs/README.html" in (site / "index.html").read_text()
 
 
 def test_the_reference_has_every_public_name(site: Path) -> None:

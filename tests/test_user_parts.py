@@ -52,7 +52,9 @@ class StillHand(Operator):
 
 def block(page: str, language: str) -> str:
     """The first block of code in this language on a page."""
-    text = (DOCS / f"write-your-own-{page}.md").read_text(encoding="utf-8")
+    own = DOCS / f"write-your-own-{page}.md"
+    text = (own if own.exists() else DOCS / "write-your-own.md").read_text(encoding="utf-8")
+    text = text.partition(f"\n## A {page}\n")[2] or text
     found = re.search(rf"^```{language}\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
     assert found is not None
     return found[1]

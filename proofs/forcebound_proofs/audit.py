@@ -28,7 +28,7 @@ Any run can be repeated by name:
 
 [audit.md](audit.md) has the laws and their certificates, [audit-worlds.md](audit-worlds.md) the
 certified laws in two and three axes, through every world and controller;
-[audit-method.md](audit-method.md) says how the attacks work, and what they rest on.
+[evidence.md](evidence.md#how-the-attacks-work) says how the attacks work, and what they rest on.
 """
 
 
@@ -105,6 +105,7 @@ def _page(document: Row, command: str) -> Iterator[str]:
     yield INTRODUCTION.format(title=title, runs=document["runs"], origin=origin(command))
     for name in names:
         yield from attack_named(name).section(document[name])
+    yield "\n**Next**: [what a number costs](prices.md), in stiffness."
 
 
 def holds(document: Row) -> bool:

@@ -397,7 +397,7 @@ def test_a_ledger_that_begins_while_a_lagging_motor_still_has_a_force_is_found(
 
 
 def test_the_table_of_the_docs_has_the_rows_of_the_command_that_prints_it() -> None:
-    page = (Path(__file__).parents[2] / "docs/assumptions.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parents[2] / "proofs/docs/evidence.md").read_text(encoding="utf-8")
     *_, table = page.partition("| what is wrong | lowest energy found |\n|---|---|\n")
     rows = table.partition("\n\n")[0].splitlines()
     assert [row.split(" | ")[0].removeprefix("| ") for row in rows] == [

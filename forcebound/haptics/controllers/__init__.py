@@ -11,7 +11,7 @@ should let its force end when replies stay away: nobody else knows that the envi
 
 To add a controller: copy ``direct.py`` to ``my_controller.py``, add one line to ``CONTROLLERS``;
 ``tests/test_part_contracts.py`` tests it with all the others, and launch files know it as
-``controller: {kind: my_controller}``. Or name a custom file (docs/write-your-own-controller.md).
+``controller: {kind: my_controller}``. Or name a custom file (docs/write-your-own.md).
 """
 
 from abc import ABC, abstractmethod

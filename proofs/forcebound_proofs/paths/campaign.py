@@ -66,7 +66,7 @@ What [a device may do](../../docs/assumptions.md) besides dissipating, and what 
 informed of. The tip, or the joints, go along a path that is chosen freely, without inertia, so
 whatever a hand could do, some path does; the energy is known in closed form, from a ground truth
 that shares nothing with the simulated devices. The law is the live bounder.
-[audit-method.md](audit-method.md) describes the attack, and what it rests on.
+[evidence.md](evidence.md#how-the-attacks-work) describes the attack, and what it rests on.
 
 *Lowest energy*: the worst end of every hold included; of late holds, above the allowance. *Tight*:
 searches that come back to within 1e-6 J of zero after at least 0.1 mJ. *Left out*: the lowest
