@@ -186,6 +186,7 @@ class EnvironmentNode(Node):
         self.views.watch(self._environment)
         methods = overridden(self._environment, Environment)
         self._takes_readings = "take_readings" in methods
+        self._takes_queries = "take_query" in methods
         self._notices_leaving = "leave" in methods
 
     def close(self) -> None:
@@ -320,6 +321,8 @@ class EnvironmentNode(Node):
             if self._takes_readings:
                 felt = query.measured_force or None
                 environment.take_readings(query.hand, query.buttons, felt)
+            if self._takes_queries:
+                environment.take_query(query)
             elapsed = self._users[query.hand].passed(query.elapsed, self._step_ns)
             answer = environment.force(query.hand, query.position, query.velocity, elapsed)
             force = _vector(answer, query)

@@ -29,7 +29,8 @@ from forcebound.run.bus import reads_once
 
 def parts_of(role: str) -> Makes:
     """Return which parts of a configuration the process of a node makes: those it runs."""
-    sections = ("device", "operator") if role == DEVICE else (role,)
+    more = {DEVICE: "operator", ENVIRONMENT: "controller"}  # which has its second port there
+    sections = (role, more.get(role, role))
     return lambda section, kind: section in sections
 
 
@@ -47,7 +48,7 @@ def build_node(
     """
     node = config.graph.nodes[name]
     if node.role == ENVIRONMENT:
-        model, computation = config.environment.served, config.environment.computation
+        model, computation = config.served, config.environment.computation
         seed = link_seed(config.seed, "computation")
         times = ComputationTime(computation, seed, trace_of(computation))
         axes = next(iter(config.hands.values())).axes  # all have as many
@@ -62,7 +63,8 @@ def build_node(
         except Exception as error:
             raise ConfigError(f"controller: open: {describe_user_error(error)}") from error
         leases = lease_ns(hand), dead_lease_ns(hand)
-        return ControllerNode(controller, *leases, hand_name, hand.controller.declared())
+        signals, has_port = hand.controller.declared(), bool(hand.controller.port_signals)
+        return ControllerNode(controller, *leases, hand_name, signals, has_port)
     raise KeyError(name)
 
 

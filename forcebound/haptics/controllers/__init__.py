@@ -19,6 +19,7 @@ from collections.abc import Sequence
 from typing import ClassVar
 
 from forcebound.haptics.parts import PartShape, Table
+from forcebound.haptics.parts.ports import TwoPort
 from forcebound.haptics.parts.signals import Publisher, Publishing
 from forcebound.messages.packets import DeviceState, EnvironmentReply, Vector
 
@@ -55,7 +56,7 @@ class Controller(Publisher, ABC):
         """Release what ``open`` took; called once."""
 
 
-class ControllerModel(Publishing, ABC):
+class ControllerModel(Publishing, TwoPort, ABC):
     """Parameters of a kind of controller: a frozen dataclass.
 
     Attributes:
@@ -88,7 +89,9 @@ CONTROLLERS: Table[type[ControllerModel]] = Table(
         "direct": "forcebound.haptics.controllers.direct:DirectController",
         "local_model": "forcebound.haptics.controllers.local_model:LocalModel",
         "scaled": "forcebound.haptics.controllers.scaled:Scaled",
+        "tdpa_two_port": "forcebound.haptics.controllers.tdpa_two_port:TdpaTwoPort",
         "virtual_coupling": "forcebound.haptics.controllers.virtual_coupling:VirtualCoupling",
+        "wave_variables": "forcebound.haptics.controllers.wave_variables:WaveVariables",
     },
     PartShape("forcebound.haptics.controllers:ControllerModel"),
 )
